@@ -1,0 +1,2 @@
+//! plant-sim
+pub mod truth;

@@ -1,0 +1,43 @@
+//! The true world: what the robot really is and does, which no controller may know.
+//!
+//! ```text
+//! body-velocity command ─▶ delay ─▶ speed loops ─▶ motors ─▶ wheels ─▶ body ─▶ sensors ─▶ measurement
+//!                                                              ▲         ▲
+//!                                               friction, patches, grip  │
+//!                                   drag, slope, push, random force, turning frame
+//! ```
+//!
+//! | file          | subject                                                     |
+//! |---------------|-------------------------------------------------------------|
+//! | `parameters`  | the settings of a world, as a scenario names them           |
+//! | `check`       | which settings are possible                                 |
+//! | `geometry`    | wheels and body: J, J⁺, where the wheels stand              |
+//! | `dynamics`    | the equations of motion                                     |
+//! | `integrate`   | one Runge–Kutta step                                        |
+//! | `schedule`    | what changes in the course of a run                         |
+//! | `disturbance` | the bounded random force                                    |
+//! | `delay`       | the time that a command takes from the gate to the motors   |
+//! | `sensors`     | noise and quantisation                                      |
+//! | `world`       | all of it on one integer clock                              |
+//!
+//! Everything here is a function of settings, seed and inputs: no clock, thread, I/O or log. It shares no code with the
+//! model that the controller believes in, so that an error in one does not hide in the other.
+//!
+//! SI units. The body frame is x forward, y left, yaw counter-clockwise; wheels are in the order front-right, front-left,
+//! rear-left, rear-right.
+
+mod check;
+mod delay;
+mod disturbance;
+mod dynamics;
+mod geometry;
+mod integrate;
+mod parameters;
+mod schedule;
+mod sensors;
+mod world;
+
+pub use check::Impossible;
+pub use parameters::{Fault, Patch, Payload, Push, RandomForce, Sensor, Slope, Truth, Wheel, WheelSlip};
+pub use sensors::Measurement;
+pub use world::{Start, TrueState, World};

@@ -1,0 +1,95 @@
+//! The bounded random force: an Ornstein–Uhlenbeck process, clipped, and held for a millisecond of simulated time.
+//!
+//! x⁺ = clip(φ x + √(1 − φ²) σ n), φ = e^(−h/τ), n ~ N(0, 1), with σ half the bound and h = 1 ms.
+
+use nalgebra::Vector3;
+use rand::{Rng, SeedableRng};
+use rand_distr::StandardNormal;
+use rand_pcg::Pcg64Mcg;
+
+use super::parameters::RandomForce;
+
+/// How long a force is held \[s\].
+const HOLD_S: f64 = 1e-3;
+
+/// The process and its generator, which nothing else draws from.
+#[derive(Debug, Clone)]
+pub(super) struct Disturbance {
+    /// Bounds along x and y \[N\] and about the vertical axis \[N m\].
+    bound: Vector3<f64>,
+    /// φ: what is left of a force after one hold.
+    memory: f64,
+    force: Vector3<f64>,
+    generator: Pcg64Mcg,
+}
+
+impl Disturbance {
+    /// A process that has been running for ever, as the seed has it.
+    pub(super) fn new(settings: Option<&RandomForce>, seed: u64) -> Self {
+        let settings = settings.copied().unwrap_or_default();
+        let memory = if settings.correlation_s > 0.0 { (-HOLD_S / settings.correlation_s).exp() } else { 0.0 };
+        let mut disturbance = Self {
+            bound: Vector3::new(settings.bound_n, settings.bound_n, settings.bound_nm),
+            memory,
+            force: Vector3::zeros(),
+            generator: Pcg64Mcg::seed_from_u64(seed),
+        };
+        disturbance.blend(0.0);
+        disturbance
+    }
+
+    /// The force now, in the body frame (N, N, N m).
+    pub(super) fn force(&self) -> Vector3<f64> {
+        self.force
+    }
+
+    /// Goes on by one hold. Does not allocate.
+    pub(super) fn next(&mut self) {
+        self.blend(self.memory);
+    }
+
+    fn blend(&mut self, memory: f64) {
+        let news = (1.0 - memory * memory).sqrt();
+        for (force, bound) in self.force.iter_mut().zip(&self.bound) {
+            let draw: f64 = self.generator.sample(StandardNormal);
+            *force = (memory * *force + news * 0.5 * bound * draw).clamp(-bound, *bound);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn process(correlation_s: f64) -> Disturbance {
+        Disturbance::new(Some(&RandomForce { bound_n: 2.0, bound_nm: 0.1, correlation_s }), 7)
+    }
+
+    #[test]
+    fn no_force_is_beyond_its_bound() {
+        let mut process = process(0.05);
+        for _ in 0..50_000 {
+            process.next();
+            let force = process.force();
+            assert!(force.x.abs() <= 2.0 && force.y.abs() <= 2.0 && force.z.abs() <= 0.1);
+        }
+    }
+
+    #[test]
+    fn a_force_is_half_forgotten_after_its_time_times_log_two() {
+        let mut process = process(0.05);
+        let lag = 35; // 0.05 s · ln 2 in milliseconds
+        let forces: Vec<f64> = (0..400_000).map(|_| (process.next(), process.force().x).1).collect();
+        let power: f64 = forces.iter().map(|x| x * x).sum::<f64>() / forces.len() as f64;
+        let product: f64 =
+            forces.iter().zip(&forces[lag..]).map(|(a, b)| a * b).sum::<f64>() / (forces.len() - lag) as f64;
+        assert!((product / power - 0.5).abs() < 0.05, "{}", product / power);
+    }
+
+    #[test]
+    fn without_settings_there_is_no_force() {
+        let mut process = Disturbance::new(None, 7);
+        process.next();
+        assert_eq!(process.force(), Vector3::zeros());
+    }
+}

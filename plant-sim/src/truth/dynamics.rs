@@ -1,0 +1,280 @@
+//! The equations of motion of the true robot.
+//!
+//! | here            | in the equations | unit                  |
+//! |-----------------|------------------|-----------------------|
+//! | `velocity`      | v                | m/s, m/s, rad/s, body |
+//! | `wheel_speed`   | ω                | rad/s                 |
+//! | `current`       | i                | A                     |
+//! | `torque`        | τ                | N m                   |
+//! | `traction`      | t                | N, along the rim      |
+//! | `force`         | F                | N, N, N m, body       |
+//!
+//! A speed loop per wheel asks for a current, which follows with a first-order lag and drives the wheel, of load N and
+//! motor gain γ, with the torque τ:
+//!
+//! ```text
+//! i = sat(k_p (u_m − ω) + z),   ż = k_i (u_m − ω),   u_m = J u / r
+//! τ = γ p K_T i − f ω − μ N r tanh(ω/ω_s)
+//! ```
+//!
+//! **Without slip** the wheels turn as the body moves, ω = J v / r, and v alone is dynamic. With M from eqs. 19–20,
+//! M ω̇ = τ + r J⁺ᵀF is four equations for three degrees of freedom; the columns of J are eigenvectors of M, so that
+//! its part along them is exactly the first line below, and its part across them, wheels working against each other, is
+//! held by the floor. **With slip** the wheels have speeds of their own, and push the floor only as hard as they grip it,
+//! with c N along the roller's axis, which stands at 45° to the rim:
+//!
+//! ```text
+//! B v̇ = Jᵀτ/r + F,   B = diag(m + 4 I_ω/r², m + 4 I_ω/r², I_z + 4 L² I_ω/r²)
+//!
+//! diag(m, m, I_z) v̇ = Jᵀt + F,   I_ω ω̇ = τ − r t,   t = c N/√2 tanh((r ω − J v)/v_s)
+//!
+//! F = m (v_y, −v_x) ω_z + drag + slope + push + random force
+//! ```
+//!
+//! The first term of F comes from taking eq. 12 in the turning frame of the body; the paper's eq. 21 lacks it.
+//!
+//! Reference: Wu, Tang, Xu 2023, eqs. 10–21, with sign(ω) in eq. 14 and ω̇ in eq. 18.
+
+use core::f64::consts::FRAC_1_SQRT_2;
+
+use nalgebra::{Rotation2, SVector, Vector2, Vector3, Vector4};
+
+use super::geometry::Geometry;
+use super::parameters::{Truth, WheelSlip};
+use super::schedule::Conditions;
+
+/// Standard gravity \[m/s²\].
+pub(super) const GRAVITY: f64 = 9.806_65;
+
+/// How many numbers a [`State`] is.
+const SIZE: usize = 18;
+
+/// What evolves; also its rate of change.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct State {
+    /// x, y and heading in the world; the heading is not wrapped.
+    pub(super) pose: Vector3<f64>,
+    /// Body velocity.
+    pub(super) velocity: Vector3<f64>,
+    /// Wheel speeds: J v / r without slip.
+    pub(super) wheel_speed: Vector4<f64>,
+    /// Motor currents: what the speed loop asks for, without lag.
+    pub(super) current: Vector4<f64>,
+    /// z: integral part of the speed loop \[A\].
+    pub(super) integral: Vector4<f64>,
+}
+
+impl State {
+    /// As one vector, for the integrator.
+    pub(super) fn packed(&self) -> SVector<f64, SIZE> {
+        let mut all = SVector::<f64, SIZE>::zeros();
+        all.fixed_rows_mut::<3>(0).copy_from(&self.pose);
+        all.fixed_rows_mut::<3>(3).copy_from(&self.velocity);
+        all.fixed_rows_mut::<4>(6).copy_from(&self.wheel_speed);
+        all.fixed_rows_mut::<4>(10).copy_from(&self.current);
+        all.fixed_rows_mut::<4>(14).copy_from(&self.integral);
+        all
+    }
+
+    /// From one vector.
+    pub(super) fn unpacked(all: &SVector<f64, SIZE>) -> Self {
+        Self {
+            pose: all.fixed_rows::<3>(0).into_owned(),
+            velocity: all.fixed_rows::<3>(3).into_owned(),
+            wheel_speed: all.fixed_rows::<4>(6).into_owned(),
+            current: all.fixed_rows::<4>(10).into_owned(),
+            integral: all.fixed_rows::<4>(14).into_owned(),
+        }
+    }
+}
+
+/// What the floor is to each wheel, as multiples of what it is elsewhere.
+struct Floor {
+    friction: Vector4<f64>,
+    grip: Vector4<f64>,
+}
+
+/// The robot and its world, fixed for a run.
+#[derive(Debug, Clone)]
+pub(super) struct Dynamics {
+    truth: Truth,
+    geometry: Geometry,
+    /// Part of the weight that pulls down the slope, in the world.
+    down: Vector2<f64>,
+    /// Part of the weight that loads the wheels.
+    level: f64,
+}
+
+impl Dynamics {
+    /// The robot and the world that the settings describe.
+    pub(super) fn new(truth: &Truth) -> Self {
+        let (angle, direction) = truth.slope.map_or((0.0, 0.0), |slope| (slope.angle_rad, slope.direction_rad));
+        Self {
+            truth: truth.clone(),
+            geometry: Geometry::new(truth),
+            down: angle.sin() * Vector2::new(direction.cos(), direction.sin()),
+            level: angle.cos(),
+        }
+    }
+
+    /// The state's rate of change. Does not allocate.
+    pub(super) fn rate(&self, state: &State, given: &Conditions) -> State {
+        let truth = &self.truth;
+        let wheel_speed = self.wheel_speed(state);
+        let error = self.speed_error(&wheel_speed, given);
+        let demand = self.current_demand(&error, &state.integral);
+        let current = if truth.current_lag_s > 0.0 { state.current } else { demand };
+        let floor = self.floor(&state.pose);
+        let load_n = 0.25 * given.mass_kg * GRAVITY * self.level;
+
+        let torque = Vector4::from_fn(|wheel, _| {
+            let speed = wheel_speed[wheel];
+            let drive =
+                given.motor_gain[wheel] * truth.pole_pairs * truth.torque_constant_nm_per_a * current[wheel];
+            let viscous = truth.wheel_viscous_friction_nms * speed;
+            let rolling = truth.rolling_friction * floor.friction[wheel] * load_n * truth.wheel_radius_m;
+            drive - viscous - rolling * (speed / truth.rolling_friction_speed_scale_radps).tanh()
+        });
+        let force = self.force(state, given);
+        let (velocity, wheel_speed) = match &truth.wheel_slip {
+            None => self.rolling(&torque, &force, given),
+            Some(slip) => self.slipping(state, &torque, &force, given, &(floor.grip * (slip.grip * load_n)), slip),
+        };
+        State {
+            pose: world_from_body(state.pose.z, &state.velocity),
+            velocity,
+            wheel_speed,
+            current: if truth.current_lag_s > 0.0 {
+                (demand - state.current) / truth.current_lag_s
+            } else {
+                Vector4::zeros()
+            },
+            integral: self.integral_rate(&error, &state.integral),
+        }
+    }
+
+    /// The state with its dependent parts, wheel speeds without slip and currents without lag, made to fit the others.
+    pub(super) fn consistent(&self, state: &State, given: &Conditions) -> State {
+        let wheel_speed = self.wheel_speed(state);
+        let mut fitting = State { wheel_speed, ..*state };
+        if self.truth.current_lag_s <= 0.0 {
+            fitting.current = self.current_demand(&self.speed_error(&wheel_speed, given), &state.integral);
+        }
+        fitting
+    }
+
+    /// F: all that moves the body but its wheels (N, N, N m), in its own frame.
+    pub(super) fn force(&self, state: &State, given: &Conditions) -> Vector3<f64> {
+        let v = &state.velocity;
+        let drag = self.truth.drag_n_s2_per_m2 * v.xy().norm();
+        let weight = given.mass_kg * GRAVITY * self.down;
+        let in_world = given.push_in_world + Vector3::new(weight.x, weight.y, 0.0);
+        world_from_body(-state.pose.z, &in_world) + coriolis(given.mass_kg, v) - Vector3::new(drag * v.x, drag * v.y, 0.0)
+            + given.random_force
+    }
+
+    fn wheel_speed(&self, state: &State) -> Vector4<f64> {
+        if self.truth.wheel_slip.is_some() { state.wheel_speed } else { self.geometry.wheel_speed(&state.velocity) }
+    }
+
+    /// `u_m − ω`, without its deadband.
+    fn speed_error(&self, wheel_speed: &Vector4<f64>, given: &Conditions) -> Vector4<f64> {
+        let (limit, deadband) = (self.truth.wheel_speed_limit_radps, self.truth.deadband_radps);
+        self.geometry.wheel_speed(&given.command).zip_map(wheel_speed, |target, speed| {
+            let error = target.clamp(-limit, limit) - speed;
+            error - error.clamp(-deadband, deadband)
+        })
+    }
+
+    fn current_demand(&self, error: &Vector4<f64>, integral: &Vector4<f64>) -> Vector4<f64> {
+        let limit = self.truth.current_limit_a;
+        (error * self.truth.speed_loop_gain_a_s_per_rad + integral).map(|current| current.clamp(-limit, limit))
+    }
+
+    /// ż; a loop at its limit does not wind up further.
+    fn integral_rate(&self, error: &Vector4<f64>, integral: &Vector4<f64>) -> Vector4<f64> {
+        let truth = &self.truth;
+        error.zip_map(integral, |error, integral| {
+            let wish = truth.speed_loop_gain_a_s_per_rad * error + integral;
+            let winds_up = wish.abs() >= truth.current_limit_a && wish * error > 0.0;
+            if winds_up { 0.0 } else { truth.speed_loop_integral_a_per_rad * error }
+        })
+    }
+
+    /// v̇ and ω̇ of wheels that never slip.
+    fn rolling(
+        &self,
+        torque: &Vector4<f64>,
+        force: &Vector3<f64>,
+        given: &Conditions,
+    ) -> (Vector3<f64>, Vector4<f64>) {
+        let drive = self.geometry.rim_speed_from_velocity.tr_mul(torque) / self.geometry.wheel_radius_m;
+        let acceleration = (drive + force).component_div(&self.rolling_inertia(given));
+        (acceleration, self.geometry.wheel_speed(&acceleration))
+    }
+
+    /// The diagonal of B: what a force on the body has to move when the wheels turn with it.
+    fn rolling_inertia(&self, given: &Conditions) -> Vector3<f64> {
+        let (radius, arm) = (self.geometry.wheel_radius_m, self.geometry.arm_m);
+        let wheels = 4.0 * self.truth.wheel_inertia_kg_m2 / (radius * radius);
+        let straight = given.mass_kg + wheels;
+        Vector3::new(straight, straight, given.yaw_inertia_kg_m2 + wheels * arm * arm)
+    }
+
+    /// v̇ and ω̇ of wheels that grip the floor up to `grip_n` along their rollers' axes.
+    fn slipping(
+        &self,
+        state: &State,
+        torque: &Vector4<f64>,
+        force: &Vector3<f64>,
+        given: &Conditions,
+        grip_n: &Vector4<f64>,
+        slip: &WheelSlip,
+    ) -> (Vector3<f64>, Vector4<f64>) {
+        let g = &self.geometry;
+        let slide = state.wheel_speed * g.wheel_radius_m - g.rim_speed_from_velocity * state.velocity;
+        let traction =
+            grip_n.zip_map(&slide, |grip, slide| grip * FRAC_1_SQRT_2 * (slide / slip.slip_speed_scale_mps).tanh());
+        let inertia = Vector3::new(given.mass_kg, given.mass_kg, given.yaw_inertia_kg_m2);
+        (
+            (g.rim_speed_from_velocity.tr_mul(&traction) + force).component_div(&inertia),
+            (torque - traction * g.wheel_radius_m) / self.truth.wheel_inertia_kg_m2,
+        )
+    }
+
+    /// The floor below each wheel.
+    fn floor(&self, pose: &Vector3<f64>) -> Floor {
+        let mut floor = Floor { friction: Vector4::repeat(1.0), grip: Vector4::repeat(1.0) };
+        if self.truth.patches.is_empty() {
+            return floor;
+        }
+        let turn = Rotation2::new(pose.z);
+        for (wheel, contact) in self.geometry.contacts_m.iter().enumerate() {
+            let at = pose.xy() + turn * contact;
+            let below = self.truth.patches.iter().find(|patch| {
+                let [from_x, from_y] = patch.from_m;
+                let [to_x, to_y] = patch.to_m;
+                (from_x..=to_x).contains(&at.x) && (from_y..=to_y).contains(&at.y)
+            });
+            if let Some(patch) = below {
+                floor.friction[wheel] = patch.friction_factor;
+                floor.grip[wheel] = patch.grip_factor;
+            }
+        }
+        floor
+    }
+}
+
+/// What the turning of the body's frame adds: `m (v_y, −v_x) ω_z`. It does no work.
+fn coriolis(mass_kg: f64, velocity: &Vector3<f64>) -> Vector3<f64> {
+    mass_kg * velocity.z * Vector3::new(velocity.y, -velocity.x, 0.0)
+}
+
+/// A velocity or force of the body (x, y, yaw) as the world sees it; of the world as the body sees it, by −`heading`.
+fn world_from_body(heading: f64, body: &Vector3<f64>) -> Vector3<f64> {
+    let (sin, cos) = heading.sin_cos();
+    Vector3::new(cos * body.x - sin * body.y, sin * body.x + cos * body.y, body.z)
+}
+
+#[cfg(test)]
+mod tests;

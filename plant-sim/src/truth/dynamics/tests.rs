@@ -1,0 +1,145 @@
+//! Laws of the equations of motion.
+
+use super::*;
+use crate::truth::schedule::Schedule;
+use nalgebra::Matrix4;
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+/// M of the wheels, eqs. 19–20.
+fn wheel_mass_matrix(truth: &Truth) -> Matrix4<f64> {
+    let (r, arm) = (truth.wheel_radius_m, truth.half_track_m + truth.half_wheelbase_m);
+    let a = truth.mass_kg * r * r / 8.0;
+    let b = truth.yaw_inertia_kg_m2 * r * r / (16.0 * arm * arm);
+    let (c, d) = (a + b + truth.wheel_inertia_kg_m2, a - b);
+    Matrix4::new(c, -b, d, b, -b, c, b, d, d, b, c, -b, b, d, -b, c)
+}
+
+fn conditions(truth: &Truth, command: Vector3<f64>) -> Conditions {
+    Schedule::new(truth).at(0, Vector3::zeros(), command)
+}
+
+fn moving(truth: &Truth, velocity: Vector3<f64>) -> State {
+    State {
+        pose: Vector3::zeros(),
+        velocity,
+        wheel_speed: Geometry::new(truth).wheel_speed(&velocity),
+        current: Vector4::zeros(),
+        integral: Vector4::zeros(),
+    }
+}
+
+fn velocities() -> impl Iterator<Item = Vector3<f64>> {
+    let mut generator = Pcg64Mcg::seed_from_u64(11);
+    (0..200).map(move |_| Vector3::from_fn(|_, _| generator.random_range(-5.0..5.0)))
+}
+
+#[test]
+fn the_columns_of_j_are_eigenvectors_of_m() {
+    let truth = Truth::default();
+    let m = wheel_mass_matrix(&truth);
+    let g = Geometry::new(&truth);
+    let (r, arm) = (g.wheel_radius_m, g.arm_m);
+    let straight = truth.mass_kg * r * r / 4.0 + truth.wheel_inertia_kg_m2;
+    let turning = truth.yaw_inertia_kg_m2 * r * r / (4.0 * arm * arm) + truth.wheel_inertia_kg_m2;
+    for (axis, eigenvalue) in [straight, straight, turning].into_iter().enumerate() {
+        let column = g.rim_speed_from_velocity.column(axis).into_owned();
+        assert!((m * column - column * eigenvalue).amax() < 1e-16);
+    }
+    let across = Vector4::new(1.0, 1.0, -1.0, -1.0);
+    assert!((m * across - across * truth.wheel_inertia_kg_m2).amax() < 1e-16);
+}
+
+#[test]
+fn body_and_wheels_obey_the_papers_matrix() {
+    // J⁺(M ω̇ − τ − r J⁺ᵀF) = 0, with τ of the speed loop alone and F of the turning frame and drag.
+    let truth = Truth {
+        wheel_viscous_friction_nms: 0.0,
+        rolling_friction: 0.0,
+        drag_n_s2_per_m2: 0.5,
+        current_limit_a: 1e3,
+        ..Truth::default()
+    };
+    let dynamics = Dynamics::new(&truth);
+    let g = Geometry::new(&truth);
+    let command = Vector3::new(1.0, -0.5, 0.3);
+    let given = conditions(&truth, command);
+    for v in velocities() {
+        let state = moving(&truth, v);
+        let torque = (g.wheel_speed(&command) - g.wheel_speed(&v)) * (4.0 * 0.04 * 0.5);
+        let force = dynamics.force(&state, &given);
+        let wheel_acceleration = dynamics.rate(&state, &given).wheel_speed;
+        let wheels = wheel_mass_matrix(&truth) * wheel_acceleration - torque;
+        let rest = wheels - g.velocity_from_rim_speed.tr_mul(&force) * g.wheel_radius_m;
+        assert!((g.velocity_from_rim_speed * rest).amax() < 1e-12);
+    }
+}
+
+#[test]
+fn the_turning_frame_does_no_work() {
+    for v in velocities() {
+        assert!(coriolis(22.0, &v).dot(&v).abs() < 1e-11);
+    }
+}
+
+#[test]
+fn friction_drag_and_brake_only_take_energy_away() {
+    for wheel_slip in [None, Some(WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 })] {
+        let truth = Truth {
+            wheel_slip,
+            drag_n_s2_per_m2: 0.5,
+            motor_gain: [0.85, 1.0, 0.0, 1.0],
+            ..Truth::default()
+        };
+        let dynamics = Dynamics::new(&truth);
+        let given = conditions(&truth, Vector3::zeros());
+        for v in velocities() {
+            let mut state = moving(&truth, v);
+            if wheel_slip.is_some() {
+                state.wheel_speed.swap_rows(0, 1);
+            }
+            let rate = dynamics.rate(&state, &given);
+            let inertia = Vector3::new(truth.mass_kg, truth.mass_kg, truth.yaw_inertia_kg_m2);
+            let power = rate.velocity.component_mul(&inertia).dot(&v)
+                + truth.wheel_inertia_kg_m2 * rate.wheel_speed.dot(&state.wheel_speed);
+            assert!(power < 0.0, "{power} W at {v}");
+        }
+    }
+}
+
+#[test]
+fn a_slope_pulls_down_whichever_way_the_robot_looks() {
+    let truth = Truth {
+        slope: Some(crate::truth::Slope { angle_rad: 0.1, direction_rad: 1.0 }),
+        ..Truth::default()
+    };
+    let dynamics = Dynamics::new(&truth);
+    let given = conditions(&truth, Vector3::zeros());
+    for heading in [0.0, 0.5, 2.0, -3.0] {
+        let mut state = moving(&truth, Vector3::zeros());
+        state.pose.z = heading;
+        let in_world = world_from_body(heading, &dynamics.force(&state, &given));
+        let weight = 15.0 * GRAVITY * 0.1_f64.sin();
+        assert!((in_world - Vector3::new(weight * 1_f64.cos(), weight * 1_f64.sin(), 0.0)).amax() < 1e-12);
+    }
+}
+
+#[test]
+fn only_the_wheels_on_a_patch_feel_it() {
+    let patch = crate::truth::Patch { from_m: [0.0, 0.0], to_m: [1.0, 1.0], friction_factor: 3.0, grip_factor: 0.5 };
+    let dynamics = Dynamics::new(&Truth { patches: vec![patch], ..Truth::default() });
+    let floor = dynamics.floor(&Vector3::zeros());
+    assert_eq!(floor.friction, Vector4::new(1.0, 3.0, 1.0, 1.0));
+    assert_eq!(floor.grip, Vector4::new(1.0, 0.5, 1.0, 1.0));
+    let turned = dynamics.floor(&Vector3::new(0.0, 0.0, core::f64::consts::FRAC_PI_2));
+    assert_eq!(turned.friction, Vector4::new(3.0, 1.0, 1.0, 1.0));
+}
+
+#[test]
+fn a_deadband_ignores_small_errors_and_shrinks_large_ones() {
+    let truth = Truth { deadband_radps: 2.0, ..Truth::default() };
+    let dynamics = Dynamics::new(&truth);
+    let given = conditions(&truth, Vector3::new(1.0, 0.0, 0.0)); // 20 rad/s on every wheel
+    let error = dynamics.speed_error(&Vector4::new(18.5, 21.9, 10.0, 30.0), &given);
+    assert!((error - Vector4::new(0.0, 0.0, 8.0, -8.0)).amax() < 1e-12, "{error}");
+}

@@ -1,0 +1,123 @@
+//! What changes in the course of a run: payload, faults and push, by simulated time.
+
+use nalgebra::{Vector3, Vector4};
+
+use super::parameters::{Payload, Push, Truth};
+
+/// What the equations of motion take as given for one step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Conditions {
+    /// m, with the payload if it is on \[kg\].
+    pub(super) mass_kg: f64,
+    /// `I_z`, with the payload if it is on \[kg m²\].
+    pub(super) yaw_inertia_kg_m2: f64,
+    /// Part of its torque that each motor gives.
+    pub(super) motor_gain: Vector4<f64>,
+    /// Constant force in the world's x and y, and about the vertical axis \[N, N, N m\].
+    pub(super) push_in_world: Vector3<f64>,
+    /// Random force in the body frame \[N, N, N m\].
+    pub(super) random_force: Vector3<f64>,
+    /// Body velocity that the speed loops are asked for \[m/s, m/s, rad/s\].
+    pub(super) command: Vector3<f64>,
+}
+
+/// The run's timetable.
+#[derive(Debug, Clone)]
+pub(super) struct Schedule {
+    mass_kg: f64,
+    yaw_inertia_kg_m2: f64,
+    motor_gain: Vector4<f64>,
+    payload: Option<(u64, Payload)>,
+    push: Option<(u64, u64, Push)>,
+    /// When, which wheel and its new gain; in order of time.
+    faults: Vec<(u64, usize, f64)>,
+}
+
+impl Schedule {
+    /// The timetable that the settings name. Allocates, here only.
+    pub(super) fn new(truth: &Truth) -> Self {
+        let mut faults: Vec<_> =
+            truth.faults.iter().map(|fault| (nanos(fault.at_s), fault.wheel.index(), fault.gain)).collect();
+        faults.sort_by_key(|&(at, ..)| at);
+        Self {
+            mass_kg: truth.mass_kg,
+            yaw_inertia_kg_m2: truth.yaw_inertia_kg_m2,
+            motor_gain: Vector4::from(truth.motor_gain),
+            payload: truth.payload.map(|payload| (nanos(payload.at_s), payload)),
+            push: truth.push.map(|push| (nanos(push.from_s), push.until_s.map_or(u64::MAX, nanos), push)),
+            faults,
+        }
+    }
+
+    /// What holds at this time, with this random force and command. O(faults); does not allocate.
+    pub(super) fn at(&self, now_nanos: u64, random_force: Vector3<f64>, command: Vector3<f64>) -> Conditions {
+        let mut conditions = Conditions {
+            mass_kg: self.mass_kg,
+            yaw_inertia_kg_m2: self.yaw_inertia_kg_m2,
+            motor_gain: self.motor_gain,
+            push_in_world: Vector3::zeros(),
+            random_force,
+            command,
+        };
+        if let Some((at, payload)) = self.payload
+            && now_nanos >= at
+        {
+            conditions.mass_kg += payload.mass_kg;
+            conditions.yaw_inertia_kg_m2 += payload.yaw_inertia_kg_m2;
+        }
+        if let Some((from, until, push)) = self.push
+            && (from..until).contains(&now_nanos)
+        {
+            let [x, y] = push.force_n;
+            conditions.push_in_world = Vector3::new(x, y, push.torque_nm);
+        }
+        for &(at, wheel, gain) in &self.faults {
+            if now_nanos >= at {
+                conditions.motor_gain[wheel] = gain;
+            }
+        }
+        conditions
+    }
+}
+
+/// Seconds as nanoseconds, to the nearest; what is before the start is the start.
+pub(super) fn nanos(seconds: f64) -> u64 {
+    (seconds * 1e9).round() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::truth::{Fault, Wheel};
+
+    fn at(truth: &Truth, seconds: f64) -> Conditions {
+        Schedule::new(truth).at(nanos(seconds), Vector3::zeros(), Vector3::zeros())
+    }
+
+    #[test]
+    fn a_payload_weighs_from_its_time_on() {
+        let payload = Payload { mass_kg: 5.0, yaw_inertia_kg_m2: 0.1, at_s: 2.0 };
+        let truth = Truth { payload: Some(payload), ..Truth::default() };
+        assert!((at(&truth, 1.999_9).mass_kg - 15.0).abs() < 1e-12);
+        assert!((at(&truth, 2.0).mass_kg - 20.0).abs() < 1e-12);
+        assert!((at(&truth, 2.0).yaw_inertia_kg_m2 - 0.7).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_latest_fault_of_a_wheel_counts_in_whatever_order_they_are_named() {
+        let fault = |gain, at_s| Fault { wheel: Wheel::RearLeft, gain, at_s };
+        let truth = Truth { faults: vec![fault(1.0, 3.0), fault(0.0, 1.0)], ..Truth::default() };
+        assert_eq!(at(&truth, 0.9).motor_gain, Vector4::repeat(1.0));
+        assert_eq!(at(&truth, 1.0).motor_gain, Vector4::new(1.0, 1.0, 0.0, 1.0));
+        assert_eq!(at(&truth, 3.0).motor_gain, Vector4::repeat(1.0));
+    }
+
+    #[test]
+    fn a_push_begins_and_ends() {
+        let push = Push { force_n: [3.0, -1.0], torque_nm: 0.2, from_s: 1.0, until_s: Some(2.0) };
+        let truth = Truth { push: Some(push), ..Truth::default() };
+        assert_eq!(at(&truth, 0.5).push_in_world, Vector3::zeros());
+        assert_eq!(at(&truth, 1.0).push_in_world, Vector3::new(3.0, -1.0, 0.2));
+        assert_eq!(at(&truth, 2.0).push_in_world, Vector3::zeros());
+    }
+}

@@ -1,0 +1,184 @@
+//! The true robot on one integer clock.
+
+use nalgebra::{Vector3, Vector4};
+
+use super::delay::DelayLine;
+use super::disturbance::Disturbance;
+use super::dynamics::{Dynamics, State};
+use super::geometry::Geometry;
+use super::integrate::runge_kutta;
+use super::parameters::Truth;
+use super::schedule::{Conditions, Schedule, nanos};
+use super::sensors::{Measurement, Sensors};
+
+/// Steps for which a random force is held: a millisecond.
+const STEPS_PER_FORCE: u64 = 1_000_000 / World::STEP_NANOS;
+
+/// Sets the sensors' random numbers apart from the random force's.
+const SENSOR_STREAM: u64 = 0x5e05_0125_a3d1_90c7;
+
+/// Where and how a run begins; finite numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Start {
+    /// x, y and heading in the world \[m, m, rad\].
+    pub pose: [f64; 3],
+    /// Body velocity (forward, left, yaw) \[m/s, m/s, rad/s\].
+    pub velocity: [f64; 3],
+}
+
+/// What is really so.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrueState {
+    /// x, y and heading in the world \[m, m, rad\]; the heading is not wrapped.
+    pub pose: [f64; 3],
+    /// Body velocity (forward, left, yaw) \[m/s, m/s, rad/s\].
+    pub velocity: [f64; 3],
+    /// Wheel speeds \[rad/s\].
+    pub wheel_speed: [f64; 4],
+    /// Motor currents \[A\].
+    pub current: [f64; 4],
+    /// F of the equations of motion: turning frame, drag, slope, push and random force, on the body in its own frame
+    /// \[N, N, N m\].
+    pub force: [f64; 3],
+}
+
+/// A robot, its world and its sensors.
+///
+/// Same settings, start, seed and inputs give the same bits, however the time is cut into calls of [`World::advance`]
+/// and however often the sensors are read. Nothing allocates after [`World::new`].
+///
+/// ```
+/// use plant_sim::truth::{Start, Truth, World};
+///
+/// let truth = Truth { drag_n_s2_per_m2: 0.5, ..Truth::default() };
+/// assert_eq!(truth.check(), Ok(()));
+/// let mut world = World::new(&truth, Start::default(), 1);
+/// world.advance(2_000_000_000, [1.0, 0.0, 0.0]);
+/// assert!(world.state().pose[0] > 1.0);
+/// ```
+#[derive(Debug, Clone)]
+pub struct World {
+    dynamics: Dynamics,
+    schedule: Schedule,
+    disturbance: Disturbance,
+    delay: DelayLine,
+    sensors: Sensors,
+    state: State,
+    conditions: Conditions,
+    steps: u64,
+    /// Time asked for and not yet simulated; less than a step.
+    owed_nanos: u64,
+    /// Sum of the inputs of the steps since [`World::take_mean_input`], and how many those were.
+    input_sum: Vector3<f64>,
+    input_steps: u64,
+}
+
+impl World {
+    /// The world moves in steps of this length.
+    pub const STEP_NANOS: u64 = 100_000;
+
+    /// The longest command delay \[s\].
+    pub(super) const LONGEST_DELAY_S: f64 = 10.0;
+
+    /// A world at time zero, with standstill on its way to the motors.
+    ///
+    /// `truth` is one that [`Truth::check`] has found possible; with any other the numbers mean nothing. Allocates.
+    pub fn new(truth: &Truth, start: Start, seed: u64) -> Self {
+        let dynamics = Dynamics::new(truth);
+        let schedule = Schedule::new(truth);
+        let disturbance = Disturbance::new(truth.random_force.as_ref(), seed);
+        let conditions = schedule.at(0, disturbance.force(), Vector3::zeros());
+        let velocity = Vector3::from(start.velocity);
+        let state = State {
+            pose: Vector3::from(start.pose),
+            velocity,
+            wheel_speed: Geometry::new(truth).wheel_speed(&velocity),
+            current: Vector4::zeros(),
+            integral: Vector4::zeros(),
+        };
+        let delay_nanos = nanos(truth.command_delay_s.clamp(0.0, Self::LONGEST_DELAY_S));
+        let delay_steps = (delay_nanos + Self::STEP_NANOS / 2) / Self::STEP_NANOS;
+        Self {
+            state: dynamics.consistent(&state, &conditions),
+            dynamics,
+            schedule,
+            disturbance,
+            delay: DelayLine::new(delay_steps as usize),
+            sensors: Sensors::new(truth.sensor, seed ^ SENSOR_STREAM),
+            conditions,
+            steps: 0,
+            owed_nanos: 0,
+            input_sum: Vector3::zeros(),
+            input_steps: 0,
+        }
+    }
+
+    /// Lets time pass with this body-velocity command (forward, left, yaw; m/s, m/s, rad/s) given to the motors.
+    ///
+    /// Time passes in whole steps of [`World::STEP_NANOS`]. What a duration leaves over is added to the next one, so that
+    /// the clock never drifts from the sum of the durations, and the command begins at the first step that this
+    /// call completes. A part of the command that is not finite counts as zero; the gate lets none through.
+    ///
+    /// Four evaluations of the equations of motion per step; does not allocate.
+    pub fn advance(&mut self, duration_nanos: u64, input: [f64; 3]) {
+        let input = Vector3::from(input).map(|part| if part.is_finite() { part } else { 0.0 });
+        let due_nanos = self.owed_nanos.saturating_add(duration_nanos);
+        for _ in 0..due_nanos / Self::STEP_NANOS {
+            self.step(input);
+        }
+        self.owed_nanos = due_nanos % Self::STEP_NANOS;
+    }
+
+    /// What is really so.
+    pub fn state(&self) -> TrueState {
+        TrueState {
+            pose: self.state.pose.into(),
+            velocity: self.state.velocity.into(),
+            wheel_speed: self.state.wheel_speed.into(),
+            current: self.state.current.into(),
+            force: self.dynamics.force(&self.state, &self.conditions).into(),
+        }
+    }
+
+    /// What the sensors make of it; each look has noise of its own. Does not allocate.
+    pub fn measure(&mut self) -> Measurement {
+        self.sensors.measure(&self.state())
+    }
+
+    /// The body-velocity command that the speed loops followed in the last step: what was given a delay ago.
+    pub fn input_applied(&self) -> [f64; 3] {
+        self.conditions.command.into()
+    }
+
+    /// Mean of [`World::input_applied`] over the steps since this was last called; of the last step if there was none.
+    pub fn take_mean_input(&mut self) -> [f64; 3] {
+        let mean = match self.input_steps {
+            0 => self.conditions.command,
+            steps => self.input_sum / steps as f64,
+        };
+        self.input_sum = Vector3::zeros();
+        self.input_steps = 0;
+        mean.into()
+    }
+
+    /// Simulated time: whole steps since the start \[ns\].
+    pub fn time_nanos(&self) -> u64 {
+        self.steps * Self::STEP_NANOS
+    }
+
+    fn step(&mut self, input: Vector3<f64>) {
+        if self.steps > 0 && self.steps.is_multiple_of(STEPS_PER_FORCE) {
+            self.disturbance.next();
+        }
+        let arrived = self.delay.pass(input);
+        let given = self.schedule.at(self.time_nanos(), self.disturbance.force(), arrived);
+        let next = runge_kutta(&self.state.packed(), Self::STEP_NANOS as f64 * 1e-9, |state| {
+            self.dynamics.rate(&State::unpacked(state), &given).packed()
+        });
+        self.state = self.dynamics.consistent(&State::unpacked(&next), &given);
+        self.conditions = given;
+        self.input_sum += arrived;
+        self.input_steps += 1;
+        self.steps += 1;
+    }
+}

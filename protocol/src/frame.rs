@@ -1,0 +1,109 @@
+//! bytes ↔ message: version, kind, checksum and length are judged before a value is looked at.
+
+use crate::VERSION;
+use crate::message::{Message, Stamp, UnknownCode};
+
+/// Bytes that are not the message they were taken for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum DecodeError {
+    /// Not even a stamp.
+    #[error("{got} bytes are too few for any message: a stamp alone has {expected}")]
+    TooShort {
+        /// Bytes of a stamp.
+        expected: usize,
+        /// Bytes that came.
+        got: usize,
+    },
+    /// A peer of another version.
+    #[error("protocol version {got} was received, this program speaks version {expected}")]
+    Version {
+        /// Ours.
+        expected: u16,
+        /// Theirs.
+        got: u16,
+    },
+    /// Another message than the topic carries.
+    #[error("message kind {got} was received where {message} (kind {expected}) was expected")]
+    Kind {
+        /// Message of the topic.
+        message: &'static str,
+        /// Its kind.
+        expected: u16,
+        /// The kind that came.
+        got: u16,
+    },
+    /// Damaged on the way.
+    #[error("{message} has checksum {got:#010x} where its bytes give {expected:#010x}")]
+    Checksum {
+        /// Message of the topic.
+        message: &'static str,
+        /// Checksum of the bytes that came.
+        expected: u32,
+        /// Checksum that they carry.
+        got: u32,
+    },
+    /// Truncated or too long.
+    #[error("{message} of {got} bytes where {expected} were expected")]
+    Length {
+        /// Message of the topic.
+        message: &'static str,
+        /// Bytes that its header asks for.
+        expected: usize,
+        /// Bytes that came.
+        got: usize,
+    },
+    /// A code or count that does not exist.
+    #[error("{message}.{field} is {value}, which no version of it means")]
+    Value {
+        /// Message of the topic.
+        message: &'static str,
+        /// Its field.
+        field: &'static str,
+        /// What it held.
+        value: u64,
+    },
+}
+
+const CHECKSUM_BYTES: usize = size_of::<u32>();
+
+/// Writes `message` into `out`, which is [`Message::byte_len`] long, and seals it with its checksum. Does not allocate.
+pub fn encode<T: Message>(message: &T, out: &mut [u8]) {
+    message.write(out);
+    if let Some((checksum, rest)) = out.split_at_mut_checked(CHECKSUM_BYTES) {
+        checksum.copy_from_slice(&crc32c::crc32c(rest).to_ne_bytes());
+    }
+}
+
+/// Reads the message that `bytes` are said to be. Allocates only for a message of variable size, and no more than `bytes` is long.
+///
+/// # Errors
+/// [`DecodeError`] says in which respect they are not that message.
+pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, DecodeError> {
+    let stamp = peek(bytes)?;
+    if stamp.version != VERSION {
+        return Err(DecodeError::Version { expected: VERSION, got: stamp.version });
+    }
+    if stamp.kind != T::KIND {
+        return Err(DecodeError::Kind { message: T::NAME, expected: T::KIND, got: stamp.kind });
+    }
+    let expected = bytes.get(CHECKSUM_BYTES..).map_or(0, crc32c::crc32c);
+    if stamp.checksum != expected {
+        return Err(DecodeError::Checksum { message: T::NAME, expected, got: stamp.checksum });
+    }
+    T::read(bytes)
+}
+
+/// Reads the stamp alone, whatever the rest may be.
+///
+/// # Errors
+/// [`DecodeError::TooShort`].
+pub fn peek(bytes: &[u8]) -> Result<Stamp, DecodeError> {
+    let too_short = DecodeError::TooShort { expected: size_of::<Stamp>(), got: bytes.len() };
+    let stamp = bytes.get(..size_of::<Stamp>()).ok_or(too_short)?;
+    bytemuck::try_pod_read_unaligned(stamp).map_err(|_| too_short)
+}
+
+/// Checks that a coded field holds a code of `E`.
+pub(crate) fn code<E: TryFrom<u32, Error = UnknownCode>>(message: &'static str, field: &'static str, code: u32) -> Result<(), DecodeError> {
+    E::try_from(code).map(drop).map_err(|_| DecodeError::Value { message, field, value: u64::from(code) })
+}

@@ -1,0 +1,20 @@
+//! What is said between the processes of Coxswain, and how it travels.
+//!
+//! | module      | what it holds                                                        |
+//! |-------------|----------------------------------------------------------------------|
+//! | [`message`] | one file per message: plain data, units, layout                      |
+//! | [`frame`]   | bytes ↔ message: version, kind, length, checksum, then the values    |
+//! | [`topic`]   | the one table of topics and their quality of service                 |
+//! | [`port`]    | [`Source`](port::Source) and [`Sink`](port::Sink) over every carrier |
+//! | [`clock`]   | the monotonic clock that stamps carry                                |
+//!
+//! There is no mathematics here.
+
+pub mod clock;
+pub mod frame;
+pub mod message;
+pub mod port;
+pub mod topic;
+
+/// Version of everything that is said. Peers of another version are refused.
+pub const VERSION: u16 = 1;

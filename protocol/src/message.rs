@@ -1,0 +1,142 @@
+//! One file per message. Every message is plain data that begins with a [`Stamp`].
+//!
+//! Sizes are multiples of 8 bytes without padding, so that a message is written straight into loaned shared memory.
+
+mod codes;
+mod command;
+mod credit;
+mod health;
+mod model_snapshot;
+mod plan;
+mod plant_state;
+mod residual_sample;
+mod stamp;
+mod truth;
+
+pub use codes::{Participant, Phase, Reason, Rung, SolverStatus, UnknownCode};
+pub use command::{Command, TAIL_MAX};
+pub use credit::Credit;
+pub use health::{ERROR_TEXT_MAX, Health};
+pub use model_snapshot::{INPUTS_MAX, ModelSnapshot, SnapshotHead, SnapshotRow};
+pub use plan::{HORIZON_MAX, Plan};
+pub use plant_state::PlantState;
+pub use residual_sample::ResidualSample;
+pub use stamp::Stamp;
+pub use truth::Truth;
+
+use crate::frame::DecodeError;
+
+/// Something that is said: its name, its number, and its bytes.
+pub trait Message: Clone + Send + 'static {
+    /// Name in logs, records and errors.
+    const NAME: &'static str;
+    /// Number on the wire; never reused.
+    const KIND: u16;
+    /// Longest possible message \[bytes\].
+    const BYTES_MAX: usize;
+
+    /// Who said it, and when.
+    fn stamp(&self) -> &Stamp;
+
+    /// The stamp, for the sink that fills it in.
+    fn stamp_mut(&mut self) -> &mut Stamp;
+
+    /// Length of this message \[bytes\], a multiple of 8.
+    fn byte_len(&self) -> usize;
+
+    /// Writes the message into `out`, which is exactly [`byte_len`](Self::byte_len) long. Does not allocate.
+    fn write(&self, out: &mut [u8]);
+
+    /// Reads a message from bytes whose version, kind and checksum are already known to be right.
+    ///
+    /// # Errors
+    /// [`DecodeError`] if the length or a value does not fit.
+    fn read(bytes: &[u8]) -> Result<Self, DecodeError>;
+}
+
+/// A message of fixed size, all of whose bytes are data: its memory is its encoding.
+pub trait Fixed: bytemuck::Pod + Send {
+    /// See [`Message::NAME`].
+    const NAME: &'static str;
+    /// See [`Message::KIND`].
+    const KIND: u16;
+
+    /// See [`Message::stamp`].
+    fn stamp(&self) -> &Stamp;
+
+    /// See [`Message::stamp_mut`].
+    fn stamp_mut(&mut self) -> &mut Stamp;
+
+    /// Whether every coded field holds a known code and every count fits its array.
+    ///
+    /// Numbers are not judged here: whether a velocity is sensible is for the receiver to say.
+    ///
+    /// # Errors
+    /// [`DecodeError::Value`] names the first field that does not.
+    fn check(&self) -> Result<(), DecodeError>;
+}
+
+impl<T: Fixed> Message for T {
+    const NAME: &'static str = <T as Fixed>::NAME;
+    const KIND: u16 = <T as Fixed>::KIND;
+    const BYTES_MAX: usize = size_of::<T>();
+
+    fn stamp(&self) -> &Stamp {
+        Fixed::stamp(self)
+    }
+
+    fn stamp_mut(&mut self) -> &mut Stamp {
+        Fixed::stamp_mut(self)
+    }
+
+    fn byte_len(&self) -> usize {
+        size_of::<T>()
+    }
+
+    fn write(&self, out: &mut [u8]) {
+        out.copy_from_slice(bytemuck::bytes_of(self));
+    }
+
+    fn read(bytes: &[u8]) -> Result<Self, DecodeError> {
+        let message: T = bytemuck::try_pod_read_unaligned(bytes).map_err(|_| DecodeError::Length {
+            message: <T as Fixed>::NAME,
+            expected: size_of::<T>(),
+            got: bytes.len(),
+        })?;
+        message.check()?;
+        Ok(message)
+    }
+}
+
+/// Makes a struct a [`Fixed`] message; the closure-like last argument checks its coded fields.
+macro_rules! fixed_message {
+    ($type:ident, $kind:expr, |$this:ident| $check:expr) => {
+        impl $crate::message::Fixed for $type {
+            const NAME: &'static str = stringify!($type);
+            const KIND: u16 = $kind;
+
+            fn stamp(&self) -> &$crate::message::Stamp {
+                &self.stamp
+            }
+
+            fn stamp_mut(&mut self) -> &mut $crate::message::Stamp {
+                &mut self.stamp
+            }
+
+            fn check(&self) -> Result<(), $crate::frame::DecodeError> {
+                let $this = self;
+                $check
+            }
+        }
+    };
+}
+use fixed_message;
+
+/// Fails with the field's name unless `count` is at most `limit`.
+fn check_count(message: &'static str, field: &'static str, count: u32, limit: usize) -> Result<(), DecodeError> {
+    if count as usize <= limit {
+        Ok(())
+    } else {
+        Err(DecodeError::Value { message, field, value: u64::from(count) })
+    }
+}

@@ -1,0 +1,185 @@
+//! The coded fields of messages: an enum in the program, a `u32` on the wire.
+
+use serde::{Deserialize, Serialize};
+
+/// A coded field holds a number that no variant has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("{code} is not a code of {of}")]
+pub struct UnknownCode {
+    /// The enum.
+    pub of: &'static str,
+    /// The number that was found.
+    pub code: u32,
+}
+
+macro_rules! coded {
+    ($(#[$meta:meta])* $name:ident { $($(#[$doc:meta])* $variant:ident = $code:literal => $text:literal,)+ }) => {
+        $(#[$meta])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        pub enum $name { $($(#[$doc])* $variant = $code,)+ }
+
+        impl $name {
+            /// Every variant, in the order of its code.
+            pub const ALL: &'static [Self] = &[$(Self::$variant,)+];
+
+            /// The number on the wire.
+            pub const fn code(self) -> u32 {
+                self as u32
+            }
+
+            /// A person's words for it.
+            pub const fn text(self) -> &'static str {
+                match self { $(Self::$variant => $text,)+ }
+            }
+        }
+
+        impl TryFrom<u32> for $name {
+            type Error = UnknownCode;
+
+            fn try_from(code: u32) -> Result<Self, UnknownCode> {
+                match code {
+                    $($code => Ok(Self::$variant),)+
+                    _ => Err(UnknownCode { of: stringify!($name), code }),
+                }
+            }
+        }
+
+        impl std::fmt::Display for $name {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.pad(self.text())
+            }
+        }
+    };
+}
+
+coded! {
+    /// Where an input comes from: the order of last resort. A greater rung is a worse one.
+    Rung {
+        /// The gate has not yet seen a valid command: the wheels stand.
+        Waiting = 0 => "waiting",
+        /// The optimiser's answer to the newest state.
+        FreshPlan = 1 => "fresh plan",
+        /// The previous plan, shifted by one period.
+        ShiftedPlan = 2 => "shifted plan",
+        /// The LQR gain on the main model.
+        Lqr = 3 => "lqr",
+        /// The tail that came with the last accepted command, played by the gate.
+        StoredTail = 4 => "stored tail",
+        /// A ramp to standstill, by the gate.
+        Brake = 5 => "brake",
+        /// Standing still until a person starts the plant again.
+        LatchedStop = 6 => "latched stop",
+    }
+}
+
+coded! {
+    /// Why a rung was taken, or why the gate refused the last command.
+    Reason {
+        /// Nothing to explain.
+        None = 0 => "-",
+        /// No command has been accepted yet.
+        NoCommandYet = 1 => "no command yet",
+        /// No acceptable command came in time.
+        Missing = 2 => "command missing",
+        /// Version, kind, length, checksum or a code did not fit.
+        Malformed = 3 => "malformed",
+        /// A number was not finite.
+        NotFinite = 4 => "not finite",
+        /// An input was beyond what the wheels can do.
+        OutOfBounds = 5 => "out of bounds",
+        /// An input was too far from the one before it.
+        TooFast = 6 => "rate too high",
+        /// It answered a state of another epoch of the plant.
+        OldPlantEpoch = 7 => "old plant epoch",
+        /// It came from a controller that has been superseded.
+        OldEpoch = 8 => "old controller epoch",
+        /// A second controller with the same epoch.
+        SecondWriter = 9 => "second writer",
+        /// The state that it answered is too old.
+        TooOld = 10 => "too old",
+        /// Not newer than the command before it.
+        NotNewer = 11 => "not newer",
+        /// It answers a tick that has not been yet.
+        FromTheFuture = 12 => "from the future",
+        /// The optimiser found no usable answer.
+        SolverFailed = 13 => "solver failed",
+        /// The robot's own measurement was not usable.
+        BadState = 14 => "bad state",
+        /// The controller was asked to stop.
+        Stopping = 15 => "stopping",
+        /// Coming back from the brake: not enough good periods yet.
+        Recovering = 16 => "recovering",
+    }
+}
+
+coded! {
+    /// A process of the graph.
+    Participant {
+        /// The simulator, or a robot's driver.
+        Plant = 0 => "plant",
+        /// The model predictive controller.
+        Controller = 1 => "controller",
+        /// The Gaussian-process learner.
+        Learner = 2 => "learner",
+        /// Writes the record.
+        Recorder = 3 => "recorder",
+        /// Remote telemetry.
+        Gateway = 4 => "gateway",
+    }
+}
+
+coded! {
+    /// How far a process has come.
+    Phase {
+        /// Opening its ports.
+        Starting = 0 => "starting",
+        /// All ports open, waiting for the first message.
+        Ready = 1 => "ready",
+        /// At work.
+        Running = 2 => "running",
+        /// At work, with something missing.
+        Degraded = 3 => "degraded",
+        /// Has finished what it was to do.
+        Finished = 4 => "finished",
+    }
+}
+
+coded! {
+    /// What the optimiser said of its answer.
+    SolverStatus {
+        /// No problem was solved in this period.
+        NotRun = 0 => "not run",
+        /// Optimal within tolerance.
+        Solved = 1 => "solved",
+        /// Optimal within a relaxed tolerance.
+        AlmostSolved = 2 => "almost solved",
+        /// Out of iterations.
+        OutOfIterations = 3 => "out of iterations",
+        /// No input satisfies the limits.
+        Infeasible = 4 => "infeasible",
+        /// Numerical trouble.
+        NumericalError = 5 => "numerical error",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_code_comes_back_as_the_variant_that_it_was() {
+        for &rung in Rung::ALL {
+            assert_eq!(Rung::try_from(rung.code()), Ok(rung));
+        }
+        for &reason in Reason::ALL {
+            assert_eq!(Reason::try_from(reason.code()), Ok(reason));
+        }
+        assert_eq!(Rung::try_from(99), Err(UnknownCode { of: "Rung", code: 99 }));
+    }
+
+    #[test]
+    fn a_worse_rung_is_a_greater_one() {
+        assert!(Rung::ALL.is_sorted());
+    }
+}

@@ -1,0 +1,46 @@
+//! controller → plant: what the wheels shall do now, and what they shall do if nothing more is heard.
+
+use super::{Rung, Stamp, check_count, fixed_message};
+use crate::frame::code;
+use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
+
+/// Longest tail \[periods\]. The gate brakes from 3 periods on, so a longer one would never be played.
+pub const TAIL_MAX: usize = 4;
+
+/// Answer to one [`PlantState`](super::PlantState). Its `stamp.epoch` is the controller's, its `stamp.tick` the tick that it answers.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
+pub struct Command {
+    /// Who answered, and when.
+    pub stamp: Stamp,
+    /// Epoch of the plant whose state is answered.
+    pub plant_epoch: u64,
+    /// Version of the learned model in use; 0 is the main model alone.
+    pub model_version: u64,
+    /// Body velocity for the period that the answered state began \[m/s, m/s, rad/s\].
+    pub input: [f64; 3],
+    /// The plan's next inputs, one per period, of which the first `tail_len` count \[m/s, m/s, rad/s\].
+    pub tail: [[f64; 3]; TAIL_MAX],
+    /// How many entries of `tail` count.
+    pub tail_len: u32,
+    /// [`Rung`] that the controller stands on.
+    pub rung: u32,
+}
+
+impl Command {
+    /// Rung that the controller stands on.
+    pub fn rung(&self) -> Rung {
+        Rung::try_from(self.rung).unwrap_or(Rung::LatchedStop)
+    }
+
+    /// The inputs planned for the following periods.
+    pub fn tail(&self) -> &[[f64; 3]] {
+        self.tail.get(..self.tail_len as usize).unwrap_or(&self.tail)
+    }
+}
+
+fixed_message!(Command, 2, |command| {
+    check_count("Command", "tail_len", command.tail_len, TAIL_MAX)?;
+    code::<Rung>("Command", "rung", command.rung)
+});

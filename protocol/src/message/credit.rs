@@ -1,0 +1,22 @@
+//! recorder → plant, in lock step: how far the clock may run.
+
+use super::{Participant, Stamp, fixed_message};
+use crate::frame::code;
+use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
+
+/// Leave to run: the sender can take in everything that is said up to and including `through_tick`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, Serialize, Deserialize)]
+pub struct Credit {
+    /// Who grants it, and when.
+    pub stamp: Stamp,
+    /// Last tick that the plant may publish.
+    pub through_tick: u64,
+    /// [`Participant`] that grants it.
+    pub participant: u32,
+    /// Always zero.
+    pub reserved: u32,
+}
+
+fixed_message!(Credit, 4, |credit| code::<Participant>("Credit", "participant", credit.participant));

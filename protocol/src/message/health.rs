@@ -1,0 +1,84 @@
+//! every process → launcher, recorder, watchers: how it is.
+
+use super::{Participant, Phase, Stamp, check_count, fixed_message};
+use crate::frame::code;
+use crate::topic::TOPIC_COUNT;
+use bytemuck::{Pod, Zeroable};
+
+/// Longest text of [`Health::last_error`] \[bytes\].
+pub const ERROR_TEXT_MAX: usize = 120;
+
+/// Heartbeat and counters of one process instance. All counters are since its start.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Health {
+    /// Who, and when.
+    pub stamp: Stamp,
+    /// [`Participant`] that reports.
+    pub participant: u32,
+    /// [`Phase`] it is in.
+    pub phase: u32,
+    /// Process id.
+    pub pid: u32,
+    /// Bytes of `error_text` that count; 0 if all is well.
+    pub error_len: u32,
+    /// Rounds of its loop.
+    pub heartbeat: u64,
+    /// Periods that it served in time.
+    pub deadlines_met: u64,
+    /// Periods that it did not.
+    pub deadlines_missed: u64,
+    /// Version of the learned model in use, or last published; 0 is none.
+    pub model_version: u64,
+    /// Model snapshots published (learner) or adopted (controller).
+    pub snapshots: u64,
+    /// Model snapshots refused.
+    pub snapshots_refused: u64,
+    /// Messages sent, by topic in the order of [`Topic::ALL`](crate::topic::Topic::ALL).
+    pub sent: [u64; TOPIC_COUNT],
+    /// Messages received, by topic.
+    pub received: [u64; TOPIC_COUNT],
+    /// Messages lost on the way to it, by topic.
+    pub lost: [u64; TOPIC_COUNT],
+    /// Messages refused as malformed, by topic.
+    pub refused: [u64; TOPIC_COUNT],
+    /// The last error, UTF-8.
+    pub error_text: [u8; ERROR_TEXT_MAX],
+}
+
+impl Health {
+    /// Who reports.
+    pub fn participant(&self) -> Option<Participant> {
+        Participant::try_from(self.participant).ok()
+    }
+
+    /// How far it has come.
+    pub fn phase(&self) -> Phase {
+        Phase::try_from(self.phase).unwrap_or(Phase::Degraded)
+    }
+
+    /// The last error; empty if all is well.
+    pub fn last_error(&self) -> &str {
+        let text = self.error_text.get(..self.error_len as usize).unwrap_or(&[]);
+        std::str::from_utf8(text).unwrap_or("(not UTF-8)")
+    }
+
+    /// Keeps `text` as the last error, cut to what fits.
+    pub fn set_last_error(&mut self, text: &str) {
+        let mut end = text.len().min(ERROR_TEXT_MAX);
+        while !text.is_char_boundary(end) {
+            end -= 1;
+        }
+        self.error_text = [0; ERROR_TEXT_MAX];
+        for (slot, &byte) in self.error_text.iter_mut().zip(text.as_bytes().iter().take(end)) {
+            *slot = byte;
+        }
+        self.error_len = end as u32;
+    }
+}
+
+fixed_message!(Health, 7, |health| {
+    code::<Participant>("Health", "participant", health.participant)?;
+    code::<Phase>("Health", "phase", health.phase)?;
+    check_count("Health", "error_len", health.error_len, ERROR_TEXT_MAX)
+});

@@ -1,0 +1,153 @@
+//! learner → controller: a better model, whole.
+
+use super::{Message, Stamp};
+use crate::frame::DecodeError;
+use bytemuck::{Pod, Zeroable};
+
+/// Most inputs that a learned model can have.
+pub const INPUTS_MAX: usize = 12;
+
+/// Most data points that a snapshot can hold. Bounds what a receiver allocates for one message.
+const POINTS_MAX: usize = 16_384;
+
+/// Everything of a snapshot but its data points.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct SnapshotHead {
+    /// Who learnt, and when; `tick` is the last one that it has learnt from.
+    pub stamp: Stamp,
+    /// Counts the snapshots of one robot, from 1, across restarts of the learner.
+    pub version: u64,
+    /// Fingerprint of robot parameters, period and input layout. The residual of another main model is wrong.
+    pub fingerprint: u64,
+    /// In lock step: tick at which it takes effect. 0: as soon as it is ready.
+    pub effective_tick: u64,
+    /// Epoch of the plant that it was learnt from last.
+    pub plant_epoch: u64,
+    /// Data points n.
+    pub points: u32,
+    /// Inputs D of the Gaussian processes.
+    pub inputs: u32,
+    /// Samples that the scores below are taken on, all newer than any the snapshot was trained on.
+    pub score_samples: u32,
+    /// Always zero.
+    pub reserved: u32,
+    /// Mean of each input (eq. 36), in the input's unit.
+    pub input_mean: [f64; INPUTS_MAX],
+    /// Scale of each input (eq. 36), in the input's unit.
+    pub input_scale: [f64; INPUTS_MAX],
+    /// ℓ, per velocity axis and normalised input.
+    pub length_scale: [[f64; INPUTS_MAX]; 3],
+    /// σ², per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
+    pub signal_variance: [f64; 3],
+    /// σₙ², per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
+    pub noise_variance: [f64; 3],
+    /// Log marginal likelihood, per velocity axis.
+    pub log_likelihood: [f64; 3],
+    /// Diagonal that had to be added beyond σₙ², per velocity axis.
+    pub jitter: [f64; 3],
+    /// RMS one-step error with this model on the score samples \[m/s, m/s, rad/s\].
+    pub score_learned: [f64; 3],
+    /// RMS one-step error of the main model alone on the same samples \[m/s, m/s, rad/s\].
+    pub score_main: [f64; 3],
+}
+
+/// One data point of a snapshot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SnapshotRow<'a> {
+    /// Normalised inputs, D of them.
+    pub input: &'a [f64],
+    /// Residual per velocity axis \[m/s, m/s, rad/s\].
+    pub target: &'a [f64],
+    /// α per velocity axis.
+    pub weight: &'a [f64],
+}
+
+/// Data and hyperparameters of three Gaussian processes, without any factor: the receiver makes its own, and compares its α.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelSnapshot {
+    /// Everything but the data points.
+    pub head: SnapshotHead,
+    /// n rows of D inputs, 3 targets and 3 weights.
+    values: Vec<f64>,
+}
+
+impl ModelSnapshot {
+    /// A snapshot without data points; `head.points` is set to 0.
+    pub fn new(mut head: SnapshotHead) -> Self {
+        head.points = 0;
+        Self { head, values: Vec::new() }
+    }
+
+    /// Appends a data point. `input` must have `head.inputs` entries, normalised.
+    ///
+    /// # Errors
+    /// [`DecodeError::Length`] if it has not, or [`DecodeError::Value`] if the snapshot is full.
+    pub fn push(&mut self, input: &[f64], target: [f64; 3], weight: [f64; 3]) -> Result<(), DecodeError> {
+        if input.len() != self.head.inputs as usize {
+            return Err(DecodeError::Length { message: Self::NAME, expected: self.head.inputs as usize, got: input.len() });
+        }
+        if self.head.points as usize >= POINTS_MAX {
+            return Err(DecodeError::Value { message: Self::NAME, field: "points", value: u64::from(self.head.points) + 1 });
+        }
+        self.values.extend_from_slice(input);
+        self.values.extend_from_slice(&target);
+        self.values.extend_from_slice(&weight);
+        self.head.points += 1;
+        Ok(())
+    }
+
+    /// The data points, in the order in which they were learnt.
+    pub fn rows(&self) -> impl ExactSizeIterator<Item = SnapshotRow<'_>> {
+        let inputs = self.head.inputs as usize;
+        self.values.chunks_exact(inputs + 6).map(move |row| {
+            let (input, rest) = row.split_at(inputs);
+            let (target, weight) = rest.split_at(3);
+            SnapshotRow { input, target, weight }
+        })
+    }
+}
+
+impl Message for ModelSnapshot {
+    const NAME: &'static str = "ModelSnapshot";
+    const KIND: u16 = 8;
+    const BYTES_MAX: usize = size_of::<SnapshotHead>() + POINTS_MAX * (INPUTS_MAX + 6) * 8;
+
+    fn stamp(&self) -> &Stamp {
+        &self.head.stamp
+    }
+
+    fn stamp_mut(&mut self) -> &mut Stamp {
+        &mut self.head.stamp
+    }
+
+    fn byte_len(&self) -> usize {
+        size_of::<SnapshotHead>() + self.values.len() * 8
+    }
+
+    fn write(&self, out: &mut [u8]) {
+        let (head, values) = out.split_at_mut(size_of::<SnapshotHead>());
+        head.copy_from_slice(bytemuck::bytes_of(&self.head));
+        values.copy_from_slice(bytemuck::cast_slice(&self.values));
+    }
+
+    fn read(bytes: &[u8]) -> Result<Self, DecodeError> {
+        let head_len = size_of::<SnapshotHead>();
+        let too_short = || DecodeError::Length { message: Self::NAME, expected: head_len, got: bytes.len() };
+        let (head, values) = bytes.split_at_checked(head_len).ok_or_else(too_short)?;
+        let head: SnapshotHead = bytemuck::try_pod_read_unaligned(head).map_err(|_| too_short())?;
+        let bad = |field, value: u32| DecodeError::Value { message: Self::NAME, field, value: u64::from(value) };
+        if !(1..=INPUTS_MAX).contains(&(head.inputs as usize)) {
+            return Err(bad("inputs", head.inputs));
+        }
+        if head.points as usize > POINTS_MAX {
+            return Err(bad("points", head.points));
+        }
+        let expected = head.points as usize * (head.inputs as usize + 6) * 8;
+        if values.len() != expected {
+            return Err(DecodeError::Length { message: Self::NAME, expected: head_len + expected, got: bytes.len() });
+        }
+        let values = values.chunks_exact(8).map(|word| bytemuck::pod_read_unaligned(word)).collect();
+        Ok(Self { head, values })
+    }
+}

@@ -1,0 +1,73 @@
+//! controller → watchers: what it intends, what it believes, and what that cost.
+
+use super::{Rung, SolverStatus, Stamp, check_count, fixed_message};
+use crate::frame::code;
+use bytemuck::{Pod, Zeroable};
+
+/// Longest horizon that a plan can carry \[periods\].
+pub const HORIZON_MAX: usize = 40;
+
+/// The plan behind one command, sent after it. Rows 0 to `horizon` of the horizon arrays count, `input` has one row fewer.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Plan {
+    /// Who planned, and when; `tick` is the one that is answered.
+    pub stamp: Stamp,
+    /// Epoch of the plant.
+    pub plant_epoch: u64,
+    /// Version of the learned model in use; 0 is the main model alone.
+    pub model_version: u64,
+    /// Length of the horizon \[periods\].
+    pub horizon: u32,
+    /// [`SolverStatus`] of the last quadratic program.
+    pub status: u32,
+    /// Iterations of its solver.
+    pub iterations: u32,
+    /// [`Rung`] that the controller stands on.
+    pub rung: u32,
+    /// State received to command sent \[ns\].
+    pub tick_nanos: u64,
+    /// Of it: prediction and linearisation, the Gaussian process included \[ns\].
+    pub linearise_nanos: u64,
+    /// Of it: the quadratic program \[ns\].
+    pub solve_nanos: u64,
+    /// Disturbance that the observer estimates, per period \[m/s, m/s, rad/s\].
+    pub disturbance: [f64; 3],
+    /// One-step error of the whole model in the past period: measured minus predicted velocity \[m/s, m/s, rad/s\].
+    pub innovation: [f64; 3],
+    /// The same error of the main model alone: the residual \[m/s, m/s, rad/s\].
+    pub residual: [f64; 3],
+    /// Predicted x, y, yaw, forward, left and yaw velocity, from the measured state on \[m, rad, m/s, rad/s\].
+    pub predicted: [[f64; 6]; HORIZON_MAX + 1],
+    /// Reference of the same, velocity in the reference's own heading.
+    pub reference: [[f64; 6]; HORIZON_MAX + 1],
+    /// Variance of the learned residual at each predicted state, per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
+    pub variance: [[f64; 3]; HORIZON_MAX + 1],
+    /// Planned inputs \[m/s, m/s, rad/s\].
+    pub input: [[f64; 3]; HORIZON_MAX],
+}
+
+impl Plan {
+    /// Rung that the controller stands on.
+    pub fn rung(&self) -> Rung {
+        Rung::try_from(self.rung).unwrap_or(Rung::LatchedStop)
+    }
+
+    /// What the optimiser said.
+    pub fn status(&self) -> SolverStatus {
+        SolverStatus::try_from(self.status).unwrap_or(SolverStatus::NumericalError)
+    }
+
+    /// Distance of the measured position from the reference \[m\].
+    pub fn position_error(&self) -> f64 {
+        let [state, ..] = &self.predicted;
+        let [reference, ..] = &self.reference;
+        (state[0] - reference[0]).hypot(state[1] - reference[1])
+    }
+}
+
+fixed_message!(Plan, 6, |plan| {
+    check_count("Plan", "horizon", plan.horizon, HORIZON_MAX)?;
+    code::<SolverStatus>("Plan", "status", plan.status)?;
+    code::<Rung>("Plan", "rung", plan.rung)
+});

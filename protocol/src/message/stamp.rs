@@ -1,0 +1,26 @@
+//! any → any: who said it, and when. The first 48 bytes of every message.
+
+use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
+
+/// Who said it, and when. Filled in by the [`Sink`](crate::port::Sink) that sends the message, except for `tick`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, Serialize, Deserialize)]
+pub struct Stamp {
+    /// CRC-32C of every byte behind this field.
+    pub checksum: u32,
+    /// Protocol version, [`VERSION`](crate::VERSION).
+    pub version: u16,
+    /// Kind of message, [`Message::KIND`](super::Message::KIND).
+    pub kind: u16,
+    /// One process instance: drawn at random when it starts.
+    pub writer: u64,
+    /// How often this role has been started: a later instance has a greater epoch.
+    pub epoch: u64,
+    /// Counts the messages of one writer on one topic, from 1.
+    pub sequence: u64,
+    /// Control period that the message is about.
+    pub tick: u64,
+    /// Writer's monotonic clock when it was sent \[ns\]. Of one machine only: not to be compared across writers.
+    pub sent_nanos: u64,
+}

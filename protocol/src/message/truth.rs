@@ -1,0 +1,37 @@
+//! plant-sim → recorder only: what is really the case. No controller may read it.
+
+use super::{Reason, Rung, Stamp, fixed_message};
+use crate::frame::code;
+use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
+
+/// True state at the start of a period, and what acted in the period before it.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
+pub struct Truth {
+    /// Who knows, and when.
+    pub stamp: Stamp,
+    /// True pose in the world (x, y, yaw) \[m, m, rad\].
+    pub pose: [f64; 3],
+    /// True body velocity \[m/s, m/s, rad/s\].
+    pub velocity: [f64; 3],
+    /// Force and torque that the world exerts beside the wheels, body frame \[N, N, N m\].
+    pub force: [f64; 3],
+    /// Wheel speeds that the motors are commanded at this moment \[rad/s\].
+    pub wheel_command: [f64; 4],
+    /// Epoch of the controller whose command acts; 0 if none does.
+    pub acting_epoch: u64,
+    /// Writer of that command.
+    pub acting_writer: u64,
+    /// Tick that it answered.
+    pub acting_tick: u64,
+    /// [`Rung`] of the past period.
+    pub rung: u32,
+    /// [`Reason`] of that rung.
+    pub reason: u32,
+}
+
+fixed_message!(Truth, 5, |truth| {
+    code::<Rung>("Truth", "rung", truth.rung)?;
+    code::<Reason>("Truth", "reason", truth.reason)
+});

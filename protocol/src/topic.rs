@@ -1,0 +1,129 @@
+//! The one table of topics: what each carries, how often, how many messages may wait, and what happens when they are too many.
+
+use crate::message::{Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Truth};
+
+/// Number of topics.
+pub const TOPIC_COUNT: usize = 8;
+
+/// A named stream of one kind of message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Topic {
+    /// plant → controller.
+    State,
+    /// controller → plant.
+    Command,
+    /// controller → learner.
+    Residual,
+    /// learner → controller.
+    Snapshot,
+    /// controller → watchers.
+    Plan,
+    /// every process → launcher and watchers.
+    Health,
+    /// plant-sim → recorder.
+    Truth,
+    /// recorder → plant, in lock step.
+    Credit,
+}
+
+/// What happens when a reader does not keep up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Delivery {
+    /// The oldest waiting message gives way; the writer never waits. The reader counts what it lost.
+    NewestWins,
+    /// The writer waits, for a bounded time, until there is room. For lock step.
+    Lossless,
+}
+
+/// Quality of service of one topic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Quality {
+    /// Most messages that can wait for one reader.
+    pub depth: usize,
+    /// Last messages that a late joiner gets.
+    pub history: usize,
+    /// Most writers at one time, one about to replace another included.
+    pub writers: usize,
+    /// Most readers at one time.
+    pub readers: usize,
+    /// What happens when a reader does not keep up.
+    pub delivery: Delivery,
+}
+
+impl Topic {
+    /// Every topic, in the order of the counters of [`Health`].
+    pub const ALL: [Self; TOPIC_COUNT] =
+        [Self::State, Self::Command, Self::Residual, Self::Snapshot, Self::Plan, Self::Health, Self::Truth, Self::Credit];
+
+    /// Name in graph files, records and on the network.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::State => "state",
+            Self::Command => "command",
+            Self::Residual => "residual",
+            Self::Snapshot => "snapshot",
+            Self::Plan => "plan",
+            Self::Health => "health",
+            Self::Truth => "truth",
+            Self::Credit => "credit",
+        }
+    }
+
+    /// The message that it carries.
+    pub const fn message(self) -> &'static str {
+        match self {
+            Self::State => PlantState::NAME,
+            Self::Command => Command::NAME,
+            Self::Residual => ResidualSample::NAME,
+            Self::Snapshot => ModelSnapshot::NAME,
+            Self::Plan => Plan::NAME,
+            Self::Health => Health::NAME,
+            Self::Truth => Truth::NAME,
+            Self::Credit => Credit::NAME,
+        }
+    }
+
+    /// Place in [`Topic::ALL`].
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// Quality of service. `lock_step` makes the links that a run's result depends on lossless.
+    pub const fn quality(self, lock_step: bool) -> Quality {
+        let (depth, history, writers, readers, lossless) = match self {
+            Self::State => (256, 1, 4, 16, true),
+            Self::Command => (256, 0, 4, 8, true),
+            Self::Residual => (256, 0, 4, 8, true),
+            Self::Snapshot => (8, 1, 4, 8, true),
+            Self::Plan => (64, 1, 4, 16, true),
+            Self::Health => (256, 0, 16, 16, false),
+            Self::Truth => (256, 0, 4, 8, true),
+            Self::Credit => (64, 1, 4, 8, true),
+        };
+        let delivery = if lossless && lock_step { Delivery::Lossless } else { Delivery::NewestWins };
+        Quality { depth, history, writers, readers, delivery }
+    }
+}
+
+/// A message that has a topic of its own.
+pub trait OnTopic: Message {
+    /// The topic.
+    const TOPIC: Topic;
+}
+
+macro_rules! on_topic {
+    ($($message:ident => $topic:ident,)+) => {
+        $(impl OnTopic for $message { const TOPIC: Topic = Topic::$topic; })+
+    };
+}
+
+on_topic! {
+    PlantState => State,
+    Command => Command,
+    ResidualSample => Residual,
+    ModelSnapshot => Snapshot,
+    Plan => Plan,
+    Health => Health,
+    Truth => Truth,
+    Credit => Credit,
+}

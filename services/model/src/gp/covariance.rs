@@ -1,0 +1,187 @@
+//! Covariance of samples under a kernel, and its Cholesky factor.
+//!
+//! | here           | in the equations       | size                  |
+//! |----------------|------------------------|-----------------------|
+//! | `ScaledInputs` | xᵢ / ℓ                 | D arrays of `n`       |
+//! | `kernel`       | K                      | `n` × `n`, lower half |
+//! | `factor`       | L, L Lᵀ = K + (σₙ² + jitter) I | `n` × `n`, lower half |
+
+use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
+use faer::linalg::cholesky::llt;
+use faer::traits::pulp::Arch;
+use faer::{Mat, Par};
+
+use crate::gp::exponential::exponential;
+
+/// Added to the diagonal when the plain covariance does not factorise, relative to σ² + σₙ²: first this …
+const FIRST_JITTER: f64 = 1e-12;
+/// … then ten times more each time, up to this.
+const LARGEST_JITTER: f64 = 1e-4;
+
+/// Inputs in units of the length scales, one contiguous array per input.
+#[derive(Debug, Clone)]
+pub(crate) struct ScaledInputs<const D: usize> {
+    columns: [Vec<f64>; D],
+}
+
+impl<const D: usize> ScaledInputs<D> {
+    /// All zero until [`scale`](Self::scale).
+    pub(crate) fn new(samples: usize) -> Self {
+        Self { columns: std::array::from_fn(|_| vec![0.0; samples]) }
+    }
+
+    /// Takes `inputs` over, as many as at set-up. Does not allocate.
+    pub(crate) fn scale(&mut self, inputs: &[[f64; D]], length_scale: &[f64; D]) {
+        for (dimension, column) in self.columns.iter_mut().enumerate() {
+            let rate = 1.0 / length_scale[dimension];
+            for (scaled, input) in column.iter_mut().zip(inputs) {
+                *scaled = input[dimension] * rate;
+            }
+        }
+    }
+
+    /// One array per input.
+    pub(crate) fn columns(&self) -> &[Vec<f64>; D] {
+        &self.columns
+    }
+
+    /// Lower half of K, the diagonal included. O(n² D); does not allocate.
+    pub(crate) fn covariance(&self, variance: f64, kernel: &mut Mat<f64>) {
+        Arch::new().dispatch(|| self.fill(variance, kernel));
+    }
+
+    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[inline(always)]
+    fn fill(&self, variance: f64, kernel: &mut Mat<f64>) {
+        for first in 0..kernel.ncols() {
+            let column = &mut kernel.col_as_slice_mut(first)[first..];
+            column.fill(0.0);
+            for scaled in &self.columns {
+                let here = scaled[first];
+                for (sum, there) in column.iter_mut().zip(&scaled[first..]) {
+                    let difference = there - here;
+                    *sum += difference * difference;
+                }
+            }
+            for value in column.iter_mut() {
+                *value = variance * exponential(-0.5 * *value);
+            }
+        }
+    }
+}
+
+/// K + σₙ² I stayed indefinite under the largest jitter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct NotPositiveDefinite;
+
+/// Memory that a factorisation of up to `samples` needs.
+pub(crate) fn factor_scratch(samples: usize) -> StackReq {
+    llt::factor::cholesky_in_place_scratch::<f64>(samples, Par::Seq, faer::Spec::default())
+}
+
+/// Lower Cholesky factor of K + (σₙ² + jitter) I, and the jitter, which is zero unless it was needed.
+///
+/// A pivot that is nothing but rounding counts as lost, so twins among the inputs are seen for what they are. O(n³/3); does not
+/// allocate, except where faer packs large blocks.
+pub(crate) fn factorise(
+    kernel: &Mat<f64>,
+    noise_variance: f64,
+    factor: &mut Mat<f64>,
+    memory: &mut MemBuffer,
+) -> Result<f64, NotPositiveDefinite> {
+    let samples = kernel.ncols();
+    if samples == 0 {
+        return Ok(0.0);
+    }
+    let diagonal = kernel[(0, 0)] + noise_variance;
+    let smallest_pivot = f64::EPSILON * samples as f64 * diagonal;
+    let mut jitter = 0.0;
+    loop {
+        for column in 0..samples {
+            factor.col_as_slice_mut(column)[column..].copy_from_slice(&kernel.col_as_slice(column)[column..]);
+            factor[(column, column)] += noise_variance + jitter;
+        }
+        let outcome = llt::factor::cholesky_in_place(
+            factor.as_mut(),
+            llt::factor::LltRegularization::default(),
+            Par::Seq,
+            MemStack::new(memory),
+            faer::Spec::default(),
+        );
+        if outcome.is_ok() && (0..samples).all(|i| factor[(i, i)] * factor[(i, i)] > smallest_pivot) {
+            return Ok(jitter);
+        }
+        jitter = if jitter > 0.0 { 10.0 * jitter } else { FIRST_JITTER * diagonal };
+        // Also true of NaN, which no jitter heals.
+        if jitter.is_nan() || jitter > LARGEST_JITTER * diagonal {
+            return Err(NotPositiveDefinite);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ScaledInputs, factor_scratch, factorise};
+    use crate::gp::kernel::SquaredExponential;
+    use crate::gp::split_mix::SplitMix64;
+    use faer::Mat;
+    use faer::dyn_stack::MemBuffer;
+
+    const KERNEL: SquaredExponential<3> = SquaredExponential { variance: 1.7, length_scale: [0.5, 1.0, 2.0] };
+
+    fn inputs(samples: usize) -> Vec<[f64; 3]> {
+        let mut random = SplitMix64::new(1);
+        (0..samples).map(|_| std::array::from_fn(|_| random.normal())).collect()
+    }
+
+    fn covariance(inputs: &[[f64; 3]]) -> Mat<f64> {
+        let mut scaled = ScaledInputs::new(inputs.len());
+        scaled.scale(inputs, &KERNEL.length_scale);
+        let mut covariance = Mat::zeros(inputs.len(), inputs.len());
+        scaled.covariance(KERNEL.variance, &mut covariance);
+        covariance
+    }
+
+    #[test]
+    fn entries_are_those_of_the_kernel() {
+        let inputs = inputs(23);
+        let covariance = covariance(&inputs);
+        for (column, a) in inputs.iter().enumerate() {
+            for (row, b) in inputs.iter().enumerate().skip(column) {
+                assert!((covariance[(row, column)] - KERNEL.value(a, b)).abs() < 1e-14);
+            }
+        }
+    }
+
+    #[test]
+    fn factor_times_its_transpose_is_the_covariance() {
+        let kernel = covariance(&inputs(40));
+        let mut factor = Mat::zeros(40, 40);
+        let jitter = factorise(&kernel, 0.01, &mut factor, &mut MemBuffer::new(factor_scratch(40)));
+        assert_eq!(jitter, Ok(0.0));
+        for column in 0..40 {
+            for row in column..40 {
+                let product: f64 = (0..=column).map(|k| factor[(row, k)] * factor[(column, k)]).sum();
+                let noise = if row == column { 0.01 } else { 0.0 };
+                assert!((product - kernel[(row, column)] - noise).abs() < 1e-13);
+            }
+        }
+    }
+
+    #[test]
+    fn twins_cost_a_jitter() {
+        let mut inputs = inputs(20);
+        inputs[13] = inputs[4];
+        let kernel = covariance(&inputs);
+        let mut factor = Mat::zeros(20, 20);
+        let jitter = factorise(&kernel, 1e-18, &mut factor, &mut MemBuffer::new(factor_scratch(20)));
+        assert!(jitter.is_ok_and(|jitter| jitter > 0.0 && jitter < 1e-6));
+    }
+
+    #[test]
+    fn no_jitter_heals_what_is_not_a_number() {
+        let kernel = Mat::from_fn(3, 3, |_, _| f64::NAN);
+        let mut factor = Mat::zeros(3, 3);
+        assert!(factorise(&kernel, 0.1, &mut factor, &mut MemBuffer::new(factor_scratch(3))).is_err());
+    }
+}

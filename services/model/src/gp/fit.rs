@@ -1,0 +1,325 @@
+//! Hyperparameters of one output from samples: the maximum of the log marginal likelihood, or of the posterior under priors.
+
+use nalgebra::DVector;
+
+use crate::gp::hyperparameters::{Bounds, Hyperparameters, HyperparametersError, LogHyperparameters};
+use crate::gp::likelihood::{Evaluation, Likelihood, LikelihoodError};
+use crate::gp::optimise::{Convergence, MinimiseError, MinimiseOptions, SearchBox, minimise};
+use crate::gp::split_mix::SplitMix64;
+
+/// How to fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FitOptions<const D: usize> {
+    /// Box in which the hyperparameters stay.
+    pub bounds: Bounds<D>,
+    /// What is known before the data; `None` is the plain marginal likelihood.
+    pub priors: Option<Priors<D>>,
+    /// Evaluations of the likelihood, O(n³) each, per start.
+    pub max_evaluations: usize,
+    /// Quasi-Newton steps per start.
+    pub max_iterations: usize,
+    /// Further starts, drawn around the given one (within a factor of ten, inside the bounds); the best result counts.
+    pub restarts: usize,
+    /// Seed of the further starts.
+    pub seed: u64,
+}
+
+impl<const D: usize> Default for FitOptions<D> {
+    /// Wide bounds, no priors, no restarts, at most 100 steps.
+    fn default() -> Self {
+        Self { bounds: Bounds::default(), priors: None, max_evaluations: 200, max_iterations: 100, restarts: 0, seed: 0 }
+    }
+}
+
+/// What is known of the hyperparameters before the data; where the data does not excite an input, this decides.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Priors<const D: usize> {
+    /// Of each length scale.
+    pub length_scale: [Option<LogNormal>; D],
+    /// Of the prior variance σ².
+    pub variance: Option<LogNormal>,
+    /// Of the noise variance σₙ².
+    pub noise_variance: Option<LogNormal>,
+}
+
+/// Normal distribution of a logarithm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LogNormal {
+    /// Median, in the unit of the hyperparameter.
+    pub median: f64,
+    /// Standard deviation of the natural logarithm.
+    pub log_deviation: f64,
+}
+
+/// What a fit found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fitted<const D: usize> {
+    /// The hyperparameters.
+    pub hyperparameters: Hyperparameters<D>,
+    /// Log marginal likelihood there, without the priors.
+    pub log_likelihood: f64,
+    /// What had to be added to the noise variance to factorise the covariance there; normally zero.
+    pub jitter: f64,
+    /// Evaluations used, over all starts.
+    pub evaluations: usize,
+    /// Why the search from the best start ended.
+    pub converged: Convergence,
+}
+
+/// Why a fit found nothing.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// The samples, or the start, are not usable.
+    #[error(transparent)]
+    Likelihood(#[from] LikelihoodError),
+    /// The start is not usable.
+    #[error("the start: {0}")]
+    Start(HyperparametersError),
+    /// A bound is not usable.
+    #[error("a bound: {0}")]
+    Bounds(HyperparametersError),
+    /// The priors are not usable.
+    #[error("a prior has median {median} and deviation {log_deviation}; both must be positive and finite")]
+    Prior {
+        /// Its median.
+        median: f64,
+        /// Its deviation.
+        log_deviation: f64,
+    },
+    /// The search could not begin.
+    #[error(transparent)]
+    Minimise(#[from] MinimiseError),
+}
+
+/// Hyperparameters move by at most this factor (as a logarithm) in one step; the likelihood is no quadratic further out.
+const LARGEST_STEP: f64 = 3.0;
+/// Curvature of the log likelihood per sample, in a logarithm, before any was seen. (That in ln σₙ² is at most ½.)
+const CURVATURE_PER_SAMPLE: f64 = 0.1;
+/// How far restarts are drawn from the given start, as a factor.
+const RESTART_SPREAD: f64 = 10.0;
+
+/// Fits the hyperparameters of one output to samples, from the point of the bounds nearest to `start`.
+///
+/// At most `max_evaluations` (1 + `restarts`) evaluations of O(n³); the memory for them is taken once.
+pub fn fit<const D: usize>(
+    inputs: &[[f64; D]],
+    targets: &[f64],
+    start: &Hyperparameters<D>,
+    options: &FitOptions<D>,
+) -> Result<Fitted<D>, FitError> {
+    options.check(start)?;
+    let mut likelihood = Likelihood::new(inputs, targets)?;
+    let first = options.bounds.clamp(&start.ln());
+    let (mut cost, mut fitted) = search(&mut likelihood, &first, options)?;
+    let mut random = SplitMix64::new(options.seed);
+    for _ in 0..options.restarts {
+        // The given start has to work; a drawn one that does not costs nothing but its evaluation.
+        let drawn = options.draw_near(&first, &mut random);
+        let Ok((other_cost, other)) = search(&mut likelihood, &drawn, options) else {
+            fitted.evaluations += 1;
+            continue;
+        };
+        let evaluations = fitted.evaluations + other.evaluations;
+        if other_cost < cost {
+            (cost, fitted) = (other_cost, other);
+        }
+        fitted.evaluations = evaluations;
+    }
+    Ok(fitted)
+}
+
+/// The best point from one start, and its cost: minus the log likelihood, minus the log density of the priors.
+fn search<const D: usize>(
+    likelihood: &mut Likelihood<'_, D>,
+    start: &LogHyperparameters<D>,
+    options: &FitOptions<D>,
+) -> Result<(f64, Fitted<D>), FitError> {
+    let mut best_cost = f64::INFINITY;
+    let mut best = Fitted {
+        hyperparameters: start.exp(),
+        log_likelihood: f64::NEG_INFINITY,
+        jitter: 0.0,
+        evaluations: 0,
+        converged: Convergence::Budget,
+    };
+    let mut failure = None;
+    let minimise_options = options.minimise_options(likelihood.samples());
+    let objective = |point: &DVector<f64>| {
+        let nowhere = (f64::INFINITY, DVector::zeros(point.len()));
+        let Some(log) = LogHyperparameters::from_slice(point.as_slice()) else { return nowhere };
+        let hyperparameters = log.exp();
+        let Evaluation { log_likelihood, gradient, jitter } = match likelihood.evaluate(&hyperparameters) {
+            Ok(evaluation) => evaluation,
+            Err(error) => {
+                failure = Some(error);
+                return nowhere;
+            }
+        };
+        let (prior, prior_slopes) = options.log_prior(&log);
+        let cost = -log_likelihood - prior;
+        if cost < best_cost {
+            best_cost = cost;
+            best = Fitted { hyperparameters, log_likelihood, jitter, ..best };
+        }
+        (cost, vector(&prior_slopes) * -1.0 - vector(&gradient))
+    };
+    let minimum = minimise(objective, &vector(start), &options.search_box(), &minimise_options)
+        .map_err(|error| failure.map_or(FitError::Minimise(error), FitError::Likelihood))?;
+    Ok((best_cost, Fitted { evaluations: minimum.evaluations, converged: minimum.convergence, ..best }))
+}
+
+impl<const D: usize> FitOptions<D> {
+    fn check(&self, start: &Hyperparameters<D>) -> Result<(), FitError> {
+        start.check().map_err(FitError::Start)?;
+        self.bounds.lower.check().map_err(FitError::Bounds)?;
+        self.bounds.upper.check().map_err(FitError::Bounds)?;
+        for &LogNormal { median, log_deviation } in self.priors.iter().flat_map(Priors::each).flatten() {
+            let good = |value: f64| value.is_finite() && value > 0.0;
+            if !(good(median) && good(log_deviation)) {
+                return Err(FitError::Prior { median, log_deviation });
+            }
+        }
+        Ok(())
+    }
+
+    /// Uniform in the logarithms, within [`RESTART_SPREAD`] of `centre` and in the bounds.
+    fn draw_near(&self, centre: &LogHyperparameters<D>, random: &mut SplitMix64) -> LogHyperparameters<D> {
+        let spread = RESTART_SPREAD.ln();
+        let mut draw = |centre: f64| centre + spread * (2.0 * random.uniform() - 1.0);
+        self.bounds.clamp(&LogHyperparameters {
+            length_scale: centre.length_scale.map(&mut draw),
+            variance: draw(centre.variance),
+            noise_variance: draw(centre.noise_variance),
+        })
+    }
+
+    /// Log density of the priors (without its constant) and its derivatives.
+    fn log_prior(&self, at: &LogHyperparameters<D>) -> (f64, LogHyperparameters<D>) {
+        let mut slopes = LogHyperparameters { length_scale: [0.0; D], variance: 0.0, noise_variance: 0.0 };
+        let Some(priors) = &self.priors else { return (0.0, slopes) };
+        let mut sum = 0.0;
+        let mut pull = |prior: &Option<LogNormal>, at: f64, slope: &mut f64| {
+            if let Some(LogNormal { median, log_deviation }) = prior {
+                let deviations = (at - median.ln()) / log_deviation;
+                sum -= 0.5 * deviations * deviations;
+                *slope = -deviations / log_deviation;
+            }
+        };
+        for (dimension, slope) in slopes.length_scale.iter_mut().enumerate() {
+            pull(&priors.length_scale[dimension], at.length_scale[dimension], slope);
+        }
+        pull(&priors.variance, at.variance, &mut slopes.variance);
+        pull(&priors.noise_variance, at.noise_variance, &mut slopes.noise_variance);
+        (sum, slopes)
+    }
+
+    fn search_box(&self) -> SearchBox {
+        SearchBox { lower: vector(&self.bounds.lower.ln()), upper: vector(&self.bounds.upper.ln()) }
+    }
+
+    fn minimise_options(&self, samples: usize) -> MinimiseOptions {
+        MinimiseOptions {
+            max_evaluations: self.max_evaluations,
+            max_iterations: self.max_iterations,
+            largest_step: LARGEST_STEP,
+            first_curvature: CURVATURE_PER_SAMPLE * samples as f64,
+            ..MinimiseOptions::default()
+        }
+    }
+}
+
+impl<const D: usize> Priors<D> {
+    fn each(&self) -> impl Iterator<Item = &Option<LogNormal>> {
+        self.length_scale.iter().chain([&self.variance, &self.noise_variance])
+    }
+}
+
+fn vector<const D: usize>(values: &LogHyperparameters<D>) -> DVector<f64> {
+    DVector::from_iterator(LogHyperparameters::<D>::COUNT, values.iter())
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+    use super::{Convergence, FitError, FitOptions, LogNormal, Priors, fit};
+    use crate::gp::hyperparameters::Hyperparameters;
+    use crate::gp::split_mix::SplitMix64;
+
+    const START: Hyperparameters<2> = Hyperparameters::new([1.0; 2], 1.0, 0.1);
+
+    /// A function of the first input alone, with noise of deviation 0.1.
+    fn samples(count: usize) -> (Vec<[f64; 2]>, Vec<f64>) {
+        let mut random = SplitMix64::new(5);
+        let inputs: Vec<[f64; 2]> = (0..count).map(|_| [2.0 * random.normal(), random.normal()]).collect();
+        let targets = inputs.iter().map(|x| (1.5 * x[0]).sin() + 0.1 * random.normal()).collect();
+        (inputs, targets)
+    }
+
+    #[test]
+    fn noise_and_relevance_are_found() {
+        let (inputs, targets) = samples(100);
+        let fitted = fit(&inputs, &targets, &START, &FitOptions::default()).unwrap();
+        let Hyperparameters { kernel, noise_variance } = fitted.hyperparameters;
+        assert!((noise_variance.sqrt() - 0.1).abs() < 0.03, "{noise_variance}");
+        assert!(kernel.length_scale[0] < 3.0 && kernel.length_scale[1] > 10.0, "{kernel:?}");
+        assert_ne!(fitted.converged, Convergence::Budget);
+    }
+
+    #[test]
+    fn a_prior_keeps_the_length_scale_of_what_the_data_does_not_excite() {
+        let (mut inputs, targets) = samples(60);
+        for input in &mut inputs {
+            input[1] = 0.0;
+        }
+        let prior = LogNormal { median: 2.0, log_deviation: 0.5 };
+        let priors = Priors { length_scale: [Some(prior); 2], variance: None, noise_variance: None };
+        let options = FitOptions { priors: Some(priors), ..FitOptions::default() };
+        let fitted = fit(&inputs, &targets, &START, &options).unwrap();
+        assert!((fitted.hyperparameters.kernel.length_scale[1] - 2.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn restarts_never_make_it_worse_and_the_seed_decides_them() {
+        let (inputs, targets) = samples(40);
+        // From here the likelihood leads to "all is noise".
+        let start = Hyperparameters::new([100.0; 2], 1.0, 10.0);
+        let once = fit(&inputs, &targets, &start, &FitOptions::default()).unwrap();
+        let options = FitOptions { restarts: 4, seed: 3, ..FitOptions::default() };
+        let often = fit(&inputs, &targets, &start, &options).unwrap();
+        assert!(often.log_likelihood >= once.log_likelihood);
+        assert!(often.evaluations > once.evaluations);
+        assert_eq!(often, fit(&inputs, &targets, &start, &options).unwrap());
+    }
+
+    #[test]
+    fn the_budget_is_kept_and_the_result_stays_in_the_bounds() {
+        let (inputs, targets) = samples(30);
+        let mut options = FitOptions { max_evaluations: 5, ..FitOptions::default() };
+        options.bounds.upper.kernel.length_scale = [1.2; 2];
+        let fitted = fit(&inputs, &targets, &START, &options).unwrap();
+        assert!(fitted.evaluations <= 5);
+        assert!(fitted.hyperparameters.kernel.length_scale.iter().all(|&scale| scale <= 1.2 + 1e-12));
+    }
+
+    #[test]
+    fn what_cannot_be_fitted_says_why() {
+        let (inputs, targets) = samples(10);
+        let options = FitOptions::default();
+        let message = |result: Result<_, FitError>| result.err().unwrap().to_string();
+        assert_eq!(message(fit(&inputs, &targets[1..], &START, &options)), "10 inputs but 9 targets");
+        assert_eq!(message(fit::<2>(&[], &[], &START, &options)), "there are no samples");
+        let start = Hyperparameters::new([1.0, -1.0], 1.0, 1.0);
+        assert_eq!(
+            message(fit(&inputs, &targets, &start, &options)),
+            "the start: length scale 1 is -1; it must be positive and finite"
+        );
+        let mut crossed = options;
+        crossed.bounds.upper.noise_variance = 1e-9;
+        assert!(matches!(fit(&inputs, &targets, &START, &crossed), Err(FitError::Minimise(_))));
+        let prior = LogNormal { median: 0.0, log_deviation: 1.0 };
+        let priors = Priors { length_scale: [None; 2], variance: Some(prior), noise_variance: None };
+        let bad_prior = FitOptions { priors: Some(priors), ..options };
+        assert!(matches!(fit(&inputs, &targets, &START, &bad_prior), Err(FitError::Prior { .. })));
+    }
+}

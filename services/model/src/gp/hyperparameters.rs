@@ -1,0 +1,171 @@
+//! The hyperparameters of one output, their logarithms (which the optimiser moves), and the box they stay in.
+
+use crate::gp::kernel::SquaredExponential;
+
+/// What the marginal likelihood decides for one output.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hyperparameters<const D: usize> {
+    /// Covariance of the function.
+    pub kernel: SquaredExponential<D>,
+    /// σₙ²: variance of the noise of one observation, in squared output units.
+    pub noise_variance: f64,
+}
+
+/// Why hyperparameters are none.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum HyperparametersError {
+    /// A length scale is not a positive number.
+    #[error("length scale {dimension} is {value}; it must be positive and finite")]
+    LengthScale {
+        /// Index of the input.
+        dimension: usize,
+        /// What it is.
+        value: f64,
+    },
+    /// The prior variance is not a positive number.
+    #[error("the prior variance is {value}; it must be positive and finite")]
+    Variance {
+        /// What it is.
+        value: f64,
+    },
+    /// The noise variance is not a positive number.
+    #[error("the noise variance is {value}; it must be positive and finite")]
+    NoiseVariance {
+        /// What it is.
+        value: f64,
+    },
+}
+
+impl<const D: usize> Hyperparameters<D> {
+    /// Length scales in input units, prior variance σ² and noise variance σₙ² in squared output units.
+    pub const fn new(length_scale: [f64; D], variance: f64, noise_variance: f64) -> Self {
+        Self { kernel: SquaredExponential { variance, length_scale }, noise_variance }
+    }
+
+    /// Refuses what is not positive and finite.
+    pub fn check(&self) -> Result<(), HyperparametersError> {
+        let good = |value: f64| value.is_finite() && value > 0.0;
+        for (dimension, &value) in self.kernel.length_scale.iter().enumerate() {
+            if !good(value) {
+                return Err(HyperparametersError::LengthScale { dimension, value });
+            }
+        }
+        if !good(self.kernel.variance) {
+            return Err(HyperparametersError::Variance { value: self.kernel.variance });
+        }
+        if !good(self.noise_variance) {
+            return Err(HyperparametersError::NoiseVariance { value: self.noise_variance });
+        }
+        Ok(())
+    }
+
+    /// Natural logarithm of each.
+    pub fn ln(&self) -> LogHyperparameters<D> {
+        LogHyperparameters {
+            length_scale: self.kernel.length_scale.map(f64::ln),
+            variance: self.kernel.variance.ln(),
+            noise_variance: self.noise_variance.ln(),
+        }
+    }
+}
+
+/// Something per logarithm of a hyperparameter: its value, or a derivative with respect to it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LogHyperparameters<const D: usize> {
+    /// Of ln ℓ.
+    pub length_scale: [f64; D],
+    /// Of ln σ².
+    pub variance: f64,
+    /// Of ln σₙ².
+    pub noise_variance: f64,
+}
+
+impl<const D: usize> LogHyperparameters<D> {
+    /// How many there are.
+    pub const COUNT: usize = D + 2;
+
+    /// Back from logarithms.
+    pub fn exp(&self) -> Hyperparameters<D> {
+        Hyperparameters::new(self.length_scale.map(f64::exp), self.variance.exp(), self.noise_variance.exp())
+    }
+
+    /// In the optimiser's order: length scales, variance, noise variance.
+    pub fn iter(&self) -> impl Iterator<Item = f64> + '_ {
+        self.length_scale.iter().copied().chain([self.variance, self.noise_variance])
+    }
+
+    /// From the optimiser's order; `None` unless there are exactly [`COUNT`](Self::COUNT).
+    pub fn from_slice(values: &[f64]) -> Option<Self> {
+        let (length_scale, rest) = values.split_first_chunk::<D>()?;
+        let &[variance, noise_variance] = rest else { return None };
+        Some(Self { length_scale: *length_scale, variance, noise_variance })
+    }
+}
+
+/// Box in which the hyperparameters stay.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds<const D: usize> {
+    /// Smallest allowed, inclusive.
+    pub lower: Hyperparameters<D>,
+    /// Largest allowed, inclusive.
+    pub upper: Hyperparameters<D>,
+}
+
+impl<const D: usize> Default for Bounds<D> {
+    /// 10⁻³ … 10³ for all, but the noise variance from 10⁻⁶.
+    fn default() -> Self {
+        Self {
+            lower: Hyperparameters::new([1e-3; D], 1e-3, 1e-6),
+            upper: Hyperparameters::new([1e3; D], 1e3, 1e3),
+        }
+    }
+}
+
+impl<const D: usize> Bounds<D> {
+    /// The nearest logarithms within the box.
+    pub fn clamp(&self, log: &LogHyperparameters<D>) -> LogHyperparameters<D> {
+        let (lower, upper) = (self.lower.ln(), self.upper.ln());
+        LogHyperparameters {
+            length_scale: std::array::from_fn(|i| log.length_scale[i].max(lower.length_scale[i]).min(upper.length_scale[i])),
+            variance: log.variance.max(lower.variance).min(upper.variance),
+            noise_variance: log.noise_variance.max(lower.noise_variance).min(upper.noise_variance),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Bounds, Hyperparameters, HyperparametersError, LogHyperparameters};
+
+    #[test]
+    fn logarithms_go_there_and_back_in_the_optimisers_order() {
+        let here = Hyperparameters::new([1.0, 2.0, 3.0], 4.0, 5.0);
+        let there: Vec<f64> = here.ln().iter().collect();
+        let back = LogHyperparameters::<3>::from_slice(&there).map(|log| log.exp());
+        assert!(back.is_some_and(|back| {
+            back.ln().iter().zip(&there).all(|(back, there)| (back - there).abs() < 1e-15)
+        }));
+        assert_eq!(LogHyperparameters::<2>::from_slice(&there), None);
+    }
+
+    #[test]
+    fn what_is_not_positive_is_refused() {
+        for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(
+                Hyperparameters::new([1.0, bad], 1.0, 1.0).check(),
+                Err(HyperparametersError::LengthScale { dimension: 1, .. })
+            ));
+            assert!(matches!(Hyperparameters::new([1.0], bad, 1.0).check(), Err(HyperparametersError::Variance { .. })));
+            assert!(matches!(Hyperparameters::new([1.0], 1.0, bad).check(), Err(HyperparametersError::NoiseVariance { .. })));
+        }
+    }
+
+    #[test]
+    fn clamp_ends_at_the_bounds() {
+        let bounds = Bounds::<1>::default();
+        let clamped = bounds.clamp(&Hyperparameters::new([1e9], 1e-9, 1.0).ln()).exp();
+        assert!((clamped.kernel.length_scale[0] - 1e3).abs() < 1e-9);
+        assert!((clamped.kernel.variance - 1e-3).abs() < 1e-12);
+        assert!((clamped.noise_variance - 1.0).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,272 @@
+//! Log marginal likelihood of one output, and its gradient.
+//!
+//! | here             | in the equations                  | size      |
+//! |------------------|-----------------------------------|-----------|
+//! | `targets`        | y                                 | `n`       |
+//! | `kernel`         | K                                 | `n` × `n` |
+//! | `factor`         | L, L Lᵀ = K + σₙ² I               | `n` × `n` |
+//! | `inverse`        | (K + σₙ² I)⁻¹                     | `n` × `n` |
+//! | `weights`        | α = (K + σₙ² I)⁻¹ y               | `n`       |
+//!
+//! ln p(y | X, θ) = −½ yᵀα − Σᵢ ln Lᵢᵢ − ½ n ln 2π. With W = (K + σₙ² I)⁻¹ − α αᵀ,
+//!
+//! ```text
+//! ∂/∂θ = −½ tr(W ∂(K + σₙ² I)/∂θ)
+//! ∂/∂ ln ℓ_d = −½ Σᵢⱼ Wᵢⱼ Kᵢⱼ ((xᵢ_d − xⱼ_d) / ℓ_d)²,   ∂/∂ ln σ² = −½ Σᵢⱼ Wᵢⱼ Kᵢⱼ,   ∂/∂ ln σₙ² = −½ σₙ² tr W
+//! ```
+//!
+//! Only the lower halves are ever formed.
+//!
+//! Reference: Rasmussen & Williams 2006, eqs. 5.8 and 5.9.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt;
+use faer::traits::pulp::Arch;
+use faer::{Mat, MatMut, Par};
+
+use crate::gp::covariance::{ScaledInputs, factor_scratch, factorise};
+use crate::gp::data::{self, DataError};
+use crate::gp::hyperparameters::{Hyperparameters, HyperparametersError, LogHyperparameters};
+
+/// Partial sums kept side by side, so that the order of a sum is fixed and it still fills vector registers.
+const LANES: usize = 8;
+
+/// Log marginal likelihood of the targets as a function of the hyperparameters, with the memory to compute it.
+#[derive(Debug)]
+pub struct Likelihood<'a, const D: usize> {
+    inputs: &'a [[f64; D]],
+    targets: &'a [f64],
+    scaled: ScaledInputs<D>,
+    kernel: Mat<f64>,
+    factor: Mat<f64>,
+    inverse: Mat<f64>,
+    weights: Vec<f64>,
+    /// One column of W ∘ K.
+    slopes: Vec<f64>,
+    memory: MemBuffer,
+}
+
+/// The likelihood at one point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Evaluation<const D: usize> {
+    /// ln p(y | X, θ).
+    pub log_likelihood: f64,
+    /// Its derivative with respect to the logarithm of each hyperparameter.
+    pub gradient: LogHyperparameters<D>,
+    /// What had to be added to the noise variance to factorise the covariance; normally zero.
+    pub jitter: f64,
+}
+
+/// Why there is no likelihood.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum LikelihoodError {
+    /// Nothing can be learnt from nothing.
+    #[error("there are no samples")]
+    NoSamples,
+    /// The samples are not usable.
+    #[error(transparent)]
+    Data(#[from] DataError),
+    /// The hyperparameters are not usable.
+    #[error(transparent)]
+    Hyperparameters(#[from] HyperparametersError),
+    /// K + σₙ² I lost positive definiteness; more noise or fewer twins among the inputs help.
+    #[error("the covariance of {samples} samples is not positive definite, whatever the jitter")]
+    NotPositiveDefinite {
+        /// How many samples.
+        samples: usize,
+    },
+}
+
+impl<'a, const D: usize> Likelihood<'a, D> {
+    /// Checks the samples and takes the memory: three `n` × `n` matrices and faer's scratch, of the same size.
+    pub fn new(inputs: &'a [[f64; D]], targets: &'a [f64]) -> Result<Self, LikelihoodError> {
+        data::check(inputs, targets.as_chunks::<1>().0)?;
+        let samples = inputs.len();
+        if samples == 0 {
+            return Err(LikelihoodError::NoSamples);
+        }
+        let scratch = factor_scratch(samples).or(llt::inverse::inverse_scratch::<f64>(samples, Par::Seq));
+        Ok(Self {
+            inputs,
+            targets,
+            scaled: ScaledInputs::new(samples),
+            kernel: Mat::zeros(samples, samples),
+            factor: Mat::zeros(samples, samples),
+            inverse: Mat::zeros(samples, samples),
+            weights: vec![0.0; samples],
+            slopes: vec![0.0; samples],
+            memory: MemBuffer::new(scratch),
+        })
+    }
+
+    /// How many samples there are.
+    pub fn samples(&self) -> usize {
+        self.inputs.len()
+    }
+
+    /// Value and gradient. O(n³); in the memory taken at set-up.
+    pub fn evaluate(&mut self, hyperparameters: &Hyperparameters<D>) -> Result<Evaluation<D>, LikelihoodError> {
+        hyperparameters.check()?;
+        let samples = self.inputs.len();
+        let Hyperparameters { kernel, noise_variance } = *hyperparameters;
+        self.scaled.scale(self.inputs, &kernel.length_scale);
+        self.scaled.covariance(kernel.variance, &mut self.kernel);
+        let jitter = factorise(&self.kernel, noise_variance, &mut self.factor, &mut self.memory)
+            .map_err(|_| LikelihoodError::NotPositiveDefinite { samples })?;
+
+        // α = L⁻ᵀ L⁻¹ y
+        self.weights.copy_from_slice(self.targets);
+        llt::solve::solve_in_place(
+            self.factor.as_ref(),
+            MatMut::from_column_major_slice_mut(&mut self.weights, samples, 1),
+            Par::Seq,
+            MemStack::new(&mut self.memory),
+        );
+        let fit: f64 = self.targets.iter().zip(&self.weights).map(|(target, weight)| target * weight).sum();
+        let log_root_determinant: f64 = (0..samples).map(|i| self.factor[(i, i)].ln()).sum();
+        let log_likelihood = -0.5 * fit - log_root_determinant - 0.5 * samples as f64 * std::f64::consts::TAU.ln();
+
+        llt::inverse::inverse(self.inverse.as_mut(), self.factor.as_ref(), Par::Seq, MemStack::new(&mut self.memory));
+        let gradient = Arch::new().dispatch(|| self.gradient(kernel.variance, noise_variance));
+        Ok(Evaluation { log_likelihood, gradient, jitter })
+    }
+
+    /// The three sums of the module's head, over the lower half, column by column.
+    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[inline(always)]
+    fn gradient(&mut self, variance: f64, noise_variance: f64) -> LogHyperparameters<D> {
+        let samples = self.weights.len();
+        let mut distance_sums = [[0.0; LANES]; D];
+        let mut slope_sums = [0.0; LANES];
+        let mut trace = 0.0;
+        for first in 0..samples {
+            let weight = self.weights[first];
+            trace += self.inverse[(first, first)] - weight * weight;
+
+            let below = first + 1;
+            let slopes = &mut self.slopes[below..];
+            let inverse = &self.inverse.col_as_slice(first)[below..];
+            let kernel = &self.kernel.col_as_slice(first)[below..];
+            for (((slope, inverse), kernel), other) in slopes.iter_mut().zip(inverse).zip(kernel).zip(&self.weights[below..]) {
+                *slope = (inverse - weight * other) * kernel;
+            }
+
+            add(&mut slope_sums, slopes);
+            for (sums, column) in distance_sums.iter_mut().zip(self.scaled.columns()) {
+                add_squares(sums, slopes, &column[below..], column[first]);
+            }
+        }
+        // Each pair below the diagonal counts twice, against the ½; on the diagonal K is σ² and the distance zero.
+        LogHyperparameters {
+            length_scale: distance_sums.map(|sums| -total(&sums)),
+            variance: -total(&slope_sums) - 0.5 * variance * trace,
+            noise_variance: -0.5 * noise_variance * trace,
+        }
+    }
+}
+
+/// sums += values, in lanes.
+#[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+#[inline(always)]
+fn add(sums: &mut [f64; LANES], values: &[f64]) {
+    let (chunks, rest) = values.as_chunks::<LANES>();
+    for chunk in chunks {
+        for (sum, value) in sums.iter_mut().zip(chunk) {
+            *sum += value;
+        }
+    }
+    for (sum, value) in sums.iter_mut().zip(rest) {
+        *sum += value;
+    }
+}
+
+/// sums += factor (there − here)², in lanes.
+#[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+#[inline(always)]
+fn add_squares(sums: &mut [f64; LANES], factors: &[f64], there: &[f64], here: f64) {
+    let ((factors, last_factors), (there, last_there)) = (factors.as_chunks::<LANES>(), there.as_chunks::<LANES>());
+    for (factors, there) in factors.iter().zip(there) {
+        for ((sum, factor), there) in sums.iter_mut().zip(factors).zip(there) {
+            let difference = there - here;
+            *sum += factor * (difference * difference);
+        }
+    }
+    for ((sum, factor), there) in sums.iter_mut().zip(last_factors).zip(last_there) {
+        let difference = there - here;
+        *sum += factor * (difference * difference);
+    }
+}
+
+fn total(lanes: &[f64; LANES]) -> f64 {
+    lanes.iter().sum()
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+    use super::{Likelihood, LikelihoodError};
+    use crate::gp::hyperparameters::{Hyperparameters, LogHyperparameters};
+    use crate::gp::split_mix::SplitMix64;
+    use proptest::prelude::*;
+
+    fn samples(count: usize, seed: u64) -> (Vec<[f64; 2]>, Vec<f64>) {
+        let mut random = SplitMix64::new(seed);
+        let inputs: Vec<[f64; 2]> = (0..count).map(|_| [random.normal(), random.normal()]).collect();
+        let targets = inputs.iter().map(|x| (2.0 * x[0]).sin() + 0.3 * x[1] + 0.1 * random.normal()).collect();
+        (inputs, targets)
+    }
+
+    proptest! {
+        #[test]
+        fn gradient_matches_finite_differences(
+            count in 1_usize..40,
+            seed in any::<u64>(),
+            log in prop::array::uniform4(-1.5..1.5),
+        ) {
+            let (inputs, targets) = samples(count, seed);
+            let mut likelihood = Likelihood::new(&inputs, &targets).unwrap();
+            let mut at = |log: &[f64; 4]| {
+                likelihood.evaluate(&LogHyperparameters::from_slice(log).unwrap().exp()).unwrap()
+            };
+            let gradient: Vec<f64> = at(&log).gradient.iter().collect();
+            for i in 0..4 {
+                let (mut above, mut below) = (log, log);
+                above[i] += 1e-5;
+                below[i] -= 1e-5;
+                let difference = (at(&above).log_likelihood - at(&below).log_likelihood) / 2e-5;
+                prop_assert!((gradient[i] - difference).abs() < 1e-5 * (1.0 + difference.abs()), "{i}: {} {difference}", gradient[i]);
+            }
+        }
+    }
+
+    #[test]
+    fn of_one_sample_is_a_normal_density() {
+        let mut likelihood = Likelihood::new(&[[0.3, 0.4]], &[0.7]).unwrap();
+        let evaluation = likelihood.evaluate(&Hyperparameters::new([1.0, 1.0], 1.5, 0.5)).unwrap();
+        let expected = -0.5 * 0.49 / 2.0 - 0.5 * (2.0 * std::f64::consts::TAU).ln();
+        assert!((evaluation.log_likelihood - expected).abs() < 1e-14);
+    }
+
+    #[test]
+    fn twins_are_survived_and_reported() {
+        let (mut inputs, targets) = samples(20, 3);
+        inputs[5] = inputs[11];
+        let mut likelihood = Likelihood::new(&inputs, &targets).unwrap();
+        let evaluation = likelihood.evaluate(&Hyperparameters::new([1.0, 1.0], 1.0, 1e-20)).unwrap();
+        assert!(evaluation.jitter > 0.0);
+        assert!(evaluation.log_likelihood.is_finite() && evaluation.gradient.iter().all(f64::is_finite));
+    }
+
+    #[test]
+    fn bad_samples_are_refused_with_their_place() {
+        let empty: [[f64; 2]; 0] = [];
+        assert_eq!(Likelihood::new(&empty, &[]).err(), Some(LikelihoodError::NoSamples));
+        let error = Likelihood::new(&[[0.0, 1.0]], &[1.0, 2.0]).err().unwrap();
+        assert_eq!(error.to_string(), "1 inputs but 2 targets");
+        let error = Likelihood::new(&[[0.0, 1.0], [0.0, f64::INFINITY]], &[1.0, 2.0]).err().unwrap();
+        assert_eq!(error.to_string(), "input 1 of sample 1 is inf");
+        let error = Likelihood::new(&[[0.0, 1.0], [0.0, 0.0]], &[1.0, f64::NAN]).err().unwrap();
+        assert_eq!(error.to_string(), "target 0 of sample 1 is NaN");
+    }
+}

@@ -1,0 +1,425 @@
+//! Minimisation of a smooth function in a box, by a quasi-Newton method.
+//!
+//! | here       | in the equations                             | size    |
+//! |------------|----------------------------------------------|---------|
+//! | `point`    | x                                            | `n`     |
+//! | `gradient` | g = ∇f(x)                                    | `n`     |
+//! | `hessian`  | B, the BFGS approximation of ∇²f             | `n`×`n` |
+//! | `step`     | d = argmin gᵀd + ½ dᵀB d, x + d in the box   | `n`     |
+//!
+//! L-BFGS-B takes the same step from a B of limited memory, and needs a Cauchy point to guess which bounds hold. Hyperparameters
+//! are a dozen: B is kept whole, the step's quadratic programme is solved by a primal–dual active set, and fewer evaluations are
+//! needed. The step keeps x + t d in the box for t ≤ 1, and a strong-Wolfe search goes along it.
+//!
+//! Reference: Nocedal & Wright, *Numerical Optimization*, 2006, ch. 6 and 16.7; Hintermüller, Ito & Kunisch, *The primal-dual active
+//! set strategy as a semismooth Newton method*, SIAM J. Optim. 13, 2002.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::gp::line_search::{self, Trial};
+
+/// Box in which a minimum is sought.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SearchBox {
+    /// Smallest allowed of each variable; may be −∞.
+    pub lower: DVector<f64>,
+    /// Largest allowed of each variable; may be ∞.
+    pub upper: DVector<f64>,
+}
+
+/// When to stop, and how far to go at once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MinimiseOptions {
+    /// Evaluations of the function, the first included.
+    pub max_evaluations: usize,
+    /// Quasi-Newton steps.
+    pub max_iterations: usize,
+    /// Done when no entry of the gradient that does not push against a bound is larger.
+    pub gradient_tolerance: f64,
+    /// Done when a step decreases f by less than this times max(|f|, 1).
+    pub decrease_tolerance: f64,
+    /// No variable moves further in one step.
+    pub largest_step: f64,
+    /// Curvature assumed before any was seen (the first step is also at most one unit long).
+    pub first_curvature: f64,
+}
+
+impl Default for MinimiseOptions {
+    fn default() -> Self {
+        Self {
+            max_evaluations: 200,
+            max_iterations: 100,
+            gradient_tolerance: 1e-5,
+            decrease_tolerance: 2.2e-9,
+            largest_step: f64::INFINITY,
+            first_curvature: 1.0,
+        }
+    }
+}
+
+/// Why a minimisation ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Convergence {
+    /// The projected gradient is below its tolerance.
+    Gradient,
+    /// The last step brought next to nothing.
+    Decrease,
+    /// No step along the descent direction decreases f further, as near to the minimum as rounding lets it.
+    Stalled,
+    /// Evaluations or iterations were used up; the best point so far is returned.
+    Budget,
+}
+
+/// The best point found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Minimum {
+    /// Where.
+    pub point: DVector<f64>,
+    /// f there.
+    pub value: f64,
+    /// Evaluations used.
+    pub evaluations: usize,
+    /// Quasi-Newton steps taken.
+    pub iterations: usize,
+    /// Why it ended.
+    pub convergence: Convergence,
+}
+
+/// Why a minimisation could not begin.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum MinimiseError {
+    /// Start and bounds have as many entries as there are variables.
+    #[error("{start} variables but {lower} lower and {upper} upper bounds")]
+    Lengths {
+        /// Entries of the start.
+        start: usize,
+        /// Entries of the lower bound.
+        lower: usize,
+        /// Entries of the upper bound.
+        upper: usize,
+    },
+    /// A box must not be empty.
+    #[error("variable {variable} is to be at least {lower} and at most {upper}")]
+    EmptyBox {
+        /// Index of the variable.
+        variable: usize,
+        /// Its lower bound.
+        lower: f64,
+        /// Its upper bound.
+        upper: f64,
+    },
+    /// The function has no finite value or gradient at the start.
+    #[error("the function is {value} at the start, or its gradient is not finite")]
+    Start {
+        /// What it is.
+        value: f64,
+    },
+}
+
+/// Minimises `objective`, which returns value and gradient, from the point of the box nearest to `start`.
+///
+/// A value or slope that is not finite is stepped back from. Deterministic: same objective, same bits.
+pub fn minimise(
+    mut objective: impl FnMut(&DVector<f64>) -> (f64, DVector<f64>),
+    start: &DVector<f64>,
+    within: &SearchBox,
+    options: &MinimiseOptions,
+) -> Result<Minimum, MinimiseError> {
+    within.check(start.len())?;
+    let mut point = within.clamp(start);
+    let (mut value, mut gradient) = objective(&point);
+    if !(value.is_finite() && gradient.len() == point.len() && gradient.iter().all(|entry| entry.is_finite())) {
+        return Err(MinimiseError::Start { value });
+    }
+    let mut hessian = Hessian::new(&gradient, options.first_curvature);
+    let mut evaluations = 1;
+    let mut iterations = 0;
+    let convergence = loop {
+        if within.projected(&point, &gradient).amax() <= options.gradient_tolerance {
+            break Convergence::Gradient;
+        }
+        if evaluations >= options.max_evaluations || iterations >= options.max_iterations {
+            break Convergence::Budget;
+        }
+        let room = within.around(&point, options.largest_step);
+        let Some((step, slope)) = hessian.step(&gradient, &room) else {
+            if hessian.is_fresh {
+                break Convergence::Stalled;
+            }
+            hessian = Hessian::new(&gradient, options.first_curvature);
+            continue;
+        };
+        iterations += 1;
+        let longest = room.longest_along(&step);
+        let begin = Trial { step: 0.0, value, slope, point: () };
+        let found = line_search::search(&begin, 1.0, longest, options.max_evaluations - evaluations, |t| {
+            evaluations += 1;
+            let there = within.clamp(&(&point + &step * t));
+            let (value, gradient) = objective(&there);
+            Trial { step: t, value, slope: gradient.dot(&step), point: (there, gradient) }
+        });
+        let Some(Trial { value: new_value, point: (new_point, new_gradient), .. }) = found else {
+            if evaluations >= options.max_evaluations {
+                break Convergence::Budget;
+            }
+            if hessian.is_fresh {
+                break Convergence::Stalled;
+            }
+            hessian = Hessian::new(&gradient, options.first_curvature);
+            continue;
+        };
+        hessian.update(&(&new_point - &point), &(&new_gradient - &gradient));
+        let decrease = value - new_value;
+        (point, value, gradient) = (new_point, new_value, new_gradient);
+        if decrease <= options.decrease_tolerance * value.abs().max(1.0) {
+            break Convergence::Decrease;
+        }
+    };
+    Ok(Minimum { point, value, evaluations, iterations, convergence })
+}
+
+impl SearchBox {
+    fn check(&self, variables: usize) -> Result<(), MinimiseError> {
+        if self.lower.len() != variables || self.upper.len() != variables {
+            return Err(MinimiseError::Lengths { start: variables, lower: self.lower.len(), upper: self.upper.len() });
+        }
+        for (variable, (&lower, &upper)) in self.lower.iter().zip(&self.upper).enumerate() {
+            if lower.is_nan() || upper.is_nan() || lower > upper {
+                return Err(MinimiseError::EmptyBox { variable, lower, upper });
+            }
+        }
+        Ok(())
+    }
+
+    fn clamp(&self, point: &DVector<f64>) -> DVector<f64> {
+        point.sup(&self.lower).inf(&self.upper)
+    }
+
+    /// The gradient without the entries that push against a bound.
+    fn projected(&self, point: &DVector<f64>, gradient: &DVector<f64>) -> DVector<f64> {
+        point - self.clamp(&(point - gradient))
+    }
+
+    /// The steps that stay in this box and are at most `largest` in every variable.
+    fn around(&self, point: &DVector<f64>, largest: f64) -> Self {
+        let lower = (&self.lower - point).map(|entry| entry.max(-largest));
+        let upper = (&self.upper - point).map(|entry| entry.min(largest));
+        Self { lower, upper }
+    }
+
+    /// Largest t for which t `step` is in this box, which holds `step` itself.
+    fn longest_along(&self, step: &DVector<f64>) -> f64 {
+        let rooms = step.iter().zip(self.lower.iter().zip(&self.upper)).map(|(&along, (&lower, &upper))| {
+            if along < 0.0 {
+                lower / along
+            } else if along > 0.0 {
+                upper / along
+            } else {
+                f64::INFINITY
+            }
+        });
+        rooms.fold(f64::INFINITY, f64::min).max(1.0)
+    }
+}
+
+/// B, and whether it has seen any curvature.
+struct Hessian {
+    matrix: DMatrix<f64>,
+    is_fresh: bool,
+}
+
+/// Where a variable of the step is.
+#[derive(Clone, Copy, PartialEq)]
+enum Place {
+    Free,
+    Lower,
+    Upper,
+}
+
+impl Hessian {
+    fn new(gradient: &DVector<f64>, first_curvature: f64) -> Self {
+        let curvature = first_curvature.max(gradient.norm());
+        Self { matrix: DMatrix::identity(gradient.len(), gradient.len()) * curvature, is_fresh: true }
+    }
+
+    /// B ← B − B s sᵀB / sᵀB s + y yᵀ / yᵀs, unless the function curves downwards along s.
+    fn update(&mut self, step: &DVector<f64>, change: &DVector<f64>) {
+        let curvature = step.dot(change);
+        if curvature <= 1e-10 * step.norm() * change.norm() {
+            return;
+        }
+        if self.is_fresh {
+            self.matrix = DMatrix::identity(step.len(), step.len()) * (change.norm_squared() / curvature);
+            self.is_fresh = false;
+        }
+        let image = &self.matrix * step;
+        let before = step.dot(&image);
+        self.matrix += change * change.transpose() / curvature - &image * image.transpose() / before;
+    }
+
+    /// argmin gᵀd + ½ dᵀB d within `room`, and gᵀd; `None` if that is no descent.
+    fn step(&self, gradient: &DVector<f64>, room: &SearchBox) -> Option<(DVector<f64>, f64)> {
+        let variables = gradient.len();
+        let mut places: Vec<Place> = (0..variables)
+            .map(|i| match gradient[i] {
+                slope if slope > 0.0 && room.lower[i] >= 0.0 => Place::Lower,
+                slope if slope < 0.0 && room.upper[i] <= 0.0 => Place::Upper,
+                _ => Place::Free,
+            })
+            .collect();
+        let mut step = DVector::zeros(variables);
+        // Each round settles which bounds hold; it normally takes two or three, and the clamp below makes any number of them safe.
+        for _ in 0..3 * variables + 3 {
+            step = self.step_with(gradient, room, &places)?;
+            let multipliers = gradient + &self.matrix * &step;
+            let next: Vec<Place> = (0..variables)
+                .map(|i| match places[i] {
+                    Place::Free if step[i] < room.lower[i] => Place::Lower,
+                    Place::Free if step[i] > room.upper[i] => Place::Upper,
+                    Place::Lower if multipliers[i] < 0.0 => Place::Free,
+                    Place::Upper if multipliers[i] > 0.0 => Place::Free,
+                    place => place,
+                })
+                .collect();
+            if next == places {
+                break;
+            }
+            places = next;
+        }
+        let step = room.clamp(&step);
+        let slope = gradient.dot(&step);
+        (slope < 0.0).then_some((step, slope))
+    }
+
+    /// The minimiser with the variables at a bound held there: the rows of the others of B d = −g.
+    fn step_with(&self, gradient: &DVector<f64>, room: &SearchBox, places: &[Place]) -> Option<DVector<f64>> {
+        let variables = gradient.len();
+        let held = DVector::from_fn(variables, |i, _| match places[i] {
+            Place::Free => 0.0,
+            Place::Lower => room.lower[i],
+            Place::Upper => room.upper[i],
+        });
+        let pull = -(gradient + &self.matrix * &held);
+        let is_free = |i: usize| places[i] == Place::Free;
+        let matrix = DMatrix::from_fn(variables, variables, |row, column| match (is_free(row) && is_free(column), row == column) {
+            (true, _) => self.matrix[(row, column)],
+            (false, true) => 1.0,
+            (false, false) => 0.0,
+        });
+        let pull = DVector::from_fn(variables, |i, _| if is_free(i) { pull[i] } else { held[i] });
+        Some(matrix.cholesky()?.solve(&pull))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+    use super::{Convergence, MinimiseError, MinimiseOptions, SearchBox, minimise};
+    use nalgebra::{DMatrix, DVector, dvector};
+    use proptest::prelude::*;
+
+    fn rosenbrock(x: &DVector<f64>) -> (f64, DVector<f64>) {
+        let (a, b) = (1.0 - x[0], x[1] - x[0] * x[0]);
+        (a * a + 100.0 * b * b, dvector![-2.0 * a - 400.0 * x[0] * b, 200.0 * b])
+    }
+
+    fn within(lower: DVector<f64>, upper: DVector<f64>) -> SearchBox {
+        SearchBox { lower, upper }
+    }
+
+    const TIGHT: MinimiseOptions = MinimiseOptions {
+        max_evaluations: 500,
+        max_iterations: 500,
+        gradient_tolerance: 1e-9,
+        decrease_tolerance: 0.0,
+        largest_step: f64::INFINITY,
+        first_curvature: 1.0,
+    };
+
+    #[test]
+    fn finds_the_minimum_of_rosenbrocks_valley() {
+        let within = within(dvector![-5.0, -5.0], dvector![5.0, 5.0]);
+        let minimum = minimise(rosenbrock, &dvector![-1.2, 1.0], &within, &TIGHT).unwrap();
+        assert!((minimum.point - dvector![1.0, 1.0]).norm() < 1e-7);
+        assert!(minimum.evaluations < 80, "{}", minimum.evaluations);
+    }
+
+    #[test]
+    fn finds_the_minimum_of_rosenbrocks_valley_on_a_wall() {
+        // With x₀ ≤ ½ the minimum is at (½, ¼).
+        let within = within(dvector![-2.0, -2.0], dvector![0.5, 2.0]);
+        let minimum = minimise(rosenbrock, &dvector![-1.2, 1.0], &within, &TIGHT).unwrap();
+        assert!((minimum.point - dvector![0.5, 0.25]).norm() < 1e-7);
+    }
+
+    #[test]
+    fn a_quadratic_with_its_minimum_outside_ends_on_the_right_face() {
+        // ½ (x − c)ᵀ A (x − c), c = (2, 2); on x₀ = 1 the other follows from A₁₀ (1 − 2) + A₁₁ (x₁ − 2) = 0.
+        let matrix = DMatrix::from_row_slice(2, 2, &[3.0, 1.0, 1.0, 2.0]);
+        let objective = |x: &DVector<f64>| {
+            let gradient = &matrix * x.add_scalar(-2.0);
+            (0.5 * x.add_scalar(-2.0).dot(&gradient), gradient)
+        };
+        let within = within(dvector![-1.0, -1.0], dvector![1.0, 3.0]);
+        let minimum = minimise(objective, &dvector![-1.0, 0.0], &within, &TIGHT).unwrap();
+        assert!((minimum.point - dvector![1.0, 2.5]).norm() < 1e-7);
+        assert_eq!(minimum.convergence, Convergence::Gradient);
+    }
+
+    proptest! {
+        #[test]
+        fn convex_quadratics_end_where_the_gradient_only_pushes_outwards(
+            root in prop::collection::vec(-1.0..1.0_f64, 25),
+            centre in prop::collection::vec(-3.0..3.0_f64, 5),
+            start in prop::collection::vec(-2.0..2.0_f64, 5),
+        ) {
+            let root = DMatrix::from_vec(5, 5, root);
+            let matrix = &root * root.transpose() + DMatrix::identity(5, 5) * 0.1;
+            let centre = DVector::from_vec(centre);
+            let objective = |x: &DVector<f64>| {
+                let gradient = &matrix * (x - &centre);
+                (0.5 * (x - &centre).dot(&gradient), gradient)
+            };
+            let within = within(DVector::repeat(5, -1.0), DVector::repeat(5, 1.0));
+            let minimum = minimise(objective, &DVector::from_vec(start), &within, &TIGHT).unwrap();
+            let gradient = objective(&minimum.point).1;
+            prop_assert!(within.projected(&minimum.point, &gradient).amax() < 1e-6);
+            prop_assert!(minimum.point.amax() <= 1.0);
+        }
+
+        #[test]
+        fn the_budget_is_kept_and_no_step_goes_uphill(budget in 1_usize..40) {
+            let within = within(dvector![-5.0, -5.0], dvector![5.0, 5.0]);
+            let mut calls = 0;
+            let options = MinimiseOptions { max_evaluations: budget, ..TIGHT };
+            let counted = |x: &DVector<f64>| { calls += 1; rosenbrock(x) };
+            let start = dvector![-1.2, 1.0];
+            let minimum = minimise(counted, &start, &within, &options).unwrap();
+            prop_assert_eq!(calls, minimum.evaluations);
+            prop_assert!(calls <= budget && minimum.value <= rosenbrock(&start).0);
+        }
+    }
+
+    #[test]
+    fn a_region_without_values_is_avoided() {
+        let objective = |x: &DVector<f64>| {
+            if x[0] <= 0.0 { (f64::NAN, dvector![f64::NAN]) } else { (x[0] - x[0].ln(), dvector![1.0 - 1.0 / x[0]]) }
+        };
+        let within = within(dvector![f64::NEG_INFINITY], dvector![f64::INFINITY]);
+        let minimum = minimise(objective, &dvector![5.0], &within, &TIGHT).unwrap();
+        assert!((minimum.point[0] - 1.0).abs() < 1e-7);
+    }
+
+    #[test]
+    fn what_cannot_begin_says_why() {
+        let unit = within(dvector![0.0], dvector![1.0]);
+        let options = MinimiseOptions::default();
+        let bad = minimise(|x| (f64::NAN, x.clone()), &dvector![0.5], &unit, &options);
+        assert!(matches!(bad, Err(MinimiseError::Start { .. })));
+        let bad = minimise(|x| (0.0, x.clone()), &dvector![0.5, 0.5], &unit, &options);
+        assert_eq!(bad, Err(MinimiseError::Lengths { start: 2, lower: 1, upper: 1 }));
+        let bad = minimise(|x| (0.0, x.clone()), &dvector![0.5], &within(dvector![1.0], dvector![0.0]), &options);
+        assert_eq!(bad, Err(MinimiseError::EmptyBox { variable: 0, lower: 1.0, upper: 0.0 }));
+    }
+}

@@ -1,0 +1,324 @@
+//! Posterior of three outputs over shared inputs: mean, gradient, variance.
+//!
+//! | here      | in the equations              | size                  |
+//! |-----------|-------------------------------|-----------------------|
+//! | `weights` | α = (K + σₙ² I)⁻¹ y           | `n`, per output       |
+//! | `factor`  | L, L Lᵀ = K + σₙ² I           | `n` × `n`, lower half |
+//! | `k`       | k(X, x)                       | `n`                   |
+//!
+//! ```text
+//! mean = kᵀα,   ∂mean/∂x_d = −Σᵢ αᵢ kᵢ (x_d − Xᵢ_d) / ℓ_d²,   variance = σ² − ‖L⁻¹k‖²
+//! ```
+//!
+//! The variance is that of the function; an observation has σₙ² more. Samples are kept in blocks of [`LANES`], padded by samples of
+//! zero weight, so that a query runs in vector registers with its sums in a fixed order: the same bits on every call, and with
+//! registers of any width.
+//!
+//! Reference: Rasmussen & Williams 2006, eqs. 2.25, 2.26 and algorithm 2.1.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt;
+use faer::traits::pulp::Arch;
+use faer::{Mat, MatMut, Par};
+
+use crate::gp::covariance::{ScaledInputs, factor_scratch, factorise};
+use crate::gp::data::{self, DataError};
+use crate::gp::exponential::exponential;
+use crate::gp::hyperparameters::{Hyperparameters, HyperparametersError};
+
+/// How many outputs share the inputs: one per axis of the body velocity.
+pub const OUTPUTS: usize = 3;
+
+/// Samples in a block.
+const LANES: usize = 8;
+
+/// What the samples say of three functions.
+#[derive(Debug, Clone)]
+pub struct Posterior<const D: usize> {
+    outputs: [Output<D>; OUTPUTS],
+    samples: usize,
+    /// Vector instructions of this machine.
+    machine: Arch,
+}
+
+/// Mean of each output and its gradient.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeanAndGradient<const D: usize> {
+    /// In output units.
+    pub mean: [f64; OUTPUTS],
+    /// Row per output, column per input: output units per input unit.
+    pub gradient: [[f64; D]; OUTPUTS],
+}
+
+/// Memory of a variance query; one per thread.
+#[derive(Debug, Clone)]
+pub struct VarianceScratch {
+    column: Vec<f64>,
+}
+
+/// Why samples gave no posterior.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum PosteriorError {
+    /// The samples are not usable.
+    #[error(transparent)]
+    Data(#[from] DataError),
+    /// The hyperparameters of an output are not usable.
+    #[error("output {output}: {reason}")]
+    Hyperparameters {
+        /// Index of the output.
+        output: usize,
+        /// Which, and why.
+        reason: HyperparametersError,
+    },
+    /// K + σₙ² I lost positive definiteness; more noise or fewer twins among the inputs help.
+    #[error("output {output}: the covariance of {samples} samples is not positive definite, whatever the jitter")]
+    NotPositiveDefinite {
+        /// Index of the output.
+        output: usize,
+        /// How many samples.
+        samples: usize,
+    },
+}
+
+#[derive(Debug, Clone)]
+struct Output<const D: usize> {
+    hyperparameters: Hyperparameters<D>,
+    /// 1 / ℓ
+    rate: [f64; D],
+    blocks: Vec<Block<D>>,
+    weights: Vec<f64>,
+    /// Columns of L one after the other, each from its diagonal down; of the diagonal, the reciprocal.
+    factor: Vec<f64>,
+    jitter: f64,
+}
+
+/// Eight samples side by side.
+#[derive(Debug, Clone, Copy)]
+struct Block<const D: usize> {
+    /// X / ℓ
+    inputs: [[f64; LANES]; D],
+    /// σ² α
+    weights: [f64; LANES],
+}
+
+impl<const D: usize> Posterior<D> {
+    /// Conditions three priors on samples. O(n³); keeps O(n²). No samples are legal: that is the prior.
+    pub fn new(
+        inputs: &[[f64; D]],
+        targets: &[[f64; OUTPUTS]],
+        hyperparameters: &[Hyperparameters<D>; OUTPUTS],
+    ) -> Result<Self, PosteriorError> {
+        data::check(inputs, targets)?;
+        let mut posterior = Self::prior_only(hyperparameters)?;
+        posterior.samples = inputs.len();
+        let mut work = Work::new(inputs.len());
+        for (output, state) in posterior.outputs.iter_mut().enumerate() {
+            work.weights.clear();
+            work.weights.extend(targets.iter().map(|target| target[output]));
+            state
+                .condition(inputs, &mut work)
+                .ok_or(PosteriorError::NotPositiveDefinite { output, samples: inputs.len() })?;
+        }
+        Ok(posterior)
+    }
+
+    /// Three priors: mean zero, variance σ² everywhere.
+    pub fn prior_only(hyperparameters: &[Hyperparameters<D>; OUTPUTS]) -> Result<Self, PosteriorError> {
+        for (output, hyperparameters) in hyperparameters.iter().enumerate() {
+            hyperparameters.check().map_err(|reason| PosteriorError::Hyperparameters { output, reason })?;
+        }
+        Ok(Self { outputs: hyperparameters.map(Output::prior), samples: 0, machine: Arch::new() })
+    }
+
+    /// How many samples it is conditioned on.
+    pub fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// Those of each output.
+    pub fn hyperparameters(&self) -> [Hyperparameters<D>; OUTPUTS] {
+        self.outputs.each_ref().map(|output| output.hyperparameters)
+    }
+
+    /// α of each output, as long as there are samples.
+    pub fn weights(&self) -> [&[f64]; OUTPUTS] {
+        self.outputs.each_ref().map(|output| output.weights.as_slice())
+    }
+
+    /// What had to be added to the noise variance of each output to factorise its covariance; normally zero.
+    pub fn jitter(&self) -> [f64; OUTPUTS] {
+        self.outputs.each_ref().map(|output| output.jitter)
+    }
+
+    /// Mean of each output at `x`. O(n D); does not allocate.
+    pub fn mean(&self, x: &[f64; D]) -> [f64; OUTPUTS] {
+        self.machine.dispatch(|| self.outputs.each_ref().map(|output| output.mean(x)))
+    }
+
+    /// Mean of each output at `x`, and its gradient. O(n D); does not allocate. The mean has the bits of [`mean`](Self::mean).
+    pub fn mean_and_gradient(&self, x: &[f64; D]) -> MeanAndGradient<D> {
+        let [a, b, c] = self.machine.dispatch(|| self.outputs.each_ref().map(|output| output.mean_and_gradient(x)));
+        MeanAndGradient { mean: [a.0, b.0, c.0], gradient: [a.1, b.1, c.1] }
+    }
+
+    /// Variance of each function at `x`, between zero and its prior variance. O(n²).
+    ///
+    /// Does not allocate if the scratch is for at least as many samples; else the scratch grows.
+    pub fn variance(&self, x: &[f64; D], scratch: &mut VarianceScratch) -> [f64; OUTPUTS] {
+        let padded = self.samples.next_multiple_of(LANES);
+        if scratch.column.len() < padded {
+            scratch.column.resize(padded, 0.0);
+        }
+        let column = &mut scratch.column[..padded];
+        self.machine.dispatch(|| self.outputs.each_ref().map(|output| output.variance(x, column)))
+    }
+}
+
+impl VarianceScratch {
+    /// For posteriors of up to so many samples.
+    pub fn new(samples: usize) -> Self {
+        Self { column: vec![0.0; samples.next_multiple_of(LANES)] }
+    }
+}
+
+/// Memory of the factorisation, shared by the outputs.
+struct Work<const D: usize> {
+    scaled: ScaledInputs<D>,
+    kernel: Mat<f64>,
+    factor: Mat<f64>,
+    /// Targets, then weights.
+    weights: Vec<f64>,
+    memory: MemBuffer,
+}
+
+impl<const D: usize> Work<D> {
+    fn new(samples: usize) -> Self {
+        Self {
+            scaled: ScaledInputs::new(samples),
+            kernel: Mat::zeros(samples, samples),
+            factor: Mat::zeros(samples, samples),
+            weights: Vec::with_capacity(samples),
+            memory: MemBuffer::new(factor_scratch(samples)),
+        }
+    }
+}
+
+impl<const D: usize> Output<D> {
+    fn prior(hyperparameters: Hyperparameters<D>) -> Self {
+        let rate = hyperparameters.kernel.length_scale.map(f64::recip);
+        Self { hyperparameters, rate, blocks: Vec::new(), weights: Vec::new(), factor: Vec::new(), jitter: 0.0 }
+    }
+
+    /// `None` if the covariance does not factorise.
+    fn condition(&mut self, inputs: &[[f64; D]], work: &mut Work<D>) -> Option<()> {
+        let Hyperparameters { kernel, noise_variance } = self.hyperparameters;
+        work.scaled.scale(inputs, &kernel.length_scale);
+        work.scaled.covariance(kernel.variance, &mut work.kernel);
+        self.jitter = factorise(&work.kernel, noise_variance, &mut work.factor, &mut work.memory).ok()?;
+        llt::solve::solve_in_place(
+            work.factor.as_ref(),
+            MatMut::from_column_major_slice_mut(&mut work.weights, inputs.len(), 1),
+            Par::Seq,
+            MemStack::new(&mut work.memory),
+        );
+        self.weights = work.weights.clone();
+        self.factor = Vec::with_capacity(inputs.len() * (inputs.len() + 1) / 2);
+        for column in 0..inputs.len() {
+            let entries = &work.factor.col_as_slice(column)[column..];
+            self.factor.push(entries[0].recip());
+            self.factor.extend_from_slice(&entries[1..]);
+        }
+        self.blocks = vec![Block { inputs: [[0.0; LANES]; D], weights: [0.0; LANES] }; inputs.len().div_ceil(LANES)];
+        for (sample, weight) in self.weights.iter().enumerate() {
+            let block = &mut self.blocks[sample / LANES];
+            block.weights[sample % LANES] = kernel.variance * weight;
+            for (lanes, column) in block.inputs.iter_mut().zip(work.scaled.columns()) {
+                lanes[sample % LANES] = column[sample];
+            }
+        }
+        Some(())
+    }
+
+    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[inline(always)]
+    fn scaled(&self, x: &[f64; D]) -> [f64; D] {
+        std::array::from_fn(|i| x[i] * self.rate[i])
+    }
+
+    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[inline(always)]
+    fn mean(&self, x: &[f64; D]) -> f64 {
+        let x = self.scaled(x);
+        let mut mean = [0.0; LANES];
+        for block in &self.blocks {
+            let shares = block.shares(&x, &block.weights);
+            for (sum, share) in mean.iter_mut().zip(&shares) {
+                *sum += share;
+            }
+        }
+        mean.iter().sum()
+    }
+
+    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[inline(always)]
+    fn mean_and_gradient(&self, x: &[f64; D]) -> (f64, [f64; D]) {
+        let x = self.scaled(x);
+        let mut mean = [0.0; LANES];
+        let mut gradient = [[0.0; LANES]; D];
+        for block in &self.blocks {
+            let shares = block.shares(&x, &block.weights);
+            for (sum, share) in mean.iter_mut().zip(&shares) {
+                *sum += share;
+            }
+            for ((sums, inputs), x) in gradient.iter_mut().zip(&block.inputs).zip(&x) {
+                for ((sum, share), input) in sums.iter_mut().zip(&shares).zip(inputs) {
+                    *sum += share * (input - x);
+                }
+            }
+        }
+        (mean.iter().sum(), std::array::from_fn(|i| gradient[i].iter().sum::<f64>() * self.rate[i]))
+    }
+
+    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[inline(always)]
+    fn variance(&self, x: &[f64; D], column: &mut [f64]) -> f64 {
+        let prior = self.hyperparameters.kernel.variance;
+        let x = self.scaled(x);
+        for (lanes, block) in column.as_chunks_mut::<LANES>().0.iter_mut().zip(&self.blocks) {
+            *lanes = block.shares(&x, &[prior; LANES]);
+        }
+        // L⁻¹k by columns: once an entry is known, its share goes out of all below.
+        let mut explained = 0.0;
+        let mut rest = &mut column[..self.weights.len()];
+        let mut factor = self.factor.as_slice();
+        while let Some((first, below)) = rest.split_first_mut() {
+            let (entries, further) = factor.split_at(below.len() + 1);
+            let solved = *first * entries[0];
+            explained += solved * solved;
+            for (entry, factor) in below.iter_mut().zip(&entries[1..]) {
+                *entry -= solved * factor;
+            }
+            (rest, factor) = (below, further);
+        }
+        (prior - explained).clamp(0.0, prior)
+    }
+}
+
+impl<const D: usize> Block<D> {
+    /// weight · exp(−½ ‖x − X‖²) of each sample, everything in length scales.
+    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[inline(always)]
+    fn shares(&self, x: &[f64; D], weights: &[f64; LANES]) -> [f64; LANES] {
+        let mut shares = [0.0; LANES];
+        for (inputs, x) in self.inputs.iter().zip(x) {
+            for (sum, input) in shares.iter_mut().zip(inputs) {
+                let difference = input - x;
+                *sum += difference * difference;
+            }
+        }
+        for (share, weight) in shares.iter_mut().zip(weights) {
+            *share = weight * exponential(-0.5 * *share);
+        }
+        shares
+    }
+}

@@ -1,0 +1,1 @@
+//! What every process of the graph does at its start and end.
