@@ -1,2 +1,63 @@
-//! model
+//! What we believe of the robot, and how we learn the rest. Pure: no clock, no thread, no input or output, no logging.
+//!
+//! | module         | what it computes                                                               |
+//! |----------------|--------------------------------------------------------------------------------|
+//! | [`robot`]      | geometry, kinematics and dynamics of a mecanum base (eqs. 4–21)                |
+//! | [`main_model`] | f: the exact discretisation of the believed dynamics, one axis at a time       |
+//! | [`lqr`]        | the gain K of u = −K x^f (eq. 23) and its cost-to-go                            |
+//! | [`residual`]   | g: what was measured minus what f said (eqs. 27–29)                            |
+//! | [`gp`]         | Gaussian-process regression of g                                               |
+//! | [`learned`]    | g as the controller uses it: layout of the inputs, normalisation, bound        |
+//! | [`observer`]   | d: what neither f nor g explains                                               |
+//! | [`predict`]    | one step of f + g + d                                                          |
+//! | [`linearise`]  | its Jacobians                                                                  |
+//!
+//! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. Wheels: front-right, front-left, rear-left, rear-right.
+
 pub mod gp;
+pub mod learned;
+pub mod linearise;
+pub mod lqr;
+pub mod main_model;
+pub mod observer;
+pub mod predict;
+pub mod residual;
+pub mod robot;
+
+/// Velocity axes of the body: forward, left, yaw.
+pub const AXES: usize = 3;
+
+/// Forward, left and yaw: a body velocity \[m/s, m/s, rad/s\], or something per velocity axis.
+pub type Velocity = [f64; AXES];
+
+/// x, y and yaw in the world \[m, m, rad\].
+pub type Pose = [f64; 3];
+
+/// Pose in the world and velocity in the body: the state x of the controller.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct State {
+    /// Pose in the world.
+    pub pose: Pose,
+    /// Body velocity.
+    pub velocity: Velocity,
+}
+
+impl State {
+    /// Whether every number is finite.
+    pub fn is_finite(&self) -> bool {
+        self.pose.iter().chain(&self.velocity).all(|value| value.is_finite())
+    }
+
+    /// x, y, yaw, forward, left, yaw rate.
+    pub fn to_array(&self) -> [f64; 6] {
+        let ([x, y, yaw], [forward, left, rate]) = (self.pose, self.velocity);
+        [x, y, yaw, forward, left, rate]
+    }
+}
+
+/// The angle in (−π, π] that differs from `angle` by whole turns \[rad\].
+pub fn wrap(angle: f64) -> f64 {
+    let turn = std::f64::consts::TAU;
+    let wrapped = angle - turn * (angle / turn).round();
+    if wrapped <= -std::f64::consts::PI { wrapped + turn } else { wrapped }
+}

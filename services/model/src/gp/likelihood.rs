@@ -32,7 +32,6 @@ use crate::gp::hyperparameters::{Hyperparameters, HyperparametersError, LogHyper
 const LANES: usize = 8;
 
 /// Log marginal likelihood of the targets as a function of the hyperparameters, with the memory to compute it.
-#[derive(Debug)]
 pub struct Likelihood<'a, const D: usize> {
     inputs: &'a [[f64; D]],
     targets: &'a [f64],

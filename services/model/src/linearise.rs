@@ -1,0 +1,111 @@
+//! The Jacobians of one predicted step, with the learned model's own.
+//!
+//! With W = ½ ∂v⁺/∂· + ½ ∂v/∂· for the mean velocity v̄, and θ' = θ + T ω̄/2 for the mid-step heading:
+//!
+//! ```text
+//! ∂v⁺/∂v = A + ∂g/∂v          ∂p⁺/∂· = T R(θ') W_xy + T R'(θ') v̄ ∂θ'/∂·
+//! ∂v⁺/∂u = B + ∂g/∂u          ∂θ⁺/∂· = ∂θ/∂· + T W_ω
+//! ```
+
+use crate::predict::{Belief, advance};
+use crate::{State, Velocity};
+use nalgebra::{Matrix3, RowVector3, SMatrix, Vector3};
+
+/// A predicted step and how it varies. Rows and columns: x, y, yaw, forward, left, yaw rate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Linearised {
+    /// The predicted state.
+    pub next: State,
+    /// ∂x⁺/∂x.
+    pub by_state: SMatrix<f64, 6, 6>,
+    /// ∂x⁺/∂u.
+    pub by_input: SMatrix<f64, 6, 3>,
+}
+
+/// Predicts one step and differentiates it. Does not allocate.
+pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linearised {
+    let response = belief.response(&state.velocity, input);
+    let next = advance(belief, state, input, &response.mean);
+    let period = belief.main.period;
+
+    let velocity_by_velocity = Matrix3::from_fn(|row, column| {
+        response.by_velocity[row][column] + if row == column { belief.main.decay[row] } else { 0.0 }
+    });
+    let velocity_by_input = Matrix3::from_fn(|row, column| {
+        response.by_input[row][column] + if row == column { belief.main.gain[row] } else { 0.0 }
+    });
+    let mean: Velocity = std::array::from_fn(|axis| 0.5 * (state.velocity[axis] + next.velocity[axis]));
+    let mean_by_velocity = 0.5 * (Matrix3::identity() + velocity_by_velocity);
+    let mean_by_input = 0.5 * velocity_by_input;
+
+    // Rows: the world displacement and turn per mean velocity; column: the same per mid-step heading.
+    let (sin, cos) = (state.pose[2] + 0.5 * period * mean[2]).sin_cos();
+    let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0) * period;
+    let by_heading = Vector3::new(-sin * mean[0] - cos * mean[1], cos * mean[0] - sin * mean[1], 0.0) * period;
+
+    let pose_by_mean = turned + by_heading * RowVector3::new(0.0, 0.0, 0.5 * period);
+    let mut by_state = SMatrix::<f64, 6, 6>::identity();
+    let mut heading_column = by_state.fixed_view_mut::<3, 1>(0, 2);
+    heading_column += by_heading;
+    by_state.fixed_view_mut::<3, 3>(0, 3).copy_from(&(pose_by_mean * mean_by_velocity));
+    by_state.fixed_view_mut::<3, 3>(3, 3).copy_from(&velocity_by_velocity);
+    let mut by_input = SMatrix::<f64, 6, 3>::zeros();
+    by_input.fixed_view_mut::<3, 3>(0, 0).copy_from(&(pose_by_mean * mean_by_input));
+    by_input.fixed_view_mut::<3, 3>(3, 0).copy_from(&velocity_by_input);
+    Linearised { next, by_state, by_input }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gp::hyperparameters::Hyperparameters;
+    use crate::gp::normalisation::Normalisation;
+    use crate::gp::posterior::{Posterior, PosteriorError};
+    use crate::learned::{INPUTS, Layout, Learned};
+    use crate::main_model::MainModel;
+    use crate::robot::dynamics::tests::robot;
+    use proptest::prelude::*;
+
+    /// A learned model of some smooth residual, in either layout.
+    fn learned(layout: Layout) -> Result<Learned, PosteriorError> {
+        let normalisation = Normalisation { mean: [0.5, 0.0, 0.0, 0.1, 0.0, 0.0], scale: [2.0, 1.0, 1.5, 1.0, 0.5, 2.0] };
+        let wave = |i: usize, k: f64| (1.7 * k * i as f64).sin() * 2.0;
+        let velocities: Vec<([f64; 3], [f64; 3])> =
+            (0..40).map(|i| ([wave(i, 1.0), wave(i, 1.3), wave(i, 0.7)], [wave(i, 0.3), wave(i, 1.9), wave(i, 2.3)])).collect();
+        let inputs: Vec<[f64; INPUTS]> = velocities.iter().map(|(v, u)| normalisation.apply(&layout.inputs(v, u))).collect();
+        let targets: Vec<[f64; 3]> =
+            velocities.iter().map(|(v, u)| [0.1 * v[0].tanh(), 0.05 * v[1] * u[2], 0.1 * (u[0] - v[0]).sin()]).collect();
+        let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([1.5; INPUTS], 0.04, 1e-4); 3])?;
+        Ok(Learned { layout, normalisation, posterior, bound: [1.0; 3] })
+    }
+
+    proptest! {
+        #[test]
+        fn jacobians_match_finite_differences(
+            pose in prop::array::uniform3(-3.0..3.0), velocity in prop::array::uniform3(-2.0..2.0),
+            input in prop::array::uniform3(-2.0..2.0), slip in any::<bool>()
+        ) {
+            let main = MainModel::new(&robot(), 0.1);
+            let learned = learned(if slip { Layout::VelocitySlip } else { Layout::VelocityInput }).map_err(|e| TestCaseError::fail(e.to_string()))?;
+            let belief = Belief { main: &main, learned: Some(&learned), disturbance: [0.01, -0.02, 0.03] };
+            let at = |x: [f64; 6], u: [f64; 3]| belief.predict(&State { pose: [x[0], x[1], x[2]], velocity: [x[3], x[4], x[5]] }, &u).to_array();
+            let state = State { pose, velocity };
+            let exact = linearise(&belief, &state, &input);
+            prop_assert_eq!(exact.next, belief.predict(&state, &input));
+            let step = 1e-5;
+            for column in 0..9 {
+                let moved = |by: f64| {
+                    let (mut x, mut u) = (state.to_array(), input);
+                    if column < 6 { x[column] += by } else { u[column - 6] += by }
+                    at(x, u)
+                };
+                let (ahead, behind) = (moved(step), moved(-step));
+                for row in 0..6 {
+                    let numeric = (ahead[row] - behind[row]) / (2.0 * step);
+                    let analytic = if column < 6 { exact.by_state[(row, column)] } else { exact.by_input[(row, column - 6)] };
+                    prop_assert!((numeric - analytic).abs() < 1e-8, "row {} column {}: {} is not {}", row, column, analytic, numeric);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! The disturbance observer: per axis, what neither the main model nor the learned one explains.
+//!
+//! ```text
+//! innovation = v⁺ − (f(v, u) + g(v, u) + d)      d ← d + ℓ · innovation
+//! ```
+//! In the steady state d is the constant part of what is left, which makes the controller offset-free. GP and observer share the
+//! residual without fighting: when another g is adopted, d is worked out again from the last samples, as if that g had always been there.
+
+use crate::Velocity;
+
+/// How many samples are kept for working d out again.
+pub const MEMORY: usize = 12;
+
+/// One period as the observer saw it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Sample {
+    /// Velocity at its start.
+    pub velocity: Velocity,
+    /// Input that the wheels got.
+    pub input: Velocity,
+    /// Residual of the main model.
+    pub residual: Velocity,
+}
+
+/// d and the samples that it came from. Does not allocate.
+#[derive(Debug, Clone)]
+pub struct Observer {
+    gain: f64,
+    disturbance: Velocity,
+    innovation: Velocity,
+    samples: [Sample; MEMORY],
+    /// Number of samples ever taken in; the last [`MEMORY`] are kept, in a ring.
+    taken: usize,
+}
+
+impl Observer {
+    /// An observer of gain ℓ: 0 never corrects, 1 believes the last sample alone.
+    pub fn new(gain: f64) -> Self {
+        Self { gain, disturbance: [0.0; 3], innovation: [0.0; 3], samples: [Sample::default(); MEMORY], taken: 0 }
+    }
+
+    /// d \[m/s, m/s, rad/s\], per period.
+    pub fn disturbance(&self) -> Velocity {
+        self.disturbance
+    }
+
+    /// Last one-step error of the whole model, before d was corrected \[m/s, m/s, rad/s\].
+    pub fn innovation(&self) -> Velocity {
+        self.innovation
+    }
+
+    /// Takes in one period, of which the learned model says `learned`.
+    pub fn update(&mut self, sample: Sample, learned: &Velocity) {
+        self.correct(&sample, learned);
+        let place = self.taken % MEMORY;
+        if let Some(slot) = self.samples.get_mut(place) {
+            *slot = sample;
+        }
+        self.taken += 1;
+    }
+
+    /// Works d out again for another learned model, over the samples that are kept.
+    pub fn replay(&mut self, learned: impl Fn(&Velocity, &Velocity) -> Velocity) {
+        let innovation = self.innovation;
+        self.disturbance = [0.0; 3];
+        for age in (0..self.taken.min(MEMORY)).rev() {
+            let place = (self.taken - 1 - age) % MEMORY;
+            if let Some(&sample) = self.samples.get(place) {
+                self.correct(&sample, &learned(&sample.velocity, &sample.input));
+            }
+        }
+        self.innovation = innovation;
+    }
+
+    /// Forgets everything: the robot has been put somewhere else.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.gain);
+    }
+
+    fn correct(&mut self, sample: &Sample, learned: &Velocity) {
+        for axis in 0..3 {
+            self.innovation[axis] = sample.residual[axis] - learned[axis] - self.disturbance[axis];
+            self.disturbance[axis] += self.gain * self.innovation[axis];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(residual: Velocity) -> Sample {
+        Sample { residual, ..Sample::default() }
+    }
+
+    #[test]
+    fn a_constant_disturbance_is_found() {
+        let mut observer = Observer::new(0.5);
+        for _ in 0..60 {
+            observer.update(sample([0.1, -0.2, 0.3]), &[0.0; 3]);
+        }
+        for (found, truth) in observer.disturbance().iter().zip([0.1, -0.2, 0.3]) {
+            assert!((found - truth).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_model_that_explains_everything_leaves_nothing_to_the_observer_after_a_replay() {
+        let mut observer = Observer::new(0.5);
+        for _ in 0..30 {
+            observer.update(sample([0.1, -0.2, 0.3]), &[0.0; 3]);
+        }
+        observer.replay(|_, _| [0.1, -0.2, 0.3]);
+        for left in observer.disturbance() {
+            assert!(left.abs() < 1e-12);
+        }
+    }
+}

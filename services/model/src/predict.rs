@@ -1,0 +1,58 @@
+//! One step of the whole model: f + g + d for the velocity, and the pose that follows from it.
+//!
+//! ```text
+//! v⁺ = A v + B u + g(v, u) + d
+//! θ⁺ = θ + T (ω + ω⁺)/2
+//! p⁺ = p + T R(θ + T (ω + ω⁺)/4) (v + v⁺)/2
+//! ```
+//! that is, the mean velocity of the period at its mid-step heading. Unlike section 4.1 of the paper, which iterates the main model
+//! alone and adds g afterwards, g is fed back into the prediction, as its eq. 32 has it.
+
+use crate::learned::{Learned, Response};
+use crate::main_model::MainModel;
+use crate::{AXES, State, Velocity};
+
+/// What is believed at one moment: main model, learned residual if there is one, and disturbance.
+#[derive(Debug, Clone, Copy)]
+pub struct Belief<'a> {
+    /// f.
+    pub main: &'a MainModel,
+    /// g.
+    pub learned: Option<&'a Learned>,
+    /// d, per period \[m/s, m/s, rad/s\].
+    pub disturbance: Velocity,
+}
+
+impl Belief<'_> {
+    /// g at one velocity and input, without d.
+    pub fn residual(&self, velocity: &Velocity, input: &Velocity) -> Velocity {
+        self.learned.map_or([0.0; AXES], |learned| learned.mean(velocity, input))
+    }
+
+    /// g with its Jacobians.
+    pub fn response(&self, velocity: &Velocity, input: &Velocity) -> Response {
+        self.learned.map_or(Response::NONE, |learned| learned.response(velocity, input))
+    }
+
+    /// The state one period later. Does not allocate.
+    pub fn predict(&self, state: &State, input: &Velocity) -> State {
+        let residual = self.residual(&state.velocity, input);
+        advance(self, state, input, &residual)
+    }
+}
+
+/// The state one period later, for a residual that is already known.
+pub(crate) fn advance(belief: &Belief<'_>, state: &State, input: &Velocity, residual: &Velocity) -> State {
+    let expected = belief.main.next_velocity(&state.velocity, input);
+    let velocity: Velocity = std::array::from_fn(|axis| expected[axis] + residual[axis] + belief.disturbance[axis]);
+    let mean: Velocity = std::array::from_fn(|axis| 0.5 * (state.velocity[axis] + velocity[axis]));
+    let period = belief.main.period;
+    let [x, y, yaw] = state.pose;
+    let (sin, cos) = (yaw + 0.5 * period * mean[2]).sin_cos();
+    let pose = [
+        x + period * (cos * mean[0] - sin * mean[1]),
+        y + period * (sin * mean[0] + cos * mean[1]),
+        yaw + period * mean[2],
+    ];
+    State { pose, velocity }
+}

@@ -1,0 +1,120 @@
+//! A mecanum base as it is believed to be.
+
+pub mod dynamics;
+pub mod geometry;
+pub mod kinematics;
+
+pub use geometry::Geometry;
+
+use serde::{Deserialize, Serialize};
+
+/// One robot: what a robot file holds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Robot {
+    /// Where its wheels are.
+    pub geometry: Geometry,
+    /// Its masses and frictions, as believed.
+    pub body: Body,
+    /// Its motors and their speed loop.
+    pub drive: Drive,
+    /// What it may be asked.
+    pub limits: Limits,
+}
+
+/// Masses and frictions, as believed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Body {
+    /// m \[kg\].
+    pub mass_kg: f64,
+    /// `I_z` about the vertical through the centre of mass \[kg m²\].
+    pub yaw_inertia_kg_m2: f64,
+    /// `I_ω` of one wheel with its rotor \[kg m²\].
+    pub wheel_inertia_kg_m2: f64,
+    /// f, viscous friction of one axle \[N m s\].
+    pub axle_friction_nms: f64,
+}
+
+/// Motors and the speed loop of the ESC, i = `k_p` (`u_m` − ω).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Drive {
+    /// p, pole pairs.
+    pub pole_pairs: f64,
+    /// `K_T` \[N m/A\].
+    pub torque_constant_nm_per_a: f64,
+    /// `k_p` \[A s/rad\].
+    pub speed_loop_gain_a_s_per_rad: f64,
+    /// Largest motor current \[A\].
+    pub current_limit_a: f64,
+    /// Largest wheel speed \[rad/s\].
+    pub wheel_speed_limit_radps: f64,
+}
+
+/// What the robot may be asked, whatever its wheels could do.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Limits {
+    /// Largest planar input, per axis \[m/s\].
+    pub input_mps: f64,
+    /// Largest yaw input \[rad/s\].
+    pub yaw_input_radps: f64,
+    /// Largest change of the planar input, per axis \[m/s²\].
+    pub input_rate_mps2: f64,
+    /// Largest change of the yaw input \[rad/s²\].
+    pub yaw_input_rate_radps2: f64,
+    /// Deceleration of the gate's braking ramp \[m/s²\].
+    pub brake_mps2: f64,
+    /// Yaw deceleration of the gate's braking ramp \[rad/s²\].
+    pub yaw_brake_radps2: f64,
+}
+
+/// A parameter that no robot has.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{key}: expected {expected}")]
+pub struct Impossible {
+    /// Dotted path of the parameter.
+    pub key: &'static str,
+    /// What it must be.
+    pub expected: &'static str,
+}
+
+impl Robot {
+    /// Checks that such a robot can exist.
+    ///
+    /// # Errors
+    /// [`Impossible`] names the first parameter that cannot be.
+    pub fn check(&self) -> Result<(), Impossible> {
+        let positive = [
+            ("geometry.wheel_radius_m", self.geometry.wheel_radius_m),
+            ("geometry.half_wheelbase_m", self.geometry.half_wheelbase_m),
+            ("geometry.half_track_m", self.geometry.half_track_m),
+            ("body.mass_kg", self.body.mass_kg),
+            ("body.yaw_inertia_kg_m2", self.body.yaw_inertia_kg_m2),
+            ("drive.pole_pairs", self.drive.pole_pairs),
+            ("drive.torque_constant_nm_per_a", self.drive.torque_constant_nm_per_a),
+            ("drive.speed_loop_gain_a_s_per_rad", self.drive.speed_loop_gain_a_s_per_rad),
+            ("drive.current_limit_a", self.drive.current_limit_a),
+            ("drive.wheel_speed_limit_radps", self.drive.wheel_speed_limit_radps),
+            ("limits.input_mps", self.limits.input_mps),
+            ("limits.yaw_input_radps", self.limits.yaw_input_radps),
+            ("limits.input_rate_mps2", self.limits.input_rate_mps2),
+            ("limits.yaw_input_rate_radps2", self.limits.yaw_input_rate_radps2),
+            ("limits.brake_mps2", self.limits.brake_mps2),
+            ("limits.yaw_brake_radps2", self.limits.yaw_brake_radps2),
+        ];
+        for (key, value) in positive {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Impossible { key, expected: "a finite number greater than 0" });
+            }
+        }
+        let not_negative = [("body.wheel_inertia_kg_m2", self.body.wheel_inertia_kg_m2), ("body.axle_friction_nms", self.body.axle_friction_nms)];
+        for (key, value) in not_negative {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(Impossible { key, expected: "a finite number of at least 0" });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,89 @@
+//! Dynamics of the base in its wheel speeds (eqs. 10–21, corrected).
+//!
+//! M ω̇ = p `K_T` i − f ω, with the inertia of eqs. 19 and 20. Corrections of the paper: M multiplies the wheels' angular
+//! *acceleration* (eqs. 18, 21); the torque p `K_T` i drives and friction opposes (eq. 16); the inertia that assumption 2 drops
+//! is kept, as eq. 10 has it. Rolling friction (eq. 14) and the Coriolis terms that eqs. 10–12 lose belong to the residual.
+//!
+//! The columns of J are eigenvectors of M, so the three body axes do not mix:
+//!
+//! | axis          | λ                    |
+//! |---------------|----------------------|
+//! | forward, left | m r²/4 + `I_ω`       |
+//! | yaw           | `I_z` r²/(4 L²) + `I_ω` |
+
+use super::Robot;
+use crate::Velocity;
+
+/// M of eqs. 19 and 20 \[kg m²\].
+pub fn inertia(robot: &Robot) -> [[f64; 4]; 4] {
+    let radius = robot.geometry.wheel_radius_m;
+    let lever = robot.geometry.lever_m();
+    let a = robot.body.mass_kg * radius * radius / 8.0;
+    let b = robot.body.yaw_inertia_kg_m2 * radius * radius / (16.0 * lever * lever);
+    let c = a + b + robot.body.wheel_inertia_kg_m2;
+    let d = a - b;
+    [[c, -b, d, b], [-b, c, b, d], [d, b, c, -b], [b, d, -b, c]]
+}
+
+/// λ: eigenvalue of M along each column of J, the inertia that one axis shows to the motors \[kg m²\].
+pub fn axis_inertia(robot: &Robot) -> Velocity {
+    let radius = robot.geometry.wheel_radius_m;
+    let lever = robot.geometry.lever_m();
+    let planar = robot.body.mass_kg * radius * radius / 4.0 + robot.body.wheel_inertia_kg_m2;
+    let yaw = robot.body.yaw_inertia_kg_m2 * radius * radius / (4.0 * lever * lever) + robot.body.wheel_inertia_kg_m2;
+    [planar, planar, yaw]
+}
+
+/// κ = p `K_T` `k_p`: torque of the speed loop per speed error \[N m s\].
+pub fn speed_loop_stiffness(robot: &Robot) -> f64 {
+    robot.drive.pole_pairs * robot.drive.torque_constant_nm_per_a * robot.drive.speed_loop_gain_a_s_per_rad
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::super::{Body, Drive, Geometry, Limits, Robot, kinematics};
+    use super::*;
+
+    /// The believed robot of the paper's scenario.
+    pub(crate) fn robot() -> Robot {
+        Robot {
+            geometry: Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 },
+            body: Body { mass_kg: 15.0, yaw_inertia_kg_m2: 0.6, wheel_inertia_kg_m2: 2e-3, axle_friction_nms: 2e-3 },
+            drive: Drive {
+                pole_pairs: 4.0,
+                torque_constant_nm_per_a: 0.04,
+                speed_loop_gain_a_s_per_rad: 0.5,
+                current_limit_a: 20.0,
+                wheel_speed_limit_radps: 120.0,
+            },
+            limits: Limits {
+                input_mps: 5.0,
+                yaw_input_radps: 6.0,
+                input_rate_mps2: 50.0,
+                yaw_input_rate_radps2: 100.0,
+                brake_mps2: 10.0,
+                yaw_brake_radps2: 20.0,
+            },
+        }
+    }
+
+    #[test]
+    fn the_columns_of_j_are_eigenvectors_of_the_inertia() {
+        let robot = robot();
+        let inertia = inertia(&robot);
+        let columns = kinematics::jacobian(&robot.geometry);
+        for (axis, lambda) in axis_inertia(&robot).into_iter().enumerate() {
+            for (row, of_wheel) in inertia.iter().zip(&columns) {
+                let product: f64 = row.iter().zip(&columns).map(|(m, column)| m * column[axis]).sum();
+                assert!((product - lambda * of_wheel[axis]).abs() < 1e-15, "axis {axis}: {product} is not {lambda} times the column");
+            }
+        }
+    }
+
+    #[test]
+    fn a_robot_without_mass_is_refused_by_name() {
+        let mut robot = robot();
+        robot.body.mass_kg = 0.0;
+        assert_eq!(robot.check().map_err(|e| e.key), Err("body.mass_kg"));
+    }
+}
