@@ -1,6 +1,6 @@
 //! The bounded random force: an Ornstein–Uhlenbeck process, clipped, and held for a millisecond of simulated time.
 //!
-//! x⁺ = clip(φ x + √(1 − φ²) σ n), φ = e^(−h/τ), n ~ N(0, 1), with σ half the bound and h = 1 ms.
+//! x⁺ = φ x + √(1 − φ²) n, φ = e^(−h/τ), n ~ N(0, 1), h = 1 ms; the force is half the bound times x, at most the bound.
 
 use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};
@@ -17,9 +17,10 @@ const HOLD_S: f64 = 1e-3;
 pub(super) struct Disturbance {
     /// Bounds along x and y \[N\] and about the vertical axis \[N m\].
     bound: Vector3<f64>,
-    /// φ: what is left of a force after one hold.
+    /// φ: what is left of the process after one hold.
     memory: f64,
-    force: Vector3<f64>,
+    /// x: of mean zero and variance one, whatever the bound.
+    process: Vector3<f64>,
     generator: Pcg64Mcg,
 }
 
@@ -27,32 +28,32 @@ impl Disturbance {
     /// A process that has been running for ever, as the seed has it.
     pub(super) fn new(settings: Option<&RandomForce>, seed: u64) -> Self {
         let settings = settings.copied().unwrap_or_default();
-        let memory = if settings.correlation_s > 0.0 { (-HOLD_S / settings.correlation_s).exp() } else { 0.0 };
-        let mut disturbance = Self {
+        let mut generator = Pcg64Mcg::seed_from_u64(seed);
+        Self {
             bound: Vector3::new(settings.bound_n, settings.bound_n, settings.bound_nm),
-            memory,
-            force: Vector3::zeros(),
-            generator: Pcg64Mcg::seed_from_u64(seed),
-        };
-        disturbance.blend(0.0);
-        disturbance
+            memory: if settings.correlation_s > 0.0 {
+                (-HOLD_S / settings.correlation_s).exp()
+            } else {
+                0.0
+            },
+            process: Vector3::from_fn(|_, _| generator.sample(StandardNormal)),
+            generator,
+        }
     }
 
     /// The force now, in the body frame (N, N, N m).
     pub(super) fn force(&self) -> Vector3<f64> {
-        self.force
+        self.process.zip_map(&self.bound, |process, bound| {
+            (0.5 * bound * process).clamp(-bound, bound)
+        })
     }
 
     /// Goes on by one hold. Does not allocate.
     pub(super) fn next(&mut self) {
-        self.blend(self.memory);
-    }
-
-    fn blend(&mut self, memory: f64) {
-        let news = (1.0 - memory * memory).sqrt();
-        for (force, bound) in self.force.iter_mut().zip(&self.bound) {
+        let news = (1.0 - self.memory * self.memory).sqrt();
+        for process in &mut self.process {
             let draw: f64 = self.generator.sample(StandardNormal);
-            *force = (memory * *force + news * 0.5 * bound * draw).clamp(-bound, *bound);
+            *process = self.memory * *process + news * draw;
         }
     }
 }
@@ -62,7 +63,14 @@ mod tests {
     use super::*;
 
     fn process(correlation_s: f64) -> Disturbance {
-        Disturbance::new(Some(&RandomForce { bound_n: 2.0, bound_nm: 0.1, correlation_s }), 7)
+        Disturbance::new(
+            Some(&RandomForce {
+                bound_n: 2.0,
+                bound_nm: 0.1,
+                correlation_s,
+            }),
+            7,
+        )
     }
 
     #[test]
@@ -76,13 +84,19 @@ mod tests {
     }
 
     #[test]
-    fn a_force_is_half_forgotten_after_its_time_times_log_two() {
+    fn a_force_is_half_forgotten_after_log_two_of_its_time() {
         let mut process = process(0.05);
         let lag = 35; // 0.05 s · ln 2 in milliseconds
-        let forces: Vec<f64> = (0..400_000).map(|_| (process.next(), process.force().x).1).collect();
+        let forces: Vec<f64> = (0..400_000)
+            .map(|_| (process.next(), process.force().x).1)
+            .collect();
         let power: f64 = forces.iter().map(|x| x * x).sum::<f64>() / forces.len() as f64;
-        let product: f64 =
-            forces.iter().zip(&forces[lag..]).map(|(a, b)| a * b).sum::<f64>() / (forces.len() - lag) as f64;
+        let product: f64 = forces
+            .iter()
+            .zip(&forces[lag..])
+            .map(|(a, b)| a * b)
+            .sum::<f64>()
+            / (forces.len() - lag) as f64;
         assert!((product / power - 0.5).abs() < 0.05, "{}", product / power);
     }
 

@@ -267,3 +267,33 @@ pub struct Sensor {
     /// Step of each motor's current \[A\].
     pub current_step_a: f64,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::de::value::{Error, MapDeserializer};
+
+    fn read<const N: usize>(settings: [(&str, f64); N]) -> Result<Truth, Error> {
+        Truth::deserialize(MapDeserializer::new(settings.into_iter()))
+    }
+
+    #[test]
+    fn what_a_scenario_leaves_out_is_the_plain_robot() {
+        let named = Truth {
+            mass_kg: 22.0,
+            drag_n_s2_per_m2: 0.5,
+            ..Truth::default()
+        };
+        assert_eq!(
+            read([("mass_kg", 22.0), ("drag_n_s2_per_m2", 0.5)]),
+            Ok(named)
+        );
+        assert_eq!(read([]), Ok(Truth::default()));
+    }
+
+    #[test]
+    fn a_setting_that_is_not_known_is_refused_by_name() {
+        let refused = read([("mas_kg", 22.0)]).map_err(|error| error.to_string());
+        assert!(refused.is_err_and(|message| message.contains("`mas_kg`")));
+    }
+}

@@ -1,5 +1,4 @@
 //! What a query costs the controller and a fit costs the learner, on the samples of the reference problem.
-#![expect(missing_docs, reason = "the macros of criterion write undocumented functions")]
 #![expect(clippy::unwrap_used, reason = "a bench ends at the first surprise")]
 
 #[path = "../tests/reference_problem/gp_data.rs"]

@@ -40,3 +40,4 @@ pub mod normalisation;
 pub mod optimise;
 pub mod posterior;
 pub mod split_mix;
+mod vectorise;

@@ -1,5 +1,6 @@
 //! Laws of the posterior.
 #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+#![expect(clippy::float_cmp, reason = "what has nothing to add or subtract is exact")]
 
 use model::gp::data::DataError;
 use model::gp::hyperparameters::Hyperparameters;
@@ -143,6 +144,18 @@ fn twins_among_the_inputs_cost_a_jitter_and_nothing_else() {
     assert!(posterior.jitter().iter().all(|&jitter| jitter > 0.0 && jitter < 1e-6), "{:?}", posterior.jitter());
     let mean = posterior.mean(&inputs[3]);
     assert!(mean.iter().zip(&targets[3]).all(|(mean, target)| (mean - target).abs() < 1e-3));
+}
+
+#[test]
+fn rounding_does_not_make_a_variance_negative() {
+    // Samples so close together, and so little noise, that σ² − ‖L⁻¹k‖² is nothing but rounding.
+    let (inputs, targets) = samples(60, 4);
+    let certain = [Hyperparameters::new([300.0; D], 1e6, 1e-9); 3];
+    let posterior = Posterior::new(&inputs, &targets, &certain).unwrap();
+    let mut scratch = VarianceScratch::new(60);
+    for input in &inputs {
+        assert!(posterior.variance(input, &mut scratch).iter().all(|&variance| variance >= 0.0));
+    }
 }
 
 #[test]

@@ -12,6 +12,7 @@ use faer::traits::pulp::Arch;
 use faer::{Mat, Par};
 
 use crate::gp::exponential::exponential;
+use crate::gp::vectorise::vectorise;
 
 /// Added to the diagonal when the plain covariance does not factorise, relative to σ² + σₙ²: first this …
 const FIRST_JITTER: f64 = 1e-12;
@@ -47,7 +48,11 @@ impl<const D: usize> ScaledInputs<D> {
 
     /// Lower half of K, the diagonal included. O(n² D); does not allocate.
     pub(crate) fn covariance(&self, variance: f64, kernel: &mut Mat<f64>) {
-        Arch::new().dispatch(|| self.fill(variance, kernel));
+        vectorise(
+            Arch::new(),
+            #[inline(always)]
+            || self.fill(variance, kernel),
+        );
     }
 
     #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]

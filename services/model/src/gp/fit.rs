@@ -310,10 +310,7 @@ mod tests {
         assert_eq!(message(fit(&inputs, &targets[1..], &START, &options)), "10 inputs but 9 targets");
         assert_eq!(message(fit::<2>(&[], &[], &START, &options)), "there are no samples");
         let start = Hyperparameters::new([1.0, -1.0], 1.0, 1.0);
-        assert_eq!(
-            message(fit(&inputs, &targets, &start, &options)),
-            "the start: length scale 1 is -1; it must be positive and finite"
-        );
+        assert_eq!(message(fit(&inputs, &targets, &start, &options)), "the start: length scale 1 is -1; it must be positive and finite");
         let mut crossed = options;
         crossed.bounds.upper.noise_variance = 1e-9;
         assert!(matches!(fit(&inputs, &targets, &START, &crossed), Err(FitError::Minimise(_))));

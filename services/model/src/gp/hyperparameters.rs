@@ -114,10 +114,7 @@ pub struct Bounds<const D: usize> {
 impl<const D: usize> Default for Bounds<D> {
     /// 10⁻³ … 10³ for all, but the noise variance from 10⁻⁶.
     fn default() -> Self {
-        Self {
-            lower: Hyperparameters::new([1e-3; D], 1e-3, 1e-6),
-            upper: Hyperparameters::new([1e3; D], 1e3, 1e3),
-        }
+        Self { lower: Hyperparameters::new([1e-3; D], 1e-3, 1e-6), upper: Hyperparameters::new([1e3; D], 1e3, 1e3) }
     }
 }
 
@@ -142,9 +139,7 @@ mod tests {
         let here = Hyperparameters::new([1.0, 2.0, 3.0], 4.0, 5.0);
         let there: Vec<f64> = here.ln().iter().collect();
         let back = LogHyperparameters::<3>::from_slice(&there).map(|log| log.exp());
-        assert!(back.is_some_and(|back| {
-            back.ln().iter().zip(&there).all(|(back, there)| (back - there).abs() < 1e-15)
-        }));
+        assert!(back.is_some_and(|back| { back.ln().iter().zip(&there).all(|(back, there)| (back - there).abs() < 1e-15) }));
         assert_eq!(LogHyperparameters::<2>::from_slice(&there), None);
     }
 

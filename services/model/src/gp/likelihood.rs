@@ -27,6 +27,7 @@ use faer::{Mat, MatMut, Par};
 use crate::gp::covariance::{ScaledInputs, factor_scratch, factorise};
 use crate::gp::data::{self, DataError};
 use crate::gp::hyperparameters::{Hyperparameters, HyperparametersError, LogHyperparameters};
+use crate::gp::vectorise::vectorise;
 
 /// Partial sums kept side by side, so that the order of a sum is fixed and it still fills vector registers.
 const LANES: usize = 8;
@@ -126,7 +127,11 @@ impl<'a, const D: usize> Likelihood<'a, D> {
         let log_likelihood = -0.5 * fit - log_root_determinant - 0.5 * samples as f64 * std::f64::consts::TAU.ln();
 
         llt::inverse::inverse(self.inverse.as_mut(), self.factor.as_ref(), Par::Seq, MemStack::new(&mut self.memory));
-        let gradient = Arch::new().dispatch(|| self.gradient(kernel.variance, noise_variance));
+        let gradient = vectorise(
+            Arch::new(),
+            #[inline(always)]
+            || self.gradient(kernel.variance, noise_variance),
+        );
         Ok(Evaluation { log_likelihood, gradient, jitter })
     }
 

@@ -10,7 +10,7 @@
 //! mean = kᵀα,   ∂mean/∂x_d = −Σᵢ αᵢ kᵢ (x_d − Xᵢ_d) / ℓ_d²,   variance = σ² − ‖L⁻¹k‖²
 //! ```
 //!
-//! The variance is that of the function; an observation has σₙ² more. Samples are kept in blocks of [`LANES`], padded by samples of
+//! The variance is that of the function; an observation has σₙ² more. Samples are kept in blocks of eight, padded by samples of
 //! zero weight, so that a query runs in vector registers with its sums in a fixed order: the same bits on every call, and with
 //! registers of any width.
 //!
@@ -25,6 +25,7 @@ use crate::gp::covariance::{ScaledInputs, factor_scratch, factorise};
 use crate::gp::data::{self, DataError};
 use crate::gp::exponential::exponential;
 use crate::gp::hyperparameters::{Hyperparameters, HyperparametersError};
+use crate::gp::vectorise::vectorise;
 
 /// How many outputs share the inputs: one per axis of the body velocity.
 pub const OUTPUTS: usize = 3;
@@ -115,9 +116,7 @@ impl<const D: usize> Posterior<D> {
         for (output, state) in posterior.outputs.iter_mut().enumerate() {
             work.weights.clear();
             work.weights.extend(targets.iter().map(|target| target[output]));
-            state
-                .condition(inputs, &mut work)
-                .ok_or(PosteriorError::NotPositiveDefinite { output, samples: inputs.len() })?;
+            state.condition(inputs, &mut work).ok_or(PosteriorError::NotPositiveDefinite { output, samples: inputs.len() })?;
         }
         Ok(posterior)
     }
@@ -152,13 +151,32 @@ impl<const D: usize> Posterior<D> {
 
     /// Mean of each output at `x`. O(n D); does not allocate.
     pub fn mean(&self, x: &[f64; D]) -> [f64; OUTPUTS] {
-        self.machine.dispatch(|| self.outputs.each_ref().map(|output| output.mean(x)))
+        let mut mean = [0.0; OUTPUTS];
+        vectorise(
+            self.machine,
+            #[inline(always)]
+            || {
+                for (mean, output) in mean.iter_mut().zip(&self.outputs) {
+                    *mean = output.mean(x);
+                }
+            },
+        );
+        mean
     }
 
     /// Mean of each output at `x`, and its gradient. O(n D); does not allocate. The mean has the bits of [`mean`](Self::mean).
     pub fn mean_and_gradient(&self, x: &[f64; D]) -> MeanAndGradient<D> {
-        let [a, b, c] = self.machine.dispatch(|| self.outputs.each_ref().map(|output| output.mean_and_gradient(x)));
-        MeanAndGradient { mean: [a.0, b.0, c.0], gradient: [a.1, b.1, c.1] }
+        let mut answer = MeanAndGradient { mean: [0.0; OUTPUTS], gradient: [[0.0; D]; OUTPUTS] };
+        vectorise(
+            self.machine,
+            #[inline(always)]
+            || {
+                for ((mean, gradient), output) in answer.mean.iter_mut().zip(&mut answer.gradient).zip(&self.outputs) {
+                    (*mean, *gradient) = output.mean_and_gradient(x);
+                }
+            },
+        );
+        answer
     }
 
     /// Variance of each function at `x`, between zero and its prior variance. O(n²).
@@ -170,7 +188,17 @@ impl<const D: usize> Posterior<D> {
             scratch.column.resize(padded, 0.0);
         }
         let column = &mut scratch.column[..padded];
-        self.machine.dispatch(|| self.outputs.each_ref().map(|output| output.variance(x, column)))
+        let mut variance = [0.0; OUTPUTS];
+        vectorise(
+            self.machine,
+            #[inline(always)]
+            || {
+                for (variance, output) in variance.iter_mut().zip(&self.outputs) {
+                    *variance = output.variance(x, column);
+                }
+            },
+        );
+        variance
     }
 }
 
@@ -221,7 +249,7 @@ impl<const D: usize> Output<D> {
             Par::Seq,
             MemStack::new(&mut work.memory),
         );
-        self.weights = work.weights.clone();
+        self.weights.clone_from(&work.weights);
         self.factor = Vec::with_capacity(inputs.len() * (inputs.len() + 1) / 2);
         for column in 0..inputs.len() {
             let entries = &work.factor.col_as_slice(column)[column..];
@@ -320,5 +348,32 @@ impl<const D: usize> Block<D> {
             *share = weight * exponential(-0.5 * *share);
         }
         shares
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+    #![expect(clippy::float_cmp, reason = "the same bits are the promise")]
+
+    use super::{Posterior, VarianceScratch};
+    use crate::gp::hyperparameters::Hyperparameters;
+    use crate::gp::split_mix::SplitMix64;
+    use faer::traits::pulp::Arch;
+
+    #[test]
+    fn the_width_of_the_registers_does_not_change_a_bit() {
+        let mut random = SplitMix64::new(11);
+        let inputs: Vec<[f64; 4]> = (0..77).map(|_| std::array::from_fn(|_| random.normal())).collect();
+        let targets: Vec<[f64; 3]> = inputs.iter().map(|_| std::array::from_fn(|_| random.normal())).collect();
+        let hyperparameters = [Hyperparameters::new([1.0, 0.5, 2.0, 0.3], 1.7, 0.05); 3];
+        let wide = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();
+        let narrow = Posterior { machine: Arch::Scalar, ..wide.clone() };
+        let mut scratch = VarianceScratch::new(77);
+        for _ in 0..50 {
+            let x: [f64; 4] = std::array::from_fn(|_| random.normal());
+            assert_eq!(wide.mean_and_gradient(&x), narrow.mean_and_gradient(&x));
+            assert_eq!(wide.variance(&x, &mut scratch), narrow.variance(&x, &mut scratch));
+        }
     }
 }

@@ -16,7 +16,7 @@ fn residual([vx, vy, w]: [f64; 3], [ux, uy, uw]: [f64; 3]) -> [f64; 3] {
 }
 
 /// Inputs (v, u) and the three residuals, in the order of draws that every implementation shares.
-pub fn gp_data(samples: usize, seed: u64) -> (Vec<[f64; 6]>, Vec<[f64; 3]>) {
+pub(crate) fn gp_data(samples: usize, seed: u64) -> (Vec<[f64; 6]>, Vec<[f64; 3]>) {
     let mut random = SplitMix64::new(seed);
     let mut draw = || {
         let v: [f64; 3] = std::array::from_fn(|i| (2.0 * random.uniform() - 1.0) * LARGEST_INPUT[i]);

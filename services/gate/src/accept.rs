@@ -1,0 +1,75 @@
+//! Whether one command may act at all.
+
+use crate::Bounds;
+use protocol::message::{Command, Reason};
+
+/// Most that the answered state's age may be, in half periods: 1.5 T.
+const AGE_LIMIT_HALF_PERIODS: u64 = 3;
+/// Silence after which another writer of the same epoch is listened to \[periods\].
+pub(crate) const SILENCE_PERIODS: u64 = 3;
+
+/// What the gate knows when a command comes.
+#[derive(Debug, Clone, Copy)]
+pub struct Situation {
+    /// The plant's own epoch.
+    pub plant_epoch: u64,
+    /// Its present tick.
+    pub tick: u64,
+    /// Time since the state that the command answers was published; `None` if that is too long ago to be remembered \[ns\].
+    pub age_nanos: Option<u64>,
+    /// Tick that the last accepted command answered.
+    pub accepted_tick: Option<u64>,
+    /// Highest controller epoch so far, its writer, and the time since that was last heard \[ns\].
+    pub writer: Option<(u64, u64, u64)>,
+    /// Input that acts at this moment.
+    pub acting: [f64; 3],
+}
+
+/// Judges one command. Pure, does not allocate.
+///
+/// # Errors
+/// The [`Reason`] why it may not act.
+pub fn judge(command: &Command, situation: &Situation, bounds: &Bounds) -> Result<(), Reason> {
+    let inputs = || std::iter::once(&command.input).chain(command.tail());
+    if !inputs().flatten().all(|value| value.is_finite()) {
+        return Err(Reason::NotFinite);
+    }
+    if !inputs().all(|input| bounds.contain(input)) {
+        return Err(Reason::OutOfBounds);
+    }
+    if command.plant_epoch != situation.plant_epoch {
+        return Err(Reason::OldPlantEpoch);
+    }
+    judge_writer(command, situation, bounds)?;
+    if command.stamp.tick > situation.tick {
+        return Err(Reason::FromTheFuture);
+    }
+    if situation.accepted_tick.is_some_and(|accepted| command.stamp.tick <= accepted) {
+        return Err(Reason::NotNewer);
+    }
+    let oldest = bounds.period_nanos * AGE_LIMIT_HALF_PERIODS / 2 + bounds.link_delay_nanos;
+    if situation.age_nanos.is_none_or(|age| age > oldest) {
+        return Err(Reason::TooOld);
+    }
+    let mut before = &situation.acting;
+    for input in inputs() {
+        if !bounds.allow_change(before, input) {
+            return Err(Reason::TooFast);
+        }
+        before = input;
+    }
+    Ok(())
+}
+
+/// Of two epochs the higher; of two writers with the same epoch the first, until it has been silent.
+fn judge_writer(command: &Command, situation: &Situation, bounds: &Bounds) -> Result<(), Reason> {
+    let Some((epoch, writer, silent_nanos)) = situation.writer else { return Ok(()) };
+    if command.stamp.epoch < epoch {
+        return Err(Reason::OldEpoch);
+    }
+    let another = command.stamp.epoch == epoch && command.stamp.writer != writer;
+    if another && silent_nanos < SILENCE_PERIODS * bounds.period_nanos {
+        return Err(Reason::SecondWriter);
+    }
+    Ok(())
+}

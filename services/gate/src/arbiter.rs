@@ -1,0 +1,116 @@
+//! Which rung acts: a pure function of flags and time.
+
+use protocol::message::{Reason, Rung};
+
+/// Periods without an accepted command after which the robot brakes.
+pub const BRAKE_FROM_PERIODS: u64 = 3;
+/// Good periods that it takes to leave the brake.
+pub const RECOVERY_PERIODS: u32 = 3;
+
+/// Everything that the decision depends on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Situation {
+    /// Standing until a person starts the plant again.
+    pub latched: bool,
+    /// Rung and age of the last accepted command; `None` before the first.
+    pub accepted: Option<Accepted>,
+    /// The robot has braked, and has not yet seen enough good periods.
+    pub braking: bool,
+}
+
+/// The last accepted command, as the decision sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Accepted {
+    /// Rung that its controller stood on.
+    pub rung: Rung,
+    /// Whole periods since the state that it answered.
+    pub age_periods: u64,
+    /// Length of its tail \[periods\].
+    pub tail: u64,
+}
+
+/// What acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Choice {
+    /// Nothing: the wheels stand.
+    Stand,
+    /// The input of the last accepted command.
+    Command,
+    /// An entry of its tail, from 0.
+    Tail(usize),
+    /// The ramp to standstill.
+    Brake,
+}
+
+/// Decides. Total: every situation has an answer.
+pub fn decide(situation: &Situation) -> (Choice, Rung, Reason) {
+    if situation.latched {
+        return (Choice::Brake, Rung::LatchedStop, Reason::BadState);
+    }
+    let Some(accepted) = situation.accepted else {
+        return (Choice::Stand, Rung::Waiting, Reason::NoCommandYet);
+    };
+    if accepted.age_periods >= BRAKE_FROM_PERIODS || accepted.age_periods > accepted.tail {
+        return (Choice::Brake, Rung::Brake, Reason::Missing);
+    }
+    if situation.braking {
+        return (Choice::Brake, Rung::Brake, Reason::Recovering);
+    }
+    match accepted.age_periods {
+        0 if accepted.rung >= Rung::Brake => (Choice::Command, accepted.rung, Reason::BadState),
+        0 => (Choice::Command, accepted.rung, Reason::None),
+        age => (Choice::Tail(age as usize - 1), Rung::StoredTail, Reason::Missing),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every situation that can be told apart.
+    fn every_situation() -> impl Iterator<Item = Situation> {
+        let accepted = Rung::ALL.iter().flat_map(|&rung| {
+            (0..6).flat_map(move |age_periods| (0..5).map(move |tail| Some(Accepted { rung, age_periods, tail })))
+        });
+        accepted.chain(std::iter::once(None)).flat_map(|accepted| {
+            [(false, false), (false, true), (true, false), (true, true)]
+                .map(|(latched, braking)| Situation { latched, accepted, braking })
+        })
+    }
+
+    #[test]
+    fn from_three_periods_on_nothing_but_the_brake_acts() {
+        for situation in every_situation() {
+            if situation.accepted.is_some_and(|accepted| accepted.age_periods >= 3) {
+                assert_eq!(decide(&situation).0, Choice::Brake, "{situation:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_tail_is_never_played_beyond_its_end() {
+        for situation in every_situation() {
+            if let (Choice::Tail(index), Some(accepted)) = (decide(&situation).0, situation.accepted) {
+                assert!((index as u64) < accepted.tail, "{situation:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_latched_stop_never_drives() {
+        for situation in every_situation().filter(|situation| situation.latched) {
+            assert_eq!(decide(&situation).1, Rung::LatchedStop);
+            assert!(!matches!(decide(&situation).0, Choice::Command | Choice::Tail(_)));
+        }
+    }
+
+    #[test]
+    fn every_rung_but_a_fresh_one_has_a_reason() {
+        for situation in every_situation() {
+            let (_, rung, reason) = decide(&situation);
+            let unexplained = matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr);
+            let echoes_the_controller = situation.accepted.is_some_and(|accepted| accepted.rung == rung);
+            assert!(unexplained || echoes_the_controller || reason != Reason::None, "{situation:?} gives {rung} without a reason");
+        }
+    }
+}

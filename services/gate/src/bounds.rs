@@ -1,0 +1,60 @@
+//! What an input may be: box, wheel speeds, change per period, and the ramp of the brake.
+
+use model::Velocity;
+use model::robot::{Robot, kinematics};
+
+/// Rounding that an optimiser may leave at a bound, relative.
+const SLACK: f64 = 1e-6;
+/// The change is measured against what acts at this moment, the optimiser's against the past period's mean: they may differ by so much.
+const CHANGE_SLACK: f64 = 1.5;
+
+/// Bounds of one robot for one period. Constant.
+#[derive(Debug, Clone, Copy)]
+pub struct Bounds {
+    /// T \[ns\].
+    pub period_nanos: u64,
+    /// Delay that the link is known to have, added to the age that is allowed \[ns\].
+    pub link_delay_nanos: u64,
+    input: Velocity,
+    change: Velocity,
+    brake: Velocity,
+    wheel: [Velocity; 4],
+}
+
+impl Bounds {
+    /// The bounds of `robot`.
+    pub fn new(robot: &Robot, period_nanos: u64, link_delay_nanos: u64) -> Self {
+        let limits = &robot.limits;
+        let period = period_nanos as f64 * 1e-9;
+        let per_wheel = 1.0 / (robot.geometry.wheel_radius_m * robot.drive.wheel_speed_limit_radps);
+        Self {
+            period_nanos,
+            link_delay_nanos,
+            input: [limits.input_mps, limits.input_mps, limits.yaw_input_radps],
+            change: [limits.input_rate_mps2, limits.input_rate_mps2, limits.yaw_input_rate_radps2].map(|rate| rate * period * CHANGE_SLACK),
+            brake: [limits.brake_mps2, limits.brake_mps2, limits.yaw_brake_radps2],
+            wheel: kinematics::jacobian(&robot.geometry).map(|row| row.map(|value| value * per_wheel)),
+        }
+    }
+
+    /// Whether an input is within the box and the wheels' speed.
+    pub fn contain(&self, input: &Velocity) -> bool {
+        let in_box = input.iter().zip(&self.input).all(|(value, bound)| value.abs() <= bound * (1.0 + SLACK));
+        let turning = |row: &Velocity| row.iter().zip(input).map(|(a, b)| a * b).sum::<f64>().abs() <= 1.0 + SLACK;
+        in_box && self.wheel.iter().all(turning)
+    }
+
+    /// Whether `to` may follow `from` one period later.
+    pub fn allow_change(&self, from: &Velocity, to: &Velocity) -> bool {
+        from.iter().zip(to).zip(&self.change).all(|((from, to), bound)| (to - from).abs() <= bound * (1.0 + SLACK))
+    }
+
+    /// `input` after braking for `nanos`.
+    pub fn braked(&self, input: &Velocity, nanos: u64) -> Velocity {
+        let time = nanos as f64 * 1e-9;
+        std::array::from_fn(|axis| {
+            let step = self.brake[axis] * time;
+            input[axis] - input[axis].clamp(-step, step)
+        })
+    }
+}

@@ -1,0 +1,343 @@
+//! The gate: remembers what was accepted, and says what the wheels get at any moment.
+
+use crate::Bounds;
+use crate::accept::{self, judge};
+use crate::arbiter::{self, Accepted, Choice, RECOVERY_PERIODS, decide};
+use model::Velocity;
+use protocol::message::{Command, Reason, Rung};
+
+/// Publishing times that are remembered: more than any acceptable age.
+const REMEMBERED: usize = 8;
+
+/// Who drives the wheels at this moment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Acting {
+    /// Epoch of the controller; 0 if none drives.
+    pub epoch: u64,
+    /// Its writer.
+    pub writer: u64,
+    /// Tick that its command answered.
+    pub tick: u64,
+}
+
+/// What the wheels get at one moment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Decision {
+    /// Body velocity for the wheels \[m/s, m/s, rad/s\].
+    pub input: Velocity,
+    /// Where it comes from.
+    pub rung: Rung,
+    /// Why.
+    pub reason: Reason,
+    /// Who is behind it.
+    pub acting: Acting,
+}
+
+/// The last accepted command.
+#[derive(Debug, Clone, Copy)]
+struct Stored {
+    command: Command,
+    /// When the state that it answers was published \[ns\].
+    answered_nanos: u64,
+}
+
+/// The gate of one plant instance. All times are nanoseconds of the caller's monotonic clock, or ticks times the period in lock step.
+#[derive(Debug, Clone)]
+pub struct Gate {
+    bounds: Bounds,
+    plant_epoch: u64,
+    tick: u64,
+    /// (tick, time) of the states published last.
+    published: [(u64, u64); REMEMBERED],
+    stored: Option<Stored>,
+    /// Highest epoch, its writer, and when it was last heard.
+    writer: Option<(u64, u64, u64)>,
+    input: Velocity,
+    /// When `input` was last worked out.
+    input_nanos: u64,
+    latched: bool,
+    braking: bool,
+    good_periods: u32,
+    refused: u64,
+    /// Last refusal of the present period.
+    refusal: Reason,
+}
+
+impl Gate {
+    /// A gate that has heard nothing yet.
+    pub fn new(bounds: Bounds, plant_epoch: u64) -> Self {
+        Self {
+            bounds,
+            plant_epoch,
+            tick: 0,
+            published: [(u64::MAX, 0); REMEMBERED],
+            stored: None,
+            writer: None,
+            input: [0.0; 3],
+            input_nanos: 0,
+            latched: false,
+            braking: false,
+            good_periods: 0,
+            refused: 0,
+            refusal: Reason::None,
+        }
+    }
+
+    /// The state of `tick` is published at `now`.
+    pub fn begin_period(&mut self, tick: u64, now: u64) {
+        self.tick = tick;
+        if let Some(slot) = self.published.get_mut(tick as usize % REMEMBERED) {
+            *slot = (tick, now);
+        }
+        self.refusal = Reason::None;
+    }
+
+    /// Takes in one command that came at `now`.
+    ///
+    /// # Errors
+    /// The [`Reason`] why it will not act.
+    pub fn offer(&mut self, command: &Command, now: u64) -> Result<(), Reason> {
+        let situation = accept::Situation {
+            plant_epoch: self.plant_epoch,
+            tick: self.tick,
+            age_nanos: self.published_at(command.stamp.tick).map(|at| now.saturating_sub(at)),
+            accepted_tick: self.stored.map(|stored| stored.command.stamp.tick),
+            writer: self.writer.map(|(epoch, writer, heard)| (epoch, writer, now.saturating_sub(heard))),
+            acting: self.input,
+        };
+        if let Err(reason) = judge(command, &situation, &self.bounds) {
+            self.refuse(reason);
+            return Err(reason);
+        }
+        self.writer = Some((command.stamp.epoch, command.stamp.writer, now));
+        let answered_nanos = self.published_at(command.stamp.tick).unwrap_or(now);
+        self.stored = Some(Stored { command: *command, answered_nanos });
+        Ok(())
+    }
+
+    /// Counts a message that was not even a command.
+    pub fn refuse(&mut self, reason: Reason) {
+        self.refused += 1;
+        self.refusal = reason;
+    }
+
+    /// What the wheels get at `now`.
+    pub fn decide(&mut self, now: u64) -> Decision {
+        let (choice, rung, reason) = decide(&self.situation(now));
+        let stored = self.stored.map(|stored| stored.command);
+        let elapsed = now.saturating_sub(self.input_nanos);
+        self.input_nanos = now;
+        self.input = match (choice, stored) {
+            (Choice::Command, Some(command)) => command.input,
+            (Choice::Tail(index), Some(command)) => command.tail().get(index).copied().unwrap_or([0.0; 3]),
+            (Choice::Brake, _) => self.bounds.braked(&self.input, elapsed),
+            _ => [0.0; 3],
+        };
+        if choice == Choice::Brake && !self.braking {
+            self.braking = true;
+            self.good_periods = 0;
+        }
+        let acting = match (choice, stored) {
+            (Choice::Command | Choice::Tail(_), Some(command)) => {
+                Acting { epoch: command.stamp.epoch, writer: command.stamp.writer, tick: command.stamp.tick }
+            }
+            _ => Acting::default(),
+        };
+        Decision { input: self.input, rung, reason, acting }
+    }
+
+    /// Ends the period at `now`, and says on which rung it was: that of the answer to its own state, if one came in time.
+    pub fn end_period(&mut self, now: u64) -> (Rung, Reason) {
+        let answered = self.stored.map(|stored| stored.command).filter(|command| command.stamp.tick == self.tick);
+        if self.braking {
+            self.good_periods = if answered.is_some() { self.good_periods + 1 } else { 0 };
+            if self.good_periods >= RECOVERY_PERIODS {
+                self.braking = false;
+            }
+            let recovering = if answered.is_some() { Reason::Recovering } else { Reason::Missing };
+            return (if self.latched { Rung::LatchedStop } else { Rung::Brake }, self.explain(recovering));
+        }
+        match answered {
+            Some(command) if !self.latched => (command.rung(), self.explain(Reason::None)),
+            _ => {
+                let (_, rung, reason) = decide(&self.situation(now.saturating_sub(1)));
+                // What acted was a tail even if its command came late enough to begin with it.
+                let rung = if matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr) { Rung::StoredTail } else { rung };
+                (rung, self.explain(reason))
+            }
+        }
+    }
+
+    /// Brakes, and stands until a new plant epoch begins.
+    pub fn latch(&mut self) {
+        self.latched = true;
+    }
+
+    /// Highest controller epoch that was accepted.
+    pub fn controller_epoch(&self) -> u64 {
+        self.writer.map_or(0, |(epoch, ..)| epoch)
+    }
+
+    /// Epoch and tick of the last accepted command.
+    pub fn accepted(&self) -> Option<(u64, u64)> {
+        self.stored.map(|stored| (stored.command.stamp.epoch, stored.command.stamp.tick))
+    }
+
+    /// Commands refused so far.
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    fn explain(&self, reason: Reason) -> Reason {
+        if self.refusal == Reason::None { reason } else { self.refusal }
+    }
+
+    fn published_at(&self, tick: u64) -> Option<u64> {
+        self.published.iter().find(|(published, _)| *published == tick).map(|(_, at)| *at)
+    }
+
+    fn situation(&self, now: u64) -> arbiter::Situation {
+        let accepted = self.stored.map(|stored| Accepted {
+            rung: stored.command.rung(),
+            age_periods: now.saturating_sub(stored.answered_nanos) / self.bounds.period_nanos,
+            tail: u64::from(stored.command.tail_len),
+        });
+        arbiter::Situation { latched: self.latched, accepted, braking: self.braking }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::robot::{Body, Drive, Geometry, Limits, Robot};
+
+    const PERIOD: u64 = 100_000_000;
+
+    fn gate() -> Gate {
+        let robot = Robot {
+            geometry: Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 },
+            body: Body { mass_kg: 15.0, yaw_inertia_kg_m2: 0.6, wheel_inertia_kg_m2: 2e-3, axle_friction_nms: 2e-3 },
+            drive: Drive {
+                pole_pairs: 4.0,
+                torque_constant_nm_per_a: 0.04,
+                speed_loop_gain_a_s_per_rad: 0.5,
+                current_limit_a: 20.0,
+                wheel_speed_limit_radps: 120.0,
+            },
+            limits: Limits {
+                input_mps: 5.0,
+                yaw_input_radps: 6.0,
+                input_rate_mps2: 20.0,
+                yaw_input_rate_radps2: 40.0,
+                brake_mps2: 10.0,
+                yaw_brake_radps2: 20.0,
+            },
+        };
+        Gate::new(Bounds::new(&robot, PERIOD, 0), 7)
+    }
+
+    fn command(epoch: u64, writer: u64, tick: u64) -> Command {
+        let mut command: Command = bytemuck::Zeroable::zeroed();
+        (command.stamp.epoch, command.stamp.writer, command.stamp.tick) = (epoch, writer, tick);
+        command.plant_epoch = 7;
+        command.rung = Rung::FreshPlan.code();
+        command.input = [1.0, 0.0, 0.0];
+        command.tail = [[0.9, 0.0, 0.0], [0.8, 0.0, 0.0], [0.7, 0.0, 0.0], [0.0; 3]];
+        command.tail_len = 3;
+        command
+    }
+
+    #[test]
+    fn without_a_command_the_wheels_stand_and_say_that_they_wait() {
+        let mut gate = gate();
+        gate.begin_period(0, 0);
+        let decision = gate.decide(PERIOD / 2);
+        assert_eq!((decision.input, decision.rung), ([0.0; 3], Rung::Waiting));
+        assert_eq!(gate.end_period(PERIOD), (Rung::Waiting, Reason::NoCommandYet));
+    }
+
+    #[test]
+    fn after_the_last_command_comes_the_tail_and_from_three_periods_on_the_brake() {
+        let mut gate = gate();
+        gate.begin_period(0, 0);
+        assert_eq!(gate.offer(&command(1, 5, 0), 10), Ok(()));
+        let at = |gate: &mut Gate, periods: f64| gate.decide((periods * PERIOD as f64) as u64);
+        assert_eq!(at(&mut gate, 0.5).input[0], 1.0);
+        assert_eq!((at(&mut gate, 1.0).input[0], at(&mut gate, 1.0).rung), (0.9, Rung::StoredTail));
+        assert_eq!(at(&mut gate, 2.99).input[0], 0.8);
+        assert_eq!(at(&mut gate, 3.0).rung, Rung::Brake);
+        let slowing = at(&mut gate, 3.05).input[0];
+        assert!(slowing < 0.8 && slowing > 0.0);
+        assert_eq!(at(&mut gate, 5.0).input, [0.0; 3]);
+    }
+
+    #[test]
+    fn each_kind_of_bad_command_is_refused_by_its_name() {
+        let mut gate = gate();
+        gate.begin_period(0, 0);
+        gate.begin_period(1, PERIOD);
+        gate.begin_period(2, 2 * PERIOD);
+        let now = 2 * PERIOD + 10;
+        assert_eq!(gate.offer(&command(3, 5, 1), 2 * PERIOD + 10), Ok(()));
+        let with = |change: &dyn Fn(&mut Command)| {
+            let mut bad = command(3, 5, 2);
+            change(&mut bad);
+            bad
+        };
+        for (bad, reason) in [
+            (with(&|c| c.input[1] = f64::NAN), Reason::NotFinite),
+            (with(&|c| c.tail[2][0] = f64::INFINITY), Reason::NotFinite),
+            (with(&|c| c.input[0] = 5.1), Reason::OutOfBounds),
+            (with(&|c| c.input = [4.9, 4.9, 5.9]), Reason::OutOfBounds),
+            (with(&|c| c.input[0] = -4.9), Reason::TooFast),
+            (with(&|c| c.plant_epoch = 6), Reason::OldPlantEpoch),
+            (with(&|c| c.stamp.epoch = 2), Reason::OldEpoch),
+            (with(&|c| c.stamp.writer = 6), Reason::SecondWriter),
+            (with(&|c| c.stamp.tick = 3), Reason::FromTheFuture),
+            (with(&|c| c.stamp.tick = 1), Reason::NotNewer),
+        ] {
+            assert_eq!(gate.offer(&bad, now), Err(reason), "{bad:?}");
+        }
+        assert_eq!(gate.offer(&command(3, 5, 2), now + 3 * PERIOD / 2), Err(Reason::TooOld));
+        assert_eq!(gate.refused(), 11);
+        assert_eq!(gate.offer(&command(3, 5, 2), now), Ok(()));
+    }
+
+    #[test]
+    fn a_second_writer_of_the_same_epoch_is_heard_once_the_first_has_been_silent() {
+        let mut gate = gate();
+        gate.begin_period(0, 0);
+        assert_eq!(gate.offer(&command(1, 5, 0), 0), Ok(()));
+        gate.begin_period(4, 4 * PERIOD);
+        assert_eq!(gate.offer(&command(1, 6, 4), 4 * PERIOD), Ok(()));
+    }
+
+    #[test]
+    fn leaving_the_brake_takes_three_good_periods() {
+        let mut gate = gate();
+        gate.begin_period(0, 0);
+        assert_eq!(gate.offer(&command(1, 5, 0), 0), Ok(()));
+        gate.decide(0);
+        gate.decide(4 * PERIOD);
+        let mut driving = Vec::new();
+        for tick in 5..10 {
+            gate.begin_period(tick, tick * PERIOD);
+            assert_eq!(gate.offer(&command(1, 5, tick), tick * PERIOD + 5), Ok(()));
+            driving.push(gate.decide(tick * PERIOD + 10).acting.epoch > 0);
+            gate.end_period((tick + 1) * PERIOD);
+        }
+        assert_eq!(driving, [false, false, false, true, true]);
+    }
+
+    #[test]
+    fn after_a_latch_nothing_drives() {
+        let mut gate = gate();
+        gate.begin_period(0, 0);
+        assert_eq!(gate.offer(&command(1, 5, 0), 0), Ok(()));
+        gate.decide(1);
+        gate.latch();
+        gate.decide(PERIOD / 2);
+        assert_eq!(gate.decide(PERIOD - 1).rung, Rung::LatchedStop);
+        assert_eq!(gate.end_period(PERIOD).0, Rung::LatchedStop);
+    }
+}
