@@ -140,3 +140,61 @@ fn check_count(message: &'static str, field: &'static str, count: u32, limit: us
         Err(DecodeError::Value { message, field, value: u64::from(count) })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{
+        Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, SnapshotHead, Stamp, Truth,
+    };
+    use std::mem::offset_of;
+
+    /// A change here is a change of the protocol: it needs another [`VERSION`](crate::VERSION).
+    #[test]
+    fn the_layout_of_messages_is_pinned() {
+        let sizes = [
+            (Command::NAME, size_of::<Command>(), 192),
+            (Credit::NAME, size_of::<Credit>(), 64),
+            (Health::NAME, size_of::<Health>(), 488),
+            (Plan::NAME, size_of::<Plan>(), 6056),
+            (PlantState::NAME, size_of::<PlantState>(), 224),
+            (ResidualSample::NAME, size_of::<ResidualSample>(), 168),
+            (Truth::NAME, size_of::<Truth>(), 184),
+            ("SnapshotHead", size_of::<SnapshotHead>(), 720),
+            ("Stamp", size_of::<Stamp>(), 48),
+        ];
+        for (name, size, pinned) in sizes {
+            assert_eq!(size, pinned, "{name}");
+            assert_eq!(size % 8, 0, "{name} is not made of whole words");
+        }
+        let offsets = [
+            (offset_of!(Stamp, version), 4),
+            (offset_of!(Stamp, kind), 6),
+            (offset_of!(Stamp, sequence), 24),
+            (offset_of!(Command, input), 64),
+            (offset_of!(Command, rung), 188),
+            (offset_of!(PlantState, input), 160),
+            (offset_of!(PlantState, accepted_tick), 200),
+            (offset_of!(SnapshotHead, points), 80),
+            (offset_of!(SnapshotHead, length_scale), 288),
+        ];
+        for (index, (offset, pinned)) in offsets.into_iter().enumerate() {
+            assert_eq!(offset, pinned, "row {index}");
+        }
+    }
+
+    #[test]
+    fn every_kind_is_used_once() {
+        let mut kinds = [
+            PlantState::KIND,
+            Command::KIND,
+            ResidualSample::KIND,
+            Credit::KIND,
+            Truth::KIND,
+            Plan::KIND,
+            Health::KIND,
+            ModelSnapshot::KIND,
+        ];
+        kinds.sort_unstable();
+        assert_eq!(kinds, [1, 2, 3, 4, 5, 6, 7, 8]);
+    }
+}

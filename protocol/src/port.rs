@@ -1,1 +1,163 @@
-//! ports
+//! How messages travel: [`Sink`] and [`Source`] over every carrier.
+//!
+//! | file             | what it holds                                                             |
+//! |------------------|---------------------------------------------------------------------------|
+//! | `links`          | [`Links`]: how the links of one graph run, as a setting                   |
+//! | `error`          | one error enum per operation                                              |
+//! | `sink`, `source` | stamping, sequence, decoding, counting: written once, for every carrier   |
+//! | `sequence`       | who was heard, up to where: what is lost and what is stale                |
+//! | `carrier`        | what a carrier must do: move bytes                                        |
+//! | `memory`         | the carrier inside one process, for tests and experiments                 |
+//! | `shared_memory`  | the carrier between the processes of one machine, over iceoryx2           |
+//!
+//! ```
+//! use protocol::message::Credit;
+//! use protocol::port::{Exchange, Identity, Ports, Since};
+//! use std::time::Duration;
+//!
+//! let exchange = Exchange::new(false, Duration::from_secs(1));
+//! let ports = Ports::in_memory(&exchange, Identity::new(1));
+//! let mut source = ports.source::<Credit>(Since::First)?;
+//! let mut sink = ports.sink::<Credit>()?;
+//!
+//! let mut credit: Credit = bytemuck::Zeroable::zeroed();
+//! credit.through_tick = 7;
+//! sink.send(&mut credit)?;
+//! assert!(source.wait(Duration::from_secs(1))?);
+//! assert_eq!(source.next()?.map(|credit| credit.through_tick), Some(7));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod carrier;
+mod error;
+mod links;
+mod memory;
+mod sequence;
+mod shared_memory;
+mod sink;
+mod source;
+
+pub use error::{OpenError, ReceiveError, SendError};
+pub use links::{Carrier, GRAPH_NAME_MAX, Links};
+pub use memory::Exchange;
+pub use sequence::Since;
+pub use shared_memory::{SweepReport, sweep};
+pub use sink::{RawSink, Sink};
+pub use source::{Source, Tally};
+
+use crate::message::Message;
+use crate::topic::{OnTopic, Topic};
+use carrier::{Inlet, Outlet};
+use shared_memory::SharedMemory;
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::marker::PhantomData;
+use std::rc::Rc;
+
+/// Longest first message that a shared-memory link reserves room for; longer ones make it grow \[bytes\].
+const RESERVED_BYTES_MAX: usize = 64 * 1024;
+
+/// Who writes: one process instance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// Drawn at random when the process starts; never 0.
+    pub writer: u64,
+    /// How often its role has been started.
+    pub epoch: u64,
+}
+
+impl Identity {
+    /// A new process instance in `epoch`.
+    pub fn new(epoch: u64) -> Self {
+        let mut hasher = RandomState::new().build_hasher();
+        hasher.write_u32(std::process::id());
+        hasher.write_u64(crate::clock::monotonic_nanos());
+        Self { writer: hasher.finish().max(1), epoch }
+    }
+}
+
+/// Opens the ports of one thread. Neither `Ports` nor what it opens can move to another thread: open them where they are used.
+pub struct Ports {
+    carrier: Opened,
+    identity: Identity,
+    /// Keeps `Ports` out of other threads on every carrier, since it has to stay out of them on shared memory.
+    one_thread: PhantomData<Rc<()>>,
+}
+
+enum Opened {
+    Memory(Exchange),
+    SharedMemory(SharedMemory),
+}
+
+impl Ports {
+    /// Joins the graph that `links` names.
+    ///
+    /// Nothing outside the graph's own prefix and root is read or written, and no signal handler is installed.
+    ///
+    /// # Errors
+    /// [`OpenError`] if the name or the root cannot be used, or shared memory is not to be had.
+    pub fn open(links: &Links, identity: Identity) -> Result<Self, OpenError> {
+        let carrier = match links.carrier {
+            Carrier::SharedMemory => Opened::SharedMemory(SharedMemory::open(links)?),
+        };
+        Ok(Self { carrier, identity, one_thread: PhantomData })
+    }
+
+    /// Ports between the threads of one process.
+    pub fn in_memory(exchange: &Exchange, identity: Identity) -> Self {
+        Self { carrier: Opened::Memory(exchange.clone()), identity, one_thread: PhantomData }
+    }
+
+    /// Opens a writer of `T` on its topic.
+    ///
+    /// # Errors
+    /// [`OpenError`] if the link exists with another message, version or quality, or has no place for one more writer.
+    pub fn sink<T: OnTopic>(&self) -> Result<Sink<T>, OpenError> {
+        let outlet = self.outlet(T::TOPIC, Reservation::of::<T>())?;
+        Ok(Sink::new(outlet, self.identity))
+    }
+
+    /// Opens a reader of `T` on its topic.
+    ///
+    /// # Errors
+    /// [`OpenError`] if the link exists with another message, version or quality, or has no place for one more reader.
+    pub fn source<T: OnTopic>(&self, since: Since) -> Result<Source<T>, OpenError> {
+        Ok(Source::new(self.inlet(T::TOPIC)?, since))
+    }
+
+    /// Opens a writer of arbitrary bytes, to see what readers make of them.
+    ///
+    /// # Errors
+    /// As for [`sink`](Self::sink).
+    pub fn raw_sink(&self, topic: Topic) -> Result<RawSink, OpenError> {
+        Ok(RawSink::new(self.outlet(topic, Reservation::Growing)?))
+    }
+
+    fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<Box<dyn Outlet>, OpenError> {
+        match &self.carrier {
+            Opened::Memory(exchange) => Ok(Box::new(exchange.outlet(topic)?)),
+            Opened::SharedMemory(shared) => Ok(Box::new(shared.outlet(topic, reservation)?)),
+        }
+    }
+
+    fn inlet(&self, topic: Topic) -> Result<Box<dyn Inlet>, OpenError> {
+        match &self.carrier {
+            Opened::Memory(exchange) => Ok(Box::new(exchange.inlet(topic)?)),
+            Opened::SharedMemory(shared) => Ok(Box::new(shared.inlet(topic)?)),
+        }
+    }
+}
+
+/// What a link holds ready for each message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Reservation {
+    /// Room for the longest message there is, once and for all \[bytes\].
+    Whole(usize),
+    /// [`RESERVED_BYTES_MAX`], doubled whenever a longer message comes.
+    Growing,
+}
+
+impl Reservation {
+    fn of<T: Message>() -> Self {
+        if T::BYTES_MAX <= RESERVED_BYTES_MAX { Self::Whole(T::BYTES_MAX) } else { Self::Growing }
+    }
+}

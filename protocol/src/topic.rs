@@ -89,11 +89,12 @@ impl Topic {
     }
 
     /// Quality of service. `lock_step` makes the links that a run's result depends on lossless.
+    #[expect(clippy::match_same_arms, reason = "a table, one row per topic")]
     pub const fn quality(self, lock_step: bool) -> Quality {
         let (depth, history, writers, readers, lossless) = match self {
             Self::State => (256, 1, 4, 16, true),
             Self::Command => (256, 0, 4, 8, true),
-            Self::Residual => (256, 0, 4, 8, true),
+            Self::Residual => (256, 1, 4, 8, true),
             Self::Snapshot => (8, 1, 4, 8, true),
             Self::Plan => (64, 1, 4, 16, true),
             Self::Health => (256, 0, 16, 16, false),

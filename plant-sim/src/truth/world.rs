@@ -1,6 +1,7 @@
 //! The true robot on one integer clock.
 
 use nalgebra::{Vector3, Vector4};
+use serde::{Deserialize, Serialize};
 
 use super::delay::DelayLine;
 use super::disturbance::Disturbance;
@@ -18,7 +19,8 @@ const STEPS_PER_FORCE: u64 = 1_000_000 / World::STEP_NANOS;
 const SENSOR_STREAM: u64 = 0x5e05_0125_a3d1_90c7;
 
 /// Where and how a run begins; finite numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Start {
     /// x, y and heading in the world \[m, m, rad\].
     pub pose: [f64; 3],

@@ -147,7 +147,7 @@ impl Message for ModelSnapshot {
         if values.len() != expected {
             return Err(DecodeError::Length { message: Self::NAME, expected: head_len + expected, got: bytes.len() });
         }
-        let values = values.chunks_exact(8).map(|word| bytemuck::pod_read_unaligned(word)).collect();
+        let values = values.chunks_exact(8).map(bytemuck::pod_read_unaligned).collect();
         Ok(Self { head, values })
     }
 }

@@ -1,1 +1,21 @@
-//! controller
+//! PlantState in, Command out: the learning model predictive controller.
+//!
+//! | module        | what it does                                                              |
+//! |---------------|---------------------------------------------------------------------------|
+//! | [`settings`]  | what a person may set                                                     |
+//! | [`reference`] | what to follow: pose and velocity per tick                                |
+//! | [`mpc`]       | state, reference and belief in, plan out: one real-time iteration         |
+//! | [`adopt`]     | model snapshots in: judged and prepared beside the control thread         |
+//! | [`fallback`]  | what to command when the optimiser has no answer                          |
+//! | [`control`]   | one tick: answer the state, then say what was learnt                      |
+//! | [`run`]       | the loop: the only place with a clock and a stop signal                   |
+
+pub mod adopt;
+pub mod control;
+pub mod fallback;
+pub mod mpc;
+pub mod reference;
+pub mod run;
+pub mod settings;
+
+pub use settings::Settings;

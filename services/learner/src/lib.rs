@@ -1,1 +1,17 @@
-//! learner
+//! ResidualSample in, ModelSnapshot out: the Gaussian-process learner, in its own process and its own time.
+//!
+//! | module       | what it does                                                     |
+//! |--------------|------------------------------------------------------------------|
+//! | [`settings`] | what a person may set                                            |
+//! | [`fit`]      | a data set in, hyperparameters and posterior out                 |
+//! | [`snapshot`] | what was fitted, scored and put into a message                   |
+//! | [`store`]    | the last snapshot, kept in a file and resumed from it            |
+//! | [`run`]      | the loop: samples keep arriving while the fit runs beside it     |
+
+pub mod fit;
+pub mod run;
+pub mod settings;
+pub mod snapshot;
+pub mod store;
+
+pub use settings::Settings;

@@ -30,6 +30,7 @@
 
 mod covariance;
 pub mod data;
+pub mod dataset;
 mod exponential;
 pub mod fit;
 pub mod hyperparameters;

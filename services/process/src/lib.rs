@@ -1,1 +1,18 @@
 //! What every process of the graph does at its start and end.
+//!
+//! | module  | what it holds                                                                  |
+//! |---------|--------------------------------------------------------------------------------|
+//! | `run`   | [`Run`]: what the launcher tells every process, the table `[run]` of its settings |
+//! | `start` | [`main`]: arguments, settings, log, stop signals, body, exit code              |
+//! | `stop`  | [`Stop`]: the request to end, and who may make it                              |
+//! | `pulse` | [`Pulse`]: the heartbeat that goes out as `Health`                             |
+
+mod pulse;
+mod run;
+mod start;
+mod stop;
+
+pub use pulse::Pulse;
+pub use run::{HasRun, Pace, Run};
+pub use start::main;
+pub use stop::Stop;

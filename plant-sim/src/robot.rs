@@ -1,0 +1,125 @@
+//! One simulated robot behind its gate: what a driver does, with a simulated world in place of motors and sensors.
+
+use crate::settings::Settings;
+use crate::truth::World;
+use gate::{Acting, Bounds, Decision, Gate};
+use model::robot::{Geometry, kinematics};
+use protocol::message::{Command, PlantState, Reason, Rung, Truth};
+
+/// Longest time that the world runs without asking the gate: the grain of the braking ramp \[ns\].
+pub const SLICE_NANOS: u64 = 2_000_000;
+
+/// World and gate of one plant epoch. All times are nanoseconds since its start.
+pub struct Robot {
+    world: World,
+    gate: Gate,
+    geometry: Geometry,
+    decision: Decision,
+    /// Rung and reason of the past period.
+    past: (Rung, Reason),
+    /// Input that the wheels got, time-weighted over the present period.
+    input_sum: [f64; 3],
+    input_nanos: u64,
+}
+
+impl Robot {
+    /// A robot at the scenario's start.
+    pub fn new(settings: &Settings, epoch: u64) -> Self {
+        let bounds = Bounds::new(&settings.robot, settings.run.period_nanos, settings.link_delay_millis * 1_000_000);
+        let mut gate = Gate::new(bounds, epoch);
+        let decision = gate.decide(0);
+        Self {
+            world: World::new(&settings.truth, settings.start, settings.seed),
+            gate,
+            geometry: settings.robot.geometry,
+            decision,
+            past: (Rung::Waiting, Reason::NoCommandYet),
+            input_sum: [0.0; 3],
+            input_nanos: 0,
+        }
+    }
+
+    /// Measures, and begins the period of `tick` at `now`.
+    pub fn begin_period(&mut self, tick: u64, now: u64) -> (PlantState, Truth) {
+        self.gate.begin_period(tick, now);
+        let (state, truth) = (self.measure(tick), self.tell_truth(tick));
+        (self.input_sum, self.input_nanos) = ([0.0; 3], 0);
+        (state, truth)
+    }
+
+    /// Offers a command that came at `now` to the gate.
+    pub fn offer(&mut self, command: &Command, now: u64) -> Result<(), Reason> {
+        self.advance(now);
+        let verdict = self.gate.offer(command, now);
+        self.decision = self.gate.decide(now);
+        verdict
+    }
+
+    /// Counts messages that were not even commands.
+    pub fn refuse_malformed(&mut self) {
+        self.gate.refuse(Reason::Malformed);
+    }
+
+    /// Lets the world run until `now`, the gate deciding anew every [`SLICE_NANOS`].
+    pub fn advance(&mut self, now: u64) {
+        let mut at = self.world.time_nanos();
+        while at < now {
+            let slice = SLICE_NANOS.min(now - at);
+            self.decision = self.gate.decide(at);
+            self.world.advance(slice, self.decision.input);
+            let applied = self.world.input_applied();
+            for (sum, input) in self.input_sum.iter_mut().zip(applied) {
+                *sum += input * slice as f64;
+            }
+            self.input_nanos += slice;
+            at += slice;
+        }
+    }
+
+    /// Lets the world run until the end of the period at `now`, and says on which rung it was.
+    pub fn end_period(&mut self, now: u64) -> Rung {
+        self.advance(now);
+        self.past = self.gate.end_period(now);
+        self.past.0
+    }
+
+    /// Whether a command for `tick` has been accepted.
+    pub fn accepted(&self, tick: u64) -> bool {
+        self.gate.accepted().is_some_and(|(_, accepted)| accepted == tick)
+    }
+
+    fn measure(&mut self, tick: u64) -> PlantState {
+        let measured = self.world.measure();
+        let mut state: PlantState = bytemuck::Zeroable::zeroed();
+        state.stamp.tick = tick;
+        state.pose = measured.pose;
+        state.velocity = measured.velocity;
+        state.wheel_speed = measured.wheel_speed;
+        state.current = measured.current;
+        state.input = match self.input_nanos {
+            0 => [0.0; 3],
+            nanos => self.input_sum.map(|sum| sum / nanos as f64),
+        };
+        state.controller_epoch = self.gate.controller_epoch();
+        (state.accepted_epoch, state.accepted_tick) = self.gate.accepted().unwrap_or_default();
+        state.refused = self.gate.refused();
+        state.rung = self.past.0.code();
+        state.reason = self.past.1.code();
+        state
+    }
+
+    fn tell_truth(&self, tick: u64) -> Truth {
+        let now = self.world.state();
+        let Acting { epoch, writer, tick: acting_tick } = self.decision.acting;
+        let mut truth: Truth = bytemuck::Zeroable::zeroed();
+        truth.stamp.tick = tick;
+        truth.pose = now.pose;
+        truth.velocity = now.velocity;
+        truth.force = now.force;
+        truth.wheel_command = kinematics::wheels_from_body(&self.geometry, self.world.input_applied());
+        (truth.acting_epoch, truth.acting_writer, truth.acting_tick) = (epoch, writer, acting_tick);
+        truth.rung = self.past.0.code();
+        truth.reason = self.past.1.code();
+        truth
+    }
+}

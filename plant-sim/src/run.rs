@@ -1,0 +1,205 @@
+//! The clock: real time, or lock step with whoever takes part.
+//!
+//! The world cannot run while its process does not. When the machine keeps the simulator from running, the world stands still for
+//! that time, which is counted and logged, instead of leaping over it.
+
+use crate::robot::{Robot, SLICE_NANOS};
+use crate::settings::Settings;
+use process::{Pace, Pulse, Stop};
+use protocol::clock::monotonic_nanos;
+use protocol::message::{Command, Credit, Participant, Phase, PlantState, Rung, Truth};
+use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
+use protocol::topic::Topic;
+use std::time::Duration;
+
+/// How long a wait in lock step lasts before stop signals are looked at.
+const PATIENCE: Duration = Duration::from_millis(20);
+/// A wake-up that is later than this is the machine's doing, not the world's \[ns\].
+const STALL_NANOS: u64 = 5_000_000;
+
+/// Why the plant ended before its time.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// A port could not be opened.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// A port could not be read.
+    #[error(transparent)]
+    Receive(#[from] ReceiveError),
+    /// A state could not be sent.
+    #[error(transparent)]
+    Send(#[from] SendError),
+}
+
+/// Runs the scenario to its end, or until it is told to stop.
+///
+/// # Errors
+/// [`RunError`].
+pub fn run(settings: &Settings, ports: &Ports, identity: Identity, stop: &Stop) -> Result<(), RunError> {
+    let mut plant = Plant::new(settings, ports, identity)?;
+    plant.pulse.phase(Phase::Ready);
+    tracing::info!(epoch = identity.epoch, ticks = settings.ticks(), "starting at rest");
+    match settings.run.pace {
+        Pace::RealTime => plant.run_real_time(stop)?,
+        Pace::LockStep => plant.run_lock_step(stop)?,
+    }
+    plant.report();
+    plant.pulse.phase(Phase::Finished);
+    Ok(())
+}
+
+struct Plant<'a> {
+    settings: &'a Settings,
+    robot: Robot,
+    states: Sink<PlantState>,
+    truths: Sink<Truth>,
+    commands: Source<Command>,
+    credits: Source<Credit>,
+    pulse: Pulse,
+    /// Malformed commands that the gate has been told of.
+    malformed: u64,
+    driven: bool,
+}
+
+impl<'a> Plant<'a> {
+    fn new(settings: &'a Settings, ports: &Ports, identity: Identity) -> Result<Self, OpenError> {
+        let mut commands: Source<Command> = ports.source(if settings.run.restarted { Since::Joining } else { Since::First })?;
+        // The first wait opens the listener, so that nothing sent after "ready" goes unheard.
+        let _ = commands.wait(Duration::ZERO);
+        Ok(Self {
+            settings,
+            robot: Robot::new(settings, identity.epoch),
+            states: ports.sink()?,
+            truths: ports.sink()?,
+            commands,
+            credits: ports.source(Since::Joining)?,
+            pulse: Pulse::new(ports, Participant::Plant)?,
+            malformed: 0,
+            driven: false,
+        })
+    }
+
+    fn run_real_time(&mut self, stop: &Stop) -> Result<(), RunError> {
+        let period = self.settings.run.period_nanos;
+        let mut origin = monotonic_nanos();
+        for tick in 0..=self.settings.ticks() {
+            let (begin, end) = (tick * period, (tick + 1) * period);
+            self.publish(tick, begin)?;
+            if tick == self.settings.ticks() || stop.requested() {
+                break;
+            }
+            loop {
+                let now = monotonic_nanos() - origin;
+                if now >= end {
+                    break;
+                }
+                let nap = SLICE_NANOS.min(end - now);
+                self.commands.wait(Duration::from_nanos(nap))?;
+                let woken = monotonic_nanos() - origin;
+                let stalled = woken.saturating_sub(now + nap);
+                if stalled > STALL_NANOS {
+                    origin += stalled;
+                    tracing::warn!(tick, micros = stalled / 1000, "the machine kept the simulator from running; its world stood still");
+                }
+                let now = (monotonic_nanos() - origin).min(end);
+                self.take_commands(now)?;
+                self.robot.advance(now);
+            }
+            self.end_period(end);
+        }
+        Ok(())
+    }
+
+    fn run_lock_step(&mut self, stop: &Stop) -> Result<(), RunError> {
+        let period = self.settings.run.period_nanos;
+        let mut credit = None;
+        for tick in 0..=self.settings.ticks() {
+            while self.settings.recorded && credit.is_none_or(|through| through < tick) {
+                if stop.requested() {
+                    return Ok(());
+                }
+                self.credits.wait(PATIENCE)?;
+                while let Some(granted) = self.credits.next()? {
+                    credit = Some(granted.through_tick);
+                }
+                self.pulse.beat();
+            }
+            let begin = tick * period;
+            self.publish(tick, begin)?;
+            while !self.answered(tick, begin)? {
+                if stop.requested() {
+                    return Ok(());
+                }
+                self.commands.wait(PATIENCE)?;
+                // A controller that has been restarted needs the last state to answer it.
+                self.states.refresh()?;
+                self.pulse.beat();
+            }
+            if tick < self.settings.ticks() {
+                self.end_period(begin + period);
+            }
+        }
+        Ok(())
+    }
+
+    fn publish(&mut self, tick: u64, now: u64) -> Result<(), RunError> {
+        let (mut state, mut truth) = self.robot.begin_period(tick, now);
+        self.states.send(&mut state)?;
+        self.truths.send(&mut truth)?;
+        Ok(())
+    }
+
+    /// Lock step: whether the answer to `tick` has come, be it acceptable or not.
+    fn answered(&mut self, tick: u64, now: u64) -> Result<bool, RunError> {
+        while let Some(command) = self.commands.next()? {
+            self.offer(&command, now);
+            if command.stamp.tick == tick {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    fn take_commands(&mut self, now: u64) -> Result<(), RunError> {
+        while let Some(command) = self.commands.next()? {
+            self.offer(&command, now);
+        }
+        let refused = self.commands.tally().refused;
+        for _ in self.malformed..refused {
+            self.robot.refuse_malformed();
+        }
+        self.malformed = refused;
+        Ok(())
+    }
+
+    fn offer(&mut self, command: &Command, now: u64) {
+        match self.robot.offer(command, now) {
+            Ok(()) if !self.driven => {
+                self.driven = true;
+                self.pulse.phase(Phase::Running);
+            }
+            Ok(()) => {}
+            Err(reason) => {
+                tracing::warn!(tick = command.stamp.tick, epoch = command.stamp.epoch, %reason, "command refused");
+            }
+        }
+    }
+
+    fn end_period(&mut self, now: u64) {
+        let rung = self.robot.end_period(now);
+        let health = self.pulse.health();
+        if self.driven && rung >= Rung::StoredTail {
+            health.deadlines_missed += 1;
+        } else if self.driven {
+            health.deadlines_met += 1;
+        }
+        self.report();
+    }
+
+    fn report(&mut self) {
+        self.pulse.count_source(Topic::Command, self.commands.tally());
+        self.pulse.count_sent(Topic::State, self.states.sent());
+        self.pulse.count_sent(Topic::Truth, self.truths.sent());
+        self.pulse.beat();
+    }
+}

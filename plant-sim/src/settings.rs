@@ -1,0 +1,52 @@
+//! What a person may set of the simulated plant.
+
+use crate::truth::{Start, Truth};
+use model::robot::Robot;
+use serde::{Deserialize, Serialize};
+use settings::{Check, Impossible};
+
+/// Everything the plant process is told.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// What the launcher tells every process.
+    pub run: process::Run,
+    /// Length of the run \[s\].
+    pub duration_s: f64,
+    /// Seed of noise and random forces.
+    pub seed: u64,
+    /// Delay that the link to the controller is known to have \[ms\].
+    pub link_delay_millis: u64,
+    /// Whether, in lock step, the clock waits for a recorder's credit.
+    pub recorded: bool,
+    /// Where and how it starts.
+    pub start: Start,
+    /// The robot as its gate knows it.
+    pub robot: Robot,
+    /// The robot as it is, and its world.
+    pub truth: Truth,
+}
+
+impl Settings {
+    /// Length of the run in periods.
+    pub fn ticks(&self) -> u64 {
+        (self.duration_s * 1e9 / self.run.period_nanos as f64).round() as u64
+    }
+}
+
+impl process::HasRun for Settings {
+    fn run(&self) -> &process::Run {
+        &self.run
+    }
+}
+
+impl Check for Settings {
+    fn check(&self) -> Result<(), Impossible> {
+        self.robot.check().map_err(|e| Impossible { key: format!("robot.{}", e.key), expected: e.expected.into() })?;
+        self.truth.check().map_err(|e| Impossible { key: format!("truth.{}", e.key), expected: e.expected })?;
+        if !(self.duration_s.is_finite() && self.duration_s > 0.0) {
+            return Err(Impossible { key: "duration_s".into(), expected: "a finite number of seconds greater than 0".into() });
+        }
+        Ok(())
+    }
+}

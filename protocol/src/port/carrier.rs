@@ -1,0 +1,22 @@
+//! What a carrier must do: move bytes from one outlet to every inlet of its topic. It knows nothing of messages.
+
+use super::{ReceiveError, SendError};
+use std::time::Duration;
+
+/// Where the bytes of one writer leave.
+pub(super) trait Outlet {
+    /// Lets `fill` write `length` bytes in place, then hands them to every reader.
+    fn send(&mut self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<(), SendError>;
+
+    /// Hands the history to readers that have joined since the last call.
+    fn refresh(&mut self) -> Result<(), SendError>;
+}
+
+/// Where the bytes for one reader arrive.
+pub(super) trait Inlet {
+    /// Shows `visit` the oldest waiting bytes; false if nothing waits.
+    fn receive(&mut self, visit: &mut dyn FnMut(&[u8])) -> Result<bool, ReceiveError>;
+
+    /// Sleeps until something waits, which is true, or `timeout` is over or a signal came, which is false.
+    fn wait(&mut self, timeout: Duration) -> Result<bool, ReceiveError>;
+}

@@ -1,0 +1,85 @@
+//! The carrier between the processes of one machine, over iceoryx2.
+//!
+//! Each topic is one publish-subscribe service, whose payload is a slice of words so that messages of fixed and of variable size take the same
+//! way, and one event service, which wakes the readers. Services carry the name of their message and the protocol version, so that programs of
+//! two versions refuse each other when they open a port, and not when they misread a robot.
+
+mod alarm;
+mod inlet;
+mod outlet;
+mod service;
+mod sweep;
+
+pub use sweep::{SweepReport, sweep};
+
+use super::links::Links;
+use super::{OpenError, Reservation};
+use crate::topic::{Quality, Topic};
+use iceoryx2::prelude::{Config, FileName, LogLevel, Node, NodeBuilder, Path, SemanticString, SignalHandlingMode, ipc, set_log_level};
+use inlet::SharedMemoryInlet;
+use outlet::SharedMemoryOutlet;
+use std::os::unix::ffi::OsStrExt;
+use std::rc::Rc;
+use std::time::Duration;
+
+/// Longest path of a socket: that of the system without its closing zero \[bytes\].
+const SOCKET_PATH_MAX: usize = 107;
+
+/// What a socket's path has behind root and prefix: a separator, 39 digits and `.event` \[bytes\].
+const SOCKET_NAME_MAX: usize = 1 + 39 + 6;
+
+/// This thread's membership in one graph.
+pub(super) struct SharedMemory {
+    node: Rc<Node<ipc::Service>>,
+    graph: String,
+    lock_step: bool,
+    patience: Duration,
+}
+
+impl SharedMemory {
+    pub(super) fn open(links: &Links) -> Result<Self, OpenError> {
+        set_log_level(LogLevel::Fatal);
+        let config = config(links)?;
+        std::fs::create_dir_all(&links.root)
+            .map_err(|error| OpenError::Root { root: links.root.clone(), reason: error.to_string() })?;
+        let node = NodeBuilder::new()
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create()
+            .map_err(|error| OpenError::Join { graph: links.graph.clone(), reason: error.to_string() })?;
+        Ok(Self { node: Rc::new(node), graph: links.graph.clone(), lock_step: links.lock_step, patience: links.patience() })
+    }
+
+    pub(super) fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<SharedMemoryOutlet, OpenError> {
+        SharedMemoryOutlet::open(self, topic, reservation)
+    }
+
+    pub(super) fn inlet(&self, topic: Topic) -> Result<SharedMemoryInlet, OpenError> {
+        SharedMemoryInlet::open(self, topic)
+    }
+
+    fn quality(&self, topic: Topic) -> Quality {
+        topic.quality(self.lock_step)
+    }
+}
+
+/// What all files of a graph in `/dev/shm` begin with. The dots keep graph `a` apart from graph `a_b`.
+fn prefix(links: &Links) -> String {
+    format!("cx.{}.", links.graph)
+}
+
+/// iceoryx2's configuration for one graph: its defaults, never a file of the user's.
+fn config(links: &Links) -> Result<Config, OpenError> {
+    links.check()?;
+    let prefix = prefix(links);
+    let root = links.root.as_os_str().as_bytes();
+    let limit = SOCKET_PATH_MAX - SOCKET_NAME_MAX - prefix.len();
+    if root.len() > limit {
+        return Err(OpenError::RootTooLong { root: links.root.clone(), graph: links.graph.clone(), length: root.len(), limit });
+    }
+    let unusable = |what: &str| OpenError::Root { root: links.root.clone(), reason: format!("not a usable {what}") };
+    let mut config = Config::default();
+    config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|_| unusable("prefix"))?;
+    config.global.set_root_path(&Path::new(root).map_err(|_| unusable("path"))?);
+    Ok(config)
+}

@@ -1,0 +1,67 @@
+//! Sleeps until a writer notifies: the event part of one reader.
+
+use super::service::Events;
+use iceoryx2::port::listener::Listener;
+use iceoryx2::prelude::{CallbackProgression, SignalHandlingMode, WaitSet, WaitSetBuilder, ipc};
+use iceoryx2::waitset::WaitSetRunResult;
+use std::mem;
+use std::thread;
+use std::time::Duration;
+
+/// The system's sleep on events counts whole milliseconds.
+const TICK: Duration = Duration::from_millis(1);
+
+/// What is left of a sleep after the last whole one is slept in pieces, between which the caller looks for itself.
+const PIECE: Duration = Duration::from_micros(100);
+
+/// Longest sleep on events at a time; its number of milliseconds has to fit an `i32`.
+const SLEEP_MAX: Duration = Duration::from_hours(1);
+
+/// How a sleep ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Slept {
+    /// A writer notified, or some time has passed.
+    Awake,
+    /// A signal came.
+    Interrupted,
+}
+
+/// A listener, and what sleeps on it.
+///
+/// The listener alone could sleep too, but it counts its timeout in the kernel's scheduling ticks: 100 µs then take up to 12 ms.
+pub(super) struct Alarm {
+    /// Before the listener, whose socket it watches: fields are dropped in order.
+    waitset: WaitSet<ipc::Service>,
+    listener: Listener<ipc::Service>,
+}
+
+impl Alarm {
+    pub(super) fn new(events: &Events) -> Result<Self, &'static str> {
+        let listener = events.listener_builder().create().map_err(|_| "no place for one more listener")?;
+        let waitset = WaitSetBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled);
+        let waitset = waitset.create().map_err(|_| "the system gives no event queue")?;
+        let guard = waitset.attach_notification(&listener).map_err(|_| "its events cannot be waited for")?;
+        // Watched as long as both live. The guard would borrow from them; the system forgets a socket that is closed by itself.
+        mem::forget(guard);
+        Ok(Self { waitset, listener })
+    }
+
+    /// Forgets the notifications so far. To be called before each look at what waits, or a sleep could miss one.
+    pub(super) fn reset(&self) -> Result<(), &'static str> {
+        self.listener.try_wait(|_| {}).map(drop).map_err(|_| "its events cannot be taken")
+    }
+
+    /// Sleeps until a writer has notified since the last [`reset`](Self::reset), or `most` is over, or a part of it.
+    pub(super) fn sleep(&self, most: Duration) -> Result<Slept, &'static str> {
+        if most < TICK {
+            thread::sleep(most.min(PIECE));
+            return Ok(Slept::Awake);
+        }
+        let whole = Duration::from_millis(most.min(SLEEP_MAX).as_millis() as u64);
+        match self.waitset.wait_and_process_once_with_timeout(|_| CallbackProgression::Stop, whole) {
+            Ok(WaitSetRunResult::Interrupt | WaitSetRunResult::TerminationRequest) => Ok(Slept::Interrupted),
+            Ok(WaitSetRunResult::StopRequest | WaitSetRunResult::AllEventsHandled) => Ok(Slept::Awake),
+            Err(_) => Err("its events cannot be waited for"),
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! message → carrier: stamps, numbers and encodes.
+
+use super::carrier::Outlet;
+use super::{Identity, SendError};
+use crate::frame;
+use crate::topic::OnTopic;
+use crate::{VERSION, clock};
+use std::marker::PhantomData;
+
+/// A writer of `T` on its topic.
+///
+/// Keep it until its readers had time to look: on shared memory a reader connects to a writer when it next looks, and what a writer
+/// sent that is gone by then is never heard. A reader that has looked keeps what waits, even when the writer dies.
+pub struct Sink<T> {
+    outlet: Box<dyn Outlet>,
+    identity: Identity,
+    sequence: u64,
+    sent: u64,
+    message: PhantomData<T>,
+}
+
+impl<T: OnTopic> Sink<T> {
+    pub(super) fn new(outlet: Box<dyn Outlet>, identity: Identity) -> Self {
+        Self { outlet, identity, sequence: 0, sent: 0, message: PhantomData }
+    }
+
+    /// Sends `message` to every reader, and fills in its stamp except for `tick`.
+    ///
+    /// Never waits on a link where the newest wins; on a lossless one it waits for room, at most as long as the graph's patience.
+    /// On shared memory the message is written in place, and a message of fixed size is sent without the heap from the second on.
+    ///
+    /// # Errors
+    /// [`SendError`] if a reader did not get it. The sequence number is used up all the same, so that this reader counts a loss.
+    pub fn send(&mut self, message: &mut T) -> Result<(), SendError> {
+        self.sequence += 1;
+        let stamp = message.stamp_mut();
+        stamp.version = VERSION;
+        stamp.kind = T::KIND;
+        stamp.writer = self.identity.writer;
+        stamp.epoch = self.identity.epoch;
+        stamp.sequence = self.sequence;
+        stamp.sent_nanos = clock::monotonic_nanos();
+        let mut checksum = 0;
+        let sent = self.outlet.send(message.byte_len(), &mut |out| {
+            frame::encode(message, out);
+            checksum = frame::peek(out).map_or(0, |stamp| stamp.checksum);
+        });
+        message.stamp_mut().checksum = checksum;
+        self.sent += u64::from(sent.is_ok());
+        sent
+    }
+
+    /// Speaks in another epoch from now on. Its sequence numbers start at 1 again.
+    pub fn set_epoch(&mut self, epoch: u64) {
+        self.identity.epoch = epoch;
+        self.sequence = 0;
+    }
+
+    /// Messages that reached every reader, in all epochs.
+    pub fn sent(&self) -> u64 {
+        self.sent
+    }
+
+    /// Hands the history to late joiners while there is nothing new to send. Without it they get it with the next message.
+    ///
+    /// # Errors
+    /// [`SendError::Carrier`].
+    pub fn refresh(&mut self) -> Result<(), SendError> {
+        self.outlet.refresh()
+    }
+}
+
+/// A writer of arbitrary bytes, which promises nothing about them: for tests of what readers do with garbage.
+pub struct RawSink {
+    outlet: Box<dyn Outlet>,
+}
+
+impl RawSink {
+    pub(super) fn new(outlet: Box<dyn Outlet>) -> Self {
+        Self { outlet }
+    }
+
+    /// Sends `bytes` as they are, behind them zeros up to a multiple of 8.
+    ///
+    /// # Errors
+    /// As for [`Sink::send`].
+    pub fn send_raw(&mut self, bytes: &[u8]) -> Result<(), SendError> {
+        self.outlet.send(bytes.len().next_multiple_of(8), &mut |out| {
+            let (head, padding) = out.split_at_mut(bytes.len());
+            head.copy_from_slice(bytes);
+            padding.fill(0);
+        })
+    }
+}

@@ -1,0 +1,238 @@
+//! Model snapshots in: judged and prepared on a thread of their own, handed over through preallocated slots.
+//!
+//! ```text
+//!                    ready ─────▶
+//!   attendant thread              control thread       nothing is freed, locked or waited for on the right
+//!                    ◀───── returned, events
+//! ```
+//! The attendant also writes the control thread's events to the log.
+
+use crossbeam_queue::ArrayQueue;
+use model::gp::hyperparameters::Hyperparameters;
+use model::gp::normalisation::Normalisation;
+use model::gp::posterior::{Posterior, PosteriorError, VarianceScratch};
+use model::learned::{INPUTS, Layout, Learned};
+use model::{AXES, Velocity};
+use protocol::message::{ModelSnapshot, Reason, Rung, SnapshotHead};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Largest relative difference between the α that came and the α worked out here.
+const WEIGHT_TOLERANCE: f64 = 1e-5;
+
+/// What this controller can use.
+#[derive(Debug, Clone, Copy)]
+pub struct Expected {
+    /// Fingerprint of its main model and layout.
+    pub fingerprint: u64,
+    /// Layout of the inputs.
+    pub layout: Layout,
+    /// Largest |g| that physics allows, per period \[m/s, m/s, rad/s\].
+    pub bound: Velocity,
+}
+
+/// Why a snapshot is not used.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Refusal {
+    /// It was learnt for another robot, period or layout.
+    #[error("snapshot {version} has fingerprint {got:#018x}, this controller {expected:#018x}: another robot, period or input layout")]
+    Fingerprint {
+        /// Of the snapshot.
+        version: u64,
+        /// Ours.
+        expected: u64,
+        /// Its own.
+        got: u64,
+    },
+    /// Another number of inputs.
+    #[error("snapshot {version} has {got} inputs, this controller {INPUTS}")]
+    Inputs {
+        /// Of the snapshot.
+        version: u64,
+        /// How many it has.
+        got: u32,
+    },
+    /// A scale of its normalisation is not a positive number.
+    #[error("snapshot {version} has an impossible normalisation")]
+    Normalisation {
+        /// Of the snapshot.
+        version: u64,
+    },
+    /// Its data give no posterior.
+    #[error("snapshot {version}: {source}")]
+    Posterior {
+        /// Of the snapshot.
+        version: u64,
+        /// What is wrong with them.
+        source: PosteriorError,
+    },
+    /// Its α is not what its data give.
+    #[error("snapshot {version}: its weights differ from those of its data by {difference:.1e} of the largest")]
+    Weights {
+        /// Of the snapshot.
+        version: u64,
+        /// Largest relative difference.
+        difference: f64,
+    },
+}
+
+/// A snapshot ready for use.
+#[derive(Debug)]
+pub struct Candidate {
+    /// Version of the snapshot.
+    pub version: u64,
+    /// Epoch of the plant that it was learnt from.
+    pub plant_epoch: u64,
+    /// In lock step: tick at which it takes effect.
+    pub effective_tick: u64,
+    /// The model.
+    pub learned: Learned,
+    /// For its variance.
+    pub scratch: VarianceScratch,
+}
+
+/// What comes to the control thread.
+#[derive(Debug)]
+pub enum Arrival {
+    /// A model to use.
+    Candidate(Box<Candidate>),
+    /// There will be none for this tick.
+    Refused {
+        /// Tick at which it would have taken effect.
+        effective_tick: u64,
+    },
+}
+
+/// Something that the control thread wants written down.
+#[derive(Debug, Clone, Copy)]
+pub enum Event {
+    /// First state of a plant epoch.
+    Plant {
+        /// The plant's epoch.
+        epoch: u64,
+        /// The controller's own.
+        controller_epoch: u64,
+    },
+    /// Another model is in use.
+    Adopted {
+        /// Its version.
+        version: u64,
+        /// From this tick on.
+        tick: u64,
+    },
+    /// Another rung than the one before.
+    Rung {
+        /// At this tick.
+        tick: u64,
+        /// The rung.
+        rung: Rung,
+        /// Why.
+        reason: Reason,
+    },
+    /// A period was over before its answer was ready, or its state was never seen.
+    Late {
+        /// The tick.
+        tick: u64,
+        /// Time that the answer took \[ns\].
+        nanos: u64,
+    },
+}
+
+/// The slots between the two threads.
+pub struct Handover {
+    /// To the control thread.
+    pub ready: ArrayQueue<Arrival>,
+    /// Models that are no longer in use, to be freed.
+    pub returned: ArrayQueue<Box<Candidate>>,
+    /// To the log; when it is full the newest are dropped and counted.
+    pub events: ArrayQueue<Event>,
+    /// Events that were dropped.
+    pub events_dropped: AtomicU64,
+    /// Snapshots refused.
+    pub refused: AtomicU64,
+    /// Snapshots received, lost and malformed on the way, as the attendant's source counted them.
+    pub snapshots: [AtomicU64; 3],
+}
+
+impl Default for Handover {
+    fn default() -> Self {
+        Self {
+            ready: ArrayQueue::new(4),
+            returned: ArrayQueue::new(8),
+            events: ArrayQueue::new(256),
+            events_dropped: AtomicU64::new(0),
+            refused: AtomicU64::new(0),
+            snapshots: Default::default(),
+        }
+    }
+}
+
+impl Handover {
+    /// Notes an event. Does not allocate, lock or wait.
+    pub fn note(&self, event: Event) {
+        if self.events.push(event).is_err() {
+            self.events_dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Judges a snapshot and makes its posterior anew from its data.
+///
+/// An axis on which the learned model was no better than the main model alone on samples that it had not seen is left out of it.
+///
+/// # Errors
+/// [`Refusal`] if it does not belong to this controller, or is damaged.
+pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidate, Refusal> {
+    let head = &snapshot.head;
+    let version = head.version;
+    if head.fingerprint != expected.fingerprint {
+        return Err(Refusal::Fingerprint { version, expected: expected.fingerprint, got: head.fingerprint });
+    }
+    if head.inputs as usize != INPUTS {
+        return Err(Refusal::Inputs { version, got: head.inputs });
+    }
+    let normalisation = normalisation(head).ok_or(Refusal::Normalisation { version })?;
+    let hyperparameters = std::array::from_fn(|axis| {
+        Hyperparameters::new(first(&head.length_scale[axis]), head.signal_variance[axis], head.noise_variance[axis])
+    });
+    let (mut inputs, mut targets) = (Vec::with_capacity(snapshot.rows().len()), Vec::with_capacity(snapshot.rows().len()));
+    for row in snapshot.rows() {
+        inputs.push(first(row.input));
+        targets.push(first(row.target));
+    }
+    let posterior = Posterior::new(&inputs, &targets, &hyperparameters).map_err(|source| Refusal::Posterior { version, source })?;
+    let difference = weight_difference(snapshot, &posterior);
+    if !(difference <= WEIGHT_TOLERANCE) {
+        return Err(Refusal::Weights { version, difference });
+    }
+    let proven = |axis: usize| head.score_samples == 0 || head.score_learned[axis] <= head.score_main[axis];
+    let bound = std::array::from_fn(|axis| if proven(axis) { expected.bound[axis] } else { 0.0 });
+    let scratch = VarianceScratch::new(inputs.len());
+    let learned = Learned { layout: expected.layout, normalisation, posterior, bound };
+    Ok(Candidate { version, plant_epoch: head.plant_epoch, effective_tick: head.effective_tick, learned, scratch })
+}
+
+fn normalisation(head: &SnapshotHead) -> Option<Normalisation<INPUTS>> {
+    let normalisation = Normalisation { mean: first(&head.input_mean), scale: first(&head.input_scale) };
+    let possible = normalisation.mean.iter().all(|mean| mean.is_finite()) && normalisation.scale.iter().all(|&scale| scale.is_finite() && scale > 0.0);
+    possible.then_some(normalisation)
+}
+
+/// Largest difference between the weights sent and those worked out, relative to the largest of its axis.
+fn weight_difference(snapshot: &ModelSnapshot, posterior: &Posterior<INPUTS>) -> f64 {
+    let mut worst = 0.0;
+    let ours = posterior.weights();
+    for axis in 0..AXES {
+        let theirs = || snapshot.rows().map(|row| first::<AXES>(row.weight)[axis]);
+        let largest = theirs().map(f64::abs).fold(f64::MIN_POSITIVE, f64::max);
+        for (a, b) in theirs().zip(ours[axis]) {
+            let difference = (a - b).abs() / largest;
+            worst = if difference.is_nan() { f64::INFINITY } else { f64::max(worst, difference) };
+        }
+    }
+    worst
+}
+
+/// The first entries of a slice; missing ones are NaN, which nothing accepts.
+fn first<const K: usize>(values: &[f64]) -> [f64; K] {
+    std::array::from_fn(|i| values.get(i).copied().unwrap_or(f64::NAN))
+}

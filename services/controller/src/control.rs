@@ -1,0 +1,248 @@
+//! One tick: take in what the last input did, answer the newest state, explain the answer.
+//!
+//! Between a state and its command nothing here allocates, locks, logs, blocks, or touches a file or socket.
+
+use crate::adopt::{Candidate, Event, Expected, Handover};
+use crate::fallback::Ladder;
+use crate::mpc::{Mpc, MpcError, Solved};
+use crate::reference::{PointsError, Reference, ReferencePoint};
+use crate::settings::Settings;
+use model::main_model::{MainModel, fingerprint};
+use model::observer::{Observer, Sample};
+use model::predict::Belief;
+use model::residual::residual;
+use model::{State, Velocity};
+use protocol::message::{Command, HORIZON_MAX, Plan, PlantState, Reason, ResidualSample, Rung, SolverStatus, TAIL_MAX};
+
+/// Largest believable share of its physical range that the main model can be wrong by in one period.
+const RESIDUAL_SHARE: f64 = 0.25;
+
+/// Why a controller could not be set up.
+#[derive(Debug, thiserror::Error)]
+pub enum ControllerError {
+    /// Its optimiser.
+    #[error(transparent)]
+    Mpc(#[from] MpcError),
+    /// Its reference.
+    #[error(transparent)]
+    Reference(#[from] PointsError),
+}
+
+/// The state before the present one, to see what the input in between did.
+#[derive(Debug, Clone, Copy)]
+struct Before {
+    tick: u64,
+    state: State,
+}
+
+/// The controller without its ports.
+pub struct Controller {
+    main: MainModel,
+    mpc: Mpc,
+    ladder: Ladder,
+    observer: Observer,
+    reference: Reference,
+    /// The reference at the present tick and the N after it.
+    points: Vec<ReferencePoint>,
+    fingerprint: u64,
+    active: Option<Box<Candidate>>,
+    plant_epoch: Option<u64>,
+    before: Option<Before>,
+    /// Input commanded last, until the plant reports what the wheels got.
+    last_input: Velocity,
+    residual: Velocity,
+    rung: Rung,
+    command: Command,
+    plan: Box<Plan>,
+}
+
+impl Controller {
+    /// Sets everything up. Allocates all that a run needs.
+    ///
+    /// # Errors
+    /// [`ControllerError`] if the weights, the solver or the reference refuse.
+    pub fn new(settings: &Settings) -> Result<Self, ControllerError> {
+        let period = settings.run.period_nanos as f64 * 1e-9;
+        let main = MainModel::new(&settings.robot, period);
+        let mpc = Mpc::new(&settings.mpc, &settings.robot, &main)?;
+        let ticks = (settings.duration_s / period).ceil() as usize + mpc.horizon() + 1;
+        Ok(Self {
+            reference: Reference::new(&settings.reference, &settings.start, period, ticks)?,
+            points: vec![ReferencePoint::default(); mpc.horizon() + 1],
+            fingerprint: fingerprint(&main, settings.learned.layout.name()),
+            main,
+            mpc,
+            ladder: Ladder::default(),
+            observer: Observer::new(settings.mpc.observer_gain),
+            active: None,
+            plant_epoch: None,
+            before: None,
+            last_input: [0.0; 3],
+            residual: [0.0; 3],
+            rung: Rung::Waiting,
+            command: bytemuck::Zeroable::zeroed(),
+            plan: Box::new(bytemuck::Zeroable::zeroed()),
+        })
+    }
+
+    /// What a snapshot must be for this controller to use it.
+    pub fn expected(settings: &Settings) -> Expected {
+        let main = MainModel::new(&settings.robot, settings.run.period_nanos as f64 * 1e-9);
+        let limits = &settings.robot.limits;
+        let range = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];
+        Expected {
+            fingerprint: fingerprint(&main, settings.learned.layout.name()),
+            layout: settings.learned.layout,
+            bound: std::array::from_fn(|axis| RESIDUAL_SHARE * main.gain[axis] * range[axis]),
+        }
+    }
+
+    /// Version of the learned model in use; 0 is the main model alone.
+    pub fn model_version(&self) -> u64 {
+        self.active.as_ref().map_or(0, |active| active.version)
+    }
+
+    /// Puts a model in use, and gives back the one before, for somebody else to free.
+    pub fn adopt(&mut self, candidate: Box<Candidate>) -> Option<Box<Candidate>> {
+        let learned = &candidate.learned;
+        self.observer.replay(|velocity, input| learned.mean(velocity, input));
+        self.active.replace(candidate)
+    }
+
+    /// Takes in what the last input did, and says what there is to learn from it.
+    pub fn observe(&mut self, state: &PlantState, handover: &Handover, controller_epoch: u64) -> ResidualSample {
+        if self.plant_epoch != Some(state.stamp.epoch) {
+            self.start_over(state, handover, controller_epoch);
+        }
+        let now = State { pose: state.pose, velocity: state.velocity };
+        let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
+        sample.stamp.tick = state.stamp.tick;
+        sample.plant_epoch = state.stamp.epoch;
+        sample.fingerprint = self.fingerprint;
+        let input_known = state.input.iter().all(|value| value.is_finite()) && now.is_finite();
+        if let Some(before) = self.before.filter(|before| before.tick + 1 == state.stamp.tick && input_known) {
+            self.residual = residual(&self.main, &before.state.velocity, &state.input, &now.velocity);
+            let learned = self.belief().residual(&before.state.velocity, &state.input);
+            let observed = Sample { velocity: before.state.velocity, input: state.input, residual: self.residual };
+            self.observer.update(observed, &learned);
+            sample.pose = before.state.pose;
+            sample.velocity = before.state.velocity;
+            sample.input = state.input;
+            sample.residual = self.residual;
+            sample.usable = u32::from(matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr));
+            self.last_input = state.input;
+        }
+        self.before = now.is_finite().then_some(Before { tick: state.stamp.tick, state: now });
+        sample
+    }
+
+    /// The answer to `state`.
+    pub fn answer(&mut self, state: &PlantState, handover: &Handover) -> &mut Command {
+        let tick = state.stamp.tick;
+        let measured = State { pose: state.pose, velocity: state.velocity };
+        for (slot, offset) in self.points.iter_mut().zip(0..) {
+            *slot = self.reference.at(tick + offset);
+        }
+        let (rung, reason, input, solved) = if measured.is_finite() {
+            self.plan_for(&measured)
+        } else {
+            (Rung::Brake, Reason::BadState, self.mpc.limits().reach(&[0.0; 3], &self.last_input), None)
+        };
+        if rung != self.rung {
+            handover.note(Event::Rung { tick, rung, reason });
+            self.rung = rung;
+        }
+        self.write_command(state, rung, input);
+        self.write_outcome(solved);
+        self.last_input = input;
+        &mut self.command
+    }
+
+    /// The plan behind the last answer, with what it took; called after the command has gone.
+    pub fn explain(&mut self, tick_nanos: u64) -> &mut Plan {
+        self.write_prediction();
+        let plan = &mut self.plan;
+        plan.tick_nanos = tick_nanos;
+        plan.stamp.tick = self.command.stamp.tick;
+        plan.plant_epoch = self.command.plant_epoch;
+        plan.model_version = self.command.model_version;
+        plan.rung = self.command.rung;
+        plan.disturbance = self.observer.disturbance();
+        plan.innovation = self.observer.innovation();
+        plan.residual = self.residual;
+        plan
+    }
+
+    fn belief(&self) -> Belief<'_> {
+        Belief { main: &self.main, learned: self.active.as_ref().map(|active| &active.learned), disturbance: self.observer.disturbance() }
+    }
+
+    fn plan_for(&mut self, measured: &State) -> (Rung, Reason, Velocity, Option<Solved>) {
+        let belief =
+            Belief { main: &self.main, learned: self.active.as_ref().map(|active| &active.learned), disturbance: self.observer.disturbance() };
+        self.mpc.shift();
+        let solved = self.mpc.iterate(measured, &self.last_input, &self.points, &belief);
+        let point = self.points.first().copied().unwrap_or_default();
+        let (rung, input) = self.ladder.choose(solved.outcome.usable(), &self.mpc, measured, &point, &self.last_input);
+        let reason = if rung == Rung::FreshPlan { Reason::None } else { Reason::SolverFailed };
+        (rung, reason, input, Some(solved))
+    }
+
+    fn start_over(&mut self, state: &PlantState, handover: &Handover, controller_epoch: u64) {
+        handover.note(Event::Plant { epoch: state.stamp.epoch, controller_epoch });
+        self.plant_epoch = Some(state.stamp.epoch);
+        self.before = None;
+        self.last_input = state.input;
+        self.residual = [0.0; 3];
+        self.observer.reset();
+        self.mpc.reset();
+        self.ladder.reset();
+    }
+
+    fn write_command(&mut self, state: &PlantState, rung: Rung, input: Velocity) {
+        let command = &mut self.command;
+        command.stamp.tick = state.stamp.tick;
+        command.plant_epoch = state.stamp.epoch;
+        command.model_version = self.active.as_ref().map_or(0, |active| active.version);
+        command.rung = rung.code();
+        command.input = input;
+        command.tail = [[0.0; 3]; TAIL_MAX];
+        command.tail_len = 0;
+        if matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan) {
+            for (slot, stage) in command.tail.iter_mut().zip(self.mpc.stages().iter().skip(1)) {
+                *slot = stage.input;
+                command.tail_len += 1;
+            }
+        }
+    }
+
+    fn write_outcome(&mut self, solved: Option<Solved>) {
+        let plan = &mut self.plan;
+        plan.status = solved.map_or(SolverStatus::NotRun, |solved| solved.outcome.code()).code();
+        plan.iterations = solved.map_or(0, |solved| solved.outcome.iterations);
+        plan.linearise_nanos = solved.map_or(0, |solved| solved.linearise_nanos);
+        plan.solve_nanos = solved.map_or(0, |solved| solved.solve_nanos);
+    }
+
+    fn write_prediction(&mut self) {
+        let plan = &mut self.plan;
+        plan.horizon = self.mpc.horizon().min(HORIZON_MAX) as u32;
+        let states = self.mpc.stages().iter().map(|stage| &stage.state).chain(std::iter::once(self.mpc.terminal()));
+        for (slot, state) in plan.predicted.iter_mut().zip(states) {
+            *slot = state.to_array();
+        }
+        for (slot, point) in plan.reference.iter_mut().zip(&self.points) {
+            *slot = State { pose: point.pose, velocity: point.velocity }.to_array();
+        }
+        for (slot, stage) in plan.input.iter_mut().zip(self.mpc.stages()) {
+            *slot = stage.input;
+        }
+        let Some(active) = self.active.as_deref_mut() else {
+            plan.variance.fill([0.0; 3]);
+            return;
+        };
+        for (slot, stage) in plan.variance.iter_mut().zip(self.mpc.stages()) {
+            *slot = active.learned.variance(&stage.state.velocity, &stage.input, &mut active.scratch);
+        }
+    }
+}

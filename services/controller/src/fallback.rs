@@ -1,0 +1,42 @@
+//! What to command when the optimiser has no answer: the previous plan shifted, then the LQR on the main model.
+
+use crate::mpc::{Mpc, TrackingError};
+use crate::reference::ReferencePoint;
+use model::{State, Velocity};
+use protocol::message::Rung;
+
+/// How many periods in a row a shifted plan is believed.
+const SHIFTS_MAX: u32 = 2;
+
+/// Chooses the rung, and remembers for how long the plan has not been renewed.
+#[derive(Debug, Default)]
+pub struct Ladder {
+    /// Periods since the plan was fresh; `None` if there never was one.
+    shifts: Option<u32>,
+}
+
+impl Ladder {
+    /// The rung and the input for this period. Does not allocate.
+    pub fn choose(&mut self, solved: bool, mpc: &Mpc, state: &State, point: &ReferencePoint, last_input: &Velocity) -> (Rung, Velocity) {
+        let planned = mpc.stages().first().copied().unwrap_or_default();
+        if solved {
+            self.shifts = Some(0);
+            return (Rung::FreshPlan, planned.input);
+        }
+        match &mut self.shifts {
+            Some(shifts) if *shifts < SHIFTS_MAX => {
+                *shifts += 1;
+                (Rung::ShiftedPlan, mpc.limits().reach(&planned.input, last_input))
+            }
+            _ => {
+                let error = TrackingError::new(state, point);
+                (Rung::Lqr, mpc.limits().reach(&mpc.cost().lqr_input(&error, &planned.target), last_input))
+            }
+        }
+    }
+
+    /// Forgets the last plan.
+    pub fn reset(&mut self) {
+        self.shifts = None;
+    }
+}

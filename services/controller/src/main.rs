@@ -1,0 +1,13 @@
+//! The controller process.
+
+use controller::{Settings, run};
+use protocol::message::Participant;
+use protocol::port::Ports;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    process::main::<Settings>(Participant::Controller, |settings, stop| {
+        run::run(&settings, |identity| Ports::open(&settings.run.links, identity), stop)?;
+        Ok(())
+    })
+}

@@ -1,0 +1,239 @@
+//! The optimiser: a Gauss–Newton real-time iteration of the tracking problem (eqs. 24–26, 32–35).
+//!
+//! ```text
+//! min  Σ_{k<N} |e(x_k)|²_Q + |u_k − t_k|²_R + |u_k − u_{k−1}|²_S  +  |e(x_N)|²_F  + ρ Σ s_k
+//! s.t. x_{k+1} = f(x_k, u_k) + g(x_k, u_k) + d         x_0 measured, u_{−1} the last input
+//!      |J u_k| ≤ r ω_max,  |u_k| ≤ u_max,  |u_k − u_{k−1}| ≤ T u̇_max
+//!      |k_p J (u_k − v_k)/r| ≤ i_max (1 + s_k),  |θ_k| ≤ θ_max (1 + s_k),  |v_k| ≤ v_max (1 + s_k),  s_k ≥ 0
+//! ```
+//! The cost is on the deviation from the reference, and k counts along the prediction (eqs. 26 and 32 write x(k|k) and leave the
+//! reference out). One iteration: shift the last plan, predict with it, linearise, condense the states away, solve one convex
+//! quadratic program of fixed sparsity, apply its first input.
+//!
+//! | here        | in the equations                | size      |
+//! |-------------|---------------------------------|-----------|
+//! | `target`    | t: input that holds the reference | N × 3   |
+//! | `deviation` | u − t, free in the first C periods, then constant | C × 3 |
+//! | `sensitivity` | ∂x_k/∂(deviation)             | 6 × 3C    |
+
+mod condense;
+pub mod constraint;
+mod cost;
+pub mod qp;
+pub mod solver;
+mod target;
+
+use crate::reference::ReferencePoint;
+use crate::settings::MpcSettings;
+use condense::Condensed;
+use constraint::Limits;
+use model::linearise::{Linearised, linearise};
+use model::lqr::NoGain;
+use model::main_model::MainModel;
+use model::predict::Belief;
+use model::robot::Robot;
+use model::{State, Velocity};
+use protocol::clock::monotonic_nanos;
+use qp::QuadraticProgram;
+use solver::{Clarabel, SolverError};
+
+pub use cost::{Cost, TrackingError};
+pub use solver::{Outcome, Status};
+
+/// Why a controller could not be built.
+#[derive(Debug, thiserror::Error)]
+pub enum MpcError {
+    /// The weights give no LQR gain.
+    #[error(transparent)]
+    NoGain(#[from] NoGain),
+    /// The solver refused the problem's structure.
+    #[error(transparent)]
+    Solver(#[from] SolverError),
+}
+
+/// One predicted period.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Stage {
+    /// Predicted state at its start.
+    pub state: State,
+    /// Planned input.
+    pub input: Velocity,
+    /// Input that would hold the reference.
+    pub target: Velocity,
+}
+
+/// What one iteration came to.
+#[derive(Debug, Clone, Copy)]
+pub struct Solved {
+    /// What the solver said, and whether its answer withstood the check.
+    pub outcome: Outcome,
+    /// Prediction and linearisation \[ns\].
+    pub linearise_nanos: u64,
+    /// Quadratic program \[ns\].
+    pub solve_nanos: u64,
+}
+
+/// The optimiser with all its memory: set up once, then in place.
+pub struct Mpc {
+    horizon: usize,
+    blocks: usize,
+    cost: Cost,
+    limits: Limits,
+    stages: Vec<Stage>,
+    steps: Vec<Linearised>,
+    /// The horizon's last state.
+    terminal: State,
+    /// u − t of each free period.
+    deviation: Vec<Velocity>,
+    condensed: Condensed,
+    program: QuadraticProgram,
+    solver: Clarabel,
+    solution: Vec<f64>,
+}
+
+impl Mpc {
+    /// Sets everything up for one robot, period and horizon.
+    ///
+    /// # Errors
+    /// [`MpcError`] if the weights are ill-posed or the solver refuses.
+    pub fn new(settings: &MpcSettings, robot: &Robot, main: &MainModel) -> Result<Self, MpcError> {
+        let (horizon, blocks) = (settings.horizon_steps, settings.control_horizon_steps);
+        let limits = Limits::new(robot, &settings.state_limits, main.period, horizon, blocks);
+        let mut program = QuadraticProgram::new(3 * blocks + horizon, limits.rows());
+        limits.mark_structure(&mut program);
+        let solver = Clarabel::new(&program)?;
+        let still = Linearised {
+            next: State::default(),
+            by_state: nalgebra::SMatrix::identity(),
+            by_input: nalgebra::SMatrix::zeros(),
+        };
+        Ok(Self {
+            horizon,
+            blocks,
+            cost: Cost::new(settings, main)?,
+            limits,
+            stages: vec![Stage::default(); horizon],
+            steps: vec![still; horizon],
+            terminal: State::default(),
+            deviation: vec![[0.0; 3]; blocks],
+            condensed: Condensed::new(horizon, blocks),
+            solution: vec![0.0; program.variables()],
+            program,
+            solver,
+        })
+    }
+
+    /// Forgets the last plan.
+    pub fn reset(&mut self) {
+        self.deviation.fill([0.0; 3]);
+        self.stages.fill(Stage::default());
+    }
+
+    /// N.
+    pub fn horizon(&self) -> usize {
+        self.horizon
+    }
+
+    /// LQR gain and tracking error, for the fallback.
+    pub fn cost(&self) -> &Cost {
+        &self.cost
+    }
+
+    /// What the wheels can do.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// The predicted periods of the last plan.
+    pub fn stages(&self) -> &[Stage] {
+        &self.stages
+    }
+
+    /// The state that the last plan ends in.
+    pub fn terminal(&self) -> &State {
+        &self.terminal
+    }
+
+    /// Moves the last plan on by one period: its second input becomes the first.
+    pub fn shift(&mut self) {
+        self.deviation.rotate_left(1);
+        if let [.., before, last] = self.deviation.as_mut_slice() {
+            *last = *before;
+        }
+        self.stages.rotate_left(1);
+        if let [.., before, last] = self.stages.as_mut_slice() {
+            last.target = before.target;
+        }
+    }
+
+    /// One iteration from the measured `state`: predicts with the present plan, improves it, and predicts again to first order.
+    ///
+    /// `reference` holds the points of the present tick and the N after it; `last_input` is what the wheels got last.
+    /// If the outcome is not usable, the plan stays the shifted one.
+    pub fn iterate(&mut self, state: &State, last_input: &Velocity, reference: &[ReferencePoint], belief: &Belief<'_>) -> Solved {
+        let begin = monotonic_nanos();
+        self.roll_out(state, reference, belief);
+        self.condensed.propagate(&self.steps);
+        let linearised = monotonic_nanos();
+        self.build(last_input, reference);
+        let mut outcome = self.solver.solve(&self.program, &mut self.solution);
+        if outcome.usable() && !self.program.satisfied_by(&self.solution, 1e-6) {
+            outcome.status = Status::Wrong;
+        }
+        if outcome.usable() {
+            self.apply();
+        }
+        Solved { outcome, linearise_nanos: linearised - begin, solve_nanos: monotonic_nanos() - linearised }
+    }
+
+    /// Targets, inputs and states along the present plan, and the Jacobians there.
+    fn roll_out(&mut self, state: &State, reference: &[ReferencePoint], belief: &Belief<'_>) {
+        let mut at = *state;
+        let (last_block, stages) = (self.blocks - 1, self.stages.iter_mut().zip(&mut self.steps).zip(reference));
+        for (k, ((stage, step), point)) in stages.enumerate() {
+            let held = target::velocity_to_hold(point, at.pose[2]);
+            stage.target = self.limits.clamp(&target::improve(belief, &held, &stage.target));
+            let deviation = self.deviation.get_mut(k.min(last_block));
+            let mut input = stage.target;
+            if let Some(deviation) = deviation {
+                let wished = std::array::from_fn(|axis| stage.target[axis] + deviation[axis]);
+                input = self.limits.clamp(&wished);
+                if k <= last_block {
+                    *deviation = std::array::from_fn(|axis| input[axis] - stage.target[axis]);
+                }
+            }
+            stage.state = at;
+            stage.input = input;
+            *step = linearise(belief, &at, &input);
+            at = step.next;
+        }
+        self.terminal = at;
+    }
+
+    fn build(&mut self, last_input: &Velocity, reference: &[ReferencePoint]) {
+        self.program.clear();
+        self.cost.write(&self.stages, &self.terminal, last_input, reference, &self.condensed, &mut self.program);
+        self.limits.write(&self.stages, &self.terminal, last_input, &self.condensed, &mut self.program);
+    }
+
+    /// Takes the solution into the plan: inputs exactly, states to first order.
+    fn apply(&mut self) {
+        let change = self.solution.get(..3 * self.blocks).unwrap_or(&[]);
+        for (deviation, change) in self.deviation.iter_mut().zip(change.chunks_exact(3)) {
+            for (value, by) in deviation.iter_mut().zip(change) {
+                *value += by;
+            }
+        }
+        for (k, stage) in self.stages.iter_mut().enumerate() {
+            let block = k.min(self.blocks - 1);
+            if let Some(change) = change.get(3 * block..3 * block + 3) {
+                for (input, by) in stage.input.iter_mut().zip(change) {
+                    *input += by;
+                }
+            }
+            stage.input = self.limits.clamp(&stage.input);
+            stage.state = self.condensed.moved(k, &stage.state, change);
+        }
+        self.terminal = self.condensed.moved(self.horizon, &self.terminal, change);
+    }
+}

@@ -1,0 +1,218 @@
+//! The limits: the wheels' own, all linear in (v, u), and soft bounds on the predicted state.
+//!
+//! Every row is scaled so that its bound is 1, which keeps the program well scaled and lets one slack per period serve all its
+//! soft rows: a slack of 0.1 allows each of them to be exceeded by a tenth.
+
+use super::Stage;
+use super::condense::Condensed;
+use super::qp::QuadraticProgram;
+use crate::settings::StateLimits;
+use model::robot::{Robot, kinematics};
+use model::{State, Velocity};
+
+/// Price of a slack of 1, linear: greater than any multiplier of a soft row, so that slacks stay zero where they can.
+const SLACK_PRICE: f64 = 1e3;
+/// Curvature of that price: keeps the program strictly convex.
+const SLACK_CURVATURE: f64 = 1.0;
+
+/// What one row bounds. Each comes in both signs.
+#[derive(Debug, Clone, Copy)]
+enum Kind {
+    /// |J u|/(r `ω_max`) of one wheel.
+    WheelSpeed(usize),
+    /// |u|/`u_max` of one axis.
+    Input(usize),
+    /// Change of u in one period, per axis.
+    Change(usize),
+    /// |`k_p` J (u − v)/r|/`i_max` of one wheel; soft.
+    Current(usize),
+    /// |θ|/`θ_max`; soft.
+    Heading,
+    /// |v|/`v_max`, forward or left; soft.
+    Speed(usize),
+    /// s ≥ 0.
+    Slack,
+}
+
+/// One row: what, in which period (for state rows: at whose end), and with which sign.
+#[derive(Debug, Clone, Copy)]
+struct Row {
+    kind: Kind,
+    period: usize,
+    sign: f64,
+}
+
+/// What the wheels can do and the state may be. Constant.
+pub struct Limits {
+    wheel: [Velocity; 4],
+    current: [Velocity; 4],
+    input: Velocity,
+    /// Largest change in one period.
+    change: Velocity,
+    heading: Option<f64>,
+    speed: Option<f64>,
+    blocks: usize,
+    rows: Vec<Row>,
+}
+
+impl Limits {
+    /// The limits of `robot` for a period of `period` \[s\], a horizon of `horizon` periods of which `blocks` have free inputs.
+    pub fn new(robot: &Robot, state: &StateLimits, period: f64, horizon: usize, blocks: usize) -> Self {
+        let jacobian = kinematics::jacobian(&robot.geometry);
+        let radius = robot.geometry.wheel_radius_m;
+        let scaled = |by: f64| jacobian.map(|row| row.map(|value| value * by));
+        let limits = &robot.limits;
+        let mut this = Self {
+            wheel: scaled(1.0 / (radius * robot.drive.wheel_speed_limit_radps)),
+            current: scaled(robot.drive.speed_loop_gain_a_s_per_rad / (radius * robot.drive.current_limit_a)),
+            input: [limits.input_mps, limits.input_mps, limits.yaw_input_radps],
+            change: [limits.input_rate_mps2, limits.input_rate_mps2, limits.yaw_input_rate_radps2].map(|rate| rate * period),
+            heading: state.heading_rad,
+            speed: state.speed_mps,
+            blocks,
+            rows: Vec::new(),
+        };
+        this.rows = this.all_rows(horizon);
+        this
+    }
+
+    /// How many rows there are.
+    pub fn rows(&self) -> usize {
+        self.rows.len()
+    }
+
+    fn all_rows(&self, horizon: usize) -> Vec<Row> {
+        let mut rows = Vec::new();
+        let mut both = |kind, period| rows.extend([1.0, -1.0].map(|sign| Row { kind, period, sign }));
+        for period in 0..self.blocks {
+            (0..4).for_each(|wheel| both(Kind::WheelSpeed(wheel), period));
+            (0..3).for_each(|axis| both(Kind::Input(axis), period));
+            (0..3).for_each(|axis| both(Kind::Change(axis), period));
+            (0..4).for_each(|wheel| both(Kind::Current(wheel), period));
+        }
+        for period in 0..horizon {
+            if self.heading.is_some() {
+                both(Kind::Heading, period);
+            }
+            if self.speed.is_some() {
+                (0..2).for_each(|axis| both(Kind::Speed(axis), period));
+            }
+        }
+        rows.extend((0..horizon).map(|period| Row { kind: Kind::Slack, period, sign: -1.0 }));
+        rows
+    }
+
+    /// The nearest input in the same direction that the wheels can do.
+    pub fn clamp(&self, input: &Velocity) -> Velocity {
+        let boxed: Velocity = std::array::from_fn(|axis| input[axis].clamp(-self.input[axis], self.input[axis]));
+        let load = self.wheel.iter().map(|row| dot(row, &boxed).abs()).fold(1.0, f64::max);
+        boxed.map(|value| value / load)
+    }
+
+    /// The nearest input to `wished` that can be reached from `last` in one period.
+    pub fn reach(&self, wished: &Velocity, last: &Velocity) -> Velocity {
+        let wished = self.clamp(wished);
+        let near: Velocity = std::array::from_fn(|axis| wished[axis].clamp(last[axis] - self.change[axis], last[axis] + self.change[axis]));
+        self.clamp(&near)
+    }
+
+    /// Says where G may be other than zero.
+    pub(super) fn mark_structure(&self, program: &mut QuadraticProgram) {
+        let mut places = Vec::new();
+        for (index, row) in self.rows.iter().enumerate() {
+            let (first, last, soft) = match row.kind {
+                Kind::WheelSpeed(_) | Kind::Input(_) => (row.period, row.period + 1, false),
+                Kind::Change(_) => (row.period.saturating_sub(1), row.period + 1, false),
+                Kind::Current(_) | Kind::Heading | Kind::Speed(_) => (0, (row.period + 1).min(self.blocks), true),
+                Kind::Slack => (0, 0, true),
+            };
+            places.extend((3 * first..3 * last).map(|column| (index, column)));
+            if soft {
+                places.push((index, 3 * self.blocks + row.period));
+            }
+        }
+        program.set_structure(places);
+    }
+
+    /// Writes every row and the price of the slacks, about the present plan. Does not allocate.
+    pub(super) fn write(&self, stages: &[Stage], terminal: &State, last_input: &Velocity, condensed: &Condensed, program: &mut QuadraticProgram) {
+        for (index, row) in self.rows.iter().enumerate() {
+            let slack = 3 * self.blocks + row.period;
+            let Some(stage) = stages.get(row.period) else { continue };
+            let after = stages.get(row.period + 1).map_or(terminal, |next| &next.state);
+            let used = match row.kind {
+                Kind::WheelSpeed(wheel) => on_input(program, index, row, &self.wheel[wheel], &stage.input),
+                Kind::Input(axis) => on_input(program, index, row, &unit(axis, self.input[axis]), &stage.input),
+                Kind::Change(axis) => {
+                    let before = row.period.checked_sub(1).and_then(|k| stages.get(k)).map_or(last_input, |stage| &stage.input);
+                    let coefficients = unit(axis, self.change[axis]);
+                    if row.period > 0 {
+                        put(program, index, 3 * (row.period - 1), &coefficients.map(|value| -row.sign * value));
+                    }
+                    on_input(program, index, row, &coefficients, &stage.input) - row.sign * dot(&coefficients, before)
+                }
+                Kind::Current(wheel) => {
+                    let coefficients = self.current[wheel];
+                    on_state(program, index, row.period, &coefficients.map(|value| -row.sign * value), 3, condensed);
+                    program.rows[(index, slack)] = -1.0;
+                    on_input(program, index, row, &coefficients, &stage.input) - row.sign * dot(&coefficients, &stage.state.velocity)
+                }
+                Kind::Heading => {
+                    let coefficients = unit(2, self.heading.unwrap_or(f64::INFINITY)).map(|value| row.sign * value);
+                    on_state(program, index, row.period + 1, &coefficients, 0, condensed);
+                    program.rows[(index, slack)] = -1.0;
+                    dot(&coefficients, &after.pose)
+                }
+                Kind::Speed(axis) => {
+                    let coefficients = unit(axis, self.speed.unwrap_or(f64::INFINITY)).map(|value| row.sign * value);
+                    on_state(program, index, row.period + 1, &coefficients, 3, condensed);
+                    program.rows[(index, slack)] = -1.0;
+                    dot(&coefficients, &after.velocity)
+                }
+                Kind::Slack => {
+                    program.rows[(index, slack)] = -1.0;
+                    program.add_square(slack, SLACK_CURVATURE, 0.0);
+                    program.add_linear(slack, SLACK_PRICE);
+                    1.0
+                }
+            };
+            if let Some(bound) = program.bounds.get_mut(index) {
+                *bound = 1.0 - used;
+            }
+        }
+    }
+}
+
+fn dot(a: &Velocity, b: &Velocity) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// 1/limit on one axis.
+fn unit(axis: usize, limit: f64) -> Velocity {
+    let mut coefficients = [0.0; 3];
+    coefficients[axis] = 1.0 / limit;
+    coefficients
+}
+
+/// Adds three coefficients to a row.
+fn put(program: &mut QuadraticProgram, index: usize, column: usize, coefficients: &Velocity) {
+    for (offset, value) in coefficients.iter().enumerate() {
+        program.rows[(index, column + offset)] += value;
+    }
+}
+
+/// A row on the input of its period; returns what the present plan uses of it.
+fn on_input(program: &mut QuadraticProgram, index: usize, row: &Row, coefficients: &Velocity, input: &Velocity) -> f64 {
+    let signed = coefficients.map(|value| row.sign * value);
+    put(program, index, 3 * row.period, &signed);
+    dot(&signed, input)
+}
+
+/// A row on three entries of state `k`, from entry `first` on.
+fn on_state(program: &mut QuadraticProgram, index: usize, k: usize, coefficients: &Velocity, first: usize, condensed: &Condensed) {
+    for block in 0..condensed.reach(k) {
+        let sensitivity = condensed.block(k, block);
+        let row: Velocity = std::array::from_fn(|column| (0..3).map(|entry| coefficients[entry] * sensitivity[(first + entry, column)]).sum());
+        put(program, index, 3 * block, &row);
+    }
+}

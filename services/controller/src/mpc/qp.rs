@@ -1,0 +1,104 @@
+//! A convex quadratic program of fixed shape.
+//!
+//! ```text
+//! min ½ xᵀ H x + hᵀ x    subject to   G x ≤ b
+//! ```
+//! x holds the changes of the free inputs first, then one slack per period. H is kept as its upper triangle.
+
+use nalgebra::{DMatrix, SMatrix, SVector};
+
+/// The program's numbers and the places that may be other than zero.
+pub struct QuadraticProgram {
+    /// Upper triangle of H.
+    pub hessian: DMatrix<f64>,
+    /// h.
+    pub gradient: Vec<f64>,
+    /// G.
+    pub rows: DMatrix<f64>,
+    /// b.
+    pub bounds: Vec<f64>,
+    /// Places of G that may be other than zero (row, column), column by column.
+    structure: Vec<(usize, usize)>,
+}
+
+impl QuadraticProgram {
+    /// A program of `variables` unknowns and `rows` inequalities, all zero and without structure.
+    pub fn new(variables: usize, rows: usize) -> Self {
+        Self {
+            hessian: DMatrix::zeros(variables, variables),
+            gradient: vec![0.0; variables],
+            rows: DMatrix::zeros(rows, variables),
+            bounds: vec![0.0; rows],
+            structure: Vec::new(),
+        }
+    }
+
+    /// Number of unknowns.
+    pub fn variables(&self) -> usize {
+        self.gradient.len()
+    }
+
+    /// Places of G that may be other than zero, column by column.
+    pub fn structure(&self) -> &[(usize, usize)] {
+        &self.structure
+    }
+
+    /// Says once which places of G may be other than zero.
+    pub fn set_structure(&mut self, mut places: Vec<(usize, usize)>) {
+        places.sort_unstable_by_key(|&(row, column)| (column, row));
+        places.dedup();
+        self.structure = places;
+    }
+
+    /// Sets all numbers to zero.
+    pub fn clear(&mut self) {
+        self.hessian.fill(0.0);
+        self.gradient.fill(0.0);
+        self.rows.fill(0.0);
+        self.bounds.fill(0.0);
+    }
+
+    /// Adds a block to the upper triangle of H, `row` ≤ `column`.
+    pub fn add_hessian(&mut self, row: usize, column: usize, block: &SMatrix<f64, 3, 3>) {
+        let mut place = self.hessian.fixed_view_mut::<3, 3>(row, column);
+        place += block;
+    }
+
+    /// Adds three entries to h.
+    pub fn add_gradient(&mut self, at: usize, entries: &SVector<f64, 3>) {
+        for (slot, entry) in self.gradient.iter_mut().skip(at).zip(entries.iter()) {
+            *slot += entry;
+        }
+    }
+
+    /// Adds ½ weight (value + `x_at`)².
+    pub fn add_square(&mut self, at: usize, weight: f64, value: f64) {
+        self.hessian[(at, at)] += weight;
+        self.add_linear(at, weight * value);
+    }
+
+    /// Turns ½ weight (value + `x_to`)² into ½ weight (value + `x_to` − `x_from`)², `from` < `to`.
+    pub fn add_difference(&mut self, from: usize, to: usize, weight: f64, value: f64) {
+        self.hessian[(from, from)] += weight;
+        self.hessian[(from, to)] -= weight;
+        self.add_linear(from, -weight * value);
+    }
+
+    /// Adds slope `x_at`.
+    pub fn add_linear(&mut self, at: usize, slope: f64) {
+        if let Some(entry) = self.gradient.get_mut(at) {
+            *entry += slope;
+        }
+    }
+
+    /// Whether `x` keeps every inequality to within `tolerance`, and is finite.
+    pub fn satisfied_by(&self, x: &[f64], tolerance: f64) -> bool {
+        if x.len() != self.variables() || x.iter().any(|value| !value.is_finite()) {
+            return false;
+        }
+        self.bounds.iter().enumerate().all(|(row, bound)| {
+            let left: f64 = self.rows.row(row).iter().zip(x).map(|(coefficient, value)| coefficient * value).sum();
+            left <= bound + tolerance * (1.0 + bound.abs())
+        })
+    }
+}

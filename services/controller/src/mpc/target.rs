@@ -1,0 +1,29 @@
+//! Target calculation: the input that would hold the reference, with everything that is believed in it, so that weighing the
+//! input's distance from it causes no offset.
+//!
+//! A steady-state target: v = A v + B t + g(v, t) + d for the reference velocity v, seen from the heading that is predicted. It does
+//! not spike where the reference has a corner, as inverting the dynamics would.
+
+use crate::reference::ReferencePoint;
+use model::Velocity;
+use model::predict::Belief;
+
+/// The reference's velocity as a body velocity of a robot that looks along `yaw`.
+pub(super) fn velocity_to_hold(point: &ReferencePoint, yaw: f64) -> Velocity {
+    let (sin, cos) = (point.pose[2] - yaw).sin_cos();
+    let [forward, left, rate] = point.velocity;
+    [cos * forward - sin * left, sin * forward + cos * left, rate]
+}
+
+/// One Newton step per axis towards the holding input, from the one before. Does not allocate.
+pub(super) fn improve(belief: &Belief<'_>, velocity: &Velocity, before: &Velocity) -> Velocity {
+    let main = belief.main;
+    let guess = if before.iter().all(|&value| value == 0.0) { main.holding_input(velocity, &belief.disturbance) } else { *before };
+    let response = belief.response(velocity, &guess);
+    std::array::from_fn(|axis| {
+        let next = main.decay[axis] * velocity[axis] + main.gain[axis] * guess[axis] + response.mean[axis] + belief.disturbance[axis];
+        // A learned gain that nearly cancels the believed one is no gain to divide by.
+        let gain = (main.gain[axis] + response.by_input[axis][axis]).max(0.3 * main.gain[axis]);
+        guess[axis] + (velocity[axis] - next) / gain
+    })
+}

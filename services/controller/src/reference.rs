@@ -1,0 +1,256 @@
+//! What the robot shall follow: a table of pose and velocity, one row per tick, made before the run.
+//!
+//! Every row holds the pose in the world and the velocity in the reference's own heading. Behind the end of the table the robot
+//! shall stand at its last pose.
+
+mod path;
+mod points;
+
+pub use points::PointsError;
+
+use model::{Pose, Velocity, wrap};
+use path::Path;
+use serde::{Deserialize, Serialize};
+use settings::Impossible;
+use std::path::PathBuf;
+
+/// What to follow.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReferenceSettings {
+    /// The path over time.
+    pub path: PathSettings,
+    /// Which way to look on it.
+    pub heading: Heading,
+}
+
+/// Which way to look.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Heading {
+    /// Along the path.
+    Tangent,
+    /// Always the same way \[rad\].
+    FixedRad(f64),
+    /// As the path itself says: for points that carry a yaw, and point to point.
+    Given,
+}
+
+/// A path over time. All begin at the world's origin, unless they say otherwise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum PathSettings {
+    /// The paper's curve y = −½ x sin(x/20).
+    PaperCurve {
+        /// Speed along it \[m/s\].
+        speed_mps: f64,
+    },
+    /// A circle around (0, `radius_m`), counter-clockwise.
+    Circle {
+        /// Its radius \[m\].
+        radius_m: f64,
+        /// Speed along it \[m/s\].
+        speed_mps: f64,
+    },
+    /// A lying eight: x = ½ length sin(2π t/lap), y = ½ width sin(4π t/lap).
+    FigureEight {
+        /// Its extent in x \[m\].
+        length_m: f64,
+        /// Its extent in y \[m\].
+        width_m: f64,
+        /// Time of one lap \[s\].
+        lap_s: f64,
+    },
+    /// A square, counter-clockwise, whose corners are not rounded.
+    Square {
+        /// Its side \[m\].
+        side_m: f64,
+        /// Speed along it \[m/s\].
+        speed_mps: f64,
+    },
+    /// Straight ahead and to a stop, again and again.
+    StopAndGo {
+        /// Length of one stretch \[m\].
+        stretch_m: f64,
+        /// Speed in its middle \[m/s\].
+        speed_mps: f64,
+        /// Acceleration and deceleration \[m/s²\].
+        acceleration_mps2: f64,
+        /// Time at rest \[s\].
+        pause_s: f64,
+    },
+    /// In a straight line from the start to a pose, and stay.
+    PointToPoint {
+        /// The pose (x, y, yaw) \[m, m, rad\].
+        to: [f64; 3],
+        /// Speed on the way \[m/s\].
+        speed_mps: f64,
+        /// Acceleration and deceleration \[m/s²\].
+        acceleration_mps2: f64,
+    },
+    /// Points from a CSV file with the columns `time_s,x_m,y_m,yaw_rad`, straight lines in between.
+    Points {
+        /// The file, relative to the working directory.
+        file: PathBuf,
+    },
+}
+
+/// Pose and velocity at one tick.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ReferencePoint {
+    /// Pose in the world; yaw is continuous along the table.
+    pub pose: Pose,
+    /// Velocity in the reference's own heading.
+    pub velocity: Velocity,
+}
+
+/// The table. Constant during a run.
+#[derive(Debug, Clone)]
+pub struct Reference {
+    points: Vec<ReferencePoint>,
+}
+
+impl ReferenceSettings {
+    /// Checks that such a path exists.
+    ///
+    /// # Errors
+    /// [`Impossible`] names the first setting that cannot be.
+    pub fn check(&self) -> Result<(), Impossible> {
+        let (kind, numbers): (&str, Vec<(&str, f64)>) = match &self.path {
+            PathSettings::PaperCurve { speed_mps } => ("paper-curve", vec![("speed_mps", *speed_mps)]),
+            PathSettings::Circle { radius_m, speed_mps } => ("circle", vec![("radius_m", *radius_m), ("speed_mps", *speed_mps)]),
+            PathSettings::FigureEight { length_m, width_m, lap_s } => {
+                ("figure-eight", vec![("length_m", *length_m), ("width_m", *width_m), ("lap_s", *lap_s)])
+            }
+            PathSettings::Square { side_m, speed_mps } => ("square", vec![("side_m", *side_m), ("speed_mps", *speed_mps)]),
+            PathSettings::StopAndGo { stretch_m, speed_mps, acceleration_mps2, pause_s } => (
+                "stop-and-go",
+                vec![("stretch_m", *stretch_m), ("speed_mps", *speed_mps), ("acceleration_mps2", *acceleration_mps2), ("pause_s", *pause_s)],
+            ),
+            PathSettings::PointToPoint { speed_mps, acceleration_mps2, .. } => {
+                ("point-to-point", vec![("speed_mps", *speed_mps), ("acceleration_mps2", *acceleration_mps2)])
+            }
+            PathSettings::Points { .. } => ("points", Vec::new()),
+        };
+        for (key, value) in numbers {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Impossible { key: format!("path.{kind}.{key}"), expected: "a finite number greater than 0".into() });
+            }
+        }
+        if let PathSettings::PointToPoint { to, .. } = &self.path
+            && to.iter().any(|value| !value.is_finite())
+        {
+            return Err(Impossible { key: "path.point-to-point.to".into(), expected: "three finite numbers x, y, yaw".into() });
+        }
+        match self.heading {
+            Heading::FixedRad(yaw) if !yaw.is_finite() => {
+                Err(Impossible { key: "heading.fixed-rad".into(), expected: "a finite angle in radians".into() })
+            }
+            Heading::Given if !matches!(self.path, PathSettings::Points { .. } | PathSettings::PointToPoint { .. }) => {
+                Err(Impossible { key: "heading".into(), expected: "\"tangent\" or { fixed-rad = … }: this path gives no heading".into() })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Reference {
+    /// The table for `ticks` ticks of `period` \[s\], for a robot that starts at `start`.
+    ///
+    /// # Errors
+    /// [`PointsError`] if a file of points cannot be used.
+    pub fn new(settings: &ReferenceSettings, start: &Pose, period: f64, ticks: usize) -> Result<Self, PointsError> {
+        let path = Path::new(&settings.path, start)?;
+        let mut yaw_before = None;
+        let points = (0..=ticks)
+            .map(|tick| {
+                let at = path.at(tick as f64 * period);
+                let (yaw, rate) = match settings.heading {
+                    Heading::FixedRad(yaw) => (yaw, 0.0),
+                    Heading::Given => (at.yaw, at.yaw_rate),
+                    Heading::Tangent => at.tangent(yaw_before),
+                };
+                let yaw = yaw_before.map_or(yaw, |before| before + wrap(yaw - before));
+                yaw_before = Some(yaw);
+                let (sin, cos) = yaw.sin_cos();
+                let [vx, vy] = at.velocity;
+                ReferencePoint { pose: [at.position[0], at.position[1], yaw], velocity: [cos * vx + sin * vy, cos * vy - sin * vx, rate] }
+            })
+            .collect();
+        Ok(Self { points })
+    }
+
+    /// The reference at a tick. Does not allocate.
+    pub fn at(&self, tick: u64) -> ReferencePoint {
+        let index = usize::try_from(tick).unwrap_or(usize::MAX);
+        let behind_the_end = || self.points.last().map_or_else(ReferencePoint::default, |last| ReferencePoint { pose: last.pose, velocity: [0.0; 3] });
+        self.points.get(index).copied().unwrap_or_else(behind_the_end)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn all() -> Vec<PathSettings> {
+        vec![
+            PathSettings::PaperCurve { speed_mps: 2.7 },
+            PathSettings::Circle { radius_m: 1.5, speed_mps: 1.0 },
+            PathSettings::FigureEight { length_m: 4.0, width_m: 2.0, lap_s: 10.0 },
+            PathSettings::StopAndGo { stretch_m: 2.0, speed_mps: 1.5, acceleration_mps2: 2.0, pause_s: 1.0 },
+            PathSettings::PointToPoint { to: [2.0, 1.0, 0.5], speed_mps: 1.0, acceleration_mps2: 1.0 },
+        ]
+    }
+
+    #[test]
+    fn the_velocity_of_every_smooth_path_is_the_derivative_of_its_pose() -> Result<(), PointsError> {
+        for path in all() {
+            let settings = ReferenceSettings { path, heading: Heading::FixedRad(0.3) };
+            let period = 1e-3;
+            let table = Reference::new(&settings, &[0.0; 3], period, 20_000)?;
+            for tick in (1..19_999).step_by(97) {
+                let (before, here, after) = (table.at(tick - 1), table.at(tick), table.at(tick + 1));
+                let (sin, cos) = here.pose[2].sin_cos();
+                let world = [cos * here.velocity[0] - sin * here.velocity[1], sin * here.velocity[0] + cos * here.velocity[1]];
+                for axis in 0..2 {
+                    let numeric = (after.pose[axis] - before.pose[axis]) / (2.0 * period);
+                    assert!((numeric - world[axis]).abs() < 3e-3, "{:?} at {tick}: {numeric} is not {}", settings.path, world[axis]);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn the_papers_curve_is_followed_at_its_speed_within_its_heading() -> Result<(), PointsError> {
+        let settings = ReferenceSettings { path: PathSettings::PaperCurve { speed_mps: 2.7 }, heading: Heading::Tangent };
+        let table = Reference::new(&settings, &[0.0, -1.0, 0.0], 0.1, 250)?;
+        for tick in 0..=240 {
+            let point = table.at(tick);
+            let [x, y, yaw] = point.pose;
+            assert!((y + 0.5 * x * (x / 20.0).sin()).abs() < 1e-9);
+            assert!((point.velocity[0] - 2.7).abs() < 1e-9 && point.velocity[1].abs() < 1e-9);
+            assert!(yaw.abs() <= std::f64::consts::FRAC_PI_3 || x > 66.0, "yaw {yaw} at x {x}");
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn the_heading_of_a_circle_grows_without_a_jump() -> Result<(), PointsError> {
+        let settings = ReferenceSettings { path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }, heading: Heading::Tangent };
+        let table = Reference::new(&settings, &[0.0; 3], 0.1, 200)?;
+        for tick in 1..200 {
+            assert!((table.at(tick).pose[2] - table.at(tick - 1).pose[2] - 0.1).abs() < 1e-9);
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn behind_its_end_the_robot_stands() -> Result<(), PointsError> {
+        let settings = ReferenceSettings { path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }, heading: Heading::Tangent };
+        let table = Reference::new(&settings, &[0.0; 3], 0.1, 10)?;
+        assert_eq!(table.at(11).velocity, [0.0; 3]);
+        assert_eq!(table.at(11).pose, table.at(10).pose);
+        Ok(())
+    }
+}

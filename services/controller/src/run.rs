@@ -1,0 +1,272 @@
+//! The loop around [`Controller`]: the only place with a clock, a stop signal and threads.
+
+use crate::adopt::{Arrival, Event, Handover, prepare};
+use crate::control::{Controller, ControllerError};
+use crate::settings::Settings;
+use process::{Pace, Pulse, Stop};
+use protocol::clock::monotonic_nanos;
+use protocol::message::{Command, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample};
+use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
+use protocol::topic::Topic;
+use std::sync::atomic::Ordering;
+use std::thread::{self, Thread};
+use std::time::Duration;
+
+/// How long a wait lasts before stop signals are looked at.
+const PATIENCE: Duration = Duration::from_millis(20);
+
+/// Why the controller ended before it was told to.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// It could not be set up.
+    #[error(transparent)]
+    Setup(#[from] ControllerError),
+    /// A port could not be opened.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// A port could not be read.
+    #[error(transparent)]
+    Receive(#[from] ReceiveError),
+    /// A message could not be sent.
+    #[error(transparent)]
+    Send(#[from] SendError),
+    /// The attendant thread ended with a panic.
+    #[error("the thread that prepares models has died")]
+    Attendant,
+}
+
+/// Answers states until it is told to stop. `connect` opens the ports of one thread.
+///
+/// # Errors
+/// [`RunError`].
+pub fn run(settings: &Settings, connect: impl Fn(Identity) -> Result<Ports, OpenError> + Sync, stop: &Stop) -> Result<(), RunError> {
+    let handover = Handover::default();
+    let identity = Identity::new(settings.run.epoch_floor);
+    let done = Stop::new();
+    let control_thread = thread::current();
+    thread::scope(|scope| {
+        let attendant = scope.spawn(|| attend(settings, &connect, identity, &handover, &done, &control_thread));
+        let result = Loop::new(settings, &connect(identity)?, &handover).and_then(|mut control| control.run(stop));
+        done.request();
+        attendant.join().map_err(|_| RunError::Attendant)??;
+        result
+    })
+}
+
+/// The control thread's ports and memory.
+struct Loop<'a> {
+    settings: &'a Settings,
+    handover: &'a Handover,
+    controller: Controller,
+    states: Source<PlantState>,
+    commands: Sink<Command>,
+    residuals: Sink<ResidualSample>,
+    plans: Sink<Plan>,
+    pulse: Pulse,
+    /// Our epoch, once the first state has told which are taken.
+    epoch: Option<u64>,
+    /// (plant epoch, tick) answered last.
+    answered: Option<(u64, u64)>,
+}
+
+impl<'a> Loop<'a> {
+    fn new(settings: &'a Settings, ports: &Ports, handover: &'a Handover) -> Result<Self, RunError> {
+        let since = if settings.run.restarted { Since::Joining } else { Since::First };
+        Ok(Self {
+            settings,
+            handover,
+            controller: Controller::new(settings)?,
+            states: ports.source(since)?,
+            commands: ports.sink()?,
+            residuals: ports.sink()?,
+            plans: ports.sink()?,
+            pulse: Pulse::new(ports, Participant::Controller)?,
+            epoch: None,
+            answered: None,
+        })
+    }
+
+    fn run(&mut self, stop: &Stop) -> Result<(), RunError> {
+        // The first wait opens the listener, so that nothing published after "ready" goes unheard.
+        self.states.wait(Duration::ZERO)?;
+        self.pulse.phase(Phase::Ready);
+        while !stop.requested() {
+            self.states.wait(PATIENCE)?;
+            let state = match self.settings.run.pace {
+                Pace::RealTime => self.states.latest()?,
+                Pace::LockStep => self.states.next()?,
+            };
+            if let Some(state) = state {
+                self.step(&state, stop)?;
+            }
+            self.report();
+        }
+        self.report();
+        self.pulse.phase(Phase::Finished);
+        Ok(())
+    }
+
+    /// Answers one state, then says what was learnt and planned, then takes in a new model.
+    fn step(&mut self, state: &PlantState, stop: &Stop) -> Result<(), RunError> {
+        let begin = monotonic_nanos();
+        let (plant_epoch, tick) = (state.stamp.epoch, state.stamp.tick);
+        if self.answered.is_some_and(|(epoch, answered)| epoch == plant_epoch && answered >= tick) {
+            return Ok(());
+        }
+        let epoch = self.claim_epoch(state);
+        let mut sample = self.controller.observe(state, self.handover, epoch);
+        self.commands.send(self.controller.answer(state, self.handover))?;
+        let nanos = monotonic_nanos() - begin;
+
+        self.residuals.send(&mut sample)?;
+        self.plans.send(self.controller.explain(nanos))?;
+        self.count(plant_epoch, tick, nanos);
+        match self.settings.run.pace {
+            Pace::RealTime => self.take_newest(tick),
+            Pace::LockStep => self.take_due(tick + 1, stop)?,
+        }
+        Ok(())
+    }
+
+    /// One more than every epoch that has been: of those the gate has seen, and of those the launcher has given out.
+    fn claim_epoch(&mut self, state: &PlantState) -> u64 {
+        if let Some(epoch) = self.epoch {
+            return epoch;
+        }
+        let epoch = state.controller_epoch.max(self.settings.run.epoch_floor) + 1;
+        self.commands.set_epoch(epoch);
+        self.residuals.set_epoch(epoch);
+        self.plans.set_epoch(epoch);
+        self.pulse.set_epoch(epoch);
+        self.pulse.phase(Phase::Running);
+        self.epoch = Some(epoch);
+        epoch
+    }
+
+    fn count(&mut self, plant_epoch: u64, tick: u64, nanos: u64) {
+        let skipped = match self.answered {
+            Some((epoch, answered)) if epoch == plant_epoch => tick.saturating_sub(answered + 1),
+            _ => 0,
+        };
+        self.answered = Some((plant_epoch, tick));
+        let late = self.settings.run.pace == Pace::RealTime && nanos > self.settings.run.period_nanos;
+        if late || skipped > 0 {
+            self.handover.note(Event::Late { tick, nanos });
+        }
+        let health = self.pulse.health();
+        health.deadlines_missed += skipped + u64::from(late);
+        health.deadlines_met += u64::from(!late);
+    }
+
+    /// Real time: the newest model that is ready, if there is one.
+    fn take_newest(&mut self, tick: u64) {
+        while let Some(arrival) = self.handover.ready.pop() {
+            if let Arrival::Candidate(candidate) = arrival {
+                self.adopt(candidate, tick + 1);
+            }
+        }
+    }
+
+    /// Lock step: waits for the model that takes effect at `tick`, if the schedule has one there.
+    fn take_due(&mut self, tick: u64, stop: &Stop) -> Result<(), RunError> {
+        let learned = &self.settings.learned;
+        let due = learned.enabled && tick > learned.delay_ticks && (tick - learned.delay_ticks).is_multiple_of(learned.every_ticks);
+        while due && !stop.requested() {
+            match self.handover.ready.pop() {
+                Some(Arrival::Candidate(candidate)) => {
+                    let effective = candidate.effective_tick;
+                    self.adopt(candidate, tick);
+                    if effective >= tick {
+                        return Ok(());
+                    }
+                }
+                Some(Arrival::Refused { effective_tick }) if effective_tick >= tick => return Ok(()),
+                Some(Arrival::Refused { .. }) => {}
+                None => {
+                    thread::park_timeout(PATIENCE);
+                    // A learner that has been restarted needs the last sample to know how far time has come.
+                    self.residuals.refresh()?;
+                    self.report();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn adopt(&mut self, candidate: Box<crate::adopt::Candidate>, tick: u64) {
+        self.handover.note(Event::Adopted { version: candidate.version, tick });
+        self.pulse.health().snapshots += 1;
+        if let Some(before) = self.controller.adopt(candidate) {
+            // The attendant empties the slots far more often than models come; should they be full, leaking one is better than freeing it here.
+            if let Err(before) = self.handover.returned.push(before) {
+                Box::leak(before);
+            }
+        }
+    }
+
+    fn report(&mut self) {
+        let (states, handover) = (self.states.tally(), self.handover);
+        self.pulse.count_source(Topic::State, states);
+        self.pulse.count_sent(Topic::Command, self.commands.sent());
+        self.pulse.count_sent(Topic::Residual, self.residuals.sent());
+        self.pulse.count_sent(Topic::Plan, self.plans.sent());
+        let version = self.controller.model_version();
+        let health = self.pulse.health();
+        health.model_version = version;
+        health.snapshots_refused = handover.refused.load(Ordering::Relaxed);
+        let [received, lost, refused] = [0, 1, 2].map(|i| handover.snapshots[i].load(Ordering::Relaxed));
+        health.received[Topic::Snapshot.index()] = received;
+        health.lost[Topic::Snapshot.index()] = lost;
+        health.refused[Topic::Snapshot.index()] = refused;
+        self.pulse.beat();
+    }
+}
+
+/// The attendant: prepares models, frees old ones, writes events to the log.
+fn attend(
+    settings: &Settings, connect: &(impl Fn(Identity) -> Result<Ports, OpenError> + Sync), identity: Identity, handover: &Handover, done: &Stop,
+    control_thread: &Thread,
+) -> Result<(), RunError> {
+    let ports = connect(identity)?;
+    let mut snapshots: Source<ModelSnapshot> = ports.source(Since::Joining)?;
+    let expected = Controller::expected(settings);
+    while !done.requested() {
+        snapshots.wait(PATIENCE)?;
+        while let Some(snapshot) = snapshots.next()? {
+            let arrival = match prepare(&snapshot, &expected) {
+                Ok(candidate) => Arrival::Candidate(Box::new(candidate)),
+                Err(refusal) => {
+                    tracing::warn!("{refusal}");
+                    handover.refused.fetch_add(1, Ordering::Relaxed);
+                    Arrival::Refused { effective_tick: snapshot.head.effective_tick }
+                }
+            };
+            // A model that nobody fetched gives way to a newer one.
+            drop(handover.ready.force_push(arrival));
+            control_thread.unpark();
+        }
+        let tally = snapshots.tally();
+        for (slot, count) in handover.snapshots.iter().zip([tally.received, tally.lost, tally.refused]) {
+            slot.store(count, Ordering::Relaxed);
+        }
+        while handover.returned.pop().is_some() {}
+        write_events(handover);
+    }
+    write_events(handover);
+    Ok(())
+}
+
+fn write_events(handover: &Handover) {
+    while let Some(event) = handover.events.pop() {
+        match event {
+            Event::Plant { epoch, controller_epoch } => tracing::info!(plant_epoch = epoch, controller_epoch, "answering a plant"),
+            Event::Adopted { version, tick } => tracing::info!(version, tick, "model adopted"),
+            Event::Rung { tick, rung, reason } => tracing::info!(tick, %rung, %reason, "rung"),
+            Event::Late { tick, nanos } => tracing::warn!(tick, micros = nanos / 1000, "period missed"),
+        }
+    }
+    let dropped = handover.events_dropped.swap(0, Ordering::Relaxed);
+    if dropped > 0 {
+        tracing::warn!(dropped, "events did not fit the ring");
+    }
+}

@@ -1,0 +1,151 @@
+//! What a person may set of the controller.
+
+use crate::reference::ReferenceSettings;
+use model::learned::Layout;
+use model::robot::Robot;
+use protocol::message::HORIZON_MAX;
+use serde::{Deserialize, Serialize};
+use settings::{Check, Impossible};
+
+/// Everything the controller process is told.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// What the launcher tells every process.
+    pub run: process::Run,
+    /// Length of the run that the reference must cover \[s\].
+    pub duration_s: f64,
+    /// Where the reference begins.
+    pub start: [f64; 3],
+    /// The robot as believed.
+    pub robot: Robot,
+    /// What to follow.
+    pub reference: ReferenceSettings,
+    /// How to follow it.
+    pub mpc: MpcSettings,
+    /// How learned models come in.
+    pub learned: LearnedSettings,
+}
+
+/// How learned models come in.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LearnedSettings {
+    /// Whether there is a learner.
+    pub enabled: bool,
+    /// What the Gaussian processes see.
+    pub layout: Layout,
+    /// P: in lock step, ticks between two snapshots.
+    pub every_ticks: u64,
+    /// D: in lock step, ticks from the last sample learnt to taking effect.
+    pub delay_ticks: u64,
+}
+
+/// Horizon, weights, limits.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MpcSettings {
+    /// N \[periods\].
+    pub horizon_steps: usize,
+    /// Inputs that are free; later ones keep the last one's distance from the target \[periods\].
+    pub control_horizon_steps: usize,
+    /// Weights of the stage cost.
+    pub weights: Weights,
+    /// Bounds on the predicted state, soft.
+    #[serde(default)]
+    pub state_limits: StateLimits,
+    /// ℓ of the disturbance observer, 0 to 1.
+    pub observer_gain: f64,
+}
+
+/// Weights of the stage cost. Position and planar velocity weigh the same in both directions.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Weights {
+    /// On each component of the position error \[1/m²\].
+    pub position: f64,
+    /// On the heading error \[1/rad²\].
+    pub heading: f64,
+    /// On each component of the planar velocity error \[s²/m²\].
+    pub velocity: f64,
+    /// On the yaw rate error \[s²/rad²\].
+    pub yaw_rate: f64,
+    /// On the input's distance from its target.
+    pub input: f64,
+    /// On the input's change from one period to the next.
+    pub input_change: f64,
+    /// The terminal cost, in multiples of the stage cost.
+    pub terminal_factor: f64,
+}
+
+/// Bounds on the predicted state. Violations cost, but never make the problem infeasible.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StateLimits {
+    /// Largest |yaw| in the world \[rad\].
+    pub heading_rad: Option<f64>,
+    /// Largest forward and left speed \[m/s\].
+    pub speed_mps: Option<f64>,
+}
+
+impl MpcSettings {
+    /// Checks that such a controller can be built.
+    ///
+    /// # Errors
+    /// [`Impossible`] names the first setting that cannot be.
+    pub fn check(&self) -> Result<(), Impossible> {
+        let impossible = |key: &str, expected: &str| Err(Impossible { key: key.into(), expected: expected.into() });
+        if !(1..=HORIZON_MAX).contains(&self.horizon_steps) {
+            return impossible("horizon_steps", &format!("1 to {HORIZON_MAX} periods"));
+        }
+        if !(1..=self.horizon_steps).contains(&self.control_horizon_steps) {
+            return impossible("control_horizon_steps", &format!("1 to horizon_steps = {} periods", self.horizon_steps));
+        }
+        let weights = &self.weights;
+        for (key, value) in [
+            ("weights.position", weights.position),
+            ("weights.heading", weights.heading),
+            ("weights.velocity", weights.velocity),
+            ("weights.yaw_rate", weights.yaw_rate),
+            ("weights.input", weights.input),
+            ("weights.terminal_factor", weights.terminal_factor),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return impossible(key, "a finite number greater than 0");
+            }
+        }
+        if !(weights.input_change.is_finite() && weights.input_change >= 0.0) {
+            return impossible("weights.input_change", "a finite number of at least 0");
+        }
+        for (key, limit) in [("state_limits.heading_rad", self.state_limits.heading_rad), ("state_limits.speed_mps", self.state_limits.speed_mps)] {
+            if limit.is_some_and(|value| !(value.is_finite() && value > 0.0)) {
+                return impossible(key, "a finite number greater than 0, or no limit at all");
+            }
+        }
+        if !(0.0..=1.0).contains(&self.observer_gain) {
+            return impossible("observer_gain", "a number from 0 (never corrects) to 1 (believes the last period alone)");
+        }
+        Ok(())
+    }
+}
+
+impl process::HasRun for Settings {
+    fn run(&self) -> &process::Run {
+        &self.run
+    }
+}
+
+impl Check for Settings {
+    fn check(&self) -> Result<(), Impossible> {
+        self.robot.check().map_err(|e| Impossible { key: format!("robot.{}", e.key), expected: e.expected.into() })?;
+        self.reference.check().map_err(|e| e.under("reference"))?;
+        self.mpc.check().map_err(|e| e.under("mpc"))?;
+        if !(self.duration_s.is_finite() && self.duration_s > 0.0) {
+            return Err(Impossible { key: "duration_s".into(), expected: "a finite number of seconds greater than 0".into() });
+        }
+        if self.learned.every_ticks == 0 || self.learned.delay_ticks == 0 {
+            return Err(Impossible { key: "learned.every_ticks".into(), expected: "every_ticks and delay_ticks of at least 1".into() });
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,357 @@
+//! The loop: samples keep arriving while the fit runs on a thread of its own.
+//!
+//! ```text
+//! tick      nP ─────────────── nP + V ──── nP + D
+//! learner   cut, fit begins     scored,     (controller) takes effect
+//!                               published
+//! ```
+//! V = D − 1 samples after the cut score the snapshot; it has not seen them. In lock step every cut gives a snapshot, in order. In
+//! real time a cut that falls into a running fit is left out.
+
+use crate::fit::{FailedFit, FittedModel, Outset};
+use crate::settings::Settings;
+use crate::snapshot::{self, Label};
+use crate::store;
+use model::AXES;
+use model::gp::dataset::{Dataset, Observation};
+use model::gp::hyperparameters::Hyperparameters;
+use model::learned::{INPUTS, Layout};
+use model::main_model::{MainModel, fingerprint};
+use process::{Pace, Pulse, Stop};
+use protocol::frame::DecodeError;
+use protocol::message::{ModelSnapshot, Participant, Phase, ResidualSample};
+use protocol::port::{OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
+use protocol::topic::Topic;
+use std::collections::VecDeque;
+use std::path::PathBuf;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::thread;
+use std::time::Duration;
+
+/// How long a wait lasts before stop signals are looked at.
+const PATIENCE: Duration = Duration::from_millis(20);
+/// Largest believable share of its physical range that the main model can be wrong by in one period.
+const RESIDUAL_SHARE: f64 = 0.25;
+/// Smallest scale of an input, as a share of its physical range.
+const SCALE_SHARE: f64 = 0.1;
+
+/// Why the learner ended before it was told to.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// A port could not be opened.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// A port could not be read.
+    #[error(transparent)]
+    Receive(#[from] ReceiveError),
+    /// A snapshot could not be sent.
+    #[error(transparent)]
+    Send(#[from] SendError),
+    /// A snapshot could not be made.
+    #[error(transparent)]
+    Snapshot(#[from] DecodeError),
+    /// The fitting thread has died.
+    #[error("the fitting thread has died")]
+    Fitter,
+}
+
+/// A data set to fit.
+struct Job {
+    cut: u64,
+    observations: Vec<Observation<INPUTS>>,
+}
+
+/// What came of it.
+type Done = (u64, Result<FittedModel, FailedFit>);
+
+/// Learns until it is told to stop.
+///
+/// # Errors
+/// [`RunError`].
+pub fn run(settings: &Settings, ports: &Ports, stop: &Stop) -> Result<(), RunError> {
+    let outset = outset(settings);
+    let (jobs, inbox) = mpsc::channel::<Job>();
+    let (outbox, done) = mpsc::channel::<Done>();
+    thread::scope(|scope| {
+        let mut learner = Learner::new(settings, ports, outset, jobs, done)?;
+        let start = learner.start;
+        scope.spawn(move || fit_jobs(&outset, start, &inbox, &outbox));
+        learner.run(stop)
+        // The job channel closes with `learner`, which ends the fitting thread.
+    })
+}
+
+/// Fits one job after the other, each from where the last one ended.
+fn fit_jobs(outset: &Outset, mut start: [Hyperparameters<INPUTS>; AXES], inbox: &Receiver<Job>, outbox: &Sender<Done>) {
+    while let Ok(job) = inbox.recv() {
+        let fitted = outset.fit(&job.observations, &start);
+        if let Ok(fitted) = &fitted {
+            start = fitted.hyperparameters;
+        }
+        if outbox.send((job.cut, fitted)).is_err() {
+            return;
+        }
+    }
+}
+
+fn outset(settings: &Settings) -> Outset {
+    let main = main_model(settings);
+    let limits = &settings.robot.limits;
+    let range = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];
+    let velocity_scale = range.map(|range| SCALE_SHARE * range);
+    let input_scale = match settings.learner.layout {
+        Layout::VelocityInput => velocity_scale,
+        Layout::VelocitySlip => velocity_scale.map(|scale| 0.5 * scale),
+    };
+    Outset {
+        layout: settings.learner.layout,
+        scale_floor: std::array::from_fn(|i| if i < AXES { velocity_scale[i] } else { input_scale[i - AXES] }),
+        bound: std::array::from_fn(|axis| RESIDUAL_SHARE * main.gain[axis] * range[axis]),
+        evaluations_max: settings.learner.evaluations_max,
+    }
+}
+
+fn main_model(settings: &Settings) -> MainModel {
+    MainModel::new(&settings.robot, settings.run.period_nanos as f64 * 1e-9)
+}
+
+/// The receiving thread.
+struct Learner<'a> {
+    settings: &'a Settings,
+    fingerprint: u64,
+    outset: Outset,
+    samples: Source<ResidualSample>,
+    snapshots: Sink<ModelSnapshot>,
+    pulse: Pulse,
+    dataset: Dataset<INPUTS>,
+    /// Hyperparameters that the first fit begins with.
+    start: [Hyperparameters<INPUTS>; AXES],
+    /// Samples since the oldest cut that is not yet published, for scoring.
+    recent: VecDeque<ResidualSample>,
+    /// Cuts under way, oldest first, and what came of the first.
+    pending: VecDeque<u64>,
+    finished: Option<Done>,
+    jobs: Sender<Job>,
+    done: Receiver<Done>,
+    version: u64,
+    /// (plant epoch, tick) of the newest sample.
+    newest: Option<(u64, u64)>,
+    /// To be published again as soon as the time is known.
+    resumed: Option<ModelSnapshot>,
+    /// The snapshot published last.
+    last: Option<ModelSnapshot>,
+}
+
+impl<'a> Learner<'a> {
+    fn new(settings: &'a Settings, ports: &Ports, outset: Outset, jobs: Sender<Job>, done: Receiver<Done>) -> Result<Self, OpenError> {
+        let since = if settings.run.restarted { Since::Joining } else { Since::First };
+        let fingerprint = fingerprint(&main_model(settings), settings.learner.layout.name());
+        let mut dataset = Dataset::new(settings.learner.points_max, outset.scale_floor);
+        let resumed = resume_from(settings, fingerprint);
+        let start = resumed.as_ref().map_or_else(|| outset.hyperparameters(), |snapshot| store::resume(snapshot, &mut dataset));
+        Ok(Self {
+            settings,
+            fingerprint,
+            outset,
+            samples: ports.source(since)?,
+            snapshots: ports.sink()?,
+            pulse: Pulse::new(ports, Participant::Learner)?,
+            dataset,
+            start,
+            recent: VecDeque::new(),
+            pending: VecDeque::new(),
+            finished: None,
+            jobs,
+            done,
+            version: resumed.as_ref().map_or(0, |snapshot| snapshot.head.version),
+            newest: None,
+            resumed,
+            last: None,
+        })
+    }
+
+    fn run(&mut self, stop: &Stop) -> Result<(), RunError> {
+        // The first wait opens the listener, so that nothing published after "ready" goes unheard.
+        self.samples.wait(Duration::ZERO)?;
+        self.pulse.phase(Phase::Ready);
+        while !stop.requested() {
+            if self.may_publish() {
+                match self.done.recv_timeout(PATIENCE) {
+                    Ok(done) => self.finished = Some(done),
+                    Err(RecvTimeoutError::Timeout) => {}
+                    Err(RecvTimeoutError::Disconnected) => return Err(RunError::Fitter),
+                }
+            } else {
+                self.samples.wait(PATIENCE)?;
+            }
+            while let Some(sample) = self.samples.next()? {
+                self.take_in(&sample)?;
+            }
+            self.publish_finished()?;
+            self.snapshots.refresh()?;
+            self.report();
+        }
+        self.report();
+        self.pulse.phase(Phase::Finished);
+        Ok(())
+    }
+
+    /// Whether the oldest cut only waits for its fit.
+    fn may_publish(&self) -> bool {
+        let oldest = self.pending.front();
+        self.finished.is_none() && oldest.is_some_and(|cut| self.newest.is_some_and(|(_, tick)| tick >= self.score_until(*cut)))
+    }
+
+    /// Last tick whose sample scores the snapshot of `cut`.
+    fn score_until(&self, cut: u64) -> u64 {
+        cut + self.settings.learner.delay_ticks - 1
+    }
+
+    fn take_in(&mut self, sample: &ResidualSample) -> Result<(), RunError> {
+        if sample.fingerprint != self.fingerprint {
+            self.pulse.health().set_last_error("samples of another robot, period or input layout are left out");
+            return Ok(());
+        }
+        let tick = sample.stamp.tick;
+        if self.newest.is_none() {
+            self.pulse.phase(Phase::Running);
+        }
+        if self.newest.is_some_and(|(epoch, _)| epoch != sample.plant_epoch) {
+            self.recent.clear();
+        }
+        self.newest = Some((sample.plant_epoch, tick));
+        self.publish_resumed(sample)?;
+        let believable = sample.residual.iter().zip(self.outset.bound).all(|(residual, bound)| residual.abs() <= bound);
+        if sample.usable == 1 && believable {
+            let input = self.settings.learner.layout.inputs(&sample.velocity, &sample.input);
+            self.dataset.insert(Observation { input, target: sample.residual });
+            self.recent.push_back(*sample);
+        }
+        let at_cut = tick > 0 && tick.is_multiple_of(self.settings.learner.every_ticks);
+        let free = self.pending.is_empty() || self.settings.run.pace == Pace::LockStep;
+        if at_cut && free {
+            self.pending.push_back(tick);
+            let job = Job { cut: tick, observations: self.dataset.observations().to_vec() };
+            self.jobs.send(job).map_err(|_| RunError::Fitter)?;
+        }
+        Ok(())
+    }
+
+    fn publish_finished(&mut self) -> Result<(), RunError> {
+        if self.finished.is_none() {
+            self.finished = self.done.try_recv().ok();
+        }
+        let scored = |done: &Done| self.newest.is_some_and(|(_, tick)| tick >= self.score_until(done.0) || tick < done.0);
+        if !self.finished.as_ref().is_some_and(scored) {
+            return Ok(());
+        }
+        let Some((cut, result)) = self.finished.take() else { return Ok(()) };
+        self.pending.pop_front();
+        let keep_from = self.pending.front().copied().unwrap_or(u64::MAX);
+        let (epoch, _) = self.newest.unwrap_or_default();
+        match result {
+            Ok(fitted) => self.publish(&fitted, cut, epoch)?,
+            Err(error) => {
+                tracing::warn!(cut, "no new model: {error}");
+                self.pulse.health().set_last_error("a fit has failed; the log says why");
+                self.publish_again(cut, epoch)?;
+            }
+        }
+        let oldest_needed = if keep_from == u64::MAX { cut } else { keep_from };
+        self.recent.retain(|sample| sample.stamp.tick > oldest_needed);
+        Ok(())
+    }
+
+    fn publish(&mut self, fitted: &FittedModel, cut: u64, plant_epoch: u64) -> Result<(), RunError> {
+        let until = self.score_until(cut);
+        let newer: Vec<ResidualSample> =
+            self.recent.iter().filter(|sample| sample.stamp.tick > cut && sample.stamp.tick <= until).copied().collect();
+        self.version += 1;
+        let label = Label {
+            version: self.version,
+            fingerprint: self.fingerprint,
+            plant_epoch,
+            trained_tick: cut,
+            effective_tick: cut + self.settings.learner.delay_ticks,
+        };
+        let mut snapshot = snapshot::write(fitted, &label, &newer)?;
+        self.snapshots.send(&mut snapshot)?;
+        if let Err(error) = store::save(&file_of(self.settings), &snapshot) {
+            tracing::warn!("{error}");
+            self.pulse.health().set_last_error("the snapshot could not be saved; the log says why");
+        }
+        let head = &snapshot.head;
+        tracing::info!(
+            version = head.version,
+            cut,
+            points = head.points,
+            evaluations = fitted.evaluations,
+            log_likelihood = ?head.log_likelihood,
+            jitter = ?head.jitter,
+            learned = ?head.score_learned,
+            main = ?head.score_main,
+            "published"
+        );
+        self.last = Some(snapshot);
+        Ok(())
+    }
+
+    /// A cut that gave no model: in lock step the controller waits for one, and gets the last one again, or one that knows nothing.
+    fn publish_again(&mut self, cut: u64, plant_epoch: u64) -> Result<(), RunError> {
+        if self.last.is_none() {
+            if let Ok(nothing) = self.outset.fit(&[], &self.start) {
+                self.publish(&nothing, cut, plant_epoch)?;
+            }
+            return Ok(());
+        }
+        if let Some(last) = &mut self.last {
+            last.head.effective_tick = cut + self.settings.learner.delay_ticks;
+            self.snapshots.send(last)?;
+        }
+        Ok(())
+    }
+
+    /// After a restart: the snapshot that was in use goes out again, for the next tick that one is due at.
+    fn publish_resumed(&mut self, sample: &ResidualSample) -> Result<(), RunError> {
+        let Some(mut snapshot) = self.resumed.take() else { return Ok(()) };
+        let learner = &self.settings.learner;
+        let next = sample.stamp.tick + 1;
+        let cuts = next.saturating_sub(learner.delay_ticks).div_ceil(learner.every_ticks).max(1);
+        snapshot.head.effective_tick = cuts * learner.every_ticks + learner.delay_ticks;
+        snapshot.head.plant_epoch = sample.plant_epoch;
+        self.snapshots.send(&mut snapshot)?;
+        tracing::info!(version = snapshot.head.version, points = snapshot.head.points, "published again what had been learnt");
+        Ok(())
+    }
+
+    fn report(&mut self) {
+        self.pulse.count_source(Topic::Residual, self.samples.tally());
+        self.pulse.count_sent(Topic::Snapshot, self.snapshots.sent());
+        let (version, sent) = (self.version, self.snapshots.sent());
+        let health = self.pulse.health();
+        health.model_version = version;
+        health.snapshots = sent;
+        self.pulse.beat();
+    }
+}
+
+/// Where this run's last snapshot is kept.
+fn file_of(settings: &Settings) -> PathBuf {
+    settings.run.folder.join("snapshot.bin")
+}
+
+/// The snapshot to begin with: this run's own after a restart, else the one that the settings name.
+fn resume_from(settings: &Settings, fingerprint: u64) -> Option<ModelSnapshot> {
+    let own = Some(file_of(settings)).filter(|file| settings.run.restarted && file.exists());
+    let file = own.or_else(|| settings.learner.resume.clone())?;
+    match store::load(&file, fingerprint) {
+        Ok(snapshot) => {
+            tracing::info!(file = %file.display(), version = snapshot.head.version, points = snapshot.head.points, "resumed");
+            Some(snapshot)
+        }
+        Err(error) => {
+            tracing::warn!("{error}; beginning with nothing");
+            None
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! What was fitted, scored on samples that it has not seen, and put into a message.
+
+use crate::fit::FittedModel;
+use model::AXES;
+use model::learned::INPUTS;
+use protocol::frame::DecodeError;
+use protocol::message::{INPUTS_MAX, ModelSnapshot, ResidualSample, SnapshotHead};
+
+/// What a snapshot says of itself beside the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Label {
+    /// Version, from 1.
+    pub version: u64,
+    /// Fingerprint of main model and layout.
+    pub fingerprint: u64,
+    /// Epoch of the plant it was learnt from.
+    pub plant_epoch: u64,
+    /// Last tick that it has learnt from.
+    pub trained_tick: u64,
+    /// In lock step: tick at which it takes effect; 0 is at once.
+    pub effective_tick: u64,
+}
+
+/// RMS one-step error of the fitted model and of the main model alone, per axis, over `samples`; zeros if there are none.
+pub fn score(fitted: &FittedModel, samples: &[ResidualSample]) -> ([f64; AXES], [f64; AXES]) {
+    let (mut learned, mut main) = ([0.0; AXES], [0.0; AXES]);
+    for sample in samples {
+        let mean = fitted.learned.mean(&sample.velocity, &sample.input);
+        for axis in 0..AXES {
+            learned[axis] += (sample.residual[axis] - mean[axis]).powi(2);
+            main[axis] += sample.residual[axis].powi(2);
+        }
+    }
+    let count = samples.len().max(1) as f64;
+    (learned.map(|sum| (sum / count).sqrt()), main.map(|sum| (sum / count).sqrt()))
+}
+
+/// Puts a fitted model into a message, scored on `newer`: usable samples that it was not trained on.
+///
+/// # Errors
+/// [`DecodeError`] if it has more points than a message can carry.
+pub fn write(fitted: &FittedModel, label: &Label, newer: &[ResidualSample]) -> Result<ModelSnapshot, DecodeError> {
+    let posterior = &fitted.learned.posterior;
+    let mut head: SnapshotHead = bytemuck::Zeroable::zeroed();
+    head.stamp.tick = label.trained_tick;
+    head.version = label.version;
+    head.fingerprint = label.fingerprint;
+    head.effective_tick = label.effective_tick;
+    head.plant_epoch = label.plant_epoch;
+    head.inputs = INPUTS as u32;
+    head.score_samples = newer.len() as u32;
+    head.input_mean = widened(&fitted.learned.normalisation.mean, 0.0);
+    head.input_scale = widened(&fitted.learned.normalisation.scale, 1.0);
+    head.log_likelihood = fitted.log_likelihood;
+    head.jitter = posterior.jitter();
+    for (axis, hyperparameters) in fitted.hyperparameters.iter().enumerate() {
+        head.length_scale[axis] = widened(&hyperparameters.kernel.length_scale, 1.0);
+        head.signal_variance[axis] = hyperparameters.kernel.variance;
+        head.noise_variance[axis] = hyperparameters.noise_variance;
+    }
+    (head.score_learned, head.score_main) = score(fitted, newer);
+    let mut snapshot = ModelSnapshot::new(head);
+    let weights = posterior.weights();
+    for (row, (input, target)) in fitted.inputs.iter().zip(&fitted.targets).enumerate() {
+        let weight = weights.map(|of_axis| of_axis.get(row).copied().unwrap_or(0.0));
+        snapshot.push(input, *target, weight)?;
+    }
+    Ok(snapshot)
+}
+
+fn widened(values: &[f64; INPUTS], rest: f64) -> [f64; INPUTS_MAX] {
+    let mut wide = [rest; INPUTS_MAX];
+    for (slot, &value) in wide.iter_mut().zip(values) {
+        *slot = value;
+    }
+    wide
+}

@@ -1,0 +1,81 @@
+//! The last snapshot, kept in a file and resumed from it. The file holds the message as it was sent, checksum included.
+
+use model::gp::dataset::{Dataset, Observation};
+use model::gp::hyperparameters::Hyperparameters;
+use model::learned::INPUTS;
+use model::AXES;
+use protocol::frame::{self, DecodeError};
+use protocol::message::{Message, ModelSnapshot};
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A snapshot file that cannot be written or resumed from.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// The file system refused.
+    #[error("{file}: {source}")]
+    File {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file is damaged, or no snapshot.
+    #[error("{file}: {source}")]
+    Damaged {
+        /// The file.
+        file: PathBuf,
+        /// In which respect.
+        source: DecodeError,
+    },
+    /// It was learnt with another main model.
+    #[error("{file}: fingerprint {got:#018x} where {expected:#018x} was expected: learnt for another robot, period or input layout")]
+    Foreign {
+        /// The file.
+        file: PathBuf,
+        /// Ours.
+        expected: u64,
+        /// The file's.
+        got: u64,
+    },
+}
+
+/// Writes `snapshot` to `file`, whole or not at all.
+///
+/// # Errors
+/// [`StoreError::File`].
+pub fn save(file: &Path, snapshot: &ModelSnapshot) -> Result<(), StoreError> {
+    let mut bytes = vec![0; snapshot.byte_len()];
+    frame::encode(snapshot, &mut bytes);
+    let beside = file.with_extension("tmp");
+    let refused = |source| StoreError::File { file: file.to_owned(), source };
+    fs::write(&beside, bytes).and_then(|()| fs::rename(&beside, file)).map_err(refused)
+}
+
+/// Reads the snapshot in `file`.
+///
+/// # Errors
+/// [`StoreError`] if it cannot be read, is damaged, or belongs to another main model.
+pub fn load(file: &Path, fingerprint: u64) -> Result<ModelSnapshot, StoreError> {
+    let bytes = fs::read(file).map_err(|source| StoreError::File { file: file.to_owned(), source })?;
+    let snapshot: ModelSnapshot = frame::decode(&bytes).map_err(|source| StoreError::Damaged { file: file.to_owned(), source })?;
+    if snapshot.head.fingerprint != fingerprint {
+        return Err(StoreError::Foreign { file: file.to_owned(), expected: fingerprint, got: snapshot.head.fingerprint });
+    }
+    Ok(snapshot)
+}
+
+/// Puts the data of a snapshot back into `dataset`, and gives back its hyperparameters.
+pub fn resume(snapshot: &ModelSnapshot, dataset: &mut Dataset<INPUTS>) -> [Hyperparameters<INPUTS>; AXES] {
+    let head = &snapshot.head;
+    let entry = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(f64::NAN);
+    for row in snapshot.rows() {
+        let input = std::array::from_fn(|i| entry(&head.input_mean, i) + entry(&head.input_scale, i) * entry(row.input, i));
+        dataset.insert(Observation { input, target: std::array::from_fn(|axis| entry(row.target, axis)) });
+    }
+    std::array::from_fn(|axis| {
+        let length_scale = std::array::from_fn(|i| entry(&head.length_scale[axis], i));
+        Hyperparameters::new(length_scale, head.signal_variance[axis], head.noise_variance[axis])
+    })
+}

@@ -1,0 +1,142 @@
+//! process → everyone: the heartbeat of one process.
+
+use bytemuck::Zeroable;
+use protocol::clock::monotonic_nanos;
+use protocol::message::{Health, Participant, Phase};
+use protocol::port::{OpenError, Ports, Sink, Tally};
+use protocol::topic::Topic;
+
+/// Heartbeats go out this far apart at least \[ns\].
+const INTERVAL_NANOS: u64 = 100_000_000;
+
+/// Heartbeat and counters of this process: owns what it says of itself.
+///
+/// Nobody has to listen: a Health that cannot be sent is counted and never an error.
+pub struct Pulse {
+    health: Health,
+    sink: Sink<Health>,
+    last_nanos: u64,
+    unsent: u64,
+}
+
+impl Pulse {
+    /// Opens the link. The phase is [`Phase::Starting`], and nothing is said yet.
+    ///
+    /// # Errors
+    /// [`OpenError`] if there is no place on the link.
+    pub fn new(ports: &Ports, participant: Participant) -> Result<Self, OpenError> {
+        let mut health = Health::zeroed();
+        health.participant = participant.code();
+        health.phase = Phase::Starting.code();
+        health.pid = std::process::id();
+        Ok(Self { health, sink: ports.sink()?, last_nanos: 0, unsent: 0 })
+    }
+
+    /// What will be said next time.
+    pub fn health(&mut self) -> &mut Health {
+        &mut self.health
+    }
+
+    /// Changes the phase, and says so at once. Says nothing if it is the phase already.
+    pub fn phase(&mut self, phase: Phase) {
+        if self.health.phase != phase.code() {
+            self.health.phase = phase.code();
+            self.send_now();
+        }
+    }
+
+    /// Counts one more round of the loop, and says so if it is time. Does not allocate, wait or fail.
+    pub fn beat(&mut self) {
+        self.health.heartbeat += 1;
+        if monotonic_nanos().saturating_sub(self.last_nanos) >= INTERVAL_NANOS {
+            self.send_now();
+        }
+    }
+
+    /// Says it now.
+    pub fn send_now(&mut self) {
+        self.last_nanos = monotonic_nanos();
+        self.health.sent[Topic::Health.index()] = self.sink.sent() + 1;
+        if self.sink.send(&mut self.health).is_err() {
+            self.unsent += 1;
+        }
+    }
+
+    /// Speaks in another epoch from now on.
+    pub fn set_epoch(&mut self, epoch: u64) {
+        self.sink.set_epoch(epoch);
+    }
+
+    /// Takes over how many messages were sent on `topic`.
+    pub fn count_sent(&mut self, topic: Topic, messages: u64) {
+        self.health.sent[topic.index()] = messages;
+    }
+
+    /// Takes over what a reader of `topic` has counted.
+    pub fn count_source(&mut self, topic: Topic, tally: Tally) {
+        let index = topic.index();
+        self.health.received[index] = tally.received;
+        self.health.lost[index] = tally.lost;
+        self.health.refused[index] = tally.refused;
+    }
+
+    /// Times that nobody could be told.
+    pub fn unsent(&self) -> u64 {
+        self.unsent
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::port::{Exchange, Identity, Since, Source};
+    use std::error::Error;
+    use std::time::Duration;
+
+    fn pair() -> Result<(Pulse, Source<Health>), OpenError> {
+        let exchange = Exchange::new(false, Duration::from_secs(1));
+        let ports = Ports::in_memory(&exchange, Identity::new(4));
+        let source = ports.source(Since::First)?;
+        Ok((Pulse::new(&ports, Participant::Learner)?, source))
+    }
+
+    #[test]
+    fn a_new_phase_is_said_at_once_and_only_once() -> Result<(), Box<dyn Error>> {
+        let (mut pulse, mut source) = pair()?;
+        pulse.phase(Phase::Ready);
+        pulse.phase(Phase::Ready);
+        let health = source.next()?.ok_or("nothing was said")?;
+        assert_eq!((health.participant(), health.phase()), (Some(Participant::Learner), Phase::Ready));
+        assert_eq!((health.pid, health.stamp.epoch), (std::process::id(), 4));
+        assert!(source.next()?.is_none());
+        Ok(())
+    }
+
+    #[test]
+    fn a_fast_loop_does_not_talk_all_the_time() -> Result<(), Box<dyn Error>> {
+        let (mut pulse, mut source) = pair()?;
+        let begin = monotonic_nanos();
+        for _ in 0..1000 {
+            pulse.beat();
+        }
+        let most = 1 + monotonic_nanos().saturating_sub(begin) / INTERVAL_NANOS;
+        let health = source.latest()?.ok_or("nothing was said")?;
+        assert!(source.tally().received <= most, "{} in {most} intervals", source.tally().received);
+        assert!(health.heartbeat >= 1);
+        Ok(())
+    }
+
+    #[test]
+    fn counters_land_at_their_topic() -> Result<(), Box<dyn Error>> {
+        let (mut pulse, mut source) = pair()?;
+        pulse.count_sent(Topic::Command, 7);
+        pulse.count_source(Topic::State, Tally { received: 9, lost: 2, refused: 1, stale: 0 });
+        pulse.send_now();
+        let health = source.next()?.ok_or("nothing was said")?;
+        assert_eq!(health.sent[Topic::Command.index()], 7);
+        assert_eq!(health.sent[Topic::Health.index()], 1);
+        let state = Topic::State.index();
+        assert_eq!((health.received[state], health.lost[state], health.refused[state]), (9, 2, 1));
+        Ok(())
+    }
+}

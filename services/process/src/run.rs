@@ -1,0 +1,58 @@
+//! What the launcher tells every process.
+
+use protocol::port::Links;
+use serde::{Deserialize, Serialize};
+use settings::{Check, Impossible};
+use std::path::PathBuf;
+use tracing_subscriber::EnvFilter;
+
+/// What the launcher tells every process: the table `[run]` of its settings.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Run {
+    /// Folder of the run: logs, record.
+    pub folder: PathBuf,
+    /// What is logged, as a filter of `tracing`: a level, or `module=level,…`.
+    pub log: String,
+    /// Highest epoch that the launcher has seen or given out for this role. A process starts in a higher one.
+    pub epoch_floor: u64,
+    /// Whether this role has run before in this run.
+    pub restarted: bool,
+    /// Control period \[ns\].
+    pub period_nanos: u64,
+    /// Whose time it is.
+    pub pace: Pace,
+    /// How the links of the graph run.
+    pub links: Links,
+}
+
+/// Whose time it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pace {
+    /// The monotonic clock's.
+    RealTime,
+    /// The slowest participant's: the plant waits for the answer to each tick.
+    LockStep,
+}
+
+/// Settings with a table `[run]`.
+pub trait HasRun {
+    /// The table.
+    fn run(&self) -> &Run;
+}
+
+impl Check for Run {
+    fn check(&self) -> Result<(), Impossible> {
+        if self.period_nanos == 0 {
+            return Err(Impossible::new("period_nanos", "a period of at least 1 ns"));
+        }
+        if self.links.lock_step != (self.pace == Pace::LockStep) {
+            return Err(Impossible::new("links.lock_step", "true in lock step, and only there"));
+        }
+        if EnvFilter::try_new(&self.log).is_err() {
+            return Err(Impossible::new("log", "a level (error, warn, info, debug, trace) or a list of module=level"));
+        }
+        Ok(())
+    }
+}

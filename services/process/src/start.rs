@@ -1,0 +1,189 @@
+//! `main` of every process: arguments, settings, log, stop signals, body, exit code.
+
+use crate::{HasRun, Run, Stop};
+use anyhow::Context;
+use clap::{CommandFactory, FromArgMatches, Parser};
+use protocol::message::Participant;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use settings::{Check, Impossible};
+use std::fmt::Display;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::thread;
+use std::time::Duration;
+use tracing_subscriber::EnvFilter;
+
+/// How long a process may take to end by itself after its launcher died.
+const LAST_WORDS: Duration = Duration::from_secs(15);
+
+/// Exit code of a process whose body failed.
+const FAILED: u8 = 1;
+
+/// Exit code of a process that cannot use its settings.
+const REFUSED: u8 = 2;
+
+#[derive(Debug, Parser)]
+#[command(version, about = "One process of a graph. `coxswain launch` starts it; see there.")]
+struct Arguments {
+    /// TOML file with everything this process is told.
+    #[arg(long, value_name = "FILE")]
+    settings: PathBuf,
+    /// End when the standard input ends, as it does when the launcher dies.
+    #[arg(long)]
+    stop_with_stdin: bool,
+}
+
+/// The process's own settings, of which the table `[run]` is checked as well.
+#[derive(Deserialize)]
+#[serde(transparent)]
+struct WithRun<S>(S);
+
+impl<S: Check + HasRun> Check for WithRun<S> {
+    fn check(&self) -> Result<(), Impossible> {
+        self.0.run().check().map_err(|impossible| impossible.under("run"))?;
+        self.0.check()
+    }
+}
+
+/// Main function of the process that plays `participant`: reads the settings that the arguments name, opens the log, lets signals ask for
+/// the end, and runs `body`.
+///
+/// Exit code 0 if `body` ended well, 1 if it failed, 2 if it was never started because the arguments or the settings are of no use. The error
+/// is logged, and said in one line on the standard error.
+pub fn main<S>(participant: Participant, body: impl FnOnce(S, &Stop) -> anyhow::Result<()>) -> ExitCode
+where
+    S: DeserializeOwned + Check + HasRun,
+{
+    let name = participant.text();
+    let matches = Arguments::command().name(name).get_matches();
+    let arguments = match Arguments::from_arg_matches(&matches) {
+        Ok(arguments) => arguments,
+        Err(error) => error.exit(),
+    };
+    let settings: S = match settings::read::<WithRun<S>>(&arguments.settings) {
+        Ok(WithRun(settings)) => settings,
+        Err(error) => {
+            say(name, &error);
+            return ExitCode::from(REFUSED);
+        }
+    };
+    let stop = Stop::new();
+    if let Err(error) = prepare(name, settings.run(), &stop, arguments.stop_with_stdin) {
+        say(name, format_args!("{error:#}"));
+        return ExitCode::from(FAILED);
+    }
+    tracing::info!(pid = std::process::id(), settings = %arguments.settings.display(), "started");
+    match body(settings, &stop) {
+        Ok(()) => {
+            tracing::info!(requested = stop.requested(), "ended");
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            tracing::error!("{error:#}");
+            say(name, format_args!("{error:#}"));
+            ExitCode::from(FAILED)
+        }
+    }
+}
+
+/// Opens the log and installs everything that may ask for the end.
+fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow::Result<()> {
+    let path = run.folder.join(format!("{name}.log"));
+    let file = File::options().create(true).append(true).open(&path);
+    let file = file.with_context(|| format!("the log {} cannot be opened", path.display()))?;
+    tracing_subscriber::fmt()
+        .with_env_filter(EnvFilter::try_new(&run.log)?)
+        .with_ansi(false)
+        .with_writer(Mutex::new(file))
+        .try_init()
+        .map_err(|error| anyhow::anyhow!("the log cannot be started: {error}"))?;
+    log_panics();
+    stop.on_signals().context("signals cannot be caught")?;
+    if stop_with_stdin {
+        let stop = stop.clone();
+        let watch = move || {
+            stop.at_end_of(io::stdin().lock());
+            thread::sleep(LAST_WORDS);
+            tracing::error!("the launcher is gone and this process has not ended for {LAST_WORDS:?}: it ends now");
+            std::process::exit(FAILED.into());
+        };
+        thread::Builder::new().name("stdin".into()).spawn(watch).context("the standard input cannot be watched")?;
+    }
+    Ok(())
+}
+
+/// Has a panic, of whichever thread, in the log too.
+fn log_panics() {
+    let default = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        tracing::error!("{panic}");
+        default(panic);
+    }));
+}
+
+/// One line on the standard error. Nobody may be there to read it.
+fn say(name: &str, what: impl Display) {
+    let _ = writeln!(io::stderr().lock(), "{name}: {what}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Plain {
+        run: Run,
+    }
+
+    impl Check for Plain {}
+
+    impl HasRun for Plain {
+        fn run(&self) -> &Run {
+            &self.run
+        }
+    }
+
+    const GOOD: &str = r#"
+[run]
+folder = "runs/1"
+log = "info,protocol=debug"
+epoch_floor = 3
+restarted = true
+period_nanos = 100_000_000
+pace = "lock-step"
+[run.links]
+graph = "a"
+lock_step = true
+root = "/tmp/a"
+patience_millis = 1000
+carrier = "shared-memory"
+"#;
+
+    fn refusal(from: &str, to: &str) -> Option<String> {
+        let text = GOOD.replacen(from, to, 1);
+        settings::parse::<WithRun<Plain>>(&text, Path::new("plant.toml")).err().map(|error| error.to_string())
+    }
+
+    #[test]
+    fn the_arguments_are_well_formed() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn what_the_launcher_tells_is_checked_with_the_rest() {
+        assert_eq!(refusal("", ""), None);
+        let filter = "a level (error, warn, info, debug, trace) or a list of module=level";
+        assert_eq!(refusal("info,protocol=debug", "noise=["), Some(format!("plant.toml:4: run.log = \"noise=[\": expected {filter}")));
+        assert_eq!(
+            refusal("lock_step = true", "lock_step = false").as_deref(),
+            Some("plant.toml:11: run.links.lock_step = false: expected true in lock step, and only there")
+        );
+        assert_eq!(refusal("100_000_000", "0").as_deref(), Some("plant.toml:7: run.period_nanos = 0: expected a period of at least 1 ns"));
+    }
+}

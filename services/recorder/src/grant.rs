@@ -1,0 +1,135 @@
+//! state → Credit: how far the plant's clock may run ahead of the record.
+
+use process::Pace;
+use protocol::message::{Credit, Participant, Stamp};
+use protocol::port::{OpenError, Ports, SendError, Sink};
+
+/// How far the plant may run ahead of what is written \[ticks\]. Below the depth of every topic with one message per tick, so that all that is
+/// said in the meantime has room.
+pub(crate) const WINDOW_TICKS: u64 = 32;
+
+/// Taken in since the last grant before there is another \[ticks\]: a grant per tick would wake the plant for nothing.
+const STRIDE_TICKS: u64 = WINDOW_TICKS / 4;
+
+/// Grants the plant its clock, in lock step; in real time it grants nothing.
+pub(crate) struct Grant {
+    sink: Option<Sink<Credit>>,
+    reach: Reach,
+}
+
+impl Grant {
+    /// Grants the first ticks.
+    ///
+    /// # Errors
+    /// [`OpenError`].
+    pub(crate) fn open(ports: &Ports, pace: Pace) -> Result<Self, OpenError> {
+        let sink = match pace {
+            Pace::RealTime => None,
+            Pace::LockStep => Some(ports.sink()?),
+        };
+        Ok(Self { sink, reach: Reach::default() })
+    }
+
+    /// Notes that the plant of `epoch` has come to `tick`, and that this is written.
+    pub(crate) fn note(&mut self, epoch: u64, tick: u64) {
+        self.reach.note(epoch, tick);
+    }
+
+    /// Grants more if enough has been written since the last time, or if that grant did not get through.
+    ///
+    /// # Errors
+    /// [`SendError`].
+    pub(crate) fn extend(&mut self) -> Result<(), SendError> {
+        let Some(sink) = &mut self.sink else { return Ok(()) };
+        let Some(through_tick) = self.reach.due() else { return Ok(()) };
+        let mut credit = Credit { stamp: Stamp::default(), through_tick, participant: Participant::Recorder.code(), reserved: 0 };
+        sink.send(&mut credit).inspect_err(|_| self.reach.granted_at = None)
+    }
+
+    /// Hands the last grant to a plant that has joined since.
+    ///
+    /// # Errors
+    /// [`SendError`].
+    pub(crate) fn refresh(&mut self) -> Result<(), SendError> {
+        self.sink.as_mut().map_or(Ok(()), Sink::refresh)
+    }
+
+    /// Credits sent.
+    pub(crate) fn sent(&self) -> u64 {
+        self.sink.as_ref().map_or(0, Sink::sent)
+    }
+}
+
+/// What is written, and what is granted.
+#[derive(Debug, Default)]
+struct Reach {
+    epoch: u64,
+    written_tick: u64,
+    /// `written_tick` at the last grant, none if this epoch has had none.
+    granted_at: Option<u64>,
+}
+
+impl Reach {
+    /// A new epoch begins at tick 0 again, and needs a grant of its own.
+    fn note(&mut self, epoch: u64, tick: u64) {
+        if epoch > self.epoch {
+            *self = Self { epoch, written_tick: tick, granted_at: None };
+        } else if epoch == self.epoch {
+            self.written_tick = self.written_tick.max(tick);
+        }
+    }
+
+    /// Last tick to grant now, if a grant is due.
+    fn due(&mut self) -> Option<u64> {
+        if self.granted_at.is_some_and(|granted_at| self.written_tick < granted_at + STRIDE_TICKS) {
+            return None;
+        }
+        self.granted_at = Some(self.written_tick);
+        Some(self.written_tick + WINDOW_TICKS)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::topic::Topic;
+
+    #[test]
+    fn whatever_is_said_within_a_grant_has_room() {
+        // In a period each writes one message, and the learner at most one snapshot in five.
+        for topic in [Topic::State, Topic::Command, Topic::Residual, Topic::Plan, Topic::Truth] {
+            assert!(topic.quality(true).depth as u64 > WINDOW_TICKS);
+        }
+        assert!(Topic::Snapshot.quality(true).depth as u64 > WINDOW_TICKS / 5);
+    }
+
+    #[test]
+    fn the_first_grant_needs_no_state() {
+        let mut reach = Reach::default();
+        assert_eq!(reach.due(), Some(WINDOW_TICKS));
+        assert_eq!(reach.due(), None);
+    }
+
+    #[test]
+    fn a_plant_at_the_end_of_its_grant_always_gets_another() {
+        let mut reach = Reach::default();
+        let mut granted = reach.due();
+        for _ in 0..10 {
+            let end = granted.unwrap_or(0);
+            reach.note(1, end);
+            granted = reach.due();
+            assert_eq!(granted, Some(end + WINDOW_TICKS));
+        }
+    }
+
+    #[test]
+    fn a_new_epoch_of_the_plant_takes_back_what_the_old_one_was_granted() {
+        let mut reach = Reach::default();
+        reach.note(1, 200);
+        assert_eq!(reach.due(), Some(200 + WINDOW_TICKS));
+        reach.note(2, 0);
+        assert_eq!(reach.due(), Some(WINDOW_TICKS));
+        reach.note(1, 201);
+        assert_eq!(reach.due(), None, "a late word of the old epoch");
+    }
+}

@@ -1,0 +1,82 @@
+//! every topic → the record.
+
+use crate::grant::Grant;
+use crate::run::RecorderError;
+use crate::segment::Segment;
+use crate::view::Recorded;
+use process::Pulse;
+use protocol::message::{Command, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth};
+use protocol::port::{OpenError, Ports, Since, Source};
+use protocol::topic::{OnTopic, Topic};
+
+/// A reader for each topic that is recorded.
+pub(crate) struct Intake {
+    /// The recorder sleeps on this one: the others speak around each state.
+    pub(crate) states: Source<PlantState>,
+    truths: Source<Truth>,
+    plans: Source<Plan>,
+    commands: Source<Command>,
+    residuals: Source<ResidualSample>,
+    snapshots: Source<ModelSnapshot>,
+    healths: Source<Health>,
+}
+
+impl Intake {
+    /// Opens all of them.
+    ///
+    /// # Errors
+    /// [`OpenError`].
+    pub(crate) fn open(ports: &Ports, since: Since) -> Result<Self, OpenError> {
+        Ok(Self {
+            states: ports.source(since)?,
+            truths: ports.source(since)?,
+            plans: ports.source(since)?,
+            commands: ports.source(since)?,
+            residuals: ports.source(since)?,
+            snapshots: ports.source(since)?,
+            healths: ports.source(since)?,
+        })
+    }
+
+    /// Writes what waits, and notes how far the plant has come. Returns how many messages were written.
+    ///
+    /// # Errors
+    /// [`RecorderError`] if a topic cannot be read or the file not be written.
+    pub(crate) fn drain(&mut self, segment: &mut Segment, grant: &mut Grant) -> Result<usize, RecorderError> {
+        let mut written = drain(&mut self.healths, segment, |health| {
+            // A plant that starts has no state yet, but its clock wants credit.
+            if health.participant() == Some(Participant::Plant) && health.phase() != Phase::Finished {
+                grant.note(health.stamp.epoch, health.stamp.tick);
+            }
+        })?;
+        written += drain(&mut self.states, segment, |state| grant.note(state.stamp.epoch, state.stamp.tick))?;
+        written += drain(&mut self.truths, segment, |_| ())?;
+        written += drain(&mut self.commands, segment, |_| ())?;
+        written += drain(&mut self.plans, segment, |_| ())?;
+        written += drain(&mut self.residuals, segment, |_| ())?;
+        written += drain(&mut self.snapshots, segment, |_| ())?;
+        Ok(written)
+    }
+
+    /// Tells what was counted on each topic.
+    pub(crate) fn count(&self, pulse: &mut Pulse) {
+        pulse.count_source(Topic::State, self.states.tally());
+        pulse.count_source(Topic::Truth, self.truths.tally());
+        pulse.count_source(Topic::Plan, self.plans.tally());
+        pulse.count_source(Topic::Command, self.commands.tally());
+        pulse.count_source(Topic::Residual, self.residuals.tally());
+        pulse.count_source(Topic::Snapshot, self.snapshots.tally());
+        pulse.count_source(Topic::Health, self.healths.tally());
+    }
+}
+
+/// Writes what waits on one topic, at most as much as can wait at a time, so that a busy topic does not starve the others.
+fn drain<T: Recorded>(source: &mut Source<T>, segment: &mut Segment, mut note: impl FnMut(&T)) -> Result<usize, RecorderError> {
+    let most = <T as OnTopic>::TOPIC.quality(false).depth;
+    for written in 0..most {
+        let Some(message) = source.next()? else { return Ok(written) };
+        segment.write(&message)?;
+        note(&message);
+    }
+    Ok(most)
+}

@@ -1,0 +1,229 @@
+//! MCAP files → rows: what the summary needs of a record, read back from its segments.
+//!
+//! A segment that was cut off by a kill -9 gives what is there.
+
+use crate::words;
+use mcap::io::MessageReader;
+use mcap::sans_io::LinearReaderOptions;
+use protocol::message::Rung;
+use protocol::topic::Topic;
+use serde::Deserialize;
+use serde::de::{Deserializer, Error as _};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+/// A segment cannot be opened.
+#[derive(Debug, thiserror::Error)]
+#[error("{} cannot be read", path.display())]
+pub struct ReadError {
+    /// The file.
+    pub path: PathBuf,
+    /// Why not.
+    pub source: std::io::Error,
+}
+
+/// A recorded stamp.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+pub struct Mark {
+    /// Process instance.
+    pub writer: u64,
+    /// Its epoch.
+    pub epoch: u64,
+    /// Counts the messages of one writer and epoch on one topic, from 1.
+    pub sequence: u64,
+    /// Control period.
+    pub tick: u64,
+}
+
+/// What the plant said of the period that ended with this state.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct StateRow {
+    /// Who and when; the epoch is the plant's.
+    pub stamp: Mark,
+    /// Epoch of the last accepted command, 0 before the first.
+    pub accepted_epoch: u64,
+    /// Rung of the period.
+    #[serde(deserialize_with = "rung")]
+    pub rung: Rung,
+}
+
+/// What was really the case at the start of a period.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct TruthRow {
+    /// Who and when; the epoch is the plant's.
+    pub stamp: Mark,
+    /// x, y, yaw \[m, m, rad\].
+    #[serde(deserialize_with = "numbers")]
+    pub pose: [f64; 3],
+    /// Forward, left, yaw \[m/s, m/s, rad/s\].
+    #[serde(deserialize_with = "numbers")]
+    pub velocity: [f64; 3],
+}
+
+/// What the controller was to reach at the start of a period, and what its answer cost.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct PlanRow {
+    /// Who and when; the epoch is the controller's.
+    pub stamp: Mark,
+    /// Epoch of the plant.
+    pub plant_epoch: u64,
+    /// State received to command sent \[ns\].
+    pub tick_nanos: u64,
+    /// x, y, yaw, forward, left and yaw velocity of the reference at this tick \[m, rad, m/s, rad/s\].
+    #[serde(deserialize_with = "first_row")]
+    pub reference: [f64; 6],
+}
+
+/// How one process instance was.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct HealthRow {
+    /// Who and when.
+    pub stamp: Mark,
+    /// Its role.
+    pub participant: String,
+    /// Model snapshots published or adopted.
+    pub snapshots: u64,
+    /// Messages received, by topic.
+    pub received: BTreeMap<String, u64>,
+    /// Messages lost on the way to it, by topic.
+    pub lost: BTreeMap<String, u64>,
+}
+
+/// What the summary needs of a record.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Rows {
+    /// In the order of the record.
+    pub states: Vec<StateRow>,
+    /// In the order of the record.
+    pub truths: Vec<TruthRow>,
+    /// In the order of the record.
+    pub plans: Vec<PlanRow>,
+    /// The last one of each process instance, by writer.
+    pub healths: BTreeMap<u64, HealthRow>,
+    /// Epochs from which commands came.
+    pub controller_epochs: BTreeSet<u64>,
+    /// Messages that were sent before one that is in the record, and are not in it themselves, by topic.
+    pub missing: BTreeMap<&'static str, u64>,
+    /// Files that the record is in.
+    pub segments: usize,
+    /// Last sequence number by topic, writer and epoch.
+    last: HashMap<(Topic, u64, u64), u64>,
+}
+
+#[derive(Deserialize)]
+struct Stamped {
+    stamp: Mark,
+}
+
+impl Rows {
+    /// No rows, out of so many files.
+    pub(crate) fn of_segments(segments: usize) -> Self {
+        Self { segments, ..Self::default() }
+    }
+
+    /// Reads the files of one record, in the order in which they were written.
+    ///
+    /// # Errors
+    /// [`ReadError`] if one cannot be opened. A damaged one is no error: it is read as far as it goes.
+    pub fn read(segments: &[PathBuf]) -> Result<Self, ReadError> {
+        let mut rows = Self::of_segments(segments.len());
+        for path in segments {
+            rows.read_segment(path).map_err(|source| ReadError { path: path.clone(), source })?;
+        }
+        Ok(rows)
+    }
+
+    fn read_segment(&mut self, path: &Path) -> std::io::Result<()> {
+        let options = LinearReaderOptions::default().with_skip_end_magic(true);
+        for message in MessageReader::new_with_options(BufReader::new(File::open(path)?), options) {
+            match message {
+                Ok(message) => {
+                    if let Err(error) = self.add(&message.channel.topic, &message.data) {
+                        tracing::warn!(path = %path.display(), topic = message.channel.topic, %error, "message passed over");
+                    }
+                }
+                Err(error) => {
+                    tracing::warn!(path = %path.display(), %error, "the segment ends early");
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds one recorded message, unless it is there already. A restarted recorder gets the last message of some topics once more.
+    fn add(&mut self, topic: &str, json: &[u8]) -> Result<(), serde_json::Error> {
+        let Some(topic) = Topic::ALL.into_iter().find(|known| known.name() == topic) else {
+            return Ok(());
+        };
+        match topic {
+            Topic::State => {
+                let row: StateRow = serde_json::from_slice(json)?;
+                if self.count(topic, row.stamp) {
+                    self.states.push(row);
+                }
+            }
+            Topic::Truth => {
+                let row: TruthRow = serde_json::from_slice(json)?;
+                if self.count(topic, row.stamp) {
+                    self.truths.push(row);
+                }
+            }
+            Topic::Plan => {
+                let row: PlanRow = serde_json::from_slice(json)?;
+                if self.count(topic, row.stamp) {
+                    self.plans.push(row);
+                }
+            }
+            Topic::Health => {
+                let row: HealthRow = serde_json::from_slice(json)?;
+                if self.count(topic, row.stamp) {
+                    self.healths.insert(row.stamp.writer, row);
+                }
+            }
+            Topic::Command => {
+                let Stamped { stamp } = serde_json::from_slice(json)?;
+                if self.count(topic, stamp) {
+                    self.controller_epochs.insert(stamp.epoch);
+                }
+            }
+            Topic::Residual | Topic::Snapshot | Topic::Credit => {
+                let Stamped { stamp } = serde_json::from_slice(json)?;
+                self.count(topic, stamp);
+            }
+        }
+        Ok(())
+    }
+
+    /// Counts what is missing before this message. False if the message is not new.
+    fn count(&mut self, topic: Topic, stamp: Mark) -> bool {
+        let last = self.last.entry((topic, stamp.writer, stamp.epoch)).or_default();
+        if stamp.sequence <= *last {
+            return false;
+        }
+        *self.missing.entry(topic.name()).or_default() += stamp.sequence - *last - 1;
+        *last = stamp.sequence;
+        true
+    }
+}
+
+/// A number that is not finite is recorded as null.
+fn number(value: Option<f64>) -> f64 {
+    value.unwrap_or(f64::NAN)
+}
+
+fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 3], D::Error> {
+    <[Option<f64>; 3]>::deserialize(deserializer).map(|values| values.map(number))
+}
+
+fn first_row<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 6], D::Error> {
+    let rows = Vec::<[Option<f64>; 6]>::deserialize(deserializer)?;
+    rows.first().map(|row| row.map(number)).ok_or_else(|| D::Error::custom("no reference"))
+}
+
+fn rung<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Rung, D::Error> {
+    let word = String::deserialize(deserializer)?;
+    words::rung(&word).ok_or_else(|| D::Error::custom(format_args!("{word:?} is no rung")))
+}

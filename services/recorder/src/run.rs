@@ -1,0 +1,186 @@
+//! every topic → one MCAP file → `summary.json`.
+
+use crate::grant::Grant;
+use crate::intake::Intake;
+use crate::rows::{ReadError, Rows};
+use crate::segment::{self, RecordError, Segment};
+use crate::settings::Settings;
+use crate::summary::{Summary, SummaryError};
+use process::{Pulse, Stop};
+use protocol::message::{Participant, Phase};
+use protocol::port::{OpenError, Ports, ReceiveError, Since};
+use protocol::topic::Topic;
+use std::error::Error;
+use std::iter::successors;
+use std::time::{Duration, Instant};
+
+/// Longest sleep: topics other than the state are looked at as often.
+const PATIENCE: Duration = Duration::from_millis(20);
+
+/// Everything must have been silent for so long before the record is closed.
+const SILENCE: Duration = Duration::from_millis(100);
+
+/// The record is closed this long after the request to stop even if the others go on talking.
+const LAST_WORDS: Duration = Duration::from_secs(2);
+
+/// A run cannot be recorded.
+#[derive(Debug, thiserror::Error)]
+pub enum RecorderError {
+    /// No place in the graph.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// A topic cannot be read.
+    #[error(transparent)]
+    Receive(#[from] ReceiveError),
+    /// The file cannot be written.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// The file cannot be read back.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The summary cannot be written.
+    #[error(transparent)]
+    Summary(#[from] SummaryError),
+}
+
+/// Records until `stop` is requested and nobody says anything any more, then sums up the whole run.
+///
+/// # Errors
+/// [`RecorderError`]; the last Health says it too. What was written before stays.
+pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<Summary, RecorderError> {
+    let mut pulse = Pulse::new(ports, Participant::Recorder)?;
+    let outcome = Segment::create(&settings.run)
+        .map_err(RecorderError::from)
+        .and_then(|segment| Recorder::open(ports, settings, segment, &mut pulse)?.record(settings, stop));
+    tell(&mut pulse, outcome)
+}
+
+/// Tells the others how it ended.
+fn tell(pulse: &mut Pulse, outcome: Result<Summary, RecorderError>) -> Result<Summary, RecorderError> {
+    match &outcome {
+        Ok(_) => pulse.phase(Phase::Finished),
+        Err(error) => {
+            pulse.health().set_last_error(&cause_first(error));
+            pulse.health().phase = Phase::Degraded.code();
+            pulse.send_now();
+        }
+    }
+    outcome
+}
+
+/// The whole error in one line, its cause in front, since Health cuts long lines.
+fn cause_first(error: &(dyn Error + 'static)) -> String {
+    let mut parts: Vec<String> = successors(Some(error), |&error| error.source()).map(ToString::to_string).collect();
+    parts.reverse();
+    parts.join(": ")
+}
+
+/// What one round through all topics came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Round {
+    /// Nothing waited.
+    Idle,
+    /// Something was written.
+    Wrote,
+}
+
+struct Recorder<'a> {
+    intake: Intake,
+    grant: Grant,
+    segment: Segment,
+    pulse: &'a mut Pulse,
+}
+
+impl<'a> Recorder<'a> {
+    fn open(ports: &Ports, settings: &Settings, segment: Segment, pulse: &'a mut Pulse) -> Result<Self, RecorderError> {
+        let since = if settings.run.restarted { Since::Joining } else { Since::First };
+        Ok(Self { intake: Intake::open(ports, since)?, grant: Grant::open(ports, settings.run.pace)?, segment, pulse })
+    }
+
+    /// Writes until the end, then ends the file and sums up all files of the run.
+    fn record(mut self, settings: &Settings, stop: &Stop) -> Result<Summary, RecorderError> {
+        self.pulse.phase(Phase::Ready);
+        self.write_until(stop)?;
+        self.hear_out()?;
+        self.segment.finish()?;
+        let folder = &settings.run.folder;
+        let summary = Summary::of(&Rows::read(&segment::paths(folder))?, settings.run.period_nanos);
+        summary.write(folder)?;
+        Ok(summary)
+    }
+
+    fn write_until(&mut self, stop: &Stop) -> Result<(), RecorderError> {
+        while !stop.requested() {
+            self.grant();
+            let woken = self.intake.states.wait(PATIENCE)?;
+            self.round()?;
+            if woken {
+                self.pulse.phase(Phase::Running);
+            } else if let Err(error) = self.grant.refresh() {
+                tracing::warn!(%error, "late joiners have no credit");
+            }
+            self.intake.count(self.pulse);
+            self.pulse.count_sent(Topic::Credit, self.grant.sent());
+            self.pulse.beat();
+        }
+        Ok(())
+    }
+
+    /// Writes the last words of the others, who were asked to stop before.
+    fn hear_out(&mut self) -> Result<(), RecorderError> {
+        let requested = Instant::now();
+        let mut heard = requested;
+        while heard.elapsed() < SILENCE && requested.elapsed() < LAST_WORDS {
+            self.intake.states.wait(PATIENCE)?;
+            if self.round()? == Round::Wrote {
+                heard = Instant::now();
+            }
+        }
+        self.intake.count(self.pulse);
+        Ok(())
+    }
+
+    /// Writes what waits, at most as many messages per topic as can wait at a time.
+    fn round(&mut self) -> Result<Round, RecorderError> {
+        let written = self.intake.drain(&mut self.segment, &mut self.grant)?;
+        self.segment.flush_if_due()?;
+        Ok(if written == 0 { Round::Idle } else { Round::Wrote })
+    }
+
+    /// A plant that does not take its credit in is for the launcher to find; the record goes on.
+    fn grant(&mut self) {
+        if let Err(error) = self.grant.extend() {
+            tracing::warn!(%error, "the plant has not got its credit");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use process::{Pace, Run};
+    use protocol::message::Health;
+    use protocol::port::{Carrier, Exchange, Identity, Links};
+
+    #[test]
+    fn a_full_disk_is_told_to_the_others_before_the_end() -> Result<(), Box<dyn Error>> {
+        let folder = tempfile::tempdir()?;
+        let root = folder.path().to_owned();
+        let links =
+            Links { graph: "test".to_owned(), lock_step: false, root: root.clone(), patience_millis: 1000, carrier: Carrier::SharedMemory };
+        let (log, pace) = ("info".to_owned(), Pace::RealTime);
+        let settings =
+            Settings { run: Run { links, folder: root, log, epoch_floor: 1, restarted: false, period_nanos: 100_000_000, pace } };
+        let ports = Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(1));
+        let mut healths = ports.source::<Health>(Since::First)?;
+        let segment = segment::tests::without_room()?;
+        let mut pulse = Pulse::new(&ports, Participant::Recorder)?;
+        let outcome = Recorder::open(&ports, &settings, segment, &mut pulse)?.record(&settings, &Stop::new());
+        let outcome = tell(&mut pulse, outcome);
+        assert!(matches!(outcome, Err(RecorderError::Record(RecordError::Write { .. }))), "{outcome:?}");
+        let last = healths.latest()?.ok_or("no health")?;
+        assert!(last.last_error().ends_with(": full/record.mcap cannot be written"), "{}", last.last_error());
+        assert_eq!(last.phase(), Phase::Degraded);
+        Ok(())
+    }
+}

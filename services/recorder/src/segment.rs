@@ -1,0 +1,269 @@
+//! messages → one MCAP file: chunks compressed with LZ4, a JSON Schema per topic, the run's settings attached.
+//!
+//! A run's first file is `record.mcap`; a recorder that is started again in the same run goes on in `record-2.mcap`, and so on. No file is ever
+//! written over. What was written more than [`FLUSH_NANOS`] ago is with the operating system and survives a kill -9.
+
+use crate::view::{self, Recorded, View};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
+use process::{Pace, Run};
+use protocol::clock;
+use protocol::message::{Command, Health, ModelSnapshot, Plan, PlantState, ResidualSample, Truth};
+use protocol::topic::{TOPIC_COUNT, Topic};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter};
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Longest time that a written message stays in this process \[ns\].
+const FLUSH_NANOS: u64 = 200_000_000;
+
+/// Most segments of one run.
+const SEGMENTS_MAX: usize = 10_000;
+
+/// A record cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// Two runs in one folder could not be told apart. Another folder helps, or moving the old record away.
+    #[error("{} is the record of an earlier run and will not be written over", path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file cannot be made.
+    #[error("{} cannot be made", path.display())]
+    Create {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// A settings file cannot be attached.
+    #[error("{} cannot be read", path.display())]
+    Settings {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// Most often a full disk.
+    #[error("{} cannot be written", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+}
+
+/// One file of the record of a run, open for writing.
+pub struct Segment {
+    path: PathBuf,
+    writer: Writer<BufWriter<File>>,
+    /// By topic; none for a topic that is not recorded.
+    channels: [Option<u16>; TOPIC_COUNT],
+    json: Vec<u8>,
+    flushed_nanos: u64,
+}
+
+impl Segment {
+    /// Makes the next file of the run's record, with schemas and settings in it.
+    ///
+    /// # Errors
+    /// [`RecordError`]; [`RecordError::Exists`] if the folder holds a record and the recorder is not a restarted one.
+    pub fn create(run: &Run) -> Result<Self, RecordError> {
+        let (number, path, file) = next_file(&run.folder, run.restarted)?;
+        let attachments = settings_files(&run.folder)?;
+        let mut segment = Self::over(path.clone(), file).map_err(|error| RecordError::Write { path, source: cause(error) })?;
+        let described = segment.describe(&metadata(run, number), &attachments);
+        described.map_err(|error| segment.failed(error))?;
+        segment.flush()?;
+        Ok(segment)
+    }
+
+    /// Begins an MCAP file in `file`.
+    fn over(path: PathBuf, file: File) -> Result<Self, McapError> {
+        // Without seeking, a chunk is put together in memory and written whole: a killed recorder leaves whole chunks.
+        let mut writer = WriteOptions::new()
+            .compression(Some(Compression::Lz4))
+            .profile("coxswain")
+            .disable_seeking(true)
+            .create(BufWriter::new(file))?;
+        let mut channels = [None; TOPIC_COUNT];
+        add_channel::<PlantState>(&mut writer, &mut channels)?;
+        add_channel::<Command>(&mut writer, &mut channels)?;
+        add_channel::<ResidualSample>(&mut writer, &mut channels)?;
+        add_channel::<ModelSnapshot>(&mut writer, &mut channels)?;
+        add_channel::<Plan>(&mut writer, &mut channels)?;
+        add_channel::<Health>(&mut writer, &mut channels)?;
+        add_channel::<Truth>(&mut writer, &mut channels)?;
+        Ok(Self { path, writer, channels, json: Vec::new(), flushed_nanos: clock::monotonic_nanos() })
+    }
+
+    /// Appends `message`, under the time at which it was sent.
+    ///
+    /// # Errors
+    /// [`RecordError::Write`].
+    pub fn write<T: Recorded>(&mut self, message: &T) -> Result<(), RecordError> {
+        self.append(message).map_err(|error| self.failed(error))
+    }
+
+    /// Hands to the operating system what has waited for [`FLUSH_NANOS`].
+    ///
+    /// # Errors
+    /// [`RecordError::Write`].
+    pub fn flush_if_due(&mut self) -> Result<(), RecordError> {
+        let now = clock::monotonic_nanos();
+        if now.saturating_sub(self.flushed_nanos) >= FLUSH_NANOS {
+            self.flushed_nanos = now;
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Ends the file with its index, and brings it to the disk.
+    ///
+    /// # Errors
+    /// [`RecordError::Write`].
+    pub fn finish(mut self) -> Result<(), RecordError> {
+        let finished = self.writer.finish().map(drop);
+        finished.map_err(|error| self.failed(error))?;
+        let path = self.path;
+        let file = self.writer.into_inner().into_inner().map_err(io::IntoInnerError::into_error);
+        file.and_then(|file| file.sync_all()).map_err(|source| RecordError::Write { path, source })
+    }
+
+    fn describe(&mut self, metadata: &Metadata, attachments: &[Attachment]) -> Result<(), McapError> {
+        self.writer.write_metadata(metadata)?;
+        attachments.iter().try_for_each(|attachment| self.writer.attach(attachment))
+    }
+
+    fn flush(&mut self) -> Result<(), RecordError> {
+        self.writer.flush().map_err(|error| self.failed(error))
+    }
+
+    fn append<T: Recorded>(&mut self, message: &T) -> Result<(), McapError> {
+        let stamp = message.stamp();
+        let channel = self.channels.get(T::TOPIC.index()).copied().flatten();
+        let channel_id = channel.ok_or(McapError::UnknownChannel(stamp.sequence as u32, 0))?;
+        self.json.clear();
+        serde_json::to_writer(&mut self.json, &View(message)).map_err(io::Error::from)?;
+        let (log_time, sequence) = (stamp.sent_nanos, stamp.sequence as u32);
+        let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+        self.writer.write_to_known_channel(&header, &self.json)
+    }
+
+    fn failed(&self, error: McapError) -> RecordError {
+        RecordError::Write { path: self.path.clone(), source: cause(error) }
+    }
+}
+
+/// What the operating system said, if it was it.
+fn cause(error: McapError) -> io::Error {
+    match error {
+        McapError::Io(error) => error,
+        other => io::Error::other(other),
+    }
+}
+
+/// The files of the record in `folder`, in the order in which they were written.
+pub fn paths(folder: &Path) -> Vec<PathBuf> {
+    (1..=SEGMENTS_MAX).map(|number| path_of(folder, number)).take_while(|path| path.exists()).collect()
+}
+
+fn path_of(folder: &Path, number: usize) -> PathBuf {
+    folder.join(if number == 1 { "record.mcap".to_owned() } else { format!("record-{number}.mcap") })
+}
+
+fn next_file(folder: &Path, restarted: bool) -> Result<(usize, PathBuf, File), RecordError> {
+    let number = paths(folder).len() + 1;
+    if number > 1 && !restarted {
+        return Err(RecordError::Exists { path: path_of(folder, 1) });
+    }
+    let path = path_of(folder, number);
+    match OpenOptions::new().write(true).create_new(true).open(&path) {
+        Ok(file) => Ok((number, path, file)),
+        Err(source) => Err(RecordError::Create { path, source }),
+    }
+}
+
+fn add_channel<T: Recorded>(writer: &mut Writer<BufWriter<File>>, channels: &mut [Option<u16>; TOPIC_COUNT]) -> Result<(), McapError> {
+    let topic: Topic = T::TOPIC;
+    let schema = view::schema::<T>().to_string();
+    let schema = writer.add_schema(&format!("coxswain.{}", T::NAME), "jsonschema", schema.as_bytes())?;
+    let channel = writer.add_channel(schema, topic.name(), "json", &BTreeMap::new())?;
+    if let Some(slot) = channels.get_mut(topic.index()) {
+        *slot = Some(channel);
+    }
+    Ok(())
+}
+
+/// What a reader needs to know of the run, and of the clock of its stamps.
+fn metadata(run: &Run, number: usize) -> Metadata {
+    let unix_nanos = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
+    let pace = match run.pace {
+        Pace::RealTime => "real-time",
+        Pace::LockStep => "lock-step",
+    };
+    let entries = [
+        ("program", format!("coxswain recorder {}", env!("CARGO_PKG_VERSION"))),
+        ("graph", run.links.graph.clone()),
+        ("segment", number.to_string()),
+        ("period_nanos", run.period_nanos.to_string()),
+        ("pace", pace.to_owned()),
+        ("clock", "monotonic".to_owned()),
+        ("opened_monotonic_nanos", clock::monotonic_nanos().to_string()),
+        ("opened_unix_nanos", unix_nanos.to_string()),
+    ];
+    Metadata { name: "coxswain".to_owned(), metadata: entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect() }
+}
+
+/// The settings that the run was started with, `settings/*.toml` in its folder.
+fn settings_files(folder: &Path) -> Result<Vec<Attachment<'static>>, RecordError> {
+    let folder = folder.join("settings");
+    let failed = |path: &Path, source| RecordError::Settings { path: path.to_owned(), source };
+    let entries = match fs::read_dir(&folder) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(failed(&folder, error)),
+    };
+    let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<io::Result<Vec<_>>>().map_err(|error| failed(&folder, error))?;
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    paths.sort();
+    let now = clock::monotonic_nanos();
+    let attach = |path: PathBuf| {
+        let data = Cow::Owned(fs::read(&path).map_err(|error| failed(&path, error))?);
+        let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        Ok(Attachment { log_time: now, create_time: now, name, media_type: "application/toml".to_owned(), data })
+    };
+    paths.into_iter().map(attach).collect()
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, memfd_create};
+
+    /// A segment on a disk that has filled up since it was made.
+    pub(crate) fn without_room() -> Result<Segment, Box<dyn std::error::Error>> {
+        let disk = File::from(memfd_create("record", MemfdFlags::ALLOW_SEALING)?);
+        let mut segment = Segment::over(PathBuf::from("full/record.mcap"), disk.try_clone()?)?;
+        segment.flush()?;
+        fcntl_add_seals(&disk, SealFlags::GROW)?;
+        Ok(segment)
+    }
+
+    #[test]
+    fn a_disk_that_fills_up_is_an_error_and_no_panic() -> Result<(), Box<dyn std::error::Error>> {
+        let mut segment = without_room()?;
+        let state: PlantState = Zeroable::zeroed();
+        let outcome = segment.write(&state).and_then(|()| segment.flush());
+        assert!(matches!(outcome, Err(RecordError::Write { .. })), "{outcome:?}");
+        assert!(segment.write(&state).is_err(), "nor afterwards");
+        assert!(segment.finish().is_err());
+        Ok(())
+    }
+}

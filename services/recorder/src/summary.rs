@@ -1,0 +1,229 @@
+//! rows → figures: what a run came to.
+//!
+//! Time is tick × period. Everything that is counted by ticks is over the last epoch of the plant: a restarted plant begins anew at the
+//! scenario's start, so that two epochs are two runs. Snapshots and losses are over the whole record. A figure without data is null.
+
+mod figures;
+#[cfg(test)]
+mod tests;
+
+use crate::rows::{HealthRow, PlanRow, Rows, StateRow};
+use figures::{Deviation, Window, largest, percentile, root_mean_square, settled_at};
+use protocol::message::{Participant, Rung};
+use protocol::topic::Topic;
+use serde::ser::{Serialize, Serializer};
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::{fs, io};
+
+/// Within this distance of the reference the robot has arrived \[m\].
+pub const ARRIVAL_BAND_M: f64 = 0.10;
+
+/// Within this distance of the reference speed the speed has settled \[m/s\].
+pub const SPEED_BAND_MPS: f64 = 0.07;
+
+/// The start that position and heading figures leave out \[ns\].
+const START_NANOS: u64 = 3_000_000_000;
+
+/// The end that the steady figure is taken from \[ns\].
+const STEADY_NANOS: u64 = 10_000_000_000;
+
+/// What a run came to, in the order of `summary.json`.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Summary {
+    /// First time after which the distance from the reference stays within [`ARRIVAL_BAND_M`] to the end \[s\].
+    pub arrival_s: Option<f64>,
+    /// First time after which the speed stays within [`SPEED_BAND_MPS`] of the reference speed to the end \[s\].
+    pub speed_settle_s: Option<f64>,
+    /// Largest difference of speed and reference speed in the last 10 s \[m/s\].
+    pub steady_speed_error_mps: Option<f64>,
+    /// Distance from the reference from 3 s on, RMS \[m\].
+    pub position_rmse_m: Option<f64>,
+    /// Largest distance from the reference from 3 s on \[m\].
+    pub position_max_m: Option<f64>,
+    /// Difference of heading and reference heading from 3 s on, the short way round, RMS \[rad\].
+    pub heading_rmse_rad: Option<f64>,
+    /// State received to command sent, half of all ticks took no longer \[µs\].
+    pub tick_p50_us: Option<f64>,
+    /// 99 of 100 ticks took no longer \[µs\].
+    pub tick_p99_us: Option<f64>,
+    /// No tick took longer \[µs\].
+    pub tick_max_us: Option<f64>,
+    /// Periods from the first accepted command on.
+    pub periods: u64,
+    /// Those of them in which the wheels did not get a controller's answer in time.
+    pub periods_missed: u64,
+    /// Those periods by rung, as the plant reports.
+    pub rungs: Rungs,
+    /// Model snapshots published, by all instances of the learner.
+    pub snapshots_published: u64,
+    /// Model snapshots adopted, by all instances of the controller.
+    pub snapshots_adopted: u64,
+    /// Messages lost, by topic and who lost them: `recorder` is what was sent and is not in the record, though something later is;
+    /// the others are what they reported in their health.
+    pub losses: BTreeMap<&'static str, BTreeMap<String, u64>>,
+    /// How many epochs of the plant are in the record. Beyond 1, the figures are over the last one.
+    pub plant_epochs: usize,
+    /// From how many epochs of the controller commands came.
+    pub controller_epochs: usize,
+    /// Files that the record is in: one more for each restart of the recorder.
+    pub segments: usize,
+}
+
+/// Periods by rung, every rung listed, the best first.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Rungs {
+    counts: BTreeMap<Rung, u64>,
+}
+
+impl Rungs {
+    /// Periods on `rung`.
+    pub fn on(&self, rung: Rung) -> u64 {
+        self.counts.get(&rung).copied().unwrap_or(0)
+    }
+}
+
+impl Serialize for Rungs {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(Rung::ALL.iter().map(|&rung| (rung.text(), self.on(rung))))
+    }
+}
+
+impl Summary {
+    /// Sums up a record of a run with this control period \[ns\].
+    pub fn of(rows: &Rows, period_nanos: u64) -> Self {
+        let epochs = plant_epochs(rows);
+        let last = epochs.last().copied().unwrap_or(0);
+        let deviations = deviations(rows, last, period_nanos);
+        let window = Window::of(&deviations);
+        let ticks = tick_times(rows, last);
+        let rungs = rungs(rows, last);
+        Self {
+            arrival_s: settled_at(&deviations, |deviation| deviation.position, ARRIVAL_BAND_M),
+            speed_settle_s: settled_at(&deviations, |deviation| deviation.speed, SPEED_BAND_MPS),
+            steady_speed_error_mps: largest(window.last(STEADY_NANOS).map(|deviation| deviation.speed)),
+            position_rmse_m: root_mean_square(window.from(START_NANOS).map(|deviation| deviation.position)),
+            position_max_m: largest(window.from(START_NANOS).map(|deviation| deviation.position)),
+            heading_rmse_rad: root_mean_square(window.from(START_NANOS).map(|deviation| deviation.heading)),
+            tick_p50_us: percentile(&ticks, 50).map(micros),
+            tick_p99_us: percentile(&ticks, 99).map(micros),
+            tick_max_us: percentile(&ticks, 100).map(micros),
+            periods: rungs.counts.values().sum(),
+            periods_missed: rungs.counts.iter().filter(|(rung, _)| is_missed(**rung)).map(|(_, periods)| periods).sum(),
+            rungs,
+            snapshots_published: snapshots(rows, Participant::Learner),
+            snapshots_adopted: snapshots(rows, Participant::Controller),
+            losses: losses(rows),
+            plant_epochs: epochs.len(),
+            controller_epochs: rows.controller_epochs.len(),
+            segments: rows.segments,
+        }
+    }
+
+    /// Writes `summary.json` into `folder`: whole, or not at all.
+    ///
+    /// # Errors
+    /// [`SummaryError`].
+    pub fn write(&self, folder: &Path) -> Result<(), SummaryError> {
+        let path = folder.join("summary.json");
+        let half = folder.join("summary.json.tmp");
+        let write = || -> io::Result<()> {
+            let mut json = serde_json::to_vec_pretty(self)?;
+            json.push(b'\n');
+            let mut file = fs::File::create(&half)?;
+            file.write_all(&json)?;
+            file.sync_all()?;
+            fs::rename(&half, &path)
+        };
+        write().map_err(|source| SummaryError { path: path.clone(), source })
+    }
+}
+
+/// The summary cannot be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{} cannot be written", path.display())]
+pub struct SummaryError {
+    /// The file.
+    pub path: PathBuf,
+    /// Why not.
+    pub source: io::Error,
+}
+
+/// Epochs of the plant, the last one last.
+fn plant_epochs(rows: &Rows) -> Vec<u64> {
+    let mut epochs: Vec<u64> = rows.states.iter().map(|row| row.stamp.epoch).chain(rows.truths.iter().map(|row| row.stamp.epoch)).collect();
+    epochs.sort_unstable();
+    epochs.dedup();
+    epochs
+}
+
+/// Truth against reference at every tick of an epoch that has both, in the order of time.
+fn deviations(rows: &Rows, epoch: u64, period_nanos: u64) -> Vec<Deviation> {
+    let plans = rows.plans.iter().filter(|plan| plan.plant_epoch == epoch);
+    let plans: BTreeMap<u64, &PlanRow> = plans.map(|plan| (plan.stamp.tick, plan)).collect();
+    let truths = rows.truths.iter().filter(|truth| truth.stamp.epoch == epoch);
+    let mut deviations: Vec<_> = truths
+        .filter_map(|truth| {
+            let plan = plans.get(&truth.stamp.tick)?;
+            Some(Deviation::of(truth, plan, truth.stamp.tick.saturating_mul(period_nanos)))
+        })
+        .collect();
+    deviations.sort_by_key(|deviation| deviation.nanos);
+    deviations
+}
+
+/// What each tick of an epoch took, in ascending order \[ns\].
+fn tick_times(rows: &Rows, epoch: u64) -> Vec<u64> {
+    let plans = rows.plans.iter().filter(|plan| plan.plant_epoch == epoch);
+    let mut times: Vec<u64> = plans.map(|plan| plan.tick_nanos).collect();
+    times.sort_unstable();
+    times
+}
+
+/// Counts the periods of an epoch from the first accepted command on.
+///
+/// The period in which that command came counts if the plant says that it acted in it, not if the plant still waited.
+fn rungs(rows: &Rows, epoch: u64) -> Rungs {
+    let mut states: Vec<&StateRow> = rows.states.iter().filter(|state| state.stamp.epoch == epoch).collect();
+    states.sort_by_key(|state| state.stamp.tick);
+    let mut rungs = Rungs::default();
+    for state in states.into_iter().skip_while(|state| state.accepted_epoch == 0 || state.rung == Rung::Waiting) {
+        *rungs.counts.entry(state.rung).or_default() += 1;
+    }
+    rungs
+}
+
+/// Whether the gate, not a controller, chose what the wheels got.
+fn is_missed(rung: Rung) -> bool {
+    match rung {
+        Rung::Waiting | Rung::StoredTail | Rung::Brake | Rung::LatchedStop => true,
+        Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr => false,
+    }
+}
+
+fn snapshots(rows: &Rows, participant: Participant) -> u64 {
+    rows.healths.values().filter(|health| health.participant == participant.text()).map(|health| health.snapshots).sum()
+}
+
+/// Losses by topic and who lost them. Of those who reported, only those who read the topic.
+fn losses(rows: &Rows) -> BTreeMap<&'static str, BTreeMap<String, u64>> {
+    let recorder = Participant::Recorder.text();
+    let mut losses: BTreeMap<&'static str, BTreeMap<String, u64>> = BTreeMap::new();
+    for topic in Topic::ALL {
+        let of_topic = losses.entry(topic.name()).or_default();
+        if topic != Topic::Credit {
+            of_topic.insert(recorder.to_owned(), rows.missing.get(topic.name()).copied().unwrap_or(0));
+        }
+        let counted = |counts: &BTreeMap<String, u64>| counts.get(topic.name()).copied().unwrap_or(0);
+        let readers = |health: &&HealthRow| health.participant != recorder && counted(&health.received) + counted(&health.lost) > 0;
+        for health in rows.healths.values().filter(readers) {
+            *of_topic.entry(health.participant.clone()).or_default() += counted(&health.lost);
+        }
+    }
+    losses
+}
+
+fn micros(nanos: u64) -> f64 {
+    nanos as f64 * 1e-3
+}

@@ -1,0 +1,46 @@
+//! code ↔ word: a record shows coded fields in a person's words.
+
+use protocol::message::{Participant, Phase, Reason, Rung, SolverStatus};
+
+/// Lists the words of one kind of code.
+pub type Words = fn() -> Vec<&'static str>;
+
+/// Words of [`Rung`].
+pub fn rungs() -> Vec<&'static str> {
+    Rung::ALL.iter().map(|rung| rung.text()).collect()
+}
+
+/// Words of [`Reason`].
+pub fn reasons() -> Vec<&'static str> {
+    Reason::ALL.iter().map(|reason| reason.text()).collect()
+}
+
+/// Words of [`SolverStatus`].
+pub fn statuses() -> Vec<&'static str> {
+    SolverStatus::ALL.iter().map(|status| status.text()).collect()
+}
+
+/// Words of [`Participant`].
+pub fn participants() -> Vec<&'static str> {
+    Participant::ALL.iter().map(|participant| participant.text()).collect()
+}
+
+/// Words of [`Phase`].
+pub fn phases() -> Vec<&'static str> {
+    Phase::ALL.iter().map(|phase| phase.text()).collect()
+}
+
+/// The rung of this name.
+pub fn rung(word: &str) -> Option<Rung> {
+    Rung::ALL.iter().copied().find(|rung| rung.text() == word)
+}
+
+/// The word of a rung's code; "?" if it is of another version, which no valid message carries.
+pub fn of_rung(code: u32) -> &'static str {
+    Rung::try_from(code).map_or("?", Rung::text)
+}
+
+/// The word of a reason's code; "?" as for [`of_rung`].
+pub fn of_reason(code: u32) -> &'static str {
+    Reason::try_from(code).map_or("?", Reason::text)
+}

@@ -1,0 +1,108 @@
+//! Why settings were refused: file, line, key, value, and what was expected.
+
+use std::path::PathBuf;
+
+/// Settings that cannot be used. Displayed, it begins `file:line: key = value`.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SettingsError {
+    /// The file cannot be read.
+    #[error("{}: expected a file of settings, but {reason}", file.display())]
+    Unreadable {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        reason: String,
+    },
+    /// It is not TOML.
+    #[error("{}:{line}: `{text}` is not TOML: {expected}", file.display())]
+    Syntax {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The line.
+        text: String,
+        /// What the parser said.
+        expected: String,
+    },
+    /// A key that no one reads.
+    #[error("{}:{line}: {key} = {value}: unknown key, expected {}", file.display(), alternatives(known))]
+    UnknownKey {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Dotted path of the key.
+        key: String,
+        /// Its value, as written.
+        value: String,
+        /// The keys that there are.
+        known: Vec<String>,
+    },
+    /// A key that has no default is not there.
+    #[error("{}:{line}: {key} is missing: expected it {}", file.display(), within(key))]
+    MissingKey {
+        /// The file.
+        file: PathBuf,
+        /// Line of its table, from 1.
+        line: usize,
+        /// Dotted path of the key.
+        key: String,
+    },
+    /// A value of the wrong type, or an impossible one.
+    #[error("{}{}: {key}{}: expected {expected}", file.display(), colon(*line), equals(value.as_ref()))]
+    Value {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1; none if neither the key nor its table is in the file.
+        line: Option<usize>,
+        /// Dotted path of the key.
+        key: String,
+        /// Its value, as written; none if it is not in the file.
+        value: Option<String>,
+        /// What it would have to be.
+        expected: String,
+    },
+}
+
+/// Settings cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// TOML cannot say it.
+    #[error("{}: {reason}", file.display())]
+    Unsayable {
+        /// The file.
+        file: PathBuf,
+        /// What the writer said.
+        reason: String,
+    },
+    /// The file cannot be written.
+    #[error("{}: {source}", file.display())]
+    Unwritable {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+fn alternatives(known: &[String]) -> String {
+    match known {
+        [] => "none here".into(),
+        [only] => only.clone(),
+        several => format!("one of {}", several.join(", ")),
+    }
+}
+
+/// Where a missing key should be.
+fn within(key: &str) -> String {
+    key.rsplit_once('.').map_or_else(|| "at the top of the file".into(), |(table, _)| format!("in [{table}]"))
+}
+
+fn colon(line: Option<usize>) -> String {
+    line.map(|line| format!(":{line}")).unwrap_or_default()
+}
+
+fn equals(value: Option<&String>) -> String {
+    value.map(|value| format!(" = {value}")).unwrap_or_default()
+}

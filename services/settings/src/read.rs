@@ -1,0 +1,51 @@
+//! File → text → table → type → checked type.
+
+use crate::explain;
+use crate::place::{self, Document};
+use crate::{Check, SettingsError, WriteError};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::fs;
+use std::path::Path;
+use toml::de::{DeTable, Deserializer, Error};
+
+/// Reads and checks the settings in `file`.
+///
+/// # Errors
+/// [`SettingsError`] says what is wrong first, and where.
+pub fn read<T: DeserializeOwned + Check>(file: &Path) -> Result<T, SettingsError> {
+    let text =
+        fs::read_to_string(file).map_err(|error| SettingsError::Unreadable { file: file.to_path_buf(), reason: error.to_string() })?;
+    parse(&text, file)
+}
+
+/// Reads and checks settings that were read from `file`, whose name only serves to say where something is wrong.
+///
+/// # Errors
+/// [`SettingsError`] says what is wrong first, and where.
+pub fn parse<T: DeserializeOwned + Check>(text: &str, file: &Path) -> Result<T, SettingsError> {
+    let root = DeTable::parse(text).map_err(|error| syntax(text, file, &error))?;
+    let document = Document::new(text, root.get_ref());
+    let settings = T::deserialize(Deserializer::from(root)).map_err(|error| explain::refusal(&document, file, &error))?;
+    settings.check().map_err(|impossible| explain::impossible(&document, file, impossible))?;
+    Ok(settings)
+}
+
+/// Writes settings so that [`read`] gives them back.
+///
+/// # Errors
+/// [`WriteError`] if TOML cannot say them or the file cannot be written.
+pub fn write<T: Serialize>(file: &Path, settings: &T) -> Result<(), WriteError> {
+    let text = toml::to_string(settings).map_err(|error| WriteError::Unsayable { file: file.to_path_buf(), reason: error.to_string() })?;
+    fs::write(file, text).map_err(|source| WriteError::Unwritable { file: file.to_path_buf(), source })
+}
+
+fn syntax(text: &str, file: &Path, error: &Error) -> SettingsError {
+    let line = place::line(text, error.span().map_or(0, |span| span.start));
+    SettingsError::Syntax {
+        file: file.to_path_buf(),
+        line,
+        text: text.lines().nth(line - 1).unwrap_or_default().trim().to_owned(),
+        expected: error.message().to_owned(),
+    }
+}
