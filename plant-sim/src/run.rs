@@ -122,6 +122,8 @@ impl<'a> Plant<'a> {
                 while let Some(granted) = self.credits.next()? {
                     credit = Some(granted.through_tick);
                 }
+                // A recorder that has been restarted needs the last state to know how far time has come.
+                self.states.refresh()?;
                 self.pulse.beat();
             }
             let begin = tick * period;

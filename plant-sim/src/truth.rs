@@ -38,8 +38,6 @@ mod sensors;
 mod world;
 
 pub use check::Impossible;
-pub use parameters::{
-    Fault, Patch, Payload, Push, RandomForce, Sensor, Slope, Truth, Wheel, WheelSlip,
-};
+pub use parameters::{Fault, Patch, Payload, Push, RandomForce, Sensor, Slope, Truth, Wheel, WheelSlip};
 pub use sensors::Measurement;
 pub use world::{Start, TrueState, World};

@@ -134,18 +134,12 @@ use fixed_message;
 
 /// Fails with the field's name unless `count` is at most `limit`.
 fn check_count(message: &'static str, field: &'static str, count: u32, limit: usize) -> Result<(), DecodeError> {
-    if count as usize <= limit {
-        Ok(())
-    } else {
-        Err(DecodeError::Value { message, field, value: u64::from(count) })
-    }
+    if count as usize <= limit { Ok(()) } else { Err(DecodeError::Value { message, field, value: u64::from(count) }) }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{
-        Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, SnapshotHead, Stamp, Truth,
-    };
+    use super::{Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, SnapshotHead, Stamp, Truth};
     use std::mem::offset_of;
 
     /// A change here is a change of the protocol: it needs another [`VERSION`](crate::VERSION).

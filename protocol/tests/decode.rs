@@ -6,8 +6,8 @@ use proptest::prelude::{any, prop_assert, prop_assert_eq, prop_oneof, proptest};
 use proptest::strategy::{Just, Strategy};
 use protocol::frame::{self, DecodeError};
 use protocol::message::{
-    Command, Credit, ERROR_TEXT_MAX, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState,
-    Reason, ResidualSample, Rung, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth,
+    Command, Credit, ERROR_TEXT_MAX, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState, Reason,
+    ResidualSample, Rung, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth,
 };
 use protocol::{VERSION, message};
 

@@ -20,7 +20,7 @@ use tempfile::TempDir;
 type Outcome = Result<(), Box<dyn Error>>;
 
 /// Longer than any test machine needs.
-const LONG: Duration = Duration::from_secs(60);
+const LONG: Duration = Duration::from_mins(1);
 
 const PATIENCE: Duration = Duration::from_millis(300);
 

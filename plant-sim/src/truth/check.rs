@@ -43,15 +43,9 @@ impl Truth {
         positive("wheel_radius_m", self.wheel_radius_m)?;
         positive("half_track_m", self.half_track_m)?;
         positive("half_wheelbase_m", self.half_wheelbase_m)?;
-        not_negative(
-            "wheel_viscous_friction_nms",
-            self.wheel_viscous_friction_nms,
-        )?;
+        not_negative("wheel_viscous_friction_nms", self.wheel_viscous_friction_nms)?;
         not_negative("rolling_friction", self.rolling_friction)?;
-        positive(
-            "rolling_friction_speed_scale_radps",
-            self.rolling_friction_speed_scale_radps,
-        )?;
+        positive("rolling_friction_speed_scale_radps", self.rolling_friction_speed_scale_radps)?;
         not_negative("drag_n_s2_per_m2", self.drag_n_s2_per_m2)
     }
 
@@ -61,24 +55,13 @@ impl Truth {
         }
         positive("pole_pairs", self.pole_pairs)?;
         positive("torque_constant_nm_per_a", self.torque_constant_nm_per_a)?;
-        not_negative(
-            "speed_loop_gain_a_s_per_rad",
-            self.speed_loop_gain_a_s_per_rad,
-        )?;
-        not_negative(
-            "speed_loop_integral_a_per_rad",
-            self.speed_loop_integral_a_per_rad,
-        )?;
+        not_negative("speed_loop_gain_a_s_per_rad", self.speed_loop_gain_a_s_per_rad)?;
+        not_negative("speed_loop_integral_a_per_rad", self.speed_loop_integral_a_per_rad)?;
         not_negative("deadband_radps", self.deadband_radps)?;
         positive("current_limit_a", self.current_limit_a)?;
         let lag = self.current_lag_s;
-        let followed =
-            lag.abs() < f64::MIN_POSITIVE || (lag.is_finite() && lag >= 1.0 / FASTEST_PER_S);
-        require(
-            followed,
-            "current_lag_s",
-            "0, or at least 0.0005 s, which a step of 0.1 ms follows",
-        )?;
+        let followed = lag.abs() < f64::MIN_POSITIVE || (lag.is_finite() && lag >= 1.0 / FASTEST_PER_S);
+        require(followed, "current_lag_s", "0, or at least 0.0005 s, which a step of 0.1 ms follows")?;
         let limit = self.wheel_speed_limit_radps;
         require(
             limit > 0.0 && limit * self.wheel_radius_m <= TOP_SPEED_MPS,
@@ -96,11 +79,7 @@ impl Truth {
 
     fn check_world(&self) -> Verdict {
         if let Some(slope) = self.slope {
-            require(
-                slope.angle_rad.abs() < 1.0,
-                "slope.angle_rad",
-                "between -1 and 1 rad",
-            )?;
+            require(slope.angle_rad.abs() < 1.0, "slope.angle_rad", "between -1 and 1 rad")?;
             finite("slope.direction_rad", slope.direction_rad)?;
         }
         if let Some(push) = self.push {
@@ -117,16 +96,9 @@ impl Truth {
             for axis in 0..2 {
                 let (from, to) = (patch.from_m[axis], patch.to_m[axis]);
                 finite(&format!("patches.{index}.from_m"), from)?;
-                require(
-                    to.is_finite() && to > from,
-                    &format!("patches.{index}.to_m"),
-                    "finite, and beyond from_m in x and in y",
-                )?;
+                require(to.is_finite() && to > from, &format!("patches.{index}.to_m"), "finite, and beyond from_m in x and in y")?;
             }
-            not_negative(
-                &format!("patches.{index}.friction_factor"),
-                patch.friction_factor,
-            )?;
+            not_negative(&format!("patches.{index}.friction_factor"), patch.friction_factor)?;
             not_negative(&format!("patches.{index}.grip_factor"), patch.grip_factor)?;
             require(
                 self.wheel_slip.is_some() || (patch.grip_factor - 1.0).abs() < f64::EPSILON,
@@ -143,11 +115,7 @@ impl Truth {
         };
         positive("wheel_slip.grip", slip.grip)?;
         positive("wheel_slip.slip_speed_scale_mps", slip.slip_speed_scale_mps)?;
-        require(
-            self.wheel_inertia_kg_m2 > 0.0,
-            "wheel_inertia_kg_m2",
-            "positive, for the wheels can slip",
-        )
+        require(self.wheel_inertia_kg_m2 > 0.0, "wheel_inertia_kg_m2", "positive, for the wheels can slip")
     }
 
     fn check_timetable(&self) -> Verdict {
@@ -159,11 +127,7 @@ impl Truth {
         if let Some(push) = self.push {
             not_negative("push.from_s", push.from_s)?;
             if let Some(until) = push.until_s {
-                require(
-                    until.is_finite() && until > push.from_s,
-                    "push.until_s",
-                    "finite, and after from_s",
-                )?;
+                require(until.is_finite() && until > push.from_s, "push.until_s", "finite, and after from_s")?;
             }
         }
         for (index, fault) in self.faults.iter().enumerate() {
@@ -177,60 +141,25 @@ impl Truth {
     fn check_rates(&self) -> Verdict {
         let radius = self.wheel_radius_m;
         let arm = self.half_track_m + self.half_wheelbase_m;
-        let rolling = (0.25 * radius * radius * self.mass_kg)
-            .min(0.25 * self.yaw_inertia_kg_m2 * (radius / arm).powi(2));
-        let inertia = self.wheel_inertia_kg_m2
-            + if self.wheel_slip.is_some() {
-                0.0
-            } else {
-                rolling
-            };
+        let rolling = (0.25 * radius * radius * self.mass_kg).min(0.25 * self.yaw_inertia_kg_m2 * (radius / arm).powi(2));
+        let inertia = self.wheel_inertia_kg_m2 + if self.wheel_slip.is_some() { 0.0 } else { rolling };
         let heaviest = self.mass_kg + self.payload.map_or(0.0, |payload| payload.mass_kg);
         let load_n = 0.25 * heaviest * GRAVITY;
-        let gain = self
-            .motor_gain
-            .into_iter()
-            .chain(self.faults.iter().map(|fault| fault.gain))
-            .fold(0.0, f64::max);
+        let gain = self.motor_gain.into_iter().chain(self.faults.iter().map(|fault| fault.gain)).fold(0.0, f64::max);
         let motor = gain * self.pole_pairs * self.torque_constant_nm_per_a / inertia;
-        let roughest = self
-            .patches
-            .iter()
-            .map(|patch| patch.friction_factor)
-            .fold(1.0, f64::max);
+        let roughest = self.patches.iter().map(|patch| patch.friction_factor).fold(1.0, f64::max);
         let rolling_nm = self.rolling_friction * roughest * load_n * radius;
 
-        slow(
-            "speed_loop_gain_a_s_per_rad",
-            motor * self.speed_loop_gain_a_s_per_rad,
-        )?;
-        slow(
-            "speed_loop_integral_a_per_rad",
-            (motor * self.speed_loop_integral_a_per_rad).sqrt(),
-        )?;
-        slow(
-            "wheel_viscous_friction_nms",
-            self.wheel_viscous_friction_nms / inertia,
-        )?;
-        slow(
-            "rolling_friction_speed_scale_radps",
-            rolling_nm / self.rolling_friction_speed_scale_radps / inertia,
-        )?;
-        slow(
-            "drag_n_s2_per_m2",
-            self.drag_n_s2_per_m2 * TOP_SPEED_MPS / self.mass_kg,
-        )?;
+        slow("speed_loop_gain_a_s_per_rad", motor * self.speed_loop_gain_a_s_per_rad)?;
+        slow("speed_loop_integral_a_per_rad", (motor * self.speed_loop_integral_a_per_rad).sqrt())?;
+        slow("wheel_viscous_friction_nms", self.wheel_viscous_friction_nms / inertia)?;
+        slow("rolling_friction_speed_scale_radps", rolling_nm / self.rolling_friction_speed_scale_radps / inertia)?;
+        slow("drag_n_s2_per_m2", self.drag_n_s2_per_m2 * TOP_SPEED_MPS / self.mass_kg)?;
         slow("half_track_m", TOP_SPEED_MPS / arm)?;
         if let Some(slip) = self.wheel_slip {
-            let grippiest = self
-                .patches
-                .iter()
-                .map(|patch| patch.grip_factor)
-                .fold(1.0, f64::max);
+            let grippiest = self.patches.iter().map(|patch| patch.grip_factor).fold(1.0, f64::max);
             let traction = grippiest * slip.grip * load_n / slip.slip_speed_scale_mps;
-            let yielding = radius * radius / self.wheel_inertia_kg_m2
-                + 4.0 / self.mass_kg
-                + 4.0 * arm * arm / self.yaw_inertia_kg_m2;
+            let yielding = radius * radius / self.wheel_inertia_kg_m2 + 4.0 / self.mass_kg + 4.0 * arm * arm / self.yaw_inertia_kg_m2;
             slow("wheel_slip.slip_speed_scale_mps", traction * yielding)?;
         }
         Ok(())
@@ -253,20 +182,12 @@ impl Sensor {
             ("wheel_speed_step_radps", self.wheel_speed_step_radps),
             ("current_step_a", self.current_step_a),
         ];
-        all.into_iter()
-            .try_for_each(|(key, value)| not_negative(&format!("sensor.{key}"), value))
+        all.into_iter().try_for_each(|(key, value)| not_negative(&format!("sensor.{key}"), value))
     }
 }
 
 fn require(holds: bool, key: &str, expected: &str) -> Verdict {
-    if holds {
-        Ok(())
-    } else {
-        Err(Impossible {
-            key: key.to_owned(),
-            expected: expected.to_owned(),
-        })
-    }
+    if holds { Ok(()) } else { Err(Impossible { key: key.to_owned(), expected: expected.to_owned() }) }
 }
 
 fn finite(key: &str, value: f64) -> Verdict {
@@ -278,11 +199,7 @@ fn positive(key: &str, value: f64) -> Verdict {
 }
 
 fn not_negative(key: &str, value: f64) -> Verdict {
-    require(
-        value.is_finite() && value >= 0.0,
-        key,
-        "finite and not negative",
-    )
+    require(value.is_finite() && value >= 0.0, key, "finite and not negative")
 }
 
 fn motor_gain(key: &str, value: f64) -> Verdict {
@@ -291,11 +208,7 @@ fn motor_gain(key: &str, value: f64) -> Verdict {
 
 fn slow(key: &str, rate_per_s: f64) -> Verdict {
     let slow = rate_per_s.is_finite() && rate_per_s <= FASTEST_PER_S;
-    require(
-        slow,
-        key,
-        &format!("a rate of at most {FASTEST_PER_S} per second, here {rate_per_s:.0}"),
-    )
+    require(slow, key, &format!("a rate of at most {FASTEST_PER_S} per second, here {rate_per_s:.0}"))
 }
 
 #[cfg(test)]

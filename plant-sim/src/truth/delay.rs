@@ -12,10 +12,7 @@ pub(super) struct DelayLine {
 impl DelayLine {
     /// A line of so many steps, full of standstill. Allocates, here only.
     pub(super) fn new(steps: usize) -> Self {
-        Self {
-            under_way: vec![Vector3::zeros(); steps],
-            oldest: 0,
-        }
+        Self { under_way: vec![Vector3::zeros(); steps], oldest: 0 }
     }
 
     /// Takes this step's command in and hands out the one that arrives. O(1); does not allocate.
@@ -40,11 +37,7 @@ mod tests {
             for step in 0..20_u32 {
                 let arrived = line.pass(Vector3::repeat(f64::from(step + 1)));
                 let expected = f64::from((step + 1).saturating_sub(delay));
-                assert_eq!(
-                    arrived,
-                    Vector3::repeat(expected),
-                    "delay {delay}, step {step}"
-                );
+                assert_eq!(arrived, Vector3::repeat(expected), "delay {delay}, step {step}");
             }
         }
     }

@@ -108,9 +108,7 @@ pub(super) struct Dynamics {
 impl Dynamics {
     /// The robot and the world that the settings describe.
     pub(super) fn new(truth: &Truth) -> Self {
-        let (angle, direction) = truth
-            .slope
-            .map_or((0.0, 0.0), |slope| (slope.angle_rad, slope.direction_rad));
+        let (angle, direction) = truth.slope.map_or((0.0, 0.0), |slope| (slope.angle_rad, slope.direction_rad));
         Self {
             truth: truth.clone(),
             geometry: Geometry::new(truth),
@@ -125,23 +123,15 @@ impl Dynamics {
         let wheel_speed = self.wheel_speed(state);
         let error = self.speed_error(&wheel_speed, given);
         let demand = self.current_demand(&error, &state.integral);
-        let current = if truth.current_lag_s > 0.0 {
-            state.current
-        } else {
-            demand
-        };
+        let current = if truth.current_lag_s > 0.0 { state.current } else { demand };
         let floor = self.floor(&state.pose);
         let load_n = 0.25 * given.mass_kg * GRAVITY * self.level;
 
         let torque = Vector4::from_fn(|wheel, _| {
             let speed = wheel_speed[wheel];
-            let drive = given.motor_gain[wheel]
-                * truth.pole_pairs
-                * truth.torque_constant_nm_per_a
-                * current[wheel];
+            let drive = given.motor_gain[wheel] * truth.pole_pairs * truth.torque_constant_nm_per_a * current[wheel];
             let viscous = truth.wheel_viscous_friction_nms * speed;
-            let rolling =
-                truth.rolling_friction * floor.friction[wheel] * load_n * truth.wheel_radius_m;
+            let rolling = truth.rolling_friction * floor.friction[wheel] * load_n * truth.wheel_radius_m;
             drive - viscous - rolling * (speed / truth.rolling_friction_speed_scale_radps).tanh()
         });
         let force = self.force(state, given);
@@ -156,11 +146,7 @@ impl Dynamics {
             pose: world_from_body(state.pose.z, &state.velocity),
             velocity,
             wheel_speed,
-            current: if truth.current_lag_s > 0.0 {
-                (demand - state.current) / truth.current_lag_s
-            } else {
-                Vector4::zeros()
-            },
+            current: if truth.current_lag_s > 0.0 { (demand - state.current) / truth.current_lag_s } else { Vector4::zeros() },
             integral: self.integral_rate(&error, &state.integral),
         }
     }
@@ -168,13 +154,9 @@ impl Dynamics {
     /// The state with its dependent parts, wheel speeds without slip and currents without lag, made to fit the others.
     pub(super) fn consistent(&self, state: &State, given: &Conditions) -> State {
         let wheel_speed = self.wheel_speed(state);
-        let mut fitting = State {
-            wheel_speed,
-            ..*state
-        };
+        let mut fitting = State { wheel_speed, ..*state };
         if self.truth.current_lag_s <= 0.0 {
-            fitting.current =
-                self.current_demand(&self.speed_error(&wheel_speed, given), &state.integral);
+            fitting.current = self.current_demand(&self.speed_error(&wheel_speed, given), &state.integral);
         }
         fitting
     }
@@ -185,37 +167,26 @@ impl Dynamics {
         let drag = self.truth.drag_n_s2_per_m2 * v.xy().norm();
         let weight = given.mass_kg * GRAVITY * self.down;
         let in_world = given.push_in_world + Vector3::new(weight.x, weight.y, 0.0);
-        world_from_body(-state.pose.z, &in_world) + coriolis(given.mass_kg, v)
-            - Vector3::new(drag * v.x, drag * v.y, 0.0)
+        world_from_body(-state.pose.z, &in_world) + coriolis(given.mass_kg, v) - Vector3::new(drag * v.x, drag * v.y, 0.0)
             + given.random_force
     }
 
     fn wheel_speed(&self, state: &State) -> Vector4<f64> {
-        if self.truth.wheel_slip.is_some() {
-            state.wheel_speed
-        } else {
-            self.geometry.wheel_speed(&state.velocity)
-        }
+        if self.truth.wheel_slip.is_some() { state.wheel_speed } else { self.geometry.wheel_speed(&state.velocity) }
     }
 
     /// `u_m − ω`, without its deadband.
     fn speed_error(&self, wheel_speed: &Vector4<f64>, given: &Conditions) -> Vector4<f64> {
-        let (limit, deadband) = (
-            self.truth.wheel_speed_limit_radps,
-            self.truth.deadband_radps,
-        );
-        self.geometry
-            .wheel_speed(&given.command)
-            .zip_map(wheel_speed, |target, speed| {
-                let error = target.clamp(-limit, limit) - speed;
-                error - error.clamp(-deadband, deadband)
-            })
+        let (limit, deadband) = (self.truth.wheel_speed_limit_radps, self.truth.deadband_radps);
+        self.geometry.wheel_speed(&given.command).zip_map(wheel_speed, |target, speed| {
+            let error = target.clamp(-limit, limit) - speed;
+            error - error.clamp(-deadband, deadband)
+        })
     }
 
     fn current_demand(&self, error: &Vector4<f64>, integral: &Vector4<f64>) -> Vector4<f64> {
         let limit = self.truth.current_limit_a;
-        (error * self.truth.speed_loop_gain_a_s_per_rad + integral)
-            .map(|current| current.clamp(-limit, limit))
+        (error * self.truth.speed_loop_gain_a_s_per_rad + integral).map(|current| current.clamp(-limit, limit))
     }
 
     /// ż; a loop at its limit does not wind up further.
@@ -224,23 +195,13 @@ impl Dynamics {
         error.zip_map(integral, |error, integral| {
             let wish = truth.speed_loop_gain_a_s_per_rad * error + integral;
             let winds_up = wish.abs() >= truth.current_limit_a && wish * error > 0.0;
-            if winds_up {
-                0.0
-            } else {
-                truth.speed_loop_integral_a_per_rad * error
-            }
+            if winds_up { 0.0 } else { truth.speed_loop_integral_a_per_rad * error }
         })
     }
 
     /// v̇ and ω̇ of wheels that never slip.
-    fn rolling(
-        &self,
-        torque: &Vector4<f64>,
-        force: &Vector3<f64>,
-        given: &Conditions,
-    ) -> (Vector3<f64>, Vector4<f64>) {
-        let drive =
-            self.geometry.rim_speed_from_velocity.tr_mul(torque) / self.geometry.wheel_radius_m;
+    fn rolling(&self, torque: &Vector4<f64>, force: &Vector3<f64>, given: &Conditions) -> (Vector3<f64>, Vector4<f64>) {
+        let drive = self.geometry.rim_speed_from_velocity.tr_mul(torque) / self.geometry.wheel_radius_m;
         let acceleration = (drive + force).component_div(&self.rolling_inertia(given));
         (acceleration, self.geometry.wheel_speed(&acceleration))
     }
@@ -250,21 +211,14 @@ impl Dynamics {
         let (radius, arm) = (self.geometry.wheel_radius_m, self.geometry.arm_m);
         let wheels = 4.0 * self.truth.wheel_inertia_kg_m2 / (radius * radius);
         let straight = given.mass_kg + wheels;
-        Vector3::new(
-            straight,
-            straight,
-            given.yaw_inertia_kg_m2 + wheels * arm * arm,
-        )
+        Vector3::new(straight, straight, given.yaw_inertia_kg_m2 + wheels * arm * arm)
     }
 
     /// t of wheels that grip the floor up to `grip_n` along their rollers' axes.
     fn traction(&self, state: &State, grip_n: &Vector4<f64>, slip: &WheelSlip) -> Vector4<f64> {
         let g = &self.geometry;
-        let slide =
-            state.wheel_speed * g.wheel_radius_m - g.rim_speed_from_velocity * state.velocity;
-        grip_n.zip_map(&slide, |grip, slide| {
-            grip * FRAC_1_SQRT_2 * (slide / slip.slip_speed_scale_mps).tanh()
-        })
+        let slide = state.wheel_speed * g.wheel_radius_m - g.rim_speed_from_velocity * state.velocity;
+        grip_n.zip_map(&slide, |grip, slide| grip * FRAC_1_SQRT_2 * (slide / slip.slip_speed_scale_mps).tanh())
     }
 
     /// v̇ and ω̇ of wheels that push the floor with `traction`.
@@ -285,10 +239,7 @@ impl Dynamics {
 
     /// The floor below each wheel.
     fn floor(&self, pose: &Vector3<f64>) -> Floor {
-        let mut floor = Floor {
-            friction: Vector4::repeat(1.0),
-            grip: Vector4::repeat(1.0),
-        };
+        let mut floor = Floor { friction: Vector4::repeat(1.0), grip: Vector4::repeat(1.0) };
         if self.truth.patches.is_empty() {
             return floor;
         }
@@ -317,11 +268,7 @@ fn coriolis(mass_kg: f64, velocity: &Vector3<f64>) -> Vector3<f64> {
 /// A velocity or force of the body (x, y, yaw) as the world sees it; of the world as the body sees it, by −`heading`.
 fn world_from_body(heading: f64, body: &Vector3<f64>) -> Vector3<f64> {
     let (sin, cos) = heading.sin_cos();
-    Vector3::new(
-        cos * body.x - sin * body.y,
-        sin * body.x + cos * body.y,
-        body.z,
-    )
+    Vector3::new(cos * body.x - sin * body.y, sin * body.x + cos * body.y, body.z)
 }
 
 #[cfg(test)]

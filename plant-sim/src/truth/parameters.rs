@@ -279,15 +279,8 @@ mod tests {
 
     #[test]
     fn what_a_scenario_leaves_out_is_the_plain_robot() {
-        let named = Truth {
-            mass_kg: 22.0,
-            drag_n_s2_per_m2: 0.5,
-            ..Truth::default()
-        };
-        assert_eq!(
-            read([("mass_kg", 22.0), ("drag_n_s2_per_m2", 0.5)]),
-            Ok(named)
-        );
+        let named = Truth { mass_kg: 22.0, drag_n_s2_per_m2: 0.5, ..Truth::default() };
+        assert_eq!(read([("mass_kg", 22.0), ("drag_n_s2_per_m2", 0.5)]), Ok(named));
         assert_eq!(read([]), Ok(Truth::default()));
     }
 

@@ -36,35 +36,20 @@ pub(super) struct Schedule {
 impl Schedule {
     /// The timetable that the settings name. Allocates, here only.
     pub(super) fn new(truth: &Truth) -> Self {
-        let mut faults: Vec<_> = truth
-            .faults
-            .iter()
-            .map(|fault| (nanos(fault.at_s), fault.wheel.index(), fault.gain))
-            .collect();
+        let mut faults: Vec<_> = truth.faults.iter().map(|fault| (nanos(fault.at_s), fault.wheel.index(), fault.gain)).collect();
         faults.sort_by_key(|&(at, ..)| at);
         Self {
             mass_kg: truth.mass_kg,
             yaw_inertia_kg_m2: truth.yaw_inertia_kg_m2,
             motor_gain: Vector4::from(truth.motor_gain),
             payload: truth.payload.map(|payload| (nanos(payload.at_s), payload)),
-            push: truth.push.map(|push| {
-                (
-                    nanos(push.from_s),
-                    push.until_s.map_or(u64::MAX, nanos),
-                    push,
-                )
-            }),
+            push: truth.push.map(|push| (nanos(push.from_s), push.until_s.map_or(u64::MAX, nanos), push)),
             faults,
         }
     }
 
     /// What holds at this time, with this random force and command. O(faults); does not allocate.
-    pub(super) fn at(
-        &self,
-        now_nanos: u64,
-        random_force: Vector3<f64>,
-        command: Vector3<f64>,
-    ) -> Conditions {
+    pub(super) fn at(&self, now_nanos: u64, random_force: Vector3<f64>, command: Vector3<f64>) -> Conditions {
         let mut conditions = Conditions {
             mass_kg: self.mass_kg,
             yaw_inertia_kg_m2: self.yaw_inertia_kg_m2,
@@ -110,15 +95,8 @@ mod tests {
 
     #[test]
     fn a_payload_weighs_from_its_time_on() {
-        let payload = Payload {
-            mass_kg: 5.0,
-            yaw_inertia_kg_m2: 0.1,
-            at_s: 2.0,
-        };
-        let truth = Truth {
-            payload: Some(payload),
-            ..Truth::default()
-        };
+        let payload = Payload { mass_kg: 5.0, yaw_inertia_kg_m2: 0.1, at_s: 2.0 };
+        let truth = Truth { payload: Some(payload), ..Truth::default() };
         assert!((at(&truth, 1.999_9).mass_kg - 15.0).abs() < 1e-12);
         assert!((at(&truth, 2.0).mass_kg - 20.0).abs() < 1e-12);
         assert!((at(&truth, 2.0).yaw_inertia_kg_m2 - 0.7).abs() < 1e-12);
@@ -126,15 +104,8 @@ mod tests {
 
     #[test]
     fn the_latest_fault_of_a_wheel_counts_in_whatever_order_they_are_named() {
-        let fault = |gain, at_s| Fault {
-            wheel: Wheel::RearLeft,
-            gain,
-            at_s,
-        };
-        let truth = Truth {
-            faults: vec![fault(1.0, 3.0), fault(0.0, 1.0)],
-            ..Truth::default()
-        };
+        let fault = |gain, at_s| Fault { wheel: Wheel::RearLeft, gain, at_s };
+        let truth = Truth { faults: vec![fault(1.0, 3.0), fault(0.0, 1.0)], ..Truth::default() };
         assert_eq!(at(&truth, 0.9).motor_gain, Vector4::repeat(1.0));
         assert_eq!(at(&truth, 1.0).motor_gain, Vector4::new(1.0, 1.0, 0.0, 1.0));
         assert_eq!(at(&truth, 3.0).motor_gain, Vector4::repeat(1.0));
@@ -142,16 +113,8 @@ mod tests {
 
     #[test]
     fn a_push_begins_and_ends() {
-        let push = Push {
-            force_n: [3.0, -1.0],
-            torque_nm: 0.2,
-            from_s: 1.0,
-            until_s: Some(2.0),
-        };
-        let truth = Truth {
-            push: Some(push),
-            ..Truth::default()
-        };
+        let push = Push { force_n: [3.0, -1.0], torque_nm: 0.2, from_s: 1.0, until_s: Some(2.0) };
+        let truth = Truth { push: Some(push), ..Truth::default() };
         assert_eq!(at(&truth, 0.5).push_in_world, Vector3::zeros());
         assert_eq!(at(&truth, 1.0).push_in_world, Vector3::new(3.0, -1.0, 0.2));
         assert_eq!(at(&truth, 2.0).push_in_world, Vector3::zeros());

@@ -30,10 +30,7 @@ pub(super) struct Sensors {
 impl Sensors {
     /// Sensors whose noise the seed determines.
     pub(super) fn new(settings: Sensor, seed: u64) -> Self {
-        Self {
-            settings,
-            generator: Pcg64Mcg::seed_from_u64(seed),
-        }
+        Self { settings, generator: Pcg64Mcg::seed_from_u64(seed) }
     }
 
     /// One look at the truth. It draws equally often whatever is off, so that turning one noise on leaves the others
@@ -57,23 +54,15 @@ impl Sensors {
                 see(left, s.velocity_noise_mps, s.velocity_step_mps),
                 see(yaw, s.yaw_rate_noise_radps, s.yaw_rate_step_radps),
             ],
-            wheel_speed: truth
-                .wheel_speed
-                .map(|w| see(w, s.wheel_speed_noise_radps, s.wheel_speed_step_radps)),
-            current: truth
-                .current
-                .map(|i| see(i, s.current_noise_a, s.current_step_a)),
+            wheel_speed: truth.wheel_speed.map(|w| see(w, s.wheel_speed_noise_radps, s.wheel_speed_step_radps)),
+            current: truth.current.map(|i| see(i, s.current_noise_a, s.current_step_a)),
         }
     }
 }
 
 /// The multiple of `step` nearest to `value`; `value` itself if there is no step.
 fn quantised(value: f64, step: f64) -> f64 {
-    if step > 0.0 {
-        (value / step).round() * step
-    } else {
-        value
-    }
+    if step > 0.0 { (value / step).round() * step } else { value }
 }
 
 #[cfg(test)]
@@ -93,31 +82,13 @@ mod tests {
     #[test]
     fn ideal_sensors_tell_the_truth() {
         let seen = Sensors::new(Sensor::default(), 1).measure(&truth());
-        let TrueState {
-            pose,
-            velocity,
-            wheel_speed,
-            current,
-            ..
-        } = truth();
-        assert_eq!(
-            seen,
-            Measurement {
-                pose,
-                velocity,
-                wheel_speed,
-                current
-            }
-        );
+        let TrueState { pose, velocity, wheel_speed, current, .. } = truth();
+        assert_eq!(seen, Measurement { pose, velocity, wheel_speed, current });
     }
 
     #[test]
     fn a_step_leaves_at_most_half_a_step() {
-        let settings = Sensor {
-            position_step_m: 0.1,
-            wheel_speed_step_radps: 0.7,
-            ..Sensor::default()
-        };
+        let settings = Sensor { position_step_m: 0.1, wheel_speed_step_radps: 0.7, ..Sensor::default() };
         let seen = Sensors::new(settings, 1).measure(&truth());
         assert!((seen.pose[0] - 1.2).abs() < 1e-12 && (seen.pose[1] + 0.6).abs() < 1e-12);
         for (seen, truth) in seen.wheel_speed.iter().zip(truth().wheel_speed) {
@@ -127,36 +98,19 @@ mod tests {
 
     #[test]
     fn noise_has_the_deviation_that_was_asked_for() {
-        let mut sensors = Sensors::new(
-            Sensor {
-                velocity_noise_mps: 0.02,
-                ..Sensor::default()
-            },
-            3,
-        );
+        let mut sensors = Sensors::new(Sensor { velocity_noise_mps: 0.02, ..Sensor::default() }, 3);
         let looks = 20_000;
-        let squares: f64 = (0..looks)
-            .map(|_| (sensors.measure(&truth()).velocity[0] - 2.7).powi(2))
-            .sum();
+        let squares: f64 = (0..looks).map(|_| (sensors.measure(&truth()).velocity[0] - 2.7).powi(2)).sum();
         let deviation = (squares / f64::from(looks)).sqrt();
         assert!((deviation - 0.02).abs() < 0.001, "{deviation}");
     }
 
     #[test]
     fn one_noise_leaves_the_others_alone() {
-        let one = Sensor {
-            current_noise_a: 0.1,
-            ..Sensor::default()
-        };
-        let two = Sensor {
-            position_noise_m: 0.1,
-            ..one
-        };
+        let one = Sensor { current_noise_a: 0.1, ..Sensor::default() };
+        let two = Sensor { position_noise_m: 0.1, ..one };
         let (mut one, mut two) = (Sensors::new(one, 5), Sensors::new(two, 5));
         let (alone, beside) = (one.measure(&truth()), two.measure(&truth()));
-        assert_eq!(
-            alone.current.map(f64::to_bits),
-            beside.current.map(f64::to_bits)
-        );
+        assert_eq!(alone.current.map(f64::to_bits), beside.current.map(f64::to_bits));
     }
 }

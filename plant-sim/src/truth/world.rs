@@ -173,14 +173,10 @@ impl World {
             self.disturbance.next();
         }
         let arrived = self.delay.pass(input);
-        let given = self
-            .schedule
-            .at(self.time_nanos(), self.disturbance.force(), arrived);
-        let next = runge_kutta(
-            &self.state.packed(),
-            Self::STEP_NANOS as f64 * 1e-9,
-            |state| self.dynamics.rate(&State::unpacked(state), &given).packed(),
-        );
+        let given = self.schedule.at(self.time_nanos(), self.disturbance.force(), arrived);
+        let next = runge_kutta(&self.state.packed(), Self::STEP_NANOS as f64 * 1e-9, |state| {
+            self.dynamics.rate(&State::unpacked(state), &given).packed()
+        });
         self.state = self.dynamics.consistent(&State::unpacked(&next), &given);
         self.conditions = given;
         self.input_sum += arrived;

@@ -212,11 +212,8 @@ impl Inlet for MemoryInlet {
 
     fn wait(&mut self, timeout: Duration) -> Result<bool, ReceiveError> {
         let state = self.queue.lock();
-        let (state, _) = self
-            .queue
-            .arrived
-            .wait_timeout_while(state, timeout, |state| state.waiting.is_empty())
-            .unwrap_or_else(PoisonError::into_inner);
+        let (state, _) =
+            self.queue.arrived.wait_timeout_while(state, timeout, |state| state.waiting.is_empty()).unwrap_or_else(PoisonError::into_inner);
         Ok(!state.waiting.is_empty())
     }
 }

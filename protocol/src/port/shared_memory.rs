@@ -40,8 +40,7 @@ impl SharedMemory {
     pub(super) fn open(links: &Links) -> Result<Self, OpenError> {
         set_log_level(LogLevel::Fatal);
         let config = config(links)?;
-        std::fs::create_dir_all(&links.root)
-            .map_err(|error| OpenError::Root { root: links.root.clone(), reason: error.to_string() })?;
+        std::fs::create_dir_all(&links.root).map_err(|error| OpenError::Root { root: links.root.clone(), reason: error.to_string() })?;
         let node = NodeBuilder::new()
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)

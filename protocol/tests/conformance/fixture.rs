@@ -13,7 +13,7 @@ pub(crate) type Failure = Box<dyn Error + Send + Sync>;
 pub(crate) type Outcome = Result<(), Failure>;
 
 /// Longer than any test machine needs; a wait that is not to be successful uses [`BRIEF`].
-pub(crate) const LONG: Duration = Duration::from_secs(60);
+pub(crate) const LONG: Duration = Duration::from_mins(1);
 
 /// Long enough to notice that something does not happen.
 pub(crate) const BRIEF: Duration = Duration::from_millis(40);

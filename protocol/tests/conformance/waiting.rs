@@ -4,7 +4,7 @@ use crate::fixture::{BRIEF, Fixture, LONG, Outcome, command};
 use protocol::message::Command;
 use protocol::port::Since;
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 pub(crate) fn a_wait_ends_when_a_message_comes<F: Fixture>() -> Outcome {
     let graph = F::new(false)?;
@@ -31,7 +31,7 @@ pub(crate) fn a_wait_ends_without_a_message_when_its_time_is_over<F: Fixture>() 
     let ports = graph.ports(1)?;
     let mut source = ports.source::<Command>(Since::First)?;
     let _sink = ports.sink::<Command>()?;
-    for timeout in [BRIEF, BRIEF / 20, BRIEF / 1_000_000, BRIEF * 0] {
+    for timeout in [BRIEF, BRIEF / 20, BRIEF / 1_000_000, Duration::ZERO] {
         let start = Instant::now();
         assert!(!source.wait(timeout)?);
         assert!(start.elapsed() >= timeout, "it ended early");
@@ -47,7 +47,7 @@ pub(crate) fn a_wait_is_over_at_once_when_a_message_is_there_already<F: Fixture>
     sink.send(&mut command(1))?;
     sink.send(&mut command(2))?;
     for _ in 0..3 {
-        assert!(source.wait(BRIEF * 0)?);
+        assert!(source.wait(Duration::ZERO)?);
         assert!(source.wait(LONG)?);
     }
     source.next()?;

@@ -201,7 +201,7 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
     }
     let posterior = Posterior::new(&inputs, &targets, &hyperparameters).map_err(|source| Refusal::Posterior { version, source })?;
     let difference = weight_difference(snapshot, &posterior);
-    if !(difference <= WEIGHT_TOLERANCE) {
+    if difference > WEIGHT_TOLERANCE {
         return Err(Refusal::Weights { version, difference });
     }
     let proven = |axis: usize| head.score_samples == 0 || head.score_learned[axis] <= head.score_main[axis];
@@ -213,7 +213,8 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
 
 fn normalisation(head: &SnapshotHead) -> Option<Normalisation<INPUTS>> {
     let normalisation = Normalisation { mean: first(&head.input_mean), scale: first(&head.input_scale) };
-    let possible = normalisation.mean.iter().all(|mean| mean.is_finite()) && normalisation.scale.iter().all(|&scale| scale.is_finite() && scale > 0.0);
+    let possible =
+        normalisation.mean.iter().all(|mean| mean.is_finite()) && normalisation.scale.iter().all(|&scale| scale.is_finite() && scale > 0.0);
     possible.then_some(normalisation)
 }
 
@@ -235,4 +236,84 @@ fn weight_difference(snapshot: &ModelSnapshot, posterior: &Posterior<INPUTS>) ->
 /// The first entries of a slice; missing ones are NaN, which nothing accepts.
 fn first<const K: usize>(values: &[f64]) -> [f64; K] {
     std::array::from_fn(|i| values.get(i).copied().unwrap_or(f64::NAN))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::frame::DecodeError;
+
+    const EXPECTED: Expected = Expected { fingerprint: 42, layout: Layout::VelocitySlip, bound: [0.5; 3] };
+
+    /// A snapshot of a few points, as a learner would make it.
+    fn snapshot() -> Result<ModelSnapshot, Box<dyn std::error::Error>> {
+        let mut head: SnapshotHead = bytemuck::Zeroable::zeroed();
+        (head.version, head.fingerprint, head.inputs, head.score_samples) = (3, 42, INPUTS as u32, 2);
+        head.input_scale = [1.0; protocol::message::INPUTS_MAX];
+        head.length_scale = [[1.0; protocol::message::INPUTS_MAX]; 3];
+        (head.signal_variance, head.noise_variance) = ([0.01; 3], [1e-4; 3]);
+        (head.score_learned, head.score_main) = ([0.01, 0.01, 0.03], [0.1, 0.1, 0.02]);
+        let inputs: Vec<[f64; INPUTS]> = (0..8).map(|i| std::array::from_fn(|j| ((i * INPUTS + j) as f64).sin())).collect();
+        let targets: Vec<[f64; AXES]> = inputs.iter().map(|input| [0.1 * input[0], 0.1 * input[1], 0.0]).collect();
+        let hyperparameters = [Hyperparameters::new([1.0; INPUTS], 0.01, 1e-4); 3];
+        let posterior = Posterior::new(&inputs, &targets, &hyperparameters)?;
+        let mut snapshot = ModelSnapshot::new(head);
+        for (i, (input, target)) in inputs.iter().zip(&targets).enumerate() {
+            snapshot.push(input, *target, posterior.weights().map(|weights| weights[i]))?;
+        }
+        Ok(snapshot)
+    }
+
+    #[test]
+    fn an_axis_that_learnt_nothing_better_is_left_out() -> Result<(), Box<dyn std::error::Error>> {
+        let candidate = prepare(&snapshot()?, &EXPECTED)?;
+        let (velocity, input) = ([0.5, -0.5, 0.2], [0.6, -0.4, 0.1]);
+        let mean = candidate.learned.mean(&velocity, &input);
+        assert!(mean[0] != 0.0 && mean[2] == 0.0, "{mean:?}");
+        Ok(())
+    }
+
+    #[test]
+    fn a_snapshot_of_another_robot_is_refused_with_both_fingerprints() -> Result<(), Box<dyn std::error::Error>> {
+        let mut foreign = snapshot()?;
+        foreign.head.fingerprint = 7;
+        assert_eq!(prepare(&foreign, &EXPECTED).err(), Some(Refusal::Fingerprint { version: 3, expected: 42, got: 7 }));
+        Ok(())
+    }
+
+    #[test]
+    fn weights_that_are_not_those_of_the_data_are_refused() -> Result<(), Box<dyn std::error::Error>> {
+        let honest = snapshot()?;
+        let mut forged = ModelSnapshot::new(honest.head);
+        for row in honest.rows() {
+            forged.push(row.input, first(row.target), first::<3>(row.weight).map(|weight| 1.01 * weight))?;
+        }
+        assert!(matches!(prepare(&forged, &EXPECTED), Err(Refusal::Weights { .. })));
+        Ok(())
+    }
+
+    #[test]
+    fn numbers_that_are_none_and_scales_that_cannot_be_are_refused() -> Result<(), Box<dyn std::error::Error>> {
+        let honest = snapshot()?;
+        let with = |change: &dyn Fn(&mut SnapshotHead)| {
+            let mut bad = honest.clone();
+            change(&mut bad.head);
+            prepare(&bad, &EXPECTED)
+        };
+        assert!(matches!(with(&|head| head.input_scale[2] = 0.0), Err(Refusal::Normalisation { .. })));
+        assert!(matches!(with(&|head| head.input_mean[2] = f64::NAN), Err(Refusal::Normalisation { .. })));
+        assert!(matches!(with(&|head| head.length_scale[1][0] = f64::NAN), Err(Refusal::Posterior { .. })));
+        assert!(matches!(with(&|head| head.signal_variance[0] = -1.0), Err(Refusal::Posterior { .. })));
+        let mut poisoned = ModelSnapshot::new(honest.head);
+        poisoned.push(&[f64::NAN; INPUTS], [0.0; 3], [0.0; 3])?;
+        assert!(prepare(&poisoned, &EXPECTED).is_err());
+        Ok(())
+    }
+
+    #[test]
+    fn another_number_of_inputs_never_fits_a_snapshot() -> Result<(), Box<dyn std::error::Error>> {
+        let mut narrow = snapshot()?;
+        assert!(matches!(narrow.push(&[0.0; 2], [0.0; 3], [0.0; 3]), Err(DecodeError::Length { .. })));
+        Ok(())
+    }
 }

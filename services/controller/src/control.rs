@@ -178,8 +178,11 @@ impl Controller {
     }
 
     fn plan_for(&mut self, measured: &State) -> (Rung, Reason, Velocity, Option<Solved>) {
-        let belief =
-            Belief { main: &self.main, learned: self.active.as_ref().map(|active| &active.learned), disturbance: self.observer.disturbance() };
+        let belief = Belief {
+            main: &self.main,
+            learned: self.active.as_ref().map(|active| &active.learned),
+            disturbance: self.observer.disturbance(),
+        };
         self.mpc.shift();
         let solved = self.mpc.iterate(measured, &self.last_input, &self.points, &belief);
         let point = self.points.first().copied().unwrap_or_default();

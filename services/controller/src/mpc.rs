@@ -102,11 +102,7 @@ impl Mpc {
         let mut program = QuadraticProgram::new(3 * blocks + horizon, limits.rows());
         limits.mark_structure(&mut program);
         let solver = Clarabel::new(&program)?;
-        let still = Linearised {
-            next: State::default(),
-            by_state: nalgebra::SMatrix::identity(),
-            by_input: nalgebra::SMatrix::zeros(),
-        };
+        let still = Linearised { next: State::default(), by_state: nalgebra::SMatrix::identity(), by_input: nalgebra::SMatrix::zeros() };
         Ok(Self {
             horizon,
             blocks,
@@ -237,3 +233,6 @@ impl Mpc {
         self.terminal = self.condensed.moved(self.horizon, &self.terminal, change);
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests;

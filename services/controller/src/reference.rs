@@ -125,7 +125,12 @@ impl ReferenceSettings {
             PathSettings::Square { side_m, speed_mps } => ("square", vec![("side_m", *side_m), ("speed_mps", *speed_mps)]),
             PathSettings::StopAndGo { stretch_m, speed_mps, acceleration_mps2, pause_s } => (
                 "stop-and-go",
-                vec![("stretch_m", *stretch_m), ("speed_mps", *speed_mps), ("acceleration_mps2", *acceleration_mps2), ("pause_s", *pause_s)],
+                vec![
+                    ("stretch_m", *stretch_m),
+                    ("speed_mps", *speed_mps),
+                    ("acceleration_mps2", *acceleration_mps2),
+                    ("pause_s", *pause_s),
+                ],
             ),
             PathSettings::PointToPoint { speed_mps, acceleration_mps2, .. } => {
                 ("point-to-point", vec![("speed_mps", *speed_mps), ("acceleration_mps2", *acceleration_mps2)])
@@ -183,7 +188,8 @@ impl Reference {
     /// The reference at a tick. Does not allocate.
     pub fn at(&self, tick: u64) -> ReferencePoint {
         let index = usize::try_from(tick).unwrap_or(usize::MAX);
-        let behind_the_end = || self.points.last().map_or_else(ReferencePoint::default, |last| ReferencePoint { pose: last.pose, velocity: [0.0; 3] });
+        let behind_the_end =
+            || self.points.last().map_or_else(ReferencePoint::default, |last| ReferencePoint { pose: last.pose, velocity: [0.0; 3] });
         self.points.get(index).copied().unwrap_or_else(behind_the_end)
     }
 }

@@ -224,7 +224,11 @@ impl<'a> Loop<'a> {
 
 /// The attendant: prepares models, frees old ones, writes events to the log.
 fn attend(
-    settings: &Settings, connect: &(impl Fn(Identity) -> Result<Ports, OpenError> + Sync), identity: Identity, handover: &Handover, done: &Stop,
+    settings: &Settings,
+    connect: &(impl Fn(Identity) -> Result<Ports, OpenError> + Sync),
+    identity: Identity,
+    handover: &Handover,
+    done: &Stop,
     control_thread: &Thread,
 ) -> Result<(), RunError> {
     let ports = connect(identity)?;

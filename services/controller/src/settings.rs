@@ -117,7 +117,9 @@ impl MpcSettings {
         if !(weights.input_change.is_finite() && weights.input_change >= 0.0) {
             return impossible("weights.input_change", "a finite number of at least 0");
         }
-        for (key, limit) in [("state_limits.heading_rad", self.state_limits.heading_rad), ("state_limits.speed_mps", self.state_limits.speed_mps)] {
+        for (key, limit) in
+            [("state_limits.heading_rad", self.state_limits.heading_rad), ("state_limits.speed_mps", self.state_limits.speed_mps)]
+        {
             if limit.is_some_and(|value| !(value.is_finite() && value > 0.0)) {
                 return impossible(key, "a finite number greater than 0, or no limit at all");
             }

@@ -1,1 +1,37 @@
-//! coxswain
+//! The person's command: launch a graph of processes, watch it, and end it.
+//!
+//! | module       | what it holds                                                                        |
+//! |--------------|--------------------------------------------------------------------------------------|
+//! | [`options`]  | what a person may say on the command line                                            |
+//! | [`graph`]    | the graph file                                                                       |
+//! | [`scenario`] | the scenario file                                                                    |
+//! | [`assembly`] | options + graph + scenario + robot → what each process is told. Nothing is started   |
+//! | [`role`]     | which processes there are, and in which order they start and end                     |
+//! | [`folder`]   | the folder of one run                                                                |
+//! | [`berth`]    | where a graph lives on this machine, and what dead launchers left behind             |
+//! | [`epochs`]   | the highest epoch of each role, on disk                                              |
+//! | [`back_off`] | when to start again what has died                                                    |
+//! | [`child`]    | one process: start, signal, how it ended                                             |
+//! | [`watch`]    | `Health` and `Plan` → what the launcher knows                                        |
+//! | [`fleet`]    | all processes: start in order, restart, end in order                                 |
+//! | [`launch`]   | one run from reading to sweeping                                                     |
+//! | [`progress`] | the live line                                                                        |
+//! | [`closing`]  | `summary.json` → the table at the end                                                |
+//! | [`terminal`] | everything that is printed                                                           |
+
+pub mod assembly;
+pub mod back_off;
+pub mod berth;
+pub mod child;
+pub mod closing;
+pub mod epochs;
+pub mod fleet;
+pub mod folder;
+pub mod graph;
+pub mod launch;
+pub mod options;
+pub mod progress;
+pub mod role;
+pub mod scenario;
+pub mod terminal;
+pub mod watch;

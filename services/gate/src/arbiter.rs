@@ -69,12 +69,11 @@ mod tests {
 
     /// Every situation that can be told apart.
     fn every_situation() -> impl Iterator<Item = Situation> {
-        let accepted = Rung::ALL.iter().flat_map(|&rung| {
-            (0..6).flat_map(move |age_periods| (0..5).map(move |tail| Some(Accepted { rung, age_periods, tail })))
-        });
+        let accepted = Rung::ALL
+            .iter()
+            .flat_map(|&rung| (0..6).flat_map(move |age_periods| (0..5).map(move |tail| Some(Accepted { rung, age_periods, tail }))));
         accepted.chain(std::iter::once(None)).flat_map(|accepted| {
-            [(false, false), (false, true), (true, false), (true, true)]
-                .map(|(latched, braking)| Situation { latched, accepted, braking })
+            [(false, false), (false, true), (true, false), (true, true)].map(|(latched, braking)| Situation { latched, accepted, braking })
         })
     }
 

@@ -72,8 +72,11 @@ impl Outset {
     /// [`FailedFit`].
     pub fn fit(&self, observations: &[Observation<INPUTS>], start: &[Hyperparameters<INPUTS>; AXES]) -> Result<FittedModel, FailedFit> {
         let raw: Vec<[f64; INPUTS]> = observations.iter().map(|observation| observation.input).collect();
-        let normalisation =
-            if raw.is_empty() { Normalisation { mean: [0.0; INPUTS], scale: self.scale_floor } } else { Normalisation::from_samples(&raw, &self.scale_floor)? };
+        let normalisation = if raw.is_empty() {
+            Normalisation { mean: [0.0; INPUTS], scale: self.scale_floor }
+        } else {
+            Normalisation::from_samples(&raw, &self.scale_floor)?
+        };
         let inputs: Vec<[f64; INPUTS]> = raw.iter().map(|input| normalisation.apply(input)).collect();
         let targets: Vec<[f64; AXES]> = observations.iter().map(|observation| observation.target).collect();
         let mut hyperparameters = *start;

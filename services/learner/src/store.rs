@@ -1,9 +1,9 @@
 //! The last snapshot, kept in a file and resumed from it. The file holds the message as it was sent, checksum included.
 
+use model::AXES;
 use model::gp::dataset::{Dataset, Observation};
 use model::gp::hyperparameters::Hyperparameters;
 use model::learned::INPUTS;
-use model::AXES;
 use protocol::frame::{self, DecodeError};
 use protocol::message::{Message, ModelSnapshot};
 use std::fs;

@@ -28,12 +28,10 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
     let next = advance(belief, state, input, &response.mean);
     let period = belief.main.period;
 
-    let velocity_by_velocity = Matrix3::from_fn(|row, column| {
-        response.by_velocity[row][column] + if row == column { belief.main.decay[row] } else { 0.0 }
-    });
-    let velocity_by_input = Matrix3::from_fn(|row, column| {
-        response.by_input[row][column] + if row == column { belief.main.gain[row] } else { 0.0 }
-    });
+    let velocity_by_velocity =
+        Matrix3::from_fn(|row, column| response.by_velocity[row][column] + if row == column { belief.main.decay[row] } else { 0.0 });
+    let velocity_by_input =
+        Matrix3::from_fn(|row, column| response.by_input[row][column] + if row == column { belief.main.gain[row] } else { 0.0 });
     let mean: Velocity = std::array::from_fn(|axis| 0.5 * (state.velocity[axis] + next.velocity[axis]));
     let mean_by_velocity = 0.5 * (Matrix3::identity() + velocity_by_velocity);
     let mean_by_input = 0.5 * velocity_by_input;

@@ -49,10 +49,6 @@ pub(crate) fn advance(belief: &Belief<'_>, state: &State, input: &Velocity, resi
     let period = belief.main.period;
     let [x, y, yaw] = state.pose;
     let (sin, cos) = (yaw + 0.5 * period * mean[2]).sin_cos();
-    let pose = [
-        x + period * (cos * mean[0] - sin * mean[1]),
-        y + period * (sin * mean[0] + cos * mean[1]),
-        yaw + period * mean[2],
-    ];
+    let pose = [x + period * (cos * mean[0] - sin * mean[1]), y + period * (sin * mean[0] + cos * mean[1]), yaw + period * mean[2]];
     State { pose, velocity }
 }

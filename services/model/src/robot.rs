@@ -109,7 +109,8 @@ impl Robot {
                 return Err(Impossible { key, expected: "a finite number greater than 0" });
             }
         }
-        let not_negative = [("body.wheel_inertia_kg_m2", self.body.wheel_inertia_kg_m2), ("body.axle_friction_nms", self.body.axle_friction_nms)];
+        let not_negative =
+            [("body.wheel_inertia_kg_m2", self.body.wheel_inertia_kg_m2), ("body.axle_friction_nms", self.body.axle_friction_nms)];
         for (key, value) in not_negative {
             if !(value.is_finite() && value >= 0.0) {
                 return Err(Impossible { key, expected: "a finite number of at least 0" });

@@ -1,7 +1,7 @@
 //! messages → one MCAP file: chunks compressed with LZ4, a JSON Schema per topic, the run's settings attached.
 //!
 //! A run's first file is `record.mcap`; a recorder that is started again in the same run goes on in `record-2.mcap`, and so on. No file is ever
-//! written over. What was written more than [`FLUSH_NANOS`] ago is with the operating system and survives a kill -9.
+//! written over. What was written more than 0.2 s ago is with the operating system and survives a kill -9.
 
 use crate::view::{self, Recorded, View};
 use mcap::records::{MessageHeader, Metadata};
@@ -110,7 +110,7 @@ impl Segment {
         self.append(message).map_err(|error| self.failed(error))
     }
 
-    /// Hands to the operating system what has waited for [`FLUSH_NANOS`].
+    /// Hands to the operating system what has waited for 0.2 s.
     ///
     /// # Errors
     /// [`RecordError::Write`].

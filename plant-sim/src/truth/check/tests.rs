@@ -4,9 +4,7 @@ use super::*;
 use crate::truth::{Fault, Patch, Push, Wheel, WheelSlip};
 
 fn refused(truth: &Truth) -> String {
-    truth
-        .check()
-        .map_or_else(|impossible| impossible.key, |()| "nothing".to_owned())
+    truth.check().map_or_else(|impossible| impossible.key, |()| "nothing".to_owned())
 }
 
 #[test]
@@ -16,89 +14,20 @@ fn the_plain_robot_is_possible() {
 
 #[test]
 fn an_impossible_setting_is_named_by_its_path() {
-    let patch = Patch {
-        from_m: [0.0; 2],
-        to_m: [1.0; 2],
-        friction_factor: 1.0,
-        grip_factor: 0.5,
-    };
-    let push = Push {
-        force_n: [0.0, f64::NAN],
-        ..Push::default()
-    };
-    let fault = Fault {
-        wheel: Wheel::RearLeft,
-        gain: -1.0,
-        at_s: 0.0,
-    };
+    let patch = Patch { from_m: [0.0; 2], to_m: [1.0; 2], friction_factor: 1.0, grip_factor: 0.5 };
+    let push = Push { force_n: [0.0, f64::NAN], ..Push::default() };
+    let fault = Fault { wheel: Wheel::RearLeft, gain: -1.0, at_s: 0.0 };
     let plain = Truth::default;
     let cases = [
-        (
-            "mass_kg",
-            Truth {
-                mass_kg: 0.0,
-                ..plain()
-            },
-        ),
-        (
-            "yaw_inertia_kg_m2",
-            Truth {
-                yaw_inertia_kg_m2: f64::INFINITY,
-                ..plain()
-            },
-        ),
-        (
-            "motor_gain.2",
-            Truth {
-                motor_gain: [1.0, 1.0, -0.1, 1.0],
-                ..plain()
-            },
-        ),
-        (
-            "command_delay_s",
-            Truth {
-                command_delay_s: 0.000_05,
-                ..plain()
-            },
-        ),
-        (
-            "current_lag_s",
-            Truth {
-                current_lag_s: 1e-5,
-                ..plain()
-            },
-        ),
-        (
-            "push.force_n",
-            Truth {
-                push: Some(push),
-                ..plain()
-            },
-        ),
-        (
-            "patches.0.grip_factor",
-            Truth {
-                patches: vec![patch],
-                ..plain()
-            },
-        ),
-        (
-            "faults.0.gain",
-            Truth {
-                faults: vec![fault],
-                ..plain()
-            },
-        ),
-        (
-            "sensor.heading_noise_rad",
-            Truth {
-                sensor: Sensor {
-                    heading_noise_rad: -0.1,
-                    ..Sensor::default()
-                },
-                ..plain()
-            },
-        ),
+        ("mass_kg", Truth { mass_kg: 0.0, ..plain() }),
+        ("yaw_inertia_kg_m2", Truth { yaw_inertia_kg_m2: f64::INFINITY, ..plain() }),
+        ("motor_gain.2", Truth { motor_gain: [1.0, 1.0, -0.1, 1.0], ..plain() }),
+        ("command_delay_s", Truth { command_delay_s: 0.000_05, ..plain() }),
+        ("current_lag_s", Truth { current_lag_s: 1e-5, ..plain() }),
+        ("push.force_n", Truth { push: Some(push), ..plain() }),
+        ("patches.0.grip_factor", Truth { patches: vec![patch], ..plain() }),
+        ("faults.0.gain", Truth { faults: vec![fault], ..plain() }),
+        ("sensor.heading_noise_rad", Truth { sensor: Sensor { heading_noise_rad: -0.1, ..Sensor::default() }, ..plain() }),
     ];
     for (key, truth) in cases {
         assert_eq!(refused(&truth), key);
@@ -107,33 +36,12 @@ fn an_impossible_setting_is_named_by_its_path() {
 
 #[test]
 fn what_a_step_cannot_follow_is_refused() {
-    let slip = WheelSlip {
-        grip: 0.6,
-        slip_speed_scale_mps: 1e-4,
-    };
+    let slip = WheelSlip { grip: 0.6, slip_speed_scale_mps: 1e-4 };
     let plain = Truth::default;
     let cases = [
-        (
-            "speed_loop_gain_a_s_per_rad",
-            Truth {
-                speed_loop_gain_a_s_per_rad: 1e3,
-                ..plain()
-            },
-        ),
-        (
-            "rolling_friction_speed_scale_radps",
-            Truth {
-                rolling_friction_speed_scale_radps: 1e-6,
-                ..plain()
-            },
-        ),
-        (
-            "wheel_slip.slip_speed_scale_mps",
-            Truth {
-                wheel_slip: Some(slip),
-                ..plain()
-            },
-        ),
+        ("speed_loop_gain_a_s_per_rad", Truth { speed_loop_gain_a_s_per_rad: 1e3, ..plain() }),
+        ("rolling_friction_speed_scale_radps", Truth { rolling_friction_speed_scale_radps: 1e-6, ..plain() }),
+        ("wheel_slip.slip_speed_scale_mps", Truth { wheel_slip: Some(slip), ..plain() }),
     ];
     for (key, truth) in cases {
         assert_eq!(refused(&truth), key);

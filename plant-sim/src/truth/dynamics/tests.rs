@@ -8,10 +8,7 @@ use rand_pcg::Pcg64Mcg;
 
 /// M of the wheels, eqs. 19–20.
 fn wheel_mass_matrix(truth: &Truth) -> Matrix4<f64> {
-    let (r, arm) = (
-        truth.wheel_radius_m,
-        truth.half_track_m + truth.half_wheelbase_m,
-    );
+    let (r, arm) = (truth.wheel_radius_m, truth.half_track_m + truth.half_wheelbase_m);
     let a = truth.mass_kg * r * r / 8.0;
     let b = truth.yaw_inertia_kg_m2 * r * r / (16.0 * arm * arm);
     let (c, d) = (a + b + truth.wheel_inertia_kg_m2, a - b);
@@ -56,13 +53,8 @@ fn the_columns_of_j_are_eigenvectors_of_m() {
 #[test]
 fn body_and_wheels_obey_the_papers_matrix() {
     // J⁺(M ω̇ − τ − r J⁺ᵀF) = 0, with τ of the speed loop alone and F of the turning frame and drag.
-    let truth = Truth {
-        wheel_viscous_friction_nms: 0.0,
-        rolling_friction: 0.0,
-        drag_n_s2_per_m2: 0.5,
-        current_limit_a: 1e3,
-        ..Truth::default()
-    };
+    let truth =
+        Truth { wheel_viscous_friction_nms: 0.0, rolling_friction: 0.0, drag_n_s2_per_m2: 0.5, current_limit_a: 1e3, ..Truth::default() };
     let dynamics = Dynamics::new(&truth);
     let g = Geometry::new(&truth);
     let command = Vector3::new(1.0, -0.5, 0.3);
@@ -87,19 +79,8 @@ fn the_turning_frame_does_no_work() {
 
 #[test]
 fn friction_drag_and_brake_only_take_energy_away() {
-    for wheel_slip in [
-        None,
-        Some(WheelSlip {
-            grip: 0.6,
-            slip_speed_scale_mps: 0.05,
-        }),
-    ] {
-        let truth = Truth {
-            wheel_slip,
-            drag_n_s2_per_m2: 0.5,
-            motor_gain: [0.85, 1.0, 0.0, 1.0],
-            ..Truth::default()
-        };
+    for wheel_slip in [None, Some(WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 })] {
+        let truth = Truth { wheel_slip, drag_n_s2_per_m2: 0.5, motor_gain: [0.85, 1.0, 0.0, 1.0], ..Truth::default() };
         let dynamics = Dynamics::new(&truth);
         let given = conditions(&truth, Vector3::zeros());
         for v in velocities() {
@@ -109,8 +90,8 @@ fn friction_drag_and_brake_only_take_energy_away() {
             }
             let rate = dynamics.rate(&state, &given);
             let inertia = Vector3::new(truth.mass_kg, truth.mass_kg, truth.yaw_inertia_kg_m2);
-            let power = rate.velocity.component_mul(&inertia).dot(&v)
-                + truth.wheel_inertia_kg_m2 * rate.wheel_speed.dot(&state.wheel_speed);
+            let power =
+                rate.velocity.component_mul(&inertia).dot(&v) + truth.wheel_inertia_kg_m2 * rate.wheel_speed.dot(&state.wheel_speed);
             assert!(power < 0.0, "{power} W at {v}");
         }
     }
@@ -118,13 +99,7 @@ fn friction_drag_and_brake_only_take_energy_away() {
 
 #[test]
 fn a_slope_pulls_down_whichever_way_the_robot_looks() {
-    let truth = Truth {
-        slope: Some(crate::truth::Slope {
-            angle_rad: 0.1,
-            direction_rad: 1.0,
-        }),
-        ..Truth::default()
-    };
+    let truth = Truth { slope: Some(crate::truth::Slope { angle_rad: 0.1, direction_rad: 1.0 }), ..Truth::default() };
     let dynamics = Dynamics::new(&truth);
     let given = conditions(&truth, Vector3::zeros());
     for heading in [0.0, 0.5, 2.0, -3.0] {
@@ -132,25 +107,14 @@ fn a_slope_pulls_down_whichever_way_the_robot_looks() {
         state.pose.z = heading;
         let in_world = world_from_body(heading, &dynamics.force(&state, &given));
         let weight = 15.0 * GRAVITY * 0.1_f64.sin();
-        assert!(
-            (in_world - Vector3::new(weight * 1_f64.cos(), weight * 1_f64.sin(), 0.0)).amax()
-                < 1e-12
-        );
+        assert!((in_world - Vector3::new(weight * 1_f64.cos(), weight * 1_f64.sin(), 0.0)).amax() < 1e-12);
     }
 }
 
 #[test]
 fn only_the_wheels_on_a_patch_feel_it() {
-    let patch = crate::truth::Patch {
-        from_m: [0.0, 0.0],
-        to_m: [1.0, 1.0],
-        friction_factor: 3.0,
-        grip_factor: 0.5,
-    };
-    let dynamics = Dynamics::new(&Truth {
-        patches: vec![patch],
-        ..Truth::default()
-    });
+    let patch = crate::truth::Patch { from_m: [0.0, 0.0], to_m: [1.0, 1.0], friction_factor: 3.0, grip_factor: 0.5 };
+    let dynamics = Dynamics::new(&Truth { patches: vec![patch], ..Truth::default() });
     let floor = dynamics.floor(&Vector3::zeros());
     assert_eq!(floor.friction, Vector4::new(1.0, 3.0, 1.0, 1.0));
     assert_eq!(floor.grip, Vector4::new(1.0, 0.5, 1.0, 1.0));
@@ -160,26 +124,16 @@ fn only_the_wheels_on_a_patch_feel_it() {
 
 #[test]
 fn a_deadband_ignores_small_errors_and_shrinks_large_ones() {
-    let truth = Truth {
-        deadband_radps: 2.0,
-        ..Truth::default()
-    };
+    let truth = Truth { deadband_radps: 2.0, ..Truth::default() };
     let dynamics = Dynamics::new(&truth);
     let given = conditions(&truth, Vector3::new(1.0, 0.0, 0.0)); // 20 rad/s on every wheel
     let error = dynamics.speed_error(&Vector4::new(18.5, 21.9, 10.0, 30.0), &given);
-    assert!(
-        (error - Vector4::new(0.0, 0.0, 8.0, -8.0)).amax() < 1e-12,
-        "{error}"
-    );
+    assert!((error - Vector4::new(0.0, 0.0, 8.0, -8.0)).amax() < 1e-12, "{error}");
 }
 
 #[test]
 fn a_speed_loop_at_its_limit_does_not_wind_up() {
-    let truth = Truth {
-        speed_loop_integral_a_per_rad: 1.0,
-        current_limit_a: 10.0,
-        ..Truth::default()
-    };
+    let truth = Truth { speed_loop_integral_a_per_rad: 1.0, current_limit_a: 10.0, ..Truth::default() };
     let dynamics = Dynamics::new(&truth);
     let error = Vector4::new(30.0, -30.0, 30.0, 5.0);
     let integral = Vector4::new(0.0, 0.0, -40.0, 0.0);

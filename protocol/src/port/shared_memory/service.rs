@@ -47,9 +47,7 @@ impl SharedMemory {
 
         let messages = retried(|| open_messages(&self.node, &name, quality, &attributes), is_messages_transient);
         let messages = messages.map_err(|error| match error {
-            PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(error) => {
-                self.refusal(topic, &name, error, announcement)
-            }
+            PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(error) => self.refusal(topic, &name, error, announcement),
             other => failed(other.to_string()),
         })?;
         let events = retried(|| open_events(&self.node, &name, quality), is_events_transient);
@@ -83,9 +81,7 @@ impl SharedMemory {
             | PublishSubscribeOpenError::DoesNotSupportRequestedMinSubscriberBorrowedSamples
             | PublishSubscribeOpenError::DoesNotSupportRequestedAmountOfPublishers
             | PublishSubscribeOpenError::DoesNotSupportRequestedAmountOfSubscribers
-            | PublishSubscribeOpenError::DoesNotSupportRequestedAmountOfNodes => {
-                OpenError::Quality { topic, reason: error.to_string() }
-            }
+            | PublishSubscribeOpenError::DoesNotSupportRequestedAmountOfNodes => OpenError::Quality { topic, reason: error.to_string() },
             other => OpenError::Carrier { topic, reason: other.to_string() },
         }
     }

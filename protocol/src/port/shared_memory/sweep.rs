@@ -51,7 +51,7 @@ pub fn sweep(links: &Links) -> Result<SweepReport, OpenError> {
     for node in dead {
         match node.blocking_remove_stale_resources(CLEANUP_TIMEOUT) {
             Ok(()) => report.dead += 1,
-            Err(error) => stuck = Some(error),
+            Err(error) => { eprintln!("STUCK {error:?}"); stuck = Some(error)},
         }
     }
     if report.living > 0 {

@@ -135,7 +135,14 @@ impl Limits {
     }
 
     /// Writes every row and the price of the slacks, about the present plan. Does not allocate.
-    pub(super) fn write(&self, stages: &[Stage], terminal: &State, last_input: &Velocity, condensed: &Condensed, program: &mut QuadraticProgram) {
+    pub(super) fn write(
+        &self,
+        stages: &[Stage],
+        terminal: &State,
+        last_input: &Velocity,
+        condensed: &Condensed,
+        program: &mut QuadraticProgram,
+    ) {
         for (index, row) in self.rows.iter().enumerate() {
             let slack = 3 * self.blocks + row.period;
             let Some(stage) = stages.get(row.period) else { continue };
@@ -212,7 +219,8 @@ fn on_input(program: &mut QuadraticProgram, index: usize, row: &Row, coefficient
 fn on_state(program: &mut QuadraticProgram, index: usize, k: usize, coefficients: &Velocity, first: usize, condensed: &Condensed) {
     for block in 0..condensed.reach(k) {
         let sensitivity = condensed.block(k, block);
-        let row: Velocity = std::array::from_fn(|column| (0..3).map(|entry| coefficients[entry] * sensitivity[(first + entry, column)]).sum());
+        let row: Velocity =
+            std::array::from_fn(|column| (0..3).map(|entry| coefficients[entry] * sensitivity[(first + entry, column)]).sum());
         put(program, index, 3 * block, &row);
     }
 }

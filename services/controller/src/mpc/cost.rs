@@ -107,7 +107,12 @@ impl Cost {
 
     /// Adds the cost of the present plan, to second order in the free inputs, to `program`.
     pub(super) fn write(
-        &self, stages: &[Stage], terminal: &State, last_input: &Velocity, reference: &[ReferencePoint], condensed: &Condensed,
+        &self,
+        stages: &[Stage],
+        terminal: &State,
+        last_input: &Velocity,
+        reference: &[ReferencePoint],
+        condensed: &Condensed,
         program: &mut QuadraticProgram,
     ) {
         let horizon = stages.len();
@@ -115,26 +120,9 @@ impl Cost {
             let state = stages.get(k).map_or(terminal, |stage| &stage.state);
             let factor = if k == horizon { self.terminal_factor } else { 1.0 };
             let weights = SVector::<f64, 6>::from(self.stage) * factor;
-            self.write_state(k, state, point, &weights, condensed, program);
+            write_state(k, state, point, &weights, condensed, program);
         }
         self.write_inputs(stages, last_input, condensed.blocks(), program);
-    }
-
-    fn write_state(
-        &self, k: usize, state: &State, point: &ReferencePoint, weights: &SVector<f64, 6>, condensed: &Condensed, program: &mut QuadraticProgram,
-    ) {
-        let error = TrackingError::new(state, point);
-        let jacobian = error.jacobian();
-        let weighted = weights.component_mul(&error.value);
-        for column in 0..condensed.reach(k) {
-            let of_column = jacobian * condensed.block(k, column);
-            program.add_gradient(3 * column, &(of_column.transpose() * weighted));
-            let weighted_column = SMatrix::<f64, 6, 3>::from_fn(|row, c| weights[row] * of_column[(row, c)]);
-            for row in 0..=column {
-                let of_row = jacobian * condensed.block(k, row);
-                program.add_hessian(3 * row, 3 * column, &(of_row.transpose() * weighted_column));
-            }
-        }
     }
 
     /// R on the distance from the target, S on the change.
@@ -154,6 +142,29 @@ impl Cost {
                 }
             }
             before = &stage.input;
+        }
+    }
+}
+
+/// Adds |e(x_k)|² of one predicted state, to second order.
+fn write_state(
+    k: usize,
+    state: &State,
+    point: &ReferencePoint,
+    weights: &SVector<f64, 6>,
+    condensed: &Condensed,
+    program: &mut QuadraticProgram,
+) {
+    let error = TrackingError::new(state, point);
+    let jacobian = error.jacobian();
+    let weighted = weights.component_mul(&error.value);
+    for column in 0..condensed.reach(k) {
+        let of_column = jacobian * condensed.block(k, column);
+        program.add_gradient(3 * column, &(of_column.transpose() * weighted));
+        let weighted_column = SMatrix::<f64, 6, 3>::from_fn(|row, c| weights[row] * of_column[(row, c)]);
+        for row in 0..=column {
+            let of_row = jacobian * condensed.block(k, row);
+            program.add_hessian(3 * row, 3 * column, &(of_row.transpose() * weighted_column));
         }
     }
 }

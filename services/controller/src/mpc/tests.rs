@@ -1,0 +1,221 @@
+use super::*;
+use crate::settings::{StateLimits, Weights};
+use model::robot::{Body, Drive, Geometry, Limits as RobotLimits};
+use proptest::prelude::*;
+
+pub(crate) fn robot() -> Robot {
+    Robot {
+        geometry: Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 },
+        body: Body { mass_kg: 15.0, yaw_inertia_kg_m2: 0.6, wheel_inertia_kg_m2: 2e-3, axle_friction_nms: 2e-3 },
+        drive: Drive {
+            pole_pairs: 4.0,
+            torque_constant_nm_per_a: 0.04,
+            speed_loop_gain_a_s_per_rad: 0.5,
+            current_limit_a: 20.0,
+            wheel_speed_limit_radps: 120.0,
+        },
+        limits: RobotLimits {
+            input_mps: 5.0,
+            yaw_input_radps: 6.0,
+            input_rate_mps2: 60.0,
+            yaw_input_rate_radps2: 120.0,
+            brake_mps2: 8.0,
+            yaw_brake_radps2: 16.0,
+        },
+    }
+}
+
+pub(crate) fn settings() -> MpcSettings {
+    MpcSettings {
+        horizon_steps: 6,
+        control_horizon_steps: 3,
+        weights: Weights {
+            position: 10.0,
+            heading: 5.0,
+            velocity: 2.0,
+            yaw_rate: 1.0,
+            input: 0.05,
+            input_change: 0.2,
+            terminal_factor: 3.0,
+        },
+        state_limits: StateLimits { heading_rad: Some(1.0), speed_mps: Some(3.5) },
+        observer_gain: 0.3,
+    }
+}
+
+/// Points on a circle of radius 2 m at 1.5 m/s.
+fn circle(from: u64, count: usize) -> Vec<ReferencePoint> {
+    (from..).take(count).map(|tick| circle_at(0.1 * tick as f64)).collect()
+}
+
+fn circle_at(time: f64) -> ReferencePoint {
+    let yaw = 0.75 * time;
+    ReferencePoint { pose: [2.0 * yaw.sin(), 2.0 * (1.0 - yaw.cos()), yaw], velocity: [1.5, 0.0, 0.75] }
+}
+
+/// The cost of the module's head, slacks aside, of the plan that `mpc` holds.
+fn true_cost(
+    mpc: &Mpc,
+    state: &State,
+    deviation: &[Velocity],
+    last_input: &Velocity,
+    reference: &[ReferencePoint],
+    belief: &Belief<'_>,
+) -> f64 {
+    let w = settings().weights;
+    let q = [w.position, w.position, w.heading, w.velocity, w.velocity, w.yaw_rate];
+    let (mut at, mut before, mut cost) = (*state, *last_input, 0.0);
+    for (k, stage) in mpc.stages.iter().enumerate() {
+        let deviation = deviation[k.min(mpc.blocks - 1)];
+        let input: Velocity = std::array::from_fn(|axis| stage.target[axis] + deviation[axis]);
+        at = belief.predict(&at, &input);
+        let factor = if k + 1 == mpc.horizon { w.terminal_factor } else { 1.0 };
+        let error = TrackingError::new(&at, &reference[k + 1]);
+        cost += 0.5 * factor * error.value.iter().zip(q).map(|(e, q)| q * e * e).sum::<f64>();
+        for axis in 0..3 {
+            cost += 0.5 * w.input * deviation[axis].powi(2);
+            cost += 0.5 * w.input_change * if k < mpc.blocks { (input[axis] - before[axis]).powi(2) } else { 0.0 };
+        }
+        before = input;
+    }
+    cost
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn the_programs_gradient_is_that_of_the_cost(
+        pose in prop::array::uniform3(-0.4..0.4_f64), velocity in prop::array::uniform3(-0.8..0.8_f64), input in prop::array::uniform3(-0.5..0.5_f64)
+    ) {
+        let main = MainModel::new(&robot(), 0.1);
+        let belief = Belief { main: &main, learned: None, disturbance: [0.02, -0.01, 0.03] };
+        let mut mpc = Mpc::new(&settings(), &robot(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
+        let (state, reference) = (State { pose, velocity }, circle(0, 7));
+        mpc.roll_out(&state, &reference, &belief);
+        mpc.condensed.propagate(&mpc.steps);
+        mpc.build(&input, &reference);
+        let deviation = mpc.deviation.clone();
+        let step = 1e-6;
+        for variable in 0..9 {
+            let moved = |by: f64| {
+                let mut deviation = deviation.clone();
+                deviation[variable / 3][variable % 3] += by;
+                true_cost(&mpc, &state, &deviation, &input, &reference, &belief)
+            };
+            let numeric = (moved(step) - moved(-step)) / (2.0 * step);
+            let written = mpc.program.gradient[variable];
+            prop_assert!((numeric - written).abs() < 1e-5 * (1.0 + numeric.abs()), "variable {}: {} is not {}", variable, written, numeric);
+        }
+    }
+
+    #[test]
+    fn whatever_the_state_there_is_an_input_within_the_limits(
+        pose in prop::array::uniform3(-50.0..50.0_f64), velocity in prop::array::uniform3(-8.0..8.0_f64), last in prop::array::uniform3(-4.0..4.0_f64)
+    ) {
+        let main = MainModel::new(&robot(), 0.1);
+        let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
+        let mut mpc = Mpc::new(&settings(), &robot(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
+        let last = mpc.limits.clamp(&last);
+        let solved = mpc.iterate(&State { pose, velocity }, &last, &circle(0, 7), &belief);
+        prop_assert!(solved.outcome.usable(), "{:?}", solved.outcome);
+        let input = mpc.stages[0].input;
+        for (value, bound) in input.iter().zip([5.0, 5.0, 6.0]) {
+            prop_assert!(value.abs() <= bound + 1e-9);
+        }
+        for (value, before, change) in [(input[0], last[0], 6.0), (input[1], last[1], 6.0), (input[2], last[2], 12.0)] {
+            prop_assert!((value - before).abs() <= change + 1e-4);
+        }
+    }
+}
+
+#[test]
+fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError> {
+    let main = MainModel::new(&robot(), 0.1);
+    let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
+    let mut mpc = Mpc::new(&settings(), &robot(), &main)?;
+    let state = State { pose: [0.02, -0.03, 0.01], velocity: [1.4, 0.0, 0.7] };
+    let outcome = mpc.iterate(&state, &[1.5, 0.0, 0.75], &circle(0, 7), &belief).outcome;
+    assert_eq!(outcome.status, Status::Solved);
+    let hessian = mpc.program.hessian.view((0, 0), (9, 9)).upper_triangle();
+    let full = &hessian + hessian.transpose() - nalgebra::DMatrix::from_diagonal(&hessian.diagonal());
+    let newton = full.lu().solve(&-nalgebra::DVector::from_row_slice(&mpc.program.gradient[..9]));
+    let newton = newton.unwrap_or_else(|| nalgebra::DVector::zeros(9));
+    for (ours, exact) in mpc.solution.iter().zip(newton.iter()) {
+        assert!((ours - exact).abs() < 1e-6, "{ours} is not {exact}");
+    }
+    Ok(())
+}
+
+#[test]
+fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
+    let main = MainModel::new(&robot(), 0.1);
+    let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
+    let mut mpc = Mpc::new(&settings(), &robot(), &main)?;
+    let (mut state, mut input) = (State { pose: [0.0, -0.8, 0.3], velocity: [0.0; 3] }, [0.0; 3]);
+    for tick in 0..40 {
+        mpc.shift();
+        assert!(mpc.iterate(&state, &input, &circle(tick, 7), &belief).outcome.usable());
+        input = mpc.stages[0].input;
+        state = belief.predict(&state, &input);
+    }
+    let end = circle(40, 1)[0];
+    let error = TrackingError::new(&state, &end).value;
+    assert!(error.rows(0, 2).norm() < 5e-3, "{error}");
+    Ok(())
+}
+
+#[test]
+fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
+    let main = MainModel::new(&robot(), 0.1);
+    let mut mpc = Mpc::new(&settings(), &robot(), &main)?;
+    let mut observer = model::observer::Observer::new(0.3);
+    let still = vec![ReferencePoint::default(); 7];
+    let push = [0.05, -0.03, 0.02];
+    let (mut state, mut input) = (State::default(), [0.0; 3]);
+    for _ in 0..120 {
+        let belief = Belief { main: &main, learned: None, disturbance: observer.disturbance() };
+        mpc.shift();
+        assert!(mpc.iterate(&state, &input, &still, &belief).outcome.usable());
+        input = mpc.stages[0].input;
+        let next = Belief { disturbance: push, ..belief }.predict(&state, &input);
+        let residual = model::residual::residual(&main, &state.velocity, &input, &next.velocity);
+        observer.update(model::observer::Sample { velocity: state.velocity, input, residual }, &[0.0; 3]);
+        state = next;
+    }
+    assert!(state.pose[0].hypot(state.pose[1]) < 1e-4, "{:?}", state.pose);
+    Ok(())
+}
+
+#[test]
+fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
+    use crate::fallback::Ladder;
+    use protocol::message::Rung;
+    let main = MainModel::new(&robot(), 0.1);
+    let mpc = Mpc::new(&settings(), &robot(), &main)?;
+    let mut ladder = Ladder::default();
+    let mut rung = |solved| ladder.choose(solved, &mpc, &State::default(), &ReferencePoint::default(), &[0.0; 3]).0;
+    assert_eq!(rung(false), Rung::Lqr);
+    assert_eq!(rung(true), Rung::FreshPlan);
+    assert_eq!((rung(false), rung(false), rung(false)), (Rung::ShiftedPlan, Rung::ShiftedPlan, Rung::Lqr));
+    assert_eq!(rung(true), Rung::FreshPlan);
+    Ok(())
+}
+
+#[test]
+fn the_lqr_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
+    let main = MainModel::new(&robot(), 0.1);
+    let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
+    let mpc = Mpc::new(&settings(), &robot(), &main)?;
+    let (mut state, mut input) = (State { pose: [0.3, -0.2, 0.2], velocity: [0.0; 3] }, [0.0; 3]);
+    for tick in 0..80 {
+        let point = circle(tick, 1)[0];
+        let held = target::velocity_to_hold(&point, state.pose[2]);
+        let wished = mpc.cost.lqr_input(&TrackingError::new(&state, &point), &main.holding_input(&held, &[0.0; 3]));
+        input = mpc.limits.reach(&wished, &input);
+        state = belief.predict(&state, &input);
+    }
+    let error = TrackingError::new(&state, &circle(80, 1)[0]).value;
+    assert!(error.rows(0, 2).norm() < 0.02, "{error}");
+    Ok(())
+}

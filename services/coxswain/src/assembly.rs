@@ -1,0 +1,170 @@
+//! Options + graph + scenario + robot → what each process is told. Everything is read and checked here, and nothing is started or made.
+
+use crate::graph::Graph;
+use crate::options::Options;
+use crate::role::{START_ORDER, program};
+use crate::scenario::Scenario;
+use controller::settings::LearnedSettings;
+use model::robot::Robot;
+use process::{Pace, Run};
+use protocol::message::Participant;
+use protocol::port::Links;
+use serde::{Deserialize, Serialize};
+use settings::{Check, Impossible, SettingsError, WriteError};
+use std::path::{Path, PathBuf};
+
+/// A graph that can be launched.
+#[derive(Debug, Clone)]
+pub struct Assembly {
+    /// The graph, with what the command line has changed.
+    pub graph: Graph,
+    /// The scenario, with what the command line has changed.
+    pub scenario: Scenario,
+    /// A person's name for the scenario: its file's, without the ending.
+    pub scenario_name: String,
+    /// The robot as believed.
+    pub robot: Robot,
+    /// What is logged.
+    pub log: String,
+}
+
+/// A robot file.
+#[derive(Debug, Deserialize)]
+#[serde(transparent)]
+struct RobotFile(Robot);
+
+impl Check for RobotFile {
+    fn check(&self) -> Result<(), Impossible> {
+        self.0.check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))
+    }
+}
+
+/// The recorder is told nothing but how the run is.
+#[derive(Debug, Serialize)]
+struct RecorderSettings {
+    run: Run,
+}
+
+impl Assembly {
+    /// Reads and checks the files that `options` name.
+    ///
+    /// # Errors
+    /// [`SettingsError`] names the first thing that is wrong, and where.
+    pub fn read(options: &Options) -> Result<Self, SettingsError> {
+        let mut graph: Graph = settings::read(&options.graph)?;
+        let beside = options.graph.parent().unwrap_or(Path::new(""));
+        let own_scenario = beside.join(&graph.scenario);
+        let scenario_file = options.scenario.as_deref().map_or_else(|| own_scenario.clone(), |asked| scenario_file(asked, &own_scenario));
+        let robot_file = options.robot.clone().unwrap_or_else(|| beside.join(&graph.robot));
+        let mut scenario: Scenario = settings::read(&scenario_file)?;
+        let RobotFile(robot) = settings::read(&robot_file)?;
+        graph.pace = options.pace.unwrap_or(graph.pace);
+        graph.processes.learner.enabled = options.learner.unwrap_or(graph.processes.learner.enabled);
+        scenario.duration_s = options.duration.unwrap_or(scenario.duration_s);
+        scenario.seed = options.seed.unwrap_or(scenario.seed);
+        let scenario_name = scenario_file.file_stem().map_or_else(|| "scenario".into(), |stem| stem.to_string_lossy().into_owned());
+        Ok(Self { graph, scenario, scenario_name, robot, log: options.log.clone() })
+    }
+
+    /// Its processes, in the order in which they start.
+    pub fn roles(&self) -> impl Iterator<Item = Participant> + use<'_> {
+        START_ORDER.into_iter().filter(|&role| self.graph.processes.of(role).enabled)
+    }
+
+    /// Whether its learner takes part.
+    pub fn learns(&self) -> bool {
+        self.graph.processes.learner.enabled
+    }
+
+    /// How its links run: those of the graph called `id`, whose carrier keeps its files in `root`.
+    pub fn links(&self, id: &str, root: &Path) -> Links {
+        Links {
+            graph: id.to_owned(),
+            lock_step: self.graph.pace == Pace::LockStep,
+            root: root.to_path_buf(),
+            patience_millis: self.graph.lock_step_patience_millis,
+            carrier: self.graph.carrier(),
+        }
+    }
+
+    /// Writes everything that the process of `role` is told into `file`.
+    ///
+    /// # Errors
+    /// [`WriteError`].
+    pub fn write_settings(&self, role: Participant, run: Run, file: &Path) -> Result<(), WriteError> {
+        match role {
+            Participant::Plant => settings::write(file, &self.plant(run)),
+            Participant::Controller => settings::write(file, &self.controller(run)),
+            Participant::Learner => settings::write(file, &self.learner(run)),
+            Participant::Recorder | Participant::Gateway => settings::write(file, &RecorderSettings { run }),
+        }
+    }
+
+    fn plant(&self, run: Run) -> plant_sim::Settings {
+        plant_sim::Settings {
+            run,
+            duration_s: self.scenario.duration_s,
+            seed: self.scenario.seed,
+            link_delay_millis: 0, // shared memory has none
+            recorded: self.graph.processes.recorder.enabled,
+            start: self.scenario.start,
+            robot: self.robot,
+            truth: self.scenario.truth.clone(),
+        }
+    }
+
+    fn controller(&self, run: Run) -> controller::Settings {
+        let learner = &self.scenario.learner;
+        controller::Settings {
+            run,
+            duration_s: self.scenario.duration_s,
+            start: self.scenario.start.pose,
+            robot: self.robot,
+            reference: self.scenario.reference.clone(),
+            mpc: self.scenario.mpc,
+            learned: LearnedSettings {
+                enabled: self.learns(),
+                layout: learner.layout,
+                every_ticks: learner.every_ticks,
+                delay_ticks: learner.delay_ticks,
+            },
+        }
+    }
+
+    fn learner(&self, run: Run) -> learner::Settings {
+        learner::Settings { run, robot: self.robot, learner: self.scenario.learner.clone() }
+    }
+}
+
+/// The scenario that was asked for: a file, or the name of one beside the graph's own.
+fn scenario_file(asked: &Path, own: &Path) -> PathBuf {
+    let is_file = asked.extension().is_some() || asked.components().count() > 1 || asked.is_file();
+    if is_file { asked.to_path_buf() } else { own.with_file_name(asked).with_extension("toml") }
+}
+
+/// Binaries of `roles` that are not in `folder`.
+pub fn missing_programs(roles: impl Iterator<Item = Participant>, folder: &Path) -> Vec<&'static str> {
+    roles.map(program).filter(|program| !folder.join(program).is_file()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scenario_is_asked_for_by_file_or_by_name() {
+        let own = Path::new("deploy/graphs/../scenarios/paper.toml");
+        assert_eq!(scenario_file(Path::new("circle"), own), Path::new("deploy/graphs/../scenarios/circle.toml"));
+        assert_eq!(scenario_file(Path::new("circle.toml"), own), Path::new("circle.toml"));
+        assert_eq!(scenario_file(Path::new("my/circle"), own), Path::new("my/circle"));
+    }
+
+    #[test]
+    fn a_binary_that_is_not_built_is_named() -> std::io::Result<()> {
+        let folder = tempfile::tempdir()?;
+        std::fs::write(folder.path().join("recorder"), "")?;
+        let missing = missing_programs([Participant::Recorder, Participant::Plant].into_iter(), folder.path());
+        assert_eq!(missing, ["plant-sim"]);
+        Ok(())
+    }
+}

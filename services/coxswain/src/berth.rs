@@ -1,0 +1,275 @@
+//! Where a graph lives on this machine, and what dead launchers left behind.
+//!
+//! ```text
+//! <temporary folder>/coxswain-<user id>/     of this user alone
+//!     <graph id>.toml                        who launched it: process id and the time when that process started
+//!     <graph id>/                            files and sockets of its links
+//! ```
+//! A process id comes again, the pair with its start time does not. A graph whose launcher is gone is stale: the next launcher sweeps it,
+//! after a kill -9 of everything too.
+
+use protocol::port::{Carrier, Identity, Links, sweep};
+use serde::{Deserialize, Serialize};
+use std::ffi::OsStr;
+use std::io;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::path::{Path, PathBuf};
+use std::{env, fs};
+
+/// How many low bits of a mode say what others than the owner may do.
+const GROUP_AND_OTHERS_BITS: u32 = 6;
+
+/// A place for a graph cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum BerthError {
+    /// Somebody else could read or change what is said there.
+    #[error("{} must be a folder of user {user} that nobody else can enter; remove it, or set TMPDIR", folder.display())]
+    NotPrivate {
+        /// The folder.
+        folder: PathBuf,
+        /// User id.
+        user: u32,
+    },
+    /// The file system refuses.
+    #[error("{}: {source}", path.display())]
+    FileSystem {
+        /// What could not be used.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+/// Who launched a graph.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Launcher {
+    pid: u32,
+    /// When the process started, in clock ticks since the machine did.
+    start_ticks: u64,
+}
+
+/// The place of one graph.
+#[derive(Debug)]
+pub struct Berth {
+    base: PathBuf,
+    id: String,
+}
+
+/// The folder of all graphs of this user.
+pub fn base() -> PathBuf {
+    env::temp_dir().join(format!("coxswain-{}", rustix::process::getuid().as_raw()))
+}
+
+impl Berth {
+    /// Takes a place below `base` for a graph of this process, under a new name.
+    ///
+    /// # Errors
+    /// [`BerthError`].
+    pub fn take(base: &Path) -> Result<Self, BerthError> {
+        let berth = Self { base: base.to_path_buf(), id: new_id() };
+        let launcher = Launcher::this().map_err(|source| BerthError::FileSystem { path: "/proc/self/stat".into(), source })?;
+        // Whoever leaves last removes the base, perhaps between our two steps.
+        let mut attempts_left = 5;
+        loop {
+            make_private(base)?;
+            match berth.sign(launcher) {
+                Err(error) if error.kind() == io::ErrorKind::NotFound && attempts_left > 0 => attempts_left -= 1,
+                Err(source) => return Err(BerthError::FileSystem { path: berth.launcher_file(), source }),
+                Ok(()) => break,
+            }
+        }
+        make_private(&berth.root())?;
+        Ok(berth)
+    }
+
+    /// Name of the graph, unique on this machine.
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+
+    /// Folder for files and sockets of its links.
+    pub fn root(&self) -> PathBuf {
+        self.base.join(&self.id)
+    }
+
+    /// Removes everything that is left of the graph, unless somebody still lives there.
+    ///
+    /// # Errors
+    /// A sentence.
+    pub fn leave(self) -> Result<(), String> {
+        self.clear()
+    }
+
+    fn clear(&self) -> Result<(), String> {
+        let report = sweep(&self.links()).map_err(|error| error.to_string())?;
+        if report.living > 0 {
+            return Err(format!("graph {} has {} living members; the next launch sweeps it", self.id, report.living));
+        }
+        let gone = |result: io::Result<()>| match result {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error.to_string()),
+            _ => Ok(()),
+        };
+        gone(fs::remove_dir_all(self.root()))?;
+        gone(fs::remove_file(self.launcher_file()))?;
+        // Stays while other graphs are there.
+        let _ = fs::remove_dir(&self.base);
+        Ok(())
+    }
+
+    /// For sweeping, the name and the root are all that counts.
+    fn links(&self) -> Links {
+        Links { graph: self.id.clone(), lock_step: false, root: self.root(), patience_millis: 0, carrier: Carrier::SharedMemory }
+    }
+
+    fn launcher_file(&self) -> PathBuf {
+        self.base.join(format!("{}.toml", self.id))
+    }
+
+    /// Says who launched it: whole, or not at all.
+    fn sign(&self, launcher: Launcher) -> io::Result<()> {
+        let half = self.base.join(format!("{}.half", self.id));
+        fs::write(&half, toml::to_string(&launcher).map_err(io::Error::other)?)?;
+        fs::rename(&half, self.launcher_file())
+    }
+}
+
+/// Sweeps the graphs below `base` whose launcher is gone. Says how many were removed, and what could not be.
+pub fn sweep_stale(base: &Path) -> (usize, Vec<String>) {
+    let mut removed = 0;
+    let mut complaints = Vec::new();
+    for berth in stale(base) {
+        match berth.clear() {
+            Ok(()) => removed += 1,
+            Err(complaint) => complaints.push(complaint),
+        }
+    }
+    (removed, complaints)
+}
+
+/// The graphs below `base` whose launcher is gone.
+fn stale(base: &Path) -> Vec<Berth> {
+    let entries = fs::read_dir(base).into_iter().flatten().flatten();
+    let files = entries.map(|entry| entry.path()).filter(|path| path.extension() == Some(OsStr::new("toml")));
+    let abandoned = files.filter(|path| {
+        let launcher = fs::read_to_string(path).ok().and_then(|text| toml::from_str::<Launcher>(&text).ok());
+        launcher.is_some_and(|launcher| !launcher.lives())
+    });
+    let ids = abandoned.filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()));
+    ids.map(|id| Berth { base: base.to_path_buf(), id }).collect()
+}
+
+impl Launcher {
+    fn this() -> io::Result<Self> {
+        let pid = std::process::id();
+        let start_ticks = start_ticks(pid).ok_or(io::ErrorKind::InvalidData)?;
+        Ok(Self { pid, start_ticks })
+    }
+
+    fn lives(self) -> bool {
+        start_ticks(self.pid) == Some(self.start_ticks)
+    }
+}
+
+/// When a process started, in clock ticks since the machine did; none if it is not there or only waits for its parent to take note.
+fn start_ticks(pid: u32) -> Option<u64> {
+    parse_stat(&fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)
+}
+
+/// Field 22 of `/proc/<pid>/stat`. The name, field 2 in parentheses, may hold anything, more parentheses included.
+fn parse_stat(stat: &str) -> Option<u64> {
+    let (_, after_name) = stat.rsplit_once(')')?;
+    let mut fields = after_name.split_ascii_whitespace();
+    if matches!(fields.next()?, "Z" | "X") {
+        return None;
+    }
+    fields.nth(18)?.parse().ok()
+}
+
+/// A folder of this user that nobody else can enter.
+fn make_private(folder: &Path) -> Result<(), BerthError> {
+    let failed = |source| BerthError::FileSystem { path: folder.to_path_buf(), source };
+    match fs::DirBuilder::new().mode(0o700).create(folder) {
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(failed(error)),
+        _ => {}
+    }
+    // Not of what a symbolic link points to: that would be somebody else's choice.
+    let found = fs::symlink_metadata(folder).map_err(failed)?;
+    let user = rustix::process::getuid().as_raw();
+    if found.is_dir() && found.uid() == user && found.mode().trailing_zeros() >= GROUP_AND_OTHERS_BITS {
+        Ok(())
+    } else {
+        Err(BerthError::NotPrivate { folder: folder.to_path_buf(), user })
+    }
+}
+
+/// Eight random characters.
+fn new_id() -> String {
+    const DIGITS: &[u8; 32] = b"0123456789abcdefghjkmnpqrstvwxyz";
+    let random = Identity::new(0).writer;
+    (0..8).map(|place| char::from(DIGITS[(random >> (5 * place)) as usize % DIGITS.len()])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn the_start_time_is_found_behind_any_name() {
+        let rest = "S 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 4242 20 21";
+        assert_eq!(parse_stat(&format!("77 (a) b) {rest}")), Some(4242));
+        assert_eq!(parse_stat(&format!("77 (dead) {}", rest.replacen('S', "Z", 1))), None);
+        assert_eq!(parse_stat("77 (short) S 1 2"), None);
+    }
+
+    #[test]
+    fn a_process_lives_only_with_its_own_start_time() -> io::Result<()> {
+        let this = Launcher::this()?;
+        assert!(this.lives());
+        assert!(!Launcher { start_ticks: this.start_ticks + 1, ..this }.lives(), "another process with the same id");
+        let mut child = std::process::Command::new("true").spawn()?;
+        child.wait()?;
+        assert!(!Launcher { pid: child.id(), ..this }.lives());
+        Ok(())
+    }
+
+    #[test]
+    fn only_graphs_of_dead_launchers_are_stale() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let base = folder.path().join("base");
+        let living = Berth::take(&base)?;
+        let dead = Berth::take(&base)?;
+        dead.sign(Launcher { pid: std::process::id(), start_ticks: 0 })?;
+        fs::write(base.join("garbage.toml"), "not a launcher")?;
+        let found: Vec<String> = stale(&base).into_iter().map(|berth| berth.id).collect();
+        assert_eq!(found, [dead.id()]);
+        assert_eq!(sweep_stale(&base), (1, Vec::new()));
+        assert!(!dead.root().exists() && !dead.launcher_file().exists());
+        assert!(living.root().exists());
+        Ok(())
+    }
+
+    #[test]
+    fn whoever_leaves_last_leaves_nothing() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let base = folder.path().join("base");
+        let (first, second) = (Berth::take(&base)?, Berth::take(&base)?);
+        assert_ne!(first.id(), second.id());
+        first.leave()?;
+        assert!(second.root().is_dir());
+        second.leave()?;
+        assert!(!base.exists());
+        Ok(())
+    }
+
+    #[test]
+    fn a_folder_that_others_can_enter_is_refused() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let base = folder.path().join("base");
+        fs::create_dir(&base)?;
+        fs::set_permissions(&base, fs::Permissions::from_mode(0o755))?;
+        assert!(matches!(Berth::take(&base), Err(BerthError::NotPrivate { .. })));
+        Ok(())
+    }
+}

@@ -1,0 +1,149 @@
+//! One process: start, signal, how it ended.
+
+use crate::role::program;
+use protocol::message::Participant;
+use rustix::process::{Pid, Signal, kill_process};
+use std::fs::{self, File};
+use std::io;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
+use std::process::{Child as SystemChild, Command, ExitStatus, Stdio};
+
+/// Lines of a log that are shown when a process died.
+const LAST_LINES: usize = 5;
+
+/// A process that was started and has not been seen to end.
+#[derive(Debug)]
+pub struct Child {
+    role: Participant,
+    /// Its standard input, which ends when the launcher dies, is kept in here.
+    system: SystemChild,
+}
+
+/// How a process ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Ending(ExitStatus);
+
+impl Child {
+    /// Starts the program of `role` out of `programs`, in a process group of its own so that a terminal's Ctrl-C reaches the launcher alone.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub fn start(role: Participant, programs: &Path, settings: &Path, run: &Path) -> io::Result<Self> {
+        let output = File::options().create(true).append(true).open(output_file(run, role))?;
+        let system = Command::new(programs.join(program(role)))
+            .arg("--settings")
+            .arg(settings)
+            .arg("--stop-with-stdin")
+            .stdin(Stdio::piped())
+            .stdout(output.try_clone()?)
+            .stderr(output)
+            .process_group(0)
+            .spawn()?;
+        Ok(Self { role, system })
+    }
+
+    /// Who it is.
+    pub fn role(&self) -> Participant {
+        self.role
+    }
+
+    /// Its process id.
+    pub fn pid(&self) -> u32 {
+        self.system.id()
+    }
+
+    /// How it ended, if it has.
+    ///
+    /// # Errors
+    /// If the system does not say.
+    pub fn ended(&mut self) -> io::Result<Option<Ending>> {
+        Ok(self.system.try_wait()?.map(Ending))
+    }
+
+    /// Waits until it has ended.
+    ///
+    /// # Errors
+    /// If the system does not say.
+    pub fn wait(&mut self) -> io::Result<Ending> {
+        self.system.wait().map(Ending)
+    }
+
+    /// Asks it to end. A stopped process is woken, else it would not hear.
+    pub fn ask_to_end(&self) {
+        self.signal(Signal::TERM);
+        self.signal(Signal::CONT);
+    }
+
+    /// Ends it at once.
+    pub fn kill(&self) {
+        self.signal(Signal::KILL);
+    }
+
+    /// It has not been waited for, so the id is still its own; that it may have ended by itself makes no difference.
+    fn signal(&self, signal: Signal) {
+        let _ = kill_process(Pid::from_child(&self.system), signal);
+    }
+}
+
+impl Ending {
+    /// Whether it ended as it should: by itself, or by our request before it could take it in.
+    pub fn is_clean(self) -> bool {
+        self.0.success() || self.0.signal() == Some(Signal::TERM.as_raw())
+    }
+
+    /// Whether it has done what it was to do.
+    pub fn is_success(self) -> bool {
+        self.0.success()
+    }
+}
+
+impl std::fmt::Display for Ending {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match (self.0.code(), self.0.signal()) {
+            (Some(code), _) => write!(f, "exit code {code}"),
+            (None, Some(signal)) => write!(f, "signal {signal}"),
+            (None, None) => write!(f, "{}", self.0),
+        }
+    }
+}
+
+/// Where the output of a process goes that is not its log.
+pub fn output_file(run: &Path, role: Participant) -> PathBuf {
+    run.join(format!("{}.out", role.text()))
+}
+
+/// What a process said last: the end of its log and of its output, one line each, indented.
+pub fn last_words(run: &Path, role: Participant) -> String {
+    let files = [run.join(format!("{}.log", role.text())), output_file(run, role)];
+    files.iter().flat_map(|file| last_lines(file)).fold(String::new(), |words, line| words + "\n    " + &line)
+}
+
+fn last_lines(file: &Path) -> Vec<String> {
+    let bytes = fs::read(file).unwrap_or_default();
+    let text = String::from_utf8_lossy(&bytes);
+    let lines: Vec<&str> = text.lines().collect();
+    lines.iter().skip(lines.len().saturating_sub(LAST_LINES)).map(|&line| line.to_owned()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_ending_is_told_in_words() {
+        assert_eq!(Ending(ExitStatus::from_raw(2 << 8)).to_string(), "exit code 2");
+        assert_eq!(Ending(ExitStatus::from_raw(9)).to_string(), "signal 9");
+        assert!(Ending(ExitStatus::from_raw(15)).is_clean() && !Ending(ExitStatus::from_raw(15)).is_success());
+    }
+
+    #[test]
+    fn the_last_words_are_the_last_lines_of_log_and_output() -> io::Result<()> {
+        let run = tempfile::tempdir()?;
+        fs::write(run.path().join("plant.log"), "1\n2\n3\n4\n5\n6\n")?;
+        fs::write(run.path().join("plant.out"), "plant: lost\n")?;
+        let words = last_words(run.path(), Participant::Plant);
+        assert_eq!(words.split_whitespace().collect::<Vec<_>>(), ["2", "3", "4", "5", "6", "plant:", "lost"]);
+        Ok(())
+    }
+}

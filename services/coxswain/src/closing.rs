@@ -1,0 +1,90 @@
+//! `summary.json` → the table at the end of a run.
+
+use protocol::message::Rung;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::fmt::{self, Display, Formatter};
+use std::path::Path;
+use std::{fs, io};
+
+/// What the table shows of the recorder's summary. What has no data is null there.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct Closing {
+    arrival_s: Option<f64>,
+    speed_settle_s: Option<f64>,
+    steady_speed_error_mps: Option<f64>,
+    position_rmse_m: Option<f64>,
+    position_max_m: Option<f64>,
+    tick_p50_us: Option<f64>,
+    tick_p99_us: Option<f64>,
+    tick_max_us: Option<f64>,
+    periods: u64,
+    periods_missed: u64,
+    rungs: BTreeMap<String, u64>,
+    snapshots_published: u64,
+    snapshots_adopted: u64,
+    losses: BTreeMap<String, BTreeMap<String, u64>>,
+}
+
+impl Closing {
+    /// Reads the summary of the run in `folder`.
+    ///
+    /// # Errors
+    /// If it is not there or not whole.
+    pub fn read(folder: &Path) -> io::Result<Self> {
+        Ok(serde_json::from_slice(&fs::read(folder.join("summary.json"))?)?)
+    }
+}
+
+impl Display for Closing {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let metres = |value| figure(value, 3, "m");
+        let micros = |value| figure(value, 0, "µs");
+        writeln!(f, "  arrival             {}", self.arrival_s.map_or_else(|| "never".into(), |time| figure(Some(time), 1, "s")))?;
+        writeln!(f, "  speed settled       {}", self.speed_settle_s.map_or_else(|| "never".into(), |time| figure(Some(time), 1, "s")))?;
+        writeln!(f, "  steady speed error  {}", figure(self.steady_speed_error_mps, 3, "m/s"))?;
+        writeln!(f, "  position error      {} rms, {} at most", metres(self.position_rmse_m), metres(self.position_max_m))?;
+        let [half, most, all] = [self.tick_p50_us, self.tick_p99_us, self.tick_max_us].map(micros);
+        writeln!(f, "  control tick        {half} p50, {most} p99, {all} at most")?;
+        let on_rung = |rung: &&Rung| self.rungs.get(rung.text()).is_some_and(|&periods| periods > 0);
+        let rungs = Rung::ALL.iter().filter(on_rung).map(|rung| format!("{rung} {}", self.rungs.get(rung.text()).copied().unwrap_or(0)));
+        writeln!(f, "  periods             {}, {} missed ({})", self.periods, self.periods_missed, list(rungs))?;
+        writeln!(f, "  models              {} published, {} adopted", self.snapshots_published, self.snapshots_adopted)?;
+        let lost = self.losses.iter().map(|(topic, readers)| (topic, readers.values().sum::<u64>())).filter(|(_, lost)| *lost > 0);
+        write!(f, "  messages lost       {}", list(lost.map(|(topic, lost)| format!("{topic} {lost}"))))
+    }
+}
+
+fn figure(value: Option<f64>, decimals: usize, unit: &str) -> String {
+    value.map_or_else(|| "-".into(), |value| format!("{value:.decimals$} {unit}"))
+}
+
+fn list(items: impl Iterator<Item = String>) -> String {
+    let items: Vec<String> = items.collect();
+    if items.is_empty() { "none".into() } else { items.join(", ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_shows_the_summary() -> io::Result<()> {
+        let folder = tempfile::tempdir()?;
+        let summary = r#"{"arrival_s": 1.3, "speed_settle_s": null, "steady_speed_error_mps": 0.0412, "position_rmse_m": 0.012,
+            "position_max_m": 0.0431, "heading_rmse_rad": null, "tick_p50_us": 212.4, "tick_p99_us": 400.0, "tick_max_us": 801.0,
+            "periods": 250, "periods_missed": 1, "rungs": {"brake": 1, "fresh plan": 249, "lqr": 0}, "snapshots_published": 5,
+            "snapshots_adopted": 4, "losses": {"plan": {"recorder": 2, "launcher": 1}, "state": {"recorder": 0}}}"#;
+        fs::write(folder.path().join("summary.json"), summary)?;
+        let expected = "  arrival             1.3 s
+  speed settled       never
+  steady speed error  0.041 m/s
+  position error      0.012 m rms, 0.043 m at most
+  control tick        212 µs p50, 400 µs p99, 801 µs at most
+  periods             250, 1 missed (fresh plan 249, brake 1)
+  models              5 published, 4 adopted
+  messages lost       plan 3";
+        assert_eq!(Closing::read(folder.path())?.to_string(), expected);
+        Ok(())
+    }
+}

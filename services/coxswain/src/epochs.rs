@@ -1,0 +1,88 @@
+//! The highest epoch of each role, on disk, so that no restart ever speaks in an old one.
+
+use protocol::message::Participant;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::{fs, io};
+
+/// Highest epoch of each role that was given out or observed. Every change is on disk before it counts.
+#[derive(Debug)]
+pub struct Epochs {
+    file: PathBuf,
+    highest: BTreeMap<String, u64>,
+}
+
+impl Epochs {
+    /// Those kept in `file`; none if there is no such file.
+    ///
+    /// # Errors
+    /// If the file is there but cannot be read.
+    pub fn open(file: &Path) -> io::Result<Self> {
+        let highest = match fs::read_to_string(file) {
+            Ok(text) => toml::from_str(&text).map_err(io::Error::other)?,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => BTreeMap::new(),
+            Err(error) => return Err(error),
+        };
+        Ok(Self { file: file.to_path_buf(), highest })
+    }
+
+    /// Highest epoch of `role` so far, above which an instance that starts now begins. The next one is taken as given out.
+    ///
+    /// # Errors
+    /// If it cannot be kept.
+    pub fn give(&mut self, role: Participant) -> io::Result<u64> {
+        let floor = self.highest(role);
+        self.keep(role, floor + 1)?;
+        Ok(floor)
+    }
+
+    /// Takes note of an epoch that an instance of `role` speaks in.
+    ///
+    /// # Errors
+    /// If it cannot be kept.
+    pub fn observe(&mut self, role: Participant, epoch: u64) -> io::Result<()> {
+        if epoch > self.highest(role) { self.keep(role, epoch) } else { Ok(()) }
+    }
+
+    /// Highest epoch of `role`; 0 before the first.
+    pub fn highest(&self, role: Participant) -> u64 {
+        self.highest.get(role.text()).copied().unwrap_or(0)
+    }
+
+    fn keep(&mut self, role: Participant, epoch: u64) -> io::Result<()> {
+        self.highest.insert(role.text().to_owned(), epoch);
+        let text = toml::to_string(&self.highest).map_err(io::Error::other)?;
+        let half = self.file.with_extension("toml.half");
+        fs::write(&half, text)?;
+        fs::rename(&half, &self.file)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_start_begins_above_all_that_has_been() -> io::Result<()> {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("epochs.toml");
+        let mut epochs = Epochs::open(&file)?;
+        assert_eq!(epochs.give(Participant::Controller)?, 0);
+        assert_eq!(epochs.give(Participant::Controller)?, 1, "it may have died before it was heard");
+        epochs.observe(Participant::Controller, 9)?;
+        epochs.observe(Participant::Controller, 3)?;
+        assert_eq!(epochs.give(Participant::Controller)?, 9);
+        assert_eq!(epochs.give(Participant::Plant)?, 0, "roles do not share epochs");
+        Ok(())
+    }
+
+    #[test]
+    fn epochs_outlive_the_launcher() -> io::Result<()> {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("epochs.toml");
+        Epochs::open(&file)?.observe(Participant::Plant, 4)?;
+        assert_eq!(Epochs::open(&file)?.highest(Participant::Plant), 4);
+        assert_eq!(fs::read_dir(folder.path())?.count(), 1, "nothing half-written is left");
+        Ok(())
+    }
+}

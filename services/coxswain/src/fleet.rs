@@ -1,0 +1,277 @@
+//! All processes of a graph: start in order, restart what dies, end in order.
+
+use crate::assembly::Assembly;
+use crate::back_off::Restarts;
+use crate::child::{Child, Ending, last_words};
+use crate::epochs::Epochs;
+use crate::role::END_ORDER;
+use crate::watch::View;
+use process::Run;
+use protocol::message::{Participant, Phase};
+use protocol::port::Links;
+use settings::WriteError;
+use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// How long a process may take to be ready.
+const READY_WITHIN: Duration = Duration::from_mins(1);
+
+/// A process cannot take part.
+#[derive(Debug, thiserror::Error)]
+pub enum FleetError {
+    /// Its settings cannot be written.
+    #[error(transparent)]
+    Settings(#[from] WriteError),
+    /// It cannot be started, or the system does not say how it is.
+    #[error("{role}: {source}")]
+    System {
+        /// Who.
+        role: Participant,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// It ended before it was ready.
+    #[error("{role} ended with {ending} before it was ready{last_words}")]
+    NeverReady {
+        /// Who.
+        role: Participant,
+        /// How.
+        ending: Ending,
+        /// The end of its log.
+        last_words: String,
+    },
+    /// It lives, but does not get ready.
+    #[error("{role} was not ready within {READY_WITHIN:?}{last_words}")]
+    TooSlow {
+        /// Who.
+        role: Participant,
+        /// The end of its log.
+        last_words: String,
+    },
+    /// It died more often than its restart policy allows.
+    #[error("{role} ended with {ending}, once more than {per_minute} times within a minute{last_words}")]
+    TooManyDeaths {
+        /// Who.
+        role: Participant,
+        /// How.
+        ending: Ending,
+        /// What the graph allows.
+        per_minute: u32,
+        /// The end of its log.
+        last_words: String,
+    },
+}
+
+/// What was seen on a round.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Event {
+    /// The plant has done what it was to do.
+    Finished,
+    /// Somebody died, and is started again after a wait.
+    Died {
+        /// Who.
+        role: Participant,
+        /// How.
+        ending: Ending,
+        /// How long it waits.
+        wait: Duration,
+    },
+    /// Somebody who had died was started again.
+    Restarted {
+        /// Who.
+        role: Participant,
+        /// Its epoch is greater than this.
+        epoch_floor: u64,
+    },
+}
+
+/// What stays the same during a run.
+#[derive(Debug)]
+pub struct Voyage {
+    /// What each process is told.
+    pub assembly: Assembly,
+    /// How its links run.
+    pub links: Links,
+    /// Folder of the binaries.
+    pub programs: PathBuf,
+    /// Folder of the run.
+    pub folder: PathBuf,
+}
+
+/// All processes of one graph.
+#[derive(Debug)]
+pub struct Fleet<'a> {
+    voyage: &'a Voyage,
+    epochs: Epochs,
+    members: BTreeMap<Participant, Member>,
+}
+
+/// One role, and who plays it.
+#[derive(Debug, Default)]
+struct Member {
+    restarts: Restarts,
+    state: State,
+}
+
+#[derive(Debug, Default)]
+enum State {
+    #[default]
+    Ended,
+    Running(Child),
+    /// Dead, to be started again then.
+    Due(Instant),
+}
+
+impl<'a> Fleet<'a> {
+    /// Nobody yet.
+    ///
+    /// # Errors
+    /// If the epochs of the run cannot be read.
+    pub fn new(voyage: &'a Voyage) -> io::Result<Self> {
+        let epochs = Epochs::open(&voyage.folder.join("epochs.toml"))?;
+        Ok(Self { voyage, epochs, members: BTreeMap::new() })
+    }
+
+    /// How often somebody was started again.
+    pub fn restarts(&self) -> u64 {
+        self.members.values().map(|member| member.restarts.total()).sum()
+    }
+
+    /// Starts the process of `role`, with new settings above all epochs that have been. Gives the highest of those.
+    ///
+    /// # Errors
+    /// [`FleetError`].
+    pub fn start(&mut self, role: Participant) -> Result<u64, FleetError> {
+        let failed = |source| FleetError::System { role, source };
+        let Voyage { assembly, links, programs, folder } = self.voyage;
+        let epoch_floor = self.epochs.give(role).map_err(failed)?;
+        let member = self.members.entry(role).or_default();
+        let run = Run {
+            folder: folder.clone(),
+            log: assembly.log.clone(),
+            epoch_floor,
+            restarted: member.restarts.total() > 0,
+            period_nanos: assembly.scenario.period_nanos(),
+            pace: assembly.graph.pace,
+            links: links.clone(),
+        };
+        let file = settings_file(folder, role);
+        assembly.write_settings(role, run, &file)?;
+        let child = Child::start(role, programs, &file, folder).map_err(failed)?;
+        tracing::info!(%role, pid = child.pid(), epoch_floor, "started");
+        member.state = State::Running(child);
+        Ok(epoch_floor)
+    }
+
+    /// Whether the process of `role`, started at `since`, has said that it is ready.
+    ///
+    /// # Errors
+    /// [`FleetError`] if it has died, or does not get ready.
+    pub fn is_ready(&mut self, role: Participant, since: Instant, view: &View) -> Result<bool, FleetError> {
+        let Some(Member { state: State::Running(child), .. }) = self.members.get_mut(&role) else { return Ok(false) };
+        if let Some(ending) = child.ended().map_err(|source| FleetError::System { role, source })? {
+            return Err(FleetError::NeverReady { role, ending, last_words: last_words(&self.voyage.folder, role) });
+        }
+        let ready = view.health(role).is_some_and(|health| health.pid == child.pid() && health.phase != Phase::Starting);
+        if !ready && since.elapsed() > READY_WITHIN {
+            return Err(FleetError::TooSlow { role, last_words: last_words(&self.voyage.folder, role) });
+        }
+        Ok(ready)
+    }
+
+    /// Takes note of who died, and starts again whose wait is over.
+    ///
+    /// # Errors
+    /// [`FleetError`] if the run cannot go on.
+    pub fn tend(&mut self, view: &View, now: Instant) -> Result<Vec<Event>, FleetError> {
+        let mut events = Vec::new();
+        let mut due = Vec::new();
+        for (&role, member) in &mut self.members {
+            if let Some(health) = view.health(role) {
+                self.epochs.observe(role, health.epoch).map_err(|source| FleetError::System { role, source })?;
+            }
+            match &mut member.state {
+                State::Running(child) => {
+                    let Some(ending) = child.ended().map_err(|source| FleetError::System { role, source })? else { continue };
+                    member.state = State::Ended;
+                    if role == Participant::Plant && ending.is_success() {
+                        events.push(Event::Finished);
+                        continue;
+                    }
+                    let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
+                    let Some(wait) = member.restarts.after_death(&policy, now) else {
+                        let last_words = last_words(&self.voyage.folder, role);
+                        return Err(FleetError::TooManyDeaths { role, ending, per_minute: policy.per_minute, last_words });
+                    };
+                    member.state = State::Due(now + wait);
+                    events.push(Event::Died { role, ending, wait });
+                }
+                State::Due(time) if *time <= now => due.push(role),
+                State::Due(_) | State::Ended => {}
+            }
+        }
+        for role in due {
+            events.push(Event::Restarted { role, epoch_floor: self.start(role)? });
+        }
+        Ok(events)
+    }
+
+    /// Ends everybody in order, each row within `patience`, then by force. `hurry` says whether somebody wants it at once.
+    ///
+    /// Gives a sentence for each who did not end as it should.
+    pub fn end(&mut self, patience: impl Fn(Participant) -> Duration, mut hurry: impl FnMut() -> bool) -> Vec<String> {
+        let mut complaints = Vec::new();
+        let mut hurried = false;
+        for row in END_ORDER {
+            let mut living: Vec<Child> = row.iter().filter_map(|role| self.release(*role)).collect();
+            living.iter().for_each(Child::ask_to_end);
+            let asked = Instant::now();
+            while !living.is_empty() {
+                living.retain_mut(|child| still_lives(child, &self.voyage.folder, &mut complaints));
+                hurried |= hurry();
+                if let Some(slow) = living.iter().position(|child| hurried || asked.elapsed() > patience(child.role())) {
+                    let child = living.swap_remove(slow);
+                    complaints.push(end_by_force(child));
+                } else if !living.is_empty() {
+                    std::thread::sleep(Duration::from_millis(5));
+                }
+            }
+        }
+        complaints
+    }
+
+    fn release(&mut self, role: Participant) -> Option<Child> {
+        match self.members.remove(&role)?.state {
+            State::Running(child) => Some(child),
+            State::Due(_) | State::Ended => None,
+        }
+    }
+}
+
+/// Where a process finds what it is told.
+pub fn settings_file(folder: &Path, role: Participant) -> PathBuf {
+    folder.join("settings").join(format!("{}.toml", role.text()))
+}
+
+fn still_lives(child: &mut Child, folder: &Path, complaints: &mut Vec<String>) -> bool {
+    match child.ended() {
+        Ok(None) => return true,
+        Ok(Some(ending)) if ending.is_clean() => tracing::info!(role = %child.role(), %ending, "ended"),
+        Ok(Some(ending)) => {
+            complaints.push(format!("{} ended with {ending} when asked to end{}", child.role(), last_words(folder, child.role())));
+        }
+        Err(error) => complaints.push(format!("{}: {error}", child.role())),
+    }
+    false
+}
+
+fn end_by_force(mut child: Child) -> String {
+    child.kill();
+    let complaint = format!("{} (process {}) did not end when asked to, and was killed", child.role(), child.pid());
+    match child.wait() {
+        Ok(_) => complaint,
+        Err(error) => format!("{complaint}; {error}"),
+    }
+}

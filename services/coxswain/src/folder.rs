@@ -1,0 +1,103 @@
+//! The folder of one run: settings, logs, record, summary.
+
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+use std::{fs, io};
+
+/// Where runs go unless a person says otherwise.
+const RUNS: &str = "runs";
+
+/// The folder of a run cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum FolderError {
+    /// It would mix two runs.
+    #[error("--out {}: expected a new or empty folder", folder.display())]
+    NotEmpty {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// It cannot be made.
+    #[error("the folder {} cannot be made: {source}", folder.display())]
+    Unusable {
+        /// The folder.
+        folder: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+/// Makes the folder of a run: `out`, which must be new or empty, or one of its own that names time, scenario and graph. Absolute.
+///
+/// # Errors
+/// [`FolderError`].
+pub fn create(out: Option<&Path>, scenario: &str, id: &str) -> Result<PathBuf, FolderError> {
+    let folder = out.map_or_else(|| Path::new(RUNS).join(format!("{}-{scenario}-{id}", utc(SystemTime::now()))), Path::to_path_buf);
+    let unusable = |source| FolderError::Unusable { folder: folder.clone(), source };
+    check_empty(&folder)?;
+    fs::create_dir_all(folder.join("settings")).map_err(unusable)?;
+    folder.canonicalize().map_err(unusable)
+}
+
+/// Whether a run may go into `folder`. Makes nothing.
+///
+/// # Errors
+/// [`FolderError`] if it is there and not empty, or is no folder.
+pub fn check_empty(folder: &Path) -> Result<(), FolderError> {
+    match fs::read_dir(folder) {
+        Ok(mut entries) => match entries.next() {
+            None => Ok(()),
+            Some(_) => Err(FolderError::NotEmpty { folder: folder.to_path_buf() }),
+        },
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(source) => Err(FolderError::Unusable { folder: folder.to_path_buf(), source }),
+    }
+}
+
+/// A time as in `20261121T083303Z`, which sorts.
+fn utc(time: SystemTime) -> String {
+    let seconds = time.duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let (year, month, day) = civil_date(seconds / 86_400);
+    let of_day = seconds % 86_400;
+    format!("{year:04}{month:02}{day:02}T{:02}{:02}{:02}Z", of_day / 3600, of_day / 60 % 60, of_day % 60)
+}
+
+/// Year, month and day of the Gregorian calendar, so many days after 1970-01-01.
+///
+/// Reference: Hinnant, *chrono-compatible low-level date algorithms*, `civil_from_days`: years begin in March, so that the leap day is last.
+fn civil_date(days: u64) -> (u64, u64, u64) {
+    let since_0000_03 = days + 719_468;
+    let era = since_0000_03 / 146_097;
+    let day_of_era = since_0000_03 % 146_097;
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    (era * 400 + year_of_era + u64::from(month <= 2), month, day)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn a_time_is_that_of_the_calendar() {
+        let at = |seconds| utc(SystemTime::UNIX_EPOCH + Duration::from_secs(seconds));
+        assert_eq!(at(0), "19700101T000000Z");
+        assert_eq!(at(951_782_399), "20000228T235959Z");
+        assert_eq!(at(951_782_400), "20000229T000000Z");
+        assert_eq!(at(1_795_250_000), "20261121T083320Z");
+    }
+
+    #[test]
+    fn two_runs_never_share_a_folder() -> Result<(), Box<dyn std::error::Error>> {
+        let parent = tempfile::tempdir()?;
+        let out = parent.path().join("deep/run");
+        let folder = create(Some(&out), "paper", "a")?;
+        assert!(folder.join("settings").is_dir());
+        let refused = create(Some(&out), "paper", "b").map_err(|error| error.to_string());
+        assert_eq!(refused, Err(format!("--out {}: expected a new or empty folder", out.display())));
+        Ok(())
+    }
+}

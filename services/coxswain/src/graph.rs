@@ -1,0 +1,158 @@
+//! The graph file: which processes, which links, which robot and scenario.
+
+use crate::back_off::RestartPolicy;
+use process::Pace;
+use protocol::message::Participant;
+use protocol::port::Carrier;
+use protocol::topic::Topic;
+use serde::Deserialize;
+use settings::{Check, Impossible};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// What a graph file holds.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Graph {
+    /// A person's name for it.
+    pub name: String,
+    /// Robot file, relative to the graph file.
+    pub robot: PathBuf,
+    /// Scenario file, relative to the graph file.
+    pub scenario: PathBuf,
+    /// Whose time it is.
+    pub pace: Pace,
+    /// In lock step: how long a writer waits for a reader that makes no room, before it gives up \[ms\].
+    #[serde(default = "lock_step_patience_millis")]
+    pub lock_step_patience_millis: u64,
+    /// What each link runs over: `default`, or the name of a topic.
+    #[expect(clippy::zero_sized_map_values, reason = "the network will be the second carrier")]
+    pub links: BTreeMap<String, Carrier>,
+    /// Its processes.
+    #[serde(default)]
+    pub processes: Processes,
+}
+
+fn lock_step_patience_millis() -> u64 {
+    10_000
+}
+
+/// How each process is treated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Processes {
+    /// The simulator.
+    pub plant: Treatment,
+    /// The model predictive controller.
+    pub controller: Treatment,
+    /// The Gaussian-process learner.
+    pub learner: Treatment,
+    /// Writes the record.
+    pub recorder: Treatment,
+}
+
+/// How one process is treated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Treatment {
+    /// Whether it is started at all.
+    pub enabled: bool,
+    /// Most restarts within a minute; one more death ends the run.
+    pub restarts_per_minute: u32,
+    /// Wait before the second restart within a minute, doubled with each further one \[ms\]. The first has no wait.
+    pub back_off_millis: u64,
+    /// Longest wait before a restart \[ms\].
+    pub back_off_max_millis: u64,
+}
+
+impl Default for Treatment {
+    fn default() -> Self {
+        Self { enabled: true, restarts_per_minute: 10, back_off_millis: 100, back_off_max_millis: 2000 }
+    }
+}
+
+impl Treatment {
+    /// When it is started again.
+    pub fn restart_policy(&self) -> RestartPolicy {
+        RestartPolicy {
+            per_minute: self.restarts_per_minute,
+            second: Duration::from_millis(self.back_off_millis),
+            longest: Duration::from_millis(self.back_off_max_millis),
+        }
+    }
+}
+
+impl Processes {
+    /// How `role` is treated; what a graph has no place for is not started.
+    pub fn of(&self, role: Participant) -> Treatment {
+        match role {
+            Participant::Plant => self.plant,
+            Participant::Controller => self.controller,
+            Participant::Learner => self.learner,
+            Participant::Recorder => self.recorder,
+            Participant::Gateway => Treatment { enabled: false, ..Treatment::default() },
+        }
+    }
+}
+
+impl Graph {
+    /// What the links run over. All run over the same, for there is one carrier between processes so far.
+    pub fn carrier(&self) -> Carrier {
+        self.links.get("default").copied().unwrap_or(Carrier::SharedMemory)
+    }
+}
+
+impl Check for Graph {
+    fn check(&self) -> Result<(), Impossible> {
+        if !self.links.contains_key("default") {
+            return Err(Impossible::new("links.default", "what the links run over: shared-memory"));
+        }
+        for link in self.links.keys().filter(|link| *link != "default") {
+            if !Topic::ALL.iter().any(|topic| topic.name() == link) {
+                let topics = Topic::ALL.map(Topic::name).join(", ");
+                return Err(Impossible::new(format!("links.{link}"), format!("default or a topic for the name of a link: {topics}")));
+            }
+        }
+        if self.lock_step_patience_millis == 0 {
+            return Err(Impossible::new("lock_step_patience_millis", "at least 1 ms"));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    const GOOD: &str =
+        "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\npace = \"real-time\"\n[links]\ndefault = \"shared-memory\"\n";
+
+    fn refusal(text: &str) -> Option<String> {
+        settings::parse::<Graph>(text, Path::new("g.toml")).err().map(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_graph_need_not_say_how_each_process_is_treated() {
+        assert_eq!(refusal(GOOD), None);
+        assert_eq!(refusal(&format!("{GOOD}state = \"shared-memory\"\n[processes.learner]\nenabled = false\n")), None);
+    }
+
+    #[test]
+    fn a_link_that_is_no_topic_is_refused() {
+        let topics = "state, command, residual, snapshot, plan, health, truth, credit";
+        assert_eq!(
+            refusal(&format!("{GOOD}stat = \"shared-memory\"\n")),
+            Some(format!("g.toml:7: links.stat = \"shared-memory\": expected default or a topic for the name of a link: {topics}"))
+        );
+    }
+
+    #[test]
+    fn an_unknown_process_is_refused() {
+        assert_eq!(
+            refusal(&format!("{GOOD}[processes.lerner]\n")).as_deref(),
+            Some("g.toml:7: processes.lerner = a table: unknown key, expected one of plant, controller, learner, recorder")
+        );
+    }
+}

@@ -1,0 +1,271 @@
+//! One run from reading to sweeping.
+//!
+//! Everything is read and checked before anything is made. Whatever happens from then on, the same way leads out: the robot first, the
+//! recorder last, then the graph is swept.
+
+use crate::assembly::{Assembly, missing_programs};
+use crate::berth::{self, Berth, BerthError};
+use crate::closing::Closing;
+use crate::fleet::{Event, Fleet, FleetError, Voyage};
+use crate::folder::{self, FolderError};
+use crate::options::Options;
+use crate::progress;
+use crate::terminal::{self, Terminal};
+use crate::watch::Watch;
+use process::Pace;
+use protocol::message::Participant;
+use protocol::port::OpenError;
+use settings::SettingsError;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::thread;
+use std::time::{Duration, Instant};
+use std::{env, io};
+use tracing_subscriber::EnvFilter;
+
+/// How often the launcher looks after its processes.
+const ROUND: Duration = Duration::from_millis(20);
+/// How long a process may take to end when asked to.
+const ENDS_WITHIN: Duration = Duration::from_secs(5);
+/// How long the recorder may take, which has to read the whole record.
+const RECORDER_ENDS_WITHIN: Duration = Duration::from_mins(2);
+
+/// A graph was not launched, or its run did not end well.
+#[derive(Debug, thiserror::Error)]
+pub enum LaunchError {
+    /// A file says something impossible.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The folder of the run cannot be used.
+    #[error(transparent)]
+    Folder(#[from] FolderError),
+    /// Not everything has been built.
+    #[error("{} not found in {}: build with `cargo build --release --workspace --bins`", programs.join(", "), folder.display())]
+    MissingPrograms {
+        /// What is missing.
+        programs: Vec<&'static str>,
+        /// Where it should be.
+        folder: PathBuf,
+    },
+    /// No place for the graph on this machine.
+    #[error(transparent)]
+    Berth(#[from] BerthError),
+    /// The launcher itself cannot join.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// A process failed.
+    #[error(transparent)]
+    Fleet(#[from] FleetError),
+    /// The run was recorded or ended otherwise than it should.
+    #[error("{}", complaints.join("\n"))]
+    Ending {
+        /// One sentence each.
+        complaints: Vec<String>,
+    },
+    /// The system refuses.
+    #[error("{what}: {source}")]
+    System {
+        /// What was tried.
+        what: &'static str,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+/// Why a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// The plant has done what it was to do.
+    Finished,
+    /// Somebody asked for it, by this signal.
+    Signal(i32),
+}
+
+impl Outcome {
+    /// 0, or 128 and the signal, as shells do.
+    pub fn exit_code(self) -> ExitCode {
+        match self {
+            Self::Finished => ExitCode::SUCCESS,
+            Self::Signal(signal) => ExitCode::from(128_u8.saturating_add(u8::try_from(signal).unwrap_or(0))),
+        }
+    }
+}
+
+impl LaunchError {
+    /// 2 if nothing was started because of what a person set, else 1.
+    pub fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::Settings(_) | Self::Folder(FolderError::NotEmpty { .. }) => ExitCode::from(2),
+            _ => ExitCode::FAILURE,
+        }
+    }
+}
+
+/// Launches a graph, looks after it, and ends it.
+///
+/// # Errors
+/// [`LaunchError`]. Nothing is left running or in shared memory then either.
+pub fn run(options: &Options) -> Result<Outcome, LaunchError> {
+    let assembly = Assembly::read(options)?;
+    let programs = programs_folder()?;
+    let missing = missing_programs(assembly.roles(), &programs);
+    if !missing.is_empty() {
+        return Err(LaunchError::MissingPrograms { programs: missing, folder: programs });
+    }
+    if let Some(out) = &options.out {
+        folder::check_empty(out)?;
+    }
+    let signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(|source| LaunchError::System { what: "signals", source })?;
+    let mut person = Person { signals, terminal: Terminal::new() };
+    let base = berth::base();
+    let (swept, left) = berth::sweep_stale(&base);
+    if swept > 0 {
+        person.terminal.say(format_args!("removed what {swept} killed launch(es) had left behind"));
+    }
+    for complaint in left {
+        person.terminal.say(format_args!("a killed launch has left something behind: {complaint}"));
+    }
+    let berth = Berth::take(&base)?;
+    let outcome = run_at(&berth, assembly, programs, options.out.as_deref(), &mut person);
+    if let Err(complaint) = berth.leave() {
+        person.terminal.say(format_args!("shared memory could not be swept: {complaint}"));
+    }
+    outcome
+}
+
+/// Whoever launches: asks by signals, and is told on the terminal.
+#[derive(Debug)]
+struct Person {
+    signals: Signals,
+    terminal: Terminal,
+}
+
+impl Person {
+    /// The signal by which the end was asked for since the last look.
+    fn asks_to_end(&mut self) -> Option<i32> {
+        self.signals.pending().next()
+    }
+}
+
+/// How a run ended, and who did not end as it should.
+#[derive(Debug)]
+struct Ended {
+    outcome: Result<Outcome, LaunchError>,
+    complaints: Vec<String>,
+}
+
+/// The run, from its folder to its last process, in a place that exists.
+fn run_at(berth: &Berth, assembly: Assembly, programs: PathBuf, out: Option<&Path>, person: &mut Person) -> Result<Outcome, LaunchError> {
+    let folder = folder::create(out, &assembly.scenario_name, berth.id())?;
+    open_log(&folder, &assembly.log)?;
+    person.terminal.say(heading(&assembly));
+    tracing::info!(graph = berth.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
+    let links = assembly.links(berth.id(), &berth.root());
+    let voyage = Voyage { assembly, links, programs, folder };
+    let Ended { outcome, complaints } = sail(&voyage, person)?;
+    conclude(&voyage, &mut person.terminal);
+    let outcome = outcome?;
+    if complaints.is_empty() { Ok(outcome) } else { Err(LaunchError::Ending { complaints }) }
+}
+
+/// Starts, looks after, and ends the processes.
+fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
+    let mut fleet = Fleet::new(voyage).map_err(|source| LaunchError::System { what: "the epochs of the run", source })?;
+    let watch = Watch::open(&voyage.links)?;
+    let outcome = match start(&mut fleet, voyage, &watch, person) {
+        Ok(None) => look_after(&mut fleet, voyage, &watch, person),
+        Ok(Some(outcome)) => Ok(outcome),
+        Err(error) => Err(error),
+    };
+    match &outcome {
+        Ok(Outcome::Finished) => tracing::info!("the plant has finished"),
+        Ok(Outcome::Signal(signal)) => tracing::info!(signal, "asked to end"),
+        Err(error) => tracing::error!("{error}"),
+    }
+    let patience = |role| if role == Participant::Recorder { RECORDER_ENDS_WITHIN } else { ENDS_WITHIN };
+    let complaints = fleet.end(patience, || person.asks_to_end().is_some());
+    for complaint in &complaints {
+        tracing::error!("{complaint}");
+    }
+    Ok(Ended { outcome, complaints })
+}
+
+/// Starts everybody, each when the one before is ready. An outcome only if the run is over before it began.
+fn start(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Person) -> Result<Option<Outcome>, LaunchError> {
+    for role in voyage.assembly.roles() {
+        fleet.start(role)?;
+        let since = Instant::now();
+        while !fleet.is_ready(role, since, &watch.view())? {
+            if let Some(signal) = person.asks_to_end() {
+                return Ok(Some(Outcome::Signal(signal)));
+            }
+            thread::sleep(ROUND / 4);
+        }
+    }
+    Ok(None)
+}
+
+/// Restarts what dies and shows how it goes, until the plant has finished or somebody asks for the end.
+fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Person) -> Result<Outcome, LaunchError> {
+    let scenario = &voyage.assembly.scenario;
+    let (period_nanos, duration_s) = (scenario.period_nanos(), scenario.duration_s);
+    loop {
+        if let Some(signal) = person.asks_to_end() {
+            return Ok(Outcome::Signal(signal));
+        }
+        let (now, view) = (Instant::now(), watch.view());
+        for event in fleet.tend(&view, now)? {
+            match event {
+                Event::Finished => return Ok(Outcome::Finished),
+                Event::Died { role, ending, wait } => {
+                    tracing::warn!(%role, %ending, ?wait, "died");
+                    let when = if wait.is_zero() { "now".into() } else { format!("in {wait:?}") };
+                    person.terminal.say(format_args!("{role} ended with {ending}; it is started again {when}"));
+                }
+                Event::Restarted { role, epoch_floor } => tracing::info!(%role, epoch_floor, "started again"),
+            }
+        }
+        let restarts = fleet.restarts();
+        person.terminal.progress(now, || view.plan().map(|plan| progress::line(&plan, period_nanos, duration_s, restarts)));
+        thread::sleep(ROUND);
+    }
+}
+
+/// What the run came to, and where everything is.
+fn conclude(voyage: &Voyage, terminal: &mut Terminal) {
+    // Ends the live line.
+    terminal.say(format_args!("record: {}", voyage.folder.display()));
+    if !voyage.assembly.graph.processes.recorder.enabled {
+        return;
+    }
+    match Closing::read(&voyage.folder) {
+        Ok(closing) => terminal::print(closing),
+        Err(error) => terminal.say(format_args!("there is no summary: {error}")),
+    }
+}
+
+fn heading(assembly: &Assembly) -> String {
+    let pace = if assembly.graph.pace == Pace::LockStep { "lock step" } else { "real time" };
+    let learner = if assembly.learns() { "on" } else { "off" };
+    let Assembly { graph, scenario, scenario_name, .. } = assembly;
+    format!("{}: {scenario_name}, {:.1} s in {pace}, learner {learner}\n{}", graph.name, scenario.duration_s, scenario.description)
+}
+
+/// Binaries lie beside each other.
+fn programs_folder() -> Result<PathBuf, LaunchError> {
+    let own = env::current_exe().map_err(|source| LaunchError::System { what: "the launcher's own place", source })?;
+    Ok(own.parent().unwrap_or(Path::new("")).to_path_buf())
+}
+
+fn open_log(folder: &Path, filter: &str) -> Result<(), LaunchError> {
+    let failed = |source| LaunchError::System { what: "the launcher's log", source };
+    let file = File::options().create(true).append(true).open(folder.join("coxswain.log")).map_err(failed)?;
+    let filter = EnvFilter::try_new(filter).map_err(|error| failed(io::Error::other(error)))?;
+    // A second run in one process, as in a test, keeps to the log of the first.
+    let _ = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(false).with_writer(Mutex::new(file)).try_init();
+    Ok(())
+}

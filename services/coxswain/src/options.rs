@@ -1,0 +1,78 @@
+//! What a person may say on the command line.
+
+use clap::Args;
+use process::Pace;
+use std::path::PathBuf;
+use tracing_subscriber::EnvFilter;
+
+/// What to launch, and what to change of it.
+#[derive(Debug, Clone, Args)]
+pub struct Options {
+    /// Graph file: which processes, which links, which robot and scenario.
+    pub graph: PathBuf,
+    /// Another scenario: a file, or the name of one beside the graph's own.
+    #[arg(long, value_name = "FILE|NAME")]
+    pub scenario: Option<PathBuf>,
+    /// Another robot file.
+    #[arg(long, value_name = "FILE")]
+    pub robot: Option<PathBuf>,
+    /// Another length of the run.
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub duration: Option<f64>,
+    /// Whose time it is: real-time, or lock-step as fast as the machine can.
+    #[arg(long, value_name = "PACE", value_parser = pace)]
+    pub pace: Option<Pace>,
+    /// Whether the learner takes part: on or off.
+    #[arg(long, value_name = "on|off", value_parser = switch)]
+    pub learner: Option<bool>,
+    /// Folder of the run, new or empty; by default one of its own under runs/.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// What is logged: error, warn, info, debug, trace, or a list of module=level.
+    #[arg(long, value_name = "LEVEL", default_value = "info", value_parser = filter)]
+    pub log: String,
+    /// Another seed of noise and random forces.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=i64::MAX as u64))]
+    pub seed: Option<u64>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds: &f64| seconds.is_finite() && *seconds > 0.0);
+    seconds.ok_or_else(|| "expected a finite number of seconds greater than 0".into())
+}
+
+fn pace(text: &str) -> Result<Pace, String> {
+    match text {
+        "real-time" => Ok(Pace::RealTime),
+        "lock-step" => Ok(Pace::LockStep),
+        _ => Err("expected real-time or lock-step".into()),
+    }
+}
+
+fn switch(text: &str) -> Result<bool, String> {
+    match text {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err("expected on or off".into()),
+    }
+}
+
+fn filter(text: &str) -> Result<String, String> {
+    match EnvFilter::try_new(text) {
+        Ok(_) => Ok(text.to_owned()),
+        Err(error) => Err(format!("expected a level (error, warn, info, debug, trace) or a list of module=level: {error}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_time_that_can_pass_is_a_duration() {
+        assert_eq!(seconds("2.5"), Ok(2.5));
+        for text in ["0", "-1", "nan", "inf", "soon"] {
+            assert!(seconds(text).is_err(), "{text}");
+        }
+    }
+}

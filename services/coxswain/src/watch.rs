@@ -1,0 +1,168 @@
+//! `Health` and `Plan` → what the launcher knows.
+//!
+//! A thread of its own does nothing but listen, so that a slow terminal never makes the controller wait: in lock step the link of the plans
+//! loses nothing.
+
+use process::Stop;
+use protocol::message::{Health, Participant, Phase, Plan, Rung};
+use protocol::port::{Identity, Links, OpenError, Ports, ReceiveError, Since, Source};
+use std::collections::BTreeMap;
+use std::sync::mpsc::{self, Sender};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+/// Longest sleep: how often the health and the request to end are looked at.
+const PATIENCE: Duration = Duration::from_millis(20);
+
+/// What was heard last.
+#[derive(Debug, Clone, Default)]
+pub struct View {
+    health: BTreeMap<Participant, HealthView>,
+    plan: Option<PlanView>,
+}
+
+/// What counts of a Health.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct HealthView {
+    /// Process id.
+    pub pid: u32,
+    /// Epoch that it speaks in.
+    pub epoch: u64,
+    /// How far it has come.
+    pub phase: Phase,
+}
+
+/// What counts of a Plan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlanView {
+    /// Tick that it answers.
+    pub tick: u64,
+    /// Distance of the measured position from the reference \[m\].
+    pub position_error: f64,
+    /// Version of the learned model in use; 0 is the main model alone.
+    pub model_version: u64,
+    /// State received to command sent \[ns\].
+    pub tick_nanos: u64,
+    /// Rung that the controller stands on.
+    pub rung: Rung,
+}
+
+/// Listens until it is dropped.
+#[derive(Debug)]
+pub struct Watch {
+    view: Arc<Mutex<View>>,
+    done: Stop,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl View {
+    /// Last Health of a role.
+    pub fn health(&self, role: Participant) -> Option<HealthView> {
+        self.health.get(&role).copied()
+    }
+
+    /// Last Plan.
+    pub fn plan(&self) -> Option<PlanView> {
+        self.plan
+    }
+
+    fn take_in(&mut self, health: &Health) {
+        if let Some(role) = health.participant() {
+            self.health.insert(role, HealthView { pid: health.pid, epoch: health.stamp.epoch, phase: health.phase() });
+        }
+    }
+}
+
+impl From<&Plan> for PlanView {
+    fn from(plan: &Plan) -> Self {
+        Self {
+            tick: plan.stamp.tick,
+            position_error: plan.position_error(),
+            model_version: plan.model_version,
+            tick_nanos: plan.tick_nanos,
+            rung: plan.rung(),
+        }
+    }
+}
+
+impl Watch {
+    /// Joins the graph and listens from now on.
+    ///
+    /// # Errors
+    /// [`OpenError`] if the graph cannot be joined.
+    pub fn open(links: &Links) -> Result<Self, OpenError> {
+        let (view, done) = (Arc::new(Mutex::new(View::default())), Stop::new());
+        let (opened, outcome) = mpsc::channel();
+        let thread = thread::spawn({
+            let (view, done, links) = (Arc::clone(&view), done.clone(), links.clone());
+            move || match Ears::open(&links) {
+                Ok(ears) => ears.listen(&opened, &view, &done),
+                Err(error) => drop(opened.send(Err(error))),
+            }
+        });
+        let watch = Self { view, done, thread: Some(thread) };
+        let silent = |_| Err(OpenError::Join { graph: links.graph.clone(), reason: "the listening thread has died".into() });
+        outcome.recv().unwrap_or_else(silent)?;
+        Ok(watch)
+    }
+
+    /// What was heard last.
+    pub fn view(&self) -> View {
+        lock(&self.view).clone()
+    }
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        self.done.request();
+        if let Some(thread) = self.thread.take() {
+            // A panic of that thread is in the log.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The listening thread's ports.
+struct Ears {
+    health: Source<Health>,
+    plans: Source<Plan>,
+}
+
+impl Ears {
+    fn open(links: &Links) -> Result<Self, OpenError> {
+        let ports = Ports::open(links, Identity::new(0))?;
+        Ok(Self { health: ports.source(Since::First)?, plans: ports.source(Since::First)? })
+    }
+
+    fn listen(mut self, opened: &Sender<Result<(), OpenError>>, view: &Mutex<View>, done: &Stop) {
+        // The first wait opens the listener: only then nothing goes unheard.
+        let first = self.plans.wait(Duration::ZERO);
+        if opened.send(Ok(())).is_err() {
+            return;
+        }
+        let mut heard = first.and_then(|_| self.round(view));
+        while heard.is_ok() && !done.requested() {
+            heard = self.round(view);
+        }
+        if let Err(error) = heard {
+            tracing::error!(%error, "the processes can no longer be watched");
+        }
+    }
+
+    fn round(&mut self, view: &Mutex<View>) -> Result<(), ReceiveError> {
+        self.plans.wait(PATIENCE)?;
+        if let Some(plan) = self.plans.latest()? {
+            lock(view).plan = Some(PlanView::from(&plan));
+        }
+        while let Some(health) = self.health.next()? {
+            lock(view).take_in(&health);
+        }
+        Ok(())
+    }
+}
+
+/// A view is whole even if its holder panicked: it is only ever replaced part by part.
+fn lock(view: &Mutex<View>) -> MutexGuard<'_, View> {
+    view.lock().unwrap_or_else(PoisonError::into_inner)
+}
