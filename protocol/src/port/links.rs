@@ -20,7 +20,7 @@ pub struct Links {
     /// Whether the links that a run's result depends on lose nothing.
     pub lock_step: bool,
     /// Folder for the carrier's files and sockets, private to the graph; made if missing. Keep it short: the system allows a socket a path of
-    /// 107 bytes, of which 51 and the graph's name are taken.
+    /// 107 bytes, of which 50 and the graph's name are taken.
     pub root: PathBuf,
     /// How long a lossless writer waits for room \[ms\].
     pub patience_millis: u64,

@@ -28,6 +28,9 @@ const SOCKET_PATH_MAX: usize = 107;
 /// What a socket's path has behind root and prefix: a separator, 39 digits and `.event` \[bytes\].
 const SOCKET_NAME_MAX: usize = 1 + 39 + 6;
 
+/// How long a port waits for another thread or process that is removing the dead already.
+const CLEANUP_TIMEOUT: Duration = Duration::from_millis(100);
+
 /// This thread's membership in one graph.
 pub(super) struct SharedMemory {
     node: Rc<Node<ipc::Service>>,

@@ -11,7 +11,7 @@ use protocol::message::Participant;
 use protocol::port::Links;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError, WriteError};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// A graph that can be launched.
 #[derive(Debug, Clone)]
@@ -52,10 +52,9 @@ impl Assembly {
     /// [`SettingsError`] names the first thing that is wrong, and where.
     pub fn read(options: &Options) -> Result<Self, SettingsError> {
         let mut graph: Graph = settings::read(&options.graph)?;
-        let beside = options.graph.parent().unwrap_or(Path::new(""));
-        let own_scenario = beside.join(&graph.scenario);
+        let own_scenario = from(&options.graph, &graph.scenario);
         let scenario_file = options.scenario.as_deref().map_or_else(|| own_scenario.clone(), |asked| scenario_file(asked, &own_scenario));
-        let robot_file = options.robot.clone().unwrap_or_else(|| beside.join(&graph.robot));
+        let robot_file = options.robot.clone().unwrap_or_else(|| from(&options.graph, &graph.robot));
         let mut scenario: Scenario = settings::read(&scenario_file)?;
         let RobotFile(robot) = settings::read(&robot_file)?;
         graph.pace = options.pace.unwrap_or(graph.pace);
@@ -136,6 +135,22 @@ impl Assembly {
     }
 }
 
+/// A path that is relative to `file`, as short as it can be told.
+fn from(file: &Path, path: &Path) -> PathBuf {
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let mut short = folder.to_path_buf();
+    for part in path.components() {
+        match (part, short.components().next_back()) {
+            (Component::CurDir, _) => {}
+            (Component::ParentDir, Some(Component::Normal(_))) => drop(short.pop()),
+            _ => short.push(part),
+        }
+    }
+    let whole = folder.join(path);
+    // Behind a symbolic link to a folder the short one may lead elsewhere.
+    if whole.exists() && !short.exists() { whole } else { short }
+}
+
 /// The scenario that was asked for: a file, or the name of one beside the graph's own.
 fn scenario_file(asked: &Path, own: &Path) -> PathBuf {
     let is_file = asked.extension().is_some() || asked.components().count() > 1 || asked.is_file();
@@ -157,6 +172,14 @@ mod tests {
         assert_eq!(scenario_file(Path::new("circle"), own), Path::new("deploy/graphs/../scenarios/circle.toml"));
         assert_eq!(scenario_file(Path::new("circle.toml"), own), Path::new("circle.toml"));
         assert_eq!(scenario_file(Path::new("my/circle"), own), Path::new("my/circle"));
+    }
+
+    #[test]
+    fn a_path_in_a_graph_file_is_told_without_detours() {
+        let told = |file, path| from(Path::new(file), Path::new(path));
+        assert_eq!(told("deploy/graphs/g.toml", "../robots/r.toml"), Path::new("deploy/robots/r.toml"));
+        assert_eq!(told("g.toml", "../r.toml"), Path::new("../r.toml"));
+        assert_eq!(told("g.toml", "/etc/r.toml"), Path::new("/etc/r.toml"));
     }
 
     #[test]

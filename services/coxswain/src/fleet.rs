@@ -51,7 +51,7 @@ pub enum FleetError {
         last_words: String,
     },
     /// It died more often than its restart policy allows.
-    #[error("{role} ended with {ending}, once more than {per_minute} times within a minute{last_words}")]
+    #[error("{role} ended with {ending}, and {per_minute} restarts within a minute are the limit{last_words}")]
     TooManyDeaths {
         /// Who.
         role: Participant,
@@ -187,35 +187,35 @@ impl<'a> Fleet<'a> {
     /// [`FleetError`] if the run cannot go on.
     pub fn tend(&mut self, view: &View, now: Instant) -> Result<Vec<Event>, FleetError> {
         let mut events = Vec::new();
-        let mut due = Vec::new();
         for (&role, member) in &mut self.members {
             if let Some(health) = view.health(role) {
                 self.epochs.observe(role, health.epoch).map_err(|source| FleetError::System { role, source })?;
             }
-            match &mut member.state {
-                State::Running(child) => {
-                    let Some(ending) = child.ended().map_err(|source| FleetError::System { role, source })? else { continue };
-                    member.state = State::Ended;
-                    if role == Participant::Plant && ending.is_success() {
-                        events.push(Event::Finished);
-                        continue;
-                    }
-                    let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
-                    let Some(wait) = member.restarts.after_death(&policy, now) else {
-                        let last_words = last_words(&self.voyage.folder, role);
-                        return Err(FleetError::TooManyDeaths { role, ending, per_minute: policy.per_minute, last_words });
-                    };
-                    member.state = State::Due(now + wait);
-                    events.push(Event::Died { role, ending, wait });
-                }
-                State::Due(time) if *time <= now => due.push(role),
-                State::Due(_) | State::Ended => {}
+            let State::Running(child) = &mut member.state else { continue };
+            let Some(ending) = child.ended().map_err(|source| FleetError::System { role, source })? else { continue };
+            member.state = State::Ended;
+            if role == Participant::Plant && ending.is_success() {
+                events.push(Event::Finished);
+                continue;
             }
+            let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
+            let Some(wait) = member.restarts.after_death(&policy, now) else {
+                let last_words = last_words(&self.voyage.folder, role);
+                return Err(FleetError::TooManyDeaths { role, ending, per_minute: policy.per_minute, last_words });
+            };
+            member.state = State::Due(now + wait);
+            events.push(Event::Died { role, ending, wait });
         }
-        for role in due {
+        for role in self.due(now) {
             events.push(Event::Restarted { role, epoch_floor: self.start(role)? });
         }
         Ok(events)
+    }
+
+    /// Those whose wait is over.
+    fn due(&self, now: Instant) -> Vec<Participant> {
+        let is_due = |member: &Member| matches!(member.state, State::Due(time) if time <= now);
+        self.members.iter().filter(|(_, member)| is_due(member)).map(|(&role, _)| role).collect()
     }
 
     /// Ends everybody in order, each row within `patience`, then by force. `hurry` says whether somebody wants it at once.

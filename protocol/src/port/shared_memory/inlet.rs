@@ -1,8 +1,8 @@
 //! One reader on shared memory: looks at messages where they lie, and sleeps until there is one.
 
-use super::SharedMemory;
 use super::alarm::{Alarm, Slept};
 use super::service::{Announcement, Events};
+use super::{CLEANUP_TIMEOUT, SharedMemory};
 use crate::port::carrier::Inlet;
 use crate::port::{OpenError, ReceiveError};
 use crate::topic::Topic;
@@ -25,7 +25,7 @@ impl SharedMemoryInlet {
         let create = || messages.subscriber_builder().create();
         // The dead hold their places until somebody removes them.
         let subscriber = create().or_else(|_| {
-            shared.node.try_cleanup_dead_nodes();
+            shared.node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
             create()
         });
         let subscriber = subscriber.map_err(|error| match error {

@@ -1,7 +1,7 @@
 //! One writer on shared memory: loans, lets the message be written in place, sends, and wakes the readers.
 
-use super::SharedMemory;
 use super::service::{Announcement, Messages};
+use super::{CLEANUP_TIMEOUT, SharedMemory};
 use crate::clock::monotonic_nanos;
 use crate::port::carrier::Outlet;
 use crate::port::{OpenError, RESERVED_BYTES_MAX, Reservation, SendError};
@@ -66,7 +66,7 @@ impl SharedMemoryOutlet {
         };
         // The dead hold their places until somebody removes them.
         let publisher = create().or_else(|_| {
-            shared.node.try_cleanup_dead_nodes();
+            shared.node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
             create()
         });
         let full = OpenError::Full { topic, role: "writers", limit: quality.writers };
@@ -107,7 +107,7 @@ impl SharedMemoryOutlet {
         match error {
             CarrierError::UnableToDeliver => {
                 // Either a living reader is too slow, or a dead one holds its place: the next message shall find it gone.
-                self.node.try_cleanup_dead_nodes();
+                self.node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
                 SendError::NoRoom { topic: self.topic, waited: self.patience }
             }
             CarrierError::LoanError(_) => carrier("no memory could be loaned"),
