@@ -12,7 +12,7 @@ use std::process::{Child as SystemChild, Command, ExitStatus, Stdio};
 /// Lines of a log that are shown when a process died.
 const LAST_LINES: usize = 5;
 
-/// A process that was started and has not been seen to end.
+/// A process that was started. It does not outlive this value.
 #[derive(Debug)]
 pub struct Child {
     role: Participant,
@@ -83,6 +83,14 @@ impl Child {
     /// It has not been waited for, so the id is still its own; that it may have ended by itself makes no difference.
     fn signal(&self, signal: Signal) {
         let _ = kill_process(Pid::from_child(&self.system), signal);
+    }
+}
+
+/// Nobody is left behind. To one who has ended already this does nothing.
+impl Drop for Child {
+    fn drop(&mut self) {
+        let _ = self.system.kill();
+        let _ = self.system.wait();
     }
 }
 

@@ -170,8 +170,10 @@ impl<'a> Fleet<'a> {
     /// # Errors
     /// [`FleetError`] if it has died, or does not get ready.
     pub fn is_ready(&mut self, role: Participant, since: Instant, view: &View) -> Result<bool, FleetError> {
-        let Some(Member { state: State::Running(child), .. }) = self.members.get_mut(&role) else { return Ok(false) };
+        let Some(member) = self.members.get_mut(&role) else { return Ok(false) };
+        let State::Running(child) = &mut member.state else { return Ok(false) };
         if let Some(ending) = child.ended().map_err(|source| FleetError::System { role, source })? {
+            member.state = State::Ended;
             return Err(FleetError::NeverReady { role, ending, last_words: last_words(&self.voyage.folder, role) });
         }
         let ready = view.health(role).is_some_and(|health| health.pid == child.pid() && health.phase != Phase::Starting);

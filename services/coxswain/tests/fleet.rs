@@ -1,0 +1,207 @@
+//! Processes are started, restarted and ended as promised, whoever they are: here they are shell scripts.
+
+use coxswain::assembly::Assembly;
+use coxswain::fleet::{Event, Fleet, FleetError, Voyage, settings_file};
+use coxswain::options::Options;
+use coxswain::role::{START_ORDER, program};
+use coxswain::watch::View;
+use protocol::message::Participant;
+use std::error::Error;
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+type Outcome = Result<(), Box<dyn Error>>;
+
+/// Plays its role until it is told to end, then says so.
+const OBEDIENT: &str = "trap 'echo $0 >> \"$(dirname \"$0\")/ended\"; exit 0' TERM; echo up >> \"$0.up\"; while :; do sleep 0.01; done";
+/// Does not hear.
+const DEAF: &str = "trap '' TERM; echo up >> \"$0.up\"; while :; do sleep 0.01; done";
+
+fn options() -> Options {
+    let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/graphs/local.toml");
+    Options {
+        graph,
+        scenario: None,
+        robot: None,
+        duration: Some(2.0),
+        pace: None,
+        learner: None,
+        out: None,
+        log: "info".into(),
+        seed: Some(9),
+    }
+}
+
+/// One test at a time: a process that another test just forks could hold a script open for writing, which then cannot be run.
+static SCRIPTS: Mutex<()> = Mutex::new(());
+
+struct Fixture {
+    voyage: Voyage,
+    _folder: TempDir,
+    _alone: MutexGuard<'static, ()>,
+}
+
+/// A voyage whose programs are all `script`, but that of `other.0`, which is `other.1`.
+fn fixture(script: &str, other: (Participant, &str)) -> Result<Fixture, Box<dyn Error>> {
+    let alone = SCRIPTS.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = tempfile::tempdir()?;
+    let (programs, run) = (folder.path().join("programs"), folder.path().join("run"));
+    fs::create_dir(&programs)?;
+    fs::create_dir_all(run.join("settings"))?;
+    for role in START_ORDER {
+        let body = if role == other.0 { other.1 } else { script };
+        let file = programs.join(program(role));
+        fs::write(&file, format!("#!/bin/sh\n{body}\n"))?;
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o755))?;
+    }
+    let assembly = Assembly::read(&options())?;
+    let links = assembly.links("test", &folder.path().join("links"));
+    Ok(Fixture { voyage: Voyage { assembly, links, programs, folder: run }, _folder: folder, _alone: alone })
+}
+
+fn start_all(fleet: &mut Fleet<'_>, voyage: &Voyage) -> Outcome {
+    for role in START_ORDER {
+        fleet.start(role)?;
+    }
+    for role in START_ORDER {
+        let up = voyage.programs.join(format!("{}.up", program(role)));
+        while !up.exists() {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+    Ok(())
+}
+
+/// Tends until something happens.
+fn next_events(fleet: &mut Fleet<'_>) -> Result<Vec<Event>, FleetError> {
+    loop {
+        let events = fleet.tend(&View::default(), Instant::now())?;
+        if !events.is_empty() {
+            return Ok(events);
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn ended(voyage: &Voyage) -> Vec<String> {
+    let text = fs::read_to_string(voyage.programs.join("ended")).unwrap_or_default();
+    let name = |line: &str| PathBuf::from(line).file_name().map(|name| name.to_string_lossy().into_owned());
+    text.lines().filter_map(name).collect()
+}
+
+#[test]
+fn the_plant_ends_first_and_the_recorder_last() -> Outcome {
+    let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Gateway, ""))?;
+    let mut fleet = Fleet::new(voyage)?;
+    start_all(&mut fleet, voyage)?;
+    let complaints = fleet.end(|_| Duration::from_mins(1), || false);
+    assert_eq!(complaints, [""; 0]);
+    let order = ended(voyage);
+    assert_eq!(order.len(), 4, "{order:?}");
+    assert_eq!(order.first().map(String::as_str), Some("plant-sim"));
+    assert_eq!(order.last().map(String::as_str), Some("recorder"));
+    Ok(())
+}
+
+#[test]
+fn who_does_not_hear_is_killed_and_the_others_still_end_in_order() -> Outcome {
+    let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Controller, DEAF))?;
+    let mut fleet = Fleet::new(voyage)?;
+    start_all(&mut fleet, voyage)?;
+    let patience = |role| if role == Participant::Controller { Duration::from_millis(50) } else { Duration::from_mins(1) };
+    let complaints = fleet.end(patience, || false);
+    assert!(matches!(&complaints[..], [only] if only.starts_with("controller") && only.ends_with("was killed")), "{complaints:?}");
+    assert_eq!(ended(voyage), ["plant-sim", "learner", "recorder"]);
+    Ok(())
+}
+
+#[test]
+fn somebody_in_a_hurry_does_not_wait() -> Outcome {
+    let Fixture { voyage, .. } = &fixture(DEAF, (Participant::Gateway, ""))?;
+    let mut fleet = Fleet::new(voyage)?;
+    start_all(&mut fleet, voyage)?;
+    assert_eq!(fleet.end(|_| Duration::from_hours(1), || true).len(), 4);
+    Ok(())
+}
+
+#[test]
+fn what_dies_is_started_again_at_once_in_a_higher_epoch() -> Outcome {
+    let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Learner, "exit 7"))?;
+    let mut fleet = Fleet::new(voyage)?;
+    assert_eq!(fleet.start(Participant::Learner)?, 0);
+    let events = next_events(&mut fleet)?;
+    let [Event::Died { role, ending, wait }, again] = &events[..] else { return Err(format!("{events:?}").into()) };
+    assert_eq!((*role, ending.to_string(), *wait), (Participant::Learner, "exit code 7".into(), Duration::ZERO));
+    assert_eq!(*again, Event::Restarted { role: Participant::Learner, epoch_floor: 1 });
+    let told: learner::Settings = settings::read(&settings_file(&voyage.folder, Participant::Learner))?;
+    assert!(told.run.restarted);
+    assert_eq!(told.run.epoch_floor, 1);
+    fleet.end(|_| Duration::from_mins(1), || false);
+    Ok(())
+}
+
+#[test]
+fn what_dies_over_and_over_ends_the_run_with_its_last_words() -> Outcome {
+    let Fixture { voyage, .. } = &mut fixture(OBEDIENT, (Participant::Learner, "echo out of memory; exit 7"))?;
+    voyage.assembly.graph.processes.learner.restarts_per_minute = 2;
+    let mut fleet = Fleet::new(voyage)?;
+    fleet.start(Participant::Learner)?;
+    let error = loop {
+        match next_events(&mut fleet) {
+            Ok(_) => {}
+            Err(error) => break error.to_string(),
+        }
+    };
+    assert!(error.starts_with("learner ended with exit code 7, and 2 restarts within a minute are the limit"), "{error}");
+    assert!(error.ends_with("out of memory"), "{error}");
+    Ok(())
+}
+
+#[test]
+fn a_plant_that_is_done_ends_the_run_and_one_that_fails_does_not() -> Outcome {
+    for (script, finished) in [("exit 0", true), ("exit 1", false)] {
+        let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Plant, script))?;
+        let mut fleet = Fleet::new(voyage)?;
+        fleet.start(Participant::Plant)?;
+        assert_eq!(next_events(&mut fleet)?.first() == Some(&Event::Finished), finished, "{script}");
+        fleet.end(|_| Duration::from_mins(1), || false);
+    }
+    Ok(())
+}
+
+#[test]
+fn death_before_readiness_is_told_with_its_last_words() -> Outcome {
+    let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Recorder, "echo disk full >&2; exit 1"))?;
+    let mut fleet = Fleet::new(voyage)?;
+    fleet.start(Participant::Recorder)?;
+    let told = loop {
+        match fleet.is_ready(Participant::Recorder, Instant::now(), &View::default()) {
+            Ok(_) => std::thread::sleep(Duration::from_millis(5)),
+            Err(error) => break error.to_string(),
+        }
+    };
+    assert_eq!(told, "recorder ended with exit code 1 before it was ready\n    disk full");
+    Ok(())
+}
+
+#[test]
+fn every_process_can_read_what_it_is_told() -> Outcome {
+    let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Gateway, ""))?;
+    let mut fleet = Fleet::new(voyage)?;
+    start_all(&mut fleet, voyage)?;
+    let file = |role| settings_file(&voyage.folder, role);
+    let plant: plant_sim::Settings = settings::read(&file(Participant::Plant))?;
+    let controller: controller::Settings = settings::read(&file(Participant::Controller))?;
+    let learner: learner::Settings = settings::read(&file(Participant::Learner))?;
+    let recorder: recorder::settings::Settings = settings::read(&file(Participant::Recorder))?;
+    assert_eq!((plant.seed, plant.truth), (9, voyage.assembly.scenario.truth.clone()));
+    assert_eq!((controller.robot, controller.mpc), (voyage.assembly.robot, voyage.assembly.scenario.mpc));
+    assert_eq!(learner.learner, voyage.assembly.scenario.learner);
+    assert_eq!(recorder.run.links, voyage.links);
+    fleet.end(|_| Duration::from_mins(1), || false);
+    Ok(())
+}
