@@ -1,1 +1,243 @@
-//! promises
+//! The harness of the promises: real processes, launched as a person would, and their records.
+//!
+//! Every launch has a temporary folder of its own for its files and its run, so that tests run side by side.
+
+mod record;
+
+pub use record::{Message, Record};
+
+use rustix::process::{Pid, Signal, kill_process};
+use std::error::Error;
+use std::fs;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::OnceLock;
+use std::thread;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// What a test returns.
+pub type Outcome = Result<(), Box<dyn Error>>;
+
+/// How long something that must happen may take before the test gives up on it. Far beyond what it takes.
+const GIVES_UP_AFTER: Duration = Duration::from_secs(120);
+
+/// The repository.
+pub fn repository() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("/"))
+}
+
+/// The folder of the binaries, built once, in the profile of the tests.
+///
+/// # Errors
+/// A sentence, if they cannot be built.
+pub fn binaries() -> Result<&'static Path, Box<dyn Error>> {
+    static FOLDER: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    let folder = FOLDER.get_or_init(|| build().map_err(|error| error.to_string()));
+    folder.as_deref().map_err(|error| error.clone().into())
+}
+
+fn build() -> io::Result<PathBuf> {
+    let test = std::env::current_exe()?;
+    let folder = test.parent().and_then(Path::parent).ok_or(io::ErrorKind::NotFound)?;
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.args(["build", "--quiet", "--workspace", "--bins"]).current_dir(repository());
+    cargo.env("CARGO_TARGET_DIR", folder.parent().unwrap_or(folder));
+    if folder.ends_with("release") {
+        cargo.arg("--release");
+    }
+    if !cargo.status()?.success() {
+        return Err(io::Error::other("the binaries could not be built"));
+    }
+    Ok(folder.to_path_buf())
+}
+
+/// A launched graph.
+pub struct Launched {
+    child: Child,
+    home: TempDir,
+}
+
+/// How a launch ended.
+#[derive(Debug)]
+pub struct Ended {
+    /// Its exit status.
+    pub status: ExitStatus,
+    /// What a person saw.
+    pub text: String,
+}
+
+impl Launched {
+    /// Launches the local graph with `options`.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub fn new(options: &[&str]) -> Result<Self, Box<dyn Error>> {
+        Self::at_home(tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?, options)
+    }
+
+    /// Launches the local graph in a home where others may have been before.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub fn at_home(home: TempDir, options: &[&str]) -> Result<Self, Box<dyn Error>> {
+        let child = launch_command(&repository().join("deploy/graphs/local.toml"), &home.path().join("run"), options)?
+            .env("TMPDIR", home.path())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()?;
+        Ok(Self { child, home })
+    }
+
+    /// The run's folder.
+    pub fn folder(&self) -> PathBuf {
+        self.home.path().join("run")
+    }
+
+    /// Where the graph keeps its files while it runs.
+    pub fn home(&self) -> &Path {
+        self.home.path()
+    }
+
+    /// The launcher.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// The process of the program `name` that this launcher started last, as soon as there is one other than `not`.
+    ///
+    /// # Errors
+    /// If there is none in time.
+    pub fn process(&self, name: &str, not: Option<u32>) -> Result<u32, Box<dyn Error>> {
+        let mut found = None;
+        wait_until(&format!("a process {name}"), || {
+            found = children(self.pid()).into_iter().rev().find(|&pid| Some(pid) != not && name_of(pid).as_deref() == Some(name));
+            found.is_some()
+        })?;
+        found.ok_or_else(|| format!("no process {name}").into())
+    }
+
+    /// All processes of the graph that live at this moment.
+    pub fn processes(&self) -> Vec<u32> {
+        children(self.pid())
+    }
+
+    /// Waits until the log of `name` says `text` at least `times` times.
+    ///
+    /// # Errors
+    /// If it does not in time.
+    pub fn wait_for_log(&self, name: &str, text: &str, times: usize) -> Outcome {
+        let file = self.folder().join(name).with_extension("log");
+        wait_until(&format!("{text:?} in {}", file.display()), || {
+            fs::read_to_string(&file).is_ok_and(|log| log.matches(text).count() >= times)
+        })
+    }
+
+    /// Waits until it has ended by itself, and gives back its home.
+    ///
+    /// # Errors
+    /// If it does not end in time.
+    pub fn end(mut self) -> Result<(Ended, TempDir), Box<dyn Error>> {
+        let mut status = None;
+        wait_until("the end of the launch", || {
+            status = self.child.try_wait().ok().flatten();
+            status.is_some()
+        })?;
+        let mut text = String::new();
+        if let Some(mut out) = self.child.stdout.take() {
+            out.read_to_string(&mut text)?;
+        }
+        if let Some(mut out) = self.child.stderr.take() {
+            out.read_to_string(&mut text)?;
+        }
+        let home = std::mem::replace(&mut self.home, TempDir::new_in("/tmp")?);
+        Ok((Ended { status: status.ok_or("no status")?, text }, home))
+    }
+}
+
+impl Drop for Launched {
+    fn drop(&mut self) {
+        if let Ok(None) = self.child.try_wait() {
+            let _ = signal(self.child.id(), Signal::TERM);
+            let _ = wait_until("the end of a launch that is given up", || !matches!(self.child.try_wait(), Ok(None)));
+        }
+    }
+}
+
+/// `coxswain launch GRAPH --out OUT OPTIONS…`.
+///
+/// # Errors
+/// If the binaries cannot be built.
+pub fn launch_command(graph: &Path, out: &Path, options: &[&str]) -> Result<Command, Box<dyn Error>> {
+    let mut command = Command::new(binaries()?.join("coxswain"));
+    command.arg("launch").arg(graph).arg("--out").arg(out).args(options);
+    Ok(command)
+}
+
+/// Sends a signal to a process that this test started.
+///
+/// # Errors
+/// If there is no such process.
+pub fn signal(pid: u32, signal: Signal) -> Outcome {
+    let pid = Pid::from_raw(i32::try_from(pid)?).ok_or("no such process")?;
+    Ok(kill_process(pid, signal)?)
+}
+
+/// Waits until `condition` holds.
+///
+/// # Errors
+/// If it never does; says what was waited for.
+pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) -> Outcome {
+    let begin = Instant::now();
+    while !condition() {
+        if begin.elapsed() > GIVES_UP_AFTER {
+            return Err(format!("waited {GIVES_UP_AFTER:?} for {what}, in vain").into());
+        }
+        thread::sleep(Duration::from_millis(5));
+    }
+    Ok(())
+}
+
+/// Whether a process exists and is no zombie.
+pub fn lives(pid: u32) -> bool {
+    fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| !stat.contains(") Z "))
+}
+
+/// Files in shared memory that belong to the graphs called `names`.
+pub fn shared_memory_of(names: &[String]) -> Vec<String> {
+    let files = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+    let all = files.filter_map(|file| file.file_name().into_string().ok());
+    all.filter(|file| names.iter().any(|name| file.contains(name.as_str()))).collect()
+}
+
+/// The name of the graph of the run in `folder`, once its first process has been told.
+///
+/// # Errors
+/// If it never is.
+pub fn graph_name(folder: &Path) -> Result<String, Box<dyn Error>> {
+    let file = folder.join("settings/recorder.toml");
+    let name = || {
+        let text = fs::read_to_string(&file).ok()?;
+        let line = text.lines().find(|line| line.starts_with("graph = "))?;
+        Some(line.trim_start_matches("graph = ").trim_matches('"').to_owned())
+    };
+    wait_until("the name of the graph", || name().is_some())?;
+    name().ok_or_else(|| "the graph has no name".into())
+}
+
+fn children(pid: u32) -> Vec<u32> {
+    let tasks = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    let mut children: Vec<u32> = tasks
+        .filter_map(|task| fs::read_to_string(task.path().join("children")).ok())
+        .flat_map(|children| children.split_whitespace().filter_map(|pid| pid.parse().ok()).collect::<Vec<u32>>())
+        .filter(|&pid| lives(pid))
+        .collect();
+    children.sort_unstable();
+    children
+}
+
+fn name_of(pid: u32) -> Option<String> {
+    Some(fs::read_to_string(format!("/proc/{pid}/comm")).ok()?.trim().to_owned())
+}

@@ -99,7 +99,8 @@ impl Assembly {
         }
     }
 
-    fn plant(&self, run: Run) -> plant_sim::Settings {
+    /// What the plant is told.
+    pub fn plant(&self, run: Run) -> plant_sim::Settings {
         plant_sim::Settings {
             run,
             duration_s: self.scenario.duration_s,
@@ -112,7 +113,8 @@ impl Assembly {
         }
     }
 
-    fn controller(&self, run: Run) -> controller::Settings {
+    /// What the controller is told.
+    pub fn controller(&self, run: Run) -> controller::Settings {
         let learner = &self.scenario.learner;
         controller::Settings {
             run,
@@ -130,7 +132,8 @@ impl Assembly {
         }
     }
 
-    fn learner(&self, run: Run) -> learner::Settings {
+    /// What the learner is told.
+    pub fn learner(&self, run: Run) -> learner::Settings {
         learner::Settings { run, robot: self.robot, learner: self.scenario.learner.clone() }
     }
 }

@@ -17,6 +17,7 @@
 //! | [`launch`]   | one run from reading to sweeping                                                     |
 //! | [`progress`] | the live line                                                                        |
 //! | [`closing`]  | `summary.json` → the table at the end                                                |
+//! | [`in_process`] | the whole graph in one process, in lock step                                          |
 //! | [`terminal`] | everything that is printed                                                           |
 
 pub mod assembly;
@@ -28,6 +29,7 @@ pub mod epochs;
 pub mod fleet;
 pub mod folder;
 pub mod graph;
+pub mod in_process;
 pub mod launch;
 pub mod options;
 pub mod progress;

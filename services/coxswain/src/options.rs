@@ -2,7 +2,7 @@
 
 use clap::Args;
 use process::Pace;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use tracing_subscriber::EnvFilter;
 
 /// What to launch, and what to change of it.
@@ -34,6 +34,23 @@ pub struct Options {
     /// Another seed of noise and random forces.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=i64::MAX as u64))]
     pub seed: Option<u64>,
+}
+
+impl Options {
+    /// A graph as its files say, with nothing changed.
+    pub fn of_graph(graph: &Path) -> Self {
+        Self {
+            graph: graph.to_owned(),
+            scenario: None,
+            robot: None,
+            duration: None,
+            pace: None,
+            learner: None,
+            out: None,
+            log: "info".into(),
+            seed: None,
+        }
+    }
 }
 
 fn seconds(text: &str) -> Result<f64, String> {

@@ -4,6 +4,7 @@ use crate::{HasRun, Run, Stop};
 use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches, Parser};
 use protocol::message::Participant;
+use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use settings::{Check, Impossible};
@@ -104,6 +105,8 @@ fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow:
     log_panics();
     stop.on_signals().context("signals cannot be caught")?;
     if stop_with_stdin {
+        // A stopped process would not see its input end: the launcher's death wakes it.
+        set_parent_process_death_signal(Some(Signal::CONT)).context("the launcher's death cannot be watched")?;
         let stop = stop.clone();
         let watch = move || {
             stop.at_end_of(io::stdin().lock());

@@ -36,8 +36,6 @@ impl Stop {
     }
 
     /// Lets SIGINT, SIGTERM and SIGHUP ask for the end from now on, instead of ending the process.
-    ///
-    /// The system sends SIGHUP to a stopped process whose launcher died, and wakes it.
     pub(crate) fn on_signals(&self) -> io::Result<()> {
         for signal in [SIGINT, SIGTERM, SIGHUP] {
             flag::register(signal, Arc::clone(&self.requested))?;

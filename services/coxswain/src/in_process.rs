@@ -1,0 +1,120 @@
+//! The whole graph in one process, over memory, in lock step: the very code of the processes, each on a thread of its own.
+//!
+//! It gives the bits of the processes, without their start-up. Files go to the same places of a run's folder.
+
+use crate::assembly::Assembly;
+use process::{Pace, Run, Stop};
+use protocol::message::{Health, Participant, Phase};
+use protocol::port::{Exchange, Identity, OpenError, Ports, Since, Source};
+use recorder::summary::Summary;
+use std::path::Path;
+use std::thread::{self, ScopedJoinHandle};
+use std::time::Duration;
+
+/// How long a writer waits for a reader that does not read.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// How often the ends of the threads are looked for.
+const ROUND: Duration = Duration::from_millis(1);
+
+/// The graph did not come to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum InProcessError {
+    /// The plant.
+    #[error("plant: {0}")]
+    Plant(#[from] plant_sim::run::RunError),
+    /// The controller.
+    #[error("controller: {0}")]
+    Controller(#[from] controller::run::RunError),
+    /// The learner.
+    #[error("learner: {0}")]
+    Learner(#[from] learner::run::RunError),
+    /// The recorder.
+    #[error("recorder: {0}")]
+    Recorder(#[from] recorder::run::RecorderError),
+    /// A port.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// A thread ended with a panic.
+    #[error("the thread of the {0} has died")]
+    Died(&'static str),
+}
+
+/// Runs `assembly` to its end in lock step, and sums it up. `folder` must exist and be empty.
+///
+/// # Errors
+/// [`InProcessError`].
+pub fn run(assembly: &Assembly, folder: &Path) -> Result<Summary, InProcessError> {
+    let exchange = Exchange::new(true, PATIENCE);
+    let mut links = assembly.links("in-process", folder);
+    links.lock_step = true;
+    let told = Run {
+        links,
+        folder: folder.to_path_buf(),
+        log: assembly.log.clone(),
+        epoch_floor: 0,
+        restarted: false,
+        period_nanos: assembly.scenario.period_nanos(),
+        pace: Pace::LockStep,
+    };
+    let identity = || Identity::new(1);
+    let (others, record) = (Stop::new(), Stop::new());
+    let mut ready = Ready { healths: Ports::in_memory(&exchange, identity()).source(Since::First)? };
+    thread::scope(|scope| {
+        let recorder = {
+            let (settings, exchange, stop) = (recorder::settings::Settings { run: told.clone() }, exchange.clone(), record.clone());
+            scope.spawn(move || recorder::run::run(&Ports::in_memory(&exchange, identity()), &settings, &stop))
+        };
+        ready.wait_for(Participant::Recorder, || recorder.is_finished());
+        let learner = assembly.learns().then(|| {
+            let (settings, exchange, stop) = (assembly.learner(told.clone()), exchange.clone(), others.clone());
+            scope.spawn(move || learner::run::run(&settings, &Ports::in_memory(&exchange, identity()), &stop))
+        });
+        if let Some(learner) = &learner {
+            ready.wait_for(Participant::Learner, || learner.is_finished());
+        }
+        let controller = {
+            let (settings, exchange, stop) = (assembly.controller(told.clone()), exchange.clone(), others.clone());
+            scope.spawn(move || controller::run::run(&settings, |identity| Ok(Ports::in_memory(&exchange, identity)), &stop))
+        };
+        ready.wait_for(Participant::Controller, || controller.is_finished());
+        let plant = {
+            let (settings, exchange, stop) = (assembly.plant(told.clone()), exchange.clone(), others.clone());
+            let identity = identity();
+            scope.spawn(move || plant_sim::run::run(&settings, &Ports::in_memory(&exchange, identity), identity, &stop))
+        };
+        let one_has_ended =
+            || controller.is_finished() || recorder.is_finished() || learner.as_ref().is_some_and(ScopedJoinHandle::is_finished);
+        while !plant.is_finished() && !one_has_ended() {
+            thread::sleep(ROUND);
+        }
+        others.request();
+        let plant = plant.join().map_err(|_| InProcessError::Died("plant"))?;
+        controller.join().map_err(|_| InProcessError::Died("controller"))??;
+        if let Some(learner) = learner {
+            learner.join().map_err(|_| InProcessError::Died("learner"))??;
+        }
+        record.request();
+        let summary = recorder.join().map_err(|_| InProcessError::Died("recorder"))??;
+        plant?;
+        Ok(summary)
+    })
+}
+
+/// Knows who is ready.
+struct Ready {
+    healths: Source<Health>,
+}
+
+impl Ready {
+    /// Waits until `participant` says that it is ready, or has ended.
+    fn wait_for(&mut self, participant: Participant, ended: impl Fn() -> bool) {
+        while !ended() {
+            while let Ok(Some(health)) = self.healths.next() {
+                if health.participant() == Some(participant) && health.phase() >= Phase::Ready {
+                    return;
+                }
+            }
+            thread::sleep(ROUND);
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! Promise: bad input gets an error that says what, where and what was expected, and nothing is started.
+
+use promises::{Outcome, launch_command, repository};
+use std::fs;
+use std::path::Path;
+
+/// Copies deploy/ to `to`, with `from` replaced by `by` in one of its files.
+fn deploy_with(to: &Path, file: &str, from: &str, by: &str) -> Outcome {
+    for folder in ["graphs", "robots", "scenarios"] {
+        fs::create_dir_all(to.join(folder))?;
+        for entry in fs::read_dir(repository().join("deploy").join(folder))?.flatten() {
+            fs::copy(entry.path(), to.join(folder).join(entry.file_name()))?;
+        }
+    }
+    let text = fs::read_to_string(to.join(file))?;
+    assert!(text.contains(from), "{file} does not say {from:?}");
+    Ok(fs::write(to.join(file), text.replacen(from, by, 1))?)
+}
+
+#[test]
+fn each_wrong_setting_is_named_with_its_file_and_line_and_nothing_is_started() -> Outcome {
+    for (file, from, by, expected) in [
+        ("scenarios/paper.toml", "mass_kg = 22.0", "mass_kg = -22.0", ["paper.toml:", "mass_kg", "-22"]),
+        ("scenarios/paper.toml", "mass_kg = 22.0", "mass_pounds = 22.0", ["paper.toml:", "mass_pounds", "mass_kg"]),
+        ("scenarios/paper.toml", "horizon_steps = 5 ", "horizon_steps = 500", ["paper.toml:", "horizon_steps", "40"]),
+        ("scenarios/paper.toml", "speed_mps = 2.7", "speed_mps = \"fast\"", ["paper.toml:11", "fast", "expected a number"]),
+        ("robots/mecanum.toml", "wheel_radius_m = 0.05", "wheel_radius_m = 0.0", ["mecanum.toml:", "wheel_radius_m", "greater than 0"]),
+        ("graphs/local.toml", "shared-memory\" ", "carrier-pigeon\" ", ["local.toml:", "carrier-pigeon", "shared-memory"]),
+        ("graphs/local.toml", "paper.toml", "papyrus.toml", ["papyrus.toml", "", ""]),
+        ("graphs/local.toml", "[links]", "[links", ["local.toml:", "", ""]),
+    ] {
+        let home = tempfile::tempdir_in("/tmp")?;
+        deploy_with(home.path(), file, from, by)?;
+        let out = home.path().join("run");
+        let output = launch_command(&home.path().join("graphs/local.toml"), &out, &[])?.env("TMPDIR", home.path()).output()?;
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{by}: {text}");
+        for part in expected {
+            assert!(text.contains(part), "{by}: {part:?} is not in: {text}");
+        }
+        assert!(!out.exists(), "{by}: a folder was made");
+        assert!(text.trim().lines().count() <= 6, "{by}: too many words: {text}");
+    }
+    Ok(())
+}
+
+#[test]
+fn a_folder_that_holds_another_run_is_refused() -> Outcome {
+    let home = tempfile::tempdir_in("/tmp")?;
+    fs::write(home.path().join("precious"), "data")?;
+    let graph = repository().join("deploy/graphs/local.toml");
+    let output = launch_command(&graph, home.path(), &[])?.output()?;
+    assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(fs::read_to_string(home.path().join("precious"))?, "data");
+    Ok(())
+}

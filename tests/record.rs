@@ -1,0 +1,80 @@
+//! What a run recorded, read with nothing but the public reader.
+
+use mcap::io::MessageReader;
+use mcap::sans_io::LinearReaderOptions;
+use serde_json::Value;
+use std::error::Error;
+use std::fs::{self, File};
+use std::io::BufReader;
+use std::path::Path;
+
+/// One recorded message.
+#[derive(Debug, Clone)]
+pub struct Message {
+    /// Its topic.
+    pub topic: String,
+    /// What it says.
+    pub says: Value,
+}
+
+impl Message {
+    /// A number of its stamp.
+    pub fn stamp(&self, field: &str) -> u64 {
+        self.says["stamp"][field].as_u64().unwrap_or(u64::MAX)
+    }
+
+    /// A whole number.
+    pub fn count(&self, field: &str) -> u64 {
+        self.says[field].as_u64().unwrap_or(u64::MAX)
+    }
+
+    /// A word.
+    pub fn word(&self, field: &str) -> &str {
+        self.says[field].as_str().unwrap_or("?")
+    }
+
+    /// Numbers in a row.
+    pub fn numbers(&self, field: &str) -> Vec<f64> {
+        self.says[field].as_array().into_iter().flatten().filter_map(Value::as_f64).collect()
+    }
+}
+
+/// All messages of a run, segment after segment, in the order in which they were recorded.
+#[derive(Debug)]
+pub struct Record {
+    messages: Vec<Message>,
+    /// `summary.json`.
+    pub summary: Value,
+}
+
+impl Record {
+    /// Reads the record in a run's folder. Segments that were cut off are read as far as they go.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn read(folder: &Path) -> Result<Self, Box<dyn Error>> {
+        let mut segments: Vec<_> = fs::read_dir(folder)?.flatten().map(|entry| entry.path()).collect();
+        segments.retain(|path| path.extension().is_some_and(|extension| extension == "mcap"));
+        segments.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
+        let mut messages = Vec::new();
+        for segment in segments {
+            let options = LinearReaderOptions::default().with_skip_end_magic(true);
+            for message in MessageReader::new_with_options(BufReader::new(File::open(segment)?), options) {
+                let Ok(message) = message else { break };
+                messages.push(Message { topic: message.channel.topic.clone(), says: serde_json::from_slice(&message.data)? });
+            }
+        }
+        let summary = serde_json::from_str(&fs::read_to_string(folder.join("summary.json"))?)?;
+        Ok(Self { messages, summary })
+    }
+
+    /// The messages of one topic.
+    pub fn of<'a>(&'a self, topic: &'a str) -> impl DoubleEndedIterator<Item = &'a Message> {
+        self.messages.iter().filter(move |message| message.topic == topic)
+    }
+
+    /// The Health messages of one participant.
+    pub fn health_of<'a>(&'a self, participant: &'a str) -> impl DoubleEndedIterator<Item = &'a Message> {
+        self.of("health").filter(move |message| message.word("participant") == participant)
+    }
+}

@@ -1,0 +1,60 @@
+//! Promise: in lock step the commands are the same bits, in as many processes as one likes and over any carrier.
+
+use coxswain::assembly::Assembly;
+use coxswain::options::Options;
+use promises::{Launched, Outcome, Record, repository};
+use std::error::Error;
+use std::path::Path;
+
+/// Everything that a run commanded: tick, input, tail, model.
+fn commands(folder: &Path) -> Result<Vec<String>, Box<dyn Error>> {
+    let record = Record::read(folder)?;
+    let of = |message: &promises::Message| {
+        format!(
+            "{} {} {} {} {}",
+            message.stamp("tick"),
+            message.says["input"],
+            message.says["tail"],
+            message.says["model_version"],
+            message.says["rung"]
+        )
+    };
+    Ok(record.of("command").map(of).collect())
+}
+
+#[test]
+fn three_runs_of_the_processes_and_one_in_a_single_process_command_the_same_bits() -> Outcome {
+    let mut runs = Vec::new();
+    for _ in 0..3 {
+        let (ended, home) = Launched::new(&["--pace", "lock-step"])?.end()?;
+        assert!(ended.status.success(), "{}", ended.text);
+        runs.push(commands(&home.path().join("run"))?);
+    }
+    let folder = tempfile::tempdir()?;
+    let mut assembly = Assembly::read(&Options::of_graph(&repository().join("deploy/graphs/local.toml")))?;
+    assembly.graph.pace = process::Pace::LockStep;
+    coxswain::in_process::run(&assembly, folder.path())?;
+    runs.push(commands(folder.path())?);
+
+    let [first, others @ ..] = runs.as_slice() else { return Err("no runs".into()) };
+    assert_eq!(first.len(), 251, "one command per state of 25 s at 100 ms");
+    for (number, other) in others.iter().enumerate() {
+        for (ours, theirs) in first.iter().zip(other) {
+            assert_eq!(ours, theirs, "run {} differs", number + 2);
+        }
+        assert_eq!(first.len(), other.len());
+    }
+    Ok(())
+}
+
+#[test]
+fn another_seed_commands_other_bits() -> Outcome {
+    let mut runs = Vec::new();
+    for seed in ["1", "2"] {
+        let (ended, home) = Launched::new(&["--pace", "lock-step", "--duration", "2", "--seed", seed])?.end()?;
+        assert!(ended.status.success(), "{}", ended.text);
+        runs.push(commands(&home.path().join("run"))?);
+    }
+    assert_ne!(runs.first(), runs.last());
+    Ok(())
+}
