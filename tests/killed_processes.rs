@@ -115,14 +115,14 @@ fn a_killed_plant_restarts_at_the_scenarios_start_and_is_driven_again() -> Outco
 #[test]
 fn in_lock_step_the_clock_waits_for_whoever_was_killed() -> Outcome {
     for program in ["learner", "recorder", "controller", "plant-sim"] {
-        let launched = Launched::new(&["--pace", "lock-step", "--duration", "300"])?;
+        let launched = Launched::new(&["--pace", "lock-step", "--duration", "100"])?;
         launched.wait_for_log("controller", "version=5 ", 1)?;
         let pid = launched.process(program, None)?;
         signal(pid, Signal::KILL)?;
         let (ended, home) = launched.end()?;
         assert!(ended.status.success(), "{program}: {}", ended.text);
         let record = Record::read(&home.path().join("run"))?;
-        assert_eq!(last(&record, "state").stamp("tick"), 3000, "{program}");
+        assert_eq!(last(&record, "state").stamp("tick"), 1000, "{program}");
         assert_eq!(record.summary["rungs"]["fresh plan"], record.summary["periods"], "{program}: {}", record.summary);
         nothing_stale_acted(&record);
     }

@@ -165,7 +165,7 @@ impl Reference {
     /// # Errors
     /// [`PointsError`] if a file of points cannot be used.
     pub fn new(settings: &ReferenceSettings, start: &Pose, period: f64, ticks: usize) -> Result<Self, PointsError> {
-        let path = Path::new(&settings.path, start)?;
+        let mut path = Path::new(&settings.path, start)?;
         let mut yaw_before = None;
         let points = (0..=ticks)
             .map(|tick| {

@@ -35,7 +35,7 @@ impl Moment {
 /// A path, ready to be sampled in the order of time.
 #[derive(Debug)]
 pub(super) enum Path {
-    PaperCurve { speed: f64 },
+    PaperCurve { speed: f64, cursor: Cursor },
     Circle { radius: f64, speed: f64 },
     FigureEight { length: f64, width: f64, lap: f64 },
     Square { side: f64, speed: f64 },
@@ -47,7 +47,7 @@ pub(super) enum Path {
 impl Path {
     pub(super) fn new(settings: &PathSettings, start: &Pose) -> Result<Self, PointsError> {
         Ok(match *settings {
-            PathSettings::PaperCurve { speed_mps } => Self::PaperCurve { speed: speed_mps },
+            PathSettings::PaperCurve { speed_mps } => Self::PaperCurve { speed: speed_mps, cursor: Cursor::default() },
             PathSettings::Circle { radius_m, speed_mps } => Self::Circle { radius: radius_m, speed: speed_mps },
             PathSettings::FigureEight { length_m, width_m, lap_s } => Self::FigureEight { length: length_m, width: width_m, lap: lap_s },
             PathSettings::Square { side_m, speed_mps } => Self::Square { side: side_m, speed: speed_mps },
@@ -62,10 +62,11 @@ impl Path {
         })
     }
 
-    pub(super) fn at(&self, time: f64) -> Moment {
+    /// The moment at `time`, which does not run backwards from call to call.
+    pub(super) fn at(&mut self, time: f64) -> Moment {
         match self {
-            Self::PaperCurve { speed } => paper_curve(speed * time, *speed),
-            Self::Circle { radius, speed } => {
+            Self::PaperCurve { speed, cursor } => paper_curve(cursor.follow(*speed * time), *speed),
+            &mut Self::Circle { radius, speed } => {
                 let rate = speed / radius;
                 let (sin, cos) = (rate * time).sin_cos();
                 Moment {
@@ -75,7 +76,7 @@ impl Path {
                     ..Moment::default()
                 }
             }
-            Self::FigureEight { length, width, lap } => {
+            &mut Self::FigureEight { length, width, lap } => {
                 let rate = TAU / lap;
                 let ((s1, c1), (s2, c2)) = ((rate * time).sin_cos(), (2.0 * rate * time).sin_cos());
                 let (a, b) = (0.5 * length, 0.5 * width);
@@ -86,9 +87,9 @@ impl Path {
                     ..Moment::default()
                 }
             }
-            Self::Square { side, speed } => square(*side, *speed, time),
+            &mut Self::Square { side, speed } => square(side, speed, time),
             Self::StopAndGo { profile, pause } => {
-                let cycle = profile.duration() + pause;
+                let cycle = profile.duration() + *pause;
                 let (round, within) = ((time / cycle).floor(), time % cycle);
                 let (distance, speed, acceleration) = profile.at(within);
                 Moment {
@@ -104,23 +105,43 @@ impl Path {
     }
 }
 
-/// y = −½ x sin(x/20) at the arc length `along`.
-fn paper_curve(along: f64, speed: f64) -> Moment {
-    let slope = |x: f64| -0.5 * (x / 20.0).sin() - x / 40.0 * (x / 20.0).cos();
-    // Runge–Kutta of dx/ds = 1/√(1 + y'²) from the origin, in steps of at most 2 cm: exact to 1e-10 m over 70 m.
-    let steps = (along / 0.02).ceil().max(1.0);
-    let h = along / steps;
-    let rate = |x: f64| 1.0 / (1.0 + slope(x) * slope(x)).sqrt();
-    let mut x = 0.0;
-    for _ in 0..steps as usize {
-        let k1 = rate(x);
-        let k2 = rate(x + 0.5 * h * k1);
-        let k3 = rate(x + 0.5 * h * k2);
-        let k4 = rate(x + h * k3);
-        x += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4);
+/// How far the paper's curve has been followed.
+#[derive(Debug, Default)]
+pub(super) struct Cursor {
+    along: f64,
+    x: f64,
+}
+
+/// Slope of y = −½ x sin(x/20).
+fn paper_slope(x: f64) -> f64 {
+    -0.5 * (x / 20.0).sin() - x / 40.0 * (x / 20.0).cos()
+}
+
+impl Cursor {
+    /// x at the arc length `along`, not smaller than the one before.
+    ///
+    /// Runge–Kutta of dx/ds = 1/√(1 + y'²) in steps of at most 10 cm: exact to 1e-10 m over 70 m.
+    fn follow(&mut self, along: f64) -> f64 {
+        let rate = |x: f64| 1.0 / (1.0 + paper_slope(x).powi(2)).sqrt();
+        let steps = ((along - self.along) / 0.1).ceil().max(0.0);
+        let h = (along - self.along) / steps.max(1.0);
+        for _ in 0..steps as usize {
+            let k1 = rate(self.x);
+            let k2 = rate(self.x + 0.5 * h * k1);
+            let k3 = rate(self.x + 0.5 * h * k2);
+            let k4 = rate(self.x + h * k3);
+            self.x += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4);
+        }
+        self.along = self.along.max(along);
+        self.x
     }
+}
+
+/// y = −½ x sin(x/20) at x.
+fn paper_curve(x: f64, speed: f64) -> Moment {
     let bend = -0.05 * (x / 20.0).cos() + x / 800.0 * (x / 20.0).sin();
-    let (dy, dx) = (slope(x), rate(x));
+    let dy = paper_slope(x);
+    let dx = 1.0 / (1.0 + dy * dy).sqrt();
     let turn = speed * speed * bend * dx.powi(4);
     Moment {
         position: [x, -0.5 * x * (x / 20.0).sin()],

@@ -1,0 +1,115 @@
+//! One control tick of the paper's scenario: observe, answer, explain; with the main model alone and with a learned one of 120 points.
+//!
+//! `cargo bench -p controller --bench control_tick`
+
+use controller::adopt::{Candidate, Handover};
+use controller::control::Controller;
+use controller::settings::{LearnedSettings, MpcSettings, Settings, StateLimits, Weights};
+use criterion::{Criterion, criterion_group, criterion_main};
+use model::gp::hyperparameters::Hyperparameters;
+use model::gp::normalisation::Normalisation;
+use model::gp::posterior::{Posterior, PosteriorError, VarianceScratch};
+use model::learned::{INPUTS, Layout, Learned};
+use model::robot::{Body, Drive, Geometry, Limits, Robot};
+use process::{Pace, Run};
+use protocol::message::{PlantState, Rung};
+use protocol::port::{Carrier, Links};
+use std::hint::black_box;
+
+const POINTS: usize = 120;
+
+fn settings() -> Settings {
+    let links = Links { graph: "bench".into(), lock_step: true, root: "/tmp".into(), patience_millis: 0, carrier: Carrier::SharedMemory };
+    Settings {
+        run: Run {
+            links,
+            folder: "/tmp".into(),
+            log: "off".into(),
+            epoch_floor: 0,
+            restarted: false,
+            period_nanos: 100_000_000,
+            pace: Pace::LockStep,
+        },
+        duration_s: 25.0,
+        start: [0.0; 3],
+        robot: Robot {
+            geometry: Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 },
+            body: Body { mass_kg: 15.0, yaw_inertia_kg_m2: 0.6, wheel_inertia_kg_m2: 2e-3, axle_friction_nms: 2e-3 },
+            drive: Drive {
+                pole_pairs: 4.0,
+                torque_constant_nm_per_a: 0.04,
+                speed_loop_gain_a_s_per_rad: 0.5,
+                current_limit_a: 20.0,
+                wheel_speed_limit_radps: 120.0,
+            },
+            limits: Limits {
+                input_mps: 5.0,
+                yaw_input_radps: 6.0,
+                input_rate_mps2: 60.0,
+                yaw_input_rate_radps2: 120.0,
+                brake_mps2: 8.0,
+                yaw_brake_radps2: 16.0,
+            },
+        },
+        reference: controller::reference::ReferenceSettings {
+            path: controller::reference::PathSettings::PaperCurve { speed_mps: 2.7 },
+            heading: controller::reference::Heading::Tangent,
+        },
+        mpc: MpcSettings {
+            horizon_steps: 5,
+            control_horizon_steps: 3,
+            weights: Weights {
+                position: 10.0,
+                heading: 5.0,
+                velocity: 2.0,
+                yaw_rate: 1.0,
+                input: 0.05,
+                input_change: 0.2,
+                terminal_factor: 3.0,
+            },
+            state_limits: StateLimits { heading_rad: Some(1.047), speed_mps: None },
+            observer_gain: 0.0,
+        },
+        learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3 },
+    }
+}
+
+/// A learned model of so many points along a drive at the scenario's speed.
+fn candidate() -> Result<Box<Candidate>, PosteriorError> {
+    let normalisation = Normalisation { mean: [0.0; INPUTS], scale: [0.5; INPUTS] };
+    let wave = |i: usize, k: f64| (k * i as f64).sin();
+    let inputs: Vec<[f64; INPUTS]> =
+        (0..POINTS).map(|i| [2.7 + 0.3 * wave(i, 0.7), 0.2 * wave(i, 1.1), 0.2 * wave(i, 0.3), 0.3, 0.0, 0.1 * wave(i, 1.9)]).collect();
+    let inputs: Vec<[f64; INPUTS]> = inputs.iter().map(|input| normalisation.apply(input)).collect();
+    let targets: Vec<[f64; 3]> = (0..POINTS).map(|i| [-0.09 + 0.01 * wave(i, 0.9), 0.02 * wave(i, 1.3), 0.02 * wave(i, 0.2)]).collect();
+    let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([4.0; INPUTS], 0.01, 1e-5); 3])?;
+    let learned = Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [0.5; 3] };
+    Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(POINTS) }))
+}
+
+fn control_tick(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("control tick");
+    for learned in [false, true] {
+        let Ok(mut controller) = Controller::new(&settings()) else { return };
+        if learned && let Ok(candidate) = candidate() {
+            drop(controller.adopt(candidate));
+        }
+        let handover = Handover::default();
+        let mut state: PlantState = bytemuck::Zeroable::zeroed();
+        (state.stamp.epoch, state.stamp.tick, state.rung) = (1, 0, Rung::FreshPlan.code());
+        (state.velocity, state.input) = ([2.7, 0.0, 0.0], [2.7, 0.0, 0.0]);
+        group.bench_function(if learned { "120 points" } else { "main model" }, |bencher| {
+            bencher.iter(|| {
+                state.stamp.tick = (state.stamp.tick + 1) % 200;
+                state.pose = [0.27 * state.stamp.tick as f64, 0.0, 0.0];
+                black_box(controller.observe(&state, &handover, 1));
+                black_box(controller.answer(&state, &handover));
+                black_box(controller.explain(0));
+            });
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, control_tick);
+criterion_main!(benches);
