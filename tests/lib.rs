@@ -21,7 +21,7 @@ use tempfile::TempDir;
 pub type Outcome = Result<(), Box<dyn Error>>;
 
 /// How long something that must happen may take before the test gives up on it. Far beyond what it takes.
-const GIVES_UP_AFTER: Duration = Duration::from_secs(120);
+const GIVES_UP_AFTER: Duration = Duration::from_mins(2);
 
 /// The repository.
 pub fn repository() -> &'static Path {

@@ -3,7 +3,7 @@
 //! | module        | what it does                                                              |
 //! |---------------|---------------------------------------------------------------------------|
 //! | [`settings`]  | what a person may set                                                     |
-//! | [`reference`] | what to follow: pose and velocity per tick                                |
+//! | [`mod@reference`] | what to follow: pose and velocity per tick                                |
 //! | [`mpc`]       | state, reference and belief in, plan out: one real-time iteration         |
 //! | [`adopt`]     | model snapshots in: judged and prepared beside the control thread         |
 //! | [`fallback`]  | what to command when the optimiser has no answer                          |

@@ -55,7 +55,7 @@ impl<'a> Window<'a> {
 /// First time from which on `value` stays within `band` to the end \[s\].
 pub(super) fn settled_at(deviations: &[Deviation], value: impl Fn(&Deviation) -> f64, band: f64) -> Option<f64> {
     let settled = deviations.iter().rev().take_while(|deviation| value(deviation) <= band);
-    settled.last().map(|deviation| deviation.nanos as f64 * 1e-9)
+    settled.last().map(|deviation| deviation.nanos as f64 / 1e9)
 }
 
 /// The largest of `values`.
