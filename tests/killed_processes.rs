@@ -128,3 +128,18 @@ fn in_lock_step_the_clock_waits_for_whoever_was_killed() -> Outcome {
     }
     Ok(())
 }
+
+#[test]
+fn in_lock_step_a_learner_that_dies_before_its_first_model_does_not_stop_the_clock_for_good() -> Outcome {
+    let launched = Launched::new(&["--pace", "lock-step", "--duration", "20"])?;
+    signal(launched.process("learner", None)?, Signal::KILL)?;
+    let (ended, home) = launched.end()?;
+    // Killed before it was ready, it ends the run with its name; killed later, it is started again and the run goes to its end.
+    if ended.status.success() {
+        let record = Record::read(&home.path().join("run"))?;
+        assert_eq!(last(&record, "state").stamp("tick"), 200);
+    } else {
+        assert!(ended.text.contains("learner"), "{}", ended.text);
+    }
+    Ok(())
+}

@@ -17,9 +17,8 @@ pub struct Robot {
     decision: Decision,
     /// Rung and reason of the past period.
     past: (Rung, Reason),
-    /// Input that the wheels got, time-weighted over the present period.
-    input_sum: [f64; 3],
-    input_nanos: u64,
+    /// How far the world has run.
+    at: u64,
 }
 
 impl Robot {
@@ -34,17 +33,14 @@ impl Robot {
             geometry: settings.robot.geometry,
             decision,
             past: (Rung::Waiting, Reason::NoCommandYet),
-            input_sum: [0.0; 3],
-            input_nanos: 0,
+            at: 0,
         }
     }
 
     /// Measures, and begins the period of `tick` at `now`.
     pub fn begin_period(&mut self, tick: u64, now: u64) -> (PlantState, Truth) {
         self.gate.begin_period(tick, now);
-        let (state, truth) = (self.measure(tick), self.tell_truth(tick));
-        (self.input_sum, self.input_nanos) = ([0.0; 3], 0);
-        (state, truth)
+        (self.measure(tick), self.tell_truth(tick))
     }
 
     /// Offers a command that came at `now` to the gate.
@@ -62,17 +58,11 @@ impl Robot {
 
     /// Lets the world run until `now`, the gate deciding anew every [`SLICE_NANOS`].
     pub fn advance(&mut self, now: u64) {
-        let mut at = self.world.time_nanos();
-        while at < now {
-            let slice = SLICE_NANOS.min(now - at);
-            self.decision = self.gate.decide(at);
+        while self.at < now {
+            let slice = SLICE_NANOS.min(now - self.at);
+            self.decision = self.gate.decide(self.at);
             self.world.advance(slice, self.decision.input);
-            let applied = self.world.input_applied();
-            for (sum, input) in self.input_sum.iter_mut().zip(applied) {
-                *sum += input * slice as f64;
-            }
-            self.input_nanos += slice;
-            at += slice;
+            self.at += slice;
         }
     }
 
@@ -83,23 +73,18 @@ impl Robot {
         self.past.0
     }
 
-    /// Whether a command for `tick` has been accepted.
-    pub fn accepted(&self, tick: u64) -> bool {
-        self.gate.accepted().is_some_and(|(_, accepted)| accepted == tick)
-    }
-
     fn measure(&mut self, tick: u64) -> PlantState {
         let measured = self.world.measure();
+        if measured.pose.iter().chain(&measured.velocity).any(|value| !value.is_finite()) {
+            self.gate.latch(); // a robot that does not know where it is stands until a person looks after it
+        }
         let mut state: PlantState = bytemuck::Zeroable::zeroed();
         state.stamp.tick = tick;
         state.pose = measured.pose;
         state.velocity = measured.velocity;
         state.wheel_speed = measured.wheel_speed;
         state.current = measured.current;
-        state.input = match self.input_nanos {
-            0 => [0.0; 3],
-            nanos => self.input_sum.map(|sum| sum / nanos as f64),
-        };
+        state.input = self.world.take_mean_input();
         state.controller_epoch = self.gate.controller_epoch();
         (state.accepted_epoch, state.accepted_tick) = self.gate.accepted().unwrap_or_default();
         state.refused = self.gate.refused();

@@ -58,6 +58,7 @@ struct Plant<'a> {
     pulse: Pulse,
     /// Malformed commands that the gate has been told of.
     malformed: u64,
+    epoch: u64,
     driven: bool,
 }
 
@@ -75,6 +76,7 @@ impl<'a> Plant<'a> {
             credits: ports.source(Since::Joining)?,
             pulse: Pulse::new(ports, Participant::Plant)?,
             malformed: 0,
+            epoch: identity.epoch,
             driven: false,
         })
     }
@@ -99,6 +101,7 @@ impl<'a> Plant<'a> {
                 let stalled = woken.saturating_sub(now + nap);
                 if stalled > STALL_NANOS {
                     origin += stalled;
+                    self.pulse.health().stalled_nanos += stalled;
                     tracing::warn!(tick, micros = stalled / 1000, "the machine kept the simulator from running; its world stood still");
                 }
                 let now = (monotonic_nanos() - origin).min(end);
@@ -155,7 +158,7 @@ impl<'a> Plant<'a> {
     fn answered(&mut self, tick: u64, now: u64) -> Result<bool, RunError> {
         while let Some(command) = self.commands.next()? {
             self.offer(&command, now);
-            if command.stamp.tick == tick {
+            if command.stamp.tick == tick && command.plant_epoch == self.epoch {
                 return Ok(true);
             }
         }

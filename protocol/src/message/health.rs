@@ -28,6 +28,8 @@ pub struct Health {
     pub deadlines_met: u64,
     /// Periods that it did not.
     pub deadlines_missed: u64,
+    /// Time that the machine kept it from running and that it took out of its clock: of the simulator only \[ns\].
+    pub stalled_nanos: u64,
     /// Version of the learned model in use, or last published; 0 is none.
     pub model_version: u64,
     /// Model snapshots published (learner) or adopted (controller).

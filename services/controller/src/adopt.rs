@@ -14,10 +14,13 @@ use model::gp::posterior::{Posterior, PosteriorError, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
 use model::{AXES, Velocity};
 use protocol::message::{ModelSnapshot, Reason, Rung, SnapshotHead};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Largest relative difference between the α that came and the α worked out here.
 const WEIGHT_TOLERANCE: f64 = 1e-5;
+
+/// Most points of a model.
+const POINTS_MAX: usize = 2_000;
 
 /// What this controller can use.
 #[derive(Debug, Clone, Copy)]
@@ -46,6 +49,14 @@ pub enum Refusal {
     /// Another number of inputs.
     #[error("snapshot {version} has {got} inputs, this controller {INPUTS}")]
     Inputs {
+        /// Of the snapshot.
+        version: u64,
+        /// How many it has.
+        got: u32,
+    },
+    /// More points than can be factorised and asked in a period.
+    #[error("snapshot {version} has {got} points, this controller takes {POINTS_MAX} at most")]
+    Points {
         /// Of the snapshot.
         version: u64,
         /// How many it has.
@@ -149,6 +160,8 @@ pub struct Handover {
     pub events_dropped: AtomicU64,
     /// Snapshots refused.
     pub refused: AtomicU64,
+    /// The attendant has ended.
+    pub attendant_gone: AtomicBool,
     /// Snapshots received, lost and malformed on the way, as the attendant's source counted them.
     pub snapshots: [AtomicU64; 3],
 }
@@ -161,6 +174,7 @@ impl Default for Handover {
             events: ArrayQueue::new(256),
             events_dropped: AtomicU64::new(0),
             refused: AtomicU64::new(0),
+            attendant_gone: AtomicBool::new(false),
             snapshots: Default::default(),
         }
     }
@@ -177,7 +191,7 @@ impl Handover {
 
 /// Judges a snapshot and makes its posterior anew from its data.
 ///
-/// An axis on which the learned model was no better than the main model alone on samples that it had not seen is left out of it.
+/// An axis on which the learned model was not at least as good as the main model alone on samples that it had not seen is left out of it.
 ///
 /// # Errors
 /// [`Refusal`] if it does not belong to this controller, or is damaged.
@@ -189,6 +203,9 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
     }
     if head.inputs as usize != INPUTS {
         return Err(Refusal::Inputs { version, got: head.inputs });
+    }
+    if head.points as usize > POINTS_MAX {
+        return Err(Refusal::Points { version, got: head.points });
     }
     let normalisation = normalisation(head).ok_or(Refusal::Normalisation { version })?;
     let hyperparameters = std::array::from_fn(|axis| {
@@ -204,7 +221,7 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
     if difference > WEIGHT_TOLERANCE {
         return Err(Refusal::Weights { version, difference });
     }
-    let proven = |axis: usize| head.score_samples == 0 || head.score_learned[axis] <= head.score_main[axis];
+    let proven = |axis: usize| head.score_samples > 0 && head.score_learned[axis] <= head.score_main[axis];
     let bound = std::array::from_fn(|axis| if proven(axis) { expected.bound[axis] } else { 0.0 });
     let scratch = VarianceScratch::new(inputs.len());
     let learned = Learned { layout: expected.layout, normalisation, posterior, bound };

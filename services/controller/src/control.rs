@@ -73,7 +73,7 @@ impl Controller {
             main,
             mpc,
             ladder: Ladder::default(),
-            observer: Observer::new(settings.mpc.observer_gain),
+            observer: Observer::new(settings.mpc.observer_gain, Self::expected(settings).bound),
             active: None,
             plant_epoch: None,
             before: None,
@@ -130,6 +130,8 @@ impl Controller {
             sample.input = state.input;
             sample.residual = self.residual;
             sample.usable = u32::from(matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr));
+        }
+        if input_known {
             self.last_input = state.input;
         }
         self.before = now.is_finite().then_some(Before { tick: state.stamp.tick, state: now });
@@ -186,7 +188,8 @@ impl Controller {
         self.mpc.shift();
         let solved = self.mpc.iterate(measured, &self.last_input, &self.points, &belief);
         let point = self.points.first().copied().unwrap_or_default();
-        let (rung, input) = self.ladder.choose(solved.outcome.usable(), &self.mpc, measured, &point, &self.last_input);
+        let main_target = self.mpc.main_target(&self.main, &point, measured.pose[2], &self.observer.disturbance());
+        let (rung, input) = self.ladder.choose(solved.outcome, &self.mpc, measured, &point, &main_target, &self.last_input);
         let reason = if rung == Rung::FreshPlan { Reason::None } else { Reason::SolverFailed };
         (rung, reason, input, Some(solved))
     }
@@ -209,13 +212,17 @@ impl Controller {
         command.model_version = self.active.as_ref().map_or(0, |active| active.version);
         command.rung = rung.code();
         command.input = input;
+        // Without a plan the input is held: the gate plays two periods of it at most before it brakes.
+        let planned = matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan);
+        let limits = self.mpc.limits();
+        let (mut before, mut next) = (input, self.mpc.stages().iter().skip(1));
         command.tail = [[0.0; 3]; TAIL_MAX];
-        command.tail_len = 0;
-        if matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan) {
-            for (slot, stage) in command.tail.iter_mut().zip(self.mpc.stages().iter().skip(1)) {
-                *slot = stage.input;
-                command.tail_len += 1;
-            }
+        command.tail_len = TAIL_MAX as u32;
+        for slot in &mut command.tail {
+            let wished = if planned { next.next().map_or(before, |stage| stage.input) } else { input };
+            // Beyond the free inputs the target may leap where the reference does; the wheels cannot.
+            before = limits.reach(&wished, &before);
+            *slot = before;
         }
     }
 
@@ -247,5 +254,105 @@ impl Controller {
         for (slot, stage) in plan.variance.iter_mut().zip(self.mpc.stages()) {
             *slot = active.learned.variance(&stage.state.velocity, &stage.input, &mut active.scratch);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mpc::tests::{robot, settings};
+    use crate::reference::{Heading, PathSettings, ReferenceSettings};
+    use crate::settings::LearnedSettings;
+    use model::gp::hyperparameters::Hyperparameters;
+    use model::gp::normalisation::Normalisation;
+    use model::gp::posterior::{Posterior, VarianceScratch};
+    use model::learned::{INPUTS, Layout, Learned};
+    use process::{Pace, Run};
+    use protocol::port::{Carrier, Links};
+
+    fn controller() -> Result<Controller, ControllerError> {
+        let links =
+            Links { graph: "test".into(), lock_step: true, root: "/tmp".into(), patience_millis: 0, carrier: Carrier::SharedMemory };
+        Controller::new(&Settings {
+            run: Run {
+                links,
+                folder: "/tmp".into(),
+                log: "off".into(),
+                epoch_floor: 0,
+                restarted: false,
+                period_nanos: 100_000_000,
+                pace: Pace::LockStep,
+            },
+            duration_s: 10.0,
+            start: [0.0; 3],
+            robot: robot(),
+            reference: ReferenceSettings { path: PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 }, heading: Heading::Tangent },
+            mpc: settings(),
+            learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3 },
+        })
+    }
+
+    fn state(tick: u64) -> PlantState {
+        let mut state: PlantState = bytemuck::Zeroable::zeroed();
+        (state.stamp.epoch, state.stamp.tick, state.rung) = (1, tick, Rung::FreshPlan.code());
+        state
+    }
+
+    fn answer(controller: &mut Controller, state: &PlantState) -> Command {
+        let handover = Handover::default();
+        controller.observe(state, &handover, 1);
+        *controller.answer(state, &handover)
+    }
+
+    /// A model whose every answer is not a number.
+    fn nonsense() -> Result<Box<Candidate>, Box<dyn std::error::Error>> {
+        let normalisation = Normalisation { mean: [f64::NAN; INPUTS], scale: [1.0; INPUTS] };
+        let hyperparameters = [Hyperparameters::new([1.0; INPUTS], 1.0, 1e-2); 3];
+        let posterior = Posterior::new(&[[0.0; INPUTS]], &[[0.1; 3]], &hyperparameters)?;
+        let learned = Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [1.0; 3] };
+        Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(1) }))
+    }
+
+    #[test]
+    fn a_model_that_says_nonsense_costs_the_plan_but_neither_the_lqr_nor_the_tail() -> Result<(), Box<dyn std::error::Error>> {
+        let mut controller = controller()?;
+        assert_eq!(answer(&mut controller, &state(0)).rung(), Rung::FreshPlan);
+        let good = nonsense()?;
+        drop(controller.adopt(good));
+        let command = answer(&mut controller, &state(1));
+        assert_eq!(command.rung(), Rung::Lqr);
+        assert!(command.input.iter().chain(command.tail().iter().flatten()).all(|value| value.is_finite()), "{command:?}");
+        assert_eq!(command.tail().len(), TAIL_MAX);
+        controller.active = None;
+        controller.observer.reset();
+        assert_eq!(answer(&mut controller, &state(2)).rung(), Rung::FreshPlan, "once the model is gone the plan is back");
+        Ok(())
+    }
+
+    #[test]
+    fn a_state_that_is_no_number_is_answered_with_the_brake() -> Result<(), Box<dyn std::error::Error>> {
+        let mut controller = controller()?;
+        answer(&mut controller, &state(0));
+        let mut blind = state(1);
+        blind.velocity[1] = f64::NAN;
+        let command = answer(&mut controller, &blind);
+        assert_eq!((command.rung(), command.input), (Rung::Brake, [0.0; 3]));
+        assert_eq!(answer(&mut controller, &state(2)).rung(), Rung::FreshPlan);
+        Ok(())
+    }
+
+    #[test]
+    fn a_plant_of_another_epoch_begins_with_nothing_remembered() -> Result<(), Box<dyn std::error::Error>> {
+        let (mut used, mut fresh) = (controller()?, controller()?);
+        for tick in 0..10 {
+            let mut moving = state(tick);
+            (moving.velocity, moving.input) = ([1.0, 0.2, 0.1], [1.4, 0.0, 0.2]);
+            answer(&mut used, &moving);
+        }
+        let mut reborn = state(0);
+        reborn.stamp.epoch = 2;
+        let (ours, theirs) = (answer(&mut used, &reborn), answer(&mut fresh, &reborn));
+        assert_eq!((ours.input, ours.tail), (theirs.input, theirs.tail));
+        Ok(())
     }
 }

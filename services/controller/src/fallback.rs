@@ -1,6 +1,6 @@
 //! What to command when the optimiser has no answer: the previous plan shifted, then the LQR on the main model.
 
-use crate::mpc::{Mpc, TrackingError};
+use crate::mpc::{Mpc, Outcome, Status, TrackingError};
 use crate::reference::ReferencePoint;
 use model::{State, Velocity};
 use protocol::message::Rung;
@@ -17,9 +17,22 @@ pub struct Ladder {
 
 impl Ladder {
     /// The rung and the input for this period. Does not allocate.
-    pub fn choose(&mut self, solved: bool, mpc: &Mpc, state: &State, point: &ReferencePoint, last_input: &Velocity) -> (Rung, Velocity) {
+    ///
+    /// `main_target` is the input that holds the reference `point` by the main model alone: the LQR trusts nothing that was learnt.
+    pub fn choose(
+        &mut self,
+        outcome: Outcome,
+        mpc: &Mpc,
+        state: &State,
+        point: &ReferencePoint,
+        main_target: &Velocity,
+        last_input: &Velocity,
+    ) -> (Rung, Velocity) {
         let planned = mpc.stages().first().copied().unwrap_or_default();
-        if solved {
+        if outcome.status == Status::Unpredictable {
+            self.reset();
+        }
+        if outcome.usable() {
             self.shifts = Some(0);
             return (Rung::FreshPlan, planned.input);
         }
@@ -30,7 +43,7 @@ impl Ladder {
             }
             _ => {
                 let error = TrackingError::new(state, point);
-                (Rung::Lqr, mpc.limits().reach(&mpc.cost().lqr_input(&error, &planned.target), last_input))
+                (Rung::Lqr, mpc.limits().reach(&mpc.cost().lqr_input(&error, main_target), last_input))
             }
         }
     }

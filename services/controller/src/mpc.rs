@@ -169,6 +169,11 @@ impl Mpc {
     pub fn iterate(&mut self, state: &State, last_input: &Velocity, reference: &[ReferencePoint], belief: &Belief<'_>) -> Solved {
         let begin = monotonic_nanos();
         self.roll_out(state, reference, belief);
+        if !self.predictable() {
+            self.reset();
+            let outcome = Outcome { status: Status::Unpredictable, iterations: 0 };
+            return Solved { outcome, linearise_nanos: monotonic_nanos() - begin, solve_nanos: 0 };
+        }
         self.condensed.propagate(&self.steps);
         let linearised = monotonic_nanos();
         self.build(last_input, reference);
@@ -180,6 +185,17 @@ impl Mpc {
             self.apply();
         }
         Solved { outcome, linearise_nanos: linearised - begin, solve_nanos: monotonic_nanos() - linearised }
+    }
+
+    /// Input that holds `point` by the main model and a disturbance alone, for a robot that looks along `yaw`.
+    pub fn main_target(&self, main: &MainModel, point: &ReferencePoint, yaw: f64, disturbance: &Velocity) -> Velocity {
+        self.limits.clamp(&main.holding_input(&target::velocity_to_hold(point, yaw), disturbance))
+    }
+
+    fn predictable(&self) -> bool {
+        let finite = |stage: &Stage| stage.state.is_finite() && stage.input.iter().chain(&stage.target).all(|value| value.is_finite());
+        let linear = |step: &Linearised| step.by_state.iter().chain(step.by_input.iter()).all(|value| value.is_finite());
+        self.terminal.is_finite() && self.stages.iter().all(finite) && self.steps.iter().all(linear)
     }
 
     /// Targets, inputs and states along the present plan, and the Jacobians there.

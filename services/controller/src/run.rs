@@ -8,7 +8,7 @@ use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample};
 use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 use protocol::topic::Topic;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, Thread};
 use std::time::Duration;
 
@@ -46,7 +46,8 @@ pub fn run(settings: &Settings, connect: impl Fn(Identity) -> Result<Ports, Open
     let control_thread = thread::current();
     thread::scope(|scope| {
         let attendant = scope.spawn(|| attend(settings, &connect, identity, &handover, &done, &control_thread));
-        let result = Loop::new(settings, &connect(identity)?, &handover).and_then(|mut control| control.run(stop));
+        let ports = connect(identity).map_err(RunError::from);
+        let result = ports.and_then(|ports| Loop::new(settings, &ports, &handover)?.run(stop));
         done.request();
         attendant.join().map_err(|_| RunError::Attendant)??;
         result
@@ -92,6 +93,7 @@ impl<'a> Loop<'a> {
         self.pulse.phase(Phase::Ready);
         while !stop.requested() {
             self.states.wait(PATIENCE)?;
+            self.watch_attendant()?;
             let state = match self.settings.run.pace {
                 Pace::RealTime => self.states.latest()?,
                 Pace::LockStep => self.states.next()?,
@@ -110,7 +112,7 @@ impl<'a> Loop<'a> {
     fn step(&mut self, state: &PlantState, stop: &Stop) -> Result<(), RunError> {
         let begin = monotonic_nanos();
         let (plant_epoch, tick) = (state.stamp.epoch, state.stamp.tick);
-        if self.answered.is_some_and(|(epoch, answered)| epoch == plant_epoch && answered >= tick) {
+        if self.answered.is_some_and(|answered| answered >= (plant_epoch, tick)) {
             return Ok(());
         }
         let epoch = self.claim_epoch(state);
@@ -118,14 +120,29 @@ impl<'a> Loop<'a> {
         self.commands.send(self.controller.answer(state, self.handover))?;
         let nanos = monotonic_nanos() - begin;
 
-        self.residuals.send(&mut sample)?;
-        self.plans.send(self.controller.explain(nanos))?;
+        let residual = self.residuals.send(&mut sample);
+        self.beside_control(residual)?;
+        let plan = self.plans.send(self.controller.explain(nanos));
+        self.beside_control(plan)?;
         self.count(plant_epoch, tick, nanos);
         match self.settings.run.pace {
             Pace::RealTime => self.take_newest(tick),
             Pace::LockStep => self.take_due(tick + 1, stop)?,
         }
         Ok(())
+    }
+
+    /// What the robot does not depend on: a message to learner or watchers that cannot be sent ends a run in lock step, which loses
+    /// nothing, but never a drive in real time.
+    fn beside_control(&mut self, sent: Result<(), SendError>) -> Result<(), RunError> {
+        match (sent, self.settings.run.pace) {
+            (Err(error), Pace::LockStep) => Err(error.into()),
+            (Err(_), Pace::RealTime) => {
+                self.pulse.health().set_last_error("a message to the learner or to watchers could not be sent");
+                Ok(())
+            }
+            (Ok(()), _) => Ok(()),
+        }
     }
 
     /// One more than every epoch that has been: of those the gate has seen, and of those the launcher has given out.
@@ -141,6 +158,19 @@ impl<'a> Loop<'a> {
         self.pulse.phase(Phase::Running);
         self.epoch = Some(epoch);
         epoch
+    }
+
+    /// Without the attendant no model comes any more: in lock step that is the end, in real time the robot drives on with what it has.
+    fn watch_attendant(&mut self) -> Result<(), RunError> {
+        if !self.handover.attendant_gone.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        if self.settings.run.pace == Pace::LockStep {
+            return Err(RunError::Attendant);
+        }
+        self.pulse.health().set_last_error("the thread that prepares models has ended");
+        self.pulse.phase(Phase::Degraded);
+        Ok(())
     }
 
     fn count(&mut self, plant_epoch: u64, tick: u64, nanos: u64) {
@@ -183,6 +213,7 @@ impl<'a> Loop<'a> {
                 Some(Arrival::Refused { effective_tick }) if effective_tick >= tick => return Ok(()),
                 Some(Arrival::Refused { .. }) => {}
                 None => {
+                    self.watch_attendant()?;
                     thread::park_timeout(PATIENCE);
                     // A learner that has been restarted needs the last sample to know how far time has come.
                     self.residuals.refresh()?;
@@ -222,6 +253,15 @@ impl<'a> Loop<'a> {
     }
 }
 
+/// Says that the attendant has gone, however it goes.
+struct Gone<'a>(&'a AtomicBool);
+
+impl Drop for Gone<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 /// The attendant: prepares models, frees old ones, writes events to the log.
 fn attend(
     settings: &Settings,
@@ -231,6 +271,7 @@ fn attend(
     done: &Stop,
     control_thread: &Thread,
 ) -> Result<(), RunError> {
+    let _gone = Gone(&handover.attendant_gone);
     let ports = connect(identity)?;
     let mut snapshots: Source<ModelSnapshot> = ports.source(Since::Joining)?;
     let expected = Controller::expected(settings);

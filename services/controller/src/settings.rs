@@ -95,8 +95,8 @@ impl MpcSettings {
     /// [`Impossible`] names the first setting that cannot be.
     pub fn check(&self) -> Result<(), Impossible> {
         let impossible = |key: &str, expected: &str| Err(Impossible { key: key.into(), expected: expected.into() });
-        if !(1..=HORIZON_MAX).contains(&self.horizon_steps) {
-            return impossible("horizon_steps", &format!("1 to {HORIZON_MAX} periods"));
+        if !(3..=HORIZON_MAX).contains(&self.horizon_steps) {
+            return impossible("horizon_steps", &format!("3 to {HORIZON_MAX} periods"));
         }
         if !(1..=self.horizon_steps).contains(&self.control_horizon_steps) {
             return impossible("control_horizon_steps", &format!("1 to horizon_steps = {} periods", self.horizon_steps));

@@ -1,5 +1,6 @@
 //! What a person may say on the command line.
 
+use crate::scenario::DURATION_MAX_S;
 use clap::Args;
 use process::Pace;
 use std::path::{Path, PathBuf};
@@ -54,8 +55,8 @@ impl Options {
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds: &f64| seconds.is_finite() && *seconds > 0.0);
-    seconds.ok_or_else(|| "expected a finite number of seconds greater than 0".into())
+    let seconds = text.parse().ok().filter(|seconds: &f64| *seconds > 0.0 && *seconds <= DURATION_MAX_S);
+    seconds.ok_or_else(|| format!("expected seconds: more than 0 and at most {DURATION_MAX_S}"))
 }
 
 fn pace(text: &str) -> Result<Pace, String> {
@@ -88,7 +89,7 @@ mod tests {
     #[test]
     fn only_a_time_that_can_pass_is_a_duration() {
         assert_eq!(seconds("2.5"), Ok(2.5));
-        for text in ["0", "-1", "nan", "inf", "soon"] {
+        for text in ["0", "-1", "nan", "inf", "1e300", "soon"] {
             assert!(seconds(text).is_err(), "{text}");
         }
     }

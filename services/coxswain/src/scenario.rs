@@ -8,7 +8,7 @@ use serde::Deserialize;
 use settings::{Check, Impossible};
 
 /// Longest run \[s\].
-pub const DURATION_MAX_S: f64 = 1e6;
+pub const DURATION_MAX_S: f64 = 1e4;
 
 /// What a scenario file holds.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -47,7 +47,7 @@ impl Check for Scenario {
             return Err(Impossible::new("period_millis", "1 to 1000 ms"));
         }
         if !(self.duration_s > 0.0 && self.duration_s <= DURATION_MAX_S) {
-            return Err(Impossible::new("duration_s", "more than 0 and at most 1000000 s"));
+            return Err(Impossible::new("duration_s", "more than 0 and at most 10000 s"));
         }
         if i64::try_from(self.seed).is_err() {
             return Err(Impossible::new("seed", "at most 9223372036854775807, the largest number of TOML"));

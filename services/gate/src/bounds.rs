@@ -5,8 +5,9 @@ use model::robot::{Robot, kinematics};
 
 /// Rounding that an optimiser may leave at a bound, relative.
 const SLACK: f64 = 1e-6;
-/// The change is measured against what acts at this moment, the optimiser's against the past period's mean: they may differ by so much.
-const CHANGE_SLACK: f64 = 1.5;
+/// The change is measured against what acts at this moment, which may be the tail: one change away from the last input on one side,
+/// while the fresh input is one change away on the other. A tenth on top for the mean that the optimiser starts from.
+const CHANGE_SLACK: f64 = 2.2;
 
 /// Bounds of one robot for one period. Constant.
 #[derive(Debug, Clone, Copy)]

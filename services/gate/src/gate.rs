@@ -107,6 +107,11 @@ impl Gate {
         };
         if let Err(reason) = judge(command, &situation, &self.bounds) {
             self.refuse(reason);
+            if let Some((epoch, writer, heard)) = &mut self.writer
+                && (*epoch, *writer) == (command.stamp.epoch, command.stamp.writer)
+            {
+                *heard = now; // refused, but not silent
+            }
             return Err(reason);
         }
         self.writer = Some((command.stamp.epoch, command.stamp.writer, now));
@@ -327,6 +332,22 @@ mod tests {
             gate.end_period((tick + 1) * PERIOD);
         }
         assert_eq!(driving, [false, false, false, true, true]);
+    }
+
+    #[test]
+    fn answers_that_come_a_little_into_each_period_keep_their_rung() {
+        let mut gate = gate();
+        for tick in 0..20 {
+            let begin = tick * PERIOD;
+            gate.begin_period(tick, begin);
+            gate.decide(begin);
+            gate.decide(begin + PERIOD / 40);
+            let mut lqr = command(1, 5, tick);
+            lqr.rung = Rung::Lqr.code();
+            assert_eq!(gate.offer(&lqr, begin + PERIOD / 20), Ok(()));
+            gate.decide(begin + PERIOD / 2);
+            assert_eq!(gate.end_period(begin + PERIOD).0, Rung::Lqr, "tick {tick}");
+        }
     }
 
     #[test]

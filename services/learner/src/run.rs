@@ -9,7 +9,7 @@
 //! real time a cut that falls into a running fit is left out.
 
 use crate::fit::{FailedFit, FittedModel, Outset};
-use crate::settings::Settings;
+use crate::settings::{LearnerSettings, Settings};
 use crate::snapshot::{self, Label};
 use crate::store;
 use model::AXES;
@@ -136,9 +136,9 @@ struct Learner<'a> {
     version: u64,
     /// (plant epoch, tick) of the newest sample.
     newest: Option<(u64, u64)>,
-    /// To be published again as soon as the time is known.
-    resumed: Option<ModelSnapshot>,
-    /// The snapshot published last.
+    /// Number of the last cut: its tick is that times P.
+    last_cut: u64,
+    /// The snapshot published or resumed last.
     last: Option<ModelSnapshot>,
 }
 
@@ -165,8 +165,8 @@ impl<'a> Learner<'a> {
             done,
             version: resumed.as_ref().map_or(0, |snapshot| snapshot.head.version),
             newest: None,
-            resumed,
-            last: None,
+            last_cut: 0,
+            last: resumed,
         })
     }
 
@@ -216,22 +216,28 @@ impl<'a> Learner<'a> {
         if self.newest.is_none() {
             self.pulse.phase(Phase::Running);
         }
+        let first = self.newest.is_none();
         if self.newest.is_some_and(|(epoch, _)| epoch != sample.plant_epoch) {
             self.recent.clear();
+            self.last_cut = 0;
         }
         self.newest = Some((sample.plant_epoch, tick));
-        self.publish_resumed(sample)?;
+        if first {
+            self.join(sample)?;
+        }
         let believable = sample.residual.iter().zip(self.outset.bound).all(|(residual, bound)| residual.abs() <= bound);
         if sample.usable == 1 && believable {
             let input = self.settings.learner.layout.inputs(&sample.velocity, &sample.input);
             self.dataset.insert(Observation { input, target: sample.residual });
             self.recent.push_back(*sample);
         }
-        let at_cut = tick > 0 && tick.is_multiple_of(self.settings.learner.every_ticks);
+        let cut = tick / self.settings.learner.every_ticks;
         let free = self.pending.is_empty() || self.settings.run.pace == Pace::LockStep;
-        if at_cut && free {
-            self.pending.push_back(tick);
-            let job = Job { cut: tick, observations: self.dataset.observations().to_vec() };
+        if cut > self.last_cut && free {
+            self.last_cut = cut;
+            let cut = cut * self.settings.learner.every_ticks;
+            self.pending.push_back(cut);
+            let job = Job { cut, observations: self.dataset.observations().to_vec() };
             self.jobs.send(job).map_err(|_| RunError::Fitter)?;
         }
         Ok(())
@@ -298,29 +304,32 @@ impl<'a> Learner<'a> {
 
     /// A cut that gave no model: in lock step the controller waits for one, and gets the last one again, or one that knows nothing.
     fn publish_again(&mut self, cut: u64, plant_epoch: u64) -> Result<(), RunError> {
-        if self.last.is_none() {
+        let Some(last) = &mut self.last else {
             if let Ok(nothing) = self.outset.fit(&[], &self.start) {
                 self.publish(&nothing, cut, plant_epoch)?;
             }
             return Ok(());
-        }
-        if let Some(last) = &mut self.last {
-            last.head.effective_tick = cut + self.settings.learner.delay_ticks;
-            self.snapshots.send(last)?;
-        }
+        };
+        last.head.effective_tick = cut + self.settings.learner.delay_ticks;
+        last.head.plant_epoch = plant_epoch;
+        self.snapshots.send(last)?;
+        tracing::info!(version = last.head.version, points = last.head.points, cut, "published again");
         Ok(())
     }
 
-    /// After a restart: the snapshot that was in use goes out again, for the next tick that one is due at.
-    fn publish_resumed(&mut self, sample: &ResidualSample) -> Result<(), RunError> {
-        let Some(mut snapshot) = self.resumed.take() else { return Ok(()) };
-        let learner = &self.settings.learner;
-        let next = sample.stamp.tick + 1;
-        let cuts = next.saturating_sub(learner.delay_ticks).div_ceil(learner.every_ticks).max(1);
-        snapshot.head.effective_tick = cuts * learner.every_ticks + learner.delay_ticks;
-        snapshot.head.plant_epoch = sample.plant_epoch;
-        self.snapshots.send(&mut snapshot)?;
-        tracing::info!(version = snapshot.head.version, points = snapshot.head.points, "published again what had been learnt");
+    /// The first sample tells how far time has come. What had been learnt before goes out again: at once, and for every cut that has
+    /// been missed and whose model is still due.
+    fn join(&mut self, sample: &ResidualSample) -> Result<(), RunError> {
+        let LearnerSettings { every_ticks, delay_ticks, .. } = self.settings.learner;
+        let tick = sample.stamp.tick;
+        self.last_cut = tick / every_ticks;
+        if tick == 0 && self.last.is_some() {
+            return self.publish_again(0, sample.plant_epoch);
+        }
+        let first_due = (tick + 1).saturating_sub(delay_ticks).div_ceil(every_ticks).max(1);
+        for cut in first_due..=self.last_cut {
+            self.publish_again(cut * every_ticks, sample.plant_epoch)?;
+        }
         Ok(())
     }
 

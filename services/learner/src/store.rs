@@ -6,8 +6,8 @@ use model::gp::hyperparameters::Hyperparameters;
 use model::learned::INPUTS;
 use protocol::frame::{self, DecodeError};
 use protocol::message::{Message, ModelSnapshot};
-use std::fs;
-use std::io;
+use std::fs::{self, File};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// A snapshot file that cannot be written or resumed from.
@@ -50,7 +50,13 @@ pub fn save(file: &Path, snapshot: &ModelSnapshot) -> Result<(), StoreError> {
     frame::encode(snapshot, &mut bytes);
     let beside = file.with_extension("tmp");
     let refused = |source| StoreError::File { file: file.to_owned(), source };
-    fs::write(&beside, bytes).and_then(|()| fs::rename(&beside, file)).map_err(refused)
+    let whole = || {
+        let mut out = File::create(&beside)?;
+        out.write_all(&bytes)?;
+        out.sync_all()?;
+        fs::rename(&beside, file)
+    };
+    whole().map_err(refused)
 }
 
 /// Reads the snapshot in `file`.

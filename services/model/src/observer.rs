@@ -26,6 +26,8 @@ pub struct Sample {
 #[derive(Debug, Clone)]
 pub struct Observer {
     gain: f64,
+    /// Largest |d| that physics allows.
+    bound: Velocity,
     disturbance: Velocity,
     innovation: Velocity,
     samples: [Sample; MEMORY],
@@ -34,9 +36,9 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// An observer of gain ℓ: 0 never corrects, 1 believes the last sample alone.
-    pub fn new(gain: f64) -> Self {
-        Self { gain, disturbance: [0.0; 3], innovation: [0.0; 3], samples: [Sample::default(); MEMORY], taken: 0 }
+    /// An observer of gain ℓ: 0 never corrects, 1 believes the last sample alone. |d| stays within `bound` \[m/s, m/s, rad/s\].
+    pub fn new(gain: f64, bound: Velocity) -> Self {
+        Self { gain, bound, disturbance: [0.0; 3], innovation: [0.0; 3], samples: [Sample::default(); MEMORY], taken: 0 }
     }
 
     /// d \[m/s, m/s, rad/s\], per period.
@@ -74,13 +76,16 @@ impl Observer {
 
     /// Forgets everything: the robot has been put somewhere else.
     pub fn reset(&mut self) {
-        *self = Self::new(self.gain);
+        *self = Self::new(self.gain, self.bound);
     }
 
     fn correct(&mut self, sample: &Sample, learned: &Velocity) {
         for axis in 0..3 {
-            self.innovation[axis] = sample.residual[axis] - learned[axis] - self.disturbance[axis];
-            self.disturbance[axis] += self.gain * self.innovation[axis];
+            // A model that says no number explains nothing, and must not poison what was found without it.
+            let explained = if learned[axis].is_finite() { learned[axis] } else { 0.0 };
+            self.innovation[axis] = sample.residual[axis] - explained - self.disturbance[axis];
+            let corrected = self.disturbance[axis] + self.gain * self.innovation[axis];
+            self.disturbance[axis] = corrected.clamp(-self.bound[axis], self.bound[axis]);
         }
     }
 }
@@ -95,7 +100,7 @@ mod tests {
 
     #[test]
     fn a_constant_disturbance_is_found() {
-        let mut observer = Observer::new(0.5);
+        let mut observer = Observer::new(0.5, [1.0; 3]);
         for _ in 0..60 {
             observer.update(sample([0.1, -0.2, 0.3]), &[0.0; 3]);
         }
@@ -106,7 +111,7 @@ mod tests {
 
     #[test]
     fn a_model_that_explains_everything_leaves_nothing_to_the_observer_after_a_replay() {
-        let mut observer = Observer::new(0.5);
+        let mut observer = Observer::new(0.5, [1.0; 3]);
         for _ in 0..30 {
             observer.update(sample([0.1, -0.2, 0.3]), &[0.0; 3]);
         }
@@ -114,5 +119,12 @@ mod tests {
         for left in observer.disturbance() {
             assert!(left.abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn one_absurd_sample_moves_it_no_further_than_physics_allows() {
+        let mut observer = Observer::new(0.5, [0.2; 3]);
+        observer.update(sample([1000.0, -1000.0, 0.0]), &[0.0; 3]);
+        assert_eq!(observer.disturbance(), [0.2, -0.2, 0.0]);
     }
 }

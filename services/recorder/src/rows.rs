@@ -83,6 +83,8 @@ pub struct HealthRow {
     pub stamp: Mark,
     /// Its role.
     pub participant: String,
+    /// Time taken out of a simulator's clock \[ns\].
+    pub stalled_nanos: u64,
     /// Model snapshots published or adopted.
     pub snapshots: u64,
     /// Messages received, by topic.

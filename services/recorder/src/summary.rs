@@ -56,6 +56,8 @@ pub struct Summary {
     pub periods_missed: u64,
     /// Those periods by rung, as the plant reports.
     pub rungs: Rungs,
+    /// Time that the machine kept a simulator from running and that its world stood still for \[s\].
+    pub world_stalled_s: f64,
     /// Model snapshots published, by all instances of the learner.
     pub snapshots_published: u64,
     /// Model snapshots adopted, by all instances of the controller.
@@ -112,6 +114,7 @@ impl Summary {
             periods: rungs.counts.values().sum(),
             periods_missed: rungs.counts.iter().filter(|(rung, _)| is_missed(**rung)).map(|(_, periods)| periods).sum(),
             rungs,
+            world_stalled_s: stalled(rows),
             snapshots_published: snapshots(rows, Participant::Learner),
             snapshots_adopted: snapshots(rows, Participant::Controller),
             losses: losses(rows),
@@ -204,6 +207,10 @@ fn is_missed(rung: Rung) -> bool {
 
 fn snapshots(rows: &Rows, participant: Participant) -> u64 {
     rows.healths.values().filter(|health| health.participant == participant.text()).map(|health| health.snapshots).sum()
+}
+
+fn stalled(rows: &Rows) -> f64 {
+    rows.healths.values().map(|health| health.stalled_nanos).sum::<u64>() as f64 / 1e9
 }
 
 /// Losses by topic and who lost them. Of those who reported, only those who read the topic.

@@ -134,6 +134,7 @@ recorded!(Health, "every process → launcher and watchers: how it is. Counters 
     "heartbeat": Shape::Integer, "rounds of its loop" => health.heartbeat;
     "deadlines_met": Shape::Integer, "periods served in time" => health.deadlines_met;
     "deadlines_missed": Shape::Integer, "periods not served in time" => health.deadlines_missed;
+    "stalled_nanos": Shape::Integer, "time that the machine kept the simulator from running, taken out of its clock [ns]" => health.stalled_nanos;
     "model_version": Shape::Integer, "version of the learned model in use, or last published, 0 is none" => health.model_version;
     "snapshots": Shape::Integer, "model snapshots published (learner) or adopted (controller)" => health.snapshots;
     "snapshots_refused": Shape::Integer, "model snapshots refused" => health.snapshots_refused;

@@ -102,16 +102,19 @@ impl Limits {
         rows
     }
 
-    /// The nearest input in the same direction that the wheels can do.
+    /// The nearest input in the same direction that the wheels can do; what is no number counts as 0.
     pub fn clamp(&self, input: &Velocity) -> Velocity {
-        let boxed: Velocity = std::array::from_fn(|axis| input[axis].clamp(-self.input[axis], self.input[axis]));
+        let boxed: Velocity = std::array::from_fn(|axis| {
+            let wished = if input[axis].is_nan() { 0.0 } else { input[axis] };
+            wished.clamp(-self.input[axis], self.input[axis])
+        });
         let load = self.wheel.iter().map(|row| dot(row, &boxed).abs()).fold(1.0, f64::max);
         boxed.map(|value| value / load)
     }
 
     /// The nearest input to `wished` that can be reached from `last` in one period.
     pub fn reach(&self, wished: &Velocity, last: &Velocity) -> Velocity {
-        let wished = self.clamp(wished);
+        let (wished, last) = (self.clamp(wished), self.clamp(last));
         let near: Velocity = std::array::from_fn(|axis| wished[axis].clamp(last[axis] - self.change[axis], last[axis] + self.change[axis]));
         self.clamp(&near)
     }

@@ -37,6 +37,8 @@ pub enum Status {
     Infeasible,
     /// Numerical trouble.
     Failed,
+    /// The plan that the program is about is not finite: the model says nonsense.
+    Unpredictable,
     /// Said to be solved, but not finite or outside the limits.
     Wrong,
 }
@@ -63,7 +65,7 @@ impl Outcome {
             Status::AlmostSolved => Code::AlmostSolved,
             Status::OutOfIterations => Code::OutOfIterations,
             Status::Infeasible => Code::Infeasible,
-            Status::Failed | Status::Wrong => Code::NumericalError,
+            Status::Failed | Status::Wrong | Status::Unpredictable => Code::NumericalError,
         }
     }
 }

@@ -169,7 +169,7 @@ fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
 fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
     let main = MainModel::new(&robot(), 0.1);
     let mut mpc = Mpc::new(&settings(), &robot(), &main)?;
-    let mut observer = model::observer::Observer::new(0.3);
+    let mut observer = model::observer::Observer::new(0.3, [1.0; 3]);
     let still = vec![ReferencePoint::default(); 7];
     let push = [0.05, -0.03, 0.02];
     let (mut state, mut input) = (State::default(), [0.0; 3]);
@@ -194,11 +194,15 @@ fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
     let main = MainModel::new(&robot(), 0.1);
     let mpc = Mpc::new(&settings(), &robot(), &main)?;
     let mut ladder = Ladder::default();
-    let mut rung = |solved| ladder.choose(solved, &mpc, &State::default(), &ReferencePoint::default(), &[0.0; 3]).0;
-    assert_eq!(rung(false), Rung::Lqr);
-    assert_eq!(rung(true), Rung::FreshPlan);
-    assert_eq!((rung(false), rung(false), rung(false)), (Rung::ShiftedPlan, Rung::ShiftedPlan, Rung::Lqr));
-    assert_eq!(rung(true), Rung::FreshPlan);
+    let mut rung = |status| {
+        let outcome = Outcome { status, iterations: 1 };
+        ladder.choose(outcome, &mpc, &State::default(), &ReferencePoint::default(), &[0.0; 3], &[0.0; 3]).0
+    };
+    let (good, bad) = (Status::Solved, Status::OutOfIterations);
+    assert_eq!(rung(bad), Rung::Lqr);
+    assert_eq!(rung(good), Rung::FreshPlan);
+    assert_eq!((rung(bad), rung(bad), rung(bad)), (Rung::ShiftedPlan, Rung::ShiftedPlan, Rung::Lqr));
+    assert_eq!((rung(good), rung(Status::Unpredictable)), (Rung::FreshPlan, Rung::Lqr));
     Ok(())
 }
 

@@ -181,6 +181,7 @@ fn health(participant: Participant, snapshots: u64, state: (u64, u64)) -> Health
     HealthRow {
         stamp: Mark::default(),
         participant: participant.text().to_owned(),
+        stalled_nanos: 0,
         snapshots,
         received: counts(state.0),
         lost: counts(state.1),
@@ -229,6 +230,7 @@ fn the_file_has_every_figure_in_its_place_and_every_rung() {
         "stored tail",
         "brake",
         "latched stop",
+        "world_stalled_s",
         "snapshots_published",
         "snapshots_adopted",
         "losses",

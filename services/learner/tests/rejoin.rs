@@ -1,0 +1,98 @@
+//! A learner that is started again while the clock of lock step stands.
+
+use learner::settings::LearnerSettings;
+use learner::{Settings, run};
+use model::learned::Layout;
+use model::main_model::{MainModel, fingerprint};
+use model::robot::{Body, Drive, Geometry, Limits, Robot};
+use process::{Pace, Run, Stop};
+use protocol::message::{ModelSnapshot, ResidualSample};
+use protocol::port::{Carrier, Exchange, Identity, Links, Ports, Since, Source};
+use std::error::Error;
+use std::thread;
+use std::time::Duration;
+
+fn robot() -> Robot {
+    Robot {
+        geometry: Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 },
+        body: Body { mass_kg: 15.0, yaw_inertia_kg_m2: 0.6, wheel_inertia_kg_m2: 2e-3, axle_friction_nms: 2e-3 },
+        drive: Drive {
+            pole_pairs: 4.0,
+            torque_constant_nm_per_a: 0.04,
+            speed_loop_gain_a_s_per_rad: 0.5,
+            current_limit_a: 20.0,
+            wheel_speed_limit_radps: 120.0,
+        },
+        limits: Limits {
+            input_mps: 5.0,
+            yaw_input_radps: 6.0,
+            input_rate_mps2: 60.0,
+            yaw_input_rate_radps2: 120.0,
+            brake_mps2: 8.0,
+            yaw_brake_radps2: 16.0,
+        },
+    }
+}
+
+/// Effective ticks of what a restarted learner with nothing to resume publishes when the first sample that it gets is of `tick`.
+fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected: usize) -> Result<Vec<u64>, Box<dyn Error>> {
+    let folder = tempfile::tempdir()?;
+    let exchange = Exchange::new(true, Duration::from_secs(5));
+    let links = Links {
+        graph: "rejoin".into(),
+        lock_step: true,
+        root: folder.path().into(),
+        patience_millis: 5000,
+        carrier: Carrier::SharedMemory,
+    };
+    let settings = Settings {
+        run: Run {
+            links,
+            folder: folder.path().into(),
+            log: "off".into(),
+            epoch_floor: 1,
+            restarted: true,
+            period_nanos: 100_000_000,
+            pace: Pace::LockStep,
+        },
+        robot: robot(),
+        learner: LearnerSettings {
+            layout: Layout::VelocitySlip,
+            every_ticks,
+            delay_ticks,
+            points_max: 20,
+            evaluations_max: 5,
+            resume: None,
+        },
+    };
+    let ports = Ports::in_memory(&exchange, Identity::new(1));
+    let mut snapshots: Source<ModelSnapshot> = ports.source(Since::First)?;
+    let mut samples = ports.sink::<ResidualSample>()?;
+    let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
+    (sample.stamp.tick, sample.plant_epoch, sample.usable) = (tick, 1, 1);
+    sample.fingerprint = fingerprint(&MainModel::new(&robot(), 0.1), Layout::VelocitySlip.name());
+    samples.send(&mut sample)?;
+
+    let stop = Stop::new();
+    let (exchange, learner_stop) = (exchange.clone(), stop.clone());
+    let learner = thread::spawn(move || {
+        run::run(&settings, &Ports::in_memory(&exchange, Identity::new(2)), &learner_stop).map_err(|e| e.to_string())
+    });
+    let mut effective = Vec::new();
+    while effective.len() < expected && !learner.is_finished() {
+        snapshots.wait(Duration::from_millis(20))?;
+        while let Some(snapshot) = snapshots.next()? {
+            effective.push(snapshot.head.effective_tick);
+        }
+    }
+    stop.request();
+    learner.join().map_err(|_| "the learner died")??;
+    Ok(effective)
+}
+
+#[test]
+fn every_model_that_is_still_due_comes_even_if_nothing_had_been_learnt() -> Result<(), Box<dyn Error>> {
+    assert_eq!(published_on_joining(12, 5, 3, 1)?, [13], "the cut at 10 is due at 13");
+    assert_eq!(published_on_joining(16, 5, 8, 2)?, [18, 23], "the cuts at 10 and 15");
+    Ok(())
+}
