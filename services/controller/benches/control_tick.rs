@@ -10,7 +10,7 @@ use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, PosteriorError, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
-use model::robot::{Body, Drive, Geometry, Limits, Robot};
+use model::robot::Robot;
 use process::{Pace, Run};
 use protocol::message::{PlantState, Rung};
 use protocol::port::{Carrier, Links};
@@ -32,25 +32,7 @@ fn settings() -> Settings {
         },
         duration_s: 25.0,
         start: [0.0; 3],
-        robot: Robot {
-            geometry: Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 },
-            body: Body { mass_kg: 15.0, yaw_inertia_kg_m2: 0.6, wheel_inertia_kg_m2: 2e-3, axle_friction_nms: 2e-3 },
-            drive: Drive {
-                pole_pairs: 4.0,
-                torque_constant_nm_per_a: 0.04,
-                speed_loop_gain_a_s_per_rad: 0.5,
-                current_limit_a: 20.0,
-                wheel_speed_limit_radps: 120.0,
-            },
-            limits: Limits {
-                input_mps: 5.0,
-                yaw_input_radps: 6.0,
-                input_rate_mps2: 60.0,
-                yaw_input_rate_radps2: 120.0,
-                brake_mps2: 8.0,
-                yaw_brake_radps2: 16.0,
-            },
-        },
+        robot: Robot::example(),
         reference: controller::reference::ReferenceSettings {
             path: controller::reference::PathSettings::PaperCurve { speed_mps: 2.7 },
             heading: controller::reference::Heading::Tangent,

@@ -260,7 +260,7 @@ impl Controller {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mpc::tests::{robot, settings};
+    use crate::mpc::tests::settings;
     use crate::reference::{Heading, PathSettings, ReferenceSettings};
     use crate::settings::LearnedSettings;
     use model::gp::hyperparameters::Hyperparameters;
@@ -285,7 +285,7 @@ mod tests {
             },
             duration_s: 10.0,
             start: [0.0; 3],
-            robot: robot(),
+            robot: model::robot::Robot::example(),
             reference: ReferenceSettings { path: PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 }, heading: Heading::Tangent },
             mpc: settings(),
             learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3 },

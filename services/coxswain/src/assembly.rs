@@ -170,6 +170,13 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_robot_of_the_examples_is_the_one_that_is_shipped() -> Result<(), SettingsError> {
+        let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/graphs/local.toml");
+        assert_eq!(Assembly::read(&Options::of_graph(&graph))?.robot, Robot::example());
+        Ok(())
+    }
+
+    #[test]
     fn a_scenario_is_asked_for_by_file_or_by_name() {
         let own = Path::new("deploy/graphs/../scenarios/paper.toml");
         assert_eq!(scenario_file(Path::new("circle"), own), Path::new("deploy/graphs/../scenarios/circle.toml"));

@@ -21,6 +21,7 @@ pub struct Closing {
     periods: u64,
     periods_missed: u64,
     rungs: BTreeMap<String, u64>,
+    world_stalled_s: f64,
     snapshots_published: u64,
     snapshots_adopted: u64,
     losses: BTreeMap<String, BTreeMap<String, u64>>,
@@ -49,6 +50,9 @@ impl Display for Closing {
         let on_rung = |rung: &&Rung| self.rungs.get(rung.text()).is_some_and(|&periods| periods > 0);
         let rungs = Rung::ALL.iter().filter(on_rung).map(|rung| format!("{rung} {}", self.rungs.get(rung.text()).copied().unwrap_or(0)));
         writeln!(f, "  periods             {}, {} missed ({})", self.periods, self.periods_missed, list(rungs))?;
+        if self.world_stalled_s > 0.0 {
+            writeln!(f, "  world stood still   {:.3} s, in which the machine kept the simulator from running", self.world_stalled_s)?;
+        }
         writeln!(f, "  models              {} published, {} adopted", self.snapshots_published, self.snapshots_adopted)?;
         let lost = self.losses.iter().map(|(topic, readers)| (topic, readers.values().sum::<u64>())).filter(|(_, lost)| *lost > 0);
         write!(f, "  messages lost       {}", list(lost.map(|(topic, lost)| format!("{topic} {lost}"))))
@@ -73,7 +77,7 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let summary = r#"{"arrival_s": 1.3, "speed_settle_s": null, "steady_speed_error_mps": 0.0412, "position_rmse_m": 0.012,
             "position_max_m": 0.0431, "heading_rmse_rad": null, "tick_p50_us": 212.4, "tick_p99_us": 400.0, "tick_max_us": 801.0,
-            "periods": 250, "periods_missed": 1, "rungs": {"brake": 1, "fresh plan": 249, "lqr": 0}, "snapshots_published": 5,
+            "periods": 250, "periods_missed": 1, "rungs": {"brake": 1, "fresh plan": 249, "lqr": 0}, "world_stalled_s": 0.0, "snapshots_published": 5,
             "snapshots_adopted": 4, "losses": {"plan": {"recorder": 2, "launcher": 1}, "state": {"recorder": 0}}}"#;
         fs::write(folder.path().join("summary.json"), summary)?;
         let expected = "  arrival             1.3 s

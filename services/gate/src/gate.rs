@@ -214,30 +214,14 @@ impl Gate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::robot::{Body, Drive, Geometry, Limits, Robot};
+    use model::robot::Robot;
 
     const PERIOD: u64 = 100_000_000;
 
     fn gate() -> Gate {
-        let robot = Robot {
-            geometry: Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 },
-            body: Body { mass_kg: 15.0, yaw_inertia_kg_m2: 0.6, wheel_inertia_kg_m2: 2e-3, axle_friction_nms: 2e-3 },
-            drive: Drive {
-                pole_pairs: 4.0,
-                torque_constant_nm_per_a: 0.04,
-                speed_loop_gain_a_s_per_rad: 0.5,
-                current_limit_a: 20.0,
-                wheel_speed_limit_radps: 120.0,
-            },
-            limits: Limits {
-                input_mps: 5.0,
-                yaw_input_radps: 6.0,
-                input_rate_mps2: 20.0,
-                yaw_input_rate_radps2: 40.0,
-                brake_mps2: 10.0,
-                yaw_brake_radps2: 20.0,
-            },
-        };
+        let mut robot = Robot::example();
+        (robot.limits.input_rate_mps2, robot.limits.yaw_input_rate_radps2) = (20.0, 40.0);
+        (robot.limits.brake_mps2, robot.limits.yaw_brake_radps2) = (10.0, 20.0);
         Gate::new(Bounds::new(&robot, PERIOD, 0), 7)
     }
 

@@ -4,35 +4,13 @@ use learner::settings::LearnerSettings;
 use learner::{Settings, run};
 use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
-use model::robot::{Body, Drive, Geometry, Limits, Robot};
+use model::robot::Robot;
 use process::{Pace, Run, Stop};
 use protocol::message::{ModelSnapshot, ResidualSample};
 use protocol::port::{Carrier, Exchange, Identity, Links, Ports, Since, Source};
 use std::error::Error;
 use std::thread;
 use std::time::Duration;
-
-fn robot() -> Robot {
-    Robot {
-        geometry: Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 },
-        body: Body { mass_kg: 15.0, yaw_inertia_kg_m2: 0.6, wheel_inertia_kg_m2: 2e-3, axle_friction_nms: 2e-3 },
-        drive: Drive {
-            pole_pairs: 4.0,
-            torque_constant_nm_per_a: 0.04,
-            speed_loop_gain_a_s_per_rad: 0.5,
-            current_limit_a: 20.0,
-            wheel_speed_limit_radps: 120.0,
-        },
-        limits: Limits {
-            input_mps: 5.0,
-            yaw_input_radps: 6.0,
-            input_rate_mps2: 60.0,
-            yaw_input_rate_radps2: 120.0,
-            brake_mps2: 8.0,
-            yaw_brake_radps2: 16.0,
-        },
-    }
-}
 
 /// Effective ticks of what a restarted learner with nothing to resume publishes when the first sample that it gets is of `tick`.
 fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected: usize) -> Result<Vec<u64>, Box<dyn Error>> {
@@ -55,7 +33,7 @@ fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected:
             period_nanos: 100_000_000,
             pace: Pace::LockStep,
         },
-        robot: robot(),
+        robot: Robot::example(),
         learner: LearnerSettings {
             layout: Layout::VelocitySlip,
             every_ticks,
@@ -70,7 +48,7 @@ fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected:
     let mut samples = ports.sink::<ResidualSample>()?;
     let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
     (sample.stamp.tick, sample.plant_epoch, sample.usable) = (tick, 1, 1);
-    sample.fingerprint = fingerprint(&MainModel::new(&robot(), 0.1), Layout::VelocitySlip.name());
+    sample.fingerprint = fingerprint(&MainModel::new(&Robot::example(), 0.1), Layout::VelocitySlip.name());
     samples.send(&mut sample)?;
 
     let stop = Stop::new();

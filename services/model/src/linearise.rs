@@ -61,7 +61,7 @@ mod tests {
     use crate::gp::posterior::{Posterior, PosteriorError};
     use crate::learned::{INPUTS, Layout, Learned};
     use crate::main_model::MainModel;
-    use crate::robot::dynamics::tests::robot;
+    use crate::robot::Robot;
     use proptest::prelude::*;
 
     /// A learned model of some smooth residual, in either layout.
@@ -83,7 +83,7 @@ mod tests {
             pose in prop::array::uniform3(-3.0..3.0), velocity in prop::array::uniform3(-2.0..2.0),
             input in prop::array::uniform3(-2.0..2.0), slip in any::<bool>()
         ) {
-            let main = MainModel::new(&robot(), 0.1);
+            let main = MainModel::new(&Robot::example(), 0.1);
             let learned = learned(if slip { Layout::VelocitySlip } else { Layout::VelocityInput }).map_err(|e| TestCaseError::fail(e.to_string()))?;
             let belief = Belief { main: &main, learned: Some(&learned), disturbance: [0.01, -0.02, 0.03] };
             let at = |x: [f64; 6], u: [f64; 3]| belief.predict(&State { pose: [x[0], x[1], x[2]], velocity: [x[3], x[4], x[5]] }, &u).to_array();

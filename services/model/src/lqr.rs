@@ -78,13 +78,13 @@ fn axis_gain(model: &MainModel, axis: usize, cost: &AxisCost) -> Result<AxisGain
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::dynamics::tests::robot;
+    use crate::robot::Robot;
 
     const COST: AxisCost = AxisCost { position: 10.0, velocity: 2.0, input: 0.05 };
 
     #[test]
     fn the_cost_to_go_is_what_the_gain_really_costs() -> Result<(), NoGain> {
-        let model = MainModel::new(&robot(), 0.1);
+        let model = MainModel::new(&Robot::example(), 0.1);
         let [forward, ..] = gains(&model, &[COST; 3])?;
         let (mut position, mut velocity, mut total) = (1.0, -0.5, 0.0);
         let promised = forward.cost[0][0] * position * position
@@ -104,7 +104,7 @@ mod tests {
     #[test]
     fn an_axis_without_any_weight_has_no_gain_or_a_finite_one() {
         let nothing = AxisCost { position: 0.0, velocity: 0.0, input: 0.0 };
-        let model = MainModel::new(&robot(), 0.1);
+        let model = MainModel::new(&Robot::example(), 0.1);
         assert!(gains(&model, &[nothing; 3]).is_err());
     }
 }

@@ -53,11 +53,10 @@ pub fn fingerprint(model: &MainModel, layout: &str) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::dynamics::tests::robot;
 
     #[test]
     fn the_discretisation_is_exact_two_halves_make_a_whole() {
-        let (whole, half) = (MainModel::new(&robot(), 0.1), MainModel::new(&robot(), 0.05));
+        let (whole, half) = (MainModel::new(&Robot::example(), 0.1), MainModel::new(&Robot::example(), 0.05));
         let (velocity, input) = ([1.0, -2.0, 0.5], [2.0, 1.0, -1.0]);
         let twice = half.next_velocity(&half.next_velocity(&velocity, &input), &input);
         for (a, b) in twice.iter().zip(whole.next_velocity(&velocity, &input)) {
@@ -67,7 +66,7 @@ mod tests {
 
     #[test]
     fn the_holding_input_holds() {
-        let model = MainModel::new(&robot(), 0.1);
+        let model = MainModel::new(&Robot::example(), 0.1);
         let (velocity, residual) = ([2.7, -0.3, 0.4], [-0.05, 0.02, 0.01]);
         let next = model.next_velocity(&velocity, &model.holding_input(&velocity, &residual));
         for axis in 0..3 {
@@ -77,10 +76,10 @@ mod tests {
 
     #[test]
     fn another_mass_has_another_fingerprint() {
-        let mut heavier = robot();
+        let mut heavier = Robot::example();
         heavier.body.mass_kg += 1e-9;
         let print = |robot: &Robot, layout| fingerprint(&MainModel::new(robot, 0.1), layout);
-        assert_ne!(print(&robot(), "velocity-slip"), print(&heavier, "velocity-slip"));
-        assert_ne!(print(&robot(), "velocity-slip"), print(&robot(), "velocity-input"));
+        assert_ne!(print(&Robot::example(), "velocity-slip"), print(&heavier, "velocity-slip"));
+        assert_ne!(print(&Robot::example(), "velocity-slip"), print(&Robot::example(), "velocity-input"));
     }
 }

@@ -1,5 +1,8 @@
 //! The limits: the wheels' own, all linear in (v, u), and soft bounds on the predicted state.
 //!
+//! Wheel rows stand for the periods whose input is free. Later inputs keep their distance from the target, and are clamped to what the
+//! wheels can do when they are predicted.
+//!
 //! Every row is scaled so that its bound is 1, which keeps the program well scaled and lets one slack per period serve all its
 //! soft rows: a slack of 0.1 allows each of them to be exceeded by a tenth.
 

@@ -1,29 +1,6 @@
 use super::*;
 use crate::settings::{StateLimits, Weights};
-use model::robot::{Body, Drive, Geometry, Limits as RobotLimits};
 use proptest::prelude::*;
-
-pub(crate) fn robot() -> Robot {
-    Robot {
-        geometry: Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 },
-        body: Body { mass_kg: 15.0, yaw_inertia_kg_m2: 0.6, wheel_inertia_kg_m2: 2e-3, axle_friction_nms: 2e-3 },
-        drive: Drive {
-            pole_pairs: 4.0,
-            torque_constant_nm_per_a: 0.04,
-            speed_loop_gain_a_s_per_rad: 0.5,
-            current_limit_a: 20.0,
-            wheel_speed_limit_radps: 120.0,
-        },
-        limits: RobotLimits {
-            input_mps: 5.0,
-            yaw_input_radps: 6.0,
-            input_rate_mps2: 60.0,
-            yaw_input_rate_radps2: 120.0,
-            brake_mps2: 8.0,
-            yaw_brake_radps2: 16.0,
-        },
-    }
-}
 
 pub(crate) fn settings() -> MpcSettings {
     MpcSettings {
@@ -88,9 +65,9 @@ proptest! {
     fn the_programs_gradient_is_that_of_the_cost(
         pose in prop::array::uniform3(-0.4..0.4_f64), velocity in prop::array::uniform3(-0.8..0.8_f64), input in prop::array::uniform3(-0.5..0.5_f64)
     ) {
-        let main = MainModel::new(&robot(), 0.1);
+        let main = MainModel::new(&Robot::example(), 0.1);
         let belief = Belief { main: &main, learned: None, disturbance: [0.02, -0.01, 0.03] };
-        let mut mpc = Mpc::new(&settings(), &robot(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
+        let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
         let (state, reference) = (State { pose, velocity }, circle(0, 7));
         mpc.roll_out(&state, &reference, &belief);
         mpc.condensed.propagate(&mpc.steps);
@@ -113,9 +90,9 @@ proptest! {
     fn whatever_the_state_there_is_an_input_within_the_limits(
         pose in prop::array::uniform3(-50.0..50.0_f64), velocity in prop::array::uniform3(-8.0..8.0_f64), last in prop::array::uniform3(-4.0..4.0_f64)
     ) {
-        let main = MainModel::new(&robot(), 0.1);
+        let main = MainModel::new(&Robot::example(), 0.1);
         let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
-        let mut mpc = Mpc::new(&settings(), &robot(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
+        let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
         let last = mpc.limits.clamp(&last);
         let solved = mpc.iterate(&State { pose, velocity }, &last, &circle(0, 7), &belief);
         prop_assert!(solved.outcome.usable(), "{:?}", solved.outcome);
@@ -131,9 +108,9 @@ proptest! {
 
 #[test]
 fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError> {
-    let main = MainModel::new(&robot(), 0.1);
+    let main = MainModel::new(&Robot::example(), 0.1);
     let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
-    let mut mpc = Mpc::new(&settings(), &robot(), &main)?;
+    let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let state = State { pose: [0.02, -0.03, 0.01], velocity: [1.4, 0.0, 0.7] };
     let outcome = mpc.iterate(&state, &[1.5, 0.0, 0.75], &circle(0, 7), &belief).outcome;
     assert_eq!(outcome.status, Status::Solved);
@@ -149,9 +126,9 @@ fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError>
 
 #[test]
 fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
-    let main = MainModel::new(&robot(), 0.1);
+    let main = MainModel::new(&Robot::example(), 0.1);
     let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
-    let mut mpc = Mpc::new(&settings(), &robot(), &main)?;
+    let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let (mut state, mut input) = (State { pose: [0.0, -0.8, 0.3], velocity: [0.0; 3] }, [0.0; 3]);
     for tick in 0..40 {
         mpc.shift();
@@ -167,8 +144,8 @@ fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
 
 #[test]
 fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
-    let main = MainModel::new(&robot(), 0.1);
-    let mut mpc = Mpc::new(&settings(), &robot(), &main)?;
+    let main = MainModel::new(&Robot::example(), 0.1);
+    let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let mut observer = model::observer::Observer::new(0.3, [1.0; 3]);
     let still = vec![ReferencePoint::default(); 7];
     let push = [0.05, -0.03, 0.02];
@@ -191,8 +168,8 @@ fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
 fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
     use crate::fallback::Ladder;
     use protocol::message::Rung;
-    let main = MainModel::new(&robot(), 0.1);
-    let mpc = Mpc::new(&settings(), &robot(), &main)?;
+    let main = MainModel::new(&Robot::example(), 0.1);
+    let mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let mut ladder = Ladder::default();
     let mut rung = |status| {
         let outcome = Outcome { status, iterations: 1 };
@@ -208,9 +185,9 @@ fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
 
 #[test]
 fn the_lqr_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
-    let main = MainModel::new(&robot(), 0.1);
+    let main = MainModel::new(&Robot::example(), 0.1);
     let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
-    let mpc = Mpc::new(&settings(), &robot(), &main)?;
+    let mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let (mut state, mut input) = (State { pose: [0.3, -0.2, 0.2], velocity: [0.0; 3] }, [0.0; 3]);
     for tick in 0..80 {
         let point = circle(tick, 1)[0];

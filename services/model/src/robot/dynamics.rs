@@ -40,36 +40,13 @@ pub fn speed_loop_stiffness(robot: &Robot) -> f64 {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
-    use super::super::{Body, Drive, Geometry, Limits, Robot, kinematics};
+mod tests {
+    use super::super::kinematics;
     use super::*;
-
-    /// The believed robot of the paper's scenario.
-    pub(crate) fn robot() -> Robot {
-        Robot {
-            geometry: Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 },
-            body: Body { mass_kg: 15.0, yaw_inertia_kg_m2: 0.6, wheel_inertia_kg_m2: 2e-3, axle_friction_nms: 2e-3 },
-            drive: Drive {
-                pole_pairs: 4.0,
-                torque_constant_nm_per_a: 0.04,
-                speed_loop_gain_a_s_per_rad: 0.5,
-                current_limit_a: 20.0,
-                wheel_speed_limit_radps: 120.0,
-            },
-            limits: Limits {
-                input_mps: 5.0,
-                yaw_input_radps: 6.0,
-                input_rate_mps2: 50.0,
-                yaw_input_rate_radps2: 100.0,
-                brake_mps2: 10.0,
-                yaw_brake_radps2: 20.0,
-            },
-        }
-    }
 
     #[test]
     fn the_columns_of_j_are_eigenvectors_of_the_inertia() {
-        let robot = robot();
+        let robot = Robot::example();
         let inertia = inertia(&robot);
         let columns = kinematics::jacobian(&robot.geometry);
         for (axis, lambda) in axis_inertia(&robot).into_iter().enumerate() {
@@ -82,7 +59,7 @@ pub(crate) mod tests {
 
     #[test]
     fn a_robot_without_mass_is_refused_by_name() {
-        let mut robot = robot();
+        let mut robot = Robot::example();
         robot.body.mass_kg = 0.0;
         assert_eq!(robot.check().map_err(|e| e.key), Err("body.mass_kg"));
     }
