@@ -87,6 +87,7 @@ fn control_tick(criterion: &mut Criterion) {
                 black_box(controller.observe(&state, &handover, 1));
                 black_box(controller.answer(&state, &handover));
                 black_box(controller.explain(0));
+                controller.prepare_next();
             });
         });
     }

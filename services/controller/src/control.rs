@@ -48,6 +48,8 @@ pub struct Controller {
     active: Option<Box<Candidate>>,
     plant_epoch: Option<u64>,
     before: Option<Before>,
+    /// Tick that plan and targets are ready for.
+    prepared_for: Option<u64>,
     /// Input commanded last, until the plant reports what the wheels got.
     last_input: Velocity,
     residual: Velocity,
@@ -77,6 +79,7 @@ impl Controller {
             active: None,
             plant_epoch: None,
             before: None,
+            prepared_for: None,
             last_input: [0.0; 3],
             residual: [0.0; 3],
             rung: Rung::Waiting,
@@ -142,8 +145,8 @@ impl Controller {
     pub fn answer(&mut self, state: &PlantState, handover: &Handover) -> &mut Command {
         let tick = state.stamp.tick;
         let measured = State { pose: state.pose, velocity: state.velocity };
-        for (slot, offset) in self.points.iter_mut().zip(0..) {
-            *slot = self.reference.at(tick + offset);
+        if self.prepared_for != Some(tick) {
+            self.prepare(tick, &measured);
         }
         let (rung, reason, input, solved) = if measured.is_finite() {
             self.plan_for(&measured)
@@ -158,6 +161,30 @@ impl Controller {
         self.write_outcome(solved);
         self.last_input = input;
         &mut self.command
+    }
+
+    /// Gets ready for `tick`, with what is known now: called after the answer before it has gone, or for a first state from `state`.
+    fn prepare(&mut self, tick: u64, state: &State) {
+        for (slot, offset) in self.points.iter_mut().zip(0..) {
+            *slot = self.reference.at(tick + offset);
+        }
+        if self.prepared_for.is_none() {
+            self.mpc.begin_at(state);
+        }
+        let belief = Belief {
+            main: &self.main,
+            learned: self.active.as_ref().map(|active| &active.learned),
+            disturbance: self.observer.disturbance(),
+        };
+        self.mpc.prepare(&self.points, &belief);
+        self.prepared_for = Some(tick);
+    }
+
+    /// Gets ready for the tick after the one that was answered last: shifts the plan and works its targets out with the present model.
+    pub fn prepare_next(&mut self) {
+        if let (Some(before), Some(_)) = (self.before, self.prepared_for) {
+            self.prepare(before.tick + 1, &before.state);
+        }
     }
 
     /// The plan behind the last answer, with what it took; called after the command has gone.
@@ -185,7 +212,6 @@ impl Controller {
             learned: self.active.as_ref().map(|active| &active.learned),
             disturbance: self.observer.disturbance(),
         };
-        self.mpc.shift();
         let solved = self.mpc.iterate(measured, &self.last_input, &self.points, &belief);
         let point = self.points.first().copied().unwrap_or_default();
         let main_target = self.mpc.main_target(&self.main, &point, measured.pose[2], &self.observer.disturbance());
@@ -202,6 +228,7 @@ impl Controller {
         self.residual = [0.0; 3];
         self.observer.reset();
         self.mpc.reset();
+        self.prepared_for = None;
         self.ladder.reset();
     }
 

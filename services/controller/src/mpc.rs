@@ -85,6 +85,8 @@ pub struct Mpc {
     terminal: State,
     /// u − t of each free period.
     deviation: Vec<Velocity>,
+    /// Disturbance that the targets have been worked out for.
+    target_disturbance: Velocity,
     condensed: Condensed,
     program: QuadraticProgram,
     solver: Clarabel,
@@ -112,6 +114,7 @@ impl Mpc {
             steps: vec![still; horizon],
             terminal: State::default(),
             deviation: vec![[0.0; 3]; blocks],
+            target_disturbance: [0.0; 3],
             condensed: Condensed::new(horizon, blocks),
             solution: vec![0.0; program.variables()],
             program,
@@ -123,6 +126,14 @@ impl Mpc {
     pub fn reset(&mut self) {
         self.deviation.fill([0.0; 3]);
         self.stages.fill(Stage::default());
+    }
+
+    /// Expects the robot to look where it looks in `state`, before there is a plan.
+    pub fn begin_at(&mut self, state: &State) {
+        for stage in &mut self.stages {
+            stage.state = *state;
+        }
+        self.terminal = *state;
     }
 
     /// N.
@@ -150,25 +161,36 @@ impl Mpc {
         &self.terminal
     }
 
-    /// Moves the last plan on by one period: its second input becomes the first.
-    pub fn shift(&mut self) {
+    /// What can be done before the next state comes: moves the last plan on by one period, so that its second input becomes the first,
+    /// and works its targets out anew. `reference` begins at the tick that comes next. Does not allocate.
+    pub fn prepare(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
+        self.shift();
+        for (stage, point) in self.stages.iter_mut().zip(reference) {
+            let held = target::velocity_to_hold(point, stage.state.pose[2]);
+            stage.target = self.limits.clamp(&target::improve(belief, &held, &stage.target));
+        }
+        self.target_disturbance = belief.disturbance;
+    }
+
+    fn shift(&mut self) {
         self.deviation.rotate_left(1);
         if let [.., before, last] = self.deviation.as_mut_slice() {
             *last = *before;
         }
         self.stages.rotate_left(1);
         if let [.., before, last] = self.stages.as_mut_slice() {
-            last.target = before.target;
+            (last.target, last.state) = (before.target, self.terminal);
         }
     }
 
     /// One iteration from the measured `state`: predicts with the present plan, improves it, and predicts again to first order.
     ///
-    /// `reference` holds the points of the present tick and the N after it; `last_input` is what the wheels got last.
+    /// [`prepare`](Self::prepare) has been called for the same `reference`, which holds the points of the present tick and the N after
+    /// it; `last_input` is what the wheels got last.
     /// If the outcome is not usable, the plan stays the shifted one.
     pub fn iterate(&mut self, state: &State, last_input: &Velocity, reference: &[ReferencePoint], belief: &Belief<'_>) -> Solved {
         let begin = monotonic_nanos();
-        self.roll_out(state, reference, belief);
+        self.roll_out(state, belief);
         if !self.predictable() {
             self.reset();
             let outcome = Outcome { status: Status::Unpredictable, iterations: 0 };
@@ -198,13 +220,16 @@ impl Mpc {
         self.terminal.is_finite() && self.stages.iter().all(finite) && self.steps.iter().all(linear)
     }
 
-    /// Targets, inputs and states along the present plan, and the Jacobians there.
-    fn roll_out(&mut self, state: &State, reference: &[ReferencePoint], belief: &Belief<'_>) {
+    /// Inputs and states along the present plan, and the Jacobians there.
+    fn roll_out(&mut self, state: &State, belief: &Belief<'_>) {
         let mut at = *state;
-        let (last_block, stages) = (self.blocks - 1, self.stages.iter_mut().zip(&mut self.steps).zip(reference));
-        for (k, ((stage, step), point)) in stages.enumerate() {
-            let held = target::velocity_to_hold(point, at.pose[2]);
-            stage.target = self.limits.clamp(&target::improve(belief, &held, &stage.target));
+        let (last_block, stages) = (self.blocks - 1, self.stages.iter_mut().zip(&mut self.steps));
+        for (k, (stage, step)) in stages.enumerate() {
+            // The holding input is linear in the disturbance, which has been corrected since the targets were worked out.
+            let corrected = std::array::from_fn(|axis| {
+                stage.target[axis] + (self.target_disturbance[axis] - belief.disturbance[axis]) / belief.main.gain[axis]
+            });
+            stage.target = self.limits.clamp(&corrected);
             let deviation = self.deviation.get_mut(k.min(last_block));
             let mut input = stage.target;
             if let Some(deviation) = deviation {

@@ -129,6 +129,7 @@ impl<'a> Loop<'a> {
             Pace::RealTime => self.take_newest(tick),
             Pace::LockStep => self.take_due(tick + 1, stop)?,
         }
+        self.controller.prepare_next();
         Ok(())
     }
 

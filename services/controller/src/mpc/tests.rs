@@ -69,7 +69,9 @@ proptest! {
         let belief = Belief { main: &main, learned: None, disturbance: [0.02, -0.01, 0.03] };
         let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
         let (state, reference) = (State { pose, velocity }, circle(0, 7));
-        mpc.roll_out(&state, &reference, &belief);
+        mpc.begin_at(&state);
+        mpc.prepare(&reference, &belief);
+        mpc.roll_out(&state, &belief);
         mpc.condensed.propagate(&mpc.steps);
         mpc.build(&input, &reference);
         let deviation = mpc.deviation.clone();
@@ -94,6 +96,7 @@ proptest! {
         let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
         let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
         let last = mpc.limits.clamp(&last);
+        mpc.prepare(&circle(0, 7), &belief);
         let solved = mpc.iterate(&State { pose, velocity }, &last, &circle(0, 7), &belief);
         prop_assert!(solved.outcome.usable(), "{:?}", solved.outcome);
         let input = mpc.stages[0].input;
@@ -112,6 +115,7 @@ fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError>
     let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let state = State { pose: [0.02, -0.03, 0.01], velocity: [1.4, 0.0, 0.7] };
+    mpc.prepare(&circle(0, 7), &belief);
     let outcome = mpc.iterate(&state, &[1.5, 0.0, 0.75], &circle(0, 7), &belief).outcome;
     assert_eq!(outcome.status, Status::Solved);
     let hessian = mpc.program.hessian.view((0, 0), (9, 9)).upper_triangle();
@@ -131,7 +135,7 @@ fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let (mut state, mut input) = (State { pose: [0.0, -0.8, 0.3], velocity: [0.0; 3] }, [0.0; 3]);
     for tick in 0..40 {
-        mpc.shift();
+        mpc.prepare(&circle(tick, 7), &belief);
         assert!(mpc.iterate(&state, &input, &circle(tick, 7), &belief).outcome.usable());
         input = mpc.stages[0].input;
         state = belief.predict(&state, &input);
@@ -152,7 +156,7 @@ fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
     let (mut state, mut input) = (State::default(), [0.0; 3]);
     for _ in 0..120 {
         let belief = Belief { main: &main, learned: None, disturbance: observer.disturbance() };
-        mpc.shift();
+        mpc.prepare(&still, &belief);
         assert!(mpc.iterate(&state, &input, &still, &belief).outcome.usable());
         input = mpc.stages[0].input;
         let next = Belief { disturbance: push, ..belief }.predict(&state, &input);
