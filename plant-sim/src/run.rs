@@ -17,6 +17,9 @@ const PATIENCE: Duration = Duration::from_millis(20);
 /// A wake-up that is later than this is the machine's doing, not the world's \[ns\].
 const STALL_NANOS: u64 = 5_000_000;
 
+/// What a wait is counted in, unless it is shorter \[ns\].
+const MILLISECOND: u64 = 1_000_000;
+
 /// Why the plant ended before its time.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
@@ -46,6 +49,11 @@ pub fn run(settings: &Settings, ports: &Ports, identity: Identity, stop: &Stop) 
     plant.report();
     plant.pulse.phase(Phase::Finished);
     Ok(())
+}
+
+/// How long to sleep when so much of the period is left: whole milliseconds, which are cheap, then the rest, which is exact \[ns\].
+fn nap(left: u64) -> u64 {
+    if left < MILLISECOND { left } else { (left - left % MILLISECOND).min(SLICE_NANOS) }
 }
 
 struct Plant<'a> {
@@ -95,7 +103,7 @@ impl<'a> Plant<'a> {
                 if now >= end {
                     break;
                 }
-                let nap = SLICE_NANOS.min(end - now);
+                let nap = nap(end - now);
                 self.commands.wait(Duration::from_nanos(nap))?;
                 let woken = monotonic_nanos() - origin;
                 let stalled = woken.saturating_sub(now + nap);

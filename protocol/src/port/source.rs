@@ -77,7 +77,8 @@ impl<T: OnTopic> Source<T> {
 
     /// Sleeps until something waits, and says whether something does. True at once if it does already.
     ///
-    /// A signal ends it early with false, so that a process can look at its flags.
+    /// A signal ends it early with false, so that a process can look at its flags. A timeout may be rounded up to whole milliseconds; one
+    /// of less than a millisecond is kept to 0.2 ms.
     ///
     /// # Errors
     /// [`ReceiveError`] if the carrier fails.

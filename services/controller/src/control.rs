@@ -187,6 +187,19 @@ impl Controller {
         }
     }
 
+    /// Rehearses the next answer, shortly before its state is expected: it then finds everything at hand, whatever else the machine has
+    /// done meanwhile. Nothing that the answer depends on changes.
+    pub fn rehearse(&mut self) {
+        if self.prepared_for.is_some() {
+            let belief = Belief {
+                main: &self.main,
+                learned: self.active.as_ref().map(|active| &active.learned),
+                disturbance: self.observer.disturbance(),
+            };
+            self.mpc.rehearse(&self.last_input, &self.points, &belief);
+        }
+    }
+
     /// The plan behind the last answer, with what it took; called after the command has gone.
     pub fn explain(&mut self, tick_nanos: u64) -> &mut Plan {
         self.write_prediction();

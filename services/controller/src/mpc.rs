@@ -172,6 +172,18 @@ impl Mpc {
         self.target_disturbance = belief.disturbance;
     }
 
+    /// Does one whole iteration on the state that the plan expects, and leaves the plan as it is: what the coming iteration needs, which
+    /// other work has pushed out of the processor's caches since the last one, is there again. Called after [`prepare`](Self::prepare).
+    pub fn rehearse(&mut self, last_input: &Velocity, reference: &[ReferencePoint], belief: &Belief<'_>) {
+        let Some(expected) = self.stages.first().map(|stage| stage.state) else { return };
+        self.roll_out(&expected, belief);
+        if self.predictable() {
+            self.condensed.propagate(&self.steps);
+            self.build(last_input, reference);
+            let _answer = self.solver.solve(&self.program, &mut self.solution);
+        }
+    }
+
     fn shift(&mut self) {
         self.deviation.rotate_left(1);
         if let [.., before, last] = self.deviation.as_mut_slice() {

@@ -3,7 +3,7 @@
 use crate::adopt::{Arrival, Event, Handover, prepare};
 use crate::control::{Controller, ControllerError};
 use crate::settings::Settings;
-use process::{Pace, Pulse, Stop};
+use process::{Pace, Pulse, Seat, Stop};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample};
 use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
@@ -14,6 +14,11 @@ use std::time::Duration;
 
 /// How long a wait lasts before stop signals are looked at.
 const PATIENCE: Duration = Duration::from_millis(20);
+
+/// How far before the expected state the answer is rehearsed: so many times what the last answer took,
+const REHEARSAL_TICKS: u64 = 4;
+/// and at least so long, since sleeping is exact to a millisecond \[ns\].
+const REHEARSAL_LEAST: u64 = 2_000_000;
 
 /// Why the controller ended before it was told to.
 #[derive(Debug, thiserror::Error)]
@@ -68,6 +73,10 @@ struct Loop<'a> {
     epoch: Option<u64>,
     /// (plant epoch, tick) answered last.
     answered: Option<(u64, u64)>,
+    /// When the next answer is to be rehearsed, on the monotonic clock \[ns\].
+    rehearse_at: Option<u64>,
+    /// Held from the rehearsal to the answer.
+    seat: Seat,
 }
 
 impl<'a> Loop<'a> {
@@ -84,6 +93,8 @@ impl<'a> Loop<'a> {
             pulse: Pulse::new(ports, Participant::Controller)?,
             epoch: None,
             answered: None,
+            rehearse_at: None,
+            seat: Seat::new(),
         })
     }
 
@@ -92,7 +103,8 @@ impl<'a> Loop<'a> {
         self.states.wait(Duration::ZERO)?;
         self.pulse.phase(Phase::Ready);
         while !stop.requested() {
-            self.states.wait(PATIENCE)?;
+            let until_rehearsal = self.rehearse_at.map_or(PATIENCE, |at| Duration::from_nanos(at.saturating_sub(monotonic_nanos())));
+            self.states.wait(until_rehearsal.min(PATIENCE))?;
             self.watch_attendant()?;
             let state = match self.settings.run.pace {
                 Pace::RealTime => self.states.latest()?,
@@ -100,6 +112,10 @@ impl<'a> Loop<'a> {
             };
             if let Some(state) = state {
                 self.step(&state, stop)?;
+            } else if self.rehearse_at.is_some_and(|at| at <= monotonic_nanos()) {
+                self.seat.hold();
+                self.controller.rehearse();
+                self.rehearse_at = None;
             }
             self.report();
         }
@@ -120,6 +136,7 @@ impl<'a> Loop<'a> {
         self.commands.send(self.controller.answer(state, self.handover))?;
         let nanos = monotonic_nanos() - begin;
 
+        self.seat.release();
         let residual = self.residuals.send(&mut sample);
         self.beside_control(residual)?;
         let plan = self.plans.send(self.controller.explain(nanos));
@@ -130,7 +147,15 @@ impl<'a> Loop<'a> {
             Pace::LockStep => self.take_due(tick + 1, stop)?,
         }
         self.controller.prepare_next();
+        self.rehearse_at = self.time_to_rehearse(begin, nanos);
         Ok(())
+    }
+
+    /// Real time: far enough ahead of the next state that the rehearsal is over when it comes. A tick that takes much of the period
+    /// leaves no room for one.
+    fn time_to_rehearse(&self, begin: u64, tick_nanos: u64) -> Option<u64> {
+        let (period, ahead) = (self.settings.run.period_nanos, (REHEARSAL_TICKS * tick_nanos).max(REHEARSAL_LEAST));
+        (self.settings.run.pace == Pace::RealTime && 2 * ahead < period).then_some(begin + period.saturating_sub(ahead))
     }
 
     /// What the robot does not depend on: a message to learner or watchers that cannot be sent ends a run in lock step, which loses

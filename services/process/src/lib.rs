@@ -6,13 +6,16 @@
 //! | `start` | [`main`]: arguments, settings, log, stop signals, body, exit code              |
 //! | `stop`  | [`Stop`]: the request to end, and who may make it                              |
 //! | `pulse` | [`Pulse`]: the heartbeat that goes out as `Health`                             |
+//! | `seat`  | [`Seat`]: a thread held on its processor                                       |
 
 mod pulse;
 mod run;
+mod seat;
 mod start;
 mod stop;
 
 pub use pulse::Pulse;
 pub use run::{HasRun, Pace, Run};
+pub use seat::Seat;
 pub use start::main;
 pub use stop::Stop;

@@ -11,7 +11,7 @@ use std::time::Duration;
 /// The system's sleep on events counts whole milliseconds.
 const TICK: Duration = Duration::from_millis(1);
 
-/// What is left of a sleep after the last whole one is slept in pieces, between which the caller looks for itself.
+/// A shorter sleep than that is slept in pieces, between which the caller looks for itself.
 const PIECE: Duration = Duration::from_micros(100);
 
 /// Longest sleep on events at a time; its number of milliseconds has to fit an `i32`.
@@ -51,14 +51,14 @@ impl Alarm {
         self.listener.try_wait(|_| {}).map(drop).map_err(|_| "its events cannot be taken")
     }
 
-    /// Sleeps until a writer has notified since the last [`reset`](Self::reset), or `most` is over, or a part of it.
+    /// Sleeps until a writer has notified since the last [`reset`](Self::reset), or `most` is over, in whole milliseconds rounded up, or a
+    /// part of less than one is.
     pub(super) fn sleep(&self, most: Duration) -> Result<Slept, &'static str> {
         if most < TICK {
             thread::sleep(most.min(PIECE));
             return Ok(Slept::Awake);
         }
-        let whole = Duration::from_millis(most.min(SLEEP_MAX).as_millis() as u64);
-        match self.waitset.wait_and_process_once_with_timeout(|_| CallbackProgression::Stop, whole) {
+        match self.waitset.wait_and_process_once_with_timeout(|_| CallbackProgression::Stop, most.min(SLEEP_MAX)) {
             Ok(WaitSetRunResult::Interrupt | WaitSetRunResult::TerminationRequest) => Ok(Slept::Interrupted),
             Ok(WaitSetRunResult::StopRequest | WaitSetRunResult::AllEventsHandled) => Ok(Slept::Awake),
             Err(_) => Err("its events cannot be waited for"),
