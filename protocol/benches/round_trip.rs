@@ -8,7 +8,7 @@ mod bare;
 use bytemuck::Zeroable;
 use criterion::Criterion;
 use protocol::message::Command;
-use protocol::port::{Carrier, Identity, Links, Ports, Since, Sink, Source, sweep};
+use protocol::port::{Identity, Links, Ports, Since, Sink, Source, sweep};
 use std::error::Error;
 use std::path::Path;
 use std::sync::mpsc;
@@ -89,11 +89,5 @@ fn heard(source: &mut Source<Command>) -> Result<Command, Failure> {
 }
 
 fn links(folder: &Path, name: &str) -> Links {
-    Links {
-        graph: format!("b{}-{name}", std::process::id()),
-        lock_step: false,
-        root: folder.join(name),
-        patience_millis: 1000,
-        carrier: Carrier::SharedMemory,
-    }
+    Links::on_this_machine(format!("b{}-{name}", std::process::id()), folder.join(name), false, 1000)
 }

@@ -9,6 +9,7 @@
 //! | `carrier`        | what a carrier must do: move bytes                                        |
 //! | `memory`         | the carrier inside one process, for tests and experiments                 |
 //! | `shared_memory`  | the carrier between the processes of one machine, over iceoryx2           |
+//! | `network`        | the carrier between machines, over zenoh                                  |
 //!
 //! ```
 //! use protocol::message::Credit;
@@ -32,13 +33,14 @@ mod carrier;
 mod error;
 mod links;
 mod memory;
+mod network;
 mod sequence;
 mod shared_memory;
 mod sink;
 mod source;
 
 pub use error::{OpenError, ReceiveError, SendError};
-pub use links::{Carrier, GRAPH_NAME_MAX, Links};
+pub use links::{Carrier, Carriers, GRAPH_NAME_MAX, Links};
 pub use memory::Exchange;
 pub use sequence::Since;
 pub use shared_memory::{SweepReport, sweep};
@@ -48,6 +50,7 @@ pub use source::{Source, Tally};
 use crate::message::Message;
 use crate::topic::{OnTopic, Topic};
 use carrier::{Inlet, Outlet};
+use network::Network;
 use shared_memory::SharedMemory;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::marker::PhantomData;
@@ -77,34 +80,39 @@ impl Identity {
 
 /// Opens the ports of one thread. Neither `Ports` nor what it opens can move to another thread: open them where they are used.
 pub struct Ports {
-    carrier: Opened,
+    place: Place,
     identity: Identity,
     /// Keeps `Ports` out of other threads on every carrier, since it has to stay out of them on shared memory.
     one_thread: PhantomData<Rc<()>>,
 }
 
-enum Opened {
-    Memory(Exchange),
-    SharedMemory(SharedMemory),
+/// Where the ports meet.
+enum Place {
+    /// In this process.
+    Here(Exchange),
+    /// On this machine or beyond, each topic over the carrier that its links say.
+    Graph { carriers: Carriers, shared_memory: Option<SharedMemory>, network: Option<Network> },
 }
 
 impl Ports {
-    /// Joins the graph that `links` names.
+    /// Joins the graph that `links` names: its shared memory and its network, each if a topic runs over it.
     ///
-    /// Nothing outside the graph's own prefix and root is read or written, and no signal handler is installed.
+    /// Nothing outside the graph's own prefix, root and endpoints is read or written, and no signal handler is installed.
     ///
     /// # Errors
-    /// [`OpenError`] if the name or the root cannot be used, or shared memory is not to be had.
+    /// [`OpenError`] if the name or the root cannot be used, or a carrier is not to be had.
     pub fn open(links: &Links, identity: Identity) -> Result<Self, OpenError> {
-        let carrier = match links.carrier {
-            Carrier::SharedMemory => Opened::SharedMemory(SharedMemory::open(links)?),
-        };
-        Ok(Self { carrier, identity, one_thread: PhantomData })
+        links.check()?;
+        let uses = |carrier| links.carriers.uses(carrier);
+        let shared_memory = uses(Carrier::SharedMemory).then(|| SharedMemory::open(links)).transpose()?;
+        let network = uses(Carrier::Network).then(|| Network::open(links)).transpose()?;
+        let carriers = links.carriers.clone();
+        Ok(Self { place: Place::Graph { carriers, shared_memory, network }, identity, one_thread: PhantomData })
     }
 
     /// Ports between the threads of one process.
     pub fn in_memory(exchange: &Exchange, identity: Identity) -> Self {
-        Self { carrier: Opened::Memory(exchange.clone()), identity, one_thread: PhantomData }
+        Self { place: Place::Here(exchange.clone()), identity, one_thread: PhantomData }
     }
 
     /// Opens a writer of `T` on its topic.
@@ -133,18 +141,30 @@ impl Ports {
     }
 
     fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<Box<dyn Outlet>, OpenError> {
-        match &self.carrier {
-            Opened::Memory(exchange) => Ok(Box::new(exchange.outlet(topic)?)),
-            Opened::SharedMemory(shared) => Ok(Box::new(shared.outlet(topic, reservation)?)),
+        match &self.place {
+            Place::Here(exchange) => Ok(Box::new(exchange.outlet(topic)?)),
+            Place::Graph { carriers, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
+                (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.outlet(topic, reservation)?)),
+                (Carrier::Network, _, Some(network)) => network.outlet(topic),
+                (carrier, ..) => Err(not_joined(topic, carrier)),
+            },
         }
     }
 
     fn inlet(&self, topic: Topic) -> Result<Box<dyn Inlet>, OpenError> {
-        match &self.carrier {
-            Opened::Memory(exchange) => Ok(Box::new(exchange.inlet(topic)?)),
-            Opened::SharedMemory(shared) => Ok(Box::new(shared.inlet(topic)?)),
+        match &self.place {
+            Place::Here(exchange) => Ok(Box::new(exchange.inlet(topic)?)),
+            Place::Graph { carriers, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
+                (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.inlet(topic)?)),
+                (Carrier::Network, _, Some(network)) => network.inlet(topic),
+                (carrier, ..) => Err(not_joined(topic, carrier)),
+            },
         }
     }
+}
+
+fn not_joined(topic: Topic, carrier: Carrier) -> OpenError {
+    OpenError::Carrier { topic, reason: format!("{carrier:?} has not been joined") }
 }
 
 /// What a link holds ready for each message.

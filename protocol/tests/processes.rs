@@ -4,7 +4,7 @@
 
 use bytemuck::Zeroable;
 use protocol::message::{Command, Credit};
-use protocol::port::{Carrier, Identity, Links, Ports, SendError, Since, Source, SweepReport, sweep};
+use protocol::port::{Identity, Links, Ports, SendError, Since, Source, SweepReport, sweep};
 use protocol::topic::{OnTopic, Topic};
 use rustix::process::{Pid, Signal, kill_process};
 use std::env;
@@ -101,7 +101,7 @@ impl Drop for Killed {
 }
 
 fn links(graph: String, lock_step: bool, root: PathBuf) -> Links {
-    Links { graph, lock_step, root, patience_millis: PATIENCE.as_millis() as u64, carrier: Carrier::SharedMemory }
+    Links::on_this_machine(graph, root, lock_step, PATIENCE.as_millis() as u64)
 }
 
 fn command(tick: u64) -> Command {

@@ -1,7 +1,9 @@
 //! How the links of one graph run, as a setting.
 
 use super::OpenError;
+use crate::topic::Topic;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -24,19 +26,57 @@ pub struct Links {
     pub root: PathBuf,
     /// How long a lossless writer waits for room \[ms\].
     pub patience_millis: u64,
-    /// What the links run over.
-    pub carrier: Carrier,
+    /// What each topic runs over.
+    pub carriers: Carriers,
+    /// Endpoints where the network is joined, as `tcp/127.0.0.1:7447`: those of the graph's router. Empty if nothing runs over it.
+    #[serde(default)]
+    pub connect: Vec<String>,
 }
 
-/// What a link runs over. In-process memory is not a setting: see [`Exchange`](super::Exchange). The network gets its place here.
+/// What a link runs over. In-process memory is not a setting: see [`Exchange`](super::Exchange).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Carrier {
     /// The shared memory of one machine.
     SharedMemory,
+    /// Zenoh, on one machine or across several.
+    Network,
+}
+
+/// What each topic runs over: `default`, and the exceptions by the topics' names.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Carriers {
+    /// What runs over nothing else.
+    pub default: Carrier,
+    /// Topics that run over something else than the default, by name.
+    #[serde(flatten)]
+    pub exceptions: BTreeMap<String, Carrier>,
+}
+
+impl Carriers {
+    /// Every topic over `carrier`.
+    pub fn all(carrier: Carrier) -> Self {
+        Self { default: carrier, exceptions: BTreeMap::new() }
+    }
+
+    /// What `topic` runs over.
+    pub fn of(&self, topic: Topic) -> Carrier {
+        self.exceptions.get(topic.name()).copied().unwrap_or(self.default)
+    }
+
+    /// Whether any topic runs over `carrier`.
+    pub fn uses(&self, carrier: Carrier) -> bool {
+        Topic::ALL.into_iter().any(|topic| self.of(topic) == carrier)
+    }
 }
 
 impl Links {
+    /// Everything over the shared memory of this machine.
+    pub fn on_this_machine(graph: impl Into<String>, root: impl Into<PathBuf>, lock_step: bool, patience_millis: u64) -> Self {
+        let carriers = Carriers::all(Carrier::SharedMemory);
+        Self { graph: graph.into(), lock_step, root: root.into(), patience_millis, carriers, connect: Vec::new() }
+    }
+
     /// How long a lossless writer waits for room: a day at most.
     pub fn patience(&self) -> Duration {
         Duration::from_millis(self.patience_millis).min(PATIENCE_MAX)

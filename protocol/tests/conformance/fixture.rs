@@ -2,7 +2,7 @@
 
 use bytemuck::Zeroable;
 use protocol::message::{Command, Credit, ModelSnapshot, SnapshotHead};
-use protocol::port::{Carrier, Exchange, Identity, Links, Ports, sweep};
+use protocol::port::{Exchange, Identity, Links, Ports, sweep};
 use std::error::Error;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
@@ -53,13 +53,8 @@ impl Fixture for Shared {
     fn with_patience(lock_step: bool, patience: Duration) -> Result<Self, Failure> {
         static GRAPHS: AtomicU32 = AtomicU32::new(0);
         let folder = tempfile::tempdir()?;
-        let links = Links {
-            graph: format!("t{}-{}", std::process::id(), GRAPHS.fetch_add(1, Ordering::Relaxed)),
-            lock_step,
-            root: folder.path().join("r"),
-            patience_millis: u64::try_from(patience.as_millis())?,
-            carrier: Carrier::SharedMemory,
-        };
+        let graph = format!("t{}-{}", std::process::id(), GRAPHS.fetch_add(1, Ordering::Relaxed));
+        let links = Links::on_this_machine(graph, folder.path().join("r"), lock_step, u64::try_from(patience.as_millis())?);
         Ok(Self { links, _folder: folder })
     }
 

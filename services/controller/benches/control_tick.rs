@@ -13,13 +13,13 @@ use model::learned::{INPUTS, Layout, Learned};
 use model::robot::Robot;
 use process::{Pace, Run};
 use protocol::message::{PlantState, Rung};
-use protocol::port::{Carrier, Links};
+use protocol::port::Links;
 use std::hint::black_box;
 
 const POINTS: usize = 120;
 
 fn settings() -> Settings {
-    let links = Links { graph: "bench".into(), lock_step: true, root: "/tmp".into(), patience_millis: 0, carrier: Carrier::SharedMemory };
+    let links = Links::on_this_machine("bench", "/tmp", true, 0);
     Settings {
         run: Run {
             links,

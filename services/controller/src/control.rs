@@ -308,11 +308,11 @@ mod tests {
     use model::gp::posterior::{Posterior, VarianceScratch};
     use model::learned::{INPUTS, Layout, Learned};
     use process::{Pace, Run};
-    use protocol::port::{Carrier, Links};
+    use protocol::port::Links;
 
     fn controller() -> Result<Controller, ControllerError> {
         let links =
-            Links { graph: "test".into(), lock_step: true, root: "/tmp".into(), patience_millis: 0, carrier: Carrier::SharedMemory };
+            Links::on_this_machine("test", "/tmp", true, 0);
         Controller::new(&Settings {
             run: Run {
                 links,

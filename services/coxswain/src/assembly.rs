@@ -82,7 +82,8 @@ impl Assembly {
             lock_step: self.graph.pace == Pace::LockStep,
             root: root.to_path_buf(),
             patience_millis: self.graph.lock_step_patience_millis,
-            carrier: self.graph.carrier(),
+            carriers: self.graph.links.clone(),
+            connect: Vec::new(),
         }
     }
 

@@ -8,7 +8,7 @@
 //! A process id comes again, the pair with its start time does not. A graph whose launcher is gone is stale: the next launcher sweeps it,
 //! after a kill -9 of everything too.
 
-use protocol::port::{Carrier, Identity, Links, sweep};
+use protocol::port::{Identity, Links, sweep};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
 use std::io;
@@ -119,7 +119,7 @@ impl Berth {
 
     /// For sweeping, the name and the root are all that counts.
     fn links(&self) -> Links {
-        Links { graph: self.id.clone(), lock_step: false, root: self.root(), patience_millis: 0, carrier: Carrier::SharedMemory }
+        Links::on_this_machine(self.id.clone(), self.root(), false, 0)
     }
 
     fn launcher_file(&self) -> PathBuf {

@@ -3,11 +3,10 @@
 use crate::back_off::RestartPolicy;
 use process::Pace;
 use protocol::message::Participant;
-use protocol::port::Carrier;
+use protocol::port::Carriers;
 use protocol::topic::Topic;
 use serde::Deserialize;
 use settings::{Check, Impossible};
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -27,8 +26,7 @@ pub struct Graph {
     #[serde(default = "lock_step_patience_millis")]
     pub lock_step_patience_millis: u64,
     /// What each link runs over: `default`, or the name of a topic.
-    #[expect(clippy::zero_sized_map_values, reason = "the network will be the second carrier")]
-    pub links: BTreeMap<String, Carrier>,
+    pub links: Carriers,
     /// Its processes.
     #[serde(default)]
     pub processes: Processes,
@@ -96,19 +94,9 @@ impl Processes {
     }
 }
 
-impl Graph {
-    /// What the links run over. All run over the same, for there is one carrier between processes so far.
-    pub fn carrier(&self) -> Carrier {
-        self.links.get("default").copied().unwrap_or(Carrier::SharedMemory)
-    }
-}
-
 impl Check for Graph {
     fn check(&self) -> Result<(), Impossible> {
-        if !self.links.contains_key("default") {
-            return Err(Impossible::new("links.default", "what the links run over: shared-memory"));
-        }
-        for link in self.links.keys().filter(|link| *link != "default") {
+        for link in self.links.exceptions.keys() {
             if !Topic::ALL.iter().any(|topic| topic.name() == link) {
                 let topics = Topic::ALL.map(Topic::name).join(", ");
                 return Err(Impossible::new(format!("links.{link}"), format!("default or a topic for the name of a link: {topics}")));

@@ -7,7 +7,7 @@ use model::main_model::{MainModel, fingerprint};
 use model::robot::Robot;
 use process::{Pace, Run, Stop};
 use protocol::message::{ModelSnapshot, ResidualSample};
-use protocol::port::{Carrier, Exchange, Identity, Links, Ports, Since, Source};
+use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
 use std::error::Error;
 use std::thread;
 use std::time::Duration;
@@ -16,13 +16,7 @@ use std::time::Duration;
 fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected: usize) -> Result<Vec<u64>, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     let exchange = Exchange::new(true, Duration::from_secs(5));
-    let links = Links {
-        graph: "rejoin".into(),
-        lock_step: true,
-        root: folder.path().into(),
-        patience_millis: 5000,
-        carrier: Carrier::SharedMemory,
-    };
+    let links = Links::on_this_machine("rejoin", folder.path(), true, 5000);
     let settings = Settings {
         run: Run {
             links,

@@ -160,14 +160,14 @@ mod tests {
     use super::*;
     use process::{Pace, Run};
     use protocol::message::Health;
-    use protocol::port::{Carrier, Exchange, Identity, Links};
+    use protocol::port::{Exchange, Identity, Links};
 
     #[test]
     fn a_full_disk_is_told_to_the_others_before_the_end() -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
         let root = folder.path().to_owned();
         let links =
-            Links { graph: "test".to_owned(), lock_step: false, root: root.clone(), patience_millis: 1000, carrier: Carrier::SharedMemory };
+            Links::on_this_machine("test", root.clone(), false, 1000);
         let (log, pace) = ("info".to_owned(), Pace::RealTime);
         let settings =
             Settings { run: Run { links, folder: root, log, epoch_floor: 1, restarted: false, period_nanos: 100_000_000, pace } };

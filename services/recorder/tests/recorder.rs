@@ -6,7 +6,7 @@ mod graph;
 use graph::{Graph, SNAPSHOT_TICKS};
 use process::{Pace, Run, Stop};
 use protocol::message::{Credit, Rung};
-use protocol::port::{Carrier, Exchange, Identity, Links, Ports, Since};
+use protocol::port::{Exchange, Identity, Links, Ports, Since};
 use recorder::run::RecorderError;
 use recorder::segment::{self, RecordError};
 use recorder::settings::Settings;
@@ -24,7 +24,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 fn settings(folder: &Path, pace: Pace, restarted: bool) -> Settings {
     let lock_step = pace == Pace::LockStep;
     let links =
-        Links { graph: "test".to_owned(), lock_step, root: folder.to_owned(), patience_millis: 1000, carrier: Carrier::SharedMemory };
+        Links::on_this_machine("test", folder, lock_step, 1000);
     let folder = folder.to_owned();
     Settings { run: Run { links, folder, log: "info".to_owned(), epoch_floor: 1, restarted, period_nanos: 100_000_000, pace } }
 }
