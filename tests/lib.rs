@@ -77,17 +77,31 @@ impl Launched {
         Self::at_home(tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?, options)
     }
 
+    /// Launches the graph in `deploy/graphs/` that is called `graph` with `options`.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub fn graph(graph: &str, options: &[&str]) -> Result<Self, Box<dyn Error>> {
+        let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+        let command = launch_command(&graph_file(graph), &home.path().join("run"), options)?;
+        Self::by(command, home)
+    }
+
     /// Launches the local graph in a home where others may have been before.
     ///
     /// # Errors
     /// If it cannot be started.
     pub fn at_home(home: TempDir, options: &[&str]) -> Result<Self, Box<dyn Error>> {
-        let child = launch_command(&repository().join("deploy/graphs/local.toml"), &home.path().join("run"), options)?
-            .env("TMPDIR", home.path())
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()?;
+        let command = launch_command(&graph_file("local"), &home.path().join("run"), options)?;
+        Self::by(command, home)
+    }
+
+    /// Launches by `command`, which says that the run goes into the folder `run` of `home`.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub fn by(mut command: Command, home: TempDir) -> Result<Self, Box<dyn Error>> {
+        let child = command.env("TMPDIR", home.path()).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
         Ok(Self { child, home })
     }
 
@@ -164,6 +178,11 @@ impl Drop for Launched {
             let _ = wait_until("the end of a launch that is given up", || !matches!(self.child.try_wait(), Ok(None)));
         }
     }
+}
+
+/// The graph in `deploy/graphs/` that is called `graph`.
+pub fn graph_file(graph: &str) -> PathBuf {
+    repository().join("deploy/graphs").join(graph).with_extension("toml")
 }
 
 /// `coxswain launch GRAPH --out OUT OPTIONS…`.

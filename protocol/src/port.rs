@@ -40,8 +40,9 @@ mod sink;
 mod source;
 
 pub use error::{OpenError, ReceiveError, SendError};
-pub use links::{Carrier, Carriers, GRAPH_NAME_MAX, Links};
+pub use links::{Carrier, Carriers, GRAPH_NAME_MAX, Links, is_graph_name};
 pub use memory::Exchange;
+pub use network::Router;
 pub use sequence::Since;
 pub use shared_memory::{SweepReport, sweep};
 pub use sink::{RawSink, Sink};

@@ -31,6 +31,9 @@ pub struct Links {
     /// Endpoints where the network is joined, as `tcp/127.0.0.1:7447`: those of the graph's router. Empty if nothing runs over it.
     #[serde(default)]
     pub connect: Vec<String>,
+    /// Name of the graph on the network, of the same form, for launches that meet there; that of the graph unless it is said.
+    #[serde(default)]
+    pub network_graph: Option<String>,
 }
 
 /// What a link runs over. In-process memory is not a setting: see [`Exchange`](super::Exchange).
@@ -74,7 +77,7 @@ impl Links {
     /// Everything over the shared memory of this machine.
     pub fn on_this_machine(graph: impl Into<String>, root: impl Into<PathBuf>, lock_step: bool, patience_millis: u64) -> Self {
         let carriers = Carriers::all(Carrier::SharedMemory);
-        Self { graph: graph.into(), lock_step, root: root.into(), patience_millis, carriers, connect: Vec::new() }
+        Self { graph: graph.into(), lock_step, root: root.into(), patience_millis, carriers, connect: Vec::new(), network_graph: None }
     }
 
     /// How long a lossless writer waits for room: a day at most.
@@ -82,13 +85,24 @@ impl Links {
         Duration::from_millis(self.patience_millis).min(PATIENCE_MAX)
     }
 
-    /// Fails unless the name of the graph can be used.
-    pub(super) fn check(&self) -> Result<(), OpenError> {
-        let allowed = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_' || byte == b'-';
-        if (1..=GRAPH_NAME_MAX).contains(&self.graph.len()) && self.graph.bytes().all(allowed) {
-            Ok(())
-        } else {
-            Err(OpenError::GraphName { graph: self.graph.clone() })
-        }
+    /// Name of the graph on the network.
+    pub fn network_graph(&self) -> &str {
+        self.network_graph.as_deref().unwrap_or(&self.graph)
     }
+
+    /// Fails unless the names of the graph can be used.
+    pub(super) fn check(&self) -> Result<(), OpenError> {
+        for name in [self.graph.as_str(), self.network_graph()] {
+            if !is_graph_name(name) {
+                return Err(OpenError::GraphName { graph: name.to_owned() });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Whether a graph can have this name.
+pub fn is_graph_name(name: &str) -> bool {
+    let allowed = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_' || byte == b'-';
+    (1..=GRAPH_NAME_MAX).contains(&name.len()) && name.bytes().all(allowed)
 }

@@ -8,7 +8,7 @@ use controller::settings::LearnedSettings;
 use model::robot::Robot;
 use process::{Pace, Run};
 use protocol::message::Participant;
-use protocol::port::Links;
+use protocol::port::{Carrier, Links};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError, WriteError};
 use std::path::{Component, Path, PathBuf};
@@ -59,6 +59,22 @@ impl Assembly {
         let RobotFile(robot) = settings::read(&robot_file)?;
         graph.pace = options.pace.unwrap_or(graph.pace);
         graph.processes.learner.enabled = options.learner.unwrap_or(graph.processes.learner.enabled);
+        if let Some(endpoint) = &options.listen {
+            graph.network.listen = vec![endpoint.clone()];
+        }
+        if let Some(endpoint) = &options.connect {
+            graph.network.connect = vec![endpoint.clone()];
+            if graph.network.graph.is_none() {
+                let expected = "a name, the same for all launches that meet: --connect leads to another launch".to_owned();
+                return Err(SettingsError::Value {
+                    file: options.graph.clone(),
+                    line: None,
+                    key: "network.graph".into(),
+                    value: None,
+                    expected,
+                });
+            }
+        }
         scenario.duration_s = options.duration.unwrap_or(scenario.duration_s);
         scenario.seed = options.seed.unwrap_or(scenario.seed);
         let scenario_name = scenario_file.file_stem().map_or_else(|| "scenario".into(), |stem| stem.to_string_lossy().into_owned());
@@ -70,20 +86,26 @@ impl Assembly {
         START_ORDER.into_iter().filter(|&role| self.graph.processes.of(role).enabled)
     }
 
+    /// Whether any of its links runs over the network.
+    pub fn networked(&self) -> bool {
+        self.graph.links.uses(Carrier::Network)
+    }
+
     /// Whether its learner takes part.
     pub fn learns(&self) -> bool {
         self.graph.processes.learner.enabled
     }
 
-    /// How its links run: those of the graph called `id`, whose carrier keeps its files in `root`.
-    pub fn links(&self, id: &str, root: &Path) -> Links {
+    /// How its links run: those of the graph called `id`, whose carriers keep their files in `root` and join the network at `router`.
+    pub fn links(&self, id: &str, root: &Path, router: &[String]) -> Links {
         Links {
             graph: id.to_owned(),
             lock_step: self.graph.pace == Pace::LockStep,
             root: root.to_path_buf(),
             patience_millis: self.graph.lock_step_patience_millis,
             carriers: self.graph.links.clone(),
-            connect: Vec::new(),
+            connect: router.to_vec(),
+            network_graph: self.graph.network.graph.clone(),
         }
     }
 
@@ -106,7 +128,7 @@ impl Assembly {
             run,
             duration_s: self.scenario.duration_s,
             seed: self.scenario.seed,
-            link_delay_millis: 0, // shared memory has none
+            link_delay_millis: if self.networked() { self.graph.network.delay_millis } else { 0 },
             recorded: self.graph.processes.recorder.enabled,
             start: self.scenario.start,
             robot: self.robot,

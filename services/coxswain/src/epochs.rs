@@ -9,21 +9,23 @@ use std::{fs, io};
 #[derive(Debug)]
 pub struct Epochs {
     file: PathBuf,
+    /// What every role begins above.
+    floor: u64,
     highest: BTreeMap<String, u64>,
 }
 
 impl Epochs {
-    /// Those kept in `file`; none if there is no such file.
+    /// Those kept in `file`; `floor` if there is no such file, or where it says less.
     ///
     /// # Errors
     /// If the file is there but cannot be read.
-    pub fn open(file: &Path) -> io::Result<Self> {
+    pub fn open(file: &Path, floor: u64) -> io::Result<Self> {
         let highest = match fs::read_to_string(file) {
             Ok(text) => toml::from_str(&text).map_err(io::Error::other)?,
             Err(error) if error.kind() == io::ErrorKind::NotFound => BTreeMap::new(),
             Err(error) => return Err(error),
         };
-        Ok(Self { file: file.to_path_buf(), highest })
+        Ok(Self { file: file.to_path_buf(), floor, highest })
     }
 
     /// Highest epoch of `role` so far, above which an instance that starts now begins. The next one is taken as given out.
@@ -44,9 +46,9 @@ impl Epochs {
         if epoch > self.highest(role) { self.keep(role, epoch) } else { Ok(()) }
     }
 
-    /// Highest epoch of `role`; 0 before the first.
+    /// Highest epoch of `role`; the floor before the first.
     pub fn highest(&self, role: Participant) -> u64 {
-        self.highest.get(role.text()).copied().unwrap_or(0)
+        self.highest.get(role.text()).copied().unwrap_or(0).max(self.floor)
     }
 
     fn keep(&mut self, role: Participant, epoch: u64) -> io::Result<()> {
@@ -66,7 +68,7 @@ mod tests {
     fn every_start_begins_above_all_that_has_been() -> io::Result<()> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("epochs.toml");
-        let mut epochs = Epochs::open(&file)?;
+        let mut epochs = Epochs::open(&file, 0)?;
         assert_eq!(epochs.give(Participant::Controller)?, 0);
         assert_eq!(epochs.give(Participant::Controller)?, 1, "it may have died before it was heard");
         epochs.observe(Participant::Controller, 9)?;
@@ -77,11 +79,20 @@ mod tests {
     }
 
     #[test]
+    fn a_launch_begins_above_those_before_it() -> io::Result<()> {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("epochs.toml");
+        assert_eq!(Epochs::open(&file, 1_000)?.give(Participant::Plant)?, 1_000);
+        assert_eq!(Epochs::open(&file, 500)?.give(Participant::Plant)?, 1_001, "the clock has been set back");
+        Ok(())
+    }
+
+    #[test]
     fn epochs_outlive_the_launcher() -> io::Result<()> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("epochs.toml");
-        Epochs::open(&file)?.observe(Participant::Plant, 4)?;
-        assert_eq!(Epochs::open(&file)?.highest(Participant::Plant), 4);
+        Epochs::open(&file, 0)?.observe(Participant::Plant, 4)?;
+        assert_eq!(Epochs::open(&file, 0)?.highest(Participant::Plant), 4);
         assert_eq!(fs::read_dir(folder.path())?.count(), 1, "nothing half-written is left");
         Ok(())
     }

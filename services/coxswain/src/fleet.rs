@@ -13,7 +13,7 @@ use settings::WriteError;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 /// How long a process may take to be ready.
 const READY_WITHIN: Duration = Duration::from_mins(1);
@@ -130,7 +130,11 @@ impl<'a> Fleet<'a> {
     /// # Errors
     /// If the epochs of the run cannot be read.
     pub fn new(voyage: &'a Voyage) -> io::Result<Self> {
-        let epochs = Epochs::open(&voyage.folder.join("epochs.toml"))?;
+        // A launch that meets others is not the first that they hear of: its epochs are above those of any launch before it.
+        let meets = voyage.links.network_graph.is_some();
+        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let floor = if meets { since_1970.as_secs() } else { 0 };
+        let epochs = Epochs::open(&voyage.folder.join("epochs.toml"), floor)?;
         Ok(Self { voyage, epochs, members: BTreeMap::new() })
     }
 
@@ -207,6 +211,11 @@ impl<'a> Fleet<'a> {
             };
             member.state = State::Due(now + wait);
             events.push(Event::Died { role, ending, wait });
+        }
+        // A plant of another launch ends the run as well.
+        let elsewhere = !self.members.contains_key(&Participant::Plant);
+        if elsewhere && view.health(Participant::Plant).is_some_and(|health| health.phase == Phase::Finished) {
+            events.push(Event::Finished);
         }
         for role in self.due(now) {
             events.push(Event::Restarted { role, epoch_floor: self.start(role)? });

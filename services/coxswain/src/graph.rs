@@ -3,7 +3,7 @@
 use crate::back_off::RestartPolicy;
 use process::Pace;
 use protocol::message::Participant;
-use protocol::port::Carriers;
+use protocol::port::{Carriers, is_graph_name};
 use protocol::topic::Topic;
 use serde::Deserialize;
 use settings::{Check, Impossible};
@@ -27,9 +27,58 @@ pub struct Graph {
     pub lock_step_patience_millis: u64,
     /// What each link runs over: `default`, or the name of a topic.
     pub links: Carriers,
+    /// How it takes part in the network, for the links that run over it.
+    #[serde(default)]
+    pub network: Network,
     /// Its processes.
     #[serde(default)]
     pub processes: Processes,
+}
+
+/// How a launch takes part in the network: its processes join its own router, and the routers of launches that meet join each other.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Network {
+    /// Endpoints where the router listens. Port 0 is any that is free.
+    pub listen: Vec<String>,
+    /// Endpoints of the routers of other launches, which are tried until they answer.
+    pub connect: Vec<String>,
+    /// Name under which launches meet. Without it a launch keeps to itself.
+    pub graph: Option<String>,
+    /// How much older than 1.5 periods the state of a command may be because of the way that both go \[ms\].
+    pub delay_millis: u64,
+}
+
+impl Default for Network {
+    fn default() -> Self {
+        Self { listen: vec!["tcp/127.0.0.1:0".to_owned()], connect: Vec::new(), graph: None, delay_millis: 0 }
+    }
+}
+
+impl Network {
+    fn check(&self) -> Result<(), Impossible> {
+        for (key, endpoints) in [("listen", &self.listen), ("connect", &self.connect)] {
+            if let Some(index) = endpoints.iter().position(|endpoint| !is_endpoint(endpoint)) {
+                return Err(Impossible::new(format!("{key}.{index}"), "an endpoint such as tcp/127.0.0.1:7447"));
+            }
+        }
+        if self.listen.is_empty() {
+            return Err(Impossible::new("listen", "at least one endpoint, such as tcp/127.0.0.1:0"));
+        }
+        if self.graph.as_deref().is_some_and(|name| !is_graph_name(name)) {
+            return Err(Impossible::new("graph", "1 to 32 characters out of a-z, 0-9, _ and -"));
+        }
+        if !self.connect.is_empty() && self.graph.is_none() {
+            return Err(Impossible::new("graph", "a name, the same for all launches that meet"));
+        }
+        Ok(())
+    }
+}
+
+/// Whether `text` names a protocol, a host and a port.
+pub fn is_endpoint(text: &str) -> bool {
+    let parts = text.split_once('/').and_then(|(protocol, address)| Some((protocol, address.rsplit_once(':')?)));
+    parts.is_some_and(|(protocol, (host, port))| protocol == "tcp" && !host.is_empty() && port.parse::<u16>().is_ok())
 }
 
 fn lock_step_patience_millis() -> u64 {
@@ -102,6 +151,7 @@ impl Check for Graph {
                 return Err(Impossible::new(format!("links.{link}"), format!("default or a topic for the name of a link: {topics}")));
             }
         }
+        self.network.check().map_err(|impossible| impossible.under("network"))?;
         if self.lock_step_patience_millis == 0 {
             return Err(Impossible::new("lock_step_patience_millis", "at least 1 ms"));
         }
@@ -134,6 +184,22 @@ mod tests {
             refusal(&format!("{GOOD}stat = \"shared-memory\"\n")),
             Some(format!("g.toml:7: links.stat = \"shared-memory\": expected default or a topic for the name of a link: {topics}"))
         );
+    }
+
+    #[test]
+    fn an_endpoint_or_a_meeting_that_cannot_be_is_refused() {
+        let refused = |network: &str| refusal(&format!("{GOOD}[network]\n{network}\n")).unwrap_or_default();
+        assert_eq!(
+            refused("listen = [\"tcp/0.0.0.0:7447\"]\nconnect = [\"tcp/10.0.0.2:7447\"]\ngraph = \"mecanum\"\ndelay_millis = 5"),
+            ""
+        );
+        for endpoint in ["7447", "tcp/7447", "udp/127.0.0.1:7447", "tcp/127.0.0.1:70000", "tcp/:7447"] {
+            let said = refused(&format!("listen = [\"{endpoint}\"]"));
+            assert!(said.contains("g.toml:8: network.listen") && said.contains("tcp/127.0.0.1:7447"), "{said}");
+        }
+        assert!(refused("connect = [\"tcp/10.0.0.2:7447\"]").contains("network.graph"), "which of the launches there is meant?");
+        assert!(refused("graph = \"A robot\"").contains("network.graph = \"A robot\""));
+        assert!(refused("listen = []").contains("at least one endpoint"));
     }
 
     #[test]

@@ -45,7 +45,7 @@ pub enum InProcessError {
 /// [`InProcessError`].
 pub fn run(assembly: &Assembly, folder: &Path) -> Result<Summary, InProcessError> {
     let exchange = Exchange::new(true, PATIENCE);
-    let mut links = assembly.links("in-process", folder);
+    let mut links = assembly.links("in-process", folder, &[]);
     links.lock_step = true;
     let told = Run {
         links,

@@ -14,7 +14,7 @@ use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use process::Pace;
 use protocol::message::Participant;
-use protocol::port::OpenError;
+use protocol::port::{OpenError, Router};
 use settings::SettingsError;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -164,7 +164,12 @@ fn run_at(berth: &Berth, assembly: Assembly, programs: PathBuf, out: Option<&Pat
     open_log(&folder, &assembly.log)?;
     person.terminal.say(heading(&assembly));
     tracing::info!(graph = berth.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
-    let links = assembly.links(berth.id(), &berth.root());
+    let router = assembly.networked().then(|| Router::open(&assembly.graph.network.listen, &assembly.graph.network.connect)).transpose()?;
+    let endpoints = router.as_ref().map(Router::endpoints).unwrap_or_default();
+    if !endpoints.is_empty() {
+        person.terminal.say(format_args!("network: listening at {}", endpoints.join(", ")));
+    }
+    let links = assembly.links(berth.id(), &berth.root(), &endpoints);
     let voyage = Voyage { assembly, links, programs, folder };
     let Ended { outcome, complaints } = sail(&voyage, person)?;
     conclude(&voyage, &mut person.terminal);

@@ -1,5 +1,6 @@
 //! What a person may say on the command line.
 
+use crate::graph::is_endpoint;
 use crate::scenario::DURATION_MAX_S;
 use clap::Args;
 use process::Pace;
@@ -26,6 +27,12 @@ pub struct Options {
     /// Whether the learner takes part: on or off.
     #[arg(long, value_name = "on|off", value_parser = switch)]
     pub learner: Option<bool>,
+    /// Where the launch's router listens instead, for the links that run over the network.
+    #[arg(long, value_name = "ENDPOINT", value_parser = endpoint)]
+    pub listen: Option<String>,
+    /// The router of the launch to meet, instead of those of the graph file.
+    #[arg(long, value_name = "ENDPOINT", value_parser = endpoint)]
+    pub connect: Option<String>,
     /// Folder of the run, new or empty; by default one of its own under runs/.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -47,6 +54,8 @@ impl Options {
             duration: None,
             pace: None,
             learner: None,
+            listen: None,
+            connect: None,
             out: None,
             log: "info".into(),
             seed: None,
@@ -65,6 +74,10 @@ fn pace(text: &str) -> Result<Pace, String> {
         "lock-step" => Ok(Pace::LockStep),
         _ => Err("expected real-time or lock-step".into()),
     }
+}
+
+fn endpoint(text: &str) -> Result<String, String> {
+    if is_endpoint(text) { Ok(text.to_owned()) } else { Err("expected an endpoint such as tcp/127.0.0.1:7447".into()) }
 }
 
 fn switch(text: &str) -> Result<bool, String> {

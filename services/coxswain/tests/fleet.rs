@@ -23,17 +23,7 @@ const DEAF: &str = "trap '' TERM; echo up >> \"$0.up\"; while :; do sleep 0.01; 
 
 fn options() -> Options {
     let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/graphs/local.toml");
-    Options {
-        graph,
-        scenario: None,
-        robot: None,
-        duration: Some(2.0),
-        pace: None,
-        learner: None,
-        out: None,
-        log: "info".into(),
-        seed: Some(9),
-    }
+    Options { duration: Some(2.0), seed: Some(9), ..Options::of_graph(&graph) }
 }
 
 /// One test at a time: a process that another test just forks could hold a script open for writing, which then cannot be run.
@@ -59,7 +49,7 @@ fn fixture(script: &str, other: (Participant, &str)) -> Result<Fixture, Box<dyn 
         fs::set_permissions(&file, fs::Permissions::from_mode(0o755))?;
     }
     let assembly = Assembly::read(&options())?;
-    let links = assembly.links("test", &folder.path().join("links"));
+    let links = assembly.links("test", &folder.path().join("links"), &[]);
     Ok(Fixture { voyage: Voyage { assembly, links, programs, folder: run }, _folder: folder, _alone: alone })
 }
 
