@@ -18,7 +18,7 @@ fn any_truth(generator: &mut Pcg64Mcg) -> Truth {
         command_delay_s: if generator.random_bool(0.5) { 0.02 } else { 0.0 },
         slope: generator.random_bool(0.5).then_some(Slope { angle_rad: 0.2, direction_rad: 1.0 }),
         push: generator.random_bool(0.5).then_some(Push { force_n: [5.0, -9.0], ..Push::default() }),
-        payload: generator.random_bool(0.5).then_some(Payload { mass_kg: 9.0, yaw_inertia_kg_m2: 0.0, at_s: 0.1 }),
+        payload: generator.random_bool(0.5).then_some(Payload { mass_kg: 9.0, yaw_inertia_kg_m2: 0.0, offset_m: [0.1, -0.1], at_s: 0.1 }),
         patches: if generator.random_bool(0.5) { vec![patch] } else { Vec::new() },
         wheel_slip,
         random_force: Some(RandomForce { bound_n: 1.0, bound_nm: 0.1, correlation_s: 0.5 }),

@@ -46,6 +46,8 @@ impl Truth {
         not_negative("wheel_viscous_friction_nms", self.wheel_viscous_friction_nms)?;
         not_negative("rolling_friction", self.rolling_friction)?;
         positive("rolling_friction_speed_scale_radps", self.rolling_friction_speed_scale_radps)?;
+        require(self.breakaway_factor >= 1.0 && self.breakaway_factor.is_finite(), "breakaway_factor", "a finite number of at least 1")?;
+        positive("breakaway_speed_radps", self.breakaway_speed_radps)?;
         not_negative("drag_n_s2_per_m2", self.drag_n_s2_per_m2)
     }
 
@@ -123,6 +125,8 @@ impl Truth {
             not_negative("payload.mass_kg", payload.mass_kg)?;
             not_negative("payload.yaw_inertia_kg_m2", payload.yaw_inertia_kg_m2)?;
             not_negative("payload.at_s", payload.at_s)?;
+            let [forward, left] = payload.offset_m.map(f64::abs);
+            require(forward < self.half_wheelbase_m && left < self.half_track_m, "payload.offset_m", "a place between the wheels")?;
         }
         if let Some(push) = self.push {
             not_negative("push.from_s", push.from_s)?;
@@ -153,7 +157,8 @@ impl Truth {
         slow("speed_loop_gain_a_s_per_rad", motor * self.speed_loop_gain_a_s_per_rad)?;
         slow("speed_loop_integral_a_per_rad", (motor * self.speed_loop_integral_a_per_rad).sqrt())?;
         slow("wheel_viscous_friction_nms", self.wheel_viscous_friction_nms / inertia)?;
-        slow("rolling_friction_speed_scale_radps", rolling_nm / self.rolling_friction_speed_scale_radps / inertia)?;
+        slow("breakaway_speed_radps", (self.breakaway_factor - 1.0) * rolling_nm / self.breakaway_speed_radps / inertia)?;
+        slow("rolling_friction_speed_scale_radps", self.breakaway_factor * rolling_nm / self.rolling_friction_speed_scale_radps / inertia)?;
         slow("drag_n_s2_per_m2", self.drag_n_s2_per_m2 * TOP_SPEED_MPS / self.mass_kg)?;
         slow("half_track_m", TOP_SPEED_MPS / arm)?;
         if let Some(slip) = self.wheel_slip {

@@ -24,12 +24,16 @@
 //! with c N along the roller's axis, which stands at 45° to the rim:
 //!
 //! ```text
-//! B v̇ = Jᵀτ/r + F,   B = diag(m + 4 I_ω/r², m + 4 I_ω/r², I_z + 4 L² I_ω/r²)
+//! (D + diag(4 I_ω/r², 4 I_ω/r², 4 L² I_ω/r²)) v̇ = Jᵀτ/r + F
 //!
-//! diag(m, m, I_z) v̇ = Jᵀt + F,   I_ω ω̇ = τ − r t,   t = c N/√2 tanh((r ω − J v)/v_s)
+//! D v̇ = Jᵀt + F,   I_ω ω̇ = τ − r t,   t = c N/√2 tanh((r ω − J v)/v_s)
 //!
-//! F = m (v_y, −v_x) ω_z + drag + slope + push + random force
+//!     ⎡  m    0  −S_y ⎤
+//! D = ⎢  0    m   S_x ⎥,   F = (m (v_y, −v_x) ω_z + ω_z² S, −ω_z S·v) + drag + slope + push + random force
+//!     ⎣−S_y  S_x  I_z ⎦
 //! ```
+//! with S the mass times the place of its centre, and `I_z` about the middle between the wheels. A wheel at (±b, ±a) bears
+//! N = m g/4 (1 ± S_x/(m b) ± S_y/(m a)).
 //!
 //! The first term of F comes from taking eq. 12 in the turning frame of the body; the paper's eq. 21 lacks it.
 //!
@@ -125,20 +129,21 @@ impl Dynamics {
         let demand = self.current_demand(&error, &state.integral);
         let current = if truth.current_lag_s > 0.0 { state.current } else { demand };
         let floor = self.floor(&state.pose);
-        let load_n = 0.25 * given.mass_kg * GRAVITY * self.level;
+        let load_n = self.load_n(given);
 
         let torque = Vector4::from_fn(|wheel, _| {
             let speed = wheel_speed[wheel];
             let drive = given.motor_gain[wheel] * truth.pole_pairs * truth.torque_constant_nm_per_a * current[wheel];
             let viscous = truth.wheel_viscous_friction_nms * speed;
-            let rolling = truth.rolling_friction * floor.friction[wheel] * load_n * truth.wheel_radius_m;
+            let stuck = (truth.breakaway_factor - 1.0) * (-(speed / truth.breakaway_speed_radps).powi(2)).exp();
+            let rolling = truth.rolling_friction * (1.0 + stuck) * floor.friction[wheel] * load_n[wheel] * truth.wheel_radius_m;
             drive - viscous - rolling * (speed / truth.rolling_friction_speed_scale_radps).tanh()
         });
         let force = self.force(state, given);
         let (velocity, wheel_speed) = match &truth.wheel_slip {
             None => self.rolling(&torque, &force, given),
             Some(slip) => {
-                let traction = self.traction(state, &(floor.grip * (slip.grip * load_n)), slip);
+                let traction = self.traction(state, &(floor.grip.component_mul(&load_n) * slip.grip), slip);
                 self.slipping(&torque, &traction, &force, given)
             }
         };
@@ -165,10 +170,21 @@ impl Dynamics {
     pub(super) fn force(&self, state: &State, given: &Conditions) -> Vector3<f64> {
         let v = &state.velocity;
         let drag = self.truth.drag_n_s2_per_m2 * v.xy().norm();
-        let weight = given.mass_kg * GRAVITY * self.down;
-        let in_world = given.push_in_world + Vector3::new(weight.x, weight.y, 0.0);
-        world_from_body(-state.pose.z, &in_world) + coriolis(given.mass_kg, v) - Vector3::new(drag * v.x, drag * v.y, 0.0)
+        let down = world_from_body(-state.pose.z, &Vector3::new(self.down.x, self.down.y, 0.0)) * GRAVITY;
+        let weight = Vector3::new(given.mass_kg * down.x, given.mass_kg * down.y, given.mass_moment.perp(&down.xy()));
+        world_from_body(-state.pose.z, &given.push_in_world) + weight + turning_frame(given, v) - Vector3::new(drag * v.x, drag * v.y, 0.0)
             + given.random_force
+    }
+
+    /// N: what each wheel bears \[N\].
+    fn load_n(&self, given: &Conditions) -> Vector4<f64> {
+        let centre = given.mass_moment / given.mass_kg;
+        let (b, a) = (self.truth.half_wheelbase_m, self.truth.half_track_m);
+        let mean = 0.25 * given.mass_kg * GRAVITY * self.level;
+        Vector4::from_fn(|wheel, _| {
+            let place = self.geometry.contacts_m[wheel];
+            (mean * (1.0 + centre.x * place.x / (b * b) + centre.y * place.y / (a * a))).max(0.0)
+        })
     }
 
     fn wheel_speed(&self, state: &State) -> Vector4<f64> {
@@ -202,16 +218,10 @@ impl Dynamics {
     /// v̇ and ω̇ of wheels that never slip.
     fn rolling(&self, torque: &Vector4<f64>, force: &Vector3<f64>, given: &Conditions) -> (Vector3<f64>, Vector4<f64>) {
         let drive = self.geometry.rim_speed_from_velocity.tr_mul(torque) / self.geometry.wheel_radius_m;
-        let acceleration = (drive + force).component_div(&self.rolling_inertia(given));
-        (acceleration, self.geometry.wheel_speed(&acceleration))
-    }
-
-    /// The diagonal of B: what a force on the body has to move when the wheels turn with it.
-    fn rolling_inertia(&self, given: &Conditions) -> Vector3<f64> {
         let (radius, arm) = (self.geometry.wheel_radius_m, self.geometry.arm_m);
         let wheels = 4.0 * self.truth.wheel_inertia_kg_m2 / (radius * radius);
-        let straight = given.mass_kg + wheels;
-        Vector3::new(straight, straight, given.yaw_inertia_kg_m2 + wheels * arm * arm)
+        let acceleration = accelerated(given, &Vector3::new(wheels, wheels, wheels * arm * arm), &(drive + force));
+        (acceleration, self.geometry.wheel_speed(&acceleration))
     }
 
     /// t of wheels that grip the floor up to `grip_n` along their rollers' axes.
@@ -230,9 +240,8 @@ impl Dynamics {
         given: &Conditions,
     ) -> (Vector3<f64>, Vector4<f64>) {
         let g = &self.geometry;
-        let inertia = Vector3::new(given.mass_kg, given.mass_kg, given.yaw_inertia_kg_m2);
         (
-            (g.rim_speed_from_velocity.tr_mul(traction) + force).component_div(&inertia),
+            accelerated(given, &Vector3::zeros(), &(g.rim_speed_from_velocity.tr_mul(traction) + force)),
             (torque - traction * g.wheel_radius_m) / self.truth.wheel_inertia_kg_m2,
         )
     }
@@ -260,9 +269,18 @@ impl Dynamics {
     }
 }
 
-/// What the turning of the body's frame adds: `m (v_y, −v_x) ω_z`. It does no work.
-fn coriolis(mass_kg: f64, velocity: &Vector3<f64>) -> Vector3<f64> {
-    mass_kg * velocity.z * Vector3::new(velocity.y, -velocity.x, 0.0)
+/// v̇ of the body, to which `wheels` adds what turns with it, under a force. Of a centred mass each axis is by itself.
+fn accelerated(given: &Conditions, wheels: &Vector3<f64>, force: &Vector3<f64>) -> Vector3<f64> {
+    let (straight, turn, moment) = (given.mass_kg + wheels.x, given.yaw_inertia_kg_m2 + wheels.z, given.mass_moment);
+    let yaw = (force.z - moment.perp(&force.xy()) / straight) / (turn - moment.norm_squared() / straight);
+    Vector3::new((force.x + moment.y * yaw) / straight, (force.y - moment.x * yaw) / straight, yaw)
+}
+
+/// What the turning of the body's frame adds: `m (v_y, −v_x) ω_z + ω_z² S` and `−ω_z S·v`. It does no work.
+fn turning_frame(given: &Conditions, velocity: &Vector3<f64>) -> Vector3<f64> {
+    let (rate, moment) = (velocity.z, given.mass_moment);
+    let straight = given.mass_kg * rate * Vector2::new(velocity.y, -velocity.x) + rate * rate * moment;
+    Vector3::new(straight.x, straight.y, -rate * moment.dot(&velocity.xy()))
 }
 
 /// A velocity or force of the body (x, y, yaw) as the world sees it; of the world as the body sees it, by −`heading`.

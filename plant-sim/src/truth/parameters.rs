@@ -29,6 +29,10 @@ pub struct Truth {
     pub rolling_friction: f64,
     /// `ω_s`: wheel speed at which rolling friction has reached tanh(1) of its value \[rad/s\].
     pub rolling_friction_speed_scale_radps: f64,
+    /// Rolling friction of a wheel that hardly turns, as a multiple of that of one that does; 1 is no stiction.
+    pub breakaway_factor: f64,
+    /// `ω_b`: wheel speed at which 1/e of what breaking away takes more is left \[rad/s\].
+    pub breakaway_speed_radps: f64,
     /// Air drag per squared speed \[N s²/m²\].
     pub drag_n_s2_per_m2: f64,
 
@@ -90,6 +94,8 @@ impl Default for Truth {
             wheel_viscous_friction_nms: 2e-3,
             rolling_friction: 0.02,
             rolling_friction_speed_scale_radps: 0.5,
+            breakaway_factor: 1.0,
+            breakaway_speed_radps: 3.0,
             drag_n_s2_per_m2: 0.0,
             motor_gain: [1.0; 4],
             pole_pairs: 4.0,
@@ -151,15 +157,18 @@ pub struct RandomForce {
     pub correlation_s: f64,
 }
 
-/// A load that comes on, moving as the robot does, above the robot's centre.
+/// A load that comes on, and moves as the robot does.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Payload {
     /// Mass \[kg\].
     pub mass_kg: f64,
-    /// Inertia about the robot's vertical axis \[kg m²\].
+    /// Inertia about its own vertical axis \[kg m²\].
     #[serde(default)]
     pub yaw_inertia_kg_m2: f64,
+    /// Where it lies: forward and left of the robot's centre \[m\].
+    #[serde(default)]
+    pub offset_m: [f64; 2],
     /// When it comes on \[s\].
     #[serde(default)]
     pub at_s: f64,

@@ -1,6 +1,6 @@
 //! What changes in the course of a run: payload, faults and push, by simulated time.
 
-use nalgebra::{Vector3, Vector4};
+use nalgebra::{Vector2, Vector3, Vector4};
 
 use super::parameters::{Payload, Push, Truth};
 
@@ -9,8 +9,10 @@ use super::parameters::{Payload, Push, Truth};
 pub(super) struct Conditions {
     /// m, with the payload if it is on \[kg\].
     pub(super) mass_kg: f64,
-    /// `I_z`, with the payload if it is on \[kg m²\].
+    /// `I_z` about the robot's centre, with the payload if it is on \[kg m²\].
     pub(super) yaw_inertia_kg_m2: f64,
+    /// S: mass times place of the centre of mass, forward and left of the robot's centre \[kg m\].
+    pub(super) mass_moment: Vector2<f64>,
     /// Part of its torque that each motor gives.
     pub(super) motor_gain: Vector4<f64>,
     /// Constant force in the world's x and y, and about the vertical axis \[N, N, N m\].
@@ -53,6 +55,7 @@ impl Schedule {
         let mut conditions = Conditions {
             mass_kg: self.mass_kg,
             yaw_inertia_kg_m2: self.yaw_inertia_kg_m2,
+            mass_moment: Vector2::zeros(),
             motor_gain: self.motor_gain,
             push_in_world: Vector3::zeros(),
             random_force,
@@ -62,7 +65,9 @@ impl Schedule {
             && now_nanos >= at
         {
             conditions.mass_kg += payload.mass_kg;
-            conditions.yaw_inertia_kg_m2 += payload.yaw_inertia_kg_m2;
+            let offset = Vector2::from(payload.offset_m);
+            conditions.yaw_inertia_kg_m2 += payload.yaw_inertia_kg_m2 + payload.mass_kg * offset.norm_squared();
+            conditions.mass_moment = payload.mass_kg * offset;
         }
         if let Some((from, until, push)) = self.push
             && (from..until).contains(&now_nanos)
@@ -95,7 +100,7 @@ mod tests {
 
     #[test]
     fn a_payload_weighs_from_its_time_on() {
-        let payload = Payload { mass_kg: 5.0, yaw_inertia_kg_m2: 0.1, at_s: 2.0 };
+        let payload = Payload { mass_kg: 5.0, yaw_inertia_kg_m2: 0.1, offset_m: [0.0; 2], at_s: 2.0 };
         let truth = Truth { payload: Some(payload), ..Truth::default() };
         assert!((at(&truth, 1.999_9).mass_kg - 15.0).abs() < 1e-12);
         assert!((at(&truth, 2.0).mass_kg - 20.0).abs() < 1e-12);

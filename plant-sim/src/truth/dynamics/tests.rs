@@ -72,9 +72,41 @@ fn body_and_wheels_obey_the_papers_matrix() {
 
 #[test]
 fn the_turning_frame_does_no_work() {
+    let given = Conditions { mass_moment: Vector2::new(1.5, -0.8), ..conditions(&Truth::default(), Vector3::zeros()) };
     for v in velocities() {
-        assert!(coriolis(22.0, &v).dot(&v).abs() < 1e-11);
+        assert!(turning_frame(&given, &v).dot(&v).abs() < 1e-11);
     }
+}
+
+#[test]
+fn a_load_beside_the_centre_obeys_newton_and_euler() {
+    let payload = crate::truth::Payload { mass_kg: 11.0, yaw_inertia_kg_m2: 0.1, offset_m: [0.1, -0.05], at_s: 0.0 };
+    let truth = Truth { payload: Some(payload), ..Truth::default() };
+    let given = conditions(&truth, Vector3::zeros());
+    let (mass, turn, moment) = (26.0, 0.6 + 0.1 + 11.0 * 0.0125, Vector2::new(1.1, -0.55));
+    let matrix = nalgebra::Matrix3::new(mass, 0.0, -moment.y, 0.0, mass, moment.x, -moment.y, moment.x, turn);
+    for force in velocities() {
+        let acceleration = accelerated(&given, &Vector3::zeros(), &force);
+        assert!((matrix * acceleration - force).amax() < 1e-12);
+    }
+    let loads = Dynamics::new(&truth).load_n(&given);
+    assert!((loads.sum() - mass * GRAVITY).abs() < 1e-10);
+    let leaning: Vector2<f64> = loads.iter().zip(&Geometry::new(&truth).contacts_m).map(|(load, place)| *load * place).sum();
+    assert!((leaning - moment * GRAVITY).amax() < 1e-10, "the wheels hold the load where it lies");
+}
+
+#[test]
+fn breaking_away_takes_more_than_rolling_on() {
+    let truth = Truth { rolling_friction: 0.05, breakaway_factor: 2.0, ..Truth::default() };
+    let plain = Truth { breakaway_factor: 1.0, ..truth.clone() };
+    let given = conditions(&truth, Vector3::zeros());
+    let lost = |truth: &Truth, speed: f64| {
+        let slow = moving(truth, Vector3::new(speed, 0.0, 0.0));
+        Dynamics::new(truth).rate(&slow, &given).velocity.x
+            - Dynamics::new(&Truth { rolling_friction: 0.0, ..truth.clone() }).rate(&slow, &given).velocity.x
+    };
+    assert!(lost(&truth, 0.05) < 1.8 * lost(&plain, 0.05));
+    assert!((lost(&truth, 1.0) / lost(&plain, 1.0) - 1.0).abs() < 1e-9);
 }
 
 #[test]
