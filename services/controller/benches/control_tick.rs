@@ -4,7 +4,7 @@
 
 use controller::adopt::{Candidate, Handover};
 use controller::control::Controller;
-use controller::settings::{LearnedSettings, MpcSettings, Settings, StateLimits, Weights};
+use controller::settings::{LearnedSettings, Method, MpcSettings, Settings, StateLimits, Weights};
 use criterion::{Criterion, criterion_group, criterion_main};
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
@@ -51,8 +51,9 @@ fn settings() -> Settings {
             },
             state_limits: StateLimits { heading_rad: Some(1.047), speed_mps: None },
             observer_gain: 0.0,
+            method: Method::Mpc,
         },
-        learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3 },
+        learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3, resumed: false },
     }
 }
 

@@ -258,6 +258,7 @@ fn first<const K: usize>(values: &[f64]) -> [f64; K] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use model::learned::Residual;
     use protocol::frame::DecodeError;
 
     const EXPECTED: Expected = Expected { fingerprint: 42, layout: Layout::VelocitySlip, bound: [0.5; 3] };

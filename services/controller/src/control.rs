@@ -6,16 +6,24 @@ use crate::adopt::{Candidate, Event, Expected, Handover};
 use crate::fallback::Ladder;
 use crate::mpc::{Mpc, MpcError, Solved};
 use crate::reference::{PointsError, Reference, ReferencePoint};
-use crate::settings::Settings;
+use crate::settings::{Method, Settings};
+use model::learned::Residual;
+use model::least_squares::LeastSquares;
 use model::main_model::{MainModel, fingerprint};
 use model::observer::{Observer, Sample};
 use model::predict::Belief;
 use model::residual::residual;
-use model::{State, Velocity};
+use model::{State, Velocity, wrap};
 use protocol::message::{Command, HORIZON_MAX, Plan, PlantState, Reason, ResidualSample, Rung, SolverStatus, TAIL_MAX};
 
 /// Largest believable share of its physical range that the main model can be wrong by in one period.
 const RESIDUAL_SHARE: f64 = 0.25;
+
+/// Time over which recursive least squares forgets \[s\].
+const LEAST_SQUARES_MEMORY_S: f64 = 20.0;
+
+/// Of the proportional feedback of the pose, where nothing better is asked for \[1/s\].
+const FEEDFORWARD_GAIN_PER_S: f64 = 2.0;
 
 /// Why a controller could not be set up.
 #[derive(Debug, thiserror::Error)]
@@ -39,6 +47,8 @@ struct Before {
 pub struct Controller {
     main: MainModel,
     mpc: Mpc,
+    method: Method,
+    least_squares: LeastSquares,
     ladder: Ladder,
     observer: Observer,
     reference: Reference,
@@ -74,6 +84,8 @@ impl Controller {
             fingerprint: fingerprint(&main, settings.learned.layout.name()),
             main,
             mpc,
+            method: settings.mpc.method,
+            least_squares: LeastSquares::new(1.0 - period / LEAST_SQUARES_MEMORY_S, Self::expected(settings).bound),
             ladder: Ladder::default(),
             observer: Observer::new(settings.mpc.observer_gain, Self::expected(settings).bound),
             active: None,
@@ -128,6 +140,9 @@ impl Controller {
             let learned = self.belief().residual(&before.state.velocity, &state.input);
             let observed = Sample { velocity: before.state.velocity, input: state.input, residual: self.residual };
             self.observer.update(observed, &learned);
+            if self.method == Method::LeastSquaresMpc {
+                self.least_squares.update(&before.state.velocity, &state.input, &self.residual);
+            }
             sample.pose = before.state.pose;
             sample.velocity = before.state.velocity;
             sample.input = state.input;
@@ -173,7 +188,7 @@ impl Controller {
         }
         let belief = Belief {
             main: &self.main,
-            learned: self.active.as_ref().map(|active| &active.learned),
+            learned: learned(self.method, self.active.as_deref(), &self.least_squares),
             disturbance: self.observer.disturbance(),
         };
         self.mpc.prepare(&self.points, &belief);
@@ -193,7 +208,7 @@ impl Controller {
         if self.prepared_for.is_some() {
             let belief = Belief {
                 main: &self.main,
-                learned: self.active.as_ref().map(|active| &active.learned),
+                learned: learned(self.method, self.active.as_deref(), &self.least_squares),
                 disturbance: self.observer.disturbance(),
             };
             self.mpc.rehearse(&self.last_input, &self.points, &belief);
@@ -216,13 +231,17 @@ impl Controller {
     }
 
     fn belief(&self) -> Belief<'_> {
-        Belief { main: &self.main, learned: self.active.as_ref().map(|active| &active.learned), disturbance: self.observer.disturbance() }
+        let learned = learned(self.method, self.active.as_deref(), &self.least_squares);
+        Belief { main: &self.main, learned, disturbance: self.observer.disturbance() }
     }
 
     fn plan_for(&mut self, measured: &State) -> (Rung, Reason, Velocity, Option<Solved>) {
+        if self.method == Method::FeedforwardP {
+            return self.feed_forward(measured);
+        }
         let belief = Belief {
             main: &self.main,
-            learned: self.active.as_ref().map(|active| &active.learned),
+            learned: learned(self.method, self.active.as_deref(), &self.least_squares),
             disturbance: self.observer.disturbance(),
         };
         let solved = self.mpc.iterate(measured, &self.last_input, &self.points, &belief);
@@ -233,6 +252,17 @@ impl Controller {
         (rung, reason, input, Some(solved))
     }
 
+    /// What an engineer would try first: the input that holds the reference, and more of it where the robot is behind.
+    fn feed_forward(&self, measured: &State) -> (Rung, Reason, Velocity, Option<Solved>) {
+        let point = self.points.first().copied().unwrap_or_default();
+        let target = self.mpc.main_target(&self.main, &point, measured.pose[2], &self.observer.disturbance());
+        let (sin, cos) = measured.pose[2].sin_cos();
+        let [x, y] = [point.pose[0] - measured.pose[0], point.pose[1] - measured.pose[1]];
+        let behind = [cos * x + sin * y, cos * y - sin * x, wrap(point.pose[2] - measured.pose[2])];
+        let wished = std::array::from_fn(|axis| target[axis] + FEEDFORWARD_GAIN_PER_S * behind[axis]);
+        (Rung::FreshPlan, Reason::None, self.mpc.limits().reach(&wished, &self.last_input), None)
+    }
+
     fn start_over(&mut self, state: &PlantState, handover: &Handover, controller_epoch: u64) {
         handover.note(Event::Plant { epoch: state.stamp.epoch, controller_epoch });
         self.plant_epoch = Some(state.stamp.epoch);
@@ -240,6 +270,7 @@ impl Controller {
         self.last_input = state.input;
         self.residual = [0.0; 3];
         self.observer.reset();
+        self.least_squares.reset();
         self.mpc.reset();
         self.prepared_for = None;
         self.ladder.reset();
@@ -297,6 +328,15 @@ impl Controller {
     }
 }
 
+/// What is believed beside the main model.
+fn learned<'a>(method: Method, active: Option<&'a Candidate>, least_squares: &'a LeastSquares) -> Option<&'a dyn Residual> {
+    match method {
+        Method::Mpc => active.map(|active| &active.learned as &dyn Residual),
+        Method::LeastSquaresMpc => Some(least_squares),
+        Method::FeedforwardP => None,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -327,7 +367,7 @@ mod tests {
             robot: model::robot::Robot::example(),
             reference: ReferenceSettings { path: PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 }, heading: Heading::Tangent },
             mpc: settings(),
-            learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3 },
+            learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3, resumed: false },
         })
     }
 

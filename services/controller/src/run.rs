@@ -226,7 +226,8 @@ impl<'a> Loop<'a> {
     /// Lock step: waits for the model that takes effect at `tick`, if the schedule has one there.
     fn take_due(&mut self, tick: u64, stop: &Stop) -> Result<(), RunError> {
         let learned = &self.settings.learned;
-        let due = learned.enabled && tick > learned.delay_ticks && (tick - learned.delay_ticks).is_multiple_of(learned.every_ticks);
+        let first = learned.delay_ticks + if learned.resumed { 0 } else { learned.every_ticks };
+        let due = learned.enabled && tick >= first && (tick - learned.delay_ticks).is_multiple_of(learned.every_ticks);
         while due && !stop.requested() {
             match self.handover.ready.pop() {
                 Some(Arrival::Candidate(candidate)) => {

@@ -39,6 +39,9 @@ pub struct LearnedSettings {
     pub every_ticks: u64,
     /// D: in lock step, ticks from the last sample learnt to taking effect.
     pub delay_ticks: u64,
+    /// Whether the learner begins with a snapshot of an earlier run, which in lock step takes effect at tick D.
+    #[serde(default)]
+    pub resumed: bool,
 }
 
 /// Horizon, weights, limits.
@@ -56,6 +59,22 @@ pub struct MpcSettings {
     pub state_limits: StateLimits,
     /// ℓ of the disturbance observer, 0 to 1.
     pub observer_gain: f64,
+    /// How answers are found.
+    #[serde(default)]
+    pub method: Method,
+}
+
+/// How answers are found. All but the first are what it is compared with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Model predictive control with the learned models that come.
+    #[default]
+    Mpc,
+    /// The same with a linear residual, found by recursive least squares here and now, instead of learned models.
+    LeastSquaresMpc,
+    /// The input that holds the reference by the main model, and a proportional feedback of the pose.
+    FeedforwardP,
 }
 
 /// Weights of the stage cost. Position and planar velocity weigh the same in both directions.

@@ -151,6 +151,7 @@ impl Assembly {
                 layout: learner.layout,
                 every_ticks: learner.every_ticks,
                 delay_ticks: learner.delay_ticks,
+                resumed: learner.resume.is_some(),
             },
         }
     }

@@ -39,11 +39,25 @@ pub enum InProcessError {
     Died(&'static str),
 }
 
-/// Runs `assembly` to its end in lock step, and sums it up. `folder` must exist and be empty.
+/// Runs `assembly` to its end in lock step, records it, and sums it up. `folder` must exist and be empty.
 ///
 /// # Errors
 /// [`InProcessError`].
 pub fn run(assembly: &Assembly, folder: &Path) -> Result<Summary, InProcessError> {
+    drive(assembly, folder, |ports, run, stop| recorder::run::run(ports, &recorder::settings::Settings { run: run.clone() }, stop))?
+        .map_err(InProcessError::from)
+}
+
+/// Runs `assembly` to its end in lock step, while `witness` listens on a thread of its own: it plays the part of the recorder, says by its
+/// health when it is ready, and ends when it is asked to. Gives what the witness gives.
+///
+/// # Errors
+/// [`InProcessError`].
+pub fn drive<W: Send>(
+    assembly: &Assembly,
+    folder: &Path,
+    witness: impl FnOnce(&Ports, &Run, &Stop) -> W + Send,
+) -> Result<W, InProcessError> {
     let exchange = Exchange::new(true, PATIENCE);
     let mut links = assembly.links("in-process", folder, &[]);
     links.lock_step = true;
@@ -61,8 +75,8 @@ pub fn run(assembly: &Assembly, folder: &Path) -> Result<Summary, InProcessError
     let mut ready = Ready { healths: Ports::in_memory(&exchange, identity()).source(Since::First)? };
     thread::scope(|scope| {
         let recorder = {
-            let (settings, exchange, stop) = (recorder::settings::Settings { run: told.clone() }, exchange.clone(), record.clone());
-            scope.spawn(move || recorder::run::run(&Ports::in_memory(&exchange, identity()), &settings, &stop))
+            let (told, exchange, stop) = (told.clone(), exchange.clone(), record.clone());
+            scope.spawn(move || witness(&Ports::in_memory(&exchange, identity()), &told, &stop))
         };
         ready.wait_for(Participant::Recorder, || recorder.is_finished());
         let learner = assembly.learns().then(|| {
@@ -94,9 +108,9 @@ pub fn run(assembly: &Assembly, folder: &Path) -> Result<Summary, InProcessError
             learner.join().map_err(|_| InProcessError::Died("learner"))??;
         }
         record.request();
-        let summary = recorder.join().map_err(|_| InProcessError::Died("recorder"))??;
+        let witnessed = recorder.join().map_err(|_| InProcessError::Died("recorder"))?;
         plant?;
-        Ok(summary)
+        Ok(witnessed)
     })
 }
 

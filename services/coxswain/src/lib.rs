@@ -17,6 +17,7 @@
 //! | [`launch`]   | one run from reading to sweeping                                                     |
 //! | [`progress`] | the live line                                                                        |
 //! | [`closing`]  | `summary.json` → the table at the end                                                |
+//! | [`experiment`] | controllers compared in scenarios                                                    |
 //! | [`in_process`] | the whole graph in one process, in lock step                                          |
 //! | [`terminal`] | everything that is printed                                                           |
 
@@ -26,6 +27,7 @@ pub mod berth;
 pub mod child;
 pub mod closing;
 pub mod epochs;
+pub mod experiment;
 pub mod fleet;
 pub mod folder;
 pub mod graph;

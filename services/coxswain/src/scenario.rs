@@ -5,7 +5,9 @@ use controller::settings::MpcSettings;
 use learner::settings::LearnerSettings;
 use plant_sim::truth::{Start, Truth};
 use serde::Deserialize;
-use settings::{Check, Impossible};
+use settings::{Check, Impossible, SettingsError};
+use std::fs;
+use std::path::{Path, PathBuf};
 
 /// Longest run \[s\].
 pub const DURATION_MAX_S: f64 = 1e4;
@@ -41,6 +43,63 @@ impl Scenario {
     }
 }
 
+impl Scenario {
+    /// Reads the scenario that is called `name` in `folder`: `figure-eight`, or `figure-eight+payload+noise` with variants out of
+    /// `folder/variants`, changed by `folder/profiles/<profile>` if there is one.
+    ///
+    /// # Errors
+    /// [`SettingsError`] names the first thing that is wrong.
+    pub fn named(folder: &Path, name: &str, profile: Option<&str>) -> Result<Self, SettingsError> {
+        let mut parts = name.split('+');
+        let base = folder.join(parts.next().unwrap_or_default()).with_extension("toml");
+        let variants = parts.map(|variant| folder.join("variants").join(variant).with_extension("toml"));
+        let profile = profile.map(|profile| folder.join("profiles").join(profile).with_extension("toml"));
+        let overlays: Vec<PathBuf> = profile.into_iter().chain(variants).collect();
+        if overlays.is_empty() {
+            return settings::read(&base);
+        }
+        let mut whole = table(&base)?;
+        for overlay in overlays {
+            merge(&mut whole, table(&overlay)?);
+        }
+        // Lines are those of the merged text, which nobody sees; the keys say where to look.
+        settings::parse(&whole.to_string(), &folder.join(name))
+    }
+
+    /// The variants in `folder`, by name.
+    pub fn variants(folder: &Path) -> Vec<String> {
+        let files = fs::read_dir(folder.join("variants")).into_iter().flatten().flatten();
+        let mut names: Vec<String> = files.filter_map(|file| Some(file.path().file_stem()?.to_str()?.to_owned())).collect();
+        names.sort_unstable();
+        names
+    }
+}
+
+fn table(file: &Path) -> Result<toml::Table, SettingsError> {
+    settings::read::<Overlay>(file).map(|Overlay(table)| table)
+}
+
+/// A part of a scenario, not to be checked by itself.
+#[derive(Deserialize)]
+#[serde(transparent)]
+struct Overlay(toml::Table);
+
+impl Check for Overlay {
+    fn check(&self) -> Result<(), Impossible> {
+        Ok(())
+    }
+}
+
+/// Puts the values of `over` into `table`; tables are merged, everything else is replaced.
+fn merge(table: &mut toml::Table, over: toml::Table) {
+    for (key, value) in over {
+        match (table.get_mut(&key), value) {
+            (Some(toml::Value::Table(inner)), toml::Value::Table(over)) => merge(inner, over),
+            (_, value) => drop(table.insert(key, value)),
+        }
+    }
+}
+
 impl Check for Scenario {
     fn check(&self) -> Result<(), Impossible> {
         if !(1.0..=1000.0).contains(&self.period_millis) {
@@ -67,5 +126,46 @@ impl Check for Scenario {
             return Err(Impossible::new("learner.resume", "the snapshot of an earlier run, but there is no such file"));
         }
         self.truth.check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected).under("truth"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder() -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/scenarios")
+    }
+
+    #[test]
+    fn every_scenario_with_every_variant_in_every_profile_is_possible() -> Result<(), SettingsError> {
+        for base in ["paper", "circle", "figure-eight", "square", "stop-and-go"] {
+            for variant in Scenario::variants(&folder()) {
+                for profile in [None, Some("agile")] {
+                    Scenario::named(&folder(), &format!("{base}+{variant}"), profile)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn a_variant_changes_what_it_names_and_nothing_else() -> Result<(), SettingsError> {
+        let base = Scenario::named(&folder(), "figure-eight", None)?;
+        let mut soft = Scenario::named(&folder(), "figure-eight+soft", None)?;
+        assert!((soft.truth.speed_loop_gain_a_s_per_rad - 0.2).abs() < 1e-12);
+        soft.truth.speed_loop_gain_a_s_per_rad = base.truth.speed_loop_gain_a_s_per_rad;
+        assert_eq!(soft, base);
+        let agile = Scenario::named(&folder(), "figure-eight", Some("agile"))?;
+        assert_eq!((agile.period_nanos(), agile.mpc.horizon_steps, agile.truth), (20_000_000, 20, base.truth));
+        Ok(())
+    }
+
+    #[test]
+    fn what_is_not_there_is_named() {
+        for name in ["figure-nine", "figure-eight+tornado"] {
+            let refused = Scenario::named(&folder(), name, None).err().map(|error| error.to_string()).unwrap_or_default();
+            assert!(refused.contains(name.rsplit('+').next().unwrap_or(name)), "{refused}");
+        }
     }
 }

@@ -323,7 +323,7 @@ impl<'a> Learner<'a> {
         let LearnerSettings { every_ticks, delay_ticks, .. } = self.settings.learner;
         let tick = sample.stamp.tick;
         self.last_cut = tick / every_ticks;
-        if tick == 0 && self.last.is_some() {
+        if tick == 0 && (self.last.is_some() || self.settings.learner.resume.is_some()) {
             return self.publish_again(0, sample.plant_epoch);
         }
         let first_due = (tick + 1).saturating_sub(delay_ticks).div_ceil(every_ticks).max(1);

@@ -2,7 +2,7 @@
 
 use crate::fit::FittedModel;
 use model::AXES;
-use model::learned::INPUTS;
+use model::learned::{INPUTS, Residual};
 use protocol::frame::DecodeError;
 use protocol::message::{INPUTS_MAX, ModelSnapshot, ResidualSample, SnapshotHead};
 

@@ -54,6 +54,15 @@ impl Response {
     pub const NONE: Self = Self { mean: [0.0; 3], by_velocity: [[0.0; 3]; 3], by_input: [[0.0; 3]; 3] };
 }
 
+/// A model of g that a prediction can use.
+pub trait Residual: std::fmt::Debug {
+    /// g at one velocity and input. Does not allocate.
+    fn mean(&self, velocity: &Velocity, input: &Velocity) -> Velocity;
+
+    /// g and its Jacobians. Does not allocate.
+    fn response(&self, velocity: &Velocity, input: &Velocity) -> Response;
+}
+
 /// One learned model of g. Constant once made.
 #[derive(Debug, Clone)]
 pub struct Learned {
@@ -68,14 +77,25 @@ pub struct Learned {
 }
 
 impl Learned {
-    /// g at one velocity and input. O(n), does not allocate.
-    pub fn mean(&self, velocity: &Velocity, input: &Velocity) -> Velocity {
+    /// Variance of g, without the noise of an observation \[(m/s)², (m/s)², (rad/s)²\]. O(n²), does not allocate.
+    pub fn variance(&self, velocity: &Velocity, input: &Velocity, scratch: &mut VarianceScratch) -> Velocity {
+        self.posterior.variance(&self.normalised(velocity, input), scratch)
+    }
+
+    fn normalised(&self, velocity: &Velocity, input: &Velocity) -> [f64; INPUTS] {
+        self.normalisation.apply(&self.layout.inputs(velocity, input))
+    }
+}
+
+impl Residual for Learned {
+    /// O(n).
+    fn mean(&self, velocity: &Velocity, input: &Velocity) -> Velocity {
         let mean = self.posterior.mean(&self.normalised(velocity, input));
         std::array::from_fn(|axis| mean[axis].clamp(-self.bound[axis], self.bound[axis]))
     }
 
-    /// g and its Jacobians. O(n), does not allocate. Where the bound holds g, it does not vary.
-    pub fn response(&self, velocity: &Velocity, input: &Velocity) -> Response {
+    /// O(n). Where the bound holds g, it does not vary.
+    fn response(&self, velocity: &Velocity, input: &Velocity) -> Response {
         let answer = self.posterior.mean_and_gradient(&self.normalised(velocity, input));
         let mut response = Response::NONE;
         for axis in 0..3 {
@@ -95,14 +115,5 @@ impl Learned {
             }
         }
         response
-    }
-
-    /// Variance of g, without the noise of an observation \[(m/s)², (m/s)², (rad/s)²\]. O(n²), does not allocate.
-    pub fn variance(&self, velocity: &Velocity, input: &Velocity, scratch: &mut VarianceScratch) -> Velocity {
-        self.posterior.variance(&self.normalised(velocity, input), scratch)
-    }
-
-    fn normalised(&self, velocity: &Velocity, input: &Velocity) -> [f64; INPUTS] {
-        self.normalisation.apply(&self.layout.inputs(velocity, input))
     }
 }

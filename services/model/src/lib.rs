@@ -8,6 +8,7 @@
 //! | [`residual`]   | g: what was measured minus what f said (eqs. 27–29)                            |
 //! | [`gp`]         | Gaussian-process regression of g                                               |
 //! | [`learned`]    | g as the controller uses it: layout of the inputs, normalisation, bound        |
+//! | [`least_squares`] | g as a linear function, by recursive least squares                          |
 //! | [`observer`]   | d: what neither f nor g explains                                               |
 //! | [`predict`]    | one step of f + g + d                                                          |
 //! | [`linearise`]  | its Jacobians                                                                  |
@@ -16,6 +17,7 @@
 
 pub mod gp;
 pub mod learned;
+pub mod least_squares;
 pub mod linearise;
 pub mod lqr;
 pub mod main_model;

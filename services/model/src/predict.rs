@@ -8,7 +8,7 @@
 //! that is, the mean velocity of the period at its mid-step heading. Unlike section 4.1 of the paper, which iterates the main model
 //! alone and adds g afterwards, g is fed back into the prediction, as its eq. 32 has it.
 
-use crate::learned::{Learned, Response};
+use crate::learned::{Residual, Response};
 use crate::main_model::MainModel;
 use crate::{AXES, State, Velocity};
 
@@ -18,7 +18,7 @@ pub struct Belief<'a> {
     /// f.
     pub main: &'a MainModel,
     /// g.
-    pub learned: Option<&'a Learned>,
+    pub learned: Option<&'a dyn Residual>,
     /// d, per period \[m/s, m/s, rad/s\].
     pub disturbance: Velocity,
 }

@@ -5,7 +5,7 @@
 use crate::words;
 use mcap::io::MessageReader;
 use mcap::sans_io::LinearReaderOptions;
-use protocol::message::Rung;
+use protocol::message::{Plan, PlantState, Rung, Stamp, Truth};
 use protocol::topic::Topic;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
@@ -35,6 +35,12 @@ pub struct Mark {
     pub sequence: u64,
     /// Control period.
     pub tick: u64,
+}
+
+impl From<&Stamp> for Mark {
+    fn from(stamp: &Stamp) -> Self {
+        Self { writer: stamp.writer, epoch: stamp.epoch, sequence: stamp.sequence, tick: stamp.tick }
+    }
 }
 
 /// What the plant said of the period that ended with this state.
@@ -121,7 +127,7 @@ struct Stamped {
 
 impl Rows {
     /// No rows, out of so many files.
-    pub(crate) fn of_segments(segments: usize) -> Self {
+    pub fn of_segments(segments: usize) -> Self {
         Self { segments, ..Self::default() }
     }
 
@@ -135,6 +141,22 @@ impl Rows {
             rows.read_segment(path).map_err(|source| ReadError { path: path.clone(), source })?;
         }
         Ok(rows)
+    }
+
+    /// Adds a state that was heard, not read.
+    pub fn heard_state(&mut self, state: &PlantState) {
+        self.states.push(StateRow { stamp: (&state.stamp).into(), accepted_epoch: state.accepted_epoch, rung: state.rung() });
+    }
+
+    /// Adds a truth that was heard, not read.
+    pub fn heard_truth(&mut self, truth: &Truth) {
+        self.truths.push(TruthRow { stamp: (&truth.stamp).into(), pose: truth.pose, velocity: truth.velocity });
+    }
+
+    /// Adds a plan that was heard, not read.
+    pub fn heard_plan(&mut self, plan: &Plan) {
+        let [reference, ..] = plan.reference;
+        self.plans.push(PlanRow { stamp: (&plan.stamp).into(), plant_epoch: plan.plant_epoch, tick_nanos: plan.tick_nanos, reference });
     }
 
     fn read_segment(&mut self, path: &Path) -> std::io::Result<()> {

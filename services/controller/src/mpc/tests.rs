@@ -1,5 +1,5 @@
 use super::*;
-use crate::settings::{StateLimits, Weights};
+use crate::settings::{Method, StateLimits, Weights};
 use proptest::prelude::*;
 
 pub(crate) fn settings() -> MpcSettings {
@@ -17,6 +17,7 @@ pub(crate) fn settings() -> MpcSettings {
         },
         state_limits: StateLimits { heading_rad: Some(1.0), speed_mps: Some(3.5) },
         observer_gain: 0.3,
+        method: Method::Mpc,
     }
 }
 

@@ -1,0 +1,296 @@
+//! `coxswain experiment`: controllers compared in scenarios, by the very code of the processes.
+//!
+//! | file        | what it holds                                                       |
+//! |-------------|---------------------------------------------------------------------|
+//! | `contender` | the controllers that are compared                                   |
+//! | `trial`     | one closed loop, and the row that it gives                          |
+//! | `table`     | rows → the table that is printed                                    |
+
+pub mod contender;
+mod table;
+pub mod trial;
+
+use crate::assembly::Assembly;
+use crate::options::Options;
+use crate::scenario::Scenario;
+use crate::terminal::{self, Terminal};
+use contender::Contender;
+use settings::SettingsError;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+use std::time::Instant;
+use std::{fs, io, thread};
+use trial::{Row, Start, TrialError};
+
+/// Seed of the run that a warm start has learnt in; no trial has it.
+const TEACHING_SEED: u64 = 1_000_003;
+
+/// What to compare.
+#[derive(Debug, Clone, clap::Args)]
+pub struct CompareOptions {
+    /// Scenarios: names, with variants as in figure-eight+payload; figure-eight+* is the scenario with each of its variants.
+    #[arg(long, value_delimiter = ',', default_value = "figure-eight,square,stop-and-go")]
+    pub scenarios: Vec<String>,
+    /// Controllers to compare; all of them unless some are named.
+    #[arg(long, value_delimiter = ',')]
+    pub controllers: Vec<Contender>,
+    /// How many seeds, from 1 on.
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub seeds: u64,
+    /// What is known at the start: nothing, what an earlier run has learnt, or what a run of another variant has.
+    #[arg(long, value_delimiter = ',', default_value = "cold")]
+    pub start: Vec<Start>,
+    /// paper (T = 100 ms, N = 5) or a file of deploy/scenarios/profiles, as agile (T = 20 ms, N = 20).
+    #[arg(long, default_value = "paper")]
+    pub profile: String,
+    /// One JSON row per trial goes here.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Less of everything, in under a minute: the three dynamic scenarios, 3 seeds, 12 s.
+    #[arg(long)]
+    pub quick: bool,
+    /// Graph file whose robot and scenarios are used.
+    #[arg(long, value_name = "FILE", default_value = "deploy/graphs/local.toml")]
+    pub graph: PathBuf,
+}
+
+/// A comparison was not made.
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    /// A file says something impossible.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// A file or folder.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A trial.
+    #[error("{trial}: {source}")]
+    Trial {
+        /// Which.
+        trial: String,
+        /// What went wrong.
+        source: TrialError,
+    },
+}
+
+impl ExperimentError {
+    /// 2 if nothing was started because of what a person set, else 1.
+    pub fn exit_code(&self) -> u8 {
+        if matches!(self, Self::Settings(_)) { 2 } else { 1 }
+    }
+}
+
+/// One trial to be run.
+#[derive(Debug, Clone)]
+struct Trial {
+    scenario: String,
+    contender: Contender,
+    start: Start,
+    seed: u64,
+}
+
+impl Trial {
+    fn name(&self) -> String {
+        format!("{} {} {:?} seed {}", self.scenario, self.contender, self.start, self.seed)
+    }
+}
+
+/// Runs every trial, shows progress, writes the rows and prints the table.
+///
+/// # Errors
+/// [`ExperimentError`]; nothing is run if a setting is impossible.
+pub fn compare(options: &CompareOptions) -> Result<(), ExperimentError> {
+    let bench = Bench::new(options)?;
+    let trials = bench.trials(options);
+    let mut json = options.json.as_deref().map(create).transpose()?;
+    let home = std::env::temp_dir().join(format!("coxswain-experiment-{}", std::process::id()));
+    let swept = Swept(home.clone());
+    let lessons: BTreeSet<(String, Contender)> = trials.iter().filter_map(|trial| bench.lesson(trial)).collect();
+    let mut terminal = Terminal::new();
+    let lessons: Vec<Trial> =
+        lessons.into_iter().map(|(scenario, contender)| Trial { scenario, contender, start: Start::Cold, seed: TEACHING_SEED }).collect();
+    let taught = bench.run_all(&lessons, &home, &BTreeMap::new(), &mut terminal, "learning", |_| Ok(()))?;
+    let snapshots: BTreeMap<(String, Contender), PathBuf> = lessons
+        .iter()
+        .zip(taught)
+        .map(|(lesson, (folder, _))| ((lesson.scenario.clone(), lesson.contender), folder.join("snapshot.bin")))
+        .collect();
+    let rows = bench.run_all(&trials, &home, &snapshots, &mut terminal, "trials", |row| match &mut json {
+        Some((path, file)) => {
+            let line = serde_json::to_string(row).map_err(io::Error::other);
+            line.and_then(|line| writeln!(file, "{line}")).map_err(|source| ExperimentError::File { path: path.clone(), source })
+        }
+        None => Ok(()),
+    })?;
+    drop(swept);
+    let rows: Vec<Row> = rows.into_iter().map(|(_, row)| row).collect();
+    terminal::print(table::render(&rows));
+    Ok(())
+}
+
+fn create(path: &Path) -> Result<(PathBuf, fs::File), ExperimentError> {
+    let file = fs::File::create(path).map_err(|source| ExperimentError::File { path: path.to_path_buf(), source })?;
+    Ok((path.to_path_buf(), file))
+}
+
+/// Removes the folder of the trials, however they end.
+struct Swept(PathBuf);
+
+impl Drop for Swept {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Everything that trials share.
+struct Bench {
+    base: Assembly,
+    profile: String,
+    scenarios: BTreeMap<String, Scenario>,
+    /// For a stale start: the scenario that was learnt in.
+    other: BTreeMap<String, String>,
+    duration_s: Option<f64>,
+}
+
+impl Bench {
+    fn new(options: &CompareOptions) -> Result<Self, ExperimentError> {
+        let base = Assembly::read(&Options::of_graph(&options.graph))?;
+        let folder = options.graph.parent().unwrap_or(Path::new("")).join(&base.graph.scenario);
+        let folder = folder.parent().unwrap_or(Path::new("")).to_path_buf();
+        let profile = (options.profile != "paper").then_some(options.profile.as_str());
+        let variants = Scenario::variants(&folder);
+        let mut scenarios = BTreeMap::new();
+        let mut other = BTreeMap::new();
+        let mut read = |name: &str| -> Result<(), SettingsError> {
+            scenarios.insert(name.to_owned(), Scenario::named(&folder, name, profile)?);
+            Ok(())
+        };
+        for asked in &options.scenarios {
+            let names = match asked.strip_suffix("+*") {
+                Some(base) => std::iter::once(base.to_owned()).chain(variants.iter().map(|variant| format!("{base}+{variant}"))).collect(),
+                None => vec![asked.clone()],
+            };
+            for name in names {
+                read(&name)?;
+                if options.start.contains(&Start::Stale) {
+                    let elsewhere = elsewhere(&name, &variants);
+                    read(&elsewhere)?;
+                    other.insert(name, elsewhere);
+                }
+            }
+        }
+        let duration_s = options.quick.then_some(12.0);
+        Ok(Self { base, profile: options.profile.clone(), scenarios, other, duration_s })
+    }
+
+    fn trials(&self, options: &CompareOptions) -> Vec<Trial> {
+        let contenders = if options.controllers.is_empty() { Contender::ALL.to_vec() } else { options.controllers.clone() };
+        let seeds = if options.quick { options.seeds.min(3) } else { options.seeds };
+        let only_taught: BTreeSet<&String> = self.other.values().filter(|other| !self.other.contains_key(*other)).collect();
+        let mut trials = Vec::new();
+        for scenario in self.scenarios.keys().filter(|name| !only_taught.contains(name)) {
+            for &start in &options.start {
+                for &contender in &contenders {
+                    // Who learns nothing starts the same way every time.
+                    if !contender.learns() && options.start.first() != Some(&start) {
+                        continue;
+                    }
+                    trials.extend((1..=seeds).map(|seed| Trial { scenario: scenario.clone(), contender, start, seed }));
+                }
+            }
+        }
+        trials
+    }
+
+    /// The earlier run that `trial` needs.
+    fn lesson(&self, trial: &Trial) -> Option<(String, Contender)> {
+        let scenario = match trial.start {
+            _ if !trial.contender.learns() => None,
+            Start::Cold => None,
+            Start::Warm => Some(&trial.scenario),
+            Start::Stale => self.other.get(&trial.scenario),
+        };
+        scenario.map(|scenario| (scenario.clone(), trial.contender))
+    }
+
+    /// Runs `trials`, as many at a time as there are processors, and gives their folders and rows in the same order.
+    fn run_all(
+        &self,
+        trials: &[Trial],
+        home: &Path,
+        snapshots: &BTreeMap<(String, Contender), PathBuf>,
+        terminal: &mut Terminal,
+        what: &str,
+        mut each: impl FnMut(&Row) -> Result<(), ExperimentError>,
+    ) -> Result<Vec<(PathBuf, Row)>, ExperimentError> {
+        let next = AtomicUsize::new(0);
+        let workers = thread::available_parallelism().map_or(1, usize::from).min(trials.len());
+        let (sender, finished) = mpsc::channel();
+        let mut done: BTreeMap<usize, (PathBuf, Row)> = BTreeMap::new();
+        let mut reported = 0;
+        let begin = Instant::now();
+        thread::scope(|scope| {
+            for _ in 0..workers {
+                let (next, sender) = (&next, sender.clone());
+                scope.spawn(move || {
+                    loop {
+                        let index = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(trial) = trials.get(index) else { return };
+                        let folder = home.join(format!("{what}-{index}"));
+                        if sender.send((index, self.run(trial, &folder, snapshots).map(|row| (folder, row)))).is_err() {
+                            return;
+                        }
+                    }
+                });
+            }
+            drop(sender);
+            for (index, result) in finished {
+                done.insert(index, result.inspect_err(|_| next.store(trials.len(), Ordering::Relaxed))?);
+                // In the order of the trials, whoever was faster.
+                while let Some((_, row)) = done.get(&reported) {
+                    each(row)?;
+                    reported += 1;
+                }
+                let count = done.len();
+                terminal.progress(Instant::now(), || {
+                    let spent = begin.elapsed().as_secs_f64();
+                    let left = spent / count as f64 * (trials.len() - count) as f64;
+                    Some(format!("{what}: {count} of {}, {spent:.0} s, about {left:.0} s to go", trials.len()))
+                });
+            }
+            Ok::<(), ExperimentError>(())
+        })?;
+        Ok(done.into_values().collect())
+    }
+
+    fn run(&self, trial: &Trial, folder: &Path, snapshots: &BTreeMap<(String, Contender), PathBuf>) -> Result<Row, ExperimentError> {
+        let mut assembly = self.base.clone();
+        if let Some(scenario) = self.scenarios.get(&trial.scenario) {
+            assembly.scenario = scenario.clone();
+        }
+        assembly.graph.pace = process::Pace::LockStep;
+        assembly.graph.processes.recorder.enabled = false;
+        assembly.scenario.seed = trial.seed;
+        assembly.scenario.duration_s = self.duration_s.unwrap_or(assembly.scenario.duration_s);
+        trial.contender.take_over(&mut assembly);
+        assembly.scenario.learner.resume = self.lesson(trial).and_then(|lesson| snapshots.get(&lesson).cloned());
+        fs::create_dir_all(folder).map_err(|source| ExperimentError::File { path: folder.to_path_buf(), source })?;
+        let label = (trial.scenario.as_str(), self.profile.as_str(), trial.contender, trial.start);
+        trial::run(&assembly, folder, label).map_err(|source| ExperimentError::Trial { trial: trial.name(), source })
+    }
+}
+
+/// Another variant of the same scenario: the next in the alphabet.
+fn elsewhere(name: &str, variants: &[String]) -> String {
+    let (base, variant) = name.split_once('+').unwrap_or((name, ""));
+    let after = variants.iter().find(|other| other.as_str() > variant).or(variants.first());
+    after.map_or_else(|| name.to_owned(), |other| format!("{base}+{other}"))
+}

@@ -1,0 +1,78 @@
+//! The controllers that are compared: the same weights, limits and horizon, and what each knows beside them.
+
+use crate::assembly::Assembly;
+use clap::ValueEnum;
+use controller::settings::Method;
+use serde::Serialize;
+use std::fmt::{self, Display, Formatter};
+
+/// ℓ of the observer of every contender that has one: the best of 0.2, 0.35, 0.5 and 0.7 of `mpc+observer` over the dynamic set, by
+/// seeds that the tables do not use.
+pub const OBSERVER_GAIN: f64 = 0.5;
+
+/// A controller in a comparison.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum, Serialize)]
+pub enum Contender {
+    /// The input that holds the reference, and a proportional feedback of the pose.
+    #[value(name = "feedforward-p")]
+    #[serde(rename = "feedforward-p")]
+    FeedforwardP,
+    /// The main model alone.
+    #[value(name = "mpc")]
+    #[serde(rename = "mpc")]
+    Mpc,
+    /// With a disturbance observer: offset-free.
+    #[value(name = "mpc+observer")]
+    #[serde(rename = "mpc+observer")]
+    MpcObserver,
+    /// With a linear residual by recursive least squares, and the observer.
+    #[value(name = "rls-mpc+observer")]
+    #[serde(rename = "rls-mpc+observer")]
+    RlsMpcObserver,
+    /// The paper's: with a Gaussian process.
+    #[value(name = "gpr-mpc")]
+    #[serde(rename = "gpr-mpc")]
+    GprMpc,
+    /// Ours: with a Gaussian process, and the observer for what remains.
+    #[value(name = "gpr-mpc+observer")]
+    #[serde(rename = "gpr-mpc+observer")]
+    GprMpcObserver,
+}
+
+impl Contender {
+    /// All of them, the simplest first.
+    pub const ALL: [Self; 6] = [Self::FeedforwardP, Self::Mpc, Self::MpcObserver, Self::RlsMpcObserver, Self::GprMpc, Self::GprMpcObserver];
+
+    /// Whether it has a learner, and so something to begin with.
+    pub fn learns(self) -> bool {
+        matches!(self, Self::GprMpc | Self::GprMpcObserver)
+    }
+
+    /// Makes `assembly` the contender's.
+    pub fn take_over(self, assembly: &mut Assembly) {
+        let mpc = &mut assembly.scenario.mpc;
+        mpc.method = match self {
+            Self::FeedforwardP => Method::FeedforwardP,
+            Self::RlsMpcObserver => Method::LeastSquaresMpc,
+            Self::Mpc | Self::MpcObserver | Self::GprMpc | Self::GprMpcObserver => Method::Mpc,
+        };
+        mpc.observer_gain = match self {
+            Self::FeedforwardP | Self::Mpc | Self::GprMpc => 0.0,
+            Self::MpcObserver | Self::RlsMpcObserver | Self::GprMpcObserver => OBSERVER_GAIN,
+        };
+        assembly.graph.processes.learner.enabled = self.learns();
+    }
+}
+
+impl Display for Contender {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::FeedforwardP => "feedforward-p",
+            Self::Mpc => "mpc",
+            Self::MpcObserver => "mpc+observer",
+            Self::RlsMpcObserver => "rls-mpc+observer",
+            Self::GprMpc => "gpr-mpc",
+            Self::GprMpcObserver => "gpr-mpc+observer",
+        })
+    }
+}

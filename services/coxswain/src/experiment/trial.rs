@@ -1,0 +1,157 @@
+//! One closed loop: one scenario, contender, seed and start, in one process and in lock step.
+
+use super::contender::Contender;
+use crate::assembly::Assembly;
+use crate::in_process::{self, InProcessError};
+use process::{Pulse, Run, Stop};
+use protocol::message::{Participant, Phase, Plan, PlantState, Rung, Truth};
+use protocol::port::{OpenError, Ports, ReceiveError, Since, Source};
+use recorder::rows::Rows;
+use recorder::summary::Summary;
+use serde::Serialize;
+use std::path::Path;
+use std::time::Duration;
+
+/// How long the witness sleeps before it looks whether it is to end.
+const PATIENCE: Duration = Duration::from_millis(5);
+
+/// What is known at the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Start {
+    /// Nothing.
+    Cold,
+    /// What was learnt in an earlier run of the same variant with another seed.
+    Warm,
+    /// What was learnt in another variant.
+    Stale,
+}
+
+/// One row of a comparison.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// Name of the scenario, with its variants.
+    pub scenario: String,
+    /// Name of the profile.
+    pub profile: String,
+    /// Who controlled.
+    pub controller: Contender,
+    /// What was known.
+    pub start: Start,
+    /// Seed of noise and random forces.
+    pub seed: u64,
+    /// As in `summary.json`.
+    pub arrival_s: Option<f64>,
+    /// As in `summary.json`.
+    pub speed_settle_s: Option<f64>,
+    /// As in `summary.json`.
+    pub steady_speed_error_mps: Option<f64>,
+    /// As in `summary.json`.
+    pub position_rmse_m: Option<f64>,
+    /// As in `summary.json`.
+    pub position_max_m: Option<f64>,
+    /// As in `summary.json`.
+    pub heading_rmse_rad: Option<f64>,
+    /// Mean squared change of the applied planar input from one period to the next, over the period squared, RMS \[m/s²\].
+    pub input_effort: f64,
+    /// Ticks at which the truth was outside the scenario's state limits, or the gate did not play a controller's answer.
+    pub constraint_violations: u64,
+    /// As in `summary.json`.
+    pub tick_p50_us: Option<f64>,
+    /// As in `summary.json`.
+    pub tick_p99_us: Option<f64>,
+}
+
+/// What the witness of a trial keeps.
+#[derive(Debug)]
+struct Witnessed {
+    rows: Rows,
+    inputs: Vec<[f64; 3]>,
+    violations: u64,
+}
+
+/// A trial came to nothing.
+#[derive(Debug, thiserror::Error)]
+pub enum TrialError {
+    /// The loop.
+    #[error(transparent)]
+    Loop(#[from] InProcessError),
+    /// The witness could not listen.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// The witness did not hear.
+    #[error(transparent)]
+    Receive(#[from] ReceiveError),
+}
+
+/// Runs `assembly` with its files in `folder`. `label` says which trial it is.
+///
+/// # Errors
+/// [`TrialError`].
+pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, Start)) -> Result<Row, TrialError> {
+    let limits = assembly.scenario.mpc.state_limits;
+    let outside = |truth: &Truth| {
+        limits.heading_rad.is_some_and(|limit| truth.pose[2].abs() > limit)
+            || limits.speed_mps.is_some_and(|limit| truth.velocity[0].abs().max(truth.velocity[1].abs()) > limit)
+    };
+    let witnessed = in_process::drive(assembly, folder, |ports, run, stop| witness(ports, run, stop, outside))??;
+    let summary = Summary::of(&witnessed.rows, assembly.scenario.period_nanos());
+    let (scenario, profile, controller, start) = label;
+    let period = assembly.scenario.period_millis * 1e-3;
+    Ok(Row {
+        scenario: scenario.to_owned(),
+        profile: profile.to_owned(),
+        controller,
+        start,
+        seed: assembly.scenario.seed,
+        arrival_s: summary.arrival_s,
+        speed_settle_s: summary.speed_settle_s,
+        steady_speed_error_mps: summary.steady_speed_error_mps,
+        position_rmse_m: summary.position_rmse_m,
+        position_max_m: summary.position_max_m,
+        heading_rmse_rad: summary.heading_rmse_rad,
+        input_effort: effort(&witnessed.inputs) / period,
+        constraint_violations: witnessed.violations,
+        tick_p50_us: summary.tick_p50_us,
+        tick_p99_us: summary.tick_p99_us,
+    })
+}
+
+/// Listens in the recorder's place, and keeps what the figures need.
+fn witness(ports: &Ports, _run: &Run, stop: &Stop, outside: impl Fn(&Truth) -> bool) -> Result<Witnessed, TrialError> {
+    let mut pulse = Pulse::new(ports, Participant::Recorder)?;
+    let mut states: Source<PlantState> = ports.source(Since::First)?;
+    let mut truths: Source<Truth> = ports.source(Since::First)?;
+    let mut plans: Source<Plan> = ports.source(Since::First)?;
+    pulse.phase(Phase::Ready);
+    let mut kept = Witnessed { rows: Rows::of_segments(0), inputs: Vec::new(), violations: 0 };
+    loop {
+        let ending = stop.requested();
+        while let Some(state) = states.next()? {
+            let played = matches!(state.rung(), Rung::Waiting | Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr);
+            kept.violations += u64::from(!played);
+            kept.inputs.push(state.input);
+            kept.rows.heard_state(&state);
+        }
+        while let Some(truth) = truths.next()? {
+            kept.violations += u64::from(outside(&truth));
+            kept.rows.heard_truth(&truth);
+        }
+        while let Some(plan) = plans.next()? {
+            kept.rows.heard_plan(&plan);
+        }
+        if ending {
+            return Ok(kept);
+        }
+        plans.wait(PATIENCE)?;
+    }
+}
+
+/// RMS change of the planar input from one period to the next \[m/s\].
+fn effort(inputs: &[[f64; 3]]) -> f64 {
+    let changes = inputs.windows(2).map(|pair| match pair {
+        [before, after] => (after[0] - before[0]).powi(2) + (after[1] - before[1]).powi(2),
+        _ => 0.0,
+    });
+    (changes.sum::<f64>() / inputs.len().max(2) as f64).sqrt()
+}
