@@ -42,6 +42,7 @@ mod source;
 pub use error::{OpenError, ReceiveError, SendError};
 pub use links::{Carrier, Carriers, GRAPH_NAME_MAX, Links};
 pub use memory::Exchange;
+pub use network::Router;
 pub use sequence::Since;
 pub use shared_memory::{SweepReport, sweep};
 pub use sink::{RawSink, Sink};
@@ -145,7 +146,7 @@ impl Ports {
             Place::Here(exchange) => Ok(Box::new(exchange.outlet(topic)?)),
             Place::Graph { carriers, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
                 (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.outlet(topic, reservation)?)),
-                (Carrier::Network, _, Some(network)) => network.outlet(topic),
+                (Carrier::Network, _, Some(network)) => network.outlet(topic, reservation),
                 (carrier, ..) => Err(not_joined(topic, carrier)),
             },
         }
