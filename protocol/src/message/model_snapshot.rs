@@ -4,6 +4,7 @@ use super::{Message, Stamp};
 use crate::frame::DecodeError;
 use crate::wire::HEADER_BYTES;
 use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
 
 /// Most inputs that a learned model can have.
 pub const INPUTS_MAX: usize = 12;
@@ -13,7 +14,7 @@ const POINTS_MAX: usize = 16_384;
 
 /// Everything of a snapshot but its data points.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct SnapshotHead {
     /// Who learnt, and when; `tick` is the last one that it has learnt from.
     pub stamp: Stamp,
@@ -31,7 +32,8 @@ pub struct SnapshotHead {
     pub inputs: u32,
     /// Samples that the scores below are taken on, all newer than any the snapshot was trained on.
     pub score_samples: u32,
-    /// Always zero.
+    /// Always zero; not sent over the network.
+    #[serde(skip)]
     pub reserved: u32,
     /// Mean of each input (eq. 36), in the input's unit.
     pub input_mean: [f64; INPUTS_MAX],

@@ -113,7 +113,7 @@ pub(crate) fn a_reader_that_never_reads_does_not_stop_the_control_path<F: Fixtur
     assert!(!stopped.wait(BRIEF)?, "it listens, and then stops");
     for tick in 1..=20_000 {
         sink.send(&mut command(tick))?;
-        if tick % 50 == 0 {
+        if tick % 10 == 0 {
             hear_until(&mut reading, |command| command.stamp.tick == tick)?;
         }
     }

@@ -16,6 +16,12 @@ const ATTEMPT_MILLIS: u64 = 1_000;
 /// Longest pause between two attempts to connect \[ms\].
 const RETRY_MILLIS_MAX: u64 = 300;
 
+/// Batches of 64 KiB that may wait on a link, of each priority: all that zenoh allows, since a burst that finds none free is dropped.
+const BATCHES: usize = 16;
+
+/// How long a client's sender waits for a free batch before it drops a message \[µs\]. A router must not: it has others to serve.
+const CLIENT_WAIT_MICROS: u64 = 100_000;
+
 /// What zenoh adds to a message at most, with room to spare \[bytes\].
 const OVERHEAD_BYTES_MAX: usize = 4_096;
 
@@ -27,6 +33,7 @@ pub(super) fn client(connect: &[String]) -> Result<Config, zenoh::Error> {
         ("connect/timeout_ms", json!(OPEN_MILLIS)),
         ("connect/exit_on_failure", json!(true)),
         ("listen/endpoints", json!([])),
+        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(CLIENT_WAIT_MICROS)),
     ])
 }
 
@@ -55,7 +62,11 @@ fn configured(settings: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
         ("transport/link/tx/lease", json!(LEASE_MILLIS)),
         ("transport/link/rx/max_message_size", json!(wire::BYTES_MAX + OVERHEAD_BYTES_MAX)),
     ];
+    let priorities = ["control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low", "background"];
     let mut config = Config::default();
+    for priority in priorities {
+        config.insert_json5(&format!("transport/link/tx/queue/size/{priority}"), &BATCHES.to_string())?;
+    }
     for (key, value) in common.iter().chain(settings) {
         config.insert_json5(key, &value.to_string())?;
     }

@@ -233,7 +233,6 @@ struct Post {
     quality: Quality,
     priority: Priority,
     congestion: CongestionControl,
-    express: bool,
     /// The last messages, with their numbers.
     history: VecDeque<(u64, ZBytes)>,
 }
@@ -249,10 +248,9 @@ impl Post {
         // A snapshot takes many batches. Where the newest wins, each of them would have to go at once, or the whole were dropped.
         let blocks = quality.delivery == Delivery::Lossless || topic == Topic::Snapshot;
         let congestion = if blocks { CongestionControl::Block } else { CongestionControl::Drop };
-        let express = matches!(topic, Topic::State | Topic::Command);
         let data = keys.data(&id);
         let history = VecDeque::with_capacity(quality.history);
-        Self { session: session.clone(), keys, id, data, quality, priority, congestion, express, history }
+        Self { session: session.clone(), keys, id, data, quality, priority, congestion, history }
     }
 
     fn send(&mut self, parcel: &Parcel) {
@@ -274,9 +272,10 @@ impl Post {
         }
     }
 
+    /// Not express: zenoh waits for nothing while the link is free, and an express message takes a whole batch, of which a burst finds too few.
     fn put(&self, key: &str, number: u64, bytes: ZBytes) {
         let put = self.session.put(key, bytes).attachment(number.to_le_bytes().as_slice());
-        let put = put.priority(self.priority).congestion_control(self.congestion).express(self.express);
+        let put = put.priority(self.priority).congestion_control(self.congestion);
         // Without a link to the router a message is lost like one on a cut cable: its readers count it.
         let _ = put.wait();
     }

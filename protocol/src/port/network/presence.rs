@@ -5,6 +5,7 @@ use super::{ANSWER_TIMEOUT, Network, failed};
 use crate::VERSION;
 use crate::port::OpenError;
 use crate::topic::{Delivery, Topic};
+use std::collections::BTreeSet;
 use std::hash::{BuildHasher, RandomState};
 use std::thread::sleep;
 use std::time::Duration;
@@ -82,13 +83,13 @@ pub(super) fn announce(network: &Network, topic: Topic, role: Role, id: &str) ->
     network.session.liveliness().declare_token(key).wait().map_err(failed(topic))
 }
 
-/// The keys of the tokens that match `keys`.
-pub(super) fn list(session: &Session, keys: &str) -> Result<Vec<String>, zenoh::Error> {
+/// The keys of the tokens that match `keys`; zenoh names those of this session twice.
+pub(super) fn list(session: &Session, keys: &str) -> Result<BTreeSet<String>, zenoh::Error> {
     let replies = session.liveliness().get(keys).timeout(ANSWER_TIMEOUT).wait()?;
-    let mut found = Vec::new();
+    let mut found = BTreeSet::new();
     while let Ok(reply) = replies.recv() {
         let sample = reply.into_result().map_err(|error| format!("the router does not say who is there: {error}"))?;
-        found.push(sample.key_expr().as_str().to_owned());
+        found.insert(sample.key_expr().as_str().to_owned());
     }
     Ok(found)
 }
