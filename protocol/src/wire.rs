@@ -89,11 +89,7 @@ impl Header {
     }
 
     fn of([v0, v1, k0, k1, c0, c1, c2, c3]: [u8; HEADER_BYTES]) -> Self {
-        Self {
-            version: u16::from_le_bytes([v0, v1]),
-            kind: u16::from_le_bytes([k0, k1]),
-            checksum: u32::from_le_bytes([c0, c1, c2, c3]),
-        }
+        Self { version: u16::from_le_bytes([v0, v1]), kind: u16::from_le_bytes([k0, k1]), checksum: u32::from_le_bytes([c0, c1, c2, c3]) }
     }
 }
 
@@ -111,7 +107,9 @@ pub(crate) fn write_postcard<T: Serialize>(body: &T, out: &mut Vec<u8>) {
 pub(crate) fn read_postcard<T: DeserializeOwned>(message: &'static str, body: &[u8]) -> Result<T, DecodeError> {
     match postcard::take_from_bytes(body) {
         Ok((read, [])) => Ok(read),
-        Ok((_, rest)) => Err(DecodeError::Length { message, expected: body.len() - rest.len() + HEADER_BYTES, got: body.len() + HEADER_BYTES }),
+        Ok((_, rest)) => {
+            Err(DecodeError::Length { message, expected: body.len() - rest.len() + HEADER_BYTES, got: body.len() + HEADER_BYTES })
+        }
         Err(postcard::Error::DeserializeUnexpectedEnd) => Err(DecodeError::Body { message, reason: "it ends too early" }),
         Err(postcard::Error::DeserializeBadVarint) => Err(DecodeError::Body { message, reason: "a number is too large for its field" }),
         Err(_) => Err(DecodeError::Body { message, reason: "a part is longer than it can be, or not of its type" }),

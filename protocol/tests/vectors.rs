@@ -4,8 +4,8 @@
 
 use bytemuck::Zeroable;
 use protocol::message::{
-    Command, Credit, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState, Reason, ResidualSample, Rung,
-    SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth,
+    Command, Credit, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState, Reason, ResidualSample,
+    Rung, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth,
 };
 use protocol::{VERSION, wire};
 use serde::de::DeserializeOwned;
@@ -267,7 +267,8 @@ impl Said for ModelSnapshot {
         head.length_scale[0][1] = 0.5;
         head.length_scale[2][0] = 1.5;
         let rows = vec![(vec![1.0, -1.0], [0.1, 0.2, 0.3], [4.0, 5.0, 6.0]), (vec![0.5, 0.25], EDGES, [7.0, 8.0, 9.0])];
-        let empty = Snapshot { head: SnapshotHead { stamp: extreme(), inputs: INPUTS_MAX as u32, ..SnapshotHead::zeroed() }, rows: Vec::new() };
+        let empty =
+            Snapshot { head: SnapshotHead { stamp: extreme(), inputs: INPUTS_MAX as u32, ..SnapshotHead::zeroed() }, rows: Vec::new() };
         vec![("typical", Self::of(Snapshot { head, rows })), ("without points", Self::of(empty))]
     }
 }

@@ -159,7 +159,8 @@ impl Message for ModelSnapshot {
     }
 
     fn read_wire(body: &[u8]) -> Result<Self, DecodeError> {
-        let length = |expected| DecodeError::Length { message: Self::NAME, expected: HEADER_BYTES + expected, got: HEADER_BYTES + body.len() };
+        let length =
+            |expected| DecodeError::Length { message: Self::NAME, expected: HEADER_BYTES + expected, got: HEADER_BYTES + body.len() };
         let (mut rest, values) = body.split_at_checked(HEAD_WIRE_BYTES).ok_or_else(|| length(HEAD_WIRE_BYTES))?;
         let mut head = SnapshotHead::zeroed();
         head.cross(&mut |number| match number {

@@ -20,6 +20,9 @@ use super::{Links, OpenError, Reservation};
 use crate::topic::{Quality, Topic};
 use inlet::NetworkInlet;
 use outlet::NetworkOutlet;
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::rc::Rc;
 use std::time::Duration;
 use zenoh::{Session, Wait};
 
@@ -32,6 +35,8 @@ pub(super) struct Network {
     graph: String,
     lock_step: bool,
     patience: Duration,
+    /// Keys of the presences of this session.
+    own: Rc<RefCell<BTreeSet<String>>>,
 }
 
 impl Network {
@@ -43,7 +48,7 @@ impl Network {
         let config = config::client(&links.connect).map_err(|error| failed(error.to_string()))?;
         let session = zenoh::open(config).wait();
         let session = session.map_err(|error| failed(format!("no router answers at {}: {error}", links.connect.join(", "))))?;
-        Ok(Self { session, graph: links.graph.clone(), lock_step: links.lock_step, patience: links.patience() })
+        Ok(Self { session, graph: links.graph.clone(), lock_step: links.lock_step, patience: links.patience(), own: Rc::default() })
     }
 
     pub(super) fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<Box<dyn Outlet>, OpenError> {

@@ -1,8 +1,6 @@
 //! What is sent arrives, in order, whole, and what does not is counted.
 
-use crate::fixture::{
-    BRIEF, Failure, Fence, Fixture, LONG, Outcome, PATIENCE, command, count_until, credit, hear, hear_until, snapshot,
-};
+use crate::fixture::{BRIEF, Failure, Fence, Fixture, LONG, Outcome, PATIENCE, command, count_until, credit, hear, hear_until, snapshot};
 use bytemuck::Zeroable;
 use protocol::message::{Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Rung, Truth};
 use protocol::port::{Ports, SendError, Since, Tally};
@@ -153,17 +151,19 @@ pub(crate) fn nothing_is_lost_in_lock_step<F: Fixture>() -> Outcome {
 
 pub(crate) fn a_lossless_writer_gives_up_when_its_patience_is_over<F: Fixture>() -> Outcome {
     let graph = F::with_patience(true, PATIENCE)?;
-    let ports = graph.ports(1)?;
-    let mut stopped = ports.source::<Credit>(Since::First)?;
-    let mut sink = ports.sink::<Credit>()?;
+    let (here, there) = (graph.ports(1)?, graph.ports(1)?);
+    let mut stopped = here.source::<Credit>(Since::First)?;
+    let mut sink = there.sink::<Credit>()?;
+    let mut fence = Fence::between(&there, &here)?;
     let depth = Topic::Credit.quality(true).depth as u64;
     for tick in 1..=depth {
         sink.send(&mut credit(tick))?;
     }
-    let mut reading = ports.source::<Credit>(Since::Joining)?;
+    let mut reading = here.source::<Credit>(Since::Joining)?;
     assert_eq!(sink.send(&mut credit(depth + 1)), Err(SendError::NoRoom { topic: Topic::Credit, waited: PATIENCE }));
     assert_eq!(sink.sent(), depth);
     hear_until(&mut reading, |credit| credit.through_tick == depth + 1)?;
+    fence.cross()?;
 
     assert_eq!(hear(&mut stopped)?.through_tick, 1);
     sink.send(&mut credit(depth + 2))?;

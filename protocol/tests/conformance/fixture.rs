@@ -163,6 +163,11 @@ impl Fence {
     /// Ends when what `written` has sent is there: a sink is closed when that has gone, and this follows it.
     pub(crate) fn pass<T: OnTopic>(&mut self, written: Sink<T>) -> Outcome {
         drop(written);
+        self.cross()
+    }
+
+    /// Ends when what a reader on the same ports has heard is with all others there too.
+    pub(crate) fn cross(&mut self) -> Outcome {
         self.sink.send(&mut Health::zeroed())?;
         hear(&mut self.source)?;
         Ok(())

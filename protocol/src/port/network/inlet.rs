@@ -2,7 +2,7 @@
 
 use super::bell::{Bell, Slept};
 use super::keys::{Keys, last};
-use super::presence::{Role, announce, check, draw_id};
+use super::presence::{Announced, Role, announce, check, draw_id};
 use super::{ANSWER_TIMEOUT, Network, failed, no_thread};
 use crate::port::carrier::{Encoding, Inlet};
 use crate::port::{OpenError, ReceiveError};
@@ -12,7 +12,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
-use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, QueryTarget};
@@ -28,7 +27,7 @@ pub(super) struct NetworkInlet {
     /// Reports room to the writers of a lossless link.
     reporter: Option<JoinHandle<()>>,
     /// Dropped before the session that they belong to.
-    _declared: (LivelinessToken, Subscriber<()>, Subscriber<()>),
+    _declared: (Announced, Subscriber<()>, Subscriber<()>),
     _session: Session,
 }
 

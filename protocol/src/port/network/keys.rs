@@ -39,6 +39,11 @@ impl Keys {
         format!("{}/**", self.base)
     }
 
+    /// Whether `key` is one of this topic.
+    pub(super) fn include(&self, key: &str) -> bool {
+        key.strip_prefix(&self.base).is_some_and(|rest| rest.starts_with('/'))
+    }
+
     /// The presences of all readers.
     pub(super) fn readers(&self) -> String {
         format!("{}/reader/**", self.base)

@@ -1,7 +1,7 @@
 //! One writer on the network: a bounded queue, and the thread that empties it into zenoh.
 
 use super::keys::Keys;
-use super::presence::{Presence, Role, announce, check, draw_id, list};
+use super::presence::{Announced, Presence, Role, announce, check, draw_id, list};
 use super::readers::Readers;
 use super::{Network, failed, no_thread};
 use crate::port::carrier::{Encoding, Outlet};
@@ -15,7 +15,6 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread::{self, Thread};
 use std::time::{Duration, Instant};
 use zenoh::bytes::ZBytes;
-use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::Queryable;
@@ -43,7 +42,7 @@ pub(super) struct NetworkOutlet {
 }
 
 struct Declared {
-    _token: LivelinessToken,
+    _token: Announced,
     _join: Queryable<()>,
     _presence: Subscriber<()>,
     _room: Subscriber<()>,
@@ -90,7 +89,7 @@ impl NetworkOutlet {
         let room = session.declare_subscriber(keys.room(&id, "*")).callback(move |sample| shared.readers.room_made(&sample));
         let room = room.wait().map_err(&failed)?;
         let (shared, greeter) = (Arc::clone(&departures), sender.clone());
-        let presence = session.liveliness().declare_subscriber(keys.readers()).callback(move |sample| {
+        let presence = session.liveliness().declare_subscriber(keys.readers()).history(true).callback(move |sample| {
             shared.readers.presence_changed(&sample);
             shared.greet.store(true, Ordering::Release);
             greeter.unpark();
@@ -99,8 +98,8 @@ impl NetworkOutlet {
         // A query ends when all that it was passed to have let go of it: it needs no answer.
         let join = session.declare_queryable(keys.join(&id)).callback(drop).wait().map_err(&failed)?;
         let token = announce(network, topic, Role::Writer, &id)?;
-        for key in list(&session, &keys.readers()).map_err(&failed)? {
-            if let Some(presence) = Presence::of(&key) {
+        for key in list(network, topic)? {
+            if let Some(presence) = Presence::of(&key).filter(Presence::is_reader) {
                 departures.readers.came(&presence);
             }
         }

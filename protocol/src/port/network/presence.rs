@@ -5,12 +5,14 @@ use super::{ANSWER_TIMEOUT, Network, failed};
 use crate::VERSION;
 use crate::port::OpenError;
 use crate::topic::{Delivery, Topic};
+use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::hash::{BuildHasher, RandomState};
+use std::rc::Rc;
 use std::thread::sleep;
 use std::time::Duration;
+use zenoh::Wait;
 use zenoh::liveliness::LivelinessToken;
-use zenoh::{Session, Wait};
 
 /// A topic without a free place is looked at again so often, so long apart: somebody who is just gone may still be listed.
 const LOOKS: u32 = 10;
@@ -56,6 +58,10 @@ impl<'a> Presence<'a> {
         [Role::Writer.name(), Role::Reader.name()].contains(&role).then_some(Self { role, version, delivery, id })
     }
 
+    pub(super) fn is_reader(&self) -> bool {
+        self.role == Role::Reader.name()
+    }
+
     pub(super) fn is_paced(&self) -> bool {
         self.delivery == delivery_name(Delivery::Lossless)
     }
@@ -76,20 +82,38 @@ pub(super) fn draw_id() -> String {
     format!("{:016x}", seed.hash_one((std::process::id(), crate::clock::monotonic_nanos())))
 }
 
-/// Says that port `id` is there.
-pub(super) fn announce(network: &Network, topic: Topic, role: Role, id: &str) -> Result<LivelinessToken, OpenError> {
-    let delivery = delivery_name(network.quality(topic).delivery);
-    let key = Keys::of(network, topic).presence(role.name(), &VERSION.to_string(), delivery, id);
-    network.session.liveliness().declare_token(key).wait().map_err(failed(topic))
+/// A port is there as long as this lives.
+pub(super) struct Announced {
+    key: String,
+    own: Rc<RefCell<BTreeSet<String>>>,
+    _token: LivelinessToken,
 }
 
-/// The keys of the tokens that match `keys`; zenoh names those of this session twice.
-pub(super) fn list(session: &Session, keys: &str) -> Result<BTreeSet<String>, zenoh::Error> {
-    let replies = session.liveliness().get(keys).timeout(ANSWER_TIMEOUT).wait()?;
-    let mut found = BTreeSet::new();
+impl Drop for Announced {
+    fn drop(&mut self) {
+        self.own.borrow_mut().remove(&self.key);
+    }
+}
+
+/// Says that port `id` is there.
+pub(super) fn announce(network: &Network, topic: Topic, role: Role, id: &str) -> Result<Announced, OpenError> {
+    let delivery = delivery_name(network.quality(topic).delivery);
+    let key = Keys::of(network, topic).presence(role.name(), &VERSION.to_string(), delivery, id);
+    let token = network.session.liveliness().declare_token(&key).wait().map_err(failed(topic))?;
+    network.own.borrow_mut().insert(key.clone());
+    Ok(Announced { key, own: Rc::clone(&network.own), _token: token })
+}
+
+/// The keys of all ports on `topic`.
+///
+/// zenoh names those of other sessions reliably, and those of this one twice, or under load not at all.
+pub(super) fn list(network: &Network, topic: Topic) -> Result<BTreeSet<String>, OpenError> {
+    let (keys, failed) = (Keys::of(network, topic), failed(topic));
+    let replies = network.session.liveliness().get(keys.presences()).timeout(ANSWER_TIMEOUT).wait().map_err(&failed)?;
+    let mut found: BTreeSet<String> = network.own.borrow().iter().filter(|key| keys.include(key)).cloned().collect();
     while let Ok(reply) = replies.recv() {
-        let sample = reply.into_result().map_err(|error| format!("the router does not say who is there: {error}"))?;
-        found.insert(sample.key_expr().as_str().to_owned());
+        let said = |error| failed(format!("the router does not say who is there: {error}").into());
+        found.insert(reply.into_result().map_err(said)?.key_expr().as_str().to_owned());
     }
     Ok(found)
 }
@@ -114,7 +138,7 @@ pub(super) fn check(network: &Network, topic: Topic, role: Role) -> Result<(), O
 fn look(network: &Network, topic: Topic, role: Role) -> Result<usize, OpenError> {
     let delivery = network.quality(topic).delivery;
     let mut count = 0;
-    for key in list(&network.session, &Keys::of(network, topic).presences()).map_err(failed(topic))? {
+    for key in list(network, topic)? {
         let Some(presence) = Presence::of(&key) else { continue };
         if presence.version != VERSION.to_string() {
             return Err(OpenError::Incompatible {
