@@ -10,6 +10,7 @@ mod model_snapshot;
 mod plan;
 mod plant_state;
 mod residual_sample;
+mod sequence;
 mod stamp;
 mod truth;
 
@@ -25,6 +26,9 @@ pub use stamp::Stamp;
 pub use truth::Truth;
 
 use crate::frame::DecodeError;
+use crate::wire;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 /// Something that is said: its name, its number, and its bytes.
 pub trait Message: Clone + Send + 'static {
@@ -52,10 +56,19 @@ pub trait Message: Clone + Send + 'static {
     /// # Errors
     /// [`DecodeError`] if the length or a value does not fit.
     fn read(bytes: &[u8]) -> Result<Self, DecodeError>;
+
+    /// Appends the message's body as it is on the network. Does not allocate once `out` has grown.
+    fn write_wire(&self, out: &mut Vec<u8>);
+
+    /// Reads the body of a message whose version, kind and checksum are already known to be right; they are not in the body.
+    ///
+    /// # Errors
+    /// [`DecodeError`] if the length or a value does not fit.
+    fn read_wire(body: &[u8]) -> Result<Self, DecodeError>;
 }
 
-/// A message of fixed size, all of whose bytes are data: its memory is its encoding.
-pub trait Fixed: bytemuck::Pod + Send {
+/// A message of fixed size, all of whose bytes are data: its memory is its encoding. On the network it is what it serialises.
+pub trait Fixed: bytemuck::Pod + Send + Serialize + DeserializeOwned {
     /// See [`Message::NAME`].
     const NAME: &'static str;
     /// See [`Message::KIND`].
@@ -103,6 +116,16 @@ impl<T: Fixed> Message for T {
             expected: size_of::<T>(),
             got: bytes.len(),
         })?;
+        message.check()?;
+        Ok(message)
+    }
+
+    fn write_wire(&self, out: &mut Vec<u8>) {
+        wire::write_postcard(self, out);
+    }
+
+    fn read_wire(body: &[u8]) -> Result<Self, DecodeError> {
+        let message: T = wire::read_postcard(<T as Fixed>::NAME, body)?;
         message.check()?;
         Ok(message)
     }

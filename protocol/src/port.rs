@@ -146,7 +146,7 @@ impl Ports {
             Place::Here(exchange) => Ok(Box::new(exchange.outlet(topic)?)),
             Place::Graph { carriers, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
                 (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.outlet(topic, reservation)?)),
-                (Carrier::Network, _, Some(network)) => network.outlet(topic),
+                (Carrier::Network, _, Some(network)) => network.outlet(topic, reservation),
                 (carrier, ..) => Err(not_joined(topic, carrier)),
             },
         }

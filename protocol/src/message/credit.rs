@@ -15,7 +15,8 @@ pub struct Credit {
     pub through_tick: u64,
     /// [`Participant`] that grants it.
     pub participant: u32,
-    /// Always zero.
+    /// Always zero; not sent over the network.
+    #[serde(skip)]
     pub reserved: u32,
 }
 

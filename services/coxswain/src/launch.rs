@@ -165,7 +165,7 @@ fn run_at(berth: &Berth, assembly: Assembly, programs: PathBuf, out: Option<&Pat
     person.terminal.say(heading(&assembly));
     tracing::info!(graph = berth.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
     let router = assembly.networked().then(|| Router::open(&assembly.graph.network.listen, &assembly.graph.network.connect)).transpose()?;
-    let endpoints = router.as_ref().map(Router::endpoints).unwrap_or_default();
+    let endpoints = router.as_ref().map(|router| router.endpoints().to_vec()).unwrap_or_default();
     if !endpoints.is_empty() {
         person.terminal.say(format_args!("network: listening at {}", endpoints.join(", ")));
     }
