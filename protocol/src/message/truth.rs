@@ -31,7 +31,7 @@ pub struct Truth {
     pub reason: u32,
 }
 
-fixed_message!(Truth, 5, |truth| {
+fixed_message!(Truth, 5, [pose, velocity, force, wheel_command], |truth| {
     code::<Rung>("Truth", "rung", truth.rung)?;
     code::<Reason>("Truth", "reason", truth.reason)
 });

@@ -187,19 +187,13 @@ fn is_events_transient(error: EventOpenOrCreateError) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::port::{Carrier, Links, sweep};
+    use crate::port::{Links, sweep};
     use std::error::Error;
 
     #[test]
     fn a_program_of_another_version_or_message_is_refused_with_both_named() -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
-        let links = Links {
-            graph: format!("v{}", std::process::id()),
-            lock_step: false,
-            root: folder.path().join("r"),
-            patience_millis: 100,
-            carrier: Carrier::SharedMemory,
-        };
+        let links = Links::on_this_machine(format!("v{}", std::process::id()), folder.path().join("r"), false, 100);
         let shared = SharedMemory::open(&links)?;
         let services = shared.services(Topic::Command, &Announcement::of(Topic::Command))?;
         let newer = Announcement { version: "7001".to_owned(), ..Announcement::of(Topic::Command) };
