@@ -33,6 +33,7 @@ fn options() -> Options {
         out: None,
         log: "info".into(),
         seed: Some(9),
+        faults: None,
     }
 }
 
