@@ -172,7 +172,7 @@ mod tests {
             (Plan::NAME, size_of::<Plan>(), 6056),
             (PlantState::NAME, size_of::<PlantState>(), 224),
             (ResidualSample::NAME, size_of::<ResidualSample>(), 168),
-            (Truth::NAME, size_of::<Truth>(), 184),
+            (Truth::NAME, size_of::<Truth>(), 232),
             ("SnapshotHead", size_of::<SnapshotHead>(), 720),
             ("Stamp", size_of::<Stamp>(), 48),
         ];
