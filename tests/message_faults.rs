@@ -87,6 +87,11 @@ fn survives(place: Place, pace: &str) -> Outcome {
     }
     assert!(injected.values().sum::<u64>() > 0, "{topic} in {pace}");
 
+    if matches!(topic, "command" | "state") {
+        // The gate has refused something, or somebody has braked, and the oracle has seen how.
+        let braked = record.of("state").any(|state| state.word("rung") == "brake");
+        assert!(braked, "{topic} in {pace}: {}", record.summary);
+    }
     let last = record.of("state").next_back().ok_or("no state")?;
     assert_eq!((last.stamp("tick"), last.word("rung")), (170, "fresh plan"), "{topic} in {pace}");
     let versions: Vec<u64> = record.of("command").map(|command| command.count("model_version")).collect();

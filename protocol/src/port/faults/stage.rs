@@ -107,7 +107,7 @@ impl Stage {
             return false;
         }
         // A swap takes two: what is behind a held message is not held itself.
-        happens && !(self.fault.kind == Kind::Reorder && !self.held.is_empty())
+        happens && (self.fault.kind != Kind::Reorder || self.held.is_empty())
     }
 
     fn apply(&mut self, bytes: Vec<u8>, now: Instant, anatomy: &Anatomy, out: &mut Vec<Vec<u8>>) {
