@@ -32,24 +32,28 @@ const STRIDE: u64 = 15;
 /// Length of a run \[s\]: the last window ends 1.5 s before.
 const DURATION: &str = "17";
 
-/// A link, where it is disturbed, and a field that is not a number there.
-type Place = (&'static str, &'static str, &'static str);
+/// A link, the end and the process where it is disturbed, and a field that is not a number there.
+type Place = (&'static str, &'static str, &'static str, &'static str);
 
-const LINKS: [Place; 4] = [
-    ("command", "plant", "input"),
-    ("state", "controller", "velocity"),
-    ("residual", "learner", "velocity"),
-    ("snapshot", "controller", "points"),
+/// Where a link is read.
+const READERS: [Place; 4] = [
+    ("command", "reader", "plant", "input"),
+    ("state", "reader", "controller", "velocity"),
+    ("residual", "reader", "learner", "velocity"),
+    ("snapshot", "reader", "controller", "points"),
 ];
 
-/// Every kind in a window of its own, at the link's reader.
-fn faults_of((topic, participant, field): Place, lock_step: bool) -> Result<String, std::fmt::Error> {
+/// Where a link is written: all its readers get what is left, the recorder too.
+const WRITERS: [Place; 2] = [("command", "writer", "controller", "input"), ("state", "writer", "plant", "velocity")];
+
+/// Every kind in a window of its own.
+fn faults_of((topic, at, participant, field): Place, lock_step: bool) -> Result<String, std::fmt::Error> {
     let mut text = "seed = 7\n".to_owned();
     for ((kind, real_time_keys, lock_step_keys), index) in KINDS.into_iter().zip(0..) {
         let from = WINDOW.0 + STRIDE * index;
         let keys = if lock_step { lock_step_keys } else { real_time_keys };
         let keys = if kind == "nan" { format!("{keys}{field:?}") } else { keys.to_owned() };
-        writeln!(text, "[[fault]]\ntopic = {topic:?}\nat = \"reader\"\nparticipant = {participant:?}\nkind = {kind:?}")?;
+        writeln!(text, "[[fault]]\ntopic = {topic:?}\nat = {at:?}\nparticipant = {participant:?}\nkind = {kind:?}")?;
         writeln!(text, "from_tick = {from}\nuntil_tick = {}\nprobability = 0.8\n{keys}", from + WINDOW.1)?;
     }
     Ok(text)
@@ -71,7 +75,7 @@ fn survives(place: Place, pace: &str) -> Outcome {
     fs::write(&file, faults_of(place, pace == "lock-step")?)?;
     let launched = Launched::new(&["--pace", pace, "--duration", DURATION, "--faults", &file.to_string_lossy()])?;
     let (ended, home) = launched.end()?;
-    let (topic, participant, _) = place;
+    let (topic, _, participant, _) = place;
     assert!(ended.status.success(), "{topic} in {pace}: {}", ended.text);
     assert!(ended.text.contains("FAULTS ARE INJECTED"), "{}", ended.text);
     let run = home.path().join("run");
@@ -101,23 +105,28 @@ fn survives(place: Place, pace: &str) -> Outcome {
 
 #[test]
 fn in_real_time_disturbed_commands_are_survived() -> Outcome {
-    survives(LINKS[0], "real-time")
+    survives(READERS[0], "real-time")
 }
 
 #[test]
 fn in_real_time_disturbed_states_are_survived() -> Outcome {
-    survives(LINKS[1], "real-time")
+    survives(READERS[1], "real-time")
 }
 
 #[test]
 fn in_real_time_disturbed_samples_and_models_are_survived() -> Outcome {
-    survives(LINKS[2], "real-time")?;
-    survives(LINKS[3], "real-time")
+    survives(READERS[2], "real-time")?;
+    survives(READERS[3], "real-time")
+}
+
+#[test]
+fn in_real_time_links_that_are_disturbed_where_they_are_written_are_survived() -> Outcome {
+    WRITERS.into_iter().try_for_each(|place| survives(place, "real-time"))
 }
 
 #[test]
 fn in_lock_step_every_disturbed_link_is_survived() -> Outcome {
-    LINKS.into_iter().try_for_each(|link| survives(link, "lock-step"))
+    READERS.into_iter().try_for_each(|link| survives(link, "lock-step"))
 }
 
 #[test]
@@ -126,7 +135,7 @@ fn in_lock_step_the_same_faults_give_the_same_bits() -> Outcome {
     for _ in 0..2 {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("faults.toml");
-        fs::write(&file, faults_of(LINKS[0], true)?)?;
+        fs::write(&file, faults_of(READERS[0], true)?)?;
         let options = ["--pace", "lock-step", "--duration", DURATION, "--faults", &file.to_string_lossy()];
         let (ended, home) = Launched::new(&options)?.end()?;
         assert!(ended.status.success(), "{}", ended.text);

@@ -154,7 +154,9 @@ fn judge_rungs(epoch: u64, states: &Ticks<'_>, truths: &Ticks<'_>, violations: &
             violations.push(Violation { rule: Rule::Reason, epoch, tick, found, expected });
         }
         let braked_by_the_gate = from == "brake" && truths.get(&(tick - 1)).is_none_or(|truth| truth.count("acting_epoch") == 0);
-        let good = (1..=GOOD_PERIODS).take_while(|&ago| tick.checked_sub(ago).is_some_and(answered)).count() as u64;
+        // A state that is not in the record says nothing against its period.
+        let good = |tick: &u64| !states.contains_key(tick) || answered(*tick);
+        let good = (1..=GOOD_PERIODS).take_while(|&ago| tick.checked_sub(ago).as_ref().is_some_and(good)).count() as u64;
         if braked_by_the_gate && good < GOOD_PERIODS {
             let (found, expected) = (format!("{to} after {good} good periods on the brake"), format!("{GOOD_PERIODS}"));
             violations.push(Violation { rule: Rule::Recovery, epoch, tick, found, expected });
