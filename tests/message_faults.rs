@@ -1,7 +1,9 @@
 //! Promise: whatever happens to the messages of a link, the wheels do nothing unsafe, and the robot drives on when it is over.
 
 use coxswain::assembly::Assembly;
+use coxswain::in_process;
 use coxswain::options::Options;
+use process::Pace;
 use promises::oracle::{Limits, acquit};
 use promises::{Launched, Outcome, Record, repository};
 use std::collections::BTreeMap;
@@ -129,19 +131,29 @@ fn in_lock_step_every_disturbed_link_is_survived() -> Outcome {
     READERS.into_iter().try_for_each(|link| survives(link, "lock-step"))
 }
 
+/// What a run commanded, by tick.
+fn commands(run: &Path) -> Result<Vec<String>, Box<dyn Error>> {
+    let record = Record::read(run)?;
+    let commands = record.of("command").map(|command| format!("{} {}", command.stamp("tick"), command.says["input"]));
+    Ok(commands.collect())
+}
+
 #[test]
-fn in_lock_step_the_same_faults_give_the_same_bits() -> Outcome {
-    let mut runs = Vec::new();
-    for _ in 0..2 {
+fn in_lock_step_the_same_faults_give_the_same_bits_in_processes_and_in_one() -> Outcome {
+    for place in READERS {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("faults.toml");
-        fs::write(&file, faults_of(READERS[0], true)?)?;
+        fs::write(&file, faults_of(place, true)?)?;
         let options = ["--pace", "lock-step", "--duration", DURATION, "--faults", &file.to_string_lossy()];
         let (ended, home) = Launched::new(&options)?.end()?;
         assert!(ended.status.success(), "{}", ended.text);
-        let record = Record::read(&home.path().join("run"))?;
-        runs.push(record.of("command").map(|command| format!("{} {}", command.stamp("tick"), command.says["input"])).collect::<Vec<_>>());
+
+        let mut options = Options::of_graph(&repository().join("deploy/graphs/local.toml"));
+        (options.pace, options.faults, options.duration) = (Some(Pace::LockStep), Some(file), Some(DURATION.parse()?));
+        let run = folder.path().join("run");
+        fs::create_dir(&run)?;
+        in_process::run(&Assembly::read(&options)?, &run)?;
+        assert_eq!(commands(&home.path().join("run"))?, commands(&run)?, "{place:?}");
     }
-    assert_eq!(runs.first(), runs.last());
     Ok(())
 }

@@ -122,7 +122,7 @@ impl Ports {
         Self { place: Place::Here(exchange.clone()), identity, injection: None, one_thread: PhantomData }
     }
 
-    /// Ports between the threads of one process, on which `faults` are injected.
+    /// Ports between the threads of one process, on which `faults` are injected. What [`Faults::check`] refuses may do nothing.
     pub fn in_memory_with(exchange: &Exchange, identity: Identity, faults: &Faults) -> Self {
         Self { injection: Injection::new(faults, exchange.lock_step()), ..Self::in_memory(exchange, identity) }
     }

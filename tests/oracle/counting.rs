@@ -16,6 +16,9 @@ pub(super) fn judge(record: &Record, violations: &mut Vec<Violation>) {
         last_words.insert(health.stamp("writer"), health);
     }
     let recorders: Vec<&Message> = last_words.values().filter(|health| health.word("participant") == "recorder").copied().collect();
+    if record.summary["segments"].as_u64().is_some_and(|segments| segments > 1) {
+        return; // what was said while the recorder was dead is nowhere
+    }
     let [recorder] = recorders.as_slice() else {
         if recorders.is_empty() {
             let (found, expected) = ("no health of a recorder".to_owned(), "one that says what was lost".to_owned());
