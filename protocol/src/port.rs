@@ -10,6 +10,7 @@
 //! | `memory`         | the carrier inside one process, for tests and experiments                 |
 //! | `shared_memory`  | the carrier between the processes of one machine, over iceoryx2           |
 //! | `network`        | the carrier between machines, over zenoh                                  |
+//! | `faults`         | [`Faults`]: what is lost, delayed and damaged on purpose, on any carrier  |
 //!
 //! ```
 //! use protocol::message::Credit;
@@ -31,6 +32,7 @@
 
 mod carrier;
 mod error;
+mod faults;
 mod links;
 mod memory;
 mod network;
@@ -40,6 +42,7 @@ mod sink;
 mod source;
 
 pub use error::{OpenError, ReceiveError, SendError};
+pub use faults::{End, Fault, Faults, ImpossibleFault, Kind};
 pub use links::{Carrier, Carriers, GRAPH_NAME_MAX, Links, is_graph_name};
 pub use memory::Exchange;
 pub use network::Router;
@@ -51,6 +54,7 @@ pub use source::{Source, Tally};
 use crate::message::Message;
 use crate::topic::{OnTopic, Topic};
 use carrier::{Inlet, Outlet};
+use faults::{FaultyInlet, FaultyOutlet, Injection};
 use network::Network;
 use shared_memory::SharedMemory;
 use std::hash::{BuildHasher, Hasher, RandomState};
@@ -83,6 +87,8 @@ impl Identity {
 pub struct Ports {
     place: Place,
     identity: Identity,
+    /// What goes wrong on purpose, if anything does.
+    injection: Option<Injection>,
     /// Keeps `Ports` out of other threads on every carrier, since it has to stay out of them on shared memory.
     one_thread: PhantomData<Rc<()>>,
 }
@@ -108,12 +114,23 @@ impl Ports {
         let shared_memory = uses(Carrier::SharedMemory).then(|| SharedMemory::open(links)).transpose()?;
         let network = uses(Carrier::Network).then(|| Network::open(links)).transpose()?;
         let carriers = links.carriers.clone();
-        Ok(Self { place: Place::Graph { carriers, shared_memory, network }, identity, one_thread: PhantomData })
+        let injection = Injection::new(&links.faults, links.lock_step);
+        Ok(Self { place: Place::Graph { carriers, shared_memory, network }, identity, injection, one_thread: PhantomData })
     }
 
     /// Ports between the threads of one process.
     pub fn in_memory(exchange: &Exchange, identity: Identity) -> Self {
-        Self { place: Place::Here(exchange.clone()), identity, one_thread: PhantomData }
+        Self { place: Place::Here(exchange.clone()), identity, injection: None, one_thread: PhantomData }
+    }
+
+    /// Ports between the threads of one process, on which `faults` are injected. What [`Faults::check`] refuses may do nothing.
+    pub fn in_memory_with(exchange: &Exchange, identity: Identity, faults: &Faults) -> Self {
+        Self { injection: Injection::new(faults, exchange.lock_step()), ..Self::in_memory(exchange, identity) }
+    }
+
+    /// How often each of the faults has been injected so far on what these ports have opened, in the order of the settings.
+    pub fn injected(&self) -> Vec<u64> {
+        self.injection.as_ref().map_or_else(Vec::new, Injection::injected)
     }
 
     /// Opens a writer of `T` on its topic.
@@ -122,7 +139,13 @@ impl Ports {
     /// [`OpenError`] if the link exists with another message, version or quality, or has no place for one more writer.
     pub fn sink<T: OnTopic>(&self) -> Result<Sink<T>, OpenError> {
         let outlet = self.outlet(T::TOPIC, Reservation::of::<T>())?;
-        Ok(Sink::new(outlet, self.identity))
+        Ok(Sink::new(
+            match self.injection.as_ref().and_then(|injection| injection.chain::<T>(End::Writer, outlet.encoding())) {
+                Some(chain) => Box::new(FaultyOutlet::new(outlet, chain)),
+                None => outlet,
+            },
+            self.identity,
+        ))
     }
 
     /// Opens a reader of `T` on its topic.
@@ -130,7 +153,14 @@ impl Ports {
     /// # Errors
     /// [`OpenError`] if the link exists with another message, version or quality, or has no place for one more reader.
     pub fn source<T: OnTopic>(&self, since: Since) -> Result<Source<T>, OpenError> {
-        Ok(Source::new(self.inlet(T::TOPIC)?, since))
+        let inlet = self.inlet(T::TOPIC)?;
+        Ok(Source::new(
+            match self.injection.as_ref().and_then(|injection| injection.chain::<T>(End::Reader, inlet.encoding())) {
+                Some(chain) => Box::new(FaultyInlet::new(inlet, chain)),
+                None => inlet,
+            },
+            since,
+        ))
     }
 
     /// Opens a writer of arbitrary bytes, to see what readers make of them.

@@ -1,12 +1,14 @@
 //! The one table of topics: what each carries, how often, how many messages may wait, and what happens when they are too many.
 
 use crate::message::{Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Truth};
+use serde::{Deserialize, Serialize};
 
 /// Number of topics.
 pub const TOPIC_COUNT: usize = 8;
 
 /// A named stream of one kind of message.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Topic {
     /// plant → controller.
     State,
@@ -80,6 +82,20 @@ impl Topic {
             Self::Health => Health::NAME,
             Self::Truth => Truth::NAME,
             Self::Credit => Credit::NAME,
+        }
+    }
+
+    /// Fields of its message that are made of numbers, by name.
+    pub const fn numbers(self) -> &'static [&'static str] {
+        match self {
+            Self::State => <PlantState as Message>::NUMBERS,
+            Self::Command => <Command as Message>::NUMBERS,
+            Self::Residual => <ResidualSample as Message>::NUMBERS,
+            Self::Snapshot => ModelSnapshot::NUMBERS,
+            Self::Plan => <Plan as Message>::NUMBERS,
+            Self::Health => <Health as Message>::NUMBERS,
+            Self::Truth => <Truth as Message>::NUMBERS,
+            Self::Credit => <Credit as Message>::NUMBERS,
         }
     }
 

@@ -41,7 +41,7 @@ impl Command {
     }
 }
 
-fixed_message!(Command, 2, |command| {
+fixed_message!(Command, 2, [input, tail], |command| {
     check_count("Command", "tail_len", command.tail_len, TAIL_MAX)?;
     code::<Rung>("Command", "rung", command.rung)
 });

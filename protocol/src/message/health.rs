@@ -82,7 +82,7 @@ impl Health {
     }
 }
 
-fixed_message!(Health, 7, |health| {
+fixed_message!(Health, 7, [], |health| {
     code::<Participant>("Health", "participant", health.participant)?;
     code::<Phase>("Health", "phase", health.phase)?;
     check_count("Health", "error_len", health.error_len, ERROR_TEXT_MAX)

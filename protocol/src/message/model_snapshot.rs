@@ -116,6 +116,33 @@ impl Message for ModelSnapshot {
     const KIND: u16 = 8;
     const BYTES_MAX: usize = size_of::<SnapshotHead>() + POINTS_MAX * (INPUTS_MAX + 6) * 8;
 
+    const NUMBERS: &'static [&'static str] = &[
+        "input_mean",
+        "input_scale",
+        "length_scale",
+        "signal_variance",
+        "noise_variance",
+        "log_likelihood",
+        "jitter",
+        "score_learned",
+        "score_main",
+        "points",
+    ];
+
+    fn visit_numbers(&mut self, visit: &mut dyn FnMut(&'static str, &mut [f64])) {
+        let head = &mut self.head;
+        visit("input_mean", &mut head.input_mean);
+        visit("input_scale", &mut head.input_scale);
+        visit("length_scale", head.length_scale.as_flattened_mut());
+        visit("signal_variance", &mut head.signal_variance);
+        visit("noise_variance", &mut head.noise_variance);
+        visit("log_likelihood", &mut head.log_likelihood);
+        visit("jitter", &mut head.jitter);
+        visit("score_learned", &mut head.score_learned);
+        visit("score_main", &mut head.score_main);
+        visit("points", &mut self.values);
+    }
+
     fn stamp(&self) -> &Stamp {
         &self.head.stamp
     }

@@ -69,7 +69,7 @@ impl Plan {
     }
 }
 
-fixed_message!(Plan, 6, |plan| {
+fixed_message!(Plan, 6, [disturbance, innovation, residual, predicted, reference, variance, input], |plan| {
     check_count("Plan", "horizon", plan.horizon, HORIZON_MAX)?;
     code::<SolverStatus>("Plan", "status", plan.status)?;
     code::<Rung>("Plan", "rung", plan.rung)

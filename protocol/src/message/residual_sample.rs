@@ -29,4 +29,4 @@ pub struct ResidualSample {
     pub reserved: u32,
 }
 
-fixed_message!(ResidualSample, 3, |sample| check_count("ResidualSample", "usable", sample.usable, 1));
+fixed_message!(ResidualSample, 3, [pose, velocity, input, residual], |sample| check_count("ResidualSample", "usable", sample.usable, 1));

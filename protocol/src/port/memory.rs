@@ -55,6 +55,10 @@ impl Exchange {
         Self { shared: Arc::new(Shared { lock_step, patience, topics }) }
     }
 
+    pub(super) fn lock_step(&self) -> bool {
+        self.shared.lock_step
+    }
+
     pub(super) fn outlet(&self, topic: Topic) -> Result<MemoryOutlet, OpenError> {
         let quality = topic.quality(self.shared.lock_step);
         let mut table = self.shared.table(topic);

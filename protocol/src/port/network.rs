@@ -48,7 +48,13 @@ impl Network {
         let config = config::client(&links.connect).map_err(|error| failed(error.to_string()))?;
         let session = zenoh::open(config).wait();
         let session = session.map_err(|error| failed(format!("no router answers at {}: {error}", links.connect.join(", "))))?;
-        Ok(Self { session, graph: links.network_graph().to_owned(), lock_step: links.lock_step, patience: links.patience(), own: Rc::default() })
+        Ok(Self {
+            session,
+            graph: links.network_graph().to_owned(),
+            lock_step: links.lock_step,
+            patience: links.patience(),
+            own: Rc::default(),
+        })
     }
 
     pub(super) fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<Box<dyn Outlet>, OpenError> {

@@ -159,7 +159,7 @@ impl<'a> Fleet<'a> {
             restarted: member.restarts.total() > 0,
             period_nanos: assembly.scenario.period_nanos(),
             pace: assembly.graph.pace,
-            links: links.clone(),
+            links: Links { faults: assembly.faults.in_process(role), ..links.clone() },
         };
         let file = settings_file(folder, role);
         assembly.write_settings(role, run, &file)?;

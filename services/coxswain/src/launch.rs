@@ -257,7 +257,11 @@ fn heading(assembly: &Assembly) -> String {
     let pace = if assembly.graph.pace == Pace::LockStep { "lock step" } else { "real time" };
     let learner = if assembly.learns() { "on" } else { "off" };
     let Assembly { graph, scenario, scenario_name, .. } = assembly;
-    format!("{}: {scenario_name}, {:.1} s in {pace}, learner {learner}\n{}", graph.name, scenario.duration_s, scenario.description)
+    let faults = match assembly.faults.fault.len() {
+        0 => String::new(),
+        count => format!("\nFAULTS ARE INJECTED: {count} of them, seed {}", assembly.faults.seed),
+    };
+    format!("{}: {scenario_name}, {:.1} s in {pace}, learner {learner}\n{}{faults}", graph.name, scenario.duration_s, scenario.description)
 }
 
 /// Binaries lie beside each other.

@@ -150,9 +150,13 @@ recorded!(Truth, "plant-sim → recorder: what is really the case.", |truth| {
     "velocity": Shape::Numbers, "true body velocity (forward, left, yaw) [m/s, m/s, rad/s]" => truth.velocity;
     "force": Shape::Numbers, "force and torque of the world beside the wheels, body frame [N, N, N m]" => truth.force;
     "wheel_command": Shape::Numbers, "wheel speeds that the motors are commanded [rad/s]" => truth.wheel_command;
+    "wheel_peak": Shape::Numbers, "largest magnitude of each wheel's command in the past period [rad/s]" => truth.wheel_peak;
     "acting_epoch": Shape::Integer, "epoch of the controller whose command acts, 0 if none does" => truth.acting_epoch;
     "acting_writer": Shape::Integer, "writer of that command" => truth.acting_writer;
     "acting_tick": Shape::Integer, "tick that it answered" => truth.acting_tick;
+    "acting_age_nanos": Shape::Integer, "greatest age of an answered state whose command acted in the past period [ns]" => truth.acting_age_nanos;
+    "takeovers": Shape::Integer, "how often another controller epoch took over in the past period" => truth.takeovers;
+    "takeovers_back": Shape::Integer, "how many of those went to a lower epoch" => truth.takeovers_back;
     "rung": Shape::Word(words::rungs), "rung of the past period" => words::of_rung(truth.rung);
     "reason": Shape::Word(words::reasons), "reason of that rung" => words::of_reason(truth.reason);
 });
