@@ -316,6 +316,26 @@ fn who_was_cut_off_gets_the_last_snapshot_once_the_link_is_back() -> Outcome {
 }
 
 #[test]
+fn what_was_sent_during_a_cut_is_not_lost_in_lock_step() -> Outcome {
+    let mut graph = Graph::on_network(true)?;
+    let mut commands = graph.ports()?.source::<Command>(Since::First)?;
+    let mut sink = graph.ports()?.sink::<Command>()?;
+    for round in 0..3 {
+        let endpoints = graph.links.connect.clone();
+        drop(graph.router.take());
+        for tick in 1..=10 {
+            sink.send(&mut command(10 * round + tick))?;
+        }
+        graph.router = Some(Router::open(&endpoints, &[])?);
+        for tick in 1..=10 {
+            until(&mut commands, |command| command.stamp.tick == 10 * round + tick)?;
+        }
+    }
+    assert_eq!((commands.tally().received, commands.tally().lost), (30, 0));
+    Ok(())
+}
+
+#[test]
 fn two_routers_join_and_join_again_after_one_was_gone() -> Outcome {
     let mut here = Graph::on_network(false)?;
     let mut there = Graph::new(false)?;

@@ -7,8 +7,9 @@ use zenoh::Config;
 /// How long an opening tries to reach the router \[ms\].
 const OPEN_MILLIS: u64 = 5_000;
 
-/// Silence after which a link counts as dead \[ms\]. Each side says something four times as often.
-const LEASE_MILLIS: u64 = 1_000;
+/// Silence after which a link counts as dead \[ms\]. Each side says something four times as often. A process that is gone is noticed at once;
+/// a shorter lease would take a machine that stands still for a moment for a cut cable.
+const LEASE_MILLIS: u64 = 2_000;
 
 /// How long one attempt to connect may take \[ms\]. Short, so that an attempt that began during a cut does not outlast it by much.
 const ATTEMPT_MILLIS: u64 = 1_000;

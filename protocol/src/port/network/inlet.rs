@@ -28,7 +28,7 @@ pub(super) struct NetworkInlet {
     reporter: Option<JoinHandle<()>>,
     /// Dropped before the session that they belong to.
     _declared: (Announced, Subscriber<()>, Subscriber<()>),
-    _session: Session,
+    session: Session,
 }
 
 /// What zenoh's threads, the reader and the reporter share.
@@ -90,14 +90,14 @@ impl NetworkInlet {
             *arrivals.reporter.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread.thread().clone());
             reporter = Some(thread);
         }
-        let inlet = Self { topic, arrivals, reporter, _declared: (token, data, history), _session: session };
+        let inlet = Self { topic, arrivals, reporter, _declared: (token, data, history), session };
         inlet.meet_writers(&keys).map_err(&failed)?;
         Ok(inlet)
     }
 
     /// Waits until every writer knows of this reader. The question travels behind what was declared before it.
     fn meet_writers(&self, keys: &Keys) -> Result<(), zenoh::Error> {
-        let question = self._session.get(keys.join("*")).target(QueryTarget::All).consolidation(ConsolidationMode::None);
+        let question = self.session.get(keys.join("*")).target(QueryTarget::All).consolidation(ConsolidationMode::None);
         let answers = question.timeout(ANSWER_TIMEOUT).wait()?;
         while answers.recv().is_ok() {}
         Ok(())
@@ -183,6 +183,9 @@ impl Arrivals {
         let origin = ledger.origin(last(sample.key_expr().as_str()));
         if let Some(number) = number {
             if number <= origin.last {
+                // It says so because it does not know how far this reader has come.
+                origin.reported = None;
+                self.wake_reporter();
                 return;
             }
             origin.last = number;

@@ -2,7 +2,7 @@
 
 use super::keys::Keys;
 use super::presence::{Announced, Presence, Role, announce, check, draw_id, list};
-use super::readers::Readers;
+use super::readers::{Newcomer, Readers};
 use super::{Network, failed, no_thread};
 use crate::port::carrier::{Encoding, Outlet};
 use crate::port::{OpenError, Reservation, SendError};
@@ -216,8 +216,8 @@ impl Departures {
     /// Gives the history to those who have come.
     fn greet(&self, post: &Post) {
         if self.greet.swap(false, Ordering::Acquire) {
-            for reader in self.readers.take_newcomers() {
-                post.repeat(&reader);
+            for newcomer in self.readers.take_newcomers() {
+                post.repeat(&newcomer);
             }
         }
     }
@@ -232,8 +232,9 @@ struct Post {
     quality: Quality,
     priority: Priority,
     congestion: CongestionControl,
-    /// The last messages, with their numbers.
-    history: VecDeque<(u64, ZBytes)>,
+    /// The last messages, with their numbers: as many as late joiners get, or, on a lossless link, as a reader that was cut off can have missed.
+    last: VecDeque<(u64, ZBytes)>,
+    remembered: usize,
 }
 
 impl Post {
@@ -248,25 +249,28 @@ impl Post {
         let blocks = quality.delivery == Delivery::Lossless || topic == Topic::Snapshot;
         let congestion = if blocks { CongestionControl::Block } else { CongestionControl::Drop };
         let data = keys.data(&id);
-        let history = VecDeque::with_capacity(quality.history);
-        Self { session: session.clone(), keys, id, data, quality, priority, congestion, history }
+        let remembered = if quality.delivery == Delivery::Lossless { quality.depth } else { quality.history };
+        let last = VecDeque::with_capacity(remembered);
+        Self { session: session.clone(), keys, id, data, quality, priority, congestion, last, remembered }
     }
 
     fn send(&mut self, parcel: &Parcel) {
         let bytes = ZBytes::from(parcel.bytes.as_slice());
-        if self.quality.history > 0 {
-            if self.history.len() == self.quality.history {
-                self.history.pop_front();
+        if self.remembered > 0 {
+            if self.last.len() == self.remembered {
+                self.last.pop_front();
             }
-            self.history.push_back((parcel.number, bytes.clone()));
+            self.last.push_back((parcel.number, bytes.clone()));
         }
         self.put(&self.data, parcel.number, bytes);
     }
 
-    /// Says the last messages again, to one reader.
-    fn repeat(&self, reader: &str) {
-        let key = self.keys.history(reader, &self.id);
-        for (number, bytes) in &self.history {
+    /// Says to one reader again what it has not heard: the history to a new one, everything to one that comes back.
+    fn repeat(&self, reader: &Newcomer) {
+        let key = self.keys.history(&reader.id, &self.id);
+        let history = self.last.iter().rev().take(self.quality.history).next_back().map_or(u64::MAX, |(number, _)| *number);
+        let first = reader.had.map_or(history, |had| had + 1);
+        for (number, bytes) in self.last.iter().filter(|(number, _)| *number >= first) {
             self.put(&key, *number, bytes.clone());
         }
     }

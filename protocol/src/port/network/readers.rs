@@ -13,12 +13,24 @@ pub(super) struct Readers {
     moved: Condvar,
 }
 
+/// A reader that has just come, or come back.
+pub(super) struct Newcomer {
+    pub(super) id: String,
+    /// Of one that comes back: number of the last message that it has surely had.
+    pub(super) had: Option<u64>,
+}
+
+/// Cut-off readers that are remembered.
+const LEFT_MAX: usize = 64;
+
 #[derive(Default)]
 struct Known {
     /// Number of the last message that a paced reader has made room for, by its id.
     taken: BTreeMap<String, u64>,
-    /// Those that have not been given the history.
-    newcomers: Vec<String>,
+    /// The same of those that are cut off, and may come back.
+    left: BTreeMap<String, u64>,
+    /// Those that have not been given what they missed.
+    newcomers: Vec<Newcomer>,
     /// Number of the last message that was sent.
     sent: u64,
 }
@@ -31,8 +43,13 @@ impl Readers {
             SampleKind::Put => self.came(&presence),
             SampleKind::Delete => {
                 let mut known = self.lock();
-                known.taken.remove(presence.id);
-                known.newcomers.retain(|id| id != presence.id);
+                known.newcomers.retain(|newcomer| newcomer.id != presence.id);
+                if let Some(taken) = known.taken.remove(presence.id) {
+                    if known.left.len() >= LEFT_MAX {
+                        known.left.pop_first();
+                    }
+                    known.left.insert(presence.id.to_owned(), taken);
+                }
                 drop(known);
                 self.moved.notify_all();
             }
@@ -42,12 +59,13 @@ impl Readers {
     /// Takes in a reader, unless it is known.
     pub(super) fn came(&self, presence: &Presence<'_>) {
         let mut known = self.lock();
-        let sent = known.sent;
+        let had = known.left.remove(presence.id);
         if presence.is_paced() && !known.taken.contains_key(presence.id) {
-            known.taken.insert(presence.id.to_owned(), sent);
+            let taken = had.unwrap_or(known.sent);
+            known.taken.insert(presence.id.to_owned(), taken);
         }
-        if !known.newcomers.iter().any(|id| id == presence.id) {
-            known.newcomers.push(presence.id.to_owned());
+        if !known.newcomers.iter().any(|newcomer| newcomer.id == presence.id) {
+            known.newcomers.push(Newcomer { id: presence.id.to_owned(), had });
         }
     }
 
@@ -74,7 +92,7 @@ impl Readers {
         true
     }
 
-    pub(super) fn take_newcomers(&self) -> Vec<String> {
+    pub(super) fn take_newcomers(&self) -> Vec<Newcomer> {
         std::mem::take(&mut self.lock().newcomers)
     }
 
