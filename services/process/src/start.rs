@@ -165,7 +165,8 @@ graph = "a"
 lock_step = true
 root = "/tmp/a"
 patience_millis = 1000
-carrier = "shared-memory"
+[run.links.carriers]
+default = "shared-memory"
 "#;
 
     fn refusal(from: &str, to: &str) -> Option<String> {
