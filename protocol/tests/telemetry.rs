@@ -34,8 +34,7 @@ fn state(tick: u64) -> PlantState {
 /// Any zenoh client, as a person would write it.
 fn stranger(endpoint: &str) -> Result<Session, Box<dyn Error>> {
     let mut config = Config::default();
-    for (key, value) in
-        [("mode", json!("client")), ("connect/endpoints", json!([endpoint])), ("scouting/multicast/enabled", json!(false))]
+    for (key, value) in [("mode", json!("client")), ("connect/endpoints", json!([endpoint])), ("scouting/multicast/enabled", json!(false))]
     {
         config.insert_json5(key, &value.to_string()).map_err(|error| error.to_string())?;
     }

@@ -311,8 +311,7 @@ mod tests {
     use protocol::port::Links;
 
     fn controller() -> Result<Controller, ControllerError> {
-        let links =
-            Links::on_this_machine("test", "/tmp", true, 0);
+        let links = Links::on_this_machine("test", "/tmp", true, 0);
         Controller::new(&Settings {
             run: Run {
                 links,

@@ -108,7 +108,8 @@ pub fn run(options: &WatchOptions, base: &Path, out: &mut impl Write, terminal: 
 /// The endpoint of the one graph that can be watched on this machine.
 fn find(base: &Path) -> Result<String, WatchError> {
     let graphs = berth::living(base);
-    let mut endpoints: Vec<String> = graphs.iter().filter_map(|graph| gateway::berth::endpoints(&graph.root()).into_iter().next()).collect();
+    let mut endpoints: Vec<String> =
+        graphs.iter().filter_map(|graph| gateway::berth::endpoints(&graph.root()).into_iter().next()).collect();
     match (endpoints.pop(), endpoints.is_empty()) {
         (Some(endpoint), true) => Ok(endpoint),
         (Some(endpoint), false) => {
@@ -165,9 +166,8 @@ impl Lines {
                 before.map(|(state, seconds)| line(&state, seconds, None))
             }
             Heard::Plan(plan) => {
-                let answered = |(state, _): &mut (PlantState, f64)| {
-                    state.stamp.epoch == plan.plant_epoch && state.stamp.tick == plan.stamp.tick
-                };
+                let answered =
+                    |(state, _): &mut (PlantState, f64)| state.stamp.epoch == plan.plant_epoch && state.stamp.tick == plan.stamp.tick;
                 self.waiting.take_if(answered).map(|(state, seconds)| line(&state, seconds, Some(&plan)))
             }
             Heard::Health(_) => None,
@@ -223,10 +223,12 @@ mod tests {
         let mut lines = Lines::default();
         assert_eq!(lines.take_in(word(Heard::State(state(12)))), None);
         assert_eq!(lines.take_in(word(plan(11))), None, "the answer to another state");
-        let answered = "tick     12      1.20 s  x    0.000  y    0.000  yaw   0.000  error  0.000 m  fresh plan    model    7  tick time    412 us";
+        let answered =
+            "tick     12      1.20 s  x    0.000  y    0.000  yaw   0.000  error  0.000 m  fresh plan    model    7  tick time    412 us";
         assert_eq!(lines.take_in(word(plan(12))).as_deref(), Some(answered));
         assert_eq!(lines.take_in(word(Heard::State(state(13)))), None);
-        let unanswered = "tick     13      1.30 s  x    0.000  y    0.000  yaw   0.000  error      -    fresh plan    model    -  tick time      -";
+        let unanswered =
+            "tick     13      1.30 s  x    0.000  y    0.000  yaw   0.000  error      -    fresh plan    model    -  tick time      -";
         assert_eq!(lines.take_in(word(Heard::State(state(14)))).as_deref(), Some(unanswered));
     }
 

@@ -61,14 +61,8 @@ impl Rates {
 impl Check for Rates {
     fn check(&self) -> Result<(), Impossible> {
         let Self { state, plan, health, residual, snapshot, truth } = *self;
-        let rates = [
-            ("state", state),
-            ("plan", plan),
-            ("health", health),
-            ("residual", residual),
-            ("snapshot", snapshot),
-            ("truth", truth),
-        ];
+        let rates =
+            [("state", state), ("plan", plan), ("health", health), ("residual", residual), ("snapshot", snapshot), ("truth", truth)];
         let impossible = rates.into_iter().find(|(_, rate)| !(0.0..=RATE_MAX).contains(rate));
         impossible.map_or(Ok(()), |(topic, _)| Err(Impossible::new(topic, format!("0 to {RATE_MAX} Hz"))))
     }

@@ -2,7 +2,6 @@
 //!
 //! A segment that was cut off by a kill -9 gives what is there.
 
-
 use mcap::io::MessageReader;
 use mcap::sans_io::LinearReaderOptions;
 use protocol::message::Rung;

@@ -166,8 +166,7 @@ mod tests {
     fn a_full_disk_is_told_to_the_others_before_the_end() -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
         let root = folder.path().to_owned();
-        let links =
-            Links::on_this_machine("test", root.clone(), false, 1000);
+        let links = Links::on_this_machine("test", root.clone(), false, 1000);
         let (log, pace) = ("info".to_owned(), Pace::RealTime);
         let settings =
             Settings { run: Run { links, folder: root, log, epoch_floor: 1, restarted: false, period_nanos: 100_000_000, pace } };

@@ -3,13 +3,13 @@
 //! A run's first file is `record.mcap`; a recorder that is started again in the same run goes on in `record-2.mcap`, and so on. No file is ever
 //! written over. What was written more than 0.2 s ago is with the operating system and survives a kill -9.
 
-use protocol::view::{self, View, Viewable};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use process::{Pace, Run};
 use protocol::clock;
 use protocol::message::{Command, Health, ModelSnapshot, Plan, PlantState, ResidualSample, Truth};
 use protocol::topic::{TOPIC_COUNT, Topic};
+use protocol::view::{self, View, Viewable};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};

@@ -23,8 +23,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 
 fn settings(folder: &Path, pace: Pace, restarted: bool) -> Settings {
     let lock_step = pace == Pace::LockStep;
-    let links =
-        Links::on_this_machine("test", folder, lock_step, 1000);
+    let links = Links::on_this_machine("test", folder, lock_step, 1000);
     let folder = folder.to_owned();
     Settings { run: Run { links, folder, log: "info".to_owned(), epoch_floor: 1, restarted, period_nanos: 100_000_000, pace } }
 }

@@ -5,7 +5,7 @@
 mod graph;
 
 use protocol::message::{Health, ModelSnapshot, Plan};
-use protocol::view::{Viewable, View, schema};
+use protocol::view::{View, Viewable, schema};
 use serde_json::Value;
 
 fn json<T: Viewable>(message: &T) -> Value {
