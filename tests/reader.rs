@@ -19,6 +19,10 @@ pub struct Reader {
 }
 
 impl Reader {
+    /// Starts it.
+    ///
+    /// # Errors
+    /// If it cannot be started.
     pub fn start(command: &mut Command) -> Result<Self, Box<dyn Error>> {
         let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
         let output = collect(child.stdout.take().ok_or("no output")?);
@@ -26,11 +30,15 @@ impl Reader {
         Ok(Self { child, output, errors, read: 0 })
     }
 
+    /// Its process id.
     pub fn pid(&self) -> u32 {
         self.child.id()
     }
 
     /// The next `count` lines.
+    ///
+    /// # Errors
+    /// If they do not come in time; says what it complained of.
     pub fn lines(&mut self, count: usize) -> Result<Vec<String>, Box<dyn Error>> {
         let end = self.read + count;
         wait_until(&format!("{count} lines"), || lock(&self.output).len() >= end).map_err(|error| format!("{error}; {}", self.errors()))?;
@@ -39,15 +47,23 @@ impl Reader {
         Ok(lines)
     }
 
+    /// What it said on the standard error so far.
     pub fn errors(&self) -> String {
         lock(&self.errors).join("\n")
     }
 
+    /// Waits until it has said `text` on the standard error at least `times` times.
+    ///
+    /// # Errors
+    /// If it does not in time.
     pub fn wait_for_error(&self, text: &str, times: usize) -> Outcome {
         wait_until(&format!("{text:?}"), || self.errors().matches(text).count() >= times)
     }
 
     /// Waits until it has ended by itself.
+    ///
+    /// # Errors
+    /// If it does not end in time.
     pub fn end(&mut self) -> Result<ExitStatus, Box<dyn Error>> {
         let mut status = None;
         wait_until("its end", || {
