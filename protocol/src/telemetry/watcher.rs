@@ -18,7 +18,7 @@ const WAITING_MAX: usize = 64;
 #[derive(Debug, Clone, PartialEq)]
 pub enum Heard {
     /// What the sensors saw, and what the gate did.
-    State(PlantState),
+    State(Box<PlantState>),
     /// What the controller intends.
     Plan(Box<Plan>),
     /// How one process is.
@@ -92,7 +92,7 @@ fn heard(sample: &Sample) -> Result<Option<Word>, DecodeError> {
     let Some((robot, topic)) = key.strip_prefix("coxswain/").and_then(|rest| rest.split_once('/')) else { return Ok(None) };
     let bytes = sample.payload().to_bytes();
     let said = match Topic::ALL.into_iter().find(|known| known.name() == topic) {
-        Some(Topic::State) => Heard::State(decoded(&bytes)?),
+        Some(Topic::State) => Heard::State(Box::new(decoded(&bytes)?)),
         Some(Topic::Plan) => Heard::Plan(Box::new(decoded(&bytes)?)),
         Some(Topic::Health) => Heard::Health(Box::new(decoded(&bytes)?)),
         _ => return Ok(None),

@@ -77,20 +77,18 @@ pub fn run(options: &WatchOptions, base: &Path, out: &mut impl Write, terminal: 
     let mut lines = Lines::default();
     let mut contact = Contact::new(Instant::now());
     while !stop.requested() {
-        match watcher.next(PATIENCE) {
-            Ok(Some(word)) => {
-                if contact.heard(Instant::now(), &word) {
-                    terminal.say(format_args!("the robot {} at {endpoint} is back", word.robot));
-                }
-                if let Some(line) = lines.take_in(word) {
-                    match writeln!(out, "{line}").and_then(|()| out.flush()) {
-                        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
-                        printed => printed?,
-                    }
-                }
-                continue;
+        // A session that has failed is opened again below.
+        if let Ok(Some(word)) = watcher.next(PATIENCE) {
+            if contact.heard(Instant::now(), &word) {
+                terminal.say(format_args!("the robot {} at {endpoint} is back", word.robot));
             }
-            Ok(None) | Err(_) => {}
+            if let Some(line) = lines.take_in(word) {
+                match writeln!(out, "{line}").and_then(|()| out.flush()) {
+                    Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
+                    printed => printed?,
+                }
+            }
+            continue;
         }
         if contact.is_lost(Instant::now()) {
             terminal.say(format_args!("no word from the robot at {endpoint}; waiting for it"));
@@ -162,7 +160,7 @@ impl Lines {
         match word.said {
             Heard::State(state) => {
                 let seconds = state.stamp.tick as f64 * word.period_nanos as f64 * 1e-9;
-                let before = self.waiting.replace((state, seconds));
+                let before = self.waiting.replace((*state, seconds));
                 before.map(|(state, seconds)| line(&state, seconds, None))
             }
             Heard::Plan(plan) => {
@@ -221,15 +219,15 @@ mod tests {
     #[test]
     fn a_line_waits_for_its_plan_but_not_beyond_the_next_state() {
         let mut lines = Lines::default();
-        assert_eq!(lines.take_in(word(Heard::State(state(12)))), None);
+        assert_eq!(lines.take_in(word(Heard::State(Box::new(state(12))))), None);
         assert_eq!(lines.take_in(word(plan(11))), None, "the answer to another state");
         let answered =
             "tick     12      1.20 s  x    0.000  y    0.000  yaw   0.000  error  0.000 m  fresh plan    model    7  tick time    412 us";
         assert_eq!(lines.take_in(word(plan(12))).as_deref(), Some(answered));
-        assert_eq!(lines.take_in(word(Heard::State(state(13)))), None);
+        assert_eq!(lines.take_in(word(Heard::State(Box::new(state(13))))), None);
         let unanswered =
             "tick     13      1.30 s  x    0.000  y    0.000  yaw   0.000  error      -    fresh plan    model    -  tick time      -";
-        assert_eq!(lines.take_in(word(Heard::State(state(14)))).as_deref(), Some(unanswered));
+        assert_eq!(lines.take_in(word(Heard::State(Box::new(state(14))))).as_deref(), Some(unanswered));
     }
 
     #[test]
@@ -239,8 +237,8 @@ mod tests {
         let mut contact = Contact::new(begin);
         assert!(!contact.is_lost(after(1)));
         assert!(contact.is_lost(after(2)) && !contact.is_lost(after(3)));
-        assert!(contact.heard(after(4), &word(Heard::State(state(1)))));
-        assert!(!contact.heard(after(5), &word(Heard::State(state(2)))));
+        assert!(contact.heard(after(4), &word(Heard::State(Box::new(state(1))))));
+        assert!(!contact.heard(after(5), &word(Heard::State(Box::new(state(2))))));
         assert!(contact.is_lost(after(7)));
     }
 
