@@ -3,8 +3,10 @@
 //! Every launch has a temporary folder of its own for its files and its run, so that tests run side by side.
 
 pub mod oracle;
+mod reader;
 mod record;
 
+pub use reader::Reader;
 pub use record::{Message, Record};
 
 use rustix::process::{Pid, Signal, kill_process};

@@ -7,6 +7,8 @@
 //! | [`wire`]    | the same on the network, where numbers are little-endian and packed  |
 //! | [`topic`]   | the one table of topics and their quality of service                 |
 //! | [`port`]    | [`Source`](port::Source) and [`Sink`](port::Sink) over every carrier |
+//! | [`view`]    | each message as JSON, with its JSON Schema                           |
+//! | [`telemetry`] | what anyone may watch, over zenoh                                   |
 //! | [`clock`]   | the monotonic clock that stamps carry                                |
 //!
 //! There is no mathematics here.
@@ -15,7 +17,9 @@ pub mod clock;
 pub mod frame;
 pub mod message;
 pub mod port;
+pub mod telemetry;
 pub mod topic;
+pub mod view;
 pub mod wire;
 
 /// Version of everything that is said. Peers of another version are refused.

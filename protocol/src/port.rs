@@ -11,6 +11,7 @@
 //! | `shared_memory`  | the carrier between the processes of one machine, over iceoryx2           |
 //! | `network`        | the carrier between machines, over zenoh                                  |
 //! | `faults`         | [`Faults`]: what is lost, delayed and damaged on purpose, on any carrier  |
+//! | `watched`        | in lock step, the second outlet for those who only look on                |
 //!
 //! ```
 //! use protocol::message::Credit;
@@ -40,6 +41,7 @@ mod sequence;
 mod shared_memory;
 mod sink;
 mod source;
+mod watched;
 
 pub use error::{OpenError, ReceiveError, SendError};
 pub use faults::{End, Fault, Faults, ImpossibleFault, Kind};
@@ -60,6 +62,7 @@ use shared_memory::SharedMemory;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::marker::PhantomData;
 use std::rc::Rc;
+use watched::{Audience, Watched};
 
 /// Longest first message that a shared-memory link reserves room for; longer ones make it grow \[bytes\].
 const RESERVED_BYTES_MAX: usize = 64 * 1024;
@@ -98,7 +101,7 @@ enum Place {
     /// In this process.
     Here(Exchange),
     /// On this machine or beyond, each topic over the carrier that its links say.
-    Graph { carriers: Carriers, shared_memory: Option<SharedMemory>, network: Option<Network> },
+    Graph { carriers: Carriers, lock_step: bool, shared_memory: Option<SharedMemory>, network: Option<Network> },
 }
 
 impl Ports {
@@ -113,9 +116,9 @@ impl Ports {
         let uses = |carrier| links.carriers.uses(carrier);
         let shared_memory = uses(Carrier::SharedMemory).then(|| SharedMemory::open(links)).transpose()?;
         let network = uses(Carrier::Network).then(|| Network::open(links)).transpose()?;
-        let carriers = links.carriers.clone();
-        let injection = Injection::new(&links.faults, links.lock_step);
-        Ok(Self { place: Place::Graph { carriers, shared_memory, network }, identity, injection, one_thread: PhantomData })
+        let (carriers, lock_step) = (links.carriers.clone(), links.lock_step);
+        let injection = Injection::new(&links.faults, lock_step);
+        Ok(Self { place: Place::Graph { carriers, lock_step, shared_memory, network }, identity, injection, one_thread: PhantomData })
     }
 
     /// Ports between the threads of one process.
@@ -153,7 +156,7 @@ impl Ports {
     /// # Errors
     /// [`OpenError`] if the link exists with another message, version or quality, or has no place for one more reader.
     pub fn source<T: OnTopic>(&self, since: Since) -> Result<Source<T>, OpenError> {
-        let inlet = self.inlet(T::TOPIC)?;
+        let inlet = self.inlet(T::TOPIC, Audience::Members)?;
         Ok(Source::new(
             match self.injection.as_ref().and_then(|injection| injection.chain::<T>(End::Reader, inlet.encoding())) {
                 Some(chain) => Box::new(FaultyInlet::new(inlet, chain)),
@@ -161,6 +164,14 @@ impl Ports {
             },
             since,
         ))
+    }
+
+    /// Opens a reader of `T` for one who only looks on, and whom nobody waits for: the newest messages win, in lock step too.
+    ///
+    /// # Errors
+    /// As for [`source`](Self::source).
+    pub fn watcher<T: OnTopic>(&self) -> Result<Source<T>, OpenError> {
+        Ok(Source::new(self.inlet(T::TOPIC, Audience::Watchers)?, Since::Joining))
     }
 
     /// Opens a writer of arbitrary bytes, to see what readers make of them.
@@ -174,20 +185,27 @@ impl Ports {
     fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<Box<dyn Outlet>, OpenError> {
         match &self.place {
             Place::Here(exchange) => Ok(Box::new(exchange.outlet(topic)?)),
-            Place::Graph { carriers, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
-                (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.outlet(topic, reservation)?)),
+            Place::Graph { carriers, lock_step, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
+                (Carrier::SharedMemory, Some(shared), _) if Audience::is_split(topic, *lock_step) => Ok(Box::new(Watched {
+                    members: shared.outlet(topic, Audience::Members, reservation)?,
+                    watchers: shared.outlet(topic, Audience::Watchers, reservation)?,
+                })),
+                (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.outlet(topic, Audience::Members, reservation)?)),
                 (Carrier::Network, _, Some(network)) => network.outlet(topic, reservation),
                 (carrier, ..) => Err(not_joined(topic, carrier)),
             },
         }
     }
 
-    fn inlet(&self, topic: Topic) -> Result<Box<dyn Inlet>, OpenError> {
+    fn inlet(&self, topic: Topic, audience: Audience) -> Result<Box<dyn Inlet>, OpenError> {
         match &self.place {
-            Place::Here(exchange) => Ok(Box::new(exchange.inlet(topic)?)),
-            Place::Graph { carriers, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
-                (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.inlet(topic)?)),
-                (Carrier::Network, _, Some(network)) => network.inlet(topic),
+            Place::Here(exchange) => Ok(Box::new(exchange.inlet(topic, audience)?)),
+            Place::Graph { carriers, lock_step, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
+                (Carrier::SharedMemory, Some(shared), _) if Audience::is_split(topic, *lock_step) => {
+                    Ok(Box::new(shared.inlet(topic, audience)?))
+                }
+                (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.inlet(topic, Audience::Members)?)),
+                (Carrier::Network, _, Some(network)) => network.inlet(topic, audience),
                 (carrier, ..) => Err(not_joined(topic, carrier)),
             },
         }

@@ -120,7 +120,16 @@ impl Topic {
         let delivery = if lossless && lock_step { Delivery::Lossless } else { Delivery::NewestWins };
         Quality { depth, history, writers, readers, delivery }
     }
+
+    /// Quality of service for those who only look on, beside a link that is lossless for its own readers.
+    pub const fn watched_quality(self) -> Quality {
+        let Quality { writers, readers, .. } = self.quality(false);
+        Quality { depth: WATCHED_DEPTH, history: 1, writers, readers, delivery: Delivery::NewestWins }
+    }
 }
+
+/// What waits for one who only looks on at a lossless link: the newest message of each writer, and one that just came.
+const WATCHED_DEPTH: usize = 2;
 
 /// A message that has a topic of its own.
 pub trait OnTopic: Message {

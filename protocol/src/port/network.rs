@@ -16,6 +16,7 @@ mod router;
 pub use router::Router;
 
 use super::carrier::{Inlet, Outlet};
+use super::watched::Audience;
 use super::{Links, OpenError, Reservation};
 use crate::topic::{Quality, Topic};
 use inlet::NetworkInlet;
@@ -61,8 +62,11 @@ impl Network {
         Ok(Box::new(NetworkOutlet::open(self, topic, reservation)?))
     }
 
-    pub(super) fn inlet(&self, topic: Topic) -> Result<Box<dyn Inlet>, OpenError> {
-        Ok(Box::new(NetworkInlet::open(self, topic)?))
+    pub(super) fn inlet(&self, topic: Topic, audience: Audience) -> Result<Box<dyn Inlet>, OpenError> {
+        Ok(Box::new(match audience {
+            Audience::Watchers if Audience::is_split(topic, self.lock_step) => NetworkInlet::watch(self, topic)?,
+            Audience::Members | Audience::Watchers => NetworkInlet::open(self, topic)?,
+        }))
     }
 
     fn quality(&self, topic: Topic) -> Quality {

@@ -149,7 +149,8 @@ impl Assembly {
             Participant::Plant => settings::write(file, &self.plant(run)),
             Participant::Controller => settings::write(file, &self.controller(run)),
             Participant::Learner => settings::write(file, &self.learner(run)),
-            Participant::Recorder | Participant::Gateway => settings::write(file, &RecorderSettings { run }),
+            Participant::Recorder => settings::write(file, &RecorderSettings { run }),
+            Participant::Gateway => settings::write(file, &self.gateway(run)),
         }
     }
 
@@ -184,6 +185,11 @@ impl Assembly {
                 delay_ticks: learner.delay_ticks,
             },
         }
+    }
+
+    /// What the gateway is told.
+    pub fn gateway(&self, run: Run) -> gateway::settings::Settings {
+        gateway::settings::Settings { run, telemetry: self.graph.telemetry.clone(), rates: self.graph.rates }
     }
 
     /// What the learner is told.

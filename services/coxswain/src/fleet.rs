@@ -78,6 +78,13 @@ pub enum Event {
         /// How long it waits.
         wait: Duration,
     },
+    /// Somebody died once too often whom the robot does not need, and stays down.
+    GivenUp {
+        /// Who.
+        role: Participant,
+        /// How.
+        ending: Ending,
+    },
     /// Somebody who had died was started again.
     Restarted {
         /// Who.
@@ -206,6 +213,10 @@ impl<'a> Fleet<'a> {
             }
             let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
             let Some(wait) = member.restarts.after_death(&policy, now) else {
+                if role == Participant::Gateway {
+                    events.push(Event::GivenUp { role, ending });
+                    continue;
+                }
                 let last_words = last_words(&self.voyage.folder, role);
                 return Err(FleetError::TooManyDeaths { role, ending, per_minute: policy.per_minute, last_words });
             };

@@ -182,7 +182,10 @@ fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
     let mut fleet = Fleet::new(voyage).map_err(|source| LaunchError::System { what: "the epochs of the run", source })?;
     let watch = Watch::open(&voyage.links)?;
     let outcome = match start(&mut fleet, voyage, &watch, person) {
-        Ok(None) => look_after(&mut fleet, voyage, &watch, person),
+        Ok(None) => {
+            invite(voyage, &mut person.terminal);
+            look_after(&mut fleet, voyage, &watch, person)
+        }
         Ok(Some(outcome)) => Ok(outcome),
         Err(error) => Err(error),
     };
@@ -214,6 +217,13 @@ fn start(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Per
     Ok(None)
 }
 
+/// Says how the run can be watched, if it can.
+fn invite(voyage: &Voyage, terminal: &mut Terminal) {
+    for endpoint in gateway::berth::endpoints(&voyage.links.root) {
+        terminal.say(format_args!("watch with: coxswain watch {endpoint} --plain"));
+    }
+}
+
 /// Restarts what dies and shows how it goes, until the plant has finished or somebody asks for the end.
 fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Person) -> Result<Outcome, LaunchError> {
     let scenario = &voyage.assembly.scenario;
@@ -230,6 +240,10 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
                     tracing::warn!(%role, %ending, ?wait, "died");
                     let when = if wait.is_zero() { "now".into() } else { format!("in {wait:?}") };
                     person.terminal.say(format_args!("{role} ended with {ending}; it is started again {when}"));
+                }
+                Event::GivenUp { role, ending } => {
+                    tracing::error!(%role, %ending, "given up");
+                    person.terminal.say(format_args!("{role} ended with {ending} too often; the run goes on without it"));
                 }
                 Event::Restarted { role, epoch_floor } => tracing::info!(%role, epoch_floor, "started again"),
             }

@@ -1,8 +1,12 @@
 //! The person's command.
 
 use clap::{Parser, Subcommand};
+use coxswain::berth;
+use coxswain::lookout::{self, WatchOptions};
 use coxswain::options::Options;
 use coxswain::terminal::Terminal;
+use process::Stop;
+use std::io;
 use std::process::ExitCode;
 
 /// Learning model predictive control for omnidirectional robots, as a graph of processes.
@@ -20,15 +24,38 @@ enum Command {
     /// Exit code 0 if the run has come to its end, 128 and the signal's number if it was ended by one, 2 if something that was set is
     /// impossible and nothing was started, 1 if anything failed.
     Launch(Options),
+    /// Print what a running robot does, from anywhere. Takes no part: nothing that it does reaches the robot.
+    ///
+    /// Exit code 0 if it was ended by a signal or its output was closed, 2 if what was said cannot be, 1 if there is nothing to watch.
+    Watch(WatchOptions),
 }
 
 fn main() -> ExitCode {
-    let Command::Launch(options) = Arguments::parse().command;
-    match coxswain::launch::run(&options) {
+    match Arguments::parse().command {
+        Command::Launch(options) => launch(&options),
+        Command::Watch(options) => watch(&options),
+    }
+}
+
+fn launch(options: &Options) -> ExitCode {
+    match coxswain::launch::run(options) {
         Ok(outcome) => outcome.exit_code(),
         Err(error) => {
             Terminal::new().say(format_args!("coxswain: {error}"));
             error.exit_code()
+        }
+    }
+}
+
+fn watch(options: &WatchOptions) -> ExitCode {
+    let (stop, mut terminal) = (Stop::new(), Terminal::new());
+    let watched = stop.on_signals().map_err(lookout::WatchError::from);
+    let watched = watched.and_then(|()| lookout::run(options, &berth::base(), &mut io::stdout(), &mut terminal, &stop));
+    match watched {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            terminal.say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
         }
     }
 }

@@ -27,7 +27,7 @@ pub(super) struct NetworkInlet {
     /// Reports room to the writers of a lossless link.
     reporter: Option<JoinHandle<()>>,
     /// Dropped before the session that they belong to.
-    _declared: (Announced, Subscriber<()>, Subscriber<()>),
+    _declared: (Option<Announced>, Vec<Subscriber<()>>),
     session: Session,
 }
 
@@ -69,6 +69,7 @@ struct Origin {
 }
 
 impl NetworkInlet {
+    /// A reader that the writers know of.
     pub(super) fn open(network: &Network, topic: Topic) -> Result<Self, OpenError> {
         check(network, topic, Role::Reader)?;
         let (keys, id) = (Keys::of(network, topic), draw_id());
@@ -90,9 +91,19 @@ impl NetworkInlet {
             *arrivals.reporter.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread.thread().clone());
             reporter = Some(thread);
         }
-        let inlet = Self { topic, arrivals, reporter, _declared: (token, data, history), session };
+        let inlet = Self { topic, arrivals, reporter, _declared: (Some(token), vec![data, history]), session };
         inlet.meet_writers(&keys).map_err(&failed)?;
         Ok(inlet)
+    }
+
+    /// A reader that no writer knows of, and that none waits for.
+    pub(super) fn watch(network: &Network, topic: Topic) -> Result<Self, OpenError> {
+        let (session, failed) = (network.session.clone(), failed(topic));
+        let arrivals = Arc::new(Arrivals::new(topic.watched_quality()).map_err(|error| failed(error.into()))?);
+        let shared = Arc::clone(&arrivals);
+        let data = session.declare_subscriber(Keys::of(network, topic).data("*"));
+        let data = data.callback(move |sample| shared.arrived(&sample)).wait().map_err(&failed)?;
+        Ok(Self { topic, arrivals, reporter: None, _declared: (None, vec![data]), session })
     }
 
     /// Waits until every writer knows of this reader. The question travels behind what was declared before it.

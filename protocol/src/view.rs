@@ -1,16 +1,18 @@
-//! message → JSON: each recorded message's fields, named, described and taken out in one place.
+//! message → JSON: each message's fields, named, described and taken out in one place, for records and for telemetry.
 //!
 //! Arrays are written only as far as they count.
 
-use crate::field::{self, Field, Shape};
-use crate::words;
-use protocol::message::{Command, Health, ModelSnapshot, Participant, Plan, PlantState, ResidualSample, SnapshotRow, Truth};
-use protocol::topic::{OnTopic, TOPIC_COUNT, Topic};
+pub mod field;
+pub mod words;
+
+use crate::message::{Command, Health, ModelSnapshot, Participant, Plan, PlantState, ResidualSample, SnapshotRow, Truth};
+use crate::topic::{OnTopic, TOPIC_COUNT, Topic};
+use field::{Field, Shape};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use serde_json::Value;
 
-/// A message that is recorded.
-pub trait Recorded: OnTopic {
+/// A message that can be shown.
+pub trait Viewable: OnTopic {
     /// What the message is.
     const ABOUT: &'static str;
     /// What it says, behind its stamp.
@@ -23,7 +25,7 @@ pub trait Recorded: OnTopic {
 /// A message as a JSON object.
 pub struct View<'a, T>(pub &'a T);
 
-impl<T: Recorded> Serialize for View<'_, T> {
+impl<T: Viewable> Serialize for View<'_, T> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(Some(T::FIELDS.len() + 1))?;
         map.serialize_entry("stamp", self.0.stamp())?;
@@ -33,14 +35,14 @@ impl<T: Recorded> Serialize for View<'_, T> {
 }
 
 /// JSON Schema of `T`'s view.
-pub fn schema<T: Recorded>() -> Value {
+pub fn schema<T: Viewable>() -> Value {
     field::schema(T::NAME, T::ABOUT, T::FIELDS)
 }
 
 /// `key: shape, meaning => value` for each field.
 macro_rules! recorded {
     ($message:ident, $about:literal, |$this:ident| { $($name:literal: $shape:expr, $meaning:literal => $value:expr;)+ }) => {
-        impl Recorded for $message {
+        impl Viewable for $message {
             const ABOUT: &'static str = $about;
             const FIELDS: &'static [Field] = &[$(Field { name: $name, shape: $shape, about: $meaning }),+];
 
