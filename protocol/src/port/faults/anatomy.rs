@@ -4,14 +4,17 @@ use crate::message::Message;
 use crate::port::carrier::Encoding;
 use crate::{frame, wire};
 
+/// A message after something has been done to it, if that could be done.
+type Changed = Option<Vec<u8>>;
+
 /// What the faults must know of one kind of message in one encoding.
 #[derive(Clone, Copy)]
 pub(super) struct Anatomy {
     encoding: Encoding,
     tick: fn(Encoding, &[u8]) -> Option<u64>,
     numbers: fn(Encoding, &[u8]) -> Option<Vec<f64>>,
-    with_numbers: fn(Encoding, &[u8], &[f64]) -> Option<Vec<u8>>,
-    with_nan: fn(Encoding, &[u8], &str, u64) -> Option<Vec<u8>>,
+    with_numbers: fn(Encoding, &[u8], &[f64]) -> Changed,
+    with_nan: fn(Encoding, &[u8], &str, u64) -> Changed,
 }
 
 impl Anatomy {

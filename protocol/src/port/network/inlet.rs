@@ -27,8 +27,14 @@ pub(super) struct NetworkInlet {
     /// Reports room to the writers of a lossless link.
     reporter: Option<JoinHandle<()>>,
     /// Dropped before the session that they belong to.
-    _declared: (Option<Announced>, Vec<Subscriber<()>>),
+    _declared: Declared,
     session: Session,
+}
+
+/// What the others know of a reader.
+struct Declared {
+    _token: Option<Announced>,
+    _subscribers: Vec<Subscriber<()>>,
 }
 
 /// What zenoh's threads, the reader and the reporter share.
@@ -91,7 +97,8 @@ impl NetworkInlet {
             *arrivals.reporter.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread.thread().clone());
             reporter = Some(thread);
         }
-        let inlet = Self { topic, arrivals, reporter, _declared: (Some(token), vec![data, history]), session };
+        let inlet =
+            Self { topic, arrivals, reporter, _declared: Declared { _token: Some(token), _subscribers: vec![data, history] }, session };
         inlet.meet_writers(&keys).map_err(&failed)?;
         Ok(inlet)
     }
@@ -103,7 +110,7 @@ impl NetworkInlet {
         let shared = Arc::clone(&arrivals);
         let data = session.declare_subscriber(Keys::of(network, topic).data("*"));
         let data = data.callback(move |sample| shared.arrived(&sample)).wait().map_err(&failed)?;
-        Ok(Self { topic, arrivals, reporter: None, _declared: (None, vec![data]), session })
+        Ok(Self { topic, arrivals, reporter: None, _declared: Declared { _token: None, _subscribers: vec![data] }, session })
     }
 
     /// Waits until every writer knows of this reader. The question travels behind what was declared before it.
