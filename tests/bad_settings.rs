@@ -45,6 +45,33 @@ fn each_wrong_setting_is_named_with_its_file_and_line_and_nothing_is_started() -
 }
 
 #[test]
+fn an_impossible_fault_is_named_with_its_file_and_line_and_nothing_is_started() -> Outcome {
+    let good = fs::read_to_string(repository().join("deploy/faults/example.toml"))?;
+    for (from, by, pace, expected) in [
+        ("kind = \"jitter\"", "kind = \"flutter\"", "real-time", ["faults.toml:10", "flutter", "jitter"]),
+        ("millis = 15", "milliseconds = 15", "real-time", ["faults.toml:11", "milliseconds", "millis"]),
+        ("probability = 0.3", "probability = 1.3", "real-time", ["faults.toml:15", "1.3", "at most 1"]),
+        ("field = \"velocity\"", "field = \"speed\"", "real-time", ["faults.toml:22", "speed", "velocity"]),
+        ("seed = 7", "seed = 7\nprocess = \"plant\"", "real-time", ["faults.toml:5", "process", "participant"]),
+        ("seed = 7", "seed = 7", "lock-step", ["faults.toml:11", "millis", "messages"]),
+    ] {
+        let home = tempfile::tempdir_in("/tmp")?;
+        let (file, out) = (home.path().join("faults.toml"), home.path().join("run"));
+        assert!(good.contains(from), "{from}");
+        fs::write(&file, good.replacen(from, by, 1))?;
+        let options = ["--pace", pace, "--faults", &file.to_string_lossy()];
+        let output = launch_command(&repository().join("deploy/graphs/local.toml"), &out, &options)?.env("TMPDIR", home.path()).output()?;
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{by}: {text}");
+        for part in expected {
+            assert!(text.contains(part), "{by}: {part:?} is not in: {text}");
+        }
+        assert!(!out.exists(), "{by}: a folder was made");
+    }
+    Ok(())
+}
+
+#[test]
 fn a_folder_that_holds_another_run_is_refused() -> Outcome {
     let home = tempfile::tempdir_in("/tmp")?;
     fs::write(home.path().join("precious"), "data")?;

@@ -2,8 +2,13 @@
 //!
 //! Every launch has a temporary folder of its own for its files and its run, so that tests run side by side.
 
+mod hosts;
+pub mod oracle;
+mod reader;
 mod record;
 
+pub use hosts::Hosts;
+pub use reader::Reader;
 pub use record::{Message, Record};
 
 use rustix::process::{Pid, Signal, kill_process};
@@ -42,7 +47,8 @@ fn build() -> io::Result<PathBuf> {
     let test = std::env::current_exe()?;
     let folder = test.parent().and_then(Path::parent).ok_or(io::ErrorKind::NotFound)?;
     let mut cargo = Command::new(env!("CARGO"));
-    cargo.args(["build", "--quiet", "--workspace", "--bins"]).current_dir(repository());
+    // With the tests, which are there already, the libraries have the same features as theirs, and are not built once more without.
+    cargo.args(["build", "--quiet", "--workspace", "--bins", "--tests"]).current_dir(repository());
     cargo.env("CARGO_TARGET_DIR", folder.parent().unwrap_or(folder));
     if folder.ends_with("release") {
         cargo.arg("--release");

@@ -17,7 +17,7 @@ fn a_run_that_is_interrupted_ends_cleanly_with_a_summary() -> Outcome {
         let launched = Launched::new(&[])?;
         launched.wait_for_log("controller", "answering a plant", 1)?;
         let (name, processes) = (graph_name(&launched.folder())?, launched.processes());
-        assert_eq!(processes.len(), 4);
+        assert_eq!(processes.len(), 5);
         signal(launched.pid(), interruption)?;
         let (ended, home) = launched.end()?;
         assert_eq!(ended.status.code(), Some(code), "{}", ended.text);

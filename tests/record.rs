@@ -68,6 +68,16 @@ impl Record {
         Ok(Self { messages, summary })
     }
 
+    /// A record of these messages, without a summary.
+    pub fn of_messages(messages: Vec<Message>) -> Self {
+        Self { messages, summary: Value::Null }
+    }
+
+    /// All messages.
+    pub fn messages(&self) -> &[Message] {
+        &self.messages
+    }
+
     /// The messages of one topic.
     pub fn of<'a>(&'a self, topic: &'a str) -> impl DoubleEndedIterator<Item = &'a Message> {
         self.messages.iter().filter(move |message| message.topic == topic)

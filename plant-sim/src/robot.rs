@@ -19,6 +19,19 @@ pub struct Robot {
     past: (Rung, Reason),
     /// How far the world has run.
     at: u64,
+    period_nanos: u64,
+    witnessed: Witnessed,
+    /// Controller epoch that acted last; 0 before the first.
+    acted_last: u64,
+}
+
+/// What the wheels got in the past period, for the truth.
+#[derive(Debug, Clone, Copy, Default)]
+struct Witnessed {
+    wheel_peak: [f64; 4],
+    acting_age_nanos: u64,
+    takeovers: u32,
+    takeovers_back: u32,
 }
 
 impl Robot {
@@ -34,6 +47,9 @@ impl Robot {
             decision,
             past: (Rung::Waiting, Reason::NoCommandYet),
             at: 0,
+            period_nanos: settings.run.period_nanos,
+            witnessed: Witnessed::default(),
+            acted_last: 0,
         }
     }
 
@@ -62,8 +78,28 @@ impl Robot {
             let slice = SLICE_NANOS.min(now - self.at);
             self.decision = self.gate.decide(self.at);
             self.world.advance(slice, self.decision.input);
+            self.witness();
             self.at += slice;
         }
+    }
+
+    /// Notes what acts in the slice that begins at `self.at`.
+    fn witness(&mut self) {
+        let witnessed = &mut self.witnessed;
+        for (peak, wheel) in witnessed.wheel_peak.iter_mut().zip(kinematics::wheels_from_body(&self.geometry, self.world.input_applied())) {
+            // Written so that NaN stays.
+            *peak = if wheel.is_finite() && wheel.abs() <= *peak { *peak } else { wheel.abs() + 0.0 * *peak };
+        }
+        let Acting { epoch, tick, .. } = self.decision.acting;
+        if epoch == 0 {
+            return;
+        }
+        witnessed.acting_age_nanos = witnessed.acting_age_nanos.max(self.at.saturating_sub(tick * self.period_nanos));
+        if self.acted_last != 0 && epoch != self.acted_last {
+            witnessed.takeovers += 1;
+            witnessed.takeovers_back += u32::from(epoch < self.acted_last);
+        }
+        self.acted_last = epoch;
     }
 
     /// Lets the world run until the end of the period at `now`, and says on which rung it was.
@@ -93,7 +129,8 @@ impl Robot {
         state
     }
 
-    fn tell_truth(&self, tick: u64) -> Truth {
+    fn tell_truth(&mut self, tick: u64) -> Truth {
+        let witnessed = std::mem::take(&mut self.witnessed);
         let now = self.world.state();
         let Acting { epoch, writer, tick: acting_tick } = self.decision.acting;
         let mut truth: Truth = bytemuck::Zeroable::zeroed();
@@ -103,6 +140,9 @@ impl Robot {
         truth.force = now.force;
         truth.wheel_command = kinematics::wheels_from_body(&self.geometry, self.world.input_applied());
         (truth.acting_epoch, truth.acting_writer, truth.acting_tick) = (epoch, writer, acting_tick);
+        truth.wheel_peak = witnessed.wheel_peak;
+        truth.acting_age_nanos = witnessed.acting_age_nanos;
+        (truth.takeovers, truth.takeovers_back) = (witnessed.takeovers, witnessed.takeovers_back);
         truth.rung = self.past.0.code();
         truth.reason = self.past.1.code();
         truth

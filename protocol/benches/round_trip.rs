@@ -1,14 +1,18 @@
-//! A command there and back between two threads over shared memory, event-driven: beside iceoryx2 alone with as many bytes.
+//! A command, and a snapshot of a megabyte, there and back between two threads over every carrier: beside the bare library with as many bytes.
 //!
-//! The machine's state moves both figures; what counts is their ratio in one run.
+//! The machine's state moves all figures; what counts is their ratio in one run.
 
 #[path = "round_trip/bare.rs"]
 mod bare;
+#[path = "round_trip/network.rs"]
+mod network;
 
 use bytemuck::Zeroable;
 use criterion::Criterion;
-use protocol::message::Command;
-use protocol::port::{Identity, Links, Ports, Since, Sink, Source, sweep};
+use protocol::message::{Command, Message, ModelSnapshot, SnapshotHead};
+use protocol::port::{Carrier, Carriers, Exchange, Identity, Links, Ports, Router, Since, Sink, Source, sweep};
+use protocol::topic::OnTopic;
+use protocol::wire;
 use std::error::Error;
 use std::path::Path;
 use std::sync::mpsc;
@@ -23,67 +27,99 @@ const LONG: Duration = Duration::from_secs(10);
 /// Ends the echo.
 const LAST: u64 = u64::MAX;
 
+/// Data points of 6 inputs that make a snapshot of a megabyte.
+const POINTS: u32 = 10_400;
+
 fn main() -> Result<(), Failure> {
     let folder = tempfile::tempdir()?;
     let mut criterion = Criterion::default().configure_from_args();
-    measure_links(&mut criterion, folder.path())?;
+    let memory = [Exchange::new(false, LONG), Exchange::new(false, LONG)];
+    measure_both(&mut criterion, "memory", |end| Ok(Ports::in_memory(&memory[end], Identity::new(1))))?;
+
+    let shared = ["there", "back"].map(|name| links(folder.path(), name));
+    measure_both(&mut criterion, "shared memory", |end| Ok(Ports::open(&shared[end], Identity::new(1))?))?;
+    for links in &shared {
+        sweep(links)?;
+    }
     bare::measure(&mut criterion, folder.path())?;
+
+    let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
+    let (carriers, connect) = (Carriers::all(Carrier::Network), router.endpoints().to_vec());
+    let remote = shared.map(|links| Links { carriers: carriers.clone(), connect: connect.clone(), ..links });
+    measure_both(&mut criterion, "network", |end| Ok(Ports::open(&remote[end], Identity::new(1))?))?;
+    for (name, bytes) in [("command", encoded_len(&Command::zeroed())), ("snapshot", encoded_len(&snapshot()?))] {
+        let endpoint = router.endpoints().first().ok_or("the router listens nowhere")?;
+        network::measure(&mut criterion, endpoint, name, bytes)?;
+    }
     criterion.final_summary();
     Ok(())
 }
 
-fn measure_links(criterion: &mut Criterion, folder: &Path) -> Result<(), Failure> {
-    let (there, back) = (links(folder, "there"), links(folder, "back"));
+fn encoded_len<T: Message>(message: &T) -> usize {
+    let mut bytes = Vec::new();
+    wire::encode(message, &mut bytes);
+    bytes.len()
+}
+
+fn snapshot() -> Result<ModelSnapshot, Failure> {
+    let mut snapshot = ModelSnapshot::new(SnapshotHead { inputs: 6, ..SnapshotHead::zeroed() });
+    for point in 0..POINTS {
+        snapshot.push(&[f64::from(point); 6], [0.5; 3], [0.25; 3])?;
+    }
+    Ok(snapshot)
+}
+
+/// Measures both messages; `ports` opens those of graph 0, there, and 1, back.
+fn measure_both(criterion: &mut Criterion, name: &str, ports: impl Fn(usize) -> Result<Ports, Failure> + Sync) -> Result<(), Failure> {
+    measure(criterion, &format!("round trip/{name}, command"), &ports, Command::zeroed())?;
+    measure(criterion, &format!("round trip/{name}, snapshot"), &ports, snapshot()?)
+}
+
+fn measure<T: OnTopic>(
+    criterion: &mut Criterion,
+    name: &str,
+    ports: &(impl Fn(usize) -> Result<Ports, Failure> + Sync),
+    mut message: T,
+) -> Result<(), Failure> {
     thread::scope(|scope| -> Result<(), Failure> {
         let (ready, is_ready) = mpsc::channel();
-        let (from, to) = (&there, &back);
         let echo = scope.spawn(move || -> Result<(), Failure> {
-            let (mut source, mut sink) = ends(from, to)?;
+            let (mut source, mut sink) = (ports(0)?.source::<T>(Since::First)?, ports(1)?.sink::<T>()?);
             ready.send(())?;
             loop {
-                let mut command = heard(&mut source)?;
-                let last = command.stamp.tick == LAST;
-                sink.send(&mut command)?;
+                let mut message = heard(&mut source)?;
+                let last = message.stamp().tick == LAST;
+                sink.send(&mut message)?;
                 if last {
                     return Ok(());
                 }
             }
         });
-        let (mut source, mut sink) = ends(&back, &there)?;
+        let (mut source, mut sink): (Source<T>, Sink<T>) = (ports(1)?.source(Since::First)?, ports(0)?.sink()?);
         is_ready.recv()?;
-        let mut command = Command::zeroed();
         let mut failure = None;
-        criterion.bench_function("round trip/links", |bencher| {
+        criterion.bench_function(name, |bencher| {
             bencher.iter(|| {
-                command.stamp.tick += 1;
-                let answer = sink.send(&mut command).map_err(Failure::from).and_then(|()| heard(&mut source));
+                message.stamp_mut().tick += 1;
+                let answer = sink.send(&mut message).map_err(Failure::from).and_then(|()| heard(&mut source));
                 match answer {
-                    Ok(answer) if answer.stamp.tick == command.stamp.tick => {}
-                    Ok(_) => failure = Some("another command came back".into()),
+                    Ok(answer) if answer.stamp().tick == message.stamp().tick => {}
+                    Ok(_) => failure = Some("another message came back".into()),
                     Err(error) => failure = Some(error),
                 }
             });
         });
-        command.stamp.tick = LAST;
-        sink.send(&mut command)?;
+        message.stamp_mut().tick = LAST;
+        sink.send(&mut message)?;
         heard(&mut source)?;
         echo.join().map_err(|_| "the echo panicked")??;
         failure.map_or(Ok(()), Err)
-    })?;
-    sweep(&there)?;
-    sweep(&back)?;
-    Ok(())
+    })
 }
 
-fn ends(from: &Links, to: &Links) -> Result<(Source<Command>, Sink<Command>), Failure> {
-    let source = Ports::open(from, Identity::new(1))?.source(Since::First)?;
-    let sink = Ports::open(to, Identity::new(1))?.sink()?;
-    Ok((source, sink))
-}
-
-fn heard(source: &mut Source<Command>) -> Result<Command, Failure> {
+fn heard<T: OnTopic>(source: &mut Source<T>) -> Result<T, Failure> {
     if !source.wait(LONG)? {
-        return Err("no command came".into());
+        return Err(format!("no {} came", T::NAME).into());
     }
     Ok(source.latest()?.ok_or("woken for nothing")?)
 }

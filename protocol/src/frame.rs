@@ -52,6 +52,14 @@ pub enum DecodeError {
         /// Bytes that came.
         got: usize,
     },
+    /// A body that does not hold what the message consists of.
+    #[error("{message} cannot be read: {reason}")]
+    Body {
+        /// Message of the topic.
+        message: &'static str,
+        /// What is wrong with it.
+        reason: &'static str,
+    },
     /// A code or count that does not exist.
     #[error("{message}.{field} is {value}, which no version of it means")]
     Value {

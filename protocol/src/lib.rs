@@ -3,9 +3,12 @@
 //! | module      | what it holds                                                        |
 //! |-------------|----------------------------------------------------------------------|
 //! | [`message`] | one file per message: plain data, units, layout                      |
-//! | [`frame`]   | bytes ↔ message: version, kind, length, checksum, then the values    |
+//! | [`frame`]   | bytes ↔ message in memory: version, kind, checksum, then the values  |
+//! | [`wire`]    | the same on the network, where numbers are little-endian and packed  |
 //! | [`topic`]   | the one table of topics and their quality of service                 |
 //! | [`port`]    | [`Source`](port::Source) and [`Sink`](port::Sink) over every carrier |
+//! | [`view`]    | each message as JSON, with its JSON Schema                           |
+//! | [`telemetry`] | what anyone may watch, over zenoh                                   |
 //! | [`clock`]   | the monotonic clock that stamps carry                                |
 //!
 //! There is no mathematics here.
@@ -14,7 +17,10 @@ pub mod clock;
 pub mod frame;
 pub mod message;
 pub mod port;
+pub mod telemetry;
 pub mod topic;
+pub mod view;
+pub mod wire;
 
 /// Version of everything that is said. Peers of another version are refused.
 pub const VERSION: u16 = 1;

@@ -10,6 +10,7 @@ mod model_snapshot;
 mod plan;
 mod plant_state;
 mod residual_sample;
+mod sequence;
 mod stamp;
 mod truth;
 
@@ -25,6 +26,9 @@ pub use stamp::Stamp;
 pub use truth::Truth;
 
 use crate::frame::DecodeError;
+use crate::wire;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 /// Something that is said: its name, its number, and its bytes.
 pub trait Message: Clone + Send + 'static {
@@ -34,6 +38,11 @@ pub trait Message: Clone + Send + 'static {
     const KIND: u16;
     /// Longest possible message \[bytes\].
     const BYTES_MAX: usize;
+    /// Its fields that are made of numbers, by name.
+    const NUMBERS: &'static [&'static str];
+
+    /// Shows every field of [`NUMBERS`](Self::NUMBERS) to `visit`, by its name and as one row, in their order.
+    fn visit_numbers(&mut self, visit: &mut dyn FnMut(&'static str, &mut [f64]));
 
     /// Who said it, and when.
     fn stamp(&self) -> &Stamp;
@@ -52,14 +61,28 @@ pub trait Message: Clone + Send + 'static {
     /// # Errors
     /// [`DecodeError`] if the length or a value does not fit.
     fn read(bytes: &[u8]) -> Result<Self, DecodeError>;
+
+    /// Appends the message's body as it is on the network. Does not allocate once `out` has grown.
+    fn write_wire(&self, out: &mut Vec<u8>);
+
+    /// Reads the body of a message whose version, kind and checksum are already known to be right; they are not in the body.
+    ///
+    /// # Errors
+    /// [`DecodeError`] if the length or a value does not fit.
+    fn read_wire(body: &[u8]) -> Result<Self, DecodeError>;
 }
 
-/// A message of fixed size, all of whose bytes are data: its memory is its encoding.
-pub trait Fixed: bytemuck::Pod + Send {
+/// A message of fixed size, all of whose bytes are data: its memory is its encoding. On the network it is what it serialises.
+pub trait Fixed: bytemuck::Pod + Send + Serialize + DeserializeOwned {
     /// See [`Message::NAME`].
     const NAME: &'static str;
     /// See [`Message::KIND`].
     const KIND: u16;
+    /// See [`Message::NUMBERS`].
+    const NUMBERS: &'static [&'static str];
+
+    /// See [`Message::visit_numbers`].
+    fn visit_numbers(&mut self, visit: &mut dyn FnMut(&'static str, &mut [f64]));
 
     /// See [`Message::stamp`].
     fn stamp(&self) -> &Stamp;
@@ -80,6 +103,11 @@ impl<T: Fixed> Message for T {
     const NAME: &'static str = <T as Fixed>::NAME;
     const KIND: u16 = <T as Fixed>::KIND;
     const BYTES_MAX: usize = size_of::<T>();
+    const NUMBERS: &'static [&'static str] = <T as Fixed>::NUMBERS;
+
+    fn visit_numbers(&mut self, visit: &mut dyn FnMut(&'static str, &mut [f64])) {
+        Fixed::visit_numbers(self, visit);
+    }
 
     fn stamp(&self) -> &Stamp {
         Fixed::stamp(self)
@@ -106,14 +134,29 @@ impl<T: Fixed> Message for T {
         message.check()?;
         Ok(message)
     }
+
+    fn write_wire(&self, out: &mut Vec<u8>) {
+        wire::write_postcard(self, out);
+    }
+
+    fn read_wire(body: &[u8]) -> Result<Self, DecodeError> {
+        let message: T = wire::read_postcard(<T as Fixed>::NAME, body)?;
+        message.check()?;
+        Ok(message)
+    }
 }
 
-/// Makes a struct a [`Fixed`] message; the closure-like last argument checks its coded fields.
+/// Makes a struct a [`Fixed`] message, of which the listed fields are numbers; the closure-like last argument checks its coded fields.
 macro_rules! fixed_message {
-    ($type:ident, $kind:expr, |$this:ident| $check:expr) => {
+    ($type:ident, $kind:expr, [$($number:ident),*], |$this:ident| $check:expr) => {
         impl $crate::message::Fixed for $type {
             const NAME: &'static str = stringify!($type);
             const KIND: u16 = $kind;
+            const NUMBERS: &'static [&'static str] = &[$(stringify!($number)),*];
+
+            fn visit_numbers(&mut self, _visit: &mut dyn FnMut(&'static str, &mut [f64])) {
+                $(_visit(stringify!($number), bytemuck::cast_slice_mut(std::slice::from_mut(&mut self.$number)));)*
+            }
 
             fn stamp(&self) -> &$crate::message::Stamp {
                 &self.stamp
@@ -152,7 +195,7 @@ mod tests {
             (Plan::NAME, size_of::<Plan>(), 6056),
             (PlantState::NAME, size_of::<PlantState>(), 224),
             (ResidualSample::NAME, size_of::<ResidualSample>(), 168),
-            (Truth::NAME, size_of::<Truth>(), 184),
+            (Truth::NAME, size_of::<Truth>(), 232),
             ("SnapshotHead", size_of::<SnapshotHead>(), 720),
             ("Stamp", size_of::<Stamp>(), 48),
         ];

@@ -10,6 +10,8 @@
 //! | `memory`         | the carrier inside one process, for tests and experiments                 |
 //! | `shared_memory`  | the carrier between the processes of one machine, over iceoryx2           |
 //! | `network`        | the carrier between machines, over zenoh                                  |
+//! | `faults`         | [`Faults`]: what is lost, delayed and damaged on purpose, on any carrier  |
+//! | `watched`        | in lock step, the second outlet for those who only look on                |
 //!
 //! ```
 //! use protocol::message::Credit;
@@ -31,6 +33,7 @@
 
 mod carrier;
 mod error;
+mod faults;
 mod links;
 mod memory;
 mod network;
@@ -38,8 +41,10 @@ mod sequence;
 mod shared_memory;
 mod sink;
 mod source;
+mod watched;
 
 pub use error::{OpenError, ReceiveError, SendError};
+pub use faults::{End, Fault, Faults, ImpossibleFault, Kind};
 pub use links::{Carrier, Carriers, GRAPH_NAME_MAX, Links, is_graph_name};
 pub use memory::Exchange;
 pub use network::Router;
@@ -51,11 +56,13 @@ pub use source::{Source, Tally};
 use crate::message::Message;
 use crate::topic::{OnTopic, Topic};
 use carrier::{Inlet, Outlet};
+use faults::{FaultyInlet, FaultyOutlet, Injection};
 use network::Network;
 use shared_memory::SharedMemory;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::marker::PhantomData;
 use std::rc::Rc;
+use watched::{Audience, Watched};
 
 /// Longest first message that a shared-memory link reserves room for; longer ones make it grow \[bytes\].
 const RESERVED_BYTES_MAX: usize = 64 * 1024;
@@ -83,6 +90,8 @@ impl Identity {
 pub struct Ports {
     place: Place,
     identity: Identity,
+    /// What goes wrong on purpose, if anything does.
+    injection: Option<Injection>,
     /// Keeps `Ports` out of other threads on every carrier, since it has to stay out of them on shared memory.
     one_thread: PhantomData<Rc<()>>,
 }
@@ -92,7 +101,7 @@ enum Place {
     /// In this process.
     Here(Exchange),
     /// On this machine or beyond, each topic over the carrier that its links say.
-    Graph { carriers: Carriers, shared_memory: Option<SharedMemory>, network: Option<Network> },
+    Graph { carriers: Carriers, lock_step: bool, shared_memory: Option<SharedMemory>, network: Option<Network> },
 }
 
 impl Ports {
@@ -107,13 +116,24 @@ impl Ports {
         let uses = |carrier| links.carriers.uses(carrier);
         let shared_memory = uses(Carrier::SharedMemory).then(|| SharedMemory::open(links)).transpose()?;
         let network = uses(Carrier::Network).then(|| Network::open(links)).transpose()?;
-        let carriers = links.carriers.clone();
-        Ok(Self { place: Place::Graph { carriers, shared_memory, network }, identity, one_thread: PhantomData })
+        let (carriers, lock_step) = (links.carriers.clone(), links.lock_step);
+        let injection = Injection::new(&links.faults, lock_step);
+        Ok(Self { place: Place::Graph { carriers, lock_step, shared_memory, network }, identity, injection, one_thread: PhantomData })
     }
 
     /// Ports between the threads of one process.
     pub fn in_memory(exchange: &Exchange, identity: Identity) -> Self {
-        Self { place: Place::Here(exchange.clone()), identity, one_thread: PhantomData }
+        Self { place: Place::Here(exchange.clone()), identity, injection: None, one_thread: PhantomData }
+    }
+
+    /// Ports between the threads of one process, on which `faults` are injected. What [`Faults::check`] refuses may do nothing.
+    pub fn in_memory_with(exchange: &Exchange, identity: Identity, faults: &Faults) -> Self {
+        Self { injection: Injection::new(faults, exchange.lock_step()), ..Self::in_memory(exchange, identity) }
+    }
+
+    /// How often each of the faults has been injected so far on what these ports have opened, in the order of the settings.
+    pub fn injected(&self) -> Vec<u64> {
+        self.injection.as_ref().map_or_else(Vec::new, Injection::injected)
     }
 
     /// Opens a writer of `T` on its topic.
@@ -122,7 +142,13 @@ impl Ports {
     /// [`OpenError`] if the link exists with another message, version or quality, or has no place for one more writer.
     pub fn sink<T: OnTopic>(&self) -> Result<Sink<T>, OpenError> {
         let outlet = self.outlet(T::TOPIC, Reservation::of::<T>())?;
-        Ok(Sink::new(outlet, self.identity))
+        Ok(Sink::new(
+            match self.injection.as_ref().and_then(|injection| injection.chain::<T>(End::Writer, outlet.encoding())) {
+                Some(chain) => Box::new(FaultyOutlet::new(outlet, chain)),
+                None => outlet,
+            },
+            self.identity,
+        ))
     }
 
     /// Opens a reader of `T` on its topic.
@@ -130,7 +156,22 @@ impl Ports {
     /// # Errors
     /// [`OpenError`] if the link exists with another message, version or quality, or has no place for one more reader.
     pub fn source<T: OnTopic>(&self, since: Since) -> Result<Source<T>, OpenError> {
-        Ok(Source::new(self.inlet(T::TOPIC)?, since))
+        let inlet = self.inlet(T::TOPIC, Audience::Members)?;
+        Ok(Source::new(
+            match self.injection.as_ref().and_then(|injection| injection.chain::<T>(End::Reader, inlet.encoding())) {
+                Some(chain) => Box::new(FaultyInlet::new(inlet, chain)),
+                None => inlet,
+            },
+            since,
+        ))
+    }
+
+    /// Opens a reader of `T` for one who only looks on, and whom nobody waits for: the newest messages win, in lock step too.
+    ///
+    /// # Errors
+    /// As for [`source`](Self::source).
+    pub fn watcher<T: OnTopic>(&self) -> Result<Source<T>, OpenError> {
+        Ok(Source::new(self.inlet(T::TOPIC, Audience::Watchers)?, Since::Joining))
     }
 
     /// Opens a writer of arbitrary bytes, to see what readers make of them.
@@ -144,20 +185,27 @@ impl Ports {
     fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<Box<dyn Outlet>, OpenError> {
         match &self.place {
             Place::Here(exchange) => Ok(Box::new(exchange.outlet(topic)?)),
-            Place::Graph { carriers, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
-                (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.outlet(topic, reservation)?)),
-                (Carrier::Network, _, Some(network)) => network.outlet(topic),
+            Place::Graph { carriers, lock_step, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
+                (Carrier::SharedMemory, Some(shared), _) if Audience::is_split(topic, *lock_step) => Ok(Box::new(Watched {
+                    members: shared.outlet(topic, Audience::Members, reservation)?,
+                    watchers: shared.outlet(topic, Audience::Watchers, reservation)?,
+                })),
+                (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.outlet(topic, Audience::Members, reservation)?)),
+                (Carrier::Network, _, Some(network)) => network.outlet(topic, reservation),
                 (carrier, ..) => Err(not_joined(topic, carrier)),
             },
         }
     }
 
-    fn inlet(&self, topic: Topic) -> Result<Box<dyn Inlet>, OpenError> {
+    fn inlet(&self, topic: Topic, audience: Audience) -> Result<Box<dyn Inlet>, OpenError> {
         match &self.place {
-            Place::Here(exchange) => Ok(Box::new(exchange.inlet(topic)?)),
-            Place::Graph { carriers, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
-                (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.inlet(topic)?)),
-                (Carrier::Network, _, Some(network)) => network.inlet(topic),
+            Place::Here(exchange) => Ok(Box::new(exchange.inlet(topic, audience)?)),
+            Place::Graph { carriers, lock_step, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
+                (Carrier::SharedMemory, Some(shared), _) if Audience::is_split(topic, *lock_step) => {
+                    Ok(Box::new(shared.inlet(topic, audience)?))
+                }
+                (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.inlet(topic, Audience::Members)?)),
+                (Carrier::Network, _, Some(network)) => network.inlet(topic, audience),
                 (carrier, ..) => Err(not_joined(topic, carrier)),
             },
         }

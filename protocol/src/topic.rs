@@ -1,12 +1,14 @@
 //! The one table of topics: what each carries, how often, how many messages may wait, and what happens when they are too many.
 
 use crate::message::{Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Truth};
+use serde::{Deserialize, Serialize};
 
 /// Number of topics.
 pub const TOPIC_COUNT: usize = 8;
 
 /// A named stream of one kind of message.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Topic {
     /// plant → controller.
     State,
@@ -83,6 +85,20 @@ impl Topic {
         }
     }
 
+    /// Fields of its message that are made of numbers, by name.
+    pub const fn numbers(self) -> &'static [&'static str] {
+        match self {
+            Self::State => <PlantState as Message>::NUMBERS,
+            Self::Command => <Command as Message>::NUMBERS,
+            Self::Residual => <ResidualSample as Message>::NUMBERS,
+            Self::Snapshot => ModelSnapshot::NUMBERS,
+            Self::Plan => <Plan as Message>::NUMBERS,
+            Self::Health => <Health as Message>::NUMBERS,
+            Self::Truth => <Truth as Message>::NUMBERS,
+            Self::Credit => <Credit as Message>::NUMBERS,
+        }
+    }
+
     /// Place in [`Topic::ALL`].
     pub const fn index(self) -> usize {
         self as usize
@@ -104,7 +120,16 @@ impl Topic {
         let delivery = if lossless && lock_step { Delivery::Lossless } else { Delivery::NewestWins };
         Quality { depth, history, writers, readers, delivery }
     }
+
+    /// Quality of service for those who only look on, beside a link that is lossless for its own readers.
+    pub const fn watched_quality(self) -> Quality {
+        let Quality { writers, readers, .. } = self.quality(false);
+        Quality { depth: WATCHED_DEPTH, history: 1, writers, readers, delivery: Delivery::NewestWins }
+    }
 }
+
+/// What waits for one who only looks on at a lossless link: the newest message of each writer, and one that just came.
+const WATCHED_DEPTH: usize = 2;
 
 /// A message that has a topic of its own.
 pub trait OnTopic: Message {

@@ -1,10 +1,10 @@
-//! Separate processes on shared memory, some of which are killed or stopped.
+//! Separate processes on shared memory and over the network, some of which are killed or stopped.
 //!
 //! Each test starts this very binary again as its children; they do what `CHILD_ROLE` says and are killed in the end.
 
 use bytemuck::Zeroable;
 use protocol::message::{Command, Credit};
-use protocol::port::{Identity, Links, Ports, SendError, Since, Source, SweepReport, sweep};
+use protocol::port::{Carrier, Carriers, Identity, Links, Ports, Router, SendError, Since, Source, SweepReport, sweep};
 use protocol::topic::{OnTopic, Topic};
 use rustix::process::{Pid, Signal, kill_process};
 use std::env;
@@ -27,6 +27,7 @@ const PATIENCE: Duration = Duration::from_millis(300);
 /// A graph whose links children can join, removed in the end with all that they left.
 struct Graph {
     links: Links,
+    router: Option<Router>,
     _folder: TempDir,
 }
 
@@ -35,7 +36,16 @@ impl Graph {
         static GRAPHS: AtomicU32 = AtomicU32::new(0);
         let folder = tempfile::tempdir()?;
         let graph = format!("p{}-{}", std::process::id(), GRAPHS.fetch_add(1, Ordering::Relaxed));
-        Ok(Self { links: links(graph, lock_step, folder.path().join("r")), _folder: folder })
+        Ok(Self { links: links(graph, lock_step, folder.path().join("r")), router: None, _folder: folder })
+    }
+
+    fn on_network(lock_step: bool) -> Result<Self, Box<dyn Error>> {
+        let mut graph = Self::new(lock_step)?;
+        let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
+        graph.links.carriers = Carriers::all(Carrier::Network);
+        graph.links.connect = router.endpoints().to_vec();
+        graph.router = Some(router);
+        Ok(graph)
     }
 
     fn ports(&self) -> Result<Ports, Box<dyn Error>> {
@@ -49,6 +59,7 @@ impl Graph {
             .env("CHILD_ROLE", role)
             .env("CHILD_GRAPH", &self.links.graph)
             .env("CHILD_ROOT", &self.links.root)
+            .env("CHILD_CONNECT", self.links.connect.join(","))
             .env("CHILD_LOCK_STEP", self.links.lock_step.to_string())
             .env("CHILD_EPOCH", epoch.to_string())
             .stdout(Stdio::null())
@@ -131,7 +142,12 @@ fn child() -> Outcome {
         return Ok(());
     };
     let root = Path::new(&env::var("CHILD_ROOT")?).to_path_buf();
-    let links = links(env::var("CHILD_GRAPH")?, env::var("CHILD_LOCK_STEP")?.parse()?, root);
+    let mut links = links(env::var("CHILD_GRAPH")?, env::var("CHILD_LOCK_STEP")?.parse()?, root);
+    let connect = env::var("CHILD_CONNECT")?;
+    if !connect.is_empty() {
+        links.carriers = Carriers::all(Carrier::Network);
+        links.connect = connect.split(',').map(ToOwned::to_owned).collect();
+    }
     let ports = Ports::open(&links, Identity::new(env::var("CHILD_EPOCH")?.parse()?))?;
     match role.as_str() {
         "commands" => say_commands(&ports),
@@ -166,7 +182,15 @@ fn answer_with_credits(ports: &Ports) -> Outcome {
 
 #[test]
 fn a_killed_writer_is_replaced_by_its_successor() -> Outcome {
-    let graph = Graph::new(false)?;
+    replace_killed_writers(&Graph::new(false)?)
+}
+
+#[test]
+fn a_killed_writer_is_replaced_by_its_successor_over_the_network() -> Outcome {
+    replace_killed_writers(&Graph::on_network(false)?)
+}
+
+fn replace_killed_writers(graph: &Graph) -> Outcome {
     let mut commands = graph.ports()?.source::<Command>(Since::Joining)?;
     // More lives than the topic has places for writers.
     for epoch in 1..=7 {
@@ -181,7 +205,15 @@ fn a_killed_writer_is_replaced_by_its_successor() -> Outcome {
 
 #[test]
 fn a_killed_reader_is_replaced_by_its_successor() -> Outcome {
-    let graph = Graph::new(false)?;
+    replace_killed_readers(&Graph::new(false)?)
+}
+
+#[test]
+fn a_killed_reader_is_replaced_by_its_successor_over_the_network() -> Outcome {
+    replace_killed_readers(&Graph::on_network(false)?)
+}
+
+fn replace_killed_readers(graph: &Graph) -> Outcome {
     let ports = graph.ports()?;
     let mut credits = ports.source::<Credit>(Since::Joining)?;
     let mut commands = ports.sink::<Command>()?;
@@ -220,6 +252,106 @@ fn a_killed_reader_holds_a_lossless_writer_up_no_longer_than_its_patience() -> O
     until(&mut credits, |credit| credit.stamp.epoch == 2)?;
     commands.send(&mut command(10_000))?;
     until(&mut credits, |credit| credit.through_tick == 10_000)?;
+    Ok(())
+}
+
+/// The network says by itself that the reader is gone, unless the writer fills the reader's room before.
+#[test]
+fn a_killed_reader_holds_a_lossless_writer_up_once_at_most_over_the_network() -> Outcome {
+    let graph = Graph::on_network(true)?;
+    let ports = graph.ports()?;
+    let mut credits = ports.source::<Credit>(Since::Joining)?;
+    let mut commands = ports.sink::<Command>()?;
+    let reader = graph.start("credits", 1)?;
+    until(&mut credits, |_| true)?;
+    commands.send(&mut command(1))?;
+    until(&mut credits, |credit| credit.through_tick == 1)?;
+    reader.kill()?;
+
+    let sent = (2..=3 * Topic::Command.quality(true).depth as u64).map(|tick| commands.send(&mut command(tick)));
+    let failures = sent.filter(Result::is_err).count();
+    assert!(failures <= 1, "{failures}");
+
+    let _successor = graph.start("credits", 2)?;
+    until(&mut credits, |credit| credit.stamp.epoch == 2)?;
+    commands.send(&mut command(10_000))?;
+    until(&mut credits, |credit| credit.through_tick == 10_000)?;
+    Ok(())
+}
+
+#[test]
+fn a_link_that_was_cut_is_taken_up_again() -> Outcome {
+    let mut graph = Graph::on_network(false)?;
+    let mut credits = graph.ports()?.source::<Credit>(Since::Joining)?;
+    let _reader = graph.start("credits", 1)?;
+    let _writer = graph.start("commands", 1)?;
+    let mut heard = until(&mut credits, |credit| credit.through_tick > 0)?;
+    for _ in 0..3 {
+        let endpoints = graph.links.connect.clone();
+        drop(graph.router.take());
+        // Nothing arrives without the router.
+        while credits.wait(PATIENCE)? {
+            while credits.next()?.is_some() {}
+        }
+        graph.router = Some(Router::open(&endpoints, &[])?);
+        heard = until(&mut credits, |credit| credit.through_tick > heard.through_tick)?;
+    }
+    Ok(())
+}
+
+#[test]
+fn who_was_cut_off_gets_the_last_snapshot_once_the_link_is_back() -> Outcome {
+    let mut graph = Graph::on_network(false)?;
+    let mut credits = graph.ports()?.source::<Credit>(Since::Joining)?;
+    let mut granted = graph.ports()?.sink::<Credit>()?;
+    granted.send(&mut Credit { through_tick: 1, ..Credit::zeroed() })?;
+    until(&mut credits, |credit| credit.through_tick == 1)?;
+    let endpoints = graph.links.connect.clone();
+    drop(graph.router.take());
+    granted.send(&mut Credit { through_tick: 2, ..Credit::zeroed() })?;
+    assert!(!credits.wait(PATIENCE)?, "it is cut off");
+    graph.router = Some(Router::open(&endpoints, &[])?);
+    until(&mut credits, |credit| credit.through_tick == 2)?;
+    Ok(())
+}
+
+#[test]
+fn what_was_sent_during_a_cut_is_not_lost_in_lock_step() -> Outcome {
+    let mut graph = Graph::on_network(true)?;
+    let mut commands = graph.ports()?.source::<Command>(Since::First)?;
+    let mut sink = graph.ports()?.sink::<Command>()?;
+    for round in 0..3 {
+        let endpoints = graph.links.connect.clone();
+        drop(graph.router.take());
+        for tick in 1..=10 {
+            sink.send(&mut command(10 * round + tick))?;
+        }
+        graph.router = Some(Router::open(&endpoints, &[])?);
+        for tick in 1..=10 {
+            until(&mut commands, |command| command.stamp.tick == 10 * round + tick)?;
+        }
+    }
+    assert_eq!((commands.tally().received, commands.tally().lost), (30, 0));
+    Ok(())
+}
+
+#[test]
+fn two_routers_join_and_join_again_after_one_was_gone() -> Outcome {
+    let mut here = Graph::on_network(false)?;
+    let mut there = Graph::new(false)?;
+    let far = Router::open(&["tcp/127.0.0.1:0".to_owned()], &here.links.connect)?;
+    there.links = Links { connect: far.endpoints().to_vec(), ..here.links.clone() };
+    there.router = Some(far);
+    let mut commands = there.ports()?.source::<Command>(Since::Joining)?;
+    let _writer = here.start("commands", 1)?;
+    until(&mut commands, |_| true)?;
+    let endpoints = here.links.connect.clone();
+    drop(here.router.take());
+    while commands.wait(PATIENCE)? {
+        while commands.next()?.is_some() {}
+    }
+    here.router = Some(Router::open(&endpoints, &[])?);
+    until(&mut commands, |_| true)?;
     Ok(())
 }
 

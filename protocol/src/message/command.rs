@@ -1,16 +1,17 @@
 //! controller → plant: what the wheels shall do now, and what they shall do if nothing more is heard.
 
+use super::sequence::Bounded;
 use super::{Rung, Stamp, check_count, fixed_message};
 use crate::frame::code;
 use bytemuck::{Pod, Zeroable};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Longest tail \[periods\]. The gate brakes from 3 periods on, so a longer one would never be played.
 pub const TAIL_MAX: usize = 4;
 
 /// Answer to one [`PlantState`](super::PlantState). Its `stamp.epoch` is the controller's, its `stamp.tick` the tick that it answers.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Command {
     /// Who answered, and when.
     pub stamp: Stamp,
@@ -40,7 +41,44 @@ impl Command {
     }
 }
 
-fixed_message!(Command, 2, |command| {
+fixed_message!(Command, 2, [input, tail], |command| {
     check_count("Command", "tail_len", command.tail_len, TAIL_MAX)?;
     code::<Rung>("Command", "rung", command.rung)
 });
+
+/// What of a command is serialised: of the tail only the inputs that count.
+#[derive(Serialize)]
+#[serde(rename = "Command")]
+struct Said<'a> {
+    stamp: Stamp,
+    plant_epoch: u64,
+    model_version: u64,
+    input: [f64; 3],
+    tail: &'a [[f64; 3]],
+    rung: u32,
+}
+
+#[derive(Deserialize)]
+#[serde(rename = "Command")]
+struct Heard {
+    stamp: Stamp,
+    plant_epoch: u64,
+    model_version: u64,
+    input: [f64; 3],
+    tail: Bounded<[f64; 3], TAIL_MAX>,
+    rung: u32,
+}
+
+impl Serialize for Command {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let Self { stamp, plant_epoch, model_version, input, rung, .. } = *self;
+        Said { stamp, plant_epoch, model_version, input, tail: self.tail(), rung }.serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Command {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let Heard { stamp, plant_epoch, model_version, input, tail, rung } = Heard::deserialize(deserializer)?;
+        Ok(Self { stamp, plant_epoch, model_version, input, tail: tail.items, tail_len: tail.len as u32, rung })
+    }
+}

@@ -15,8 +15,9 @@ pub struct Credit {
     pub through_tick: u64,
     /// [`Participant`] that grants it.
     pub participant: u32,
-    /// Always zero.
+    /// Always zero; not sent over the network.
+    #[serde(skip)]
     pub reserved: u32,
 }
 
-fixed_message!(Credit, 4, |credit| code::<Participant>("Credit", "participant", credit.participant));
+fixed_message!(Credit, 4, [], |credit| code::<Participant>("Credit", "participant", credit.participant));

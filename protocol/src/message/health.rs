@@ -4,6 +4,9 @@ use super::{Participant, Phase, Stamp, check_count, fixed_message};
 use crate::frame::code;
 use crate::topic::TOPIC_COUNT;
 use bytemuck::{Pod, Zeroable};
+use serde::de::{Error, Visitor};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::fmt;
 
 /// Longest text of [`Health::last_error`] \[bytes\].
 pub const ERROR_TEXT_MAX: usize = 120;
@@ -79,8 +82,127 @@ impl Health {
     }
 }
 
-fixed_message!(Health, 7, |health| {
+fixed_message!(Health, 7, [], |health| {
     code::<Participant>("Health", "participant", health.participant)?;
     code::<Phase>("Health", "phase", health.phase)?;
     check_count("Health", "error_len", health.error_len, ERROR_TEXT_MAX)
 });
+
+/// What of a health is serialised: its error as a string.
+#[derive(Serialize)]
+#[serde(rename = "Health")]
+struct Said<'a> {
+    stamp: Stamp,
+    participant: u32,
+    phase: u32,
+    pid: u32,
+    heartbeat: u64,
+    deadlines_met: u64,
+    deadlines_missed: u64,
+    stalled_nanos: u64,
+    model_version: u64,
+    snapshots: u64,
+    snapshots_refused: u64,
+    sent: [u64; TOPIC_COUNT],
+    received: [u64; TOPIC_COUNT],
+    lost: [u64; TOPIC_COUNT],
+    refused: [u64; TOPIC_COUNT],
+    error: &'a str,
+}
+
+#[derive(Deserialize)]
+#[serde(rename = "Health")]
+struct Heard {
+    stamp: Stamp,
+    participant: u32,
+    phase: u32,
+    pid: u32,
+    heartbeat: u64,
+    deadlines_met: u64,
+    deadlines_missed: u64,
+    stalled_nanos: u64,
+    model_version: u64,
+    snapshots: u64,
+    snapshots_refused: u64,
+    sent: [u64; TOPIC_COUNT],
+    received: [u64; TOPIC_COUNT],
+    lost: [u64; TOPIC_COUNT],
+    refused: [u64; TOPIC_COUNT],
+    error: ErrorText,
+}
+
+/// The last error, read without allocating.
+struct ErrorText {
+    bytes: [u8; ERROR_TEXT_MAX],
+    len: u32,
+}
+
+impl<'de> Deserialize<'de> for ErrorText {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Text;
+        impl Visitor<'_> for Text {
+            type Value = ErrorText;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "a text of at most {ERROR_TEXT_MAX} bytes")
+            }
+
+            fn visit_str<E: Error>(self, text: &str) -> Result<ErrorText, E> {
+                let mut bytes = [0; ERROR_TEXT_MAX];
+                let place = bytes.get_mut(..text.len()).ok_or_else(|| E::invalid_length(text.len(), &self))?;
+                place.copy_from_slice(text.as_bytes());
+                Ok(ErrorText { bytes, len: text.len() as u32 })
+            }
+        }
+        deserializer.deserialize_str(Text)
+    }
+}
+
+impl Serialize for Health {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let said = Said {
+            stamp: self.stamp,
+            participant: self.participant,
+            phase: self.phase,
+            pid: self.pid,
+            heartbeat: self.heartbeat,
+            deadlines_met: self.deadlines_met,
+            deadlines_missed: self.deadlines_missed,
+            stalled_nanos: self.stalled_nanos,
+            model_version: self.model_version,
+            snapshots: self.snapshots,
+            snapshots_refused: self.snapshots_refused,
+            sent: self.sent,
+            received: self.received,
+            lost: self.lost,
+            refused: self.refused,
+            error: self.last_error(),
+        };
+        said.serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Health {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let heard = Heard::deserialize(deserializer)?;
+        Ok(Self {
+            stamp: heard.stamp,
+            participant: heard.participant,
+            phase: heard.phase,
+            pid: heard.pid,
+            heartbeat: heard.heartbeat,
+            deadlines_met: heard.deadlines_met,
+            deadlines_missed: heard.deadlines_missed,
+            stalled_nanos: heard.stalled_nanos,
+            model_version: heard.model_version,
+            snapshots: heard.snapshots,
+            snapshots_refused: heard.snapshots_refused,
+            sent: heard.sent,
+            received: heard.received,
+            lost: heard.lost,
+            refused: heard.refused,
+            error_len: heard.error.len,
+            error_text: heard.error.bytes,
+        })
+    }
+}

@@ -2,7 +2,9 @@
 
 use super::{Message, Stamp};
 use crate::frame::DecodeError;
+use crate::wire::HEADER_BYTES;
 use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
 
 /// Most inputs that a learned model can have.
 pub const INPUTS_MAX: usize = 12;
@@ -12,7 +14,7 @@ const POINTS_MAX: usize = 16_384;
 
 /// Everything of a snapshot but its data points.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct SnapshotHead {
     /// Who learnt, and when; `tick` is the last one that it has learnt from.
     pub stamp: Stamp,
@@ -30,7 +32,8 @@ pub struct SnapshotHead {
     pub inputs: u32,
     /// Samples that the scores below are taken on, all newer than any the snapshot was trained on.
     pub score_samples: u32,
-    /// Always zero.
+    /// Always zero; not sent over the network.
+    #[serde(skip)]
     pub reserved: u32,
     /// Mean of each input (eq. 36), in the input's unit.
     pub input_mean: [f64; INPUTS_MAX],
@@ -113,6 +116,33 @@ impl Message for ModelSnapshot {
     const KIND: u16 = 8;
     const BYTES_MAX: usize = size_of::<SnapshotHead>() + POINTS_MAX * (INPUTS_MAX + 6) * 8;
 
+    const NUMBERS: &'static [&'static str] = &[
+        "input_mean",
+        "input_scale",
+        "length_scale",
+        "signal_variance",
+        "noise_variance",
+        "log_likelihood",
+        "jitter",
+        "score_learned",
+        "score_main",
+        "points",
+    ];
+
+    fn visit_numbers(&mut self, visit: &mut dyn FnMut(&'static str, &mut [f64])) {
+        let head = &mut self.head;
+        visit("input_mean", &mut head.input_mean);
+        visit("input_scale", &mut head.input_scale);
+        visit("length_scale", head.length_scale.as_flattened_mut());
+        visit("signal_variance", &mut head.signal_variance);
+        visit("noise_variance", &mut head.noise_variance);
+        visit("log_likelihood", &mut head.log_likelihood);
+        visit("jitter", &mut head.jitter);
+        visit("score_learned", &mut head.score_learned);
+        visit("score_main", &mut head.score_main);
+        visit("points", &mut self.values);
+    }
+
     fn stamp(&self) -> &Stamp {
         &self.head.stamp
     }
@@ -136,18 +166,116 @@ impl Message for ModelSnapshot {
         let too_short = || DecodeError::Length { message: Self::NAME, expected: head_len, got: bytes.len() };
         let (head, values) = bytes.split_at_checked(head_len).ok_or_else(too_short)?;
         let head: SnapshotHead = bytemuck::try_pod_read_unaligned(head).map_err(|_| too_short())?;
-        let bad = |field, value: u32| DecodeError::Value { message: Self::NAME, field, value: u64::from(value) };
-        if !(1..=INPUTS_MAX).contains(&(head.inputs as usize)) {
-            return Err(bad("inputs", head.inputs));
-        }
-        if head.points as usize > POINTS_MAX {
-            return Err(bad("points", head.points));
-        }
-        let expected = head.points as usize * (head.inputs as usize + 6) * 8;
+        let expected = head.value_bytes()?;
         if values.len() != expected {
             return Err(DecodeError::Length { message: Self::NAME, expected: head_len + expected, got: bytes.len() });
         }
         let values = values.chunks_exact(8).map(bytemuck::pod_read_unaligned).collect();
         Ok(Self { head, values })
     }
+
+    fn write_wire(&self, out: &mut Vec<u8>) {
+        let mut head = self.head;
+        out.reserve(HEAD_WIRE_BYTES + self.values.len() * 8);
+        head.cross(&mut |number| match number {
+            Number::Count(count) => out.extend_from_slice(&count.to_le_bytes()),
+            Number::Long(long) => out.extend_from_slice(&long.to_le_bytes()),
+            Number::Reals(reals) => write_reals(reals, out),
+        });
+        write_reals(&self.values, out);
+    }
+
+    fn read_wire(body: &[u8]) -> Result<Self, DecodeError> {
+        let length =
+            |expected| DecodeError::Length { message: Self::NAME, expected: HEADER_BYTES + expected, got: HEADER_BYTES + body.len() };
+        let (mut rest, values) = body.split_at_checked(HEAD_WIRE_BYTES).ok_or_else(|| length(HEAD_WIRE_BYTES))?;
+        let mut head = SnapshotHead::zeroed();
+        head.cross(&mut |number| match number {
+            Number::Count(count) => *count = u32::from_le_bytes(taken(&mut rest)),
+            Number::Long(long) => *long = u64::from_le_bytes(taken(&mut rest)),
+            Number::Reals(reals) => reals.fill_with(|| f64::from_le_bytes(taken(&mut rest))),
+        });
+        let expected = head.value_bytes()?;
+        if values.len() != expected {
+            return Err(length(HEAD_WIRE_BYTES + expected));
+        }
+        Ok(Self { head, values: read_reals(values) })
+    }
+}
+
+/// Length of the head on the network: all its numbers but version, kind and checksum of the stamp, and the padding \[bytes\].
+const HEAD_WIRE_BYTES: usize = size_of::<SnapshotHead>() - 8 - size_of::<u32>();
+
+/// One piece of a head.
+enum Number<'a> {
+    Count(&'a mut u32),
+    Long(&'a mut u64),
+    Reals(&'a mut [f64]),
+}
+
+impl SnapshotHead {
+    /// Shows `visit` every number that crosses the network, in its order there.
+    fn cross(&mut self, visit: &mut dyn FnMut(Number<'_>)) {
+        let stamp = &mut self.stamp;
+        for long in [&mut stamp.writer, &mut stamp.epoch, &mut stamp.sequence, &mut stamp.tick, &mut stamp.sent_nanos] {
+            visit(Number::Long(long));
+        }
+        for long in [&mut self.version, &mut self.fingerprint, &mut self.effective_tick, &mut self.plant_epoch] {
+            visit(Number::Long(long));
+        }
+        for count in [&mut self.points, &mut self.inputs, &mut self.score_samples] {
+            visit(Number::Count(count));
+        }
+        visit(Number::Reals(&mut self.input_mean));
+        visit(Number::Reals(&mut self.input_scale));
+        visit(Number::Reals(self.length_scale.as_flattened_mut()));
+        let per_axis = [
+            &mut self.signal_variance,
+            &mut self.noise_variance,
+            &mut self.log_likelihood,
+            &mut self.jitter,
+            &mut self.score_learned,
+            &mut self.score_main,
+        ];
+        for reals in per_axis {
+            visit(Number::Reals(reals));
+        }
+    }
+
+    /// Length of the data points that the head promises \[bytes\].
+    fn value_bytes(&self) -> Result<usize, DecodeError> {
+        let bad = |field, value: u32| DecodeError::Value { message: ModelSnapshot::NAME, field, value: u64::from(value) };
+        if !(1..=INPUTS_MAX).contains(&(self.inputs as usize)) {
+            return Err(bad("inputs", self.inputs));
+        }
+        if self.points as usize > POINTS_MAX {
+            return Err(bad("points", self.points));
+        }
+        Ok(self.points as usize * (self.inputs as usize + 6) * 8)
+    }
+}
+
+/// The next bytes, of which there are enough.
+fn taken<const N: usize>(rest: &mut &[u8]) -> [u8; N] {
+    rest.split_off(..N).and_then(|bytes| bytes.try_into().ok()).unwrap_or([0; N])
+}
+
+fn write_reals(reals: &[f64], out: &mut Vec<u8>) {
+    if cfg!(target_endian = "little") {
+        out.extend_from_slice(bytemuck::cast_slice(reals));
+    } else {
+        out.extend(reals.iter().flat_map(|real| real.to_le_bytes()));
+    }
+}
+
+fn read_reals(bytes: &[u8]) -> Vec<f64> {
+    let mut reals = vec![0.0; bytes.len() / 8];
+    if cfg!(target_endian = "little") {
+        bytemuck::cast_slice_mut::<f64, u8>(&mut reals).copy_from_slice(bytes);
+    } else {
+        for (real, bytes) in reals.iter_mut().zip(bytes.as_chunks::<8>().0) {
+            *real = f64::from_le_bytes(*bytes);
+        }
+    }
+    reals
 }

@@ -1,8 +1,11 @@
 //! controller → watchers: what it intends, what it believes, and what that cost.
 
+use super::sequence::Bounded;
 use super::{Rung, SolverStatus, Stamp, check_count, fixed_message};
 use crate::frame::code;
 use bytemuck::{Pod, Zeroable};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Longest horizon that a plan can carry \[periods\].
 pub const HORIZON_MAX: usize = 40;
@@ -66,8 +69,110 @@ impl Plan {
     }
 }
 
-fixed_message!(Plan, 6, |plan| {
+fixed_message!(Plan, 6, [disturbance, innovation, residual, predicted, reference, variance, input], |plan| {
     check_count("Plan", "horizon", plan.horizon, HORIZON_MAX)?;
     code::<SolverStatus>("Plan", "status", plan.status)?;
     code::<Rung>("Plan", "rung", plan.rung)
 });
+
+/// What of a plan is serialised: of its rows only those that count. Their number says how long the horizon is.
+#[derive(Serialize)]
+#[serde(rename = "Plan")]
+struct Said<'a> {
+    stamp: Stamp,
+    plant_epoch: u64,
+    model_version: u64,
+    status: u32,
+    iterations: u32,
+    rung: u32,
+    tick_nanos: u64,
+    linearise_nanos: u64,
+    solve_nanos: u64,
+    disturbance: [f64; 3],
+    innovation: [f64; 3],
+    residual: [f64; 3],
+    predicted: &'a [[f64; 6]],
+    reference: &'a [[f64; 6]],
+    variance: &'a [[f64; 3]],
+    input: &'a [[f64; 3]],
+}
+
+#[derive(Deserialize)]
+#[serde(rename = "Plan")]
+struct Heard {
+    stamp: Stamp,
+    plant_epoch: u64,
+    model_version: u64,
+    status: u32,
+    iterations: u32,
+    rung: u32,
+    tick_nanos: u64,
+    linearise_nanos: u64,
+    solve_nanos: u64,
+    disturbance: [f64; 3],
+    innovation: [f64; 3],
+    residual: [f64; 3],
+    predicted: Bounded<[f64; 6], { HORIZON_MAX + 1 }>,
+    reference: Bounded<[f64; 6], { HORIZON_MAX + 1 }>,
+    variance: Bounded<[f64; 3], { HORIZON_MAX + 1 }>,
+    input: Bounded<[f64; 3], HORIZON_MAX>,
+}
+
+/// The first `count` rows; all of them if there are fewer.
+fn first<T>(rows: &[T], count: usize) -> &[T] {
+    rows.get(..count).unwrap_or(rows)
+}
+
+impl Serialize for Plan {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let horizon = self.horizon as usize;
+        let said = Said {
+            stamp: self.stamp,
+            plant_epoch: self.plant_epoch,
+            model_version: self.model_version,
+            status: self.status,
+            iterations: self.iterations,
+            rung: self.rung,
+            tick_nanos: self.tick_nanos,
+            linearise_nanos: self.linearise_nanos,
+            solve_nanos: self.solve_nanos,
+            disturbance: self.disturbance,
+            innovation: self.innovation,
+            residual: self.residual,
+            predicted: first(&self.predicted, horizon + 1),
+            reference: first(&self.reference, horizon + 1),
+            variance: first(&self.variance, horizon + 1),
+            input: first(&self.input, horizon),
+        };
+        said.serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Plan {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let heard = Heard::deserialize(deserializer)?;
+        let horizon = heard.input.len;
+        if [heard.predicted.len, heard.reference.len, heard.variance.len] != [horizon + 1; 3] {
+            return Err(D::Error::custom("its rows do not belong to one horizon"));
+        }
+        Ok(Self {
+            horizon: horizon as u32,
+            stamp: heard.stamp,
+            plant_epoch: heard.plant_epoch,
+            model_version: heard.model_version,
+            status: heard.status,
+            iterations: heard.iterations,
+            rung: heard.rung,
+            tick_nanos: heard.tick_nanos,
+            linearise_nanos: heard.linearise_nanos,
+            solve_nanos: heard.solve_nanos,
+            disturbance: heard.disturbance,
+            innovation: heard.innovation,
+            residual: heard.residual,
+            predicted: heard.predicted.items,
+            reference: heard.reference.items,
+            variance: heard.variance.items,
+            input: heard.input.items,
+        })
+    }
+}

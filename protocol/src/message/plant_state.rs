@@ -47,7 +47,7 @@ impl PlantState {
     }
 }
 
-fixed_message!(PlantState, 1, |state| {
+fixed_message!(PlantState, 1, [pose, velocity, wheel_speed, current, input], |state| {
     code::<Rung>("PlantState", "rung", state.rung)?;
     code::<Reason>("PlantState", "reason", state.reason)
 });

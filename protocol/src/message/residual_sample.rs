@@ -24,8 +24,9 @@ pub struct ResidualSample {
     pub residual: [f64; 3],
     /// 1 if the period teaches something, 0 if the gate chose its input or no period has passed.
     pub usable: u32,
-    /// Always zero.
+    /// Always zero; not sent over the network.
+    #[serde(skip)]
     pub reserved: u32,
 }
 
-fixed_message!(ResidualSample, 3, |sample| check_count("ResidualSample", "usable", sample.usable, 1));
+fixed_message!(ResidualSample, 3, [pose, velocity, input, residual], |sample| check_count("ResidualSample", "usable", sample.usable, 1));

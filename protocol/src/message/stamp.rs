@@ -3,15 +3,18 @@
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
-/// Who said it, and when. Filled in by the [`Sink`](crate::port::Sink) that sends the message, except for `tick`.
+/// Who said it, and when. The first three fields are in the header of a message on the network, not in its body. Filled in by the [`Sink`](crate::port::Sink) that sends the message, except for `tick`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, Serialize, Deserialize)]
 pub struct Stamp {
     /// CRC-32C of every byte behind this field.
+    #[serde(skip)]
     pub checksum: u32,
     /// Protocol version, [`VERSION`](crate::VERSION).
+    #[serde(skip)]
     pub version: u16,
     /// Kind of message, [`Message::KIND`](super::Message::KIND).
+    #[serde(skip)]
     pub kind: u16,
     /// One process instance: drawn at random when it starts.
     pub writer: u64,

@@ -3,8 +3,22 @@
 use super::{ReceiveError, SendError};
 use std::time::Duration;
 
+/// How messages become bytes on a carrier.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Encoding {
+    /// As in memory, see [`frame`](crate::frame). Lengths are multiples of 8 bytes.
+    Words,
+    /// Packed, see [`wire`](crate::wire).
+    Wire,
+}
+
 /// Where the bytes of one writer leave.
 pub(super) trait Outlet {
+    /// How messages become bytes here.
+    fn encoding(&self) -> Encoding {
+        Encoding::Words
+    }
+
     /// Lets `fill` write `length` bytes in place, then hands them to every reader.
     fn send(&mut self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<(), SendError>;
 
@@ -14,6 +28,11 @@ pub(super) trait Outlet {
 
 /// Where the bytes for one reader arrive.
 pub(super) trait Inlet {
+    /// How bytes become messages here.
+    fn encoding(&self) -> Encoding {
+        Encoding::Words
+    }
+
     /// Shows `visit` the oldest waiting bytes; false if nothing waits.
     fn receive(&mut self, visit: &mut dyn FnMut(&[u8])) -> Result<bool, ReceiveError>;
 

@@ -33,11 +33,19 @@ pub enum OpenError {
         /// Why not.
         reason: String,
     },
-    /// Shared memory is not to be had at all.
+    /// Shared memory or the network is not to be had at all.
     #[error("graph {graph:?} cannot be joined: {reason}")]
     Join {
         /// Name of the graph.
         graph: String,
+        /// What the carrier said.
+        reason: String,
+    },
+    /// The graph's meeting place on the network cannot be made.
+    #[error("a router at {endpoints} cannot be opened: {reason}")]
+    Router {
+        /// Where it was to listen.
+        endpoints: String,
         /// What the carrier said.
         reason: String,
     },

@@ -1,6 +1,6 @@
 //! How the links of one graph run, as a setting.
 
-use super::OpenError;
+use super::{Faults, OpenError};
 use crate::topic::Topic;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -14,7 +14,7 @@ pub const GRAPH_NAME_MAX: usize = 32;
 pub(super) const PATIENCE_MAX: Duration = Duration::from_hours(24);
 
 /// How the links of one graph run. Every process of the graph gets the same.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Links {
     /// Name of the graph: 1 to 32 of `a`–`z`, `0`–`9`, `_` and `-`. Two graphs of different names never hear each other.
@@ -34,6 +34,9 @@ pub struct Links {
     /// Name of the graph on the network, of the same form, for launches that meet there; that of the graph unless it is said.
     #[serde(default)]
     pub network_graph: Option<String>,
+    /// Faults that are injected on purpose; none by default.
+    #[serde(default, skip_serializing_if = "Faults::is_empty")]
+    pub faults: Faults,
 }
 
 /// What a link runs over. In-process memory is not a setting: see [`Exchange`](super::Exchange).
@@ -77,7 +80,16 @@ impl Links {
     /// Everything over the shared memory of this machine.
     pub fn on_this_machine(graph: impl Into<String>, root: impl Into<PathBuf>, lock_step: bool, patience_millis: u64) -> Self {
         let carriers = Carriers::all(Carrier::SharedMemory);
-        Self { graph: graph.into(), lock_step, root: root.into(), patience_millis, carriers, connect: Vec::new(), network_graph: None }
+        Self {
+            graph: graph.into(),
+            lock_step,
+            root: root.into(),
+            patience_millis,
+            carriers,
+            connect: Vec::new(),
+            network_graph: None,
+            faults: Faults::default(),
+        }
     }
 
     /// How long a lossless writer waits for room: a day at most.

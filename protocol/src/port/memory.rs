@@ -5,7 +5,7 @@
 
 use super::carrier::{Inlet, Outlet};
 use super::links::PATIENCE_MAX;
-use super::{OpenError, ReceiveError, SendError};
+use super::{Audience, OpenError, ReceiveError, SendError};
 use crate::topic::{Delivery, Quality, TOPIC_COUNT, Topic};
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -33,8 +33,8 @@ struct Table {
 }
 
 /// What waits for one reader.
-#[derive(Default)]
 struct Queue {
+    quality: Quality,
     state: Mutex<QueueState>,
     arrived: Condvar,
     left: Condvar,
@@ -55,6 +55,10 @@ impl Exchange {
         Self { shared: Arc::new(Shared { lock_step, patience, topics }) }
     }
 
+    pub(super) fn lock_step(&self) -> bool {
+        self.shared.lock_step
+    }
+
     pub(super) fn outlet(&self, topic: Topic) -> Result<MemoryOutlet, OpenError> {
         let quality = topic.quality(self.shared.lock_step);
         let mut table = self.shared.table(topic);
@@ -67,13 +71,13 @@ impl Exchange {
         Ok(MemoryOutlet { exchange: self.clone(), topic, quality, id, readers: Vec::new(), bytes: Vec::new() })
     }
 
-    pub(super) fn inlet(&self, topic: Topic) -> Result<MemoryInlet, OpenError> {
-        let quality = topic.quality(self.shared.lock_step);
+    pub(super) fn inlet(&self, topic: Topic, audience: Audience) -> Result<MemoryInlet, OpenError> {
+        let quality = audience.quality(topic, self.shared.lock_step);
         let mut table = self.shared.table(topic);
         if table.readers.len() >= quality.readers {
             return Err(OpenError::Full { topic, role: "readers", limit: quality.readers });
         }
-        let queue = Arc::new(Queue::default());
+        let queue = Arc::new(Queue::new(quality));
         queue.lock().waiting.extend(table.writers.iter().flat_map(|(_, history)| history.iter().cloned()));
         let id = table.draw_id();
         table.readers.push((id, Arc::clone(&queue)));
@@ -117,12 +121,17 @@ impl Table {
 }
 
 impl Queue {
+    fn new(quality: Quality) -> Self {
+        Self { quality, state: Mutex::default(), arrived: Condvar::new(), left: Condvar::new() }
+    }
+
     fn lock(&self) -> MutexGuard<'_, QueueState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Appends `bytes`. When full, waits until `deadline` if the link is lossless, and says whether there was room; else drops the oldest.
-    fn push(&self, bytes: &[u8], quality: Quality, deadline: Instant) -> bool {
+    fn push(&self, bytes: &[u8], deadline: Instant) -> bool {
+        let quality = self.quality;
         let mut state = self.lock();
         if quality.delivery == Delivery::Lossless {
             while state.waiting.len() >= quality.depth && !state.closed {
@@ -174,7 +183,7 @@ impl Outlet for MemoryOutlet {
         let deadline = Instant::now() + patience;
         let mut complete = true;
         for reader in &self.readers {
-            complete &= reader.push(&self.bytes, self.quality, deadline);
+            complete &= reader.push(&self.bytes, deadline);
         }
         self.readers.clear();
         if complete { Ok(()) } else { Err(SendError::NoRoom { topic: self.topic, waited: patience }) }

@@ -1,37 +1,85 @@
 //! The carrier between machines, over zenoh.
+//!
+//! Every `Ports` is a zenoh client of the graph's router. No thread of the caller ever enters zenoh after a port is open: a writer's
+//! messages go through a bounded queue to a thread of its own, a reader's come through one from zenoh's threads. Keys, presence and room
+//! reports are described in `WIRE.md`.
+
+mod bell;
+mod config;
+mod inlet;
+mod keys;
+mod outlet;
+mod presence;
+mod readers;
+mod router;
+
+pub use router::Router;
 
 use super::carrier::{Inlet, Outlet};
-use super::{Links, OpenError};
-use crate::topic::Topic;
-use std::convert::Infallible;
+use super::watched::Audience;
+use super::{Links, OpenError, Reservation};
+use crate::topic::{Quality, Topic};
+use inlet::NetworkInlet;
+use outlet::NetworkOutlet;
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::rc::Rc;
+use std::time::Duration;
+use zenoh::{Session, Wait};
+
+/// How long the others may take to answer when a port is opened.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// This thread's membership in one graph.
-pub(super) struct Network(Infallible);
+pub(super) struct Network {
+    session: Session,
+    graph: String,
+    lock_step: bool,
+    patience: Duration,
+    /// Keys of the presences of this session.
+    own: Rc<RefCell<BTreeSet<String>>>,
+}
 
 impl Network {
     pub(super) fn open(links: &Links) -> Result<Self, OpenError> {
-        Err(OpenError::Join { graph: links.graph.clone(), reason: "the network carrier is not built yet".to_owned() })
+        let failed = |reason: String| OpenError::Join { graph: links.graph.clone(), reason };
+        if links.connect.is_empty() {
+            return Err(failed("a topic runs over the network, and `connect` names no endpoint of a router".to_owned()));
+        }
+        let config = config::client(&links.connect).map_err(|error| failed(error.to_string()))?;
+        let session = zenoh::open(config).wait();
+        let session = session.map_err(|error| failed(format!("no router answers at {}: {error}", links.connect.join(", "))))?;
+        Ok(Self {
+            session,
+            graph: links.network_graph().to_owned(),
+            lock_step: links.lock_step,
+            patience: links.patience(),
+            own: Rc::default(),
+        })
     }
 
-    pub(super) fn outlet(&self, _topic: Topic) -> Result<Box<dyn Outlet>, OpenError> {
-        match self.0 {}
+    pub(super) fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<Box<dyn Outlet>, OpenError> {
+        Ok(Box::new(NetworkOutlet::open(self, topic, reservation)?))
     }
 
-    pub(super) fn inlet(&self, _topic: Topic) -> Result<Box<dyn Inlet>, OpenError> {
-        match self.0 {}
+    pub(super) fn inlet(&self, topic: Topic, audience: Audience) -> Result<Box<dyn Inlet>, OpenError> {
+        Ok(Box::new(match audience {
+            Audience::Watchers if Audience::is_split(topic, self.lock_step) => NetworkInlet::watch(self, topic)?,
+            Audience::Members | Audience::Watchers => NetworkInlet::open(self, topic)?,
+        }))
+    }
+
+    fn quality(&self, topic: Topic) -> Quality {
+        topic.quality(self.lock_step)
     }
 }
 
-/// Stub, until the carrier is merged.
-#[derive(Debug)]
-pub struct Router;
-impl Router {
-    /// Stub.
-    pub fn open(_listen: &[String], _connect: &[String]) -> Result<Self, OpenError> {
-        Ok(Self)
-    }
-    /// Stub.
-    pub fn endpoints(&self) -> Vec<String> {
-        Vec::new()
-    }
+/// The carrier's error, about one topic.
+fn failed(topic: Topic) -> impl Fn(zenoh::Error) -> OpenError {
+    move |error| OpenError::Carrier { topic, reason: error.to_string() }
+}
+
+/// The error of a thread that the system does not give.
+fn no_thread(topic: Topic) -> impl Fn(std::io::Error) -> OpenError {
+    move |error| OpenError::Carrier { topic, reason: format!("no thread: {error}") }
 }

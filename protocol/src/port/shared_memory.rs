@@ -13,7 +13,7 @@ mod sweep;
 pub use sweep::{SweepReport, sweep};
 
 use super::links::Links;
-use super::{OpenError, Reservation};
+use super::{Audience, OpenError, Reservation};
 use crate::topic::{Quality, Topic};
 use iceoryx2::prelude::{Config, FileName, LogLevel, Node, NodeBuilder, Path, SemanticString, SignalHandlingMode, ipc, set_log_level};
 use inlet::SharedMemoryInlet;
@@ -52,16 +52,16 @@ impl SharedMemory {
         Ok(Self { node: Rc::new(node), graph: links.graph.clone(), lock_step: links.lock_step, patience: links.patience() })
     }
 
-    pub(super) fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<SharedMemoryOutlet, OpenError> {
-        SharedMemoryOutlet::open(self, topic, reservation)
+    pub(super) fn outlet(&self, topic: Topic, audience: Audience, reservation: Reservation) -> Result<SharedMemoryOutlet, OpenError> {
+        SharedMemoryOutlet::open(self, topic, audience, reservation)
     }
 
-    pub(super) fn inlet(&self, topic: Topic) -> Result<SharedMemoryInlet, OpenError> {
-        SharedMemoryInlet::open(self, topic)
+    pub(super) fn inlet(&self, topic: Topic, audience: Audience) -> Result<SharedMemoryInlet, OpenError> {
+        SharedMemoryInlet::open(self, topic, audience)
     }
 
-    fn quality(&self, topic: Topic) -> Quality {
-        topic.quality(self.lock_step)
+    fn quality(&self, topic: Topic, audience: Audience) -> Quality {
+        audience.quality(topic, self.lock_step)
     }
 }
 

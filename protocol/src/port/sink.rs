@@ -1,10 +1,9 @@
 //! message → carrier: stamps, numbers and encodes.
 
-use super::carrier::Outlet;
+use super::carrier::{Encoding, Outlet};
 use super::{Identity, SendError};
-use crate::frame;
 use crate::topic::OnTopic;
-use crate::{VERSION, clock};
+use crate::{VERSION, clock, frame, wire};
 use std::marker::PhantomData;
 
 /// A writer of `T` on its topic.
@@ -16,12 +15,14 @@ pub struct Sink<T> {
     identity: Identity,
     sequence: u64,
     sent: u64,
+    /// The message as it is on the network; not used elsewhere.
+    encoded: Vec<u8>,
     message: PhantomData<T>,
 }
 
 impl<T: OnTopic> Sink<T> {
     pub(super) fn new(outlet: Box<dyn Outlet>, identity: Identity) -> Self {
-        Self { outlet, identity, sequence: 0, sent: 0, message: PhantomData }
+        Self { outlet, identity, sequence: 0, sent: 0, encoded: Vec::new(), message: PhantomData }
     }
 
     /// Sends `message` to every reader, and fills in its stamp except for `tick`.
@@ -41,10 +42,16 @@ impl<T: OnTopic> Sink<T> {
         stamp.sequence = self.sequence;
         stamp.sent_nanos = clock::monotonic_nanos();
         let mut checksum = 0;
-        let sent = self.outlet.send(message.byte_len(), &mut |out| {
-            frame::encode(message, out);
-            checksum = frame::peek(out).map_or(0, |stamp| stamp.checksum);
-        });
+        let sent = match self.outlet.encoding() {
+            Encoding::Words => self.outlet.send(message.byte_len(), &mut |out| {
+                frame::encode(message, out);
+                checksum = frame::peek(out).map_or(0, |stamp| stamp.checksum);
+            }),
+            Encoding::Wire => {
+                checksum = wire::encode(message, &mut self.encoded);
+                self.outlet.send(self.encoded.len(), &mut |out| out.copy_from_slice(&self.encoded))
+            }
+        };
         message.stamp_mut().checksum = checksum;
         self.sent += u64::from(sent.is_ok());
         sent
@@ -80,12 +87,16 @@ impl RawSink {
         Self { outlet }
     }
 
-    /// Sends `bytes` as they are, behind them zeros up to a multiple of 8.
+    /// Sends `bytes` as they are; where lengths are counted in words, behind them zeros up to a multiple of 8.
     ///
     /// # Errors
     /// As for [`Sink::send`].
     pub fn send_raw(&mut self, bytes: &[u8]) -> Result<(), SendError> {
-        self.outlet.send(bytes.len().next_multiple_of(8), &mut |out| {
+        let length = match self.outlet.encoding() {
+            Encoding::Words => bytes.len().next_multiple_of(8),
+            Encoding::Wire => bytes.len(),
+        };
+        self.outlet.send(length, &mut |out| {
             let (head, padding) = out.split_at_mut(bytes.len());
             head.copy_from_slice(bytes);
             padding.fill(0);

@@ -1,10 +1,11 @@
 //! carrier → message: decodes, drops what is stale, and counts.
 
-use super::carrier::Inlet;
+use super::carrier::{Encoding, Inlet};
 use super::sequence::{Place, Sequences};
 use super::{ReceiveError, Since};
 use crate::frame::{self, DecodeError};
 use crate::topic::OnTopic;
+use crate::wire;
 use std::marker::PhantomData;
 use std::time::Duration;
 
@@ -43,9 +44,13 @@ impl<T: OnTopic> Source<T> {
     /// [`ReceiveError`] if the carrier fails.
     #[expect(clippy::should_implement_trait, reason = "an iterator would end where a source only has nothing yet")]
     pub fn next(&mut self) -> Result<Option<T>, ReceiveError> {
+        let decode = match self.inlet.encoding() {
+            Encoding::Words => frame::decode::<T>,
+            Encoding::Wire => wire::decode::<T>,
+        };
         loop {
             let mut taken = None;
-            if !self.inlet.receive(&mut |bytes| taken = Some(frame::decode::<T>(bytes)))? {
+            if !self.inlet.receive(&mut |bytes| taken = Some(decode(bytes)))? {
                 return Ok(None);
             }
             match taken {

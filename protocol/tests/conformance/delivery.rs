@@ -1,6 +1,6 @@
 //! What is sent arrives, in order, whole, and what does not is counted.
 
-use crate::fixture::{BRIEF, Failure, Fixture, LONG, Outcome, command, credit, snapshot};
+use crate::fixture::{BRIEF, Failure, Fence, Fixture, LONG, Outcome, PATIENCE, command, count_until, credit, hear, hear_until, snapshot};
 use bytemuck::Zeroable;
 use protocol::message::{Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Rung, Truth};
 use protocol::port::{Ports, SendError, Since, Tally};
@@ -16,7 +16,7 @@ pub(crate) fn messages_arrive_in_order<F: Fixture>() -> Outcome {
         sink.send(&mut command(tick))?;
     }
     for tick in 1..=100 {
-        let received = source.next()?.ok_or("a command is missing")?;
+        let received = hear(&mut source)?;
         assert_eq!((received.stamp.tick, received.stamp.sequence, received.stamp.epoch), (tick, tick, 3));
     }
     assert_eq!(source.next()?, None);
@@ -30,7 +30,7 @@ pub(crate) fn every_kind_of_message_crosses_whole<F: Fixture>() -> Outcome {
         let mut source = ports.source::<T>(Since::First)?;
         let mut sink = ports.sink::<T>()?;
         sink.send(&mut message)?;
-        assert!(source.next()? == Some(message), "{} has changed on its way", T::NAME);
+        assert!(hear(&mut source)? == message, "{} has changed on its way", T::NAME);
         Ok(())
     }
     let graph = F::new(true)?;
@@ -49,13 +49,16 @@ pub(crate) fn every_kind_of_message_crosses_whole<F: Fixture>() -> Outcome {
 
 pub(crate) fn of_too_many_messages_the_newest_win_and_the_rest_are_counted<F: Fixture>() -> Outcome {
     let graph = F::new(false)?;
-    let ports = graph.ports(1)?;
-    let mut source = ports.source::<Credit>(Since::First)?;
-    let mut sink = ports.sink::<Credit>()?;
+    let (here, there) = (graph.ports(1)?, graph.ports(1)?);
+    let mut source = here.source::<Credit>(Since::First)?;
+    let mut sink = there.sink::<Credit>()?;
+    let mut fence = Fence::between(&there, &here)?;
+    assert_eq!(source.next()?, None);
     let depth = Topic::Credit.quality(false).depth as u64;
     for tick in 1..=depth + 17 {
         sink.send(&mut credit(tick))?;
     }
+    fence.pass(sink)?;
     for tick in 18..=depth + 17 {
         assert_eq!(source.next()?.map(|credit| credit.through_tick), Some(tick));
     }
@@ -66,13 +69,15 @@ pub(crate) fn of_too_many_messages_the_newest_win_and_the_rest_are_counted<F: Fi
 
 pub(crate) fn the_latest_message_passes_over_the_older_ones<F: Fixture>() -> Outcome {
     let graph = F::new(false)?;
-    let ports = graph.ports(1)?;
-    let mut source = ports.source::<Command>(Since::First)?;
-    let mut sink = ports.sink::<Command>()?;
+    let (here, there) = (graph.ports(1)?, graph.ports(1)?);
+    let mut source = here.source::<Command>(Since::First)?;
+    let mut sink = there.sink::<Command>()?;
+    let mut fence = Fence::between(&there, &here)?;
     assert_eq!(source.latest()?, None);
     for tick in 1..=9 {
         sink.send(&mut command(tick))?;
     }
+    fence.pass(sink)?;
     assert_eq!(source.latest()?.map(|command| command.stamp.tick), Some(9));
     assert_eq!(source.latest()?, None);
     assert_eq!(source.tally(), Tally { received: 9, ..Tally::default() });
@@ -81,11 +86,16 @@ pub(crate) fn the_latest_message_passes_over_the_older_ones<F: Fixture>() -> Out
 
 pub(crate) fn the_latest_message_is_of_the_greatest_epoch<F: Fixture>() -> Outcome {
     let graph = F::new(false)?;
-    let mut source = graph.ports(1)?.source::<Command>(Since::First)?;
-    let mut successor = graph.ports(2)?.sink::<Command>()?;
-    let mut hung = graph.ports(1)?.sink::<Command>()?;
+    let here = graph.ports(1)?;
+    let mut source = here.source::<Command>(Since::First)?;
+    let (new, old) = (graph.ports(2)?, graph.ports(1)?);
+    let (mut successor, mut hung) = (new.sink::<Command>()?, old.sink::<Command>()?);
+    let (mut after_successor, mut after_hung) = (Fence::between(&new, &here)?, Fence::between(&old, &here)?);
+    assert_eq!(source.next()?, None);
     successor.send(&mut command(50))?;
     hung.send(&mut command(40))?;
+    after_successor.pass(successor)?;
+    after_hung.pass(hung)?;
     assert_eq!(source.latest()?.map(|command| command.stamp.tick), Some(50));
     assert_eq!(source.tally().received, 2);
     Ok(())
@@ -93,15 +103,20 @@ pub(crate) fn the_latest_message_is_of_the_greatest_epoch<F: Fixture>() -> Outco
 
 pub(crate) fn a_reader_that_never_reads_does_not_stop_the_control_path<F: Fixture>() -> Outcome {
     let graph = F::new(false)?;
-    let ports = graph.ports(1)?;
-    let mut stopped = ports.source::<Command>(Since::First)?;
+    let (here, there) = (graph.ports(1)?, graph.ports(1)?);
+    let mut stopped = here.source::<Command>(Since::First)?;
+    let mut reading = here.source::<Command>(Since::First)?;
+    let mut sink = there.sink::<Command>()?;
+    let mut fence = Fence::between(&there, &here)?;
     assert!(!stopped.wait(BRIEF)?, "it listens, and then stops");
-    let mut reading = ports.source::<Command>(Since::First)?;
-    let mut sink = ports.sink::<Command>()?;
     for tick in 1..=20_000 {
         sink.send(&mut command(tick))?;
-        assert_eq!(reading.latest()?.map(|command| command.stamp.tick), Some(tick));
+        if tick % 10 == 0 {
+            hear_until(&mut reading, |command| command.stamp.tick == tick)?;
+        }
     }
+    fence.pass(sink)?;
+    assert_eq!(reading.tally(), Tally { received: 20_000, ..Tally::default() });
     let depth = Topic::Command.quality(false).depth as u64;
     assert_eq!(stopped.latest()?.map(|command| command.stamp.tick), Some(20_000));
     assert_eq!(stopped.tally(), Tally { received: depth, lost: 20_000 - depth, ..Tally::default() });
@@ -135,22 +150,24 @@ pub(crate) fn nothing_is_lost_in_lock_step<F: Fixture>() -> Outcome {
 }
 
 pub(crate) fn a_lossless_writer_gives_up_when_its_patience_is_over<F: Fixture>() -> Outcome {
-    let graph = F::with_patience(true, BRIEF)?;
-    let ports = graph.ports(1)?;
-    let mut stopped = ports.source::<Credit>(Since::First)?;
-    let mut sink = ports.sink::<Credit>()?;
+    let graph = F::with_patience(true, PATIENCE)?;
+    let (here, there) = (graph.ports(1)?, graph.ports(1)?);
+    let mut stopped = here.source::<Credit>(Since::First)?;
+    let mut sink = there.sink::<Credit>()?;
+    let mut fence = Fence::between(&there, &here)?;
     let depth = Topic::Credit.quality(true).depth as u64;
     for tick in 1..=depth {
         sink.send(&mut credit(tick))?;
     }
-    let mut reading = ports.source::<Credit>(Since::Joining)?;
-    assert_eq!(sink.send(&mut credit(depth + 1)), Err(SendError::NoRoom { topic: Topic::Credit, waited: BRIEF }));
+    let mut reading = here.source::<Credit>(Since::Joining)?;
+    assert_eq!(sink.send(&mut credit(depth + 1)), Err(SendError::NoRoom { topic: Topic::Credit, waited: PATIENCE }));
     assert_eq!(sink.sent(), depth);
-    assert_eq!(reading.latest()?.map(|credit| credit.through_tick), Some(depth + 1), "the other reader has got it");
+    hear_until(&mut reading, |credit| credit.through_tick == depth + 1)?;
+    fence.cross()?;
 
-    assert_eq!(stopped.next()?.map(|credit| credit.through_tick), Some(1));
+    assert_eq!(hear(&mut stopped)?.through_tick, 1);
     sink.send(&mut credit(depth + 2))?;
-    assert_eq!(stopped.latest()?.map(|credit| credit.through_tick), Some(depth + 2));
+    hear_until(&mut stopped, |credit| credit.through_tick == depth + 2)?;
     assert_eq!(stopped.tally(), Tally { received: depth + 1, lost: 1, ..Tally::default() });
     Ok(())
 }
@@ -167,7 +184,7 @@ pub(crate) fn each_writer_of_a_topic_is_counted_by_itself<F: Fixture>() -> Outco
             sink.send(&mut Health::zeroed())?;
         }
     }
-    while source.next()?.is_some() {}
+    count_until(&mut source, |source| source.tally().received == 100)?;
     assert_eq!(source.tally(), Tally { received: 100, ..Tally::default() });
     Ok(())
 }
@@ -181,7 +198,7 @@ pub(crate) fn a_snapshot_of_a_megabyte_crosses_whole<F: Fixture>() -> Outcome {
         let mut sent = snapshot(version, points)?;
         assert!(version != 2 || sent.byte_len() > 1_000_000);
         sink.send(&mut sent)?;
-        assert!(source.next()? == Some(sent), "snapshot {version} has changed on its way");
+        assert!(hear(&mut source)? == sent, "snapshot {version} has changed on its way");
     }
     assert_eq!(source.tally(), Tally { received: 4, ..Tally::default() });
     Ok(())

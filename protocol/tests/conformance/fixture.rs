@@ -1,8 +1,10 @@
 //! A carrier to be tested, alone with itself, that cleans up when it goes.
 
 use bytemuck::Zeroable;
-use protocol::message::{Command, Credit, ModelSnapshot, SnapshotHead};
-use protocol::port::{Exchange, Identity, Links, Ports, sweep};
+use protocol::message::{Command, Credit, Health, Message, ModelSnapshot, SnapshotHead};
+use protocol::port::{Carrier, Carriers, Exchange, Identity, Links, Ports, Router, Since, Sink, Source, sweep};
+use protocol::topic::OnTopic;
+use protocol::{frame, wire};
 use std::error::Error;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
@@ -14,6 +16,9 @@ pub(crate) type Outcome = Result<(), Failure>;
 
 /// Longer than any test machine needs; a wait that is not to be successful uses [`BRIEF`].
 pub(crate) const LONG: Duration = Duration::from_mins(1);
+
+/// Longer than it takes a reader that has room to say so, on any test machine.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Long enough to notice that something does not happen.
 pub(crate) const BRIEF: Duration = Duration::from_millis(40);
@@ -27,6 +32,13 @@ pub(crate) trait Fixture: Sync + Sized {
 
     fn new(lock_step: bool) -> Result<Self, Failure> {
         Self::with_patience(lock_step, LONG)
+    }
+
+    /// The bytes of `message` as this carrier carries them.
+    fn bytes<T: Message>(message: &T) -> Vec<u8> {
+        let mut bytes = vec![0; message.byte_len()];
+        frame::encode(message, &mut bytes);
+        bytes
     }
 }
 
@@ -67,6 +79,98 @@ impl Drop for Shared {
     fn drop(&mut self) {
         // A test that fails shall not leave more behind than its message.
         let _ = sweep(&self.links);
+    }
+}
+
+pub(crate) struct Net {
+    pub(crate) links: Links,
+    _router: Router,
+}
+
+impl Fixture for Net {
+    fn with_patience(lock_step: bool, patience: Duration) -> Result<Self, Failure> {
+        let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
+        let links = Links {
+            carriers: Carriers::all(Carrier::Network),
+            connect: router.endpoints().to_vec(),
+            ..Links::on_this_machine("t", "", lock_step, u64::try_from(patience.as_millis())?)
+        };
+        Ok(Self { links, _router: router })
+    }
+
+    fn ports(&self, epoch: u64) -> Result<Ports, Failure> {
+        Ok(Ports::open(&self.links, Identity::new(epoch))?)
+    }
+
+    fn bytes<T: Message>(message: &T) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        wire::encode(message, &mut bytes);
+        bytes
+    }
+}
+
+/// The next message, which is on its way.
+pub(crate) fn hear<T: OnTopic>(source: &mut Source<T>) -> Result<T, Failure> {
+    loop {
+        if !source.wait(LONG)? {
+            return Err(format!("no {} comes", T::NAME).into());
+        }
+        if let Some(message) = source.next()? {
+            return Ok(message);
+        }
+    }
+}
+
+/// The newest message, once everything up to `tick` is there.
+pub(crate) fn hear_until<T: OnTopic>(source: &mut Source<T>, tick: impl Fn(&T) -> bool) -> Result<T, Failure> {
+    loop {
+        if !source.wait(LONG)? {
+            return Err(format!("no {} comes any more", T::NAME).into());
+        }
+        if let Some(message) = source.latest()?
+            && tick(&message)
+        {
+            return Ok(message);
+        }
+    }
+}
+
+/// Reads until what has been counted is as it should be.
+pub(crate) fn count_until<T: OnTopic>(source: &mut Source<T>, reached: impl Fn(&Source<T>) -> bool) -> Outcome {
+    loop {
+        while source.next()?.is_some() {}
+        if reached(source) {
+            return Ok(());
+        }
+        if !source.wait(LONG)? {
+            return Err(format!("after {:?} no {} comes any more", source.tally(), T::NAME).into());
+        }
+    }
+}
+
+/// Tells when everything that was sent from one place has come to another, without reading it.
+pub(crate) struct Fence {
+    sink: Sink<Health>,
+    source: Source<Health>,
+}
+
+impl Fence {
+    /// Between the writers of `from`, and the readers of `to`, which must be other ports.
+    pub(crate) fn between(from: &Ports, to: &Ports) -> Result<Self, Failure> {
+        Ok(Self { source: to.source(Since::First)?, sink: from.sink()? })
+    }
+
+    /// Ends when what `written` has sent is there: a sink is closed when that has gone, and this follows it.
+    pub(crate) fn pass<T: OnTopic>(&mut self, written: Sink<T>) -> Outcome {
+        drop(written);
+        self.cross()
+    }
+
+    /// Ends when what a reader on the same ports has heard is with all others there too.
+    pub(crate) fn cross(&mut self) -> Outcome {
+        self.sink.send(&mut Health::zeroed())?;
+        hear(&mut self.source)?;
+        Ok(())
     }
 }
 

@@ -1,6 +1,6 @@
 //! Sleeping until there is something to do.
 
-use crate::fixture::{BRIEF, Fixture, LONG, Outcome, command};
+use crate::fixture::{BRIEF, Fixture, LONG, Outcome, command, hear, hear_until};
 use protocol::message::Command;
 use protocol::port::Since;
 use std::thread;
@@ -18,8 +18,7 @@ pub(crate) fn a_wait_ends_when_a_message_comes<F: Fixture>() -> Outcome {
             sink.send(&mut command(1))?;
             Ok(is_heard.recv()?)
         });
-        assert!(source.wait(LONG)?);
-        assert!(source.next()?.is_some());
+        hear(&mut source)?;
         heard.send(())?;
         writer.join().map_err(|_| "the writer panicked")??;
         Ok(())
@@ -46,6 +45,7 @@ pub(crate) fn a_wait_is_over_at_once_when_a_message_is_there_already<F: Fixture>
     let mut sink = ports.sink::<Command>()?;
     sink.send(&mut command(1))?;
     sink.send(&mut command(2))?;
+    assert!(source.wait(LONG)?, "it comes");
     for _ in 0..3 {
         assert!(source.wait(Duration::ZERO)?);
         assert!(source.wait(LONG)?);
@@ -64,7 +64,7 @@ pub(crate) fn a_wait_does_not_end_for_what_has_been_taken_already<F: Fixture>() 
     for tick in 1..=2_000 {
         sink.send(&mut command(tick))?;
     }
-    assert!(source.latest()?.is_some());
+    hear_until(&mut source, |command| command.stamp.tick == 2_000)?;
     assert!(!source.wait(BRIEF)?);
     sink.send(&mut command(2_001))?;
     assert!(source.wait(LONG)?);

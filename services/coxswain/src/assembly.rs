@@ -8,7 +8,7 @@ use controller::settings::LearnedSettings;
 use model::robot::Robot;
 use process::{Pace, Run};
 use protocol::message::Participant;
-use protocol::port::{Carrier, Links};
+use protocol::port::{Carrier, Faults, Links};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError, WriteError};
 use std::path::{Component, Path, PathBuf};
@@ -26,6 +26,8 @@ pub struct Assembly {
     pub robot: Robot,
     /// What is logged.
     pub log: String,
+    /// What goes wrong on purpose.
+    pub faults: Faults,
 }
 
 /// A robot file.
@@ -36,6 +38,33 @@ struct RobotFile(Robot);
 impl Check for RobotFile {
     fn check(&self) -> Result<(), Impossible> {
         self.0.check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))
+    }
+}
+
+/// A file of faults for a run in real time.
+#[derive(Debug, Deserialize)]
+#[serde(transparent)]
+struct FaultsFile(Faults);
+
+impl Check for FaultsFile {
+    fn check(&self) -> Result<(), Impossible> {
+        if self.0.process.is_some() {
+            return Err(Impossible::new("process", "no such key here: a fault's participant says in which process it is"));
+        }
+        self.0.check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))
+    }
+}
+
+/// A file of faults for a run in lock step.
+#[derive(Debug, Deserialize)]
+#[serde(transparent)]
+struct LockStepFaultsFile(FaultsFile);
+
+impl Check for LockStepFaultsFile {
+    fn check(&self) -> Result<(), Impossible> {
+        let LockStepFaultsFile(file) = self;
+        file.check()?;
+        file.0.check_lock_step().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))
     }
 }
 
@@ -78,7 +107,8 @@ impl Assembly {
         scenario.duration_s = options.duration.unwrap_or(scenario.duration_s);
         scenario.seed = options.seed.unwrap_or(scenario.seed);
         let scenario_name = scenario_file.file_stem().map_or_else(|| "scenario".into(), |stem| stem.to_string_lossy().into_owned());
-        Ok(Self { graph, scenario, scenario_name, robot, log: options.log.clone() })
+        let faults = options.faults.as_deref().map_or_else(|| Ok(Faults::default()), |file| faults_of(file, graph.pace))?;
+        Ok(Self { graph, scenario, scenario_name, robot, log: options.log.clone(), faults })
     }
 
     /// Its processes, in the order in which they start.
@@ -96,7 +126,7 @@ impl Assembly {
         self.graph.processes.learner.enabled
     }
 
-    /// How its links run: those of the graph called `id`, whose carriers keep their files in `root` and join the network at `router`.
+    /// How its links run, without faults: those of the graph called `id`, whose carriers keep their files in `root` and join the network at `router`.
     pub fn links(&self, id: &str, root: &Path, router: &[String]) -> Links {
         Links {
             graph: id.to_owned(),
@@ -106,6 +136,7 @@ impl Assembly {
             carriers: self.graph.links.clone(),
             connect: router.to_vec(),
             network_graph: self.graph.network.graph.clone(),
+            faults: Faults::default(),
         }
     }
 
@@ -118,7 +149,8 @@ impl Assembly {
             Participant::Plant => settings::write(file, &self.plant(run)),
             Participant::Controller => settings::write(file, &self.controller(run)),
             Participant::Learner => settings::write(file, &self.learner(run)),
-            Participant::Recorder | Participant::Gateway => settings::write(file, &RecorderSettings { run }),
+            Participant::Recorder => settings::write(file, &RecorderSettings { run }),
+            Participant::Gateway => settings::write(file, &self.gateway(run)),
         }
     }
 
@@ -156,9 +188,21 @@ impl Assembly {
         }
     }
 
+    /// What the gateway is told.
+    pub fn gateway(&self, run: Run) -> gateway::settings::Settings {
+        gateway::settings::Settings { run, telemetry: self.graph.telemetry.clone(), rates: self.graph.rates }
+    }
+
     /// What the learner is told.
     pub fn learner(&self, run: Run) -> learner::Settings {
         learner::Settings { run, robot: self.robot, learner: self.scenario.learner.clone() }
+    }
+}
+
+fn faults_of(file: &Path, pace: Pace) -> Result<Faults, SettingsError> {
+    match pace {
+        Pace::RealTime => settings::read(file).map(|FaultsFile(faults)| faults),
+        Pace::LockStep => settings::read(file).map(|LockStepFaultsFile(FaultsFile(faults))| faults),
     }
 }
 
@@ -197,6 +241,13 @@ mod tests {
     fn the_robot_of_the_examples_is_the_one_that_is_shipped() -> Result<(), SettingsError> {
         let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/graphs/local.toml");
         assert_eq!(Assembly::read(&Options::of_graph(&graph))?.robot, Robot::example());
+        Ok(())
+    }
+
+    #[test]
+    fn the_example_of_faults_can_be_used() -> Result<(), SettingsError> {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/faults/example.toml");
+        assert_eq!(faults_of(&file, Pace::RealTime)?.fault.len(), 3);
         Ok(())
     }
 

@@ -147,15 +147,25 @@ pub fn sweep_stale(base: &Path) -> (usize, Vec<String>) {
     (removed, complaints)
 }
 
+/// The graphs below `base` whose launcher lives.
+pub fn living(base: &Path) -> Vec<Berth> {
+    signed(base, Launcher::lives)
+}
+
 /// The graphs below `base` whose launcher is gone.
 fn stale(base: &Path) -> Vec<Berth> {
+    signed(base, |launcher| !launcher.lives())
+}
+
+/// The graphs below `base` with a launcher as wanted.
+fn signed(base: &Path, wanted: impl Fn(Launcher) -> bool) -> Vec<Berth> {
     let entries = fs::read_dir(base).into_iter().flatten().flatten();
     let files = entries.map(|entry| entry.path()).filter(|path| path.extension() == Some(OsStr::new("toml")));
-    let abandoned = files.filter(|path| {
+    let chosen = files.filter(|path| {
         let launcher = fs::read_to_string(path).ok().and_then(|text| toml::from_str::<Launcher>(&text).ok());
-        launcher.is_some_and(|launcher| !launcher.lives())
+        launcher.is_some_and(&wanted)
     });
-    let ids = abandoned.filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()));
+    let ids = chosen.filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()));
     ids.map(|id| Berth { base: base.to_path_buf(), id }).collect()
 }
 

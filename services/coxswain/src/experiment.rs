@@ -77,7 +77,7 @@ pub enum ExperimentError {
         /// Which.
         trial: String,
         /// What went wrong.
-        source: TrialError,
+        source: Box<TrialError>,
     },
 }
 
@@ -284,7 +284,7 @@ impl Bench {
         assembly.scenario.learner.resume = self.lesson(trial).and_then(|lesson| snapshots.get(&lesson).cloned());
         fs::create_dir_all(folder).map_err(|source| ExperimentError::File { path: folder.to_path_buf(), source })?;
         let label = (trial.scenario.as_str(), self.profile.as_str(), trial.contender, trial.start);
-        trial::run(&assembly, folder, label).map_err(|source| ExperimentError::Trial { trial: trial.name(), source })
+        trial::run(&assembly, folder, label).map_err(|source| ExperimentError::Trial { trial: trial.name(), source: Box::new(source) })
     }
 }
 

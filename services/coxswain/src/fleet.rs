@@ -78,6 +78,13 @@ pub enum Event {
         /// How long it waits.
         wait: Duration,
     },
+    /// Somebody died once too often whom the robot does not need, and stays down.
+    GivenUp {
+        /// Who.
+        role: Participant,
+        /// How.
+        ending: Ending,
+    },
     /// Somebody who had died was started again.
     Restarted {
         /// Who.
@@ -159,7 +166,7 @@ impl<'a> Fleet<'a> {
             restarted: member.restarts.total() > 0,
             period_nanos: assembly.scenario.period_nanos(),
             pace: assembly.graph.pace,
-            links: links.clone(),
+            links: Links { faults: assembly.faults.in_process(role), ..links.clone() },
         };
         let file = settings_file(folder, role);
         assembly.write_settings(role, run, &file)?;
@@ -206,6 +213,10 @@ impl<'a> Fleet<'a> {
             }
             let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
             let Some(wait) = member.restarts.after_death(&policy, now) else {
+                if role == Participant::Gateway {
+                    events.push(Event::GivenUp { role, ending });
+                    continue;
+                }
                 let last_words = last_words(&self.voyage.folder, role);
                 return Err(FleetError::TooManyDeaths { role, ending, per_minute: policy.per_minute, last_words });
             };

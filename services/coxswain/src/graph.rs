@@ -1,9 +1,11 @@
 //! The graph file: which processes, which links, which robot and scenario.
 
 use crate::back_off::RestartPolicy;
+use gateway::settings::{Rates, check_telemetry};
 use process::Pace;
 use protocol::message::Participant;
 use protocol::port::{Carriers, is_graph_name};
+use protocol::telemetry::TelemetrySettings;
 use protocol::topic::Topic;
 use serde::Deserialize;
 use settings::{Check, Impossible};
@@ -30,6 +32,12 @@ pub struct Graph {
     /// How it takes part in the network, for the links that run over it.
     #[serde(default)]
     pub network: Network,
+    /// Where the gateway listens for watchers, and how the robot is called.
+    #[serde(default)]
+    pub telemetry: TelemetrySettings,
+    /// How often the gateway shows each topic \[Hz\].
+    #[serde(default)]
+    pub rates: Rates,
     /// Its processes.
     #[serde(default)]
     pub processes: Processes,
@@ -86,7 +94,7 @@ fn lock_step_patience_millis() -> u64 {
 }
 
 /// How each process is treated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Processes {
     /// The simulator.
@@ -97,6 +105,16 @@ pub struct Processes {
     pub learner: Treatment,
     /// Writes the record.
     pub recorder: Treatment,
+    /// Shows the robot to watchers; of all processes the only one that is not started unless the graph says so.
+    pub gateway: Treatment,
+}
+
+impl Default for Processes {
+    fn default() -> Self {
+        let started = Treatment::default();
+        let gateway = Treatment { enabled: false, ..started };
+        Self { plant: started, controller: started, learner: started, recorder: started, gateway }
+    }
 }
 
 /// How one process is treated.
@@ -131,14 +149,14 @@ impl Treatment {
 }
 
 impl Processes {
-    /// How `role` is treated; what a graph has no place for is not started.
+    /// How `role` is treated.
     pub fn of(&self, role: Participant) -> Treatment {
         match role {
             Participant::Plant => self.plant,
             Participant::Controller => self.controller,
             Participant::Learner => self.learner,
             Participant::Recorder => self.recorder,
-            Participant::Gateway => Treatment { enabled: false, ..Treatment::default() },
+            Participant::Gateway => self.gateway,
         }
     }
 }
@@ -155,7 +173,8 @@ impl Check for Graph {
         if self.lock_step_patience_millis == 0 {
             return Err(Impossible::new("lock_step_patience_millis", "at least 1 ms"));
         }
-        Ok(())
+        check_telemetry(&self.telemetry).map_err(|impossible| impossible.under("telemetry"))?;
+        self.rates.check().map_err(|impossible| impossible.under("rates"))
     }
 }
 
@@ -206,7 +225,7 @@ mod tests {
     fn an_unknown_process_is_refused() {
         assert_eq!(
             refusal(&format!("{GOOD}[processes.lerner]\n")).as_deref(),
-            Some("g.toml:7: processes.lerner = a table: unknown key, expected one of plant, controller, learner, recorder")
+            Some("g.toml:7: processes.lerner = a table: unknown key, expected one of plant, controller, learner, recorder, gateway")
         );
     }
 }

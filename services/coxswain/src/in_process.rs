@@ -71,30 +71,31 @@ pub fn drive<W: Send>(
         pace: Pace::LockStep,
     };
     let identity = || Identity::new(1);
+    let ports = |role, identity| Ports::in_memory_with(&exchange, identity, &assembly.faults.in_process(role));
     let (others, record) = (Stop::new(), Stop::new());
     let mut ready = Ready { healths: Ports::in_memory(&exchange, identity()).source(Since::First)? };
     thread::scope(|scope| {
         let recorder = {
-            let (told, exchange, stop) = (told.clone(), exchange.clone(), record.clone());
-            scope.spawn(move || witness(&Ports::in_memory(&exchange, identity()), &told, &stop))
+            let (told, stop) = (told.clone(), record.clone());
+            scope.spawn(move || witness(&ports(Participant::Recorder, identity()), &told, &stop))
         };
         ready.wait_for(Participant::Recorder, || recorder.is_finished());
         let learner = assembly.learns().then(|| {
-            let (settings, exchange, stop) = (assembly.learner(told.clone()), exchange.clone(), others.clone());
-            scope.spawn(move || learner::run::run(&settings, &Ports::in_memory(&exchange, identity()), &stop))
+            let (settings, stop) = (assembly.learner(told.clone()), others.clone());
+            scope.spawn(move || learner::run::run(&settings, &ports(Participant::Learner, identity()), &stop))
         });
         if let Some(learner) = &learner {
             ready.wait_for(Participant::Learner, || learner.is_finished());
         }
         let controller = {
-            let (settings, exchange, stop) = (assembly.controller(told.clone()), exchange.clone(), others.clone());
-            scope.spawn(move || controller::run::run(&settings, |identity| Ok(Ports::in_memory(&exchange, identity)), &stop))
+            let (settings, stop) = (assembly.controller(told.clone()), others.clone());
+            scope.spawn(move || controller::run::run(&settings, |identity| Ok(ports(Participant::Controller, identity)), &stop))
         };
         ready.wait_for(Participant::Controller, || controller.is_finished());
         let plant = {
-            let (settings, exchange, stop) = (assembly.plant(told.clone()), exchange.clone(), others.clone());
+            let (settings, stop) = (assembly.plant(told.clone()), others.clone());
             let identity = identity();
-            scope.spawn(move || plant_sim::run::run(&settings, &Ports::in_memory(&exchange, identity), identity, &stop))
+            scope.spawn(move || plant_sim::run::run(&settings, &ports(Participant::Plant, identity), identity, &stop))
         };
         let one_has_ended =
             || controller.is_finished() || recorder.is_finished() || learner.as_ref().is_some_and(ScopedJoinHandle::is_finished);

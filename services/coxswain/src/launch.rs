@@ -165,7 +165,7 @@ fn run_at(berth: &Berth, assembly: Assembly, programs: PathBuf, out: Option<&Pat
     person.terminal.say(heading(&assembly));
     tracing::info!(graph = berth.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
     let router = assembly.networked().then(|| Router::open(&assembly.graph.network.listen, &assembly.graph.network.connect)).transpose()?;
-    let endpoints = router.as_ref().map(Router::endpoints).unwrap_or_default();
+    let endpoints = router.as_ref().map(|router| router.endpoints().to_vec()).unwrap_or_default();
     if !endpoints.is_empty() {
         person.terminal.say(format_args!("network: listening at {}", endpoints.join(", ")));
     }
@@ -182,7 +182,10 @@ fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
     let mut fleet = Fleet::new(voyage).map_err(|source| LaunchError::System { what: "the epochs of the run", source })?;
     let watch = Watch::open(&voyage.links)?;
     let outcome = match start(&mut fleet, voyage, &watch, person) {
-        Ok(None) => look_after(&mut fleet, voyage, &watch, person),
+        Ok(None) => {
+            invite(voyage, &mut person.terminal);
+            look_after(&mut fleet, voyage, &watch, person)
+        }
         Ok(Some(outcome)) => Ok(outcome),
         Err(error) => Err(error),
     };
@@ -214,6 +217,13 @@ fn start(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Per
     Ok(None)
 }
 
+/// Says how the run can be watched, if it can.
+fn invite(voyage: &Voyage, terminal: &mut Terminal) {
+    for endpoint in gateway::berth::endpoints(&voyage.links.root) {
+        terminal.say(format_args!("watch with: coxswain watch {endpoint} --plain"));
+    }
+}
+
 /// Restarts what dies and shows how it goes, until the plant has finished or somebody asks for the end.
 fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Person) -> Result<Outcome, LaunchError> {
     let scenario = &voyage.assembly.scenario;
@@ -230,6 +240,10 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
                     tracing::warn!(%role, %ending, ?wait, "died");
                     let when = if wait.is_zero() { "now".into() } else { format!("in {wait:?}") };
                     person.terminal.say(format_args!("{role} ended with {ending}; it is started again {when}"));
+                }
+                Event::GivenUp { role, ending } => {
+                    tracing::error!(%role, %ending, "given up");
+                    person.terminal.say(format_args!("{role} ended with {ending} too often; the run goes on without it"));
                 }
                 Event::Restarted { role, epoch_floor } => tracing::info!(%role, epoch_floor, "started again"),
             }
@@ -257,7 +271,11 @@ fn heading(assembly: &Assembly) -> String {
     let pace = if assembly.graph.pace == Pace::LockStep { "lock step" } else { "real time" };
     let learner = if assembly.learns() { "on" } else { "off" };
     let Assembly { graph, scenario, scenario_name, .. } = assembly;
-    format!("{}: {scenario_name}, {:.1} s in {pace}, learner {learner}\n{}", graph.name, scenario.duration_s, scenario.description)
+    let faults = match assembly.faults.fault.len() {
+        0 => String::new(),
+        count => format!("\nFAULTS ARE INJECTED: {count} of them, seed {}", assembly.faults.seed),
+    };
+    format!("{}: {scenario_name}, {:.1} s in {pace}, learner {learner}\n{}{faults}", graph.name, scenario.duration_s, scenario.description)
 }
 
 /// Binaries lie beside each other.

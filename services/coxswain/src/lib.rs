@@ -12,6 +12,7 @@
 //! | [`epochs`]   | the highest epoch of each role, on disk                                              |
 //! | [`back_off`] | when to start again what has died                                                    |
 //! | [`child`]    | one process: start, signal, how it ended                                             |
+//! | [`lookout`]  | `coxswain watch`: telemetry → one line per period                                    |
 //! | [`watch`]    | `Health` and `Plan` → what the launcher knows                                        |
 //! | [`fleet`]    | all processes: start in order, restart, end in order                                 |
 //! | [`launch`]   | one run from reading to sweeping                                                     |
@@ -33,6 +34,7 @@ pub mod folder;
 pub mod graph;
 pub mod in_process;
 pub mod launch;
+pub mod lookout;
 pub mod options;
 pub mod progress;
 pub mod role;

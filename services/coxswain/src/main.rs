@@ -1,9 +1,13 @@
 //! The person's command.
 
 use clap::{Parser, Subcommand};
+use coxswain::berth;
 use coxswain::experiment::{self, CompareOptions};
+use coxswain::lookout::{self, WatchOptions};
 use coxswain::options::Options;
 use coxswain::terminal::Terminal;
+use process::Stop;
+use std::io;
 use std::process::ExitCode;
 
 /// Learning model predictive control for omnidirectional robots, as a graph of processes.
@@ -21,6 +25,10 @@ enum Command {
     /// Exit code 0 if the run has come to its end, 128 and the signal's number if it was ended by one, 2 if something that was set is
     /// impossible and nothing was started, 1 if anything failed.
     Launch(Options),
+    /// Print what a running robot does, from anywhere. Takes no part: nothing that it does reaches the robot.
+    ///
+    /// Exit code 0 if it was ended by a signal or its output was closed, 2 if what was said cannot be, 1 if there is nothing to watch.
+    Watch(WatchOptions),
     /// Compare controllers in closed loops, in lock step and in one process.
     #[command(subcommand)]
     Experiment(Experiment),
@@ -34,19 +42,41 @@ enum Experiment {
 
 fn main() -> ExitCode {
     match Arguments::parse().command {
-        Command::Launch(options) => match coxswain::launch::run(&options) {
-            Ok(outcome) => outcome.exit_code(),
-            Err(error) => {
-                Terminal::new().say(format_args!("coxswain: {error}"));
-                error.exit_code()
-            }
-        },
-        Command::Experiment(Experiment::Compare(options)) => match experiment::compare(&options) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(error) => {
-                Terminal::new().say(format_args!("coxswain: {error}"));
-                ExitCode::from(error.exit_code())
-            }
-        },
+        Command::Launch(options) => launch(&options),
+        Command::Watch(options) => watch(&options),
+        Command::Experiment(Experiment::Compare(options)) => compare(&options),
+    }
+}
+
+fn compare(options: &CompareOptions) -> ExitCode {
+    match experiment::compare(options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn launch(options: &Options) -> ExitCode {
+    match coxswain::launch::run(options) {
+        Ok(outcome) => outcome.exit_code(),
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            error.exit_code()
+        }
+    }
+}
+
+fn watch(options: &WatchOptions) -> ExitCode {
+    let (stop, mut terminal) = (Stop::new(), Terminal::new());
+    let watched = stop.on_signals().map_err(lookout::WatchError::from);
+    let watched = watched.and_then(|()| lookout::run(options, &berth::base(), &mut io::stdout(), &mut terminal, &stop));
+    match watched {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            terminal.say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
     }
 }

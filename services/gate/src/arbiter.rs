@@ -57,9 +57,17 @@ pub fn decide(situation: &Situation) -> (Choice, Rung, Reason) {
         return (Choice::Brake, Rung::Brake, Reason::Recovering);
     }
     match accepted.age_periods {
-        0 if accepted.rung >= Rung::Brake => (Choice::Command, accepted.rung, Reason::BadState),
-        0 => (Choice::Command, accepted.rung, Reason::None),
+        0 => (Choice::Command, accepted.rung, own_reason(accepted.rung)),
         age => (Choice::Tail(age as usize - 1), Rung::StoredTail, Reason::Missing),
+    }
+}
+
+/// Why a controller sends a command from this rung: it falls from the fresh plan when its optimiser fails, and brakes when it is blind.
+pub(crate) fn own_reason(rung: Rung) -> Reason {
+    match rung {
+        Rung::Waiting | Rung::FreshPlan => Reason::None,
+        Rung::ShiftedPlan | Rung::Lqr | Rung::StoredTail => Reason::SolverFailed,
+        Rung::Brake | Rung::LatchedStop => Reason::BadState,
     }
 }
 
@@ -107,7 +115,7 @@ mod tests {
     fn every_rung_but_a_fresh_one_has_a_reason() {
         for situation in every_situation() {
             let (_, rung, reason) = decide(&situation);
-            let unexplained = matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr);
+            let unexplained = rung == Rung::FreshPlan;
             let echoes_the_controller = situation.accepted.is_some_and(|accepted| accepted.rung == rung);
             assert!(unexplained || echoes_the_controller || reason != Reason::None, "{situation:?} gives {rung} without a reason");
         }

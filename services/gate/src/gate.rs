@@ -163,7 +163,7 @@ impl Gate {
             return (if self.latched { Rung::LatchedStop } else { Rung::Brake }, self.explain(recovering));
         }
         match answered {
-            Some(command) if !self.latched => (command.rung(), self.explain(Reason::None)),
+            Some(command) if !self.latched => (command.rung(), self.explain(arbiter::own_reason(command.rung()))),
             _ => {
                 let (_, rung, reason) = decide(&self.situation(now.saturating_sub(1)));
                 // What acted was a tail even if its command came late enough to begin with it.

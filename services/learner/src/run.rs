@@ -226,7 +226,9 @@ impl<'a> Learner<'a> {
             self.join(sample)?;
         }
         let believable = sample.residual.iter().zip(self.outset.bound).all(|(residual, bound)| residual.abs() <= bound);
-        if sample.usable == 1 && believable {
+        // One number that is not finite would spoil every fit for as long as it stays in the data.
+        let finite = sample.velocity.iter().chain(&sample.input).all(|value| value.is_finite());
+        if sample.usable == 1 && believable && finite {
             let input = self.settings.learner.layout.inputs(&sample.velocity, &sample.input);
             self.dataset.insert(Observation { input, target: sample.residual });
             self.recent.push_back(*sample);

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use tracing_subscriber::EnvFilter;
 
 /// What the launcher tells every process: the table `[run]` of its settings.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Run {
     /// Folder of the run: logs, record.
@@ -50,6 +50,9 @@ impl Check for Run {
         if self.links.lock_step != (self.pace == Pace::LockStep) {
             return Err(Impossible::new("links.lock_step", "true in lock step, and only there"));
         }
+        let faults = &self.links.faults;
+        let lock_step = if self.links.lock_step { faults.check_lock_step() } else { Ok(()) };
+        faults.check().and(lock_step).map_err(|error| Impossible::new(error.key, error.expected).under("links.faults"))?;
         if EnvFilter::try_new(&self.log).is_err() {
             return Err(Impossible::new("log", "a level (error, warn, info, debug, trace) or a list of module=level"));
         }

@@ -165,7 +165,7 @@ graph = "a"
 lock_step = true
 root = "/tmp/a"
 patience_millis = 1000
-carrier = "shared-memory"
+carriers.default = "shared-memory"
 "#;
 
     fn refusal(from: &str, to: &str) -> Option<String> {
@@ -186,6 +186,11 @@ carrier = "shared-memory"
         assert_eq!(
             refusal("lock_step = true", "lock_step = false").as_deref(),
             Some("plant.toml:11: run.links.lock_step = false: expected true in lock step, and only there")
+        );
+        let late = "[[run.links.faults.fault]]\ntopic = \"state\"\nat = \"reader\"\nkind = \"delay\"\nmillis = 5\n";
+        assert_eq!(
+            settings::parse::<WithRun<Plain>>(&format!("{GOOD}{late}"), Path::new("plant.toml")).err().map(|error| error.to_string()),
+            Some("plant.toml:19: run.links.faults.fault.0.millis = 5: expected messages instead: in lock step time does not count".into())
         );
         assert_eq!(refusal("100_000_000", "0").as_deref(), Some("plant.toml:7: run.period_nanos = 0: expected a period of at least 1 ns"));
     }

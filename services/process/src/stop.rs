@@ -36,7 +36,10 @@ impl Stop {
     }
 
     /// Lets SIGINT, SIGTERM and SIGHUP ask for the end from now on, instead of ending the process.
-    pub(crate) fn on_signals(&self) -> io::Result<()> {
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn on_signals(&self) -> io::Result<()> {
         for signal in [SIGINT, SIGTERM, SIGHUP] {
             flag::register(signal, Arc::clone(&self.requested))?;
         }

@@ -3,11 +3,12 @@
 use crate::grant::Grant;
 use crate::run::RecorderError;
 use crate::segment::Segment;
-use crate::view::Recorded;
+
 use process::Pulse;
 use protocol::message::{Command, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth};
 use protocol::port::{OpenError, Ports, Since, Source};
 use protocol::topic::{OnTopic, Topic};
+use protocol::view::Viewable;
 
 /// A reader for each topic that is recorded.
 pub(crate) struct Intake {
@@ -71,7 +72,7 @@ impl Intake {
 }
 
 /// Writes what waits on one topic, at most as much as can wait at a time, so that a busy topic does not starve the others.
-fn drain<T: Recorded>(source: &mut Source<T>, segment: &mut Segment, mut note: impl FnMut(&T)) -> Result<usize, RecorderError> {
+fn drain<T: Viewable>(source: &mut Source<T>, segment: &mut Segment, mut note: impl FnMut(&T)) -> Result<usize, RecorderError> {
     let most = <T as OnTopic>::TOPIC.quality(false).depth;
     for written in 0..most {
         let Some(message) = source.next()? else { return Ok(written) };

@@ -5,11 +5,8 @@
 //! | [`run`]      | the loop: drains every topic, grants credit, ends the record            |
 //! | [`settings`] | what a person may set                                                   |
 //! | [`segment`]  | one MCAP file of the record, open for writing                           |
-//! | [`view`]     | each message as JSON, with its JSON Schema                              |
 //! | [`rows`]     | what the summary needs, read back from the files                        |
 //! | [`summary`]  | rows → the figures of `summary.json`                                    |
-//! | [`field`]    | what a record says about one field, and the schema made of it           |
-//! | [`words`]    | coded fields in a person's words                                        |
 //! | `grant`      | how far the plant's clock may run ahead of the record, in lock step     |
 //! | `intake`     | a reader for each topic                                                 |
 //!
@@ -24,7 +21,6 @@
 //! # Ok::<(), recorder::rows::ReadError>(())
 //! ```
 
-pub mod field;
 mod grant;
 mod intake;
 pub mod rows;
@@ -32,5 +28,3 @@ pub mod run;
 pub mod segment;
 pub mod settings;
 pub mod summary;
-pub mod view;
-pub mod words;

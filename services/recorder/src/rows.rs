@@ -2,11 +2,11 @@
 //!
 //! A segment that was cut off by a kill -9 gives what is there.
 
-use crate::words;
 use mcap::io::MessageReader;
 use mcap::sans_io::LinearReaderOptions;
 use protocol::message::{Plan, PlantState, Rung, Stamp, Truth};
 use protocol::topic::Topic;
+use protocol::view::words;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
 use std::collections::{BTreeMap, BTreeSet, HashMap};

@@ -3,13 +3,13 @@
 //! A run's first file is `record.mcap`; a recorder that is started again in the same run goes on in `record-2.mcap`, and so on. No file is ever
 //! written over. What was written more than 0.2 s ago is with the operating system and survives a kill -9.
 
-use crate::view::{self, Recorded, View};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use process::{Pace, Run};
 use protocol::clock;
 use protocol::message::{Command, Health, ModelSnapshot, Plan, PlantState, ResidualSample, Truth};
 use protocol::topic::{TOPIC_COUNT, Topic};
+use protocol::view::{self, View, Viewable};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
@@ -106,7 +106,7 @@ impl Segment {
     ///
     /// # Errors
     /// [`RecordError::Write`].
-    pub fn write<T: Recorded>(&mut self, message: &T) -> Result<(), RecordError> {
+    pub fn write<T: Viewable>(&mut self, message: &T) -> Result<(), RecordError> {
         self.append(message).map_err(|error| self.failed(error))
     }
 
@@ -144,7 +144,7 @@ impl Segment {
         self.writer.flush().map_err(|error| self.failed(error))
     }
 
-    fn append<T: Recorded>(&mut self, message: &T) -> Result<(), McapError> {
+    fn append<T: Viewable>(&mut self, message: &T) -> Result<(), McapError> {
         let stamp = message.stamp();
         let channel = self.channels.get(T::TOPIC.index()).copied().flatten();
         let channel_id = channel.ok_or(McapError::UnknownChannel(stamp.sequence as u32, 0))?;
@@ -189,7 +189,7 @@ fn next_file(folder: &Path, restarted: bool) -> Result<(usize, PathBuf, File), R
     }
 }
 
-fn add_channel<T: Recorded>(writer: &mut Writer<BufWriter<File>>, channels: &mut [Option<u16>; TOPIC_COUNT]) -> Result<(), McapError> {
+fn add_channel<T: Viewable>(writer: &mut Writer<BufWriter<File>>, channels: &mut [Option<u16>; TOPIC_COUNT]) -> Result<(), McapError> {
     let topic: Topic = T::TOPIC;
     let schema = view::schema::<T>().to_string();
     let schema = writer.add_schema(&format!("coxswain.{}", T::NAME), "jsonschema", schema.as_bytes())?;

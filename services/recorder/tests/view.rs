@@ -5,10 +5,10 @@
 mod graph;
 
 use protocol::message::{Health, ModelSnapshot, Plan};
-use recorder::view::{Recorded, View, schema};
+use protocol::view::{View, Viewable, schema};
 use serde_json::Value;
 
-fn json<T: Recorded>(message: &T) -> Value {
+fn json<T: Viewable>(message: &T) -> Value {
     serde_json::to_value(View(message)).unwrap_or_default()
 }
 
@@ -31,7 +31,7 @@ fn fits(value: &Value, schema: &Value, place: &str) {
     }
 }
 
-fn fits_its_schema<T: Recorded>(message: &T) {
+fn fits_its_schema<T: Viewable>(message: &T) {
     fits(&json(message), &schema::<T>(), T::NAME);
 }
 

@@ -4,7 +4,7 @@ use super::alarm::{Alarm, Slept};
 use super::service::{Announcement, Events};
 use super::{CLEANUP_TIMEOUT, SharedMemory};
 use crate::port::carrier::Inlet;
-use crate::port::{OpenError, ReceiveError};
+use crate::port::{Audience, OpenError, ReceiveError};
 use crate::topic::Topic;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::ipc;
@@ -19,9 +19,9 @@ pub(in crate::port) struct SharedMemoryInlet {
 }
 
 impl SharedMemoryInlet {
-    pub(super) fn open(shared: &SharedMemory, topic: Topic) -> Result<Self, OpenError> {
-        let (messages, events) = shared.services(topic, &Announcement::of(topic))?;
-        let limit = shared.quality(topic).readers;
+    pub(super) fn open(shared: &SharedMemory, topic: Topic, audience: Audience) -> Result<Self, OpenError> {
+        let (messages, events) = shared.services(topic, audience, &Announcement::of(topic))?;
+        let limit = shared.quality(topic, audience).readers;
         let create = || messages.subscriber_builder().create();
         // The dead hold their places until somebody removes them.
         let subscriber = create().or_else(|_| {

@@ -4,7 +4,7 @@ use super::service::{Announcement, Messages};
 use super::{CLEANUP_TIMEOUT, SharedMemory};
 use crate::clock::monotonic_nanos;
 use crate::port::carrier::Outlet;
-use crate::port::{OpenError, RESERVED_BYTES_MAX, Reservation, SendError};
+use crate::port::{Audience, OpenError, RESERVED_BYTES_MAX, Reservation, SendError};
 use crate::topic::{Delivery, Topic};
 use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
@@ -38,9 +38,9 @@ pub(in crate::port) struct SharedMemoryOutlet {
 }
 
 impl SharedMemoryOutlet {
-    pub(super) fn open(shared: &SharedMemory, topic: Topic, reservation: Reservation) -> Result<Self, OpenError> {
-        let (messages, events) = shared.services(topic, &Announcement::of(topic))?;
-        let quality = shared.quality(topic);
+    pub(super) fn open(shared: &SharedMemory, topic: Topic, audience: Audience, reservation: Reservation) -> Result<Self, OpenError> {
+        let (messages, events) = shared.services(topic, audience, &Announcement::of(topic))?;
+        let quality = shared.quality(topic, audience);
         let (bytes, strategy) = match reservation {
             Reservation::Whole(bytes) => (bytes, AllocationStrategy::Static),
             Reservation::Growing => (RESERVED_BYTES_MAX, AllocationStrategy::PowerOfTwo),

@@ -2,7 +2,7 @@
 
 use super::SharedMemory;
 use crate::VERSION;
-use crate::port::OpenError;
+use crate::port::{Audience, OpenError};
 use crate::topic::{Delivery, Quality, Topic};
 use iceoryx2::prelude::{AttributeVerifier, EventId, MessagingPattern, Node, Service, ServiceName, ipc};
 use iceoryx2::service::attribute::{AttributeKey, AttributeSet, AttributeValue};
@@ -38,11 +38,15 @@ impl Announcement {
 
 impl SharedMemory {
     /// Opens or makes the services of `topic`.
-    pub(super) fn services(&self, topic: Topic, announcement: &Announcement) -> Result<(Messages, Events), OpenError> {
+    pub(super) fn services(&self, topic: Topic, audience: Audience, announcement: &Announcement) -> Result<(Messages, Events), OpenError> {
         let failed = |reason: String| OpenError::Carrier { topic, reason };
-        let name = format!("coxswain/{}/{}", self.graph, topic.name());
+        let lane = match audience {
+            Audience::Members => "",
+            Audience::Watchers => "/watched",
+        };
+        let name = format!("coxswain/{}/{}{lane}", self.graph, topic.name());
         let name = ServiceName::new(&name).map_err(|error| failed(error.to_string()))?;
-        let quality = self.quality(topic);
+        let quality = self.quality(topic, audience);
         let attributes = announced(announcement).ok_or_else(|| failed("its attributes are too long".to_owned()))?;
 
         let messages = retried(|| open_messages(&self.node, &name, quality, &attributes), is_messages_transient);
@@ -73,7 +77,7 @@ impl SharedMemory {
                 }
             }
             PublishSubscribeOpenError::IncompatibleOverflowBehavior => {
-                OpenError::Delivery { topic, delivery: self.quality(topic).delivery }
+                OpenError::Delivery { topic, delivery: topic.quality(self.lock_step).delivery }
             }
             PublishSubscribeOpenError::IncompatibleTypes
             | PublishSubscribeOpenError::DoesNotSupportRequestedMinBufferSize
@@ -195,11 +199,11 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let links = Links::on_this_machine(format!("v{}", std::process::id()), folder.path().join("r"), false, 100);
         let shared = SharedMemory::open(&links)?;
-        let services = shared.services(Topic::Command, &Announcement::of(Topic::Command))?;
+        let services = shared.services(Topic::Command, Audience::Members, &Announcement::of(Topic::Command))?;
         let newer = Announcement { version: "7001".to_owned(), ..Announcement::of(Topic::Command) };
         let other = Announcement { message: "Sonnet".to_owned(), ..Announcement::of(Topic::Command) };
         for (announcement, ours) in [(newer, "Command in version 7001"), (other, "Sonnet in version 1")] {
-            let refused = shared.services(Topic::Command, &announcement).map(drop).map_err(|error| error.to_string());
+            let refused = shared.services(Topic::Command, Audience::Members, &announcement).map(drop).map_err(|error| error.to_string());
             let said = format!("topic command carries Command in protocol version {VERSION}, this program wants {ours}");
             assert_eq!(refused, Err(said));
         }

@@ -9,7 +9,7 @@ use std::fmt::Write;
 type Cell<'a> = (&'a str, Contender, Start);
 
 /// The table of `rows`.
-pub fn render(rows: &[Row]) -> String {
+pub(super) fn render(rows: &[Row]) -> String {
     let mut cells: BTreeMap<Cell<'_>, Vec<f64>> = BTreeMap::new();
     for row in rows {
         // A run that never was within reach of its reference is as bad as can be told.
@@ -50,4 +50,43 @@ pub fn render(rows: &[Row]) -> String {
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(controller: Contender, seed: u64, position_rmse_m: Option<f64>) -> Row {
+        Row {
+            scenario: "figure-eight+payload".into(),
+            profile: "paper".into(),
+            controller,
+            start: Start::Cold,
+            seed,
+            arrival_s: None,
+            speed_settle_s: None,
+            steady_speed_error_mps: None,
+            position_rmse_m,
+            position_max_m: None,
+            heading_rmse_rad: None,
+            input_effort: 0.0,
+            constraint_violations: 0,
+            tick_p50_us: None,
+            tick_p99_us: None,
+        }
+    }
+
+    #[test]
+    fn a_losing_cell_is_printed_like_a_winning_one() {
+        let rows = [
+            row(Contender::MpcObserver, 1, Some(0.010)),
+            row(Contender::MpcObserver, 2, Some(0.030)),
+            row(Contender::GprMpcObserver, 1, Some(0.040)),
+            row(Contender::RlsMpcObserver, 1, None),
+        ];
+        let table = render(&rows);
+        assert!(table.contains("20.0") && table.contains("40.0") && table.contains("inf"), "{table}");
+        let ratios = table.lines().find(|line| line.contains("geometric mean, of mpc+observer")).unwrap_or_default();
+        assert!(ratios.contains("1.000") && ratios.contains("2.000"), "{table}");
+    }
 }

@@ -1,16 +1,18 @@
-//! message → JSON: each recorded message's fields, named, described and taken out in one place.
+//! message → JSON: each message's fields, named, described and taken out in one place, for records and for telemetry.
 //!
 //! Arrays are written only as far as they count.
 
-use crate::field::{self, Field, Shape};
-use crate::words;
-use protocol::message::{Command, Health, ModelSnapshot, Participant, Plan, PlantState, ResidualSample, SnapshotRow, Truth};
-use protocol::topic::{OnTopic, TOPIC_COUNT, Topic};
+pub mod field;
+pub mod words;
+
+use crate::message::{Command, Health, ModelSnapshot, Participant, Plan, PlantState, ResidualSample, SnapshotRow, Truth};
+use crate::topic::{OnTopic, TOPIC_COUNT, Topic};
+use field::{Field, Shape};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use serde_json::Value;
 
-/// A message that is recorded.
-pub trait Recorded: OnTopic {
+/// A message that can be shown.
+pub trait Viewable: OnTopic {
     /// What the message is.
     const ABOUT: &'static str;
     /// What it says, behind its stamp.
@@ -23,7 +25,7 @@ pub trait Recorded: OnTopic {
 /// A message as a JSON object.
 pub struct View<'a, T>(pub &'a T);
 
-impl<T: Recorded> Serialize for View<'_, T> {
+impl<T: Viewable> Serialize for View<'_, T> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(Some(T::FIELDS.len() + 1))?;
         map.serialize_entry("stamp", self.0.stamp())?;
@@ -33,14 +35,14 @@ impl<T: Recorded> Serialize for View<'_, T> {
 }
 
 /// JSON Schema of `T`'s view.
-pub fn schema<T: Recorded>() -> Value {
+pub fn schema<T: Viewable>() -> Value {
     field::schema(T::NAME, T::ABOUT, T::FIELDS)
 }
 
 /// `key: shape, meaning => value` for each field.
 macro_rules! recorded {
     ($message:ident, $about:literal, |$this:ident| { $($name:literal: $shape:expr, $meaning:literal => $value:expr;)+ }) => {
-        impl Recorded for $message {
+        impl Viewable for $message {
             const ABOUT: &'static str = $about;
             const FIELDS: &'static [Field] = &[$(Field { name: $name, shape: $shape, about: $meaning }),+];
 
@@ -150,9 +152,13 @@ recorded!(Truth, "plant-sim → recorder: what is really the case.", |truth| {
     "velocity": Shape::Numbers, "true body velocity (forward, left, yaw) [m/s, m/s, rad/s]" => truth.velocity;
     "force": Shape::Numbers, "force and torque of the world beside the wheels, body frame [N, N, N m]" => truth.force;
     "wheel_command": Shape::Numbers, "wheel speeds that the motors are commanded [rad/s]" => truth.wheel_command;
+    "wheel_peak": Shape::Numbers, "largest magnitude of each wheel's command in the past period [rad/s]" => truth.wheel_peak;
     "acting_epoch": Shape::Integer, "epoch of the controller whose command acts, 0 if none does" => truth.acting_epoch;
     "acting_writer": Shape::Integer, "writer of that command" => truth.acting_writer;
     "acting_tick": Shape::Integer, "tick that it answered" => truth.acting_tick;
+    "acting_age_nanos": Shape::Integer, "greatest age of an answered state whose command acted in the past period [ns]" => truth.acting_age_nanos;
+    "takeovers": Shape::Integer, "how often another controller epoch took over in the past period" => truth.takeovers;
+    "takeovers_back": Shape::Integer, "how many of those went to a lower epoch" => truth.takeovers_back;
     "rung": Shape::Word(words::rungs), "rung of the past period" => words::of_rung(truth.rung);
     "reason": Shape::Word(words::reasons), "reason of that rung" => words::of_reason(truth.reason);
 });

@@ -1,6 +1,6 @@
 //! message → JSON: what a record says about one field, and the JSON Schema made of it.
 
-use crate::words::Words;
+use super::words::Words;
 use serde_json::{Map, Value, json};
 
 /// One entry of a recorded message.
@@ -63,7 +63,7 @@ impl Shape {
             Self::Text => json!({"type": "string"}),
             Self::Word(words) => json!({"type": "string", "enum": words()}),
             Self::ByTopic => {
-                let topics = protocol::topic::Topic::ALL.iter().map(|topic| (topic.name(), json!({"type": "integer"})));
+                let topics = crate::topic::Topic::ALL.iter().map(|topic| (topic.name(), json!({"type": "integer"})));
                 object("", topics)
             }
         }

@@ -1,6 +1,6 @@
 //! code ↔ word: a record shows coded fields in a person's words.
 
-use protocol::message::{Participant, Phase, Reason, Rung, SolverStatus};
+use crate::message::{Participant, Phase, Reason, Rung, SolverStatus};
 
 /// Lists the words of one kind of code.
 pub type Words = fn() -> Vec<&'static str>;

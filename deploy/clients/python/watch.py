@@ -1,0 +1,15 @@
+"""Prints what a robot does: watch.py tcp/127.0.0.1:7448 [robot]. Needs the public package eclipse-zenoh."""
+import json
+import sys
+import zenoh
+
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
+config.insert_json5("scouting/multicast/enabled", "false")
+robot = sys.argv[2] if len(sys.argv) > 2 else "*"
+with zenoh.open(config) as session, session.declare_subscriber(f"coxswain/{robot}/state/json") as states:
+    for sample in states:
+        state = json.loads(sample.payload.to_string())
+        x, y, yaw = state["pose"]
+        print(f"tick {state['stamp']['tick']:6}  x {x:8.3f} m  y {y:8.3f} m  yaw {yaw:7.3f} rad  {state['rung']}", flush=True)

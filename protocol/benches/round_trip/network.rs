@@ -1,0 +1,46 @@
+//! zenoh alone: as many bytes through the same kind of router, and nothing else.
+
+use super::{Failure, LONG};
+use criterion::Criterion;
+use std::sync::mpsc;
+use zenoh::{Config, Session, Wait};
+
+fn client(endpoint: &str) -> Result<Session, Failure> {
+    let mut config = Config::default();
+    for (key, value) in [("mode", "\"client\""), ("scouting/multicast/enabled", "false"), ("scouting/gossip/enabled", "false")] {
+        config.insert_json5(key, value)?;
+    }
+    config.insert_json5("connect/endpoints", &format!("[\"{endpoint}\"]"))?;
+    zenoh::open(config).wait()
+}
+
+/// Measures `bytes` there and back.
+pub(crate) fn measure(criterion: &mut Criterion, endpoint: &str, name: &str, bytes: usize) -> Result<(), Failure> {
+    let (here, there) = (client(endpoint)?, client(endpoint)?);
+    let echo = there.clone();
+    let back = move |sample: zenoh::sample::Sample| {
+        let _ = echo.put("bare/back", sample.payload().clone()).wait();
+    };
+    let _echo = there.declare_subscriber("bare/there").callback(back).wait()?;
+    let (heard, is_heard) = mpsc::channel();
+    let note = move |sample: zenoh::sample::Sample| {
+        let _ = heard.send(sample.payload().len());
+    };
+    let _ears = here.declare_subscriber("bare/back").callback(note).wait()?;
+    let payload = vec![1_u8; bytes];
+    // Until both subscriptions are known everywhere, messages go nowhere.
+    while is_heard.recv_timeout(std::time::Duration::from_millis(100)).is_err() {
+        here.put("bare/there", payload.clone()).wait()?;
+    }
+    while is_heard.try_recv().is_ok() {}
+    let mut failure = None;
+    criterion.bench_function(&format!("round trip/zenoh alone, {name}"), |bencher| {
+        bencher.iter(|| {
+            let said = here.put("bare/there", payload.clone()).wait();
+            if let Err(error) = said.and_then(|()| Ok(is_heard.recv_timeout(LONG)?)) {
+                failure = Some(error);
+            }
+        });
+    });
+    failure.map_or(Ok(()), Err)
+}

@@ -1,0 +1,304 @@
+//! Faults on purpose: a carrier between [`Source`](super::Source) or [`Sink`](super::Sink) and the real one, which loses, delays and
+//! damages what passes, as settings say.
+//!
+//! | file       | what it holds                                                      |
+//! |------------|--------------------------------------------------------------------|
+//! | `anatomy`  | takes a message apart and seals it again                           |
+//! | `stage`    | one fault on one link: what it makes of each message               |
+//! | `chain`    | all faults of one link, one behind the other, and what they hold   |
+//! | `carrier`  | the inlet and the outlet around the real ones                      |
+//! | `random`   | the seeded generator that every fault has of its own               |
+//!
+//! Every decision depends on the seed, the rule, the link and the messages alone, never on a clock; only the release of what is held back
+//! for a time does. What a fault holds comes out at a reader while it waits, at a writer with the next message: delay at readers.
+//!
+//! On a lossless link, in lock step, nothing is ever gone: what a fault withholds comes after all once the reader has waited in vain for
+//! 100 ms, as if the carrier had sent it again, unless a later message has come meanwhile. Without that a single lost command would stop
+//! the clock for ever. Such faults must stand at the reader there, and be counted in messages instead of time.
+
+mod anatomy;
+mod carrier;
+mod chain;
+mod random;
+mod stage;
+
+pub(super) use carrier::{FaultyInlet, FaultyOutlet};
+pub(super) use chain::Chain;
+
+use crate::message::Participant;
+use crate::port::carrier::Encoding;
+use crate::topic::{Delivery, OnTopic, Topic};
+use serde::{Deserialize, Serialize};
+use std::cell::Cell;
+use std::ops::Range;
+use std::rc::Rc;
+
+/// Most messages that one fault holds back or remembers: as many as wait on the deepest link.
+const HELD_MAX: usize = 256;
+/// Longest count of messages that can be asked for.
+const MESSAGES_MAX: u64 = 64;
+/// Longest delay that can be asked for \[ms\].
+const MILLIS_MAX: u64 = 10_000;
+
+/// Which faults are injected, and where. By default none, which costs nothing.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Faults {
+    /// Seed of all random choices.
+    #[serde(default)]
+    pub seed: u64,
+    /// The process that these settings are for; set by the launcher. Without it the faults of all others but the named ones apply.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub process: Option<Participant>,
+    /// The faults, in the order in which a message passes them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub fault: Vec<Fault>,
+}
+
+/// One fault on one link.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fault {
+    /// The link.
+    pub topic: Topic,
+    /// Its end.
+    pub at: End,
+    /// Only in this process.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub participant: Option<Participant>,
+    /// What happens to a message.
+    pub kind: Kind,
+    /// First tick, by the message's stamp, that it happens to.
+    #[serde(default)]
+    pub from_tick: u64,
+    /// First tick that it does not happen to any more; to the end if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until_tick: Option<u64>,
+    /// How likely it is for each message, up to 1.
+    #[serde(default = "certain")]
+    pub probability: f64,
+    /// Of `delay` and `jitter`: how long \[ms\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub millis: Option<u64>,
+    /// Of `delay`, `jitter` and `reorder`: how many later messages pass before; of `replay`: how many messages ago.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub messages: Option<u64>,
+    /// Of `nan`: the field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub field: Option<String>,
+}
+
+fn certain() -> f64 {
+    1.0
+}
+
+/// The two ends of a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum End {
+    /// Where it is written.
+    Writer,
+    /// Where it is read.
+    Reader,
+}
+
+/// What happens to a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// It never comes.
+    Drop,
+    /// The same bytes come again at once.
+    Duplicate,
+    /// It comes later, by a time or by so many later messages.
+    Delay,
+    /// It comes later by a random part of a time or of a number of later messages.
+    Jitter,
+    /// It comes behind the next message, or behind so many.
+    Reorder,
+    /// One random bit is flipped.
+    Corrupt,
+    /// It is cut to a random shorter length, in whole words.
+    Truncate,
+    /// A stuck sensor: the numbers of the first message of the window, under the present stamp, sealed as valid.
+    Freeze,
+    /// The bytes of an earlier message come again behind it.
+    Replay,
+    /// One number of a field is not a number, sealed as valid.
+    Nan,
+}
+
+impl Kind {
+    /// Name in settings and logs.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Drop => "drop",
+            Self::Duplicate => "duplicate",
+            Self::Delay => "delay",
+            Self::Jitter => "jitter",
+            Self::Reorder => "reorder",
+            Self::Corrupt => "corrupt",
+            Self::Truncate => "truncate",
+            Self::Freeze => "freeze",
+            Self::Replay => "replay",
+            Self::Nan => "nan",
+        }
+    }
+
+    /// Whether the message itself is missing where it should be, for a while or for good.
+    const fn withholds(self) -> bool {
+        matches!(self, Self::Drop | Self::Delay | Self::Jitter | Self::Reorder | Self::Corrupt | Self::Truncate)
+    }
+}
+
+/// A fault that cannot be.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{key}: expected {expected}")]
+pub struct ImpossibleFault {
+    /// Dotted path of the key; faults count from 0.
+    pub key: String,
+    /// What it would have to be.
+    pub expected: String,
+}
+
+impl Faults {
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.fault.is_empty()
+    }
+
+    /// The same faults, in the process of `participant`.
+    #[must_use]
+    pub fn in_process(&self, participant: Participant) -> Self {
+        Self { process: Some(participant), ..self.clone() }
+    }
+
+    /// Whether there can be such faults.
+    ///
+    /// # Errors
+    /// [`ImpossibleFault`] names the first setting that cannot be.
+    pub fn check(&self) -> Result<(), ImpossibleFault> {
+        if i64::try_from(self.seed).is_err() {
+            return Err(impossible("seed", "at most 9223372036854775807, the largest number of TOML"));
+        }
+        self.each(Fault::check)
+    }
+
+    /// Whether they can be in lock step, where time does not count and every message does.
+    ///
+    /// # Errors
+    /// [`ImpossibleFault`] names the first setting that cannot be.
+    pub fn check_lock_step(&self) -> Result<(), ImpossibleFault> {
+        self.each(Fault::check_lock_step)
+    }
+
+    fn each(&self, check: impl Fn(&Fault) -> Result<(), ImpossibleFault>) -> Result<(), ImpossibleFault> {
+        self.fault.iter().enumerate().try_for_each(|(index, fault)| {
+            check(fault).map_err(|error| ImpossibleFault { key: format!("fault.{index}.{}", error.key), expected: error.expected })
+        })
+    }
+}
+
+fn impossible(key: &str, expected: impl Into<String>) -> ImpossibleFault {
+    ImpossibleFault { key: key.to_owned(), expected: expected.into() }
+}
+
+impl Fault {
+    fn check(&self) -> Result<(), ImpossibleFault> {
+        let kind = self.kind.name();
+        if !(self.probability > 0.0 && self.probability <= 1.0) {
+            return Err(impossible("probability", "more than 0 and at most 1"));
+        }
+        if self.until_tick.is_some_and(|until| until <= self.from_tick) {
+            return Err(impossible("until_tick", "more than from_tick"));
+        }
+        let timed = matches!(self.kind, Kind::Delay | Kind::Jitter);
+        match self.millis {
+            Some(_) if !timed => return Err(impossible("millis", format!("no such key for {kind}: only delay and jitter have it"))),
+            Some(millis) if !(1..=MILLIS_MAX).contains(&millis) => return Err(impossible("millis", format!("1 to {MILLIS_MAX} ms"))),
+            _ => {}
+        }
+        match self.messages {
+            Some(_) if !timed && !matches!(self.kind, Kind::Reorder | Kind::Replay) => {
+                return Err(impossible("messages", format!("no such key for {kind}: only delay, jitter, reorder and replay have it")));
+            }
+            Some(messages) if !(1..=MESSAGES_MAX).contains(&messages) => {
+                return Err(impossible("messages", format!("1 to {MESSAGES_MAX}")));
+            }
+            Some(_) if self.millis.is_some() => return Err(impossible("messages", "either millis or messages, not both")),
+            None if timed && self.millis.is_none() => return Err(impossible("millis", format!("it, or messages, for {kind}"))),
+            _ => {}
+        }
+        self.check_field()
+    }
+
+    fn check_field(&self) -> Result<(), ImpossibleFault> {
+        let numbers = self.topic.numbers();
+        if matches!(self.kind, Kind::Freeze | Kind::Nan) && numbers.is_empty() {
+            return Err(impossible("topic", "a topic whose messages have numbers"));
+        }
+        match &self.field {
+            None if self.kind == Kind::Nan => Err(impossible("field", format!("it for nan: one of {}", numbers.join(", ")))),
+            Some(_) if self.kind != Kind::Nan => Err(impossible("field", format!("no such key for {}: only nan has it", self.kind.name()))),
+            Some(field) if !numbers.contains(&field.as_str()) => Err(impossible("field", format!("one of {}", numbers.join(", ")))),
+            _ => Ok(()),
+        }
+    }
+
+    fn check_lock_step(&self) -> Result<(), ImpossibleFault> {
+        if self.millis.is_some() {
+            return Err(impossible("millis", "messages instead: in lock step time does not count"));
+        }
+        if self.at == End::Writer && self.kind.withholds() && self.topic.quality(true).delivery == Delivery::Lossless {
+            return Err(impossible("at", format!("reader for {}: in lock step the clock waits for every message", self.kind.name())));
+        }
+        Ok(())
+    }
+
+    /// Ticks that it happens to.
+    fn window(&self) -> Range<u64> {
+        self.from_tick..self.until_tick.unwrap_or(u64::MAX)
+    }
+}
+
+/// The faults of one [`Ports`](super::Ports), and how often each has been injected.
+#[derive(Clone)]
+pub(super) struct Injection {
+    faults: Rc<Faults>,
+    lock_step: bool,
+    injected: Rc<[Cell<u64>]>,
+}
+
+impl Injection {
+    /// None if there is nothing to inject.
+    pub(super) fn new(faults: &Faults, lock_step: bool) -> Option<Self> {
+        let injected = faults.fault.iter().map(|_| Cell::new(0)).collect();
+        (!faults.is_empty()).then(|| Self { faults: Rc::new(faults.clone()), lock_step, injected })
+    }
+
+    /// What lies on this end of `T`'s link; none if nothing does.
+    pub(super) fn chain<T: OnTopic>(&self, at: End, encoding: Encoding) -> Option<Chain> {
+        let delivery = T::TOPIC.quality(self.lock_step).delivery;
+        let applies = |fault: &Fault| {
+            let here = fault.participant.is_none_or(|participant| self.faults.process == Some(participant));
+            fault.topic == T::TOPIC && fault.at == at && here
+        };
+        let numbered = self.faults.fault.iter().enumerate().zip(self.injected.iter().enumerate());
+        let stages: Vec<_> = numbered
+            .filter(|((_, fault), _)| applies(fault))
+            .map(|((index, fault), _)| {
+                let place = (index as u64) << 32
+                    | (T::TOPIC.index() as u64) << 16
+                    | self.faults.process.map_or(0xFFFF, |here| u64::from(here.code()));
+                let withheld_returns = delivery == Delivery::Lossless && at == End::Reader;
+                stage::Stage::new(index, fault.clone(), random::SplitMix64::new(self.faults.seed, place), withheld_returns)
+            })
+            .collect();
+        (!stages.is_empty()).then(|| Chain::new(stages, anatomy::Anatomy::of::<T>(encoding), Rc::clone(&self.injected)))
+    }
+
+    /// How often each fault has been injected, in the order of the settings.
+    pub(super) fn injected(&self) -> Vec<u64> {
+        self.injected.iter().map(Cell::get).collect()
+    }
+}

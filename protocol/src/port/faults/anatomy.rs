@@ -1,0 +1,108 @@
+//! Takes a message apart and seals it again: the one place of the faults that knows how messages are encoded.
+
+use crate::message::Message;
+use crate::port::carrier::Encoding;
+use crate::{frame, wire};
+
+/// A message after something has been done to it, if that could be done.
+type Changed = Option<Vec<u8>>;
+
+/// What the faults must know of one kind of message in one encoding.
+#[derive(Clone, Copy)]
+pub(super) struct Anatomy {
+    encoding: Encoding,
+    tick: fn(Encoding, &[u8]) -> Option<u64>,
+    numbers: fn(Encoding, &[u8]) -> Option<Vec<f64>>,
+    with_numbers: fn(Encoding, &[u8], &[f64]) -> Changed,
+    with_nan: fn(Encoding, &[u8], &str, u64) -> Changed,
+}
+
+impl Anatomy {
+    pub(super) fn of<T: Message>(encoding: Encoding) -> Self {
+        Self { encoding, tick: tick::<T>, numbers: numbers::<T>, with_numbers: with_numbers::<T>, with_nan: with_nan::<T> }
+    }
+
+    /// Tick of its stamp; none if it is no valid message.
+    pub(super) fn tick(&self, bytes: &[u8]) -> Option<u64> {
+        (self.tick)(self.encoding, bytes)
+    }
+
+    /// All its numbers, in order; none if it is no valid message.
+    pub(super) fn numbers(&self, bytes: &[u8]) -> Option<Vec<f64>> {
+        (self.numbers)(self.encoding, bytes)
+    }
+
+    /// The same message with other numbers; none if it is no valid message, or has another number of numbers.
+    pub(super) fn with_numbers(&self, bytes: &[u8], numbers: &[f64]) -> Option<Vec<u8>> {
+        (self.with_numbers)(self.encoding, bytes, numbers)
+    }
+
+    /// The same message with NaN somewhere in `field`, where `choice` says; none if it is no valid message, or has no number there.
+    pub(super) fn with_nan(&self, bytes: &[u8], field: &str, choice: u64) -> Option<Vec<u8>> {
+        (self.with_nan)(self.encoding, bytes, field, choice)
+    }
+}
+
+fn opened<T: Message>(encoding: Encoding, bytes: &[u8]) -> Option<T> {
+    match encoding {
+        Encoding::Words => frame::decode(bytes).ok(),
+        Encoding::Wire => wire::decode(bytes).ok(),
+    }
+}
+
+fn sealed<T: Message>(encoding: Encoding, message: &T) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    match encoding {
+        Encoding::Words => {
+            bytes.resize(message.byte_len(), 0);
+            frame::encode(message, &mut bytes);
+        }
+        Encoding::Wire => drop(wire::encode(message, &mut bytes)),
+    }
+    bytes
+}
+
+fn tick<T: Message>(encoding: Encoding, bytes: &[u8]) -> Option<u64> {
+    match encoding {
+        // The stamp alone is in its place whatever the rest is.
+        Encoding::Words => frame::peek(bytes).ok().map(|stamp| stamp.tick),
+        Encoding::Wire => opened::<T>(encoding, bytes).map(|message| message.stamp().tick),
+    }
+}
+
+fn numbers<T: Message>(encoding: Encoding, bytes: &[u8]) -> Option<Vec<f64>> {
+    let mut message: T = opened(encoding, bytes)?;
+    let mut numbers = Vec::new();
+    message.visit_numbers(&mut |_, values| numbers.extend_from_slice(values));
+    Some(numbers)
+}
+
+fn with_numbers<T: Message>(encoding: Encoding, bytes: &[u8], numbers: &[f64]) -> Option<Vec<u8>> {
+    let mut message: T = opened(encoding, bytes)?;
+    let mut rest = numbers;
+    let mut fits = true;
+    message.visit_numbers(&mut |_, values| match rest.split_at_checked(values.len()) {
+        Some((these, others)) => {
+            values.copy_from_slice(these);
+            rest = others;
+        }
+        None => fits = false,
+    });
+    (fits && rest.is_empty()).then(|| sealed(encoding, &message))
+}
+
+fn with_nan<T: Message>(encoding: Encoding, bytes: &[u8], field: &str, choice: u64) -> Option<Vec<u8>> {
+    let mut message: T = opened(encoding, bytes)?;
+    let mut found = false;
+    message.visit_numbers(&mut |name, values| {
+        let count = values.len() as u64;
+        if name == field
+            && count > 0
+            && let Some(value) = values.get_mut((choice % count) as usize)
+        {
+            *value = f64::NAN;
+            found = true;
+        }
+    });
+    found.then(|| sealed(encoding, &message))
+}

@@ -1,0 +1,75 @@
+//! zenoh's configuration: its defaults, never a file of the user's, and nothing found that was not named.
+
+use crate::wire;
+use serde_json::{Value, json};
+use zenoh::Config;
+
+/// How long an opening tries to reach the router \[ms\].
+const OPEN_MILLIS: u64 = 5_000;
+
+/// Silence after which a link counts as dead \[ms\]. Each side says something four times as often. A process that is gone is noticed at once;
+/// a shorter lease would take a machine that stands still for a moment for a cut cable.
+const LEASE_MILLIS: u64 = 2_000;
+
+/// How long one attempt to connect may take \[ms\]. Short, so that an attempt that began during a cut does not outlast it by much.
+const ATTEMPT_MILLIS: u64 = 1_000;
+
+/// Longest pause between two attempts to connect \[ms\].
+const RETRY_MILLIS_MAX: u64 = 300;
+
+/// Batches of 64 KiB that may wait on a link, of each priority: all that zenoh allows, since a burst that finds none free is dropped.
+const BATCHES: usize = 16;
+
+/// How long a client's sender waits for a free batch before it drops a message \[µs\]. A router must not: it has others to serve.
+const CLIENT_WAIT_MICROS: u64 = 100_000;
+
+/// What zenoh adds to a message at most, with room to spare \[bytes\].
+const OVERHEAD_BYTES_MAX: usize = 4_096;
+
+/// A client of the routers at `connect`, which are tried in turn.
+pub(super) fn client(connect: &[String]) -> Result<Config, zenoh::Error> {
+    configured(&[
+        ("mode", json!("client")),
+        ("connect/endpoints", json!(connect)),
+        ("connect/timeout_ms", json!(OPEN_MILLIS)),
+        ("connect/exit_on_failure", json!(true)),
+        ("listen/endpoints", json!([])),
+        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(CLIENT_WAIT_MICROS)),
+    ])
+}
+
+/// A router at `listen`, which joins the routers at `connect` in the background, again and again.
+pub(super) fn router(listen: &[String], connect: &[String]) -> Result<Config, zenoh::Error> {
+    configured(&[
+        ("mode", json!("router")),
+        ("listen/endpoints", json!(listen)),
+        ("connect/endpoints", json!(connect)),
+        ("connect/timeout_ms", json!(-1)),
+        ("connect/exit_on_failure", json!(false)),
+        // Else opening takes this long, for routers that might be found.
+        ("scouting/delay", json!(0)),
+    ])
+}
+
+fn configured(settings: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
+    let common = [
+        ("connect/retry", json!({ "period_init_ms": 50, "period_max_ms": RETRY_MILLIS_MAX, "period_increase_factor": 2.0 })),
+        ("scouting/multicast/enabled", json!(false)),
+        ("scouting/gossip/enabled", json!(false)),
+        ("timestamping/enabled", json!(false)),
+        ("adminspace/enabled", json!(false)),
+        ("transport/unicast/open_timeout", json!(ATTEMPT_MILLIS)),
+        ("transport/unicast/accept_timeout", json!(ATTEMPT_MILLIS)),
+        ("transport/link/tx/lease", json!(LEASE_MILLIS)),
+        ("transport/link/rx/max_message_size", json!(wire::BYTES_MAX + OVERHEAD_BYTES_MAX)),
+    ];
+    let priorities = ["control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low", "background"];
+    let mut config = Config::default();
+    for priority in priorities {
+        config.insert_json5(&format!("transport/link/tx/queue/size/{priority}"), &BATCHES.to_string())?;
+    }
+    for (key, value) in common.iter().chain(settings) {
+        config.insert_json5(key, &value.to_string())?;
+    }
+    Ok(config)
+}

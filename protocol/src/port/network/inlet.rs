@@ -1,0 +1,320 @@
+//! One reader on the network: zenoh's threads fill a bounded queue, which the reader's thread empties.
+
+use super::bell::{Bell, Slept};
+use super::keys::{Keys, last};
+use super::presence::{Announced, Role, announce, check, draw_id};
+use super::{ANSWER_TIMEOUT, Network, failed, no_thread};
+use crate::port::carrier::{Encoding, Inlet};
+use crate::port::{OpenError, ReceiveError};
+use crate::topic::{Delivery, Quality, Topic};
+use crossbeam_queue::ArrayQueue;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+use zenoh::pubsub::Subscriber;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::{ConsolidationMode, QueryTarget};
+use zenoh::sample::Sample;
+use zenoh::{Session, Wait};
+
+/// Writers that are remembered, those gone included.
+const ORIGINS_MAX: usize = 64;
+
+pub(super) struct NetworkInlet {
+    topic: Topic,
+    arrivals: Arc<Arrivals>,
+    /// Reports room to the writers of a lossless link.
+    reporter: Option<JoinHandle<()>>,
+    /// Dropped before the session that they belong to.
+    _declared: Declared,
+    session: Session,
+}
+
+/// What the others know of a reader.
+struct Declared {
+    _token: Option<Announced>,
+    _subscribers: Vec<Subscriber<()>>,
+}
+
+/// What zenoh's threads, the reader and the reporter share.
+struct Arrivals {
+    quality: Quality,
+    waiting: ArrayQueue<Parcel>,
+    spare: ArrayQueue<Vec<u8>>,
+    bell: Bell,
+    /// Locked by the reader on lossless links only.
+    ledger: Mutex<Ledger>,
+    reporter: Mutex<Option<thread::Thread>>,
+    closing: AtomicBool,
+}
+
+struct Parcel {
+    /// Serial number of the origin.
+    origin: u64,
+    bytes: Vec<u8>,
+}
+
+/// Where messages come from.
+#[derive(Default)]
+struct Ledger {
+    next: u64,
+    origins: Vec<Origin>,
+}
+
+/// One writer as this reader sees it.
+struct Origin {
+    serial: u64,
+    id: String,
+    /// Number of the last message that came.
+    last: u64,
+    /// Messages of it that wait.
+    waiting: u64,
+    /// Up to where room was reported; nothing yet if none.
+    reported: Option<u64>,
+}
+
+impl NetworkInlet {
+    /// A reader that the writers know of.
+    pub(super) fn open(network: &Network, topic: Topic) -> Result<Self, OpenError> {
+        check(network, topic, Role::Reader)?;
+        let (keys, id) = (Keys::of(network, topic), draw_id());
+        let (session, failed) = (network.session.clone(), failed(topic));
+        let arrivals = Arrivals::new(network.quality(topic)).map_err(|error| failed(error.into()))?;
+        let arrivals = Arc::new(arrivals);
+        let listen = |key: String| {
+            let arrivals = Arc::clone(&arrivals);
+            session.declare_subscriber(key).callback(move |sample| arrivals.arrived(&sample)).wait().map_err(&failed)
+        };
+        let (data, history) = (listen(keys.data("*"))?, listen(keys.history(&id, "*"))?);
+        let token = announce(network, topic, Role::Reader, &id)?;
+
+        let mut reporter = None;
+        if arrivals.quality.delivery == Delivery::Lossless {
+            let (shared, session, keys, id) = (Arc::clone(&arrivals), session.clone(), keys.clone(), id);
+            let report = move || shared.report(&session, &keys, &id);
+            let thread = thread::Builder::new().name(format!("room {}", topic.name())).spawn(report).map_err(no_thread(topic))?;
+            *arrivals.reporter.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread.thread().clone());
+            reporter = Some(thread);
+        }
+        let inlet =
+            Self { topic, arrivals, reporter, _declared: Declared { _token: Some(token), _subscribers: vec![data, history] }, session };
+        inlet.meet_writers(&keys).map_err(&failed)?;
+        Ok(inlet)
+    }
+
+    /// A reader that no writer knows of, and that none waits for.
+    pub(super) fn watch(network: &Network, topic: Topic) -> Result<Self, OpenError> {
+        let (session, failed) = (network.session.clone(), failed(topic));
+        let arrivals = Arc::new(Arrivals::new(topic.watched_quality()).map_err(|error| failed(error.into()))?);
+        let shared = Arc::clone(&arrivals);
+        let data = session.declare_subscriber(Keys::of(network, topic).data("*"));
+        let data = data.callback(move |sample| shared.arrived(&sample)).wait().map_err(&failed)?;
+        Ok(Self { topic, arrivals, reporter: None, _declared: Declared { _token: None, _subscribers: vec![data] }, session })
+    }
+
+    /// Waits until every writer knows of this reader. The question travels behind what was declared before it.
+    fn meet_writers(&self, keys: &Keys) -> Result<(), zenoh::Error> {
+        let question = self.session.get(keys.join("*")).target(QueryTarget::All).consolidation(ConsolidationMode::None);
+        let answers = question.timeout(ANSWER_TIMEOUT).wait()?;
+        while answers.recv().is_ok() {}
+        Ok(())
+    }
+
+    fn something_waits(&self) -> bool {
+        !self.arrivals.waiting.is_empty()
+    }
+}
+
+impl Inlet for NetworkInlet {
+    fn encoding(&self) -> Encoding {
+        Encoding::Wire
+    }
+
+    fn receive(&mut self, visit: &mut dyn FnMut(&[u8])) -> Result<bool, ReceiveError> {
+        let Some(parcel) = self.arrivals.waiting.pop() else {
+            return Ok(false);
+        };
+        visit(&parcel.bytes);
+        if self.arrivals.quality.delivery == Delivery::Lossless {
+            self.arrivals.taken(parcel.origin);
+        }
+        self.arrivals.recycle(parcel.bytes);
+        Ok(true)
+    }
+
+    fn wait(&mut self, timeout: Duration) -> Result<bool, ReceiveError> {
+        if self.something_waits() {
+            return Ok(true);
+        }
+        let deadline = Instant::now().checked_add(timeout);
+        loop {
+            self.arrivals.bell.arm();
+            if self.something_waits() {
+                return Ok(true);
+            }
+            let left = deadline.map_or(Duration::MAX, |deadline| deadline.saturating_duration_since(Instant::now()));
+            if left.is_zero() {
+                return Ok(false);
+            }
+            let slept = self.arrivals.bell.sleep(left);
+            let failure = |_| ReceiveError::Carrier { topic: self.topic, reason: "its events cannot be waited for" };
+            if slept.map_err(failure)? == Slept::Interrupted {
+                return Ok(self.something_waits());
+            }
+        }
+    }
+}
+
+impl Drop for NetworkInlet {
+    fn drop(&mut self) {
+        self.arrivals.closing.store(true, Ordering::Release);
+        if let Some(reporter) = self.reporter.take() {
+            reporter.thread().unpark();
+            let _ = reporter.join();
+        }
+    }
+}
+
+impl Arrivals {
+    fn new(quality: Quality) -> Result<Self, std::io::Error> {
+        // Each writer of a lossless link is promised room for itself, and for its history.
+        let capacity = match quality.delivery {
+            Delivery::NewestWins => quality.depth,
+            Delivery::Lossless => (quality.depth + quality.history) * quality.writers,
+        };
+        Ok(Self {
+            quality,
+            waiting: ArrayQueue::new(capacity),
+            spare: ArrayQueue::new(quality.depth + 2),
+            bell: Bell::new()?,
+            ledger: Mutex::default(),
+            reporter: Mutex::default(),
+            closing: AtomicBool::new(false),
+        })
+    }
+
+    /// Called by zenoh.
+    fn arrived(&self, sample: &Sample) {
+        let number = sample.attachment().and_then(|number| <[u8; 8]>::try_from(&*number.to_bytes()).ok()).map(u64::from_le_bytes);
+        let mut ledger = self.ledger();
+        let origin = ledger.origin(last(sample.key_expr().as_str()));
+        if let Some(number) = number {
+            if number <= origin.last {
+                // It says so because it does not know how far this reader has come.
+                origin.reported = None;
+                self.wake_reporter();
+                return;
+            }
+            origin.last = number;
+        }
+        if self.quality.delivery == Delivery::NewestWins {
+            let parcel = self.parcel(origin.serial, sample);
+            if let Some(oldest) = self.waiting.force_push(parcel) {
+                self.recycle(oldest.bytes);
+            }
+        } else {
+            // A writer that does not keep to the room that it has loses what is too much.
+            if origin.waiting < self.quality.depth as u64 && self.waiting.push(self.parcel(origin.serial, sample)).is_ok() {
+                origin.waiting += 1;
+            }
+            if number.is_some() && origin.report_is_due(self.quality.depth as u64) {
+                self.wake_reporter();
+            }
+        }
+        drop(ledger);
+        self.bell.ring();
+    }
+
+    fn parcel(&self, origin: u64, sample: &Sample) -> Parcel {
+        let mut bytes = self.spare.pop().unwrap_or_default();
+        bytes.clear();
+        for slice in sample.payload().slices() {
+            bytes.extend_from_slice(slice);
+        }
+        Parcel { origin, bytes }
+    }
+
+    fn recycle(&self, bytes: Vec<u8>) {
+        // If there are enough already, this one goes.
+        let _ = self.spare.push(bytes);
+    }
+
+    /// A message of `origin` has been taken out of the queue.
+    fn taken(&self, origin: u64) {
+        let mut ledger = self.ledger();
+        if let Some(origin) = ledger.origins.iter_mut().find(|known| known.serial == origin) {
+            origin.waiting = origin.waiting.saturating_sub(1);
+            if origin.report_is_due(self.quality.depth as u64) {
+                self.wake_reporter();
+            }
+        }
+    }
+
+    /// The reporter's thread.
+    fn report(&self, session: &Session, keys: &Keys, id: &str) {
+        while !self.closing.load(Ordering::Acquire) {
+            let due = self.ledger().due_reports(self.quality.depth as u64);
+            for (outlet, number) in due {
+                let put = session.put(keys.room(&outlet, id), number.to_le_bytes().as_slice());
+                let put = put.priority(Priority::RealTime).congestion_control(CongestionControl::Block).express(true);
+                // Without a link the writer does not know this reader any more; when it does again, it starts anew.
+                let _ = put.wait();
+            }
+            thread::park();
+        }
+    }
+
+    fn wake_reporter(&self) {
+        if let Some(reporter) = self.reporter.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
+            reporter.unpark();
+        }
+    }
+
+    fn ledger(&self) -> MutexGuard<'_, Ledger> {
+        self.ledger.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Ledger {
+    /// The origin of that name, made if it is new.
+    fn origin(&mut self, id: &str) -> &mut Origin {
+        let index = self.origins.iter().position(|origin| origin.id == id).unwrap_or_else(|| {
+            if self.origins.len() >= ORIGINS_MAX
+                && let Some(oldest) = self.origins.iter().position(|origin| origin.waiting == 0)
+            {
+                self.origins.remove(oldest);
+            }
+            self.next += 1;
+            self.origins.push(Origin { serial: self.next, id: id.to_owned(), last: 0, waiting: 0, reported: None });
+            self.origins.len() - 1
+        });
+        &mut self.origins[index]
+    }
+
+    /// Which outlets are to be told which number. They count as told.
+    fn due_reports(&mut self, depth: u64) -> Vec<(String, u64)> {
+        let due = self.origins.iter_mut().filter(|origin| origin.report_is_due(depth));
+        due.map(|origin| {
+            origin.reported = Some(origin.handled());
+            (origin.id.clone(), origin.handled())
+        })
+        .collect()
+    }
+}
+
+impl Origin {
+    /// Number of the last message that takes no room any more.
+    fn handled(&self) -> u64 {
+        self.last.saturating_sub(self.waiting)
+    }
+
+    /// At first, when a quarter of the room is free again, and with each message once the writer may have none left.
+    fn report_is_due(&self, depth: u64) -> bool {
+        self.last > 0
+            && self.reported.is_none_or(|reported| {
+                let handled = self.handled();
+                handled > reported && (handled - reported >= (depth / 4).max(1) || self.last - reported >= depth)
+            })
+    }
+}

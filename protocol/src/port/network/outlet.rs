@@ -1,0 +1,293 @@
+//! One writer on the network: a bounded queue, and the thread that empties it into zenoh.
+
+use super::keys::Keys;
+use super::presence::{Announced, Presence, Role, announce, check, draw_id, list};
+use super::readers::{Newcomer, Readers};
+use super::{Network, failed, no_thread};
+use crate::port::carrier::{Encoding, Outlet};
+use crate::port::{OpenError, Reservation, SendError};
+use crate::topic::{Delivery, Quality, Topic};
+use crossbeam_queue::ArrayQueue;
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, channel};
+use std::thread::{self, Thread};
+use std::time::{Duration, Instant};
+use zenoh::bytes::ZBytes;
+use zenoh::pubsub::Subscriber;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::Queryable;
+use zenoh::{Session, Wait};
+
+/// How long a writer that is closed may take to send what waits.
+const FLUSH_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// How long a lossless writer sleeps before it looks again whether its own queue has room.
+const QUEUE_PAUSE: Duration = Duration::from_micros(100);
+
+pub(super) struct NetworkOutlet {
+    topic: Topic,
+    quality: Quality,
+    patience: Duration,
+    /// Messages sent so far.
+    number: u64,
+    departures: Arc<Departures>,
+    sender: Thread,
+    /// Ends when everything is sent.
+    sent: Receiver<()>,
+    /// Dropped before the session that they belong to.
+    _declared: Declared,
+    _session: Session,
+}
+
+struct Declared {
+    _token: Announced,
+    _join: Queryable<()>,
+    _presence: Subscriber<()>,
+    _room: Subscriber<()>,
+}
+
+/// What the writer and its sender share.
+struct Departures {
+    waiting: ArrayQueue<Parcel>,
+    spare: ArrayQueue<Vec<u8>>,
+    readers: Readers,
+    /// Whether a reader may have come.
+    greet: AtomicBool,
+    closing: AtomicBool,
+}
+
+/// One message with its number on this link.
+#[derive(Default)]
+struct Parcel {
+    number: u64,
+    bytes: Vec<u8>,
+}
+
+impl NetworkOutlet {
+    pub(super) fn open(network: &Network, topic: Topic, reservation: Reservation) -> Result<Self, OpenError> {
+        check(network, topic, Role::Writer)?;
+        let quality = network.quality(topic);
+        let (keys, id) = (Keys::of(network, topic), draw_id());
+        let departures = Arc::new(Departures::new(quality, reservation));
+        let (session, failed) = (network.session.clone(), failed(topic));
+
+        let (done, sent) = channel();
+        let mut post = Post::new(&session, topic, quality, keys.clone(), id.clone());
+        let shared = Arc::clone(&departures);
+        let run = move || {
+            shared.depart(&mut post);
+            drop(done);
+        };
+        let sender = thread::Builder::new().name(format!("net {}", topic.name())).spawn(run).map_err(no_thread(topic))?;
+        let sender = sender.thread().clone();
+        // From here on the sender ends with the outlet, or, if that does not come to be, with this.
+        let closing = Closing { departures: &departures, sender: &sender };
+
+        let shared = Arc::clone(&departures);
+        let room = session.declare_subscriber(keys.room(&id, "*")).callback(move |sample| shared.readers.room_made(&sample));
+        let room = room.wait().map_err(&failed)?;
+        let (shared, greeter) = (Arc::clone(&departures), sender.clone());
+        let presence = session.liveliness().declare_subscriber(keys.readers()).history(true).callback(move |sample| {
+            shared.readers.presence_changed(&sample);
+            shared.greet.store(true, Ordering::Release);
+            greeter.unpark();
+        });
+        let presence = presence.wait().map_err(&failed)?;
+        // A query ends when all that it was passed to have let go of it: it needs no answer.
+        let join = session.declare_queryable(keys.join(&id)).callback(drop).wait().map_err(&failed)?;
+        let token = announce(network, topic, Role::Writer, &id)?;
+        for key in list(network, topic)? {
+            if let Some(presence) = Presence::of(&key).filter(Presence::is_reader) {
+                departures.readers.came(&presence);
+            }
+        }
+        std::mem::forget(closing);
+        let declared = Declared { _token: token, _join: join, _presence: presence, _room: room };
+        let patience = network.patience;
+        Ok(Self { topic, quality, patience, number: 0, departures, sender, sent, _declared: declared, _session: session })
+    }
+
+    fn send_lossless(&self, mut parcel: Parcel) -> Result<(), SendError> {
+        let no_room = SendError::NoRoom { topic: self.topic, waited: self.patience };
+        let now = Instant::now();
+        let deadline = now.checked_add(self.patience).unwrap_or(now);
+        let has_room = self.departures.readers.wait_for_room(parcel.number, self.quality.depth as u64, deadline);
+        // Even if one reader has no room, the others shall have the message.
+        while let Err(refused) = self.departures.waiting.push(parcel) {
+            if Instant::now() >= deadline {
+                return Err(no_room);
+            }
+            parcel = refused;
+            thread::sleep(QUEUE_PAUSE);
+        }
+        self.sender.unpark();
+        if has_room { Ok(()) } else { Err(no_room) }
+    }
+}
+
+impl Outlet for NetworkOutlet {
+    fn encoding(&self) -> Encoding {
+        Encoding::Wire
+    }
+
+    fn send(&mut self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<(), SendError> {
+        let mut bytes = self.departures.spare.pop().unwrap_or_default();
+        bytes.resize(length, 0);
+        fill(&mut bytes);
+        self.number += 1;
+        let parcel = Parcel { number: self.number, bytes };
+        if self.quality.delivery == Delivery::Lossless {
+            return self.send_lossless(parcel);
+        }
+        if let Some(oldest) = self.departures.waiting.force_push(parcel) {
+            self.departures.recycle(oldest);
+        }
+        self.sender.unpark();
+        Ok(())
+    }
+
+    /// The sender greets late joiners by itself.
+    fn refresh(&mut self) -> Result<(), SendError> {
+        Ok(())
+    }
+}
+
+impl Drop for NetworkOutlet {
+    fn drop(&mut self) {
+        drop(Closing { departures: &self.departures, sender: &self.sender });
+        // It fails when everything is sent, which is well, or when the time is over.
+        let _ = self.sent.recv_timeout(FLUSH_TIMEOUT);
+    }
+}
+
+/// Tells the sender to end.
+struct Closing<'a> {
+    departures: &'a Departures,
+    sender: &'a Thread,
+}
+
+impl Drop for Closing<'_> {
+    fn drop(&mut self) {
+        self.departures.closing.store(true, Ordering::Release);
+        self.sender.unpark();
+    }
+}
+
+impl Departures {
+    /// Buffers for as many messages as can wait, and for the two that are just written and sent.
+    fn new(quality: Quality, reservation: Reservation) -> Self {
+        let spare = ArrayQueue::new(quality.depth + 2);
+        if let Reservation::Whole(bytes) = reservation {
+            while spare.push(Vec::with_capacity(bytes)).is_ok() {}
+        }
+        Self {
+            waiting: ArrayQueue::new(quality.depth),
+            spare,
+            readers: Readers::default(),
+            greet: AtomicBool::new(false),
+            closing: AtomicBool::new(false),
+        }
+    }
+
+    fn recycle(&self, parcel: Parcel) {
+        // If there are enough already, this one goes.
+        let _ = self.spare.push(parcel.bytes);
+    }
+
+    /// The sender's thread.
+    fn depart(&self, post: &mut Post) {
+        loop {
+            let closing = self.closing.load(Ordering::Acquire);
+            self.greet(post);
+            while let Some(parcel) = self.waiting.pop() {
+                post.send(&parcel);
+                self.recycle(parcel);
+                self.greet(post);
+            }
+            if closing {
+                return post.flush();
+            }
+            thread::park();
+        }
+    }
+
+    /// Gives the history to those who have come.
+    fn greet(&self, post: &Post) {
+        if self.greet.swap(false, Ordering::Acquire) {
+            for newcomer in self.readers.take_newcomers() {
+                post.repeat(&newcomer);
+            }
+        }
+    }
+}
+
+/// How messages of one writer go to zenoh.
+struct Post {
+    session: Session,
+    keys: Keys,
+    id: String,
+    data: String,
+    quality: Quality,
+    priority: Priority,
+    congestion: CongestionControl,
+    /// The last messages, with their numbers: as many as late joiners get, or, on a lossless link, as a reader that was cut off can have missed.
+    last: VecDeque<(u64, ZBytes)>,
+    remembered: usize,
+}
+
+impl Post {
+    fn new(session: &Session, topic: Topic, quality: Quality, keys: Keys, id: String) -> Self {
+        let priority = match topic {
+            Topic::State | Topic::Command => Priority::RealTime,
+            Topic::Residual | Topic::Credit => Priority::DataHigh,
+            Topic::Plan | Topic::Health | Topic::Truth => Priority::DataLow,
+            Topic::Snapshot => Priority::Background,
+        };
+        // A snapshot takes many batches. Where the newest wins, each of them would have to go at once, or the whole were dropped.
+        let blocks = quality.delivery == Delivery::Lossless || topic == Topic::Snapshot;
+        let congestion = if blocks { CongestionControl::Block } else { CongestionControl::Drop };
+        let data = keys.data(&id);
+        let remembered = if quality.delivery == Delivery::Lossless { quality.depth } else { quality.history };
+        let last = VecDeque::with_capacity(remembered);
+        Self { session: session.clone(), keys, id, data, quality, priority, congestion, last, remembered }
+    }
+
+    fn send(&mut self, parcel: &Parcel) {
+        let bytes = ZBytes::from(parcel.bytes.as_slice());
+        if self.remembered > 0 {
+            if self.last.len() == self.remembered {
+                self.last.pop_front();
+            }
+            self.last.push_back((parcel.number, bytes.clone()));
+        }
+        self.put(&self.data, parcel.number, bytes);
+    }
+
+    /// Says to one reader again what it has not heard: the history to a new one, everything to one that comes back.
+    fn repeat(&self, reader: &Newcomer) {
+        let key = self.keys.history(&reader.id, &self.id);
+        let history = self.last.iter().rev().take(self.quality.history).next_back().map_or(u64::MAX, |(number, _)| *number);
+        let first = reader.had.map_or(history, |had| had + 1);
+        for (number, bytes) in self.last.iter().filter(|(number, _)| *number >= first) {
+            self.put(&key, *number, bytes.clone());
+        }
+    }
+
+    /// Not express: zenoh waits for nothing while the link is free, and an express message takes a whole batch, of which a burst finds too few.
+    fn put(&self, key: &str, number: u64, bytes: ZBytes) {
+        let put = self.session.put(key, bytes).attachment(number.to_le_bytes().as_slice());
+        let put = put.priority(self.priority).congestion_control(self.congestion);
+        // Without a link to the router a message is lost like one on a cut cable: its readers count it.
+        let _ = put.wait();
+    }
+
+    /// Waits until the router has taken everything: a question of the same priority follows it, and is answered.
+    fn flush(&self) {
+        let question = self.session.get(self.keys.join("nobody")).priority(self.priority).congestion_control(CongestionControl::Block);
+        if let Ok(answers) = question.timeout(FLUSH_TIMEOUT).wait() {
+            while answers.recv().is_ok() {}
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! A watcher's end.
+
+use super::session::{connect, first_line};
+use super::{TelemetryError, check_robot, decoded};
+use crate::frame::DecodeError;
+use crate::message::{Health, Plan, PlantState};
+use crate::topic::Topic;
+use std::time::{Duration, Instant};
+use zenoh::handlers::{RingChannel, RingChannelHandler};
+use zenoh::pubsub::Subscriber;
+use zenoh::sample::Sample;
+use zenoh::{Session, Wait};
+
+/// Most values that wait to be looked at; the oldest give way.
+const WAITING_MAX: usize = 64;
+
+/// What was heard.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Heard {
+    /// What the sensors saw, and what the gate did.
+    State(Box<PlantState>),
+    /// What the controller intends.
+    Plan(Box<Plan>),
+    /// How one process is.
+    Health(Box<Health>),
+}
+
+/// What was heard, and of whom.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Word {
+    /// Name of the robot.
+    pub robot: String,
+    /// Its control period \[ns\]; 0 if it was not told.
+    pub period_nanos: u64,
+    /// The message.
+    pub said: Heard,
+}
+
+/// Hears states, plans and health of the robots at one endpoint.
+pub struct Watcher {
+    samples: Subscriber<RingChannelHandler<Sample>>,
+    session: Session,
+    refused: u64,
+}
+
+impl Watcher {
+    /// Connects to the gateway at `endpoint`; without a name it watches every robot there.
+    ///
+    /// # Errors
+    /// [`TelemetryError`], within a few seconds, if nobody answers.
+    pub fn open(endpoint: &str, robot: Option<&str>) -> Result<Self, TelemetryError> {
+        robot.map_or(Ok(()), check_robot)?;
+        let session = connect(endpoint)?;
+        let samples = session.declare_subscriber(format!("coxswain/{}/*", robot.unwrap_or("*"))).with(RingChannel::new(WAITING_MAX)).wait();
+        let samples = samples.map_err(|error| TelemetryError::Session { reason: first_line(&error) })?;
+        Ok(Self { samples, session, refused: 0 })
+    }
+
+    /// The next word, if one comes within `timeout`. What is no valid message is passed over and counted.
+    ///
+    /// # Errors
+    /// [`TelemetryError::Session`] if the session has ended.
+    pub fn next(&mut self, timeout: Duration) -> Result<Option<Word>, TelemetryError> {
+        let deadline = Instant::now() + timeout;
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            let sample = self.samples.recv_timeout(left);
+            let sample = sample.map_err(|error| TelemetryError::Session { reason: first_line(&error) })?;
+            let Some(sample) = sample else { return Ok(None) };
+            match heard(&sample) {
+                Ok(Some(word)) => return Ok(Some(word)),
+                Ok(None) => {}
+                Err(_) => self.refused += 1,
+            }
+        }
+    }
+
+    /// Whether the gateway is still at the other end.
+    pub fn is_connected(&self) -> bool {
+        self.session.info().routers_zid().wait().next().is_some()
+    }
+
+    /// Values that were no valid message.
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+}
+
+/// The word that a sample carries; none if it is on a topic that is not watched.
+fn heard(sample: &Sample) -> Result<Option<Word>, DecodeError> {
+    let key = sample.key_expr().as_str();
+    let Some((robot, topic)) = key.strip_prefix("coxswain/").and_then(|rest| rest.split_once('/')) else { return Ok(None) };
+    let bytes = sample.payload().to_bytes();
+    let said = match Topic::ALL.into_iter().find(|known| known.name() == topic) {
+        Some(Topic::State) => Heard::State(Box::new(decoded(&bytes)?)),
+        Some(Topic::Plan) => Heard::Plan(Box::new(decoded(&bytes)?)),
+        Some(Topic::Health) => Heard::Health(Box::new(decoded(&bytes)?)),
+        _ => return Ok(None),
+    };
+    let period = sample.attachment().and_then(|period| <[u8; 8]>::try_from(period.to_bytes().as_ref()).ok());
+    Ok(Some(Word { robot: robot.to_owned(), period_nanos: period.map_or(0, u64::from_le_bytes), said }))
+}

@@ -1,0 +1,266 @@
+//! `coxswain watch`: telemetry → one line per period.
+//!
+//! The robot may go and come back: that is said once each time, on the standard error.
+
+use crate::berth;
+use crate::terminal::Terminal;
+use clap::Args;
+use process::Stop;
+use protocol::message::{Plan, PlantState};
+use protocol::telemetry::{Heard, TelemetryError, Watcher, Word};
+use std::io::{self, Write};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// How often the request to end is looked at.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// Silence after which the robot counts as gone, unless its period is longer.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// Wait before the next attempt to reach a robot that is gone.
+const RETRY: Duration = Duration::from_millis(200);
+
+/// What to watch.
+#[derive(Debug, Clone, Args)]
+pub struct WatchOptions {
+    /// Where a gateway listens, as tcp/127.0.0.1:7448; by default that of the graph that runs on this machine.
+    pub endpoint: Option<String>,
+    /// Only the robot of this name.
+    #[arg(long, value_name = "NAME")]
+    pub robot: Option<String>,
+    /// Print one line per period.
+    #[arg(long, required = true)]
+    pub plain: bool,
+}
+
+/// There is nothing to watch.
+#[derive(Debug, thiserror::Error)]
+pub enum WatchError {
+    /// What was said cannot be, or nobody answers there.
+    #[error(transparent)]
+    Telemetry(#[from] TelemetryError),
+    /// No endpoint was named, and none is to be found.
+    #[error("no graph with a gateway runs on this machine; name an endpoint, as in `coxswain watch tcp/192.168.0.7:7448 --plain`")]
+    NothingRuns,
+    /// No endpoint was named, and more than one is to be found.
+    #[error("several graphs run on this machine; name one of {}", endpoints.join(", "))]
+    SeveralRun {
+        /// Where they can be watched.
+        endpoints: Vec<String>,
+    },
+    /// The lines cannot be printed.
+    #[error("the lines cannot be printed: {0}")]
+    Print(#[from] io::Error),
+}
+
+impl WatchError {
+    /// 2 if what a person said cannot be, else 1.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Telemetry(TelemetryError::Robot { .. } | TelemetryError::Endpoint { .. }) | Self::SeveralRun { .. } => 2,
+            _ => 1,
+        }
+    }
+}
+
+/// Prints what is heard on `out` until `stop` is requested or nobody reads any more.
+///
+/// # Errors
+/// [`WatchError`] if there is nothing to watch at the start. A robot that goes later is waited for.
+pub fn run(options: &WatchOptions, base: &Path, out: &mut impl Write, terminal: &mut Terminal, stop: &Stop) -> Result<(), WatchError> {
+    let open = || {
+        let endpoint = options.endpoint.clone().map_or_else(|| find(base), Ok)?;
+        Ok::<_, WatchError>((Watcher::open(&endpoint, options.robot.as_deref())?, endpoint))
+    };
+    let (mut watcher, mut endpoint) = open()?;
+    let mut lines = Lines::default();
+    let mut contact = Contact::new(Instant::now());
+    while !stop.requested() {
+        // A session that has failed is opened again below.
+        if let Ok(Some(word)) = watcher.next(PATIENCE) {
+            if contact.heard(Instant::now(), &word) {
+                terminal.say(format_args!("the robot {} at {endpoint} is back", word.robot));
+            }
+            if let Some(line) = lines.take_in(word) {
+                match writeln!(out, "{line}").and_then(|()| out.flush()) {
+                    Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
+                    printed => printed?,
+                }
+            }
+            continue;
+        }
+        if contact.is_lost(Instant::now()) {
+            terminal.say(format_args!("no word from the robot at {endpoint}; waiting for it"));
+        }
+        if !watcher.is_connected() {
+            match open() {
+                Ok(again) => (watcher, endpoint) = again,
+                Err(_) => std::thread::sleep(RETRY),
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The endpoint of the one graph that can be watched on this machine.
+fn find(base: &Path) -> Result<String, WatchError> {
+    let graphs = berth::living(base);
+    let mut endpoints: Vec<String> =
+        graphs.iter().filter_map(|graph| gateway::berth::endpoints(&graph.root()).into_iter().next()).collect();
+    match (endpoints.pop(), endpoints.is_empty()) {
+        (Some(endpoint), true) => Ok(endpoint),
+        (Some(endpoint), false) => {
+            endpoints.push(endpoint);
+            Err(WatchError::SeveralRun { endpoints })
+        }
+        (None, _) => Err(WatchError::NothingRuns),
+    }
+}
+
+/// Whether the robot is there.
+#[derive(Debug)]
+struct Contact {
+    last: Instant,
+    silence: Duration,
+    lost: bool,
+}
+
+impl Contact {
+    fn new(now: Instant) -> Self {
+        Self { last: now, silence: SILENCE, lost: false }
+    }
+
+    /// Takes note of a word about the robot itself; whether it was gone before.
+    fn heard(&mut self, now: Instant, word: &Word) -> bool {
+        if !matches!(word.said, Heard::State(_)) {
+            return false;
+        }
+        self.last = now;
+        self.silence = SILENCE.max(Duration::from_nanos(word.period_nanos).saturating_mul(3));
+        std::mem::take(&mut self.lost)
+    }
+
+    /// Whether it has gone since the last look.
+    fn is_lost(&mut self, now: Instant) -> bool {
+        let lost = now.saturating_duration_since(self.last) > self.silence;
+        !std::mem::replace(&mut self.lost, lost) && lost
+    }
+}
+
+/// States and plans → lines. A line waits for the plan that answers its state, at most until the next state.
+#[derive(Debug, Default)]
+struct Lines {
+    waiting: Option<(PlantState, f64)>,
+}
+
+impl Lines {
+    /// The line that is complete now, if one is.
+    fn take_in(&mut self, word: Word) -> Option<String> {
+        match word.said {
+            Heard::State(state) => {
+                let seconds = state.stamp.tick as f64 * word.period_nanos as f64 * 1e-9;
+                let before = self.waiting.replace((*state, seconds));
+                before.map(|(state, seconds)| line(&state, seconds, None))
+            }
+            Heard::Plan(plan) => {
+                let answered =
+                    |(state, _): &mut (PlantState, f64)| state.stamp.epoch == plan.plant_epoch && state.stamp.tick == plan.stamp.tick;
+                self.waiting.take_if(answered).map(|(state, seconds)| line(&state, seconds, Some(&plan)))
+            }
+            Heard::Health(_) => None,
+        }
+    }
+}
+
+/// One period: what was measured, what acted before, and how it was answered.
+fn line(state: &PlantState, seconds: f64, plan: Option<&Plan>) -> String {
+    let [x, y, yaw] = state.pose;
+    let measured = format!("tick {:6}  {seconds:8.2} s  x {x:8.3}  y {y:8.3}  yaw {yaw:7.3}", state.stamp.tick);
+    match plan {
+        Some(plan) => format!(
+            "{measured}  error {:6.3} m  {:<12}  model {:4}  tick time {:6.0} us",
+            plan.position_error(),
+            state.rung().text(),
+            plan.model_version,
+            plan.tick_nanos as f64 * 1e-3
+        ),
+        None => format!("{measured}  error      -    {:<12}  model    -  tick time      -   ", state.rung().text()).trim_end().to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Debug, Parser)]
+    struct Arguments {
+        #[command(flatten)]
+        options: WatchOptions,
+    }
+
+    fn word(said: Heard) -> Word {
+        Word { robot: "r".into(), period_nanos: 100_000_000, said }
+    }
+
+    fn state(tick: u64) -> PlantState {
+        let mut state: PlantState = bytemuck::Zeroable::zeroed();
+        (state.stamp.tick, state.stamp.epoch, state.rung) = (tick, 1, 1);
+        state
+    }
+
+    fn plan(tick: u64) -> Heard {
+        let mut plan: Box<Plan> = Box::new(bytemuck::Zeroable::zeroed());
+        (plan.stamp.tick, plan.plant_epoch, plan.tick_nanos, plan.model_version) = (tick, 1, 412_300, 7);
+        Heard::Plan(plan)
+    }
+
+    #[test]
+    fn a_line_waits_for_its_plan_but_not_beyond_the_next_state() {
+        let mut lines = Lines::default();
+        assert_eq!(lines.take_in(word(Heard::State(Box::new(state(12))))), None);
+        assert_eq!(lines.take_in(word(plan(11))), None, "the answer to another state");
+        let answered =
+            "tick     12      1.20 s  x    0.000  y    0.000  yaw   0.000  error  0.000 m  fresh plan    model    7  tick time    412 us";
+        assert_eq!(lines.take_in(word(plan(12))).as_deref(), Some(answered));
+        assert_eq!(lines.take_in(word(Heard::State(Box::new(state(13))))), None);
+        let unanswered =
+            "tick     13      1.30 s  x    0.000  y    0.000  yaw   0.000  error      -    fresh plan    model    -  tick time      -";
+        assert_eq!(lines.take_in(word(Heard::State(Box::new(state(14))))).as_deref(), Some(unanswered));
+    }
+
+    #[test]
+    fn loss_and_return_are_told_once() {
+        let begin = Instant::now();
+        let after = |seconds| begin + Duration::from_secs(seconds);
+        let mut contact = Contact::new(begin);
+        assert!(!contact.is_lost(after(1)));
+        assert!(contact.is_lost(after(2)) && !contact.is_lost(after(3)));
+        assert!(contact.heard(after(4), &word(Heard::State(Box::new(state(1))))));
+        assert!(!contact.heard(after(5), &word(Heard::State(Box::new(state(2))))));
+        assert!(contact.is_lost(after(7)));
+    }
+
+    #[test]
+    fn the_kind_of_view_has_to_be_said() {
+        assert!(Arguments::try_parse_from(["watch"]).is_err());
+        assert!(Arguments::try_parse_from(["watch", "--plain"]).is_ok_and(|arguments| arguments.options.plain));
+    }
+
+    #[test]
+    fn where_nothing_runs_an_endpoint_is_asked_for() -> Result<(), Box<dyn std::error::Error>> {
+        let base = tempfile::tempdir()?;
+        assert!(matches!(find(base.path()), Err(WatchError::NothingRuns)));
+        let berth = berth::Berth::take(&base.path().join("b"))?;
+        assert!(matches!(find(&base.path().join("b")), Err(WatchError::NothingRuns)), "a graph without gateway");
+        gateway::berth::note(&berth.root(), &["tcp/127.0.0.1:1".to_owned()])?;
+        assert_eq!(find(&base.path().join("b"))?, "tcp/127.0.0.1:1");
+        let other = berth::Berth::take(&base.path().join("b"))?;
+        gateway::berth::note(&other.root(), &["tcp/127.0.0.1:2".to_owned()])?;
+        assert!(matches!(find(&base.path().join("b")), Err(WatchError::SeveralRun { endpoints }) if endpoints.len() == 2));
+        berth.leave()?;
+        other.leave()?;
+        Ok(())
+    }
+}

@@ -1,0 +1,69 @@
+//! Promises of a comparison: the same seed gives the same bits, whoever runs beside it; what was learnt is worth something at the start.
+
+use coxswain::assembly::Assembly;
+use coxswain::experiment::contender::Contender;
+use coxswain::experiment::trial::{self, Row, Start};
+use coxswain::options::Options;
+use coxswain::scenario::Scenario;
+use process::Pace;
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::thread;
+
+type Outcome = Result<(), Box<dyn Error>>;
+
+fn deploy() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy")
+}
+
+fn assembly(scenario: &str, contender: Contender, seed: u64) -> Result<Assembly, Box<dyn Error>> {
+    let mut assembly = Assembly::read(&Options::of_graph(&deploy().join("graphs/local.toml")))?;
+    assembly.scenario = Scenario::named(&deploy().join("scenarios"), scenario, None)?;
+    assembly.graph.pace = Pace::LockStep;
+    assembly.graph.processes.recorder.enabled = false;
+    (assembly.scenario.seed, assembly.scenario.duration_s) = (seed, 8.0);
+    contender.take_over(&mut assembly);
+    Ok(assembly)
+}
+
+fn run(assembly: &Assembly, contender: Contender, start: Start, folder: &Path) -> Result<Row, Box<dyn Error>> {
+    let row = trial::run(assembly, folder, ("figure-eight", "paper", contender, start))?;
+    // What a tick took is the machine's doing.
+    Ok(Row { tick_p50_us: None, tick_p99_us: None, ..row })
+}
+
+#[test]
+fn the_same_seed_gives_the_same_figures_alone_and_beside_others() -> Outcome {
+    for contender in Contender::ALL {
+        let assembly = assembly("figure-eight+weak-motor", contender, 3)?;
+        let alone = run(&assembly, contender, Start::Cold, tempfile::tempdir()?.path())?;
+        let beside = thread::scope(|scope| {
+            let trial = || -> Result<Row, String> {
+                let folder = tempfile::tempdir().map_err(|error| error.to_string())?;
+                run(&assembly, contender, Start::Cold, folder.path()).map_err(|error| error.to_string())
+            };
+            let trials = [scope.spawn(trial), scope.spawn(trial)];
+            trials.map(|trial| trial.join().unwrap_or_else(|_| Err("a panic".into())))
+        });
+        for row in beside {
+            assert_eq!(row?, alone);
+        }
+        assert!(alone.position_rmse_m.is_some_and(|error| error > 0.0));
+    }
+    Ok(())
+}
+
+#[test]
+fn a_robot_that_has_learnt_before_begins_better() -> Outcome {
+    let contender = Contender::GprMpc;
+    let school = tempfile::tempdir()?;
+    run(&assembly("figure-eight", contender, 1)?, contender, Start::Cold, school.path())?;
+    let cold = assembly("figure-eight", contender, 2)?;
+    let mut warm = cold.clone();
+    warm.scenario.learner.resume = Some(school.path().join("snapshot.bin"));
+    let cold = run(&cold, contender, Start::Cold, tempfile::tempdir()?.path())?;
+    let warm = run(&warm, contender, Start::Warm, tempfile::tempdir()?.path())?;
+    assert!(warm.arrival_s.unwrap_or(f64::MAX) <= cold.arrival_s.unwrap_or(f64::MAX), "{warm:?}\n{cold:?}");
+    assert!(warm.position_rmse_m < cold.position_rmse_m, "{warm:?}\n{cold:?}");
+    Ok(())
+}

@@ -1,0 +1,129 @@
+//! topic → watchers: the newest message, at most so often.
+
+use crate::run::GatewayError;
+use crate::settings::Rates;
+use protocol::message::{Health, Participant};
+use protocol::port::{OpenError, Ports, ReceiveError, Source, Tally};
+use protocol::telemetry::Publisher;
+use protocol::topic::OnTopic;
+use protocol::view::Viewable;
+use std::time::{Duration, Instant};
+
+/// One topic on its way to the watchers.
+pub(crate) struct Lane<T> {
+    pub(crate) source: Source<T>,
+    turn: Turn,
+}
+
+impl<T: OnTopic + Viewable> Lane<T> {
+    /// Looks on at the topic of `T`, to show it at `rate` \[Hz\].
+    pub(crate) fn open(ports: &Ports, rate: f64) -> Result<Self, OpenError> {
+        Ok(Self { source: ports.watcher()?, turn: Turn::new(Rates::interval(rate)) })
+    }
+
+    /// Shows the newest message, if there is one and it is time.
+    pub(crate) fn pass(&mut self, now: Instant, publisher: &mut Publisher) -> Result<(), GatewayError> {
+        if !self.turn.has_come(now) {
+            return Ok(());
+        }
+        if let Some(message) = self.source.latest()? {
+            publisher.publish(&message)?;
+            self.turn.taken(now);
+        }
+        Ok(())
+    }
+
+    pub(crate) fn tally(&self) -> Tally {
+        self.source.tally()
+    }
+}
+
+/// The one topic with many writers: each has its turn.
+pub(crate) struct HealthLane {
+    source: Source<Health>,
+    turn: Turn,
+    newest: [Option<Health>; Participant::ALL.len()],
+}
+
+impl HealthLane {
+    /// Looks on at the health of all processes, to show each at `rate` \[Hz\].
+    pub(crate) fn open(ports: &Ports, rate: f64) -> Result<Self, OpenError> {
+        Ok(Self { source: ports.watcher()?, turn: Turn::new(Rates::interval(rate)), newest: [None; Participant::ALL.len()] })
+    }
+
+    /// Takes in what was said, and shows the newest of each process if it is time.
+    pub(crate) fn pass(&mut self, now: Instant, publisher: &mut Publisher) -> Result<(), GatewayError> {
+        self.take_in()?;
+        if !self.turn.has_come(now) || self.newest.iter().all(Option::is_none) {
+            return Ok(());
+        }
+        self.turn.taken(now);
+        self.newest.iter_mut().filter_map(Option::take).try_for_each(|health| Ok(publisher.publish(&health)?))
+    }
+
+    fn take_in(&mut self) -> Result<(), ReceiveError> {
+        while let Some(health) = self.source.next()? {
+            if let Some(place) = self.newest.get_mut(health.participant as usize) {
+                *place = Some(health);
+            }
+        }
+        Ok(())
+    }
+
+    pub(crate) fn tally(&self) -> Tally {
+        self.source.tally()
+    }
+}
+
+/// When it is time again.
+#[derive(Debug)]
+struct Turn {
+    interval: Option<Duration>,
+    next: Option<Instant>,
+}
+
+impl Turn {
+    fn new(interval: Option<Duration>) -> Self {
+        Self { interval, next: None }
+    }
+
+    /// A tenth of the interval early is in time: else a topic of just that rate would miss every other turn.
+    fn has_come(&self, now: Instant) -> bool {
+        let Some(interval) = self.interval else { return false };
+        self.next.is_none_or(|next| next.saturating_duration_since(now) <= interval / 10)
+    }
+
+    /// Who was early waits longer for the next, so that the rate is kept in the mean.
+    fn taken(&mut self, now: Instant) {
+        let after = |time: Instant| self.interval.and_then(|interval| time.checked_add(interval));
+        self.next = self.next.and_then(after).filter(|&next| next > now).or_else(|| after(now));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn taken(rate: f64, every: Duration, over: Duration) -> usize {
+        let (mut turn, begin, mut now) = (Turn::new(Rates::interval(rate)), Instant::now(), Duration::ZERO);
+        let mut taken = 0;
+        while now < over {
+            if turn.has_come(begin + now) {
+                turn.taken(begin + now);
+                taken += 1;
+            }
+            now += every;
+        }
+        taken
+    }
+
+    #[test]
+    fn no_rate_is_exceeded_and_a_topic_of_just_that_rate_passes_whole() {
+        let (ms, second) = (Duration::from_millis, Duration::from_secs(1));
+        assert_eq!(taken(50.0, ms(100), second), 10, "a slow topic passes whole");
+        assert_eq!(taken(50.0, ms(20), second), 50);
+        assert_eq!(taken(50.0, Duration::from_micros(19_900), second), 50, "just faster than the rate");
+        assert!((48..=51).contains(&taken(50.0, ms(1), second)));
+        assert_eq!(taken(0.0, ms(1), second), 0);
+    }
+}

@@ -1,0 +1,20 @@
+//! The gateway's process: messages in, telemetry out.
+
+use gateway::settings::Settings;
+use protocol::message::Participant;
+use protocol::port::{Identity, Ports};
+use rustix::process::setpriority_process;
+use std::process::ExitCode;
+
+/// Whoever controls the robot goes first: how much less often this process is served when processors are short.
+const NICE: i32 = 10;
+
+fn main() -> ExitCode {
+    // Where the system does not let a process step back, it stays where it is.
+    let _ = setpriority_process(None, NICE);
+    process::main(Participant::Gateway, |settings: Settings, stop| {
+        let ports = Ports::open(&settings.run.links, Identity::new(settings.run.epoch_floor + 1))?;
+        gateway::run::run(&ports, &settings, stop)?;
+        Ok(())
+    })
+}

@@ -1,0 +1,122 @@
+//! every topic → watchers.
+
+use crate::berth;
+use crate::lane::{HealthLane, Lane};
+use crate::settings::{Rates, Settings};
+use process::{Pulse, Stop};
+use protocol::message::{ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth};
+use protocol::port::{OpenError, Ports, ReceiveError, Tally};
+use protocol::telemetry::{Publisher, TelemetryError, TelemetrySettings};
+use protocol::topic::Topic;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Longest sleep: topics other than the plan are looked at as often.
+const PATIENCE: Duration = Duration::from_millis(20);
+
+/// The robot cannot be shown.
+#[derive(Debug, thiserror::Error)]
+pub enum GatewayError {
+    /// No place in the graph.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// A topic cannot be read.
+    #[error(transparent)]
+    Receive(#[from] ReceiveError),
+    /// No way to the watchers.
+    #[error(transparent)]
+    Telemetry(#[from] TelemetryError),
+}
+
+/// Shows what is said until `stop` is requested.
+///
+/// # Errors
+/// [`GatewayError`]. Whatever it is, the robot does not notice.
+pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), GatewayError> {
+    let mut pulse = Pulse::new(ports, Participant::Gateway)?;
+    let mut relay = Relay::open(ports, &settings.rates)?;
+    let mut publisher = publisher(settings)?;
+    pulse.phase(Phase::Ready);
+    let breath = settings.rates.shortest_interval() / 2;
+    while !stop.requested() {
+        if relay.plans.source.wait(PATIENCE)? {
+            pulse.phase(Phase::Running);
+        }
+        relay.pass(&mut publisher)?;
+        relay.count(&mut pulse);
+        pulse.beat();
+        // Whatever comes meanwhile is looked at together.
+        thread::sleep(breath);
+    }
+    pulse.phase(Phase::Finished);
+    Ok(publisher.close()?)
+}
+
+/// Listens where this role listened before, if it has been restarted, so that watchers find it again; else where the settings say.
+fn publisher(settings: &Settings) -> Result<Publisher, GatewayError> {
+    let root = &settings.run.links.root;
+    let before = berth::endpoints(root);
+    let again = || {
+        let telemetry = TelemetrySettings { listen: before.clone(), ..settings.telemetry.clone() };
+        (!before.is_empty()).then(|| Publisher::open(&telemetry, settings.run.period_nanos).ok()).flatten()
+    };
+    let publisher = match again() {
+        Some(publisher) => publisher,
+        None => Publisher::open(&settings.telemetry, settings.run.period_nanos)?,
+    };
+    let (robot, endpoints) = (&settings.telemetry.robot, publisher.endpoints());
+    tracing::info!(%robot, endpoints = %endpoints.join(", "), "watchers are welcome");
+    if let Err(error) = berth::note(root, endpoints) {
+        tracing::warn!(%error, "the endpoints could not be noted for watchers on this machine");
+    }
+    Ok(publisher)
+}
+
+/// All topics on their way to the watchers.
+struct Relay {
+    states: Lane<PlantState>,
+    /// The gateway sleeps on this one. The plan is said when the command is out, so that nobody is woken while an answer is worked out.
+    plans: Lane<Plan>,
+    healths: HealthLane,
+    residuals: Lane<ResidualSample>,
+    snapshots: Lane<ModelSnapshot>,
+    truths: Lane<Truth>,
+}
+
+impl Relay {
+    fn open(ports: &Ports, rates: &Rates) -> Result<Self, OpenError> {
+        Ok(Self {
+            states: Lane::open(ports, rates.state)?,
+            plans: Lane::open(ports, rates.plan)?,
+            healths: HealthLane::open(ports, rates.health)?,
+            residuals: Lane::open(ports, rates.residual)?,
+            snapshots: Lane::open(ports, rates.snapshot)?,
+            truths: Lane::open(ports, rates.truth)?,
+        })
+    }
+
+    /// The state goes before the plan that answers it.
+    fn pass(&mut self, publisher: &mut Publisher) -> Result<(), GatewayError> {
+        let now = Instant::now();
+        self.states.pass(now, publisher)?;
+        self.plans.pass(now, publisher)?;
+        self.healths.pass(now, publisher)?;
+        self.residuals.pass(now, publisher)?;
+        self.snapshots.pass(now, publisher)?;
+        self.truths.pass(now, publisher)
+    }
+
+    /// What one who only looks on has passed over is no loss.
+    fn count(&self, pulse: &mut Pulse) {
+        for (topic, tally) in [
+            (Topic::State, self.states.tally()),
+            (Topic::Plan, self.plans.tally()),
+            (Topic::Health, self.healths.tally()),
+            (Topic::Residual, self.residuals.tally()),
+            (Topic::Snapshot, self.snapshots.tally()),
+            (Topic::Truth, self.truths.tally()),
+        ] {
+            pulse.count_source(topic, Tally { lost: 0, ..tally });
+        }
+    }
+}

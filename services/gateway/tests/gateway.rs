@@ -1,0 +1,107 @@
+//! The gateway against a plant that only talks.
+
+use bytemuck::Zeroable;
+use gateway::berth;
+use gateway::run::GatewayError;
+use gateway::settings::{Rates, Settings};
+use process::{Pace, Run, Stop};
+use protocol::message::{Health, Participant, Phase, PlantState};
+use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
+use protocol::telemetry::{Heard, TelemetrySettings, Watcher};
+use std::error::Error;
+use std::path::Path;
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+type Outcome = Result<(), Box<dyn Error>>;
+
+const PATIENCE: Duration = Duration::from_mins(1);
+const SOON: Duration = Duration::from_millis(20);
+
+fn settings(folder: &Path, rates: Rates) -> Settings {
+    let links = Links::on_this_machine("test", folder, true, 1000);
+    let (log, pace, folder) = ("info".to_owned(), Pace::LockStep, folder.to_owned());
+    let run = Run { links, folder, log, epoch_floor: 0, restarted: false, period_nanos: 100_000_000, pace };
+    Settings { run, telemetry: TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "test".into() }, rates }
+}
+
+/// A gateway on a thread of its own, in lock step over memory.
+struct Fixture {
+    exchange: Exchange,
+    ports: Ports,
+    stop: Stop,
+    thread: JoinHandle<Result<(), GatewayError>>,
+    healths: Source<Health>,
+}
+
+impl Fixture {
+    fn start(folder: &Path, rates: Rates) -> Result<Self, Box<dyn Error>> {
+        let exchange = Exchange::new(true, Duration::from_secs(1));
+        let (settings, stop) = (settings(folder, rates), Stop::new());
+        let ports = Ports::in_memory(&exchange, Identity::new(1));
+        let healths = ports.source(Since::First)?;
+        let thread = {
+            let (exchange, stop) = (exchange.clone(), stop.clone());
+            thread::spawn(move || gateway::run::run(&Ports::in_memory(&exchange, Identity::new(1)), &settings, &stop))
+        };
+        let mut fixture = Self { exchange, ports, stop, thread, healths };
+        fixture.wait_for(Phase::Ready)?;
+        Ok(fixture)
+    }
+
+    fn wait_for(&mut self, phase: Phase) -> Outcome {
+        let begin = Instant::now();
+        while begin.elapsed() < PATIENCE {
+            self.healths.wait(SOON)?;
+            while let Some(health) = self.healths.next()? {
+                if health.participant() == Some(Participant::Gateway) && health.phase() >= phase {
+                    return Ok(());
+                }
+            }
+        }
+        Err(format!("the gateway is not {phase}").into())
+    }
+
+    fn end(self) -> Outcome {
+        self.stop.request();
+        self.thread.join().map_err(|_| "the gateway has panicked")??;
+        drop(self.exchange);
+        Ok(())
+    }
+}
+
+#[test]
+fn what_the_plant_says_is_shown() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let fixture = Fixture::start(folder.path(), Rates::default())?;
+    let endpoints = berth::endpoints(folder.path());
+    let mut watcher = Watcher::open(endpoints.first().ok_or("no endpoint was noted")?, Some("test"))?;
+    let mut sink = fixture.ports.sink::<PlantState>()?;
+    let begin = Instant::now();
+    let mut heard = Vec::new();
+    for tick in 0.. {
+        let mut state = PlantState::zeroed();
+        state.stamp.tick = tick;
+        sink.send(&mut state)?;
+        if let Some(word) = watcher.next(SOON)?
+            && let Heard::State(state) = word.said
+        {
+            heard.push(state.stamp.tick);
+        }
+        if heard.len() >= 5 || begin.elapsed() > PATIENCE {
+            break;
+        }
+    }
+    assert!(heard.len() >= 5 && heard.is_sorted(), "{heard:?}");
+    fixture.end()
+}
+
+#[test]
+fn a_gateway_that_comes_back_is_found_where_it_was() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    Fixture::start(folder.path(), Rates::default())?.end()?;
+    let before = berth::endpoints(folder.path());
+    let fixture = Fixture::start(folder.path(), Rates::default())?;
+    assert_eq!(berth::endpoints(folder.path()), before);
+    fixture.end()
+}

@@ -1,0 +1,159 @@
+//! Promise: whatever happens to the messages of a link, the wheels do nothing unsafe, and the robot drives on when it is over.
+
+use coxswain::assembly::Assembly;
+use coxswain::in_process;
+use coxswain::options::Options;
+use process::Pace;
+use promises::oracle::{Limits, acquit};
+use promises::{Launched, Outcome, Record, repository};
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+
+/// The kinds, in the order of their windows, with their keys in real time and in lock step. The last is for a learner that has all its
+/// points: a stuck model has as many numbers as the one it replaces.
+const KINDS: [(&str, &str, &str); 10] = [
+    ("drop", "", ""),
+    ("duplicate", "", ""),
+    ("delay", "millis = 60", "messages = 2"),
+    ("jitter", "millis = 150", "messages = 3"),
+    ("reorder", "", ""),
+    ("corrupt", "", ""),
+    ("truncate", "", ""),
+    ("replay", "messages = 3", "messages = 3"),
+    ("nan", "field = ", "field = "),
+    ("freeze", "", ""),
+];
+
+/// First tick of a kind's window, and its length \[ticks\].
+const WINDOW: (u64, u64) = (10, 10);
+/// From window to window \[ticks\].
+const STRIDE: u64 = 15;
+/// Length of a run \[s\]: the last window ends 1.5 s before.
+const DURATION: &str = "17";
+
+/// A link, the end and the process where it is disturbed, and a field that is not a number there.
+type Place = (&'static str, &'static str, &'static str, &'static str);
+
+/// Where a link is read.
+const READERS: [Place; 4] = [
+    ("command", "reader", "plant", "input"),
+    ("state", "reader", "controller", "velocity"),
+    ("residual", "reader", "learner", "velocity"),
+    ("snapshot", "reader", "controller", "points"),
+];
+
+/// Where a link is written: all its readers get what is left, the recorder too.
+const WRITERS: [Place; 2] = [("command", "writer", "controller", "input"), ("state", "writer", "plant", "velocity")];
+
+/// Every kind in a window of its own.
+fn faults_of((topic, at, participant, field): Place, lock_step: bool) -> Result<String, std::fmt::Error> {
+    let mut text = "seed = 7\n".to_owned();
+    for ((kind, real_time_keys, lock_step_keys), index) in KINDS.into_iter().zip(0..) {
+        let from = WINDOW.0 + STRIDE * index;
+        let keys = if lock_step { lock_step_keys } else { real_time_keys };
+        let keys = if kind == "nan" { format!("{keys}{field:?}") } else { keys.to_owned() };
+        writeln!(text, "[[fault]]\ntopic = {topic:?}\nat = {at:?}\nparticipant = {participant:?}\nkind = {kind:?}")?;
+        writeln!(text, "from_tick = {from}\nuntil_tick = {}\nprobability = 0.8\n{keys}", from + WINDOW.1)?;
+    }
+    Ok(text)
+}
+
+/// How often each fault was injected, by its place in the file, as the process that did it has logged.
+fn injected(log: &Path) -> Result<BTreeMap<usize, u64>, Box<dyn Error>> {
+    let mut injected = BTreeMap::new();
+    for line in fs::read_to_string(log)?.lines().filter(|line| line.contains("faults were injected")) {
+        let number = |key: &str| line.split_whitespace().find_map(|word| word.strip_prefix(key)?.parse::<u64>().ok());
+        *injected.entry(number("fault=").ok_or("no number")? as usize).or_default() += number("injected=").ok_or("no count")?;
+    }
+    Ok(injected)
+}
+
+fn survives(place: Place, pace: &str) -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let file = folder.path().join("faults.toml");
+    fs::write(&file, faults_of(place, pace == "lock-step")?)?;
+    let launched = Launched::new(&["--pace", pace, "--duration", DURATION, "--faults", &file.to_string_lossy()])?;
+    let (ended, home) = launched.end()?;
+    let (topic, _, participant, _) = place;
+    assert!(ended.status.success(), "{topic} in {pace}: {}", ended.text);
+    assert!(ended.text.contains("FAULTS ARE INJECTED"), "{}", ended.text);
+    let run = home.path().join("run");
+    let record = Record::read(&run)?;
+    let limits = Limits::of(&Assembly::read(&Options::of_graph(&repository().join("deploy/graphs/local.toml")))?);
+    acquit(&record, &limits).map_err(|violations| format!("{topic} in {pace}:\n{violations}"))?;
+
+    let injected = injected(&run.join(participant).with_extension("log"))?;
+    for (index, (kind, ..)) in KINDS.iter().enumerate() {
+        // In real time models come when they are ready, so that a window may be over without two of them.
+        let rare = topic == "snapshot" && pace == "real-time";
+        assert!(rare || injected.get(&index).is_some_and(|&count| count > 0), "{kind} of {topic} in {pace}: {injected:?}");
+    }
+    assert!(injected.values().sum::<u64>() > 0, "{topic} in {pace}");
+
+    if matches!(topic, "command" | "state") {
+        // The gate has refused something, or somebody has braked, and the oracle has seen how.
+        let braked = record.of("state").any(|state| state.word("rung") == "brake");
+        assert!(braked, "{topic} in {pace}: {}", record.summary);
+    }
+    let last = record.of("state").next_back().ok_or("no state")?;
+    assert_eq!((last.stamp("tick"), last.word("rung")), (170, "fresh plan"), "{topic} in {pace}");
+    let versions: Vec<u64> = record.of("command").map(|command| command.count("model_version")).collect();
+    assert!(versions.last() > versions.get(versions.len() / 2), "{topic} in {pace}: models go on being learnt and adopted");
+    Ok(())
+}
+
+#[test]
+fn in_real_time_disturbed_commands_are_survived() -> Outcome {
+    survives(READERS[0], "real-time")
+}
+
+#[test]
+fn in_real_time_disturbed_states_are_survived() -> Outcome {
+    survives(READERS[1], "real-time")
+}
+
+#[test]
+fn in_real_time_disturbed_samples_and_models_are_survived() -> Outcome {
+    survives(READERS[2], "real-time")?;
+    survives(READERS[3], "real-time")
+}
+
+#[test]
+fn in_real_time_links_that_are_disturbed_where_they_are_written_are_survived() -> Outcome {
+    WRITERS.into_iter().try_for_each(|place| survives(place, "real-time"))
+}
+
+#[test]
+fn in_lock_step_every_disturbed_link_is_survived() -> Outcome {
+    READERS.into_iter().try_for_each(|link| survives(link, "lock-step"))
+}
+
+/// What a run commanded, by tick.
+fn commands(run: &Path) -> Result<Vec<String>, Box<dyn Error>> {
+    let record = Record::read(run)?;
+    let commands = record.of("command").map(|command| format!("{} {}", command.stamp("tick"), command.says["input"]));
+    Ok(commands.collect())
+}
+
+#[test]
+fn in_lock_step_the_same_faults_give_the_same_bits_in_processes_and_in_one() -> Outcome {
+    for place in READERS {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("faults.toml");
+        fs::write(&file, faults_of(place, true)?)?;
+        let options = ["--pace", "lock-step", "--duration", DURATION, "--faults", &file.to_string_lossy()];
+        let (ended, home) = Launched::new(&options)?.end()?;
+        assert!(ended.status.success(), "{}", ended.text);
+
+        let mut options = Options::of_graph(&repository().join("deploy/graphs/local.toml"));
+        (options.pace, options.faults, options.duration) = (Some(Pace::LockStep), Some(file), Some(DURATION.parse()?));
+        let run = folder.path().join("run");
+        fs::create_dir(&run)?;
+        in_process::run(&Assembly::read(&options)?, &run)?;
+        assert_eq!(commands(&home.path().join("run"))?, commands(&run)?, "{place:?}");
+    }
+    Ok(())
+}

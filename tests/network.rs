@@ -1,0 +1,106 @@
+//! Promise: the graph runs over the network as it does on one machine, and across two machines, through cuts.
+
+use coxswain::assembly::Assembly;
+use coxswain::options::Options;
+use promises::oracle::{Limits, acquit};
+use promises::{Hosts, Launched, Outcome, Record, graph_file, launch_command};
+use std::error::Error;
+use std::path::Path;
+use std::thread;
+use std::time::Duration;
+
+/// Longest way back to a fresh plan, once the cable is in again \[s\].
+const BACK_WITHIN_S: f64 = 2.0;
+/// How long the cable is out.
+const CUT: Duration = Duration::from_secs(3);
+
+/// Everything that a run commanded.
+fn commands(folder: &Path) -> Result<Vec<String>, Box<dyn Error>> {
+    let record = Record::read(folder)?;
+    let of = |message: &promises::Message| {
+        let says = &message.says;
+        format!("{} {} {} {} {}", message.stamp("tick"), says["input"], says["tail"], says["model_version"], says["rung"])
+    };
+    Ok(record.of("command").map(of).collect())
+}
+
+#[test]
+fn in_lock_step_every_carrier_gives_the_same_bits() -> Outcome {
+    let mut runs = Vec::new();
+    for graph in ["local", "network", "mixed"] {
+        let (ended, home) = Launched::graph(graph, &["--pace", "lock-step"])?.end()?;
+        assert!(ended.status.success(), "{graph}: {}", ended.text);
+        runs.push((graph, commands(&home.path().join("run"))?));
+    }
+    let [(_, local), others @ ..] = runs.as_slice() else { return Err("no runs".into()) };
+    assert_eq!(local.len(), 251, "one command per state of 25 s at 100 ms");
+    for (graph, commands) in others {
+        for (ours, theirs) in local.iter().zip(commands) {
+            assert_eq!(ours, theirs, "{graph} differs");
+        }
+        assert_eq!(local.len(), commands.len(), "{graph}");
+    }
+    Ok(())
+}
+
+/// Drives in real time, and gives the periods on each rung.
+fn drive(graph: &str, scenario: &str, duration: &str) -> Outcome {
+    let (ended, home) = Launched::graph(graph, &["--scenario", scenario, "--duration", duration])?.end()?;
+    assert!(ended.status.success(), "{graph}: {}", ended.text);
+    let record = Record::read(&home.path().join("run"))?;
+    let options = Options { scenario: Some(scenario.into()), ..Options::of_graph(&graph_file(graph)) };
+    acquit(&record, &Limits::of(&Assembly::read(&options)?))?;
+    assert_eq!(record.summary["rungs"]["fresh plan"], record.summary["periods"], "{graph} {scenario}: {}", record.summary);
+    assert!(record.summary["snapshots_adopted"].as_u64() > Some(0), "{graph}: {}", record.summary);
+    Ok(())
+}
+
+#[test]
+fn in_real_time_no_period_is_below_a_fresh_plan_at_100_ms() -> Outcome {
+    drive("network", "paper", "10")?;
+    drive("mixed", "paper", "5")
+}
+
+#[test]
+fn in_real_time_no_period_is_below_a_fresh_plan_at_20_ms() -> Outcome {
+    drive("network", "paper-20ms", "8")
+}
+
+#[test]
+fn two_hosts_drive_together_and_survive_a_cable_that_is_pulled() -> Outcome {
+    let hosts = Hosts::new()?;
+    let home = || tempfile::Builder::new().prefix("cx").tempdir_in("/tmp");
+    let launch = |graph: &str, options: &[&str], host| -> Result<Launched, Box<dyn Error>> {
+        let home = home()?;
+        let command = launch_command(&graph_file(graph), &home.path().join("run"), options)?;
+        Launched::by(hosts.on(host, command), home)
+    };
+    let control = launch("control-host", &["--connect", &hosts.far_endpoint()], 1)?;
+    control.wait_for_log("controller", "started", 1)?;
+    let plant = launch("plant-host", &["--duration", "20", "--listen", &hosts.endpoint()], 0)?;
+    control.wait_for_log("controller", "version=5 ", 1)?;
+
+    hosts.pull_cable()?;
+    thread::sleep(CUT);
+    hosts.plug_cable()?;
+
+    let (ended, home) = plant.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let (ended, _) = control.end()?;
+    assert!(ended.status.success(), "the controllers' launch ends with the plant: {}", ended.text);
+
+    let record = Record::read(&home.path().join("run"))?;
+    acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file("plant-host")))?))?;
+    let rungs: Vec<(u64, &str)> = record.of("state").map(|state| (state.stamp("tick"), state.word("rung"))).collect();
+    let driving = rungs.iter().position(|(_, rung)| *rung == "fresh plan").ok_or("nobody drove")?;
+    let cut = driving + rungs.iter().skip(driving).position(|(_, rung)| *rung != "fresh plan").ok_or("the cut was not felt")?;
+    let back = cut + rungs.iter().skip(cut).position(|(_, rung)| *rung == "fresh plan").ok_or("nobody drove again")?;
+    let out: Vec<&str> = rungs.iter().take(back).skip(cut).map(|(_, rung)| *rung).collect();
+    assert!(out.iter().take_while(|rung| **rung == "stored tail").count() <= 3, "the tail is short: {out:?}");
+    assert!(out.iter().filter(|rung| **rung == "brake").count() >= 20, "most of the cut is spent on the brake: {out:?}");
+    let silent = (back - cut) as f64 * 0.1;
+    assert!(silent <= CUT.as_secs_f64() + BACK_WITHIN_S, "driving again after {silent:.1} s: {out:?}");
+    assert!(rungs.iter().skip(back).all(|(_, rung)| *rung == "fresh plan"), "{rungs:?}");
+    assert_eq!(rungs.last().map(|(tick, _)| *tick), Some(200));
+    Ok(())
+}

@@ -1,0 +1,53 @@
+//! Promise: a short script with the public Python package watches the robot.
+
+use promises::{Launched, Outcome, Reader, binaries, repository};
+use std::error::Error;
+use std::fs;
+use std::path::PathBuf;
+use std::process::Command;
+
+/// The Python of a virtual environment with the clients' requirements, made once per target folder and list of requirements.
+fn python() -> Result<PathBuf, Box<dyn Error>> {
+    let requirements = repository().join("deploy/clients/python/requirements.txt");
+    let wanted = fs::read_to_string(&requirements)?;
+    let folder = binaries()?.join("python-clients");
+    let (python, installed) = (folder.join("bin/python"), folder.join("installed.txt"));
+    if !fs::read_to_string(&installed).is_ok_and(|found| found == wanted) {
+        run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder))?;
+        run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"]).arg(&requirements))?;
+        fs::write(&installed, wanted)?;
+    }
+    Ok(python)
+}
+
+fn run(command: &mut Command) -> Outcome {
+    let output = command.output()?;
+    if output.status.success() { Ok(()) } else { Err(format!("{command:?}: {}", String::from_utf8_lossy(&output.stderr)).into()) }
+}
+
+/// The endpoint that the gateway of `launched` has told.
+fn endpoint(launched: &Launched) -> Result<String, Box<dyn Error>> {
+    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    let log = fs::read_to_string(launched.folder().join("gateway.log"))?;
+    let told = log.lines().find_map(|line| line.split_once("endpoints=")).ok_or("no endpoint was told")?;
+    Ok(told.1.trim().to_owned())
+}
+
+#[test]
+fn twenty_lines_of_python_print_the_state() -> Outcome {
+    let script = repository().join("deploy/clients/python/watch.py");
+    assert!(fs::read_to_string(&script)?.lines().count() <= 20);
+    let python = python()?;
+    let launched = Launched::new(&["--duration", "8"])?;
+    let mut watcher = Reader::start(Command::new(python).arg(script).args([endpoint(&launched)?.as_str(), "mecanum"]))?;
+    let lines = watcher.lines(10)?;
+    let tick = |line: &String| line.strip_prefix("tick").and_then(|rest| rest.split_whitespace().next()?.parse().ok());
+    let ticks: Vec<u64> = lines.iter().filter_map(tick).collect();
+    assert_eq!(ticks.len(), 10, "{lines:?}");
+    assert!(ticks.is_sorted_by(|earlier, later| earlier < later), "{ticks:?}");
+    let last = lines.last().ok_or("no lines")?;
+    assert!(last.contains("fresh plan") && last.contains("rad"), "{last}");
+    let (ended, _home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    Ok(())
+}

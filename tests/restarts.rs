@@ -1,0 +1,80 @@
+//! Promise: either end of the loop can be killed again and again, over any carrier: nothing unsafe happens, and the loop comes back.
+
+use coxswain::assembly::Assembly;
+use coxswain::options::Options;
+use promises::oracle::{Limits, acquit};
+use promises::{Launched, Outcome, Record, graph_file, launch_command, repository, signal};
+use rustix::process::Signal;
+use std::collections::{BTreeMap, BTreeSet};
+use std::error::Error;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::Duration;
+
+/// Kills of each end.
+const KILLS: u32 = 20;
+/// Longest way back to a fresh plan \[periods\]: 1 s.
+const BACK_WITHIN: u64 = 10;
+
+/// A graph like `name`, but whose processes may die often.
+fn patient(name: &str, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
+    let text = fs::read_to_string(graph_file(name))?.replace("[processes.", "[processes_of_the_file.");
+    let kept = text.split("[processes_of_the_file.").next().unwrap_or_default();
+    let deploy = repository().join("deploy");
+    let kept = kept.replace("\"../", &format!("\"{}/", deploy.display()));
+    let many = |role: &str| format!("[processes.{role}]\nrestarts_per_minute = 1000\nback_off_millis = 0\nback_off_max_millis = 0\n");
+    let file = home.join("patient.toml");
+    fs::write(&file, format!("{kept}\n{}{}", many("plant"), many("controller")))?;
+    Ok(file)
+}
+
+fn kill_both_ends_often(graph: &str) -> Outcome {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let file = patient(graph, home.path())?;
+    let command = launch_command(&file, &home.path().join("run"), &["--duration", "1000"])?;
+    let launched = Launched::by(command, home)?;
+    launched.wait_for_log("controller", "answering a plant", 1)?;
+    // A seeded, even spread of moments within the periods.
+    let mut random: u64 = 0x9e37_79b9_7f4a_7c15;
+    for round in 0..2 * KILLS {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        thread::sleep(Duration::from_millis(1_300 + (random >> 33) % 700));
+        let program = if round % 2 == 0 { "controller" } else { "plant-sim" };
+        let pid = launched.process(program, None)?;
+        signal(pid, Signal::KILL)?;
+        launched.process(program, Some(pid))?;
+    }
+    thread::sleep(Duration::from_secs(2));
+    signal(launched.pid(), Signal::TERM)?;
+    let (ended, home) = launched.end()?;
+    assert_eq!(ended.status.code(), Some(128 + 15), "{}", ended.text);
+    let record = Record::read(&home.path().join("run"))?;
+    acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file(graph)))?))?;
+
+    let mut rungs: BTreeMap<u64, BTreeMap<u64, &str>> = BTreeMap::new();
+    for state in record.of("state") {
+        rungs.entry(state.stamp("epoch")).or_default().insert(state.stamp("tick"), state.word("rung"));
+    }
+    let controllers: BTreeSet<u64> = record.of("command").map(|command| command.stamp("epoch")).collect();
+    assert_eq!((rungs.len() as u32, controllers.len() as u32), (KILLS + 1, KILLS + 1), "every kill was felt and mended");
+    for (epoch, ticks) in &rungs {
+        let mut below: u64 = 0;
+        for (tick, rung) in ticks {
+            below = if *rung == "fresh plan" { 0 } else { below + 1 };
+            // The state of a tick tells of the period before it.
+            assert!(below <= BACK_WITHIN + 1, "{graph}: no fresh plan for {below} periods at tick {tick} of epoch {epoch}");
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn over_shared_memory_both_ends_can_be_killed_again_and_again() -> Outcome {
+    kill_both_ends_often("local")
+}
+
+#[test]
+fn over_the_network_both_ends_can_be_killed_again_and_again() -> Outcome {
+    kill_both_ends_often("network")
+}

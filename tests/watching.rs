@@ -1,0 +1,121 @@
+//! Promise: anyone can watch, through losses and returns, and nobody who watches costs the robot anything.
+
+use promises::{Launched, Outcome, Reader, Record, binaries, signal, wait_until};
+use rustix::process::Signal;
+use std::process::{Command, Stdio};
+
+/// `coxswain watch ARGUMENTS… --plain`, which looks for graphs in the home of `launched`.
+fn watch(launched: &Launched, arguments: &[&str]) -> Result<Reader, Box<dyn std::error::Error>> {
+    let mut command = Command::new(binaries()?.join("coxswain"));
+    command.arg("watch").args(arguments).arg("--plain").env("TMPDIR", launched.home());
+    Reader::start(&mut command)
+}
+
+/// The tick of a line.
+fn tick(line: &str) -> Option<u64> {
+    line.strip_prefix("tick")?.split_whitespace().next()?.parse().ok()
+}
+
+/// Everything that a run commanded.
+fn commands(record: &Record) -> Vec<String> {
+    record.of("command").map(|command| format!("{} {} {}", command.stamp("tick"), command.says["input"], command.says["tail"])).collect()
+}
+
+#[test]
+fn a_watcher_sees_every_period_of_a_slow_robot_and_ends_when_asked_to() -> Outcome {
+    let launched = Launched::new(&["--duration", "6"])?;
+    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    let mut watcher = watch(&launched, &[])?;
+    let lines = watcher.lines(20)?;
+    let ticks: Vec<u64> = lines.iter().filter_map(|line| tick(line)).collect();
+    assert_eq!(ticks.len(), lines.len(), "{lines:?}");
+    assert!(ticks.is_sorted_by(|earlier, later| earlier < later), "{ticks:?}");
+    assert!(lines.iter().any(|line| line.contains("fresh plan") && line.contains("model") && line.ends_with(" us")), "{lines:?}");
+    signal(watcher.pid(), Signal::INT)?;
+    assert_eq!(watcher.end()?.code(), Some(0));
+    let (ended, _home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    assert!(ended.text.contains("watch with: coxswain watch tcp/127.0.0.1:"), "{}", ended.text);
+    Ok(())
+}
+
+#[test]
+fn a_robot_that_goes_and_comes_back_is_told_once_each() -> Outcome {
+    let launched = Launched::new(&["--duration", "15"])?;
+    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    let mut watcher = watch(&launched, &[])?;
+    watcher.lines(5)?;
+    let gateway = launched.process("gateway", None)?;
+    signal(gateway, Signal::STOP)?;
+    watcher.wait_for_error("no word from the robot", 1)?;
+    // A stopped one is killed and started again; its watchers find it where it was.
+    signal(gateway, Signal::KILL)?;
+    launched.process("gateway", Some(gateway))?;
+    watcher.wait_for_error("is back", 1)?;
+    watcher.lines(5)?;
+    let said = watcher.errors();
+    assert_eq!((said.matches("no word").count(), said.matches("is back").count()), (1, 1), "{said}");
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let record = Record::read(&home.path().join("run"))?;
+    assert_eq!(record.of("state").count(), 151, "the robot did not notice");
+    assert_eq!(record.summary["periods_missed"], 0);
+    Ok(())
+}
+
+#[test]
+fn in_lock_step_neither_a_stopped_gateway_nor_a_stopped_watcher_holds_anybody_up_or_changes_a_bit() -> Outcome {
+    let options = ["--pace", "lock-step", "--duration", "25"];
+    let (ended, home) = Launched::new(&options)?.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let unwatched = commands(&Record::read(&home.path().join("run"))?);
+    for stop_gateway in [false, true] {
+        let launched = Launched::new(&options)?;
+        launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+        let gateway = launched.process("gateway", None)?;
+        let watcher = watch(&launched, &[])?;
+        signal(if stop_gateway { gateway } else { watcher.pid() }, Signal::STOP)?;
+        let (ended, home) = launched.end()?;
+        assert!(ended.status.success(), "{}", ended.text);
+        assert_eq!(commands(&Record::read(&home.path().join("run"))?), unwatched);
+    }
+    Ok(())
+}
+
+#[test]
+fn what_cannot_be_watched_is_told_clearly() -> Outcome {
+    let home = tempfile::tempdir()?;
+    for (arguments, code, told) in [
+        (&["--plain"][..], 1, "no graph with a gateway runs on this machine"),
+        (&["mailbox", "--plain"], 2, "endpoint \"mailbox\" is none"),
+        (&["tcp/127.0.0.1:1", "--plain"], 1, "nothing to watch at tcp/127.0.0.1:1"),
+        (&["tcp/127.0.0.1:1", "--robot", "A B", "--plain"], 2, "robot name \"A B\" must be"),
+        (&["tcp/127.0.0.1:1"], 2, "--plain"),
+    ] {
+        let output = Command::new(binaries()?.join("coxswain")).arg("watch").args(arguments).env("TMPDIR", home.path()).output()?;
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {text}");
+        assert!(text.contains(told), "{arguments:?}: {text}");
+    }
+    Ok(())
+}
+
+#[test]
+fn a_pipe_that_is_closed_ends_the_watcher_quietly() -> Outcome {
+    let launched = Launched::new(&["--duration", "5"])?;
+    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    let mut command = Command::new(binaries()?.join("coxswain"));
+    command.args(["watch", "--plain"]).env("TMPDIR", launched.home()).stdout(Stdio::piped()).stderr(Stdio::null());
+    let mut child = command.spawn()?;
+    drop(child.stdout.take());
+    let mut status = None;
+    let ended = wait_until("the end of the watcher", || {
+        status = child.try_wait().ok().flatten();
+        status.is_some()
+    });
+    let _ = child.kill();
+    ended?;
+    assert_eq!(status.and_then(|status| status.code()), Some(0));
+    launched.end()?;
+    Ok(())
+}
