@@ -32,9 +32,6 @@ pub enum Shape {
 }
 
 const STAMP: &[(&str, &str)] = &[
-    ("checksum", "CRC-32C of the message as it travelled"),
-    ("version", "protocol version"),
-    ("kind", "kind of message"),
     ("writer", "one process instance, drawn at random when it started"),
     ("epoch", "how often this role has been started"),
     ("sequence", "counts the messages of one writer and epoch on this topic, from 1"),
