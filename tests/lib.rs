@@ -3,9 +3,11 @@
 //! Every launch has a temporary folder of its own for its files and its run, so that tests run side by side.
 
 pub mod oracle;
+mod python;
 mod reader;
 mod record;
 
+pub use python::{python, text_of};
 pub use reader::Reader;
 pub use record::{Message, Record};
 

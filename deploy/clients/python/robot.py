@@ -227,8 +227,16 @@ class Driver:
         counts = (sent, received, none, (0, self.gate.refused, *none[2:]))
         self.network.send_health(Health(stamp, 0, self.phase, os.getpid(), stamp.sequence, 0, 0, 0, 0, 0, 0, *counts, ""))
 
+    def rest(self) -> None:
+        """Duty 14: brakes."""
+        self.gate.latch()
+        while any(self.gate.acting):
+            time.sleep(0.0 if self.lock_step else GRAIN_S)
+            self._move([0.0, 0.0, 0.0], 0.0, GRAIN_S)
+
     def finish(self) -> None:
         """Says that the run is over, until nobody listens any more or a second has passed."""
+        self.rest()
         self.phase, begin = FINISHED, time.monotonic()
         self.show_health(at_once=True)
         while self.network.readers and time.monotonic() < begin + 1.0:
@@ -305,14 +313,15 @@ def drive(options: argparse.Namespace) -> int:
         print(f"robot.py: no router at {options.connect}: {error}", file=sys.stderr)
         return 1
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    driver = Driver(options, limits, network)
     try:
-        driver = Driver(options, limits, network)
         driver.run()
         driver.finish()
         driver.report.close()
     except KeyboardInterrupt:
         return 130
     finally:
+        driver.rest()
         network.session.close()
     return 0
 
