@@ -4,10 +4,12 @@
 
 mod hosts;
 pub mod oracle;
+mod python;
 mod reader;
 mod record;
 
 pub use hosts::Hosts;
+pub use python::{python, text_of};
 pub use reader::Reader;
 pub use record::{Message, Record};
 

@@ -1,29 +1,9 @@
 //! Promise: a short script with the public Python package watches the robot.
 
-use promises::{Launched, Outcome, Reader, binaries, repository};
+use promises::{Launched, Outcome, Reader, python, repository};
 use std::error::Error;
 use std::fs;
-use std::path::PathBuf;
 use std::process::Command;
-
-/// The Python of a virtual environment with the clients' requirements, made once per target folder and list of requirements.
-fn python() -> Result<PathBuf, Box<dyn Error>> {
-    let requirements = repository().join("deploy/clients/python/requirements.txt");
-    let wanted = fs::read_to_string(&requirements)?;
-    let folder = binaries()?.join("python-clients");
-    let (python, installed) = (folder.join("bin/python"), folder.join("installed.txt"));
-    if !fs::read_to_string(&installed).is_ok_and(|found| found == wanted) {
-        run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder))?;
-        run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"]).arg(&requirements))?;
-        fs::write(&installed, wanted)?;
-    }
-    Ok(python)
-}
-
-fn run(command: &mut Command) -> Outcome {
-    let output = command.output()?;
-    if output.status.success() { Ok(()) } else { Err(format!("{command:?}: {}", String::from_utf8_lossy(&output.stderr)).into()) }
-}
 
 /// The endpoint that the gateway of `launched` has told.
 fn endpoint(launched: &Launched) -> Result<String, Box<dyn Error>> {

@@ -1,0 +1,155 @@
+"""What a robot driver does with commands: the limits of the robot, and which command acts on its wheels, by the duties of protocol/WIRE.md."""
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from wire import Command, Vector
+
+NOTHING: Vector = (0.0, 0.0, 0.0)
+WAITING, TAIL, BRAKE, LATCHED = 0, 4, 5, 6  # rungs
+NONE, NO_COMMAND_YET, MISSING, MALFORMED, NOT_FINITE, OUT_OF_BOUNDS, RATE_TOO_HIGH, OLD_PLANT_EPOCH = range(8)  # reasons
+OLD_CONTROLLER_EPOCH, SECOND_WRITER, TOO_OLD, NOT_NEWER, FROM_THE_FUTURE, _, BAD_STATE, _, RECOVERING = range(8, 17)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the robot may be asked, from its file, and the control period."""
+
+    period: float
+    input: Vector
+    rate: Vector
+    brake: Vector
+    wheel_speed: float
+    wheel_radius: float
+    lever: float
+
+    @classmethod
+    def read(cls, file: Path, period: float) -> "Limits":
+        found = {key: float(value) for key, value in re.findall(r"^(\w+)\s*=\s*([-+.\deE]+)", file.read_text(), re.MULTILINE)}
+
+        def plane_and_yaw(plane: str, yaw: str) -> Vector:
+            return (found[plane], found[plane], found[yaw])
+
+        return cls(
+            period=period,
+            input=plane_and_yaw("input_mps", "yaw_input_radps"),
+            rate=plane_and_yaw("input_rate_mps2", "yaw_input_rate_radps2"),
+            brake=plane_and_yaw("brake_mps2", "yaw_brake_radps2"),
+            wheel_speed=found["wheel_speed_limit_radps"],
+            wheel_radius=found["wheel_radius_m"],
+            lever=found["half_wheelbase_m"] + found["half_track_m"],
+        )
+
+    def wheels(self, velocity: Vector) -> tuple[float, ...]:
+        """Wheel speeds of a body velocity [rad/s]: front-right, front-left, rear-left, rear-right."""
+        forward, left, turn = velocity[0], velocity[1], self.lever * velocity[2]
+        rims = (forward + left + turn, forward - left - turn, forward + left - turn, forward - left + turn)
+        return tuple(rim / self.wheel_radius for rim in rims)
+
+    def allow(self, velocity: Vector) -> bool:
+        within = all(abs(value) <= most for value, most in zip(velocity, self.input))
+        return within and all(abs(wheel) <= self.wheel_speed for wheel in self.wheels(velocity))
+
+    def allow_step(self, before: Vector, after: Vector) -> bool:
+        return all(abs(b - a) <= 2.2 * rate * self.period for a, b, rate in zip(before, after, self.rate))
+
+
+class Gate:
+    """Which command acts on the wheels: duties 1 and 3 to 10. Times are seconds of one clock."""
+
+    def __init__(self, limits: Limits, epoch: int, delay: float) -> None:
+        self.limits, self.epoch, self.delay = limits, epoch, delay
+        self.tick = 0
+        self.published: dict[int, float] = {}
+        self.stored: Command | None = None
+        self.since = 0.0  # publication of the state that the stored command answers
+        self.last_heard = 0.0  # of the present writer
+        self.refused = 0
+        self.acting = NOTHING
+        self.braking = self.latched = False
+        self.good_periods = 0
+        self.past = (WAITING, NO_COMMAND_YET)  # rung and reason of the past period
+        self.worst = (WAITING, NONE)  # of the present one
+        self.last_refusal = NONE
+
+    def begin(self, tick: int, now: float) -> None:
+        """A period begins with the publication of `tick`."""
+        self.tick = tick
+        self.published[tick] = now
+        self.published.pop(tick - 8, None)
+        self.worst, self.last_refusal = (WAITING, NONE), NONE
+
+    def end(self) -> None:
+        """A period is over: duties 8 and 9."""
+        answered = self.stored is not None and self.stored.stamp.tick == self.tick
+        rung, why = self.worst
+        if self.stored is None and not self.latched:
+            rung, why = WAITING, NO_COMMAND_YET
+        elif answered and not self.braking and not self.latched:
+            rung, why = self.stored.rung, NONE
+        self.past = (rung, self.last_refusal or why)
+        self.good_periods = self.good_periods + 1 if answered and self.braking else 0
+        self.braking = self.braking and self.good_periods < 3
+
+    def latch(self) -> None:
+        """Duty 10: brakes for good."""
+        self.latched = True
+
+    def hear(self, command: Command | None, now: float) -> int:
+        """Stores a command, or says why not; None stands for bytes that are none."""
+        reason = self._judge(command, now) if command else MALFORMED
+        if command and self.stored and command.stamp.writer == self.stored.stamp.writer:
+            self.last_heard = now
+        if reason == NONE:
+            self.stored, self.since, self.last_heard = command, self.published[command.stamp.tick], now
+        else:
+            self.refused, self.last_refusal = self.refused + 1, reason
+        return reason
+
+    def _judge(self, command: Command, now: float) -> int:
+        """Duty 3, in its order."""
+        inputs, stamp, present, period = (command.input, *command.tail), command.stamp, self.stored, self.limits.period
+        if not all(math.isfinite(value) for row in inputs for value in row):
+            return NOT_FINITE
+        if not all(map(self.limits.allow, inputs)):
+            return OUT_OF_BOUNDS
+        if command.plant_epoch != self.epoch:
+            return OLD_PLANT_EPOCH
+        if present and stamp.epoch < present.stamp.epoch:
+            return OLD_CONTROLLER_EPOCH
+        second = present and stamp.epoch == present.stamp.epoch and stamp.writer != present.stamp.writer
+        if second and now - self.last_heard < 3 * period:
+            return SECOND_WRITER
+        if stamp.tick > self.tick:
+            return FROM_THE_FUTURE
+        if present and stamp.tick <= present.stamp.tick:
+            return NOT_NEWER
+        published = self.published.get(stamp.tick)
+        if published is None or now - published > 1.5 * period + self.delay:
+            return TOO_OLD
+        if not all(map(self.limits.allow_step, (self.acting, *inputs), inputs)):
+            return RATE_TOO_HIGH
+        return NONE
+
+    def play(self, now: float, elapsed: float) -> Vector:
+        """Body velocity for the wheels from `now` on, `elapsed` seconds after the last: duties 6 and 7."""
+        chosen, rung, why = self._choose(now)
+        self.worst = max(self.worst, (rung, why))
+        if chosen is None:
+            ramp = (math.copysign(max(abs(v) - b * elapsed, 0.0), v) for v, b in zip(self.acting, self.limits.brake))
+            chosen = tuple(ramp)
+        self.acting = chosen
+        return chosen
+
+    def _choose(self, now: float) -> tuple[Vector | None, int, int]:
+        if self.latched:
+            return None, LATCHED, BAD_STATE
+        if self.stored is None:
+            return NOTHING, WAITING, NO_COMMAND_YET
+        age = int((now - self.since) / self.limits.period + 1e-9)
+        missing = age >= 3 or age > len(self.stored.tail)
+        self.braking |= missing
+        if self.braking:
+            return None, BRAKE, MISSING if missing else RECOVERING
+        return (self.stored.tail[age - 1], TAIL, MISSING) if age else (self.stored.input, self.stored.rung, NONE)

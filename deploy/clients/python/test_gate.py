@@ -1,0 +1,104 @@
+"""The duties of a robot driver, one test each: python -m unittest discover -s deploy/clients/python."""
+import unittest
+
+import gate
+from gate import Gate, Limits
+from wire import Command, Stamp
+
+T = 0.1
+LIMITS = Limits(T, (5.0, 5.0, 6.0), (10.0, 10.0, 20.0), (8.0, 8.0, 16.0), 120.0, 0.05, 0.275)
+AHEAD = (1.0, 0.0, 0.0)
+
+
+def command(tick: int, value=AHEAD, tail=((0.8, 0.0, 0.0), (0.6, 0.0, 0.0), (0.4, 0.0, 0.0)), epoch=1, writer=7, plant=3) -> Command:
+    return Command(Stamp(writer, epoch, tick + 1, tick, 0), plant, 0, value, tail, 1)
+
+
+class Duties(unittest.TestCase):
+    def setUp(self) -> None:
+        self.gate = Gate(LIMITS, 3, 0.0)
+
+    def period(self, tick: int, answer: Command | None) -> tuple[tuple[float, ...], int, int]:
+        """One period in ten steps: the command at its end, its rung and its reason."""
+        self.gate.begin(tick, tick * T)
+        if answer:
+            self.gate.hear(answer, tick * T)
+        for step in range(10):
+            acting = self.gate.play(tick * T + step * T / 10, T / 10)
+        self.gate.end()
+        return acting, *self.gate.past
+
+    def reason(self, answer: Command | None, now: float = 0.0) -> int:
+        return self.gate.hear(answer, now)
+
+    def test_1_the_wheels_stand_before_the_first_command(self) -> None:
+        self.assertEqual(self.period(0, None), ((0.0, 0.0, 0.0), gate.WAITING, gate.NO_COMMAND_YET))
+
+    def test_3_a_command_is_refused_for_each_reason(self) -> None:
+        self.gate.begin(0, 0.0)
+        for answer, reason in [
+            (None, gate.MALFORMED),
+            (command(0, (float("nan"), 0.0, 0.0)), gate.NOT_FINITE),
+            (command(0, tail=((0.0, float("inf"), 0.0),)), gate.NOT_FINITE),
+            (command(0, (5.1, 0.0, 0.0)), gate.OUT_OF_BOUNDS),
+            (command(0, (4.0, 4.0, 0.0)), gate.OUT_OF_BOUNDS),  # a wheel at 160 rad/s
+            (command(0, plant=2), gate.OLD_PLANT_EPOCH),
+            (command(1), gate.FROM_THE_FUTURE),
+            (command(0, (2.3, 0.0, 0.0), tail=()), gate.RATE_TOO_HIGH),
+            (command(0, AHEAD, tail=((-1.3, 0.0, 0.0),)), gate.RATE_TOO_HIGH),
+        ]:
+            self.assertEqual(self.reason(answer), reason, answer)
+        self.assertEqual(self.gate.refused, 9)
+        self.assertEqual(self.reason(command(0), 0.151), gate.TOO_OLD)
+        self.assertEqual(self.reason(command(0, epoch=2), 0.149), gate.NONE)
+        self.assertEqual(self.reason(command(0, epoch=2)), gate.NOT_NEWER)
+        self.gate.begin(1, 0.2)
+        self.assertEqual(self.reason(command(1, epoch=1), 0.2), gate.OLD_CONTROLLER_EPOCH)
+        self.assertEqual(self.reason(command(1, epoch=2, writer=8), 0.2), gate.SECOND_WRITER)
+        self.gate.begin(2, 0.6)
+        self.assertEqual(self.reason(command(2, epoch=2, writer=8), 0.6), gate.NONE)
+
+    def test_4_a_refused_command_shows_that_its_writer_lives(self) -> None:
+        self.period(0, command(0))
+        for tick in range(1, 6):
+            self.period(tick, command(tick, (9.0, 0.0, 0.0)))
+        self.gate.begin(6, 0.6)
+        self.assertEqual(self.reason(command(6, writer=8), 0.6), gate.SECOND_WRITER)
+
+    def test_6_and_7_the_tail_is_played_and_from_3_periods_on_the_brake(self) -> None:
+        self.assertEqual(self.period(0, command(0)), (AHEAD, 1, gate.NONE))
+        self.assertEqual(self.period(1, None), ((0.8, 0.0, 0.0), gate.TAIL, gate.MISSING))
+        self.assertEqual(self.period(2, None), ((0.6, 0.0, 0.0), gate.TAIL, gate.MISSING))
+        acting, *rest = self.period(3, None)
+        self.assertEqual(acting, (0.0, 0.0, 0.0))
+        self.assertEqual(rest, [gate.BRAKE, gate.MISSING])
+
+    def test_7_the_ramp_is_the_robots(self) -> None:
+        self.period(0, command(0, (2.0, -1.0, 0.0), tail=()))
+        acting, rung, _ = self.period(1, None)
+        self.assertEqual(rung, gate.BRAKE)
+        for value, expected in zip(acting, (1.2, -0.2, 0.0)):
+            self.assertAlmostEqual(value, expected)
+
+    def test_8_the_brake_is_left_after_three_good_periods_in_a_row(self) -> None:
+        self.period(0, command(0, tail=()))
+        said = [self.period(tick, command(tick) if tick in (2, 3, 5, 6, 7, 8) else None)[1:] for tick in range(1, 9)]
+        missing, recovering = (gate.BRAKE, gate.MISSING), (gate.BRAKE, gate.RECOVERING)
+        self.assertEqual(said[:3], [missing, recovering, recovering])
+        self.assertEqual([rung for rung, _ in said], [gate.BRAKE] * 7 + [1])
+
+    def test_9_the_last_refusal_is_the_reason(self) -> None:
+        self.period(0, command(0))
+        self.assertEqual(self.period(1, command(1, plant=9))[1:], (gate.TAIL, gate.OLD_PLANT_EPOCH))
+
+    def test_10_a_latched_gate_brakes_for_good(self) -> None:
+        self.period(0, command(0))
+        self.gate.latch()
+        for tick in range(1, 6):
+            acting, rung, reason = self.period(tick, command(tick))
+            self.assertEqual((rung, reason), (gate.LATCHED, gate.BAD_STATE))
+        self.assertEqual(acting, (0.0, 0.0, 0.0))
+
+
+if __name__ == "__main__":
+    unittest.main()

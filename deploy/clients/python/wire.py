@@ -1,0 +1,224 @@
+"""The messages of a robot driver as bytes, as protocol/WIRE.md describes them: state, command, credit and health."""
+import json
+import struct
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, NamedTuple, get_type_hints
+
+Vector = tuple[float, float, float]  # forward, left, yaw, or x, y, yaw
+
+
+class Refused(Exception):
+    """Bytes that are no such message."""
+
+
+class Cursor:
+    """Bytes that are being read."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.at = data, 0
+
+    def take(self, count: int) -> bytes:
+        self.at += count
+        if self.at > len(self.data):
+            raise Refused("too short")
+        return self.data[self.at - count : self.at]
+
+
+class Codec(NamedTuple):
+    """How values of one type are written and read."""
+
+    write: Callable[[Any], bytes]
+    read: Callable[[Cursor], Any]
+
+
+def varint(limit: int) -> Codec:
+    """Whole numbers below `limit`, seven bits per byte."""
+
+    def write(value: int) -> bytes:
+        low, high = value & 0x7F, value >> 7
+        return bytes([low | 0x80]) + write(high) if high else bytes([low])
+
+    def read(cursor: Cursor) -> int:
+        value, shift, more = 0, 0, True
+        while more:
+            byte = cursor.take(1)[0]
+            value, shift, more = value | (byte & 0x7F) << shift, shift + 7, byte >= 0x80
+            if value >= limit or shift > 70:
+                raise Refused("a number too large for its field")
+        return value
+
+    return Codec(write, read)
+
+
+def numbers(count: int) -> Codec:
+    form = struct.Struct(f"<{count}d")
+    return Codec(lambda values: form.pack(*values), lambda cursor: form.unpack(cursor.take(form.size)))
+
+
+def several(item: Codec, count: int) -> Codec:
+    return Codec(lambda values: b"".join(map(item.write, values)), lambda cursor: tuple(item.read(cursor) for _ in range(count)))
+
+
+def sequence(item: Codec, most: int) -> Codec:
+    length = varint(most + 1)
+    return Codec(
+        lambda values: length.write(len(values)) + several(item, len(values)).write(values),
+        lambda cursor: several(item, length.read(cursor)).read(cursor),
+    )
+
+
+def record(kind: type) -> Codec:
+    """The fields of a dataclass, one after the other."""
+    fields = {name: hint.__metadata__[0] for name, hint in get_type_hints(kind, include_extras=True).items() if name != "KIND"}
+    return Codec(
+        lambda value: b"".join(codec.write(getattr(value, name)) for name, codec in fields.items()),
+        lambda cursor: kind(**{name: codec.read(cursor) for name, codec in fields.items()}),
+    )
+
+
+def text(most: int) -> Codec:
+    byte = Codec(lambda value: bytes([value]), lambda cursor: cursor.take(1)[0])
+    raw = sequence(byte, most)
+
+    def read(cursor: Cursor) -> str:
+        try:
+            return bytes(raw.read(cursor)).decode()
+        except UnicodeDecodeError as error:
+            raise Refused("no UTF-8") from error
+
+    return Codec(lambda value: raw.write(value.encode()), read)
+
+
+U32, U64, RUNG, REASON = varint(1 << 32), varint(1 << 64), varint(7), varint(17)
+ROW, FOUR, COUNTS = numbers(3), numbers(4), several(U64, 8)
+
+
+@dataclass(frozen=True)
+class Stamp:
+    writer: Annotated[int, U64]
+    epoch: Annotated[int, U64]
+    sequence: Annotated[int, U64]
+    tick: Annotated[int, U64]
+    sent_nanos: Annotated[int, U64]
+
+
+STAMP = record(Stamp)
+
+
+@dataclass(frozen=True)
+class PlantState:
+    KIND: ClassVar[int] = 1
+    stamp: Annotated[Stamp, STAMP]
+    pose: Annotated[Vector, ROW]
+    velocity: Annotated[Vector, ROW]
+    wheel_speed: Annotated[tuple[float, ...], FOUR]
+    current: Annotated[tuple[float, ...], FOUR]
+    input: Annotated[Vector, ROW]
+    controller_epoch: Annotated[int, U64]
+    accepted_epoch: Annotated[int, U64]
+    accepted_tick: Annotated[int, U64]
+    refused: Annotated[int, U64]
+    rung: Annotated[int, RUNG]
+    reason: Annotated[int, REASON]
+
+
+@dataclass(frozen=True)
+class Command:
+    KIND: ClassVar[int] = 2
+    stamp: Annotated[Stamp, STAMP]
+    plant_epoch: Annotated[int, U64]
+    model_version: Annotated[int, U64]
+    input: Annotated[Vector, ROW]
+    tail: Annotated[tuple[Vector, ...], sequence(ROW, 4)]
+    rung: Annotated[int, RUNG]
+
+
+@dataclass(frozen=True)
+class Credit:
+    KIND: ClassVar[int] = 4
+    stamp: Annotated[Stamp, STAMP]
+    through_tick: Annotated[int, U64]
+    participant: Annotated[int, varint(5)]
+
+
+@dataclass(frozen=True)
+class Health:
+    KIND: ClassVar[int] = 7
+    stamp: Annotated[Stamp, STAMP]
+    participant: Annotated[int, varint(5)]
+    phase: Annotated[int, varint(5)]
+    pid: Annotated[int, U32]
+    heartbeat: Annotated[int, U64]
+    deadlines_met: Annotated[int, U64]
+    deadlines_missed: Annotated[int, U64]
+    stalled_nanos: Annotated[int, U64]
+    model_version: Annotated[int, U64]
+    snapshots: Annotated[int, U64]
+    snapshots_refused: Annotated[int, U64]
+    sent: Annotated[tuple[int, ...], COUNTS]
+    received: Annotated[tuple[int, ...], COUNTS]
+    lost: Annotated[tuple[int, ...], COUNTS]
+    refused: Annotated[tuple[int, ...], COUNTS]
+    error: Annotated[str, text(120)]
+
+
+class Wire:
+    """Messages to bytes and back: a header of version, kind and checksum, then the fields."""
+
+    VERSION = 1
+    HEADER = struct.Struct("<HHI")
+    BODY = {kind: record(kind) for kind in (PlantState, Command, Credit, Health)}
+    TABLE: list[int] = []  # of the checksum, by byte
+    for _byte in range(256):
+        for _ in range(8):
+            _byte = _byte >> 1 ^ (0x82F63B78 if _byte & 1 else 0)
+        TABLE.append(_byte)
+
+    @classmethod
+    def crc32c(cls, data: bytes) -> int:
+        remainder = 0xFFFFFFFF
+        for byte in data:
+            remainder = remainder >> 8 ^ cls.TABLE[(remainder ^ byte) & 0xFF]
+        return remainder ^ 0xFFFFFFFF
+
+    @classmethod
+    def encode(cls, message: Any) -> bytes:
+        body = cls.BODY[type(message)].write(message)
+        return cls.HEADER.pack(cls.VERSION, message.KIND, cls.crc32c(body)) + body
+
+    @classmethod
+    def decode(cls, kind: type, data: bytes) -> Any:
+        """The message of `kind` that `data` is; Refused if it is none."""
+        cursor = Cursor(data)
+        version, number, checksum = cls.HEADER.unpack(cursor.take(cls.HEADER.size))
+        if (version, number) != (cls.VERSION, kind.KIND):
+            raise Refused(f"version {version}, kind {number}")
+        if cls.crc32c(data[cursor.at :]) != checksum:
+            raise Refused("checksum")
+        message = cls.BODY[kind].read(cursor)
+        if cursor.at != len(data):
+            raise Refused("too long")
+        return message
+
+    @classmethod
+    def check(cls, folder: Path) -> int:
+        """Tries the test vectors in `folder`; how many of them hold. AssertionError if one does not."""
+        assert cls.crc32c(b"123456789") == 0xE3069283, "CRC-32C"
+        held = 0
+        for kind in cls.BODY:
+            for vector in json.loads((folder / f"{kind.__name__}.json").read_text())["vectors"]:
+                data, name = bytes.fromhex(vector["bytes"]), f"{kind.__name__}, {vector['name']}"
+                message = cls.decode(kind, data)
+                assert json.loads(json.dumps(asdict(message))) == vector["fields"], f"{name}: decoded otherwise"
+                assert cls.encode(message) == data, f"{name}: encoded otherwise"
+                other = bytes([data[8] ^ 1])
+                for spoiled in (data[:-1], data + b"\0", data[:8] + other + data[9:], b"\2" + data[1:], data[:2] + b"\3" + data[3:]):
+                    try:
+                        cls.decode(kind, spoiled)
+                    except Refused:
+                        continue
+                    raise AssertionError(f"{name}: spoiled bytes were taken for a message")
+                held += 1
+        return held

@@ -1,0 +1,82 @@
+//! Promise: a robot that was written in another language, from `protocol/WIRE.md` alone, is driven and learned.
+
+use promises::{Launched, Outcome, graph_file, launch_command, python, repository, text_of, wait_until};
+use std::error::Error;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The error that a controller without a learner keeps on this circle is 0.1 m.
+const LEARNED_M: f64 = 0.05;
+
+fn clients() -> PathBuf {
+    repository().join("deploy/clients/python")
+}
+
+/// Controller and learner, as `control-host.toml` has them, in a graph that is called `graph` and meets no other launch.
+fn control_host(graph: &str, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
+    let text = fs::read_to_string(graph_file("control-host"))?;
+    let deploy = format!("\"{}/", repository().join("deploy").display());
+    let lines = text.lines().map(|line| match line.split_once(" = ") {
+        Some(("graph", _)) => format!("graph = \"{graph}\""),
+        Some(("connect", _)) => "connect = []".to_owned(),
+        _ => line.replace("\"../", &deploy),
+    });
+    let file = home.join("control-host.toml");
+    fs::write(&file, lines.collect::<Vec<_>>().join("\n"))?;
+    Ok(file)
+}
+
+/// Where the router of the launch whose run is in `folder` listens.
+fn endpoint(folder: &Path) -> Result<String, Box<dyn Error>> {
+    let file = folder.join("settings/controller.toml");
+    let mut endpoint = None;
+    wait_until("the endpoint of the router", || {
+        let text = fs::read_to_string(&file).unwrap_or_default();
+        let told = text.lines().find_map(|line| line.strip_prefix("connect = [\"")?.strip_suffix("\"]"));
+        endpoint = told.map(str::to_owned);
+        endpoint.is_some()
+    })?;
+    endpoint.ok_or_else(|| "no endpoint".into())
+}
+
+#[test]
+fn a_robot_in_python_drives_a_circle_and_is_learned() -> Outcome {
+    let python = python()?;
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let graph = format!("robot-{}", std::process::id());
+    let options = ["--pace", "lock-step", "--listen", "tcp/127.0.0.1:0"];
+    let mut command = launch_command(&control_host(&graph, home.path())?, &home.path().join("run"), &options)?;
+    command.arg("--scenario").arg(repository().join("deploy/scenarios/circle.toml"));
+    let launched = Launched::by(command, home)?;
+    let text = text_of(
+        Command::new(python)
+            .arg(clients().join("robot.py"))
+            .args(["--connect", &endpoint(&launched.folder())?, "--graph", &graph, "--pace", "lock-step", "--circle", "2", "1.5"])
+            .arg("--robot")
+            .arg(repository().join("deploy/robots/mecanum.toml")),
+    )?;
+    let summary: serde_json::Value = serde_json::from_str(text.lines().last().ok_or("the robot said nothing")?)?;
+    assert_eq!(text.lines().count(), 16, "a line for each of 15 s, and the summary: {text}");
+    for error in ["final_error_m", "rmse_m"] {
+        assert!(summary[error].as_f64().is_some_and(|error| error < LEARNED_M), "{text}");
+    }
+    assert!(summary["model_version"].as_u64().is_some_and(|version| version > 0), "{text}");
+    assert_eq!((summary["refused"].as_u64(), summary["periods_on_rung"]["1"].as_u64()), (Some(0), Some(150)), "{text}");
+    let (ended, _home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    Ok(())
+}
+
+#[test]
+fn the_robot_in_python_encodes_and_decodes_the_test_vectors() -> Outcome {
+    let vectors = repository().join("protocol/vectors");
+    text_of(Command::new(python()?).arg(clients().join("robot.py")).arg("--check").arg(vectors))?;
+    Ok(())
+}
+
+#[test]
+fn the_gate_in_python_keeps_the_duties_of_a_driver() -> Outcome {
+    text_of(Command::new(python()?).args(["-m", "unittest", "discover", "-s"]).arg(clients()))?;
+    Ok(())
+}
