@@ -51,6 +51,7 @@ fn a_robot_in_python_drives_a_circle_and_is_learned() -> Outcome {
     let launched = Launched::by(command, home)?;
     let text = text_of(
         Command::new(python)
+            .arg("-B")
             .arg(clients().join("robot.py"))
             .args(["--connect", &endpoint(&launched.folder())?, "--graph", &graph, "--pace", "lock-step", "--circle", "2", "1.5"])
             .arg("--robot")
@@ -71,12 +72,12 @@ fn a_robot_in_python_drives_a_circle_and_is_learned() -> Outcome {
 #[test]
 fn the_robot_in_python_encodes_and_decodes_the_test_vectors() -> Outcome {
     let vectors = repository().join("protocol/vectors");
-    text_of(Command::new(python()?).arg(clients().join("robot.py")).arg("--check").arg(vectors))?;
+    text_of(Command::new(python()?).arg("-B").arg(clients().join("robot.py")).arg("--check").arg(vectors))?;
     Ok(())
 }
 
 #[test]
 fn the_gate_in_python_keeps_the_duties_of_a_driver() -> Outcome {
-    text_of(Command::new(python()?).args(["-m", "unittest", "discover", "-s"]).arg(clients()))?;
+    text_of(Command::new(python()?).args(["-B", "-m", "unittest", "discover", "-s"]).arg(clients()))?;
     Ok(())
 }
