@@ -8,7 +8,8 @@ use std::path::Path;
 fn deploy_with(to: &Path, file: &str, from: &str, by: &str) -> Outcome {
     for folder in ["graphs", "robots", "scenarios"] {
         fs::create_dir_all(to.join(folder))?;
-        for entry in fs::read_dir(repository().join("deploy").join(folder))?.flatten() {
+        let entries = fs::read_dir(repository().join("deploy").join(folder))?.flatten();
+        for entry in entries.filter(|entry| entry.path().is_file()) {
             fs::copy(entry.path(), to.join(folder).join(entry.file_name()))?;
         }
     }
