@@ -140,7 +140,7 @@ recorded!(Health, "every process → launcher and watchers: how it is. Counters 
     "model_version": Shape::Integer, "version of the learned model in use, or last published, 0 is none" => health.model_version;
     "snapshots": Shape::Integer, "model snapshots published (learner) or adopted (controller)" => health.snapshots;
     "snapshots_refused": Shape::Integer, "model snapshots refused" => health.snapshots_refused;
-    "sent": Shape::ByTopic, "messages sent" => ByTopic(&health.sent);
+    "sent": Shape::ByTopic, "messages sent in the present epoch" => ByTopic(&health.sent);
     "received": Shape::ByTopic, "messages received" => ByTopic(&health.received);
     "lost": Shape::ByTopic, "messages lost on the way to it" => ByTopic(&health.lost);
     "refused": Shape::ByTopic, "messages refused as malformed" => ByTopic(&health.refused);

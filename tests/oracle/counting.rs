@@ -56,11 +56,15 @@ pub(super) fn judge(record: &Record, violations: &mut Vec<Violation>) {
     }
 }
 
-/// What a writer has sent: by its last words, or, if it had none, up to the greatest sequence number that was seen.
+/// What a writer has sent: in each epoch up to the greatest sequence number that was seen, and in its last one by its last words, if it had some.
+/// Of an epoch that nobody ever heard of, nobody can count what was lost.
 fn sent_by(last_words: Option<&Message>, topic: &str, epochs: &Stored) -> u64 {
-    let seen = epochs.values().filter_map(|sequences| sequences.last()).sum();
+    let seen = |epochs: &Stored| -> u64 { epochs.values().filter_map(|sequences| sequences.last()).sum() };
     match last_words {
-        Some(health) if health.word("phase") == "finished" => health.says["sent"][topic].as_u64().unwrap_or(0),
-        _ => seen,
+        Some(health) if health.word("phase") == "finished" => {
+            let earlier = epochs.range(..health.stamp("epoch")).map(|(epoch, sequences)| (*epoch, sequences.clone())).collect();
+            seen(&earlier) + health.says["sent"][topic].as_u64().unwrap_or(0)
+        }
+        _ => seen(epochs),
     }
 }

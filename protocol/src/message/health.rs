@@ -39,7 +39,7 @@ pub struct Health {
     pub snapshots: u64,
     /// Model snapshots refused.
     pub snapshots_refused: u64,
-    /// Messages sent, by topic in the order of [`Topic::ALL`](crate::topic::Topic::ALL).
+    /// Messages sent in the present epoch, by topic in the order of [`Topic::ALL`](crate::topic::Topic::ALL).
     pub sent: [u64; TOPIC_COUNT],
     /// Messages received, by topic.
     pub received: [u64; TOPIC_COUNT],

@@ -1,6 +1,6 @@
 //! The Jacobians of one predicted step, with the learned model's own.
 //!
-//! With W = ½ ∂v⁺/∂· + ½ ∂v/∂· for the mean velocity v̄, and θ' = θ + T ω̄/2 for the mid-step heading:
+//! With W = w ∂v⁺/∂· + (1 − w) ∂v/∂· for the mean velocity v̄, and θ' = θ + T ω̄/2 for the mid-step heading:
 //!
 //! ```text
 //! ∂v⁺/∂v = A + ∂g/∂v          ∂p⁺/∂· = T R(θ') W_xy + T R'(θ') v̄ ∂θ'/∂·
@@ -32,9 +32,10 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
         Matrix3::from_fn(|row, column| response.by_velocity[row][column] + if row == column { belief.main.decay[row] } else { 0.0 });
     let velocity_by_input =
         Matrix3::from_fn(|row, column| response.by_input[row][column] + if row == column { belief.main.gain[row] } else { 0.0 });
-    let mean: Velocity = std::array::from_fn(|axis| 0.5 * (state.velocity[axis] + next.velocity[axis]));
-    let mean_by_velocity = 0.5 * (Matrix3::identity() + velocity_by_velocity);
-    let mean_by_input = 0.5 * velocity_by_input;
+    let mean = belief.main.mean_velocity(&state.velocity, &next.velocity);
+    let share = Matrix3::from_diagonal(&Vector3::from(belief.main.end_share));
+    let mean_by_velocity = Matrix3::identity() - share + share * velocity_by_velocity;
+    let mean_by_input = share * velocity_by_input;
 
     // Rows: the world displacement and turn per mean velocity; column: the same per mid-step heading.
     let (sin, cos) = (state.pose[2] + 0.5 * period * mean[2]).sin_cos();

@@ -3,8 +3,8 @@
 //! About u = `u_ref` and with the velocity error taken in the reference frame, the tracking error of each axis is
 //!
 //! ```text
-//! e = (position error, velocity error)     e⁺ = ⎡1  T(1+A)/2⎤ e + ⎡T B/2⎤ δu
-//!                                               ⎣0     A    ⎦     ⎣  B  ⎦
+//! e = (position error, velocity error)     e⁺ = ⎡1  T(1−w+w A)⎤ e + ⎡T w B⎤ δu
+//!                                               ⎣0      A     ⎦     ⎣  B  ⎦
 //! ```
 //! K and P solve the discrete algebraic Riccati equation of the stage cost eᵀ diag(`q_p`, `q_v`) e + r δu².
 //!
@@ -58,8 +58,9 @@ pub fn gains(model: &MainModel, costs: &[AxisCost; 3]) -> Result<[AxisGain; 3], 
 fn axis_gain(model: &MainModel, axis: usize, cost: &AxisCost) -> Result<AxisGain, NoGain> {
     const ITERATIONS: usize = 20_000;
     let (decay, gain, period) = (model.decay[axis], model.gain[axis], model.period);
-    let a = Matrix2::new(1.0, 0.5 * period * (1.0 + decay), 0.0, decay);
-    let b = Vector2::new(0.5 * period * gain, gain);
+    let share = model.end_share[axis];
+    let a = Matrix2::new(1.0, period * (1.0 - share + share * decay), 0.0, decay);
+    let b = Vector2::new(period * share * gain, gain);
     let stage = Matrix2::new(cost.position, 0.0, 0.0, cost.velocity);
     let mut p = stage;
     for _ in 0..ITERATIONS {
@@ -94,7 +95,7 @@ mod tests {
             let input = -forward.gain[0] * position - forward.gain[1] * velocity;
             total += COST.position * position * position + COST.velocity * velocity * velocity + COST.input * input * input;
             let next = model.decay[0] * velocity + model.gain[0] * input;
-            position += 0.5 * model.period * (velocity + next);
+            position += model.period * (velocity + model.end_share[0] * (next - velocity));
             velocity = next;
         }
         assert!((total - promised).abs() < 1e-9 * promised, "{total} is not {promised}");

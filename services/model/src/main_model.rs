@@ -16,6 +16,8 @@ pub struct MainModel {
     pub decay: Velocity,
     /// B per axis \[–\].
     pub gain: Velocity,
+    /// w per axis: share of the velocity at its end in the mean velocity of a period \[–\].
+    pub end_share: Velocity,
     /// T \[s\].
     pub period: f64,
 }
@@ -27,7 +29,12 @@ impl MainModel {
         let loss = stiffness + robot.body.axle_friction_nms;
         let decay = dynamics::axis_inertia(robot).map(|inertia| (-loss * period / inertia).exp());
         let gain = decay.map(|a| stiffness / loss * (1.0 - a));
-        Self { decay, gain, period }
+        Self { decay, gain, end_share: decay.map(end_share), period }
+    }
+
+    /// Mean velocity of a period that began with `velocity` and ended with `next`, v̄ = (1 − w) v + w v⁺ \[m/s, m/s, rad/s\].
+    pub fn mean_velocity(&self, velocity: &Velocity, next: &Velocity) -> Velocity {
+        std::array::from_fn(|axis| velocity[axis] + self.end_share[axis] * (next[axis] - velocity[axis]))
     }
 
     /// Velocity one period after `velocity` under `input` \[m/s, m/s, rad/s\].
@@ -39,6 +46,17 @@ impl MainModel {
     pub fn holding_input(&self, velocity: &Velocity, residual: &Velocity) -> Velocity {
         std::array::from_fn(|axis| ((1.0 - self.decay[axis]) * velocity[axis] - residual[axis]) / self.gain[axis])
     }
+}
+
+/// w of an axis that decays by A in a period. In between, the velocity follows an exponential, of which most is over soon:
+///
+/// ```text
+/// v̄ = φ v + (1 − φ) v_∞,   φ = (1 − A)/(−ln A),   v⁺ = A v + (1 − A) v_∞   ⇒   w = (1 − φ)/(1 − A)
+/// ```
+/// ½ for a slow axis, 1 for one that answers at once.
+fn end_share(decay: f64) -> f64 {
+    let rate = -decay.ln();
+    if rate < 1e-4 { 0.5 } else { (1.0 - (1.0 - decay) / rate) / (1.0 - decay) }
 }
 
 /// Names one main model and one layout of the learner's inputs: a residual of another is wrong, and refused.
@@ -62,6 +80,25 @@ mod tests {
         for (a, b) in twice.iter().zip(whole.next_velocity(&velocity, &input)) {
             assert!((a - b).abs() < 1e-14);
         }
+    }
+
+    #[test]
+    fn the_mean_velocity_is_that_of_the_exponential_in_between() {
+        let whole = MainModel::new(&Robot::example(), 0.1);
+        let slices = 10_000_u32;
+        let slice = MainModel::new(&Robot::example(), 0.1 / f64::from(slices));
+        let (start, input) = ([1.0, -2.0, 0.5], [2.0, 1.0, -1.0]);
+        let (mut velocity, mut sum) = (start, [0.0; 3]);
+        for _ in 0..slices {
+            let next = slice.next_velocity(&velocity, &input);
+            sum = std::array::from_fn(|axis| sum[axis] + 0.5 * (velocity[axis] + next[axis]) / f64::from(slices));
+            velocity = next;
+        }
+        let mean = whole.mean_velocity(&start, &whole.next_velocity(&start, &input));
+        for axis in 0..3 {
+            assert!((mean[axis] - sum[axis]).abs() < 1e-7, "{} is not {}", mean[axis], sum[axis]);
+        }
+        assert!((end_share(1.0 - 1e-9) - 0.5).abs() < 1e-6);
     }
 
     #[test]

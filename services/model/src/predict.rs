@@ -2,10 +2,11 @@
 //!
 //! ```text
 //! v⁺ = A v + B u + g(v, u) + d
-//! θ⁺ = θ + T (ω + ω⁺)/2
-//! p⁺ = p + T R(θ + T (ω + ω⁺)/4) (v + v⁺)/2
+//! v̄ = (1 − w) v + w v⁺
+//! θ⁺ = θ + T ω̄
+//! p⁺ = p + T R(θ + T ω̄/2) v̄
 //! ```
-//! that is, the mean velocity of the period at its mid-step heading. Unlike section 4.1 of the paper, which iterates the main model
+//! that is, the mean velocity of the period at its mid-step heading, with w of the main model. Unlike section 4.1 of the paper, which iterates the main model
 //! alone and adds g afterwards, g is fed back into the prediction, as its eq. 32 has it.
 
 use crate::learned::{Residual, Response};
@@ -45,7 +46,7 @@ impl Belief<'_> {
 pub(crate) fn advance(belief: &Belief<'_>, state: &State, input: &Velocity, residual: &Velocity) -> State {
     let expected = belief.main.next_velocity(&state.velocity, input);
     let velocity: Velocity = std::array::from_fn(|axis| expected[axis] + residual[axis] + belief.disturbance[axis]);
-    let mean: Velocity = std::array::from_fn(|axis| 0.5 * (state.velocity[axis] + velocity[axis]));
+    let mean = belief.main.mean_velocity(&state.velocity, &velocity);
     let period = belief.main.period;
     let [x, y, yaw] = state.pose;
     let (sin, cos) = (yaw + 0.5 * period * mean[2]).sin_cos();

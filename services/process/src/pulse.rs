@@ -17,6 +17,8 @@ pub struct Pulse {
     sink: Sink<Health>,
     last_nanos: u64,
     unsent: u64,
+    /// Said in earlier epochs.
+    before: u64,
 }
 
 impl Pulse {
@@ -29,7 +31,7 @@ impl Pulse {
         health.participant = participant.code();
         health.phase = Phase::Starting.code();
         health.pid = std::process::id();
-        Ok(Self { health, sink: ports.sink()?, last_nanos: 0, unsent: 0 })
+        Ok(Self { health, sink: ports.sink()?, last_nanos: 0, unsent: 0, before: 0 })
     }
 
     /// What will be said next time.
@@ -56,7 +58,7 @@ impl Pulse {
     /// Says it now.
     pub fn send_now(&mut self) {
         self.last_nanos = monotonic_nanos();
-        self.health.sent[Topic::Health.index()] = self.sink.sent() + 1;
+        self.health.sent[Topic::Health.index()] = self.sink.sent() - self.before + 1;
         if self.sink.send(&mut self.health).is_err() {
             self.unsent += 1;
         }
@@ -64,6 +66,7 @@ impl Pulse {
 
     /// Speaks in another epoch from now on.
     pub fn set_epoch(&mut self, epoch: u64) {
+        self.before = self.sink.sent();
         self.sink.set_epoch(epoch);
     }
 

@@ -137,6 +137,9 @@ impl<'a> Recorder<'a> {
             }
         }
         self.intake.count(self.pulse);
+        // What was lost until the very end belongs into the record, and nothing is read any more.
+        self.pulse.send_now();
+        self.segment.write(self.pulse.health())?;
         Ok(())
     }
 

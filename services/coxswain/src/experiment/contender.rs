@@ -6,8 +6,7 @@ use controller::settings::Method;
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
-/// ℓ of the observer of every contender that has one: the best of 0.2, 0.35, 0.5 and 0.7 of `mpc+observer` over the dynamic set, by
-/// seeds that the tables do not use.
+/// ℓ of the observer of every contender that has one.
 pub const OBSERVER_GAIN: f64 = 0.5;
 
 /// A controller in a comparison.
