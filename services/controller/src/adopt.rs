@@ -189,9 +189,7 @@ impl Handover {
     }
 }
 
-/// Judges a snapshot and makes its posterior anew from its data.
-///
-/// An axis on which the learned model was not at least as good as the main model alone on samples that it had not seen is left out of it.
+/// Checks that a snapshot is whole and belongs here, and makes its posterior anew from its data.
 ///
 /// # Errors
 /// [`Refusal`] if it does not belong to this controller, or is damaged.
@@ -221,10 +219,8 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
     if difference > WEIGHT_TOLERANCE {
         return Err(Refusal::Weights { version, difference });
     }
-    let proven = |axis: usize| head.score_samples > 0 && head.score_learned[axis] <= head.score_main[axis];
-    let bound = std::array::from_fn(|axis| if proven(axis) { expected.bound[axis] } else { 0.0 });
     let scratch = VarianceScratch::new(inputs.len());
-    let learned = Learned { layout: expected.layout, normalisation, posterior, bound };
+    let learned = Learned { layout: expected.layout, normalisation, posterior, bound: expected.bound, used: [true; AXES] };
     Ok(Candidate { version, plant_epoch: head.plant_epoch, effective_tick: head.effective_tick, learned, scratch })
 }
 
@@ -258,7 +254,6 @@ fn first<const K: usize>(values: &[f64]) -> [f64; K] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::learned::Residual;
     use protocol::frame::DecodeError;
 
     const EXPECTED: Expected = Expected { fingerprint: 42, layout: Layout::VelocitySlip, bound: [0.5; 3] };
@@ -270,7 +265,6 @@ mod tests {
         head.input_scale = [1.0; protocol::message::INPUTS_MAX];
         head.length_scale = [[1.0; protocol::message::INPUTS_MAX]; 3];
         (head.signal_variance, head.noise_variance) = ([0.01; 3], [1e-4; 3]);
-        (head.score_learned, head.score_main) = ([0.01, 0.01, 0.03], [0.1, 0.1, 0.02]);
         let inputs: Vec<[f64; INPUTS]> = (0..8).map(|i| std::array::from_fn(|j| ((i * INPUTS + j) as f64).sin())).collect();
         let targets: Vec<[f64; AXES]> = inputs.iter().map(|input| [0.1 * input[0], 0.1 * input[1], 0.0]).collect();
         let hyperparameters = [Hyperparameters::new([1.0; INPUTS], 0.01, 1e-4); 3];
@@ -280,15 +274,6 @@ mod tests {
             snapshot.push(input, *target, posterior.weights().map(|weights| weights[i]))?;
         }
         Ok(snapshot)
-    }
-
-    #[test]
-    fn an_axis_that_learnt_nothing_better_is_left_out() -> Result<(), Box<dyn std::error::Error>> {
-        let candidate = prepare(&snapshot()?, &EXPECTED)?;
-        let (velocity, input) = ([0.5, -0.5, 0.2], [0.6, -0.4, 0.1]);
-        let mean = candidate.learned.mean(&velocity, &input);
-        assert!(mean[0] != 0.0 && mean[2] == 0.0, "{mean:?}");
-        Ok(())
     }
 
     #[test]

@@ -4,23 +4,14 @@
 
 use crate::adopt::{Candidate, Event, Expected, Handover};
 use crate::fallback::Ladder;
+use crate::knowledge::{self, Knowledge, Period};
 use crate::mpc::{Mpc, MpcError, Solved};
 use crate::reference::{PointsError, Reference, ReferencePoint};
 use crate::settings::{Method, Settings};
-use model::learned::Residual;
-use model::least_squares::LeastSquares;
+use model::delay::DELAY_MAX;
 use model::main_model::{MainModel, fingerprint};
-use model::observer::{Observer, Sample};
-use model::predict::Belief;
-use model::residual::residual;
 use model::{State, Velocity, wrap};
 use protocol::message::{Command, HORIZON_MAX, Plan, PlantState, Reason, ResidualSample, Rung, SolverStatus, TAIL_MAX};
-
-/// Largest believable share of its physical range that the main model can be wrong by in one period.
-const RESIDUAL_SHARE: f64 = 0.25;
-
-/// Time over which recursive least squares forgets \[s\].
-const LEAST_SQUARES_MEMORY_S: f64 = 20.0;
 
 /// Of the proportional feedback of the pose, where nothing better is asked for \[1/s\].
 const FEEDFORWARD_GAIN_PER_S: f64 = 2.0;
@@ -45,24 +36,20 @@ struct Before {
 
 /// The controller without its ports.
 pub struct Controller {
-    main: MainModel,
+    knowledge: Knowledge,
     mpc: Mpc,
     method: Method,
-    least_squares: LeastSquares,
     ladder: Ladder,
-    observer: Observer,
     reference: Reference,
-    /// The reference at the present tick and the N after it.
+    /// The reference at the present tick and as many after it as delay and horizon can need.
     points: Vec<ReferencePoint>,
     fingerprint: u64,
-    active: Option<Box<Candidate>>,
     plant_epoch: Option<u64>,
     before: Option<Before>,
     /// Tick that plan and targets are ready for.
     prepared_for: Option<u64>,
-    /// Input commanded last, until the plant reports what the wheels got.
-    last_input: Velocity,
-    residual: Velocity,
+    /// Input of the last answer.
+    commanded: Velocity,
     rung: Rung,
     command: Command,
     plan: Box<Plan>,
@@ -77,23 +64,19 @@ impl Controller {
         let period = settings.run.period_nanos as f64 * 1e-9;
         let main = MainModel::new(&settings.robot, period);
         let mpc = Mpc::new(&settings.mpc, &settings.robot, &main)?;
-        let ticks = (settings.duration_s / period).ceil() as usize + mpc.horizon() + 1;
+        let ticks = (settings.duration_s / period).ceil() as usize + DELAY_MAX + mpc.horizon() + 1;
         Ok(Self {
             reference: Reference::new(&settings.reference, &settings.start, period, ticks)?,
-            points: vec![ReferencePoint::default(); mpc.horizon() + 1],
+            points: vec![ReferencePoint::default(); DELAY_MAX + mpc.horizon() + 1],
             fingerprint: fingerprint(&main, settings.learned.layout.name()),
-            main,
+            knowledge: Knowledge::new(settings, main),
             mpc,
             method: settings.mpc.method,
-            least_squares: LeastSquares::new(1.0 - period / LEAST_SQUARES_MEMORY_S, Self::expected(settings).bound),
             ladder: Ladder::default(),
-            observer: Observer::new(settings.mpc.observer_gain, Self::expected(settings).bound),
-            active: None,
             plant_epoch: None,
             before: None,
             prepared_for: None,
-            last_input: [0.0; 3],
-            residual: [0.0; 3],
+            commanded: [0.0; 3],
             rung: Rung::Waiting,
             command: bytemuck::Zeroable::zeroed(),
             plan: Box::new(bytemuck::Zeroable::zeroed()),
@@ -103,25 +86,26 @@ impl Controller {
     /// What a snapshot must be for this controller to use it.
     pub fn expected(settings: &Settings) -> Expected {
         let main = MainModel::new(&settings.robot, settings.run.period_nanos as f64 * 1e-9);
-        let limits = &settings.robot.limits;
-        let range = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];
         Expected {
             fingerprint: fingerprint(&main, settings.learned.layout.name()),
             layout: settings.learned.layout,
-            bound: std::array::from_fn(|axis| RESIDUAL_SHARE * main.gain[axis] * range[axis]),
+            bound: knowledge::bound(settings, &main),
         }
     }
 
     /// Version of the learned model in use; 0 is the main model alone.
     pub fn model_version(&self) -> u64 {
-        self.active.as_ref().map_or(0, |active| active.version)
+        self.knowledge.version()
     }
 
     /// Puts a model in use, and gives back the one before, for somebody else to free.
     pub fn adopt(&mut self, candidate: Box<Candidate>) -> Option<Box<Candidate>> {
-        let learned = &candidate.learned;
-        self.observer.replay(|velocity, input| learned.mean(velocity, input));
-        self.active.replace(candidate)
+        self.knowledge.adopt(candidate)
+    }
+
+    /// What is believed now.
+    pub fn knowledge(&self) -> &Knowledge {
+        &self.knowledge
     }
 
     /// Takes in what the last input did, and says what there is to learn from it.
@@ -135,22 +119,17 @@ impl Controller {
         sample.plant_epoch = state.stamp.epoch;
         sample.fingerprint = self.fingerprint;
         let input_known = state.input.iter().all(|value| value.is_finite()) && now.is_finite();
+        let ours = matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr);
         if let Some(before) = self.before.filter(|before| before.tick + 1 == state.stamp.tick && input_known) {
-            self.residual = residual(&self.main, &before.state.velocity, &state.input, &now.velocity);
-            let learned = self.belief().residual(&before.state.velocity, &state.input);
-            let observed = Sample { velocity: before.state.velocity, input: state.input, residual: self.residual };
-            self.observer.update(observed, &learned);
-            if self.method == Method::LeastSquaresMpc {
-                self.least_squares.update(&before.state.velocity, &state.input, &self.residual);
-            }
-            sample.pose = before.state.pose;
-            sample.velocity = before.state.velocity;
-            sample.input = state.input;
-            sample.residual = self.residual;
-            sample.usable = u32::from(matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr));
-        }
-        if input_known {
-            self.last_input = state.input;
+            let (before, acted, after) = (before.state, state.input, now.velocity);
+            self.knowledge.observe(&Period { before: before.velocity, commanded: self.commanded, acted, after, ours });
+            sample.pose = before.pose;
+            sample.velocity = before.velocity;
+            sample.input = acted;
+            sample.residual = self.knowledge.residual();
+            sample.usable = u32::from(ours);
+        } else if input_known {
+            self.knowledge.resume(state.input);
         }
         self.before = now.is_finite().then_some(Before { tick: state.stamp.tick, state: now });
         sample
@@ -166,7 +145,7 @@ impl Controller {
         let (rung, reason, input, solved) = if measured.is_finite() {
             self.plan_for(&measured)
         } else {
-            (Rung::Brake, Reason::BadState, self.mpc.limits().reach(&[0.0; 3], &self.last_input), None)
+            (Rung::Brake, Reason::BadState, self.mpc.limits().reach(&[0.0; 3], &self.knowledge.last_command()), None)
         };
         if rung != self.rung {
             handover.note(Event::Rung { tick, rung, reason });
@@ -174,24 +153,20 @@ impl Controller {
         }
         self.write_command(state, rung, input);
         self.write_outcome(solved);
-        self.last_input = input;
+        self.commanded = input;
         &mut self.command
     }
 
     /// Gets ready for `tick`, with what is known now: called after the answer before it has gone, or for a first state from `state`.
     fn prepare(&mut self, tick: u64, state: &State) {
+        self.knowledge.settle_delay();
         for (slot, offset) in self.points.iter_mut().zip(0..) {
             *slot = self.reference.at(tick + offset);
         }
         if self.prepared_for.is_none() {
             self.mpc.begin_at(state);
         }
-        let belief = Belief {
-            main: &self.main,
-            learned: learned(self.method, self.active.as_deref(), &self.least_squares),
-            disturbance: self.observer.disturbance(),
-        };
-        self.mpc.prepare(&self.points, &belief);
+        self.mpc.prepare(planned(&self.points, &self.knowledge), &self.knowledge.belief());
         self.prepared_for = Some(tick);
     }
 
@@ -206,12 +181,7 @@ impl Controller {
     /// done meanwhile. Nothing that the answer depends on changes.
     pub fn rehearse(&mut self) {
         if self.prepared_for.is_some() {
-            let belief = Belief {
-                main: &self.main,
-                learned: learned(self.method, self.active.as_deref(), &self.least_squares),
-                disturbance: self.observer.disturbance(),
-            };
-            self.mpc.rehearse(&self.last_input, &self.points, &belief);
+            self.mpc.rehearse(&self.knowledge.last_command(), planned(&self.points, &self.knowledge), &self.knowledge.belief());
         }
     }
 
@@ -224,30 +194,22 @@ impl Controller {
         plan.plant_epoch = self.command.plant_epoch;
         plan.model_version = self.command.model_version;
         plan.rung = self.command.rung;
-        plan.disturbance = self.observer.disturbance();
-        plan.innovation = self.observer.innovation();
-        plan.residual = self.residual;
+        plan.disturbance = self.knowledge.disturbance();
+        plan.innovation = self.knowledge.innovation();
+        plan.residual = self.knowledge.residual();
         plan
-    }
-
-    fn belief(&self) -> Belief<'_> {
-        let learned = learned(self.method, self.active.as_deref(), &self.least_squares);
-        Belief { main: &self.main, learned, disturbance: self.observer.disturbance() }
     }
 
     fn plan_for(&mut self, measured: &State) -> (Rung, Reason, Velocity, Option<Solved>) {
         if self.method == Method::FeedforwardP {
             return self.feed_forward(measured);
         }
-        let belief = Belief {
-            main: &self.main,
-            learned: learned(self.method, self.active.as_deref(), &self.least_squares),
-            disturbance: self.observer.disturbance(),
-        };
-        let solved = self.mpc.iterate(measured, &self.last_input, &self.points, &belief);
-        let point = self.points.first().copied().unwrap_or_default();
-        let main_target = self.mpc.main_target(&self.main, &point, measured.pose[2], &self.observer.disturbance());
-        let (rung, input) = self.ladder.choose(solved.outcome, &self.mpc, measured, &point, &main_target, &self.last_input);
+        let (belief, last, begin) = (self.knowledge.belief(), self.knowledge.last_command(), self.knowledge.ahead(measured));
+        let points = planned(&self.points, &self.knowledge);
+        let solved = self.mpc.iterate(&begin, &last, points, &belief);
+        let point = points.first().copied().unwrap_or_default();
+        let main_target = self.mpc.main_target(belief.main, &point, begin.pose[2], &belief.disturbance);
+        let (rung, input) = self.ladder.choose(solved.outcome, &self.mpc, &begin, &point, &main_target, &last);
         let reason = if rung == Rung::FreshPlan { Reason::None } else { Reason::SolverFailed };
         (rung, reason, input, Some(solved))
     }
@@ -255,22 +217,20 @@ impl Controller {
     /// What an engineer would try first: the input that holds the reference, and more of it where the robot is behind.
     fn feed_forward(&self, measured: &State) -> (Rung, Reason, Velocity, Option<Solved>) {
         let point = self.points.first().copied().unwrap_or_default();
-        let target = self.mpc.main_target(&self.main, &point, measured.pose[2], &self.observer.disturbance());
+        let disturbance = self.knowledge.disturbance();
+        let target = self.mpc.main_target(self.knowledge.main(), &point, measured.pose[2], &disturbance);
         let (sin, cos) = measured.pose[2].sin_cos();
         let [x, y] = [point.pose[0] - measured.pose[0], point.pose[1] - measured.pose[1]];
         let behind = [cos * x + sin * y, cos * y - sin * x, wrap(point.pose[2] - measured.pose[2])];
         let wished = std::array::from_fn(|axis| target[axis] + FEEDFORWARD_GAIN_PER_S * behind[axis]);
-        (Rung::FreshPlan, Reason::None, self.mpc.limits().reach(&wished, &self.last_input), None)
+        (Rung::FreshPlan, Reason::None, self.mpc.limits().reach(&wished, &self.knowledge.last_command()), None)
     }
 
     fn start_over(&mut self, state: &PlantState, handover: &Handover, controller_epoch: u64) {
         handover.note(Event::Plant { epoch: state.stamp.epoch, controller_epoch });
         self.plant_epoch = Some(state.stamp.epoch);
         self.before = None;
-        self.last_input = state.input;
-        self.residual = [0.0; 3];
-        self.observer.reset();
-        self.least_squares.reset();
+        self.knowledge.reset(state.input);
         self.mpc.reset();
         self.prepared_for = None;
         self.ladder.reset();
@@ -280,7 +240,7 @@ impl Controller {
         let command = &mut self.command;
         command.stamp.tick = state.stamp.tick;
         command.plant_epoch = state.stamp.epoch;
-        command.model_version = self.active.as_ref().map_or(0, |active| active.version);
+        command.model_version = self.knowledge.version();
         command.rung = rung.code();
         command.input = input;
         // Without a plan the input is held: the gate plays two periods of it at most before it brakes.
@@ -306,35 +266,30 @@ impl Controller {
     }
 
     fn write_prediction(&mut self) {
+        let measured = self.before.map_or(State::default(), |before| before.state);
+        let under_way = self.knowledge.delay().whole();
         let plan = &mut self.plan;
-        plan.horizon = self.mpc.horizon().min(HORIZON_MAX) as u32;
+        plan.horizon = (under_way + self.mpc.horizon()).min(HORIZON_MAX) as u32;
+        for (k, (state, acting)) in self.knowledge.under_way(&measured).enumerate() {
+            (plan.predicted[k], plan.input[k]) = (state.to_array(), acting);
+        }
         let states = self.mpc.stages().iter().map(|stage| &stage.state).chain(std::iter::once(self.mpc.terminal()));
-        for (slot, state) in plan.predicted.iter_mut().zip(states) {
+        for (slot, state) in plan.predicted.iter_mut().skip(under_way).zip(states) {
             *slot = state.to_array();
+        }
+        for (slot, stage) in plan.input.iter_mut().skip(under_way).zip(self.mpc.stages()) {
+            *slot = stage.input;
         }
         for (slot, point) in plan.reference.iter_mut().zip(&self.points) {
             *slot = State { pose: point.pose, velocity: point.velocity }.to_array();
         }
-        for (slot, stage) in plan.input.iter_mut().zip(self.mpc.stages()) {
-            *slot = stage.input;
-        }
-        let Some(active) = self.active.as_deref_mut() else {
-            plan.variance.fill([0.0; 3]);
-            return;
-        };
-        for (slot, stage) in plan.variance.iter_mut().zip(self.mpc.stages()) {
-            *slot = active.learned.variance(&stage.state.velocity, &stage.input, &mut active.scratch);
-        }
+        self.knowledge.write_variance(plan);
     }
 }
 
-/// What is believed beside the main model.
-fn learned<'a>(method: Method, active: Option<&'a Candidate>, least_squares: &'a LeastSquares) -> Option<&'a dyn Residual> {
-    match method {
-        Method::Mpc => active.map(|active| &active.learned as &dyn Residual),
-        Method::LeastSquaresMpc => Some(least_squares),
-        Method::FeedforwardP => None,
-    }
+/// The part of `points` that can still be changed: from where what is under way ends.
+fn planned<'a>(points: &'a [ReferencePoint], knowledge: &Knowledge) -> &'a [ReferencePoint] {
+    points.get(knowledge.delay().whole()..).unwrap_or(points)
 }
 
 #[cfg(test)]
@@ -388,12 +343,12 @@ mod tests {
         let normalisation = Normalisation { mean: [f64::NAN; INPUTS], scale: [1.0; INPUTS] };
         let hyperparameters = [Hyperparameters::new([1.0; INPUTS], 1.0, 1e-2); 3];
         let posterior = Posterior::new(&[[0.0; INPUTS]], &[[0.1; 3]], &hyperparameters)?;
-        let learned = Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [1.0; 3] };
+        let learned = Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [1.0; 3], used: [true; 3] };
         Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(1) }))
     }
 
     #[test]
-    fn a_model_that_says_nonsense_costs_the_plan_but_neither_the_lqr_nor_the_tail() -> Result<(), Box<dyn std::error::Error>> {
+    fn a_model_that_says_nonsense_costs_one_plan_but_neither_the_lqr_nor_the_tail() -> Result<(), Box<dyn std::error::Error>> {
         let mut controller = controller()?;
         assert_eq!(answer(&mut controller, &state(0)).rung(), Rung::FreshPlan);
         let good = nonsense()?;
@@ -402,9 +357,8 @@ mod tests {
         assert_eq!(command.rung(), Rung::Lqr);
         assert!(command.input.iter().chain(command.tail().iter().flatten()).all(|value| value.is_finite()), "{command:?}");
         assert_eq!(command.tail().len(), TAIL_MAX);
-        controller.active = None;
-        controller.observer.reset();
-        assert_eq!(answer(&mut controller, &state(2)).rung(), Rung::FreshPlan, "once the model is gone the plan is back");
+        assert_eq!(answer(&mut controller, &state(2)).rung(), Rung::FreshPlan, "a period later it is no longer believed");
+        assert_eq!(controller.knowledge().learned_axes(), [false; 3]);
         Ok(())
     }
 

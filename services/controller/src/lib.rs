@@ -8,14 +8,18 @@
 //! | [`adopt`]     | model snapshots in: judged and prepared beside the control thread         |
 //! | [`fallback`]  | what to command when the optimiser has no answer                          |
 //! | [`control`]   | one tick: answer the state, then say what was learnt                      |
+//! | [`knowledge`] | what is believed at one moment, and how it follows what is seen           |
+//! | [`trust`]     | no harm: the axes on which the learned model is used                      |
 //! | [`run`]       | the loop: the only place with a clock and a stop signal                   |
 
 pub mod adopt;
 pub mod control;
 pub mod fallback;
+pub mod knowledge;
 pub mod mpc;
 pub mod reference;
 pub mod run;
 pub mod settings;
+pub mod trust;
 
 pub use settings::Settings;

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! min  Σ_{k<N} |e(x_k)|²_Q + |u_k − t_k|²_R + |u_k − u_{k−1}|²_S  +  |e(x_N)|²_F  + ρ Σ s_k
-//! s.t. x_{k+1} = f(x_k, u_k) + g(x_k, u_k) + d         x_0 measured, u_{−1} the last input
+//! s.t. x_{k+1} = f(x_k, a_k) + g(x_k, a_k) + d,  a_k = (1 − w) u_k + w u_{k−1}      x_0 given, u_{−1} the last command
 //!      |J u_k| ≤ r ω_max,  |u_k| ≤ u_max,  |u_k − u_{k−1}| ≤ T u̇_max
 //!      |k_p J (u_k − v_k)/r| ≤ i_max (1 + s_k),  |θ_k| ≤ θ_max (1 + s_k),  |v_k| ≤ v_max (1 + s_k),  s_k ≥ 0
 //! ```
@@ -176,9 +176,9 @@ impl Mpc {
     /// other work has pushed out of the processor's caches since the last one, is there again. Called after [`prepare`](Self::prepare).
     pub fn rehearse(&mut self, last_input: &Velocity, reference: &[ReferencePoint], belief: &Belief<'_>) {
         let Some(expected) = self.stages.first().map(|stage| stage.state) else { return };
-        self.roll_out(&expected, belief);
+        self.roll_out(&expected, last_input, belief);
         if self.predictable() {
-            self.condensed.propagate(&self.steps);
+            self.condensed.propagate(&self.steps, belief.carry);
             self.build(last_input, reference);
             let _answer = self.solver.solve(&self.program, &mut self.solution);
         }
@@ -198,17 +198,17 @@ impl Mpc {
     /// One iteration from the measured `state`: predicts with the present plan, improves it, and predicts again to first order.
     ///
     /// [`prepare`](Self::prepare) has been called for the same `reference`, which holds the points of the present tick and the N after
-    /// it; `last_input` is what the wheels got last.
+    /// it; `last_input` is what was commanded last.
     /// If the outcome is not usable, the plan stays the shifted one.
     pub fn iterate(&mut self, state: &State, last_input: &Velocity, reference: &[ReferencePoint], belief: &Belief<'_>) -> Solved {
         let begin = monotonic_nanos();
-        self.roll_out(state, belief);
+        self.roll_out(state, last_input, belief);
         if !self.predictable() {
             self.reset();
             let outcome = Outcome { status: Status::Unpredictable, iterations: 0 };
             return Solved { outcome, linearise_nanos: monotonic_nanos() - begin, solve_nanos: 0 };
         }
-        self.condensed.propagate(&self.steps);
+        self.condensed.propagate(&self.steps, belief.carry);
         let linearised = monotonic_nanos();
         self.build(last_input, reference);
         let mut outcome = self.solver.solve(&self.program, &mut self.solution);
@@ -233,8 +233,8 @@ impl Mpc {
     }
 
     /// Inputs and states along the present plan, and the Jacobians there.
-    fn roll_out(&mut self, state: &State, belief: &Belief<'_>) {
-        let mut at = *state;
+    fn roll_out(&mut self, state: &State, last_input: &Velocity, belief: &Belief<'_>) {
+        let (mut at, mut before) = (*state, *last_input);
         let (last_block, stages) = (self.blocks - 1, self.stages.iter_mut().zip(&mut self.steps));
         for (k, (stage, step)) in stages.enumerate() {
             // The holding input is linear in the disturbance, which has been corrected since the targets were worked out.
@@ -253,8 +253,8 @@ impl Mpc {
             }
             stage.state = at;
             stage.input = input;
-            *step = linearise(belief, &at, &input);
-            at = step.next;
+            *step = linearise(belief, &at, &belief.acting(&before, &input));
+            (at, before) = (step.next, input);
         }
         self.terminal = at;
     }

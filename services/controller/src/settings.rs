@@ -62,6 +62,9 @@ pub struct MpcSettings {
     /// How answers are found.
     #[serde(default)]
     pub method: Method,
+    /// What is done about the time that a command takes to the wheels.
+    #[serde(default)]
+    pub delay: DelaySetting,
 }
 
 /// How answers are found. All but the first are what it is compared with.
@@ -75,6 +78,19 @@ pub enum Method {
     LeastSquaresMpc,
     /// The input that holds the reference by the main model, and a proportional feedback of the pose.
     FeedforwardP,
+}
+
+/// What is done about the time that a command takes to the wheels.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DelaySetting {
+    /// It is found from what was commanded and what the driver says has acted, and made up for.
+    #[default]
+    Estimated,
+    /// It is known, and made up for \[s\].
+    KnownS(f64),
+    /// Nothing.
+    Ignored,
 }
 
 /// Weights of the stage cost. Position and planar velocity weigh the same in both directions.
@@ -142,6 +158,11 @@ impl MpcSettings {
             if limit.is_some_and(|value| !(value.is_finite() && value > 0.0)) {
                 return impossible(key, "a finite number greater than 0, or no limit at all");
             }
+        }
+        if let DelaySetting::KnownS(seconds) = self.delay
+            && !(seconds.is_finite() && seconds >= 0.0)
+        {
+            return impossible("delay.known-s", "a finite number of seconds of at least 0");
         }
         if !(0.0..=1.0).contains(&self.observer_gain) {
             return impossible("observer_gain", "a number from 0 (never corrects) to 1 (believes the last period alone)");

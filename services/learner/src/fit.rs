@@ -93,7 +93,7 @@ impl Outset {
             }
         }
         let posterior = Posterior::new(&inputs, &targets, &hyperparameters)?;
-        let learned = Learned { layout: self.layout, normalisation, posterior, bound: self.bound };
+        let learned = Learned { layout: self.layout, normalisation, posterior, bound: self.bound, used: [true; 3] };
         Ok(FittedModel { learned, hyperparameters, log_likelihood, evaluations, inputs, targets })
     }
 

@@ -10,11 +10,13 @@
 //! | [`learned`]    | g as the controller uses it: layout of the inputs, normalisation, bound        |
 //! | [`least_squares`] | g as a linear function, by recursive least squares                          |
 //! | [`observer`]   | d: what neither f nor g explains                                               |
+//! | [`delay`]      | how long a command takes to the wheels                                         |
 //! | [`predict`]    | one step of f + g + d                                                          |
 //! | [`linearise`]  | its Jacobians                                                                  |
 //!
 //! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. Wheels: front-right, front-left, rear-left, rear-right.
 
+pub mod delay;
 pub mod gp;
 pub mod learned;
 pub mod least_squares;

@@ -86,7 +86,7 @@ mod tests {
         ) {
             let main = MainModel::new(&Robot::example(), 0.1);
             let learned = learned(if slip { Layout::VelocitySlip } else { Layout::VelocityInput }).map_err(|e| TestCaseError::fail(e.to_string()))?;
-            let belief = Belief { main: &main, learned: Some(&learned), disturbance: [0.01, -0.02, 0.03] };
+            let belief = Belief { main: &main, learned: Some(&learned), disturbance: [0.01, -0.02, 0.03], carry: 0.0 };
             let at = |x: [f64; 6], u: [f64; 3]| belief.predict(&State { pose: [x[0], x[1], x[2]], velocity: [x[3], x[4], x[5]] }, &u).to_array();
             let state = State { pose, velocity };
             let exact = linearise(&belief, &state, &input);

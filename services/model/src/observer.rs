@@ -61,17 +61,23 @@ impl Observer {
         self.taken += 1;
     }
 
-    /// Works d out again for another learned model, over the samples that are kept.
-    pub fn replay(&mut self, learned: impl Fn(&Velocity, &Velocity) -> Velocity) {
+    /// Works d out again for another learned model, over the samples that are kept, and gives the mean squared innovations on the
+    /// way: no number on an axis of which the model says none.
+    pub fn replay(&mut self, learned: impl Fn(&Velocity, &Velocity) -> Velocity) -> Velocity {
         let innovation = self.innovation;
         self.disturbance = [0.0; 3];
+        let mut squares = [0.0; 3];
         for age in (0..self.taken.min(MEMORY)).rev() {
             let place = (self.taken - 1 - age) % MEMORY;
             if let Some(&sample) = self.samples.get(place) {
-                self.correct(&sample, &learned(&sample.velocity, &sample.input));
+                let learned = learned(&sample.velocity, &sample.input);
+                self.correct(&sample, &learned);
+                // What the model does not say counts as the worst it could have said.
+                squares = std::array::from_fn(|axis| squares[axis] + self.innovation[axis] * self.innovation[axis] + 0.0 * learned[axis]);
             }
         }
         self.innovation = innovation;
+        squares.map(|sum| sum / self.taken.clamp(1, MEMORY) as f64)
     }
 
     /// Forgets everything: the robot has been put somewhere else.
@@ -115,7 +121,8 @@ mod tests {
         for _ in 0..30 {
             observer.update(sample([0.1, -0.2, 0.3]), &[0.0; 3]);
         }
-        observer.replay(|_, _| [0.1, -0.2, 0.3]);
+        let left = observer.replay(|_, _| [0.1, -0.2, 0.3]);
+        assert!(left.iter().all(|square| *square < 1e-24));
         for left in observer.disturbance() {
             assert!(left.abs() < 1e-12);
         }

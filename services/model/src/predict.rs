@@ -22,6 +22,8 @@ pub struct Belief<'a> {
     pub learned: Option<&'a dyn Residual>,
     /// d, per period \[m/s, m/s, rad/s\].
     pub disturbance: Velocity,
+    /// w: share of the command before in the input that acts.
+    pub carry: f64,
 }
 
 impl Belief<'_> {
@@ -35,7 +37,12 @@ impl Belief<'_> {
         self.learned.map_or(Response::NONE, |learned| learned.response(velocity, input))
     }
 
-    /// The state one period later. Does not allocate.
+    /// The input that acts when `input` is commanded after `before`: (1 − w) u + w u₋₁.
+    pub fn acting(&self, before: &Velocity, input: &Velocity) -> Velocity {
+        std::array::from_fn(|axis| self.carry.mul_add(before[axis] - input[axis], input[axis]))
+    }
+
+    /// The state one period later, under the input that acts. Does not allocate.
     pub fn predict(&self, state: &State, input: &Velocity) -> State {
         let residual = self.residual(&state.velocity, input);
         advance(self, state, input, &residual)

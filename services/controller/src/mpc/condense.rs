@@ -1,8 +1,9 @@
 //! Condensing: the states as linear functions of the free inputs.
 //!
 //! ```text
-//! Γ_0 = 0      Γ_{k+1} = A_k Γ_k + B_k S_k,   S_k picks the block that period k belongs to
+//! Γ_0 = 0      Γ_{k+1} = A_k Γ_k + B_k ((1 − w) S_k + w S_{k−1}),   S_k picks the block that period k belongs to
 //! ```
+//! with w the share of the command before in the input that acts.
 
 use model::State;
 use model::linearise::Linearised;
@@ -29,7 +30,7 @@ impl Condensed {
     }
 
     /// Works Γ out for new Jacobians. O(N C), does not allocate.
-    pub(super) fn propagate(&mut self, steps: &[Linearised]) {
+    pub(super) fn propagate(&mut self, steps: &[Linearised], carry: f64) {
         for (k, step) in steps.iter().enumerate() {
             let (done, rest) = self.sensitivity.split_at_mut((k + 1) * self.blocks);
             let (Some(now), Some(next)) = (done.get(k * self.blocks..), rest.get_mut(..self.blocks)) else { return };
@@ -39,7 +40,11 @@ impl Condensed {
                 *next = step.by_state * now;
             }
             if let Some(driven) = next.get_mut(k.min(self.blocks - 1)) {
-                *driven = if k < self.blocks { step.by_input } else { *driven + step.by_input };
+                let share = (1.0 - carry) * step.by_input;
+                *driven = if k < self.blocks { share } else { *driven + share };
+            }
+            if let Some(driven) = k.checked_sub(1).and_then(|before| next.get_mut(before.min(self.blocks - 1))) {
+                *driven += carry * step.by_input;
             }
         }
     }

@@ -1,5 +1,5 @@
 use super::*;
-use crate::settings::{Method, StateLimits, Weights};
+use crate::settings::{DelaySetting, Method, StateLimits, Weights};
 use proptest::prelude::*;
 
 pub(crate) fn settings() -> MpcSettings {
@@ -18,6 +18,7 @@ pub(crate) fn settings() -> MpcSettings {
         state_limits: StateLimits { heading_rad: Some(1.0), speed_mps: Some(3.5) },
         observer_gain: 0.3,
         method: Method::Mpc,
+        delay: DelaySetting::Estimated,
     }
 }
 
@@ -46,7 +47,7 @@ fn true_cost(
     for (k, stage) in mpc.stages.iter().enumerate() {
         let deviation = deviation[k.min(mpc.blocks - 1)];
         let input: Velocity = std::array::from_fn(|axis| stage.target[axis] + deviation[axis]);
-        at = belief.predict(&at, &input);
+        at = belief.predict(&at, &belief.acting(&before, &input));
         let factor = if k + 1 == mpc.horizon { w.terminal_factor } else { 1.0 };
         let error = TrackingError::new(&at, &reference[k + 1]);
         cost += 0.5 * factor * error.value.iter().zip(q).map(|(e, q)| q * e * e).sum::<f64>();
@@ -64,16 +65,17 @@ proptest! {
 
     #[test]
     fn the_programs_gradient_is_that_of_the_cost(
-        pose in prop::array::uniform3(-0.4..0.4_f64), velocity in prop::array::uniform3(-0.8..0.8_f64), input in prop::array::uniform3(-0.5..0.5_f64)
+        pose in prop::array::uniform3(-0.4..0.4_f64), velocity in prop::array::uniform3(-0.8..0.8_f64), input in prop::array::uniform3(-0.5..0.5_f64),
+        carry in prop_oneof![Just(0.0), 0.0..1.0_f64]
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief { main: &main, learned: None, disturbance: [0.02, -0.01, 0.03] };
+        let belief = Belief { main: &main, learned: None, disturbance: [0.02, -0.01, 0.03], carry };
         let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
         let (state, reference) = (State { pose, velocity }, circle(0, 7));
         mpc.begin_at(&state);
         mpc.prepare(&reference, &belief);
-        mpc.roll_out(&state, &belief);
-        mpc.condensed.propagate(&mpc.steps);
+        mpc.roll_out(&state, &input, &belief);
+        mpc.condensed.propagate(&mpc.steps, belief.carry);
         mpc.build(&input, &reference);
         let deviation = mpc.deviation.clone();
         let step = 1e-6;
@@ -94,7 +96,7 @@ proptest! {
         pose in prop::array::uniform3(-50.0..50.0_f64), velocity in prop::array::uniform3(-8.0..8.0_f64), last in prop::array::uniform3(-4.0..4.0_f64)
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
+        let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3], carry: 0.0 };
         let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
         let last = mpc.limits.clamp(&last);
         mpc.prepare(&circle(0, 7), &belief);
@@ -113,7 +115,7 @@ proptest! {
 #[test]
 fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
+    let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3], carry: 0.0 };
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let state = State { pose: [0.02, -0.03, 0.01], velocity: [1.4, 0.0, 0.7] };
     mpc.prepare(&circle(0, 7), &belief);
@@ -132,7 +134,7 @@ fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError>
 #[test]
 fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
+    let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3], carry: 0.0 };
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let (mut state, mut input) = (State { pose: [0.0, -0.8, 0.3], velocity: [0.0; 3] }, [0.0; 3]);
     for tick in 0..40 {
@@ -156,7 +158,7 @@ fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
     let push = [0.05, -0.03, 0.02];
     let (mut state, mut input) = (State::default(), [0.0; 3]);
     for _ in 0..120 {
-        let belief = Belief { main: &main, learned: None, disturbance: observer.disturbance() };
+        let belief = Belief { main: &main, learned: None, disturbance: observer.disturbance(), carry: 0.0 };
         mpc.prepare(&still, &belief);
         assert!(mpc.iterate(&state, &input, &still, &belief).outcome.usable());
         input = mpc.stages[0].input;
@@ -191,7 +193,7 @@ fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
 #[test]
 fn the_lqr_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3] };
+    let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3], carry: 0.0 };
     let mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let (mut state, mut input) = (State { pose: [0.3, -0.2, 0.2], velocity: [0.0; 3] }, [0.0; 3]);
     for tick in 0..80 {

@@ -2,7 +2,7 @@
 
 use crate::assembly::Assembly;
 use clap::ValueEnum;
-use controller::settings::Method;
+use controller::settings::{DelaySetting, Method};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
@@ -59,6 +59,8 @@ impl Contender {
             Self::FeedforwardP | Self::Mpc | Self::GprMpc => 0.0,
             Self::MpcObserver | Self::RlsMpcObserver | Self::GprMpcObserver => OBSERVER_GAIN,
         };
+        // Making up for a transport delay is ours; who knows the robot knows it anyway.
+        mpc.delay = if self.learns() { DelaySetting::Estimated } else { DelaySetting::Ignored };
         assembly.graph.processes.learner.enabled = self.learns();
     }
 }

@@ -1,0 +1,229 @@
+//! What is believed at one moment: main model, learned residual, disturbance, transport delay; and how that follows what is seen.
+//!
+//! Two observers run side by side, one beside the learned model and one beside the main model alone; [`Trust`] says per axis which of
+//! the two pairs has done better, and that one is used.
+
+use crate::adopt::Candidate;
+use crate::settings::{DelaySetting, Method, Settings};
+use crate::trust::Trust;
+use model::delay::{Delay, DelayEstimator, Sent};
+use model::learned::Residual;
+use model::least_squares::LeastSquares;
+use model::main_model::MainModel;
+use model::observer::{Observer, Sample};
+use model::predict::Belief;
+use model::residual::residual;
+use model::{AXES, State, Velocity};
+use protocol::message::Plan;
+
+/// Largest believable share of its physical range that the main model can be wrong by in one period.
+const RESIDUAL_SHARE: f64 = 0.25;
+
+/// Time over which recursive least squares forgets \[s\].
+const LEAST_SQUARES_MEMORY_S: f64 = 20.0;
+
+/// One period that is over.
+#[derive(Debug, Clone, Copy)]
+pub struct Period {
+    /// Velocity at its start.
+    pub before: Velocity,
+    /// What was commanded for it.
+    pub commanded: Velocity,
+    /// The input that acted, as the driver says; the mean of the period.
+    pub acted: Velocity,
+    /// Velocity at its end.
+    pub after: Velocity,
+    /// Whether the gate played this controller's answer.
+    pub ours: bool,
+}
+
+/// Everything that a prediction rests on. Does not allocate after set-up.
+pub struct Knowledge {
+    main: MainModel,
+    method: Method,
+    least_squares: LeastSquares,
+    active: Option<Box<Candidate>>,
+    /// Beside the learned model …
+    observer: Observer,
+    /// … and beside the main model alone.
+    plain: Observer,
+    trust: Trust,
+    /// g of the last period.
+    residual: Velocity,
+    setting: DelaySetting,
+    estimator: DelayEstimator,
+    sent: Sent,
+    delay: Delay,
+}
+
+impl Knowledge {
+    /// The main model, and nothing else yet.
+    pub fn new(settings: &Settings, main: MainModel) -> Self {
+        let bound = bound(settings, &main);
+        let observer = Observer::new(settings.mpc.observer_gain, bound);
+        Self {
+            method: settings.mpc.method,
+            least_squares: LeastSquares::new(1.0 - main.period / LEAST_SQUARES_MEMORY_S, bound),
+            main,
+            active: None,
+            plain: observer.clone(),
+            observer,
+            trust: Trust::default(),
+            residual: [0.0; AXES],
+            setting: settings.mpc.delay,
+            estimator: DelayEstimator::default(),
+            sent: Sent::default(),
+            delay: Delay::default(),
+        }
+    }
+
+    /// What predictions are made with.
+    pub fn belief(&self) -> Belief<'_> {
+        let learned = match self.method {
+            Method::Mpc => self.active.as_ref().map(|active| &active.learned as &dyn Residual),
+            Method::LeastSquaresMpc => Some(&self.least_squares as &dyn Residual),
+            Method::FeedforwardP => None,
+        };
+        Belief { main: &self.main, learned, disturbance: self.disturbance(), carry: self.delay.carry() }
+    }
+
+    /// f.
+    pub fn main(&self) -> &MainModel {
+        &self.main
+    }
+
+    /// Residual of the main model in the last period \[m/s, m/s, rad/s\].
+    pub fn residual(&self) -> Velocity {
+        self.residual
+    }
+
+    /// d of the observer that is used, per axis \[m/s, m/s, rad/s\].
+    pub fn disturbance(&self) -> Velocity {
+        self.per_axis(self.observer.disturbance(), self.plain.disturbance())
+    }
+
+    /// Last one-step error of the model that is used, per axis \[m/s, m/s, rad/s\].
+    pub fn innovation(&self) -> Velocity {
+        self.per_axis(self.observer.innovation(), self.plain.innovation())
+    }
+
+    /// The last command.
+    pub fn last_command(&self) -> Velocity {
+        self.sent.last()
+    }
+
+    /// Version of the learned model in use; 0 is the main model alone.
+    pub fn version(&self) -> u64 {
+        self.active.as_ref().map_or(0, |active| active.version)
+    }
+
+    /// Axes on which a learned model is used.
+    pub fn learned_axes(&self) -> [bool; AXES] {
+        self.active.as_ref().map_or([false; AXES], |active| active.learned.used)
+    }
+
+    /// Time from a command to the wheels, as predictions take it.
+    pub fn delay(&self) -> Delay {
+        self.delay
+    }
+
+    /// From now on predictions take the delay as it is known by now.
+    pub fn settle_delay(&mut self) {
+        self.delay = match self.setting {
+            DelaySetting::Estimated => self.estimator.delay(),
+            DelaySetting::KnownS(seconds) => Delay::of_periods(seconds / self.main.period),
+            DelaySetting::Ignored => Delay::default(),
+        };
+    }
+
+    /// The states from the measured one on, for as long as nothing that is commanded now acts, each with the input that acts in its period.
+    pub fn under_way(&self, measured: &State) -> impl Iterator<Item = (State, Velocity)> {
+        let mut state = *measured;
+        (0..self.delay.whole()).map(move |ahead| {
+            let (here, acting) = (state, self.sent.under_way(self.delay, ahead));
+            state = self.belief().predict(&here, &acting);
+            (here, acting)
+        })
+    }
+
+    /// Where the robot will be when the next command begins to act.
+    pub fn ahead(&self, measured: &State) -> State {
+        self.under_way(measured).last().map_or(*measured, |(state, acting)| self.belief().predict(&state, &acting))
+    }
+
+    /// Puts a model in use, and gives back the one before, for somebody else to free.
+    pub fn adopt(&mut self, mut candidate: Box<Candidate>) -> Option<Box<Candidate>> {
+        let learned = &candidate.learned;
+        let with = self.observer.replay(|velocity, input| learned.opinion(velocity, input));
+        let without = self.plain.clone().replay(|_, _| [0.0; AXES]);
+        self.trust.judge(&with, &without);
+        candidate.learned.used = self.trust.used();
+        self.active.replace(candidate)
+    }
+
+    /// Takes in one period: what there was, against what each model said of it.
+    pub fn observe(&mut self, period: &Period) {
+        self.sent.push(if period.ours { period.commanded } else { period.acted });
+        if period.ours {
+            self.estimator.update(&self.sent, &period.acted);
+        }
+        self.residual = residual(&self.main, &period.before, &period.acted, &period.after);
+        let sample = Sample { velocity: period.before, input: period.acted, residual: self.residual };
+        let opinion = match (self.method, &self.active) {
+            (Method::LeastSquaresMpc, _) => self.least_squares.mean(&sample.velocity, &sample.input),
+            (_, Some(active)) => active.learned.opinion(&sample.velocity, &sample.input),
+            (_, None) => [0.0; AXES],
+        };
+        self.observer.update(sample, &opinion);
+        self.plain.update(sample, &[0.0; AXES]);
+        if self.method == Method::LeastSquaresMpc {
+            self.least_squares.update(&sample.velocity, &sample.input, &sample.residual);
+        } else if let Some(active) = &mut self.active {
+            let innovation = self.observer.innovation();
+            // Where the model says no number there is no error that could be small.
+            let error = std::array::from_fn(|axis| innovation[axis] + 0.0 * opinion[axis]);
+            self.trust.update(&error, &self.plain.innovation());
+            active.learned.used = self.trust.used();
+        }
+    }
+
+    /// A period is missing: nothing is known but the input that acts.
+    pub fn resume(&mut self, acted: Velocity) {
+        self.sent = Sent::always(acted);
+    }
+
+    /// Forgets all but the learned model: another robot, or the same one put somewhere else.
+    pub fn reset(&mut self, acted: Velocity) {
+        self.resume(acted);
+        self.residual = [0.0; AXES];
+        self.observer.reset();
+        self.plain.reset();
+        self.least_squares.reset();
+        self.trust = Trust::default();
+        self.estimator.reset();
+    }
+
+    /// Writes the variance of the learned residual along a plan whose states and inputs are written.
+    pub fn write_variance(&mut self, plan: &mut Plan) {
+        let Some(active) = self.active.as_deref_mut() else {
+            plan.variance.fill([0.0; AXES]);
+            return;
+        };
+        let periods = plan.predicted.iter().zip(&plan.input).take(plan.horizon as usize);
+        for (slot, (&[_, _, _, forward, left, rate], input)) in plan.variance.iter_mut().zip(periods) {
+            *slot = active.learned.variance(&[forward, left, rate], input, &mut active.scratch);
+        }
+    }
+
+    fn per_axis(&self, with: Velocity, without: Velocity) -> Velocity {
+        let trusted = self.trust.used();
+        std::array::from_fn(|axis| if trusted[axis] { with[axis] } else { without[axis] })
+    }
+}
+
+/// Largest |g| that physics allows, per axis and period \[m/s, m/s, rad/s\].
+pub fn bound(settings: &Settings, main: &MainModel) -> Velocity {
+    let limits = &settings.robot.limits;
+    let range = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];
+    std::array::from_fn(|axis| RESIDUAL_SHARE * main.gain[axis] * range[axis])
+}
