@@ -98,6 +98,7 @@ recorded!(ModelSnapshot, "learner → controller: a better model, without its we
     "length_scale": Shape::Rows, "length scale per velocity axis and normalised input"
         => snapshot.head.length_scale.each_ref().map(|axis| per_input(snapshot, axis));
     "signal_variance": Shape::Numbers, "per velocity axis [(m/s)², (m/s)², (rad/s)²]" => snapshot.head.signal_variance;
+    "linear_variance": Shape::Numbers, "of the linear part of the kernel, per velocity axis [(m/s)², (m/s)², (rad/s)²]" => snapshot.head.linear_variance;
     "noise_variance": Shape::Numbers, "per velocity axis [(m/s)², (m/s)², (rad/s)²]" => snapshot.head.noise_variance;
     "log_likelihood": Shape::Numbers, "log marginal likelihood per velocity axis" => snapshot.head.log_likelihood;
     "jitter": Shape::Numbers, "diagonal added beyond the noise variance, per velocity axis" => snapshot.head.jitter;

@@ -263,6 +263,7 @@ impl Said for ModelSnapshot {
             inputs: 2,
             score_samples: 40,
             signal_variance: [1.0, 2.0, 3.0],
+            linear_variance: [0.5, 0.25, 0.0],
             noise_variance: [0.01; 3],
             score_learned: [0.125; 3],
             score_main: [0.25; 3],

@@ -71,9 +71,9 @@ class Network:
         self.quality = {"priority": zenoh.Priority.REAL_TIME, "congestion_control": congestion}
         state = f"{self.graph}/state"
         tokens = self.session.liveliness()
-        self.kept = [tokens.declare_subscriber(f"{state}/reader/1/*/*", self._on_reader, history=True)]
+        self.kept = [tokens.declare_subscriber(f"{state}/reader/{Wire.VERSION}/*/*", self._on_reader, history=True)]
         self.kept.append(self.session.declare_queryable(f"{state}/join/{self.identity}", lambda query: query.drop()))
-        self.kept.append(tokens.declare_token(f"{state}/writer/1/{delivery}/{self.identity}"))
+        self.kept.append(tokens.declare_token(f"{state}/writer/{Wire.VERSION}/{delivery}/{self.identity}"))
         self._read("command")
         if recorded:
             self._read("credit")
@@ -85,7 +85,7 @@ class Network:
         link = f"{self.graph}/{topic}"
         self.kept.append(self.session.declare_subscriber(f"{link}/data/*", hear))
         self.kept.append(self.session.declare_subscriber(f"{link}/history/{self.identity}/*", hear))
-        self.kept.append(self.session.liveliness().declare_token(f"{link}/reader/1/unpaced/{self.identity}"))
+        self.kept.append(self.session.liveliness().declare_token(f"{link}/reader/{Wire.VERSION}/unpaced/{self.identity}"))
 
     def _on_reader(self, sample: zenoh.Sample) -> None:
         self.events.put(("reader" if sample.kind == zenoh.SampleKind.PUT else "gone", str(sample.key_expr).rsplit("/", 1)[1]))

@@ -167,7 +167,7 @@ class Health:
 class Wire:
     """Messages to bytes and back: a header of version, kind and checksum, then the fields."""
 
-    VERSION = 1
+    VERSION = 2
     HEADER = struct.Struct("<HHI")
     BODY = {kind: record(kind) for kind in (PlantState, Command, Credit, Health)}
     TABLE: list[int] = []  # of the checksum, by byte

@@ -43,6 +43,8 @@ pub struct SnapshotHead {
     pub length_scale: [[f64; INPUTS_MAX]; 3],
     /// σ², per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
     pub signal_variance: [f64; 3],
+    /// λ² of the offset and of each slope over the normalised inputs, per velocity axis \[(m/s)², (m/s)², (rad/s)²\]; 0: no linear part.
+    pub linear_variance: [f64; 3],
     /// σₙ², per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
     pub noise_variance: [f64; 3],
     /// Log marginal likelihood, per velocity axis.
@@ -121,6 +123,7 @@ impl Message for ModelSnapshot {
         "input_scale",
         "length_scale",
         "signal_variance",
+        "linear_variance",
         "noise_variance",
         "log_likelihood",
         "jitter",
@@ -135,6 +138,7 @@ impl Message for ModelSnapshot {
         visit("input_scale", &mut head.input_scale);
         visit("length_scale", head.length_scale.as_flattened_mut());
         visit("signal_variance", &mut head.signal_variance);
+        visit("linear_variance", &mut head.linear_variance);
         visit("noise_variance", &mut head.noise_variance);
         visit("log_likelihood", &mut head.log_likelihood);
         visit("jitter", &mut head.jitter);
@@ -231,6 +235,7 @@ impl SnapshotHead {
         visit(Number::Reals(self.length_scale.as_flattened_mut()));
         let per_axis = [
             &mut self.signal_variance,
+            &mut self.linear_variance,
             &mut self.noise_variance,
             &mut self.log_likelihood,
             &mut self.jitter,

@@ -208,6 +208,7 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
     let normalisation = normalisation(head).ok_or(Refusal::Normalisation { version })?;
     let hyperparameters = std::array::from_fn(|axis| {
         Hyperparameters::new(first(&head.length_scale[axis]), head.signal_variance[axis], head.noise_variance[axis])
+            .with_linear(head.linear_variance[axis])
     });
     let (mut inputs, mut targets) = (Vec::with_capacity(snapshot.rows().len()), Vec::with_capacity(snapshot.rows().len()));
     for row in snapshot.rows() {
@@ -264,10 +265,11 @@ mod tests {
         (head.version, head.fingerprint, head.inputs, head.score_samples) = (3, 42, INPUTS as u32, 2);
         head.input_scale = [1.0; protocol::message::INPUTS_MAX];
         head.length_scale = [[1.0; protocol::message::INPUTS_MAX]; 3];
-        (head.signal_variance, head.noise_variance) = ([0.01; 3], [1e-4; 3]);
+        (head.signal_variance, head.noise_variance, head.linear_variance) = ([0.01; 3], [1e-4; 3], [0.02, 0.02, 0.0]);
         let inputs: Vec<[f64; INPUTS]> = (0..8).map(|i| std::array::from_fn(|j| ((i * INPUTS + j) as f64).sin())).collect();
         let targets: Vec<[f64; AXES]> = inputs.iter().map(|input| [0.1 * input[0], 0.1 * input[1], 0.0]).collect();
-        let hyperparameters = [Hyperparameters::new([1.0; INPUTS], 0.01, 1e-4); 3];
+        let plain = Hyperparameters::new([1.0; INPUTS], 0.01, 1e-4);
+        let hyperparameters = [plain.with_linear(0.02), plain.with_linear(0.02), plain];
         let posterior = Posterior::new(&inputs, &targets, &hyperparameters)?;
         let mut snapshot = ModelSnapshot::new(head);
         for (i, (input, target)) in inputs.iter().zip(&targets).enumerate() {
@@ -307,6 +309,7 @@ mod tests {
         assert!(matches!(with(&|head| head.input_mean[2] = f64::NAN), Err(Refusal::Normalisation { .. })));
         assert!(matches!(with(&|head| head.length_scale[1][0] = f64::NAN), Err(Refusal::Posterior { .. })));
         assert!(matches!(with(&|head| head.signal_variance[0] = -1.0), Err(Refusal::Posterior { .. })));
+        assert!(matches!(with(&|head| head.linear_variance[1] = -1.0), Err(Refusal::Posterior { .. })));
         let mut poisoned = ModelSnapshot::new(honest.head);
         poisoned.push(&[f64::NAN; INPUTS], [0.0; 3], [0.0; 3])?;
         assert!(prepare(&poisoned, &EXPECTED).is_err());

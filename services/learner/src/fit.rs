@@ -3,10 +3,12 @@
 use model::gp::dataset::Observation;
 use model::gp::fit::{FitError, FitOptions, LogNormal, Priors, fit};
 use model::gp::hyperparameters::{Bounds, Hyperparameters};
-use model::gp::normalisation::{Normalisation, NormalisationError};
+use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, PosteriorError};
 use model::learned::{INPUTS, Layout, Learned};
 use model::{AXES, Velocity};
+
+use crate::settings::KernelChoice;
 
 /// Fewest samples that a fit is tried on; below, the model says nothing.
 const SAMPLES_MIN: usize = 4;
@@ -16,8 +18,10 @@ const SAMPLES_MIN: usize = 4;
 pub struct Outset {
     /// What the Gaussian processes see.
     pub layout: Layout,
-    /// Smallest scale of each input, by physics: data without spread must not give a huge gain.
-    pub scale_floor: [f64; INPUTS],
+    /// What they take for likely.
+    pub kernel: KernelChoice,
+    /// What counts as one of each input, by physics: the data, which may have no spread, has no say in it.
+    pub input_scale: [f64; INPUTS],
     /// Largest |g| that physics allows \[m/s, m/s, rad/s\].
     pub bound: Velocity,
     /// Budget of one fit, in evaluations per axis.
@@ -27,9 +31,6 @@ pub struct Outset {
 /// Why a fit came to nothing.
 #[derive(Debug, thiserror::Error)]
 pub enum FailedFit {
-    /// The inputs cannot be scaled.
-    #[error(transparent)]
-    Normalisation(#[from] NormalisationError),
     /// The hyperparameters of one axis.
     #[error("axis {axis}: {source}")]
     Axis {
@@ -61,9 +62,23 @@ pub struct FittedModel {
 }
 
 impl Outset {
-    /// Hyperparameters before any data: smooth, and of the size that physics allows.
+    /// How inputs are scaled: with zero mean, so that the linear part of the kernel goes through a robot at rest.
+    pub fn normalisation(&self) -> Normalisation<INPUTS> {
+        Normalisation { mean: [0.0; INPUTS], scale: self.input_scale }
+    }
+
+    /// Hyperparameters before any data: the medians of their priors.
     pub fn hyperparameters(&self) -> [Hyperparameters<INPUTS>; AXES] {
-        self.bound.map(|bound| Hyperparameters::new([3.0; INPUTS], (0.2 * bound).powi(2), (0.01 * bound).powi(2)))
+        self.bound.map(|bound| self.medians(bound))
+    }
+
+    /// A smooth function, of the size that physics allows; beside a linear part, a quarter of that.
+    fn medians(&self, bound: f64) -> Hyperparameters<INPUTS> {
+        let smooth = |share: f64| Hyperparameters::new([3.0; INPUTS], (share * bound).powi(2), (0.01 * bound).powi(2));
+        match self.kernel {
+            KernelChoice::SquaredExponential => smooth(0.2),
+            KernelChoice::LinearPlusSquaredExponential => smooth(0.05).with_linear((0.2 * bound).powi(2)),
+        }
     }
 
     /// Fits `observations`, beginning at `start`.
@@ -71,13 +86,8 @@ impl Outset {
     /// # Errors
     /// [`FailedFit`].
     pub fn fit(&self, observations: &[Observation<INPUTS>], start: &[Hyperparameters<INPUTS>; AXES]) -> Result<FittedModel, FailedFit> {
-        let raw: Vec<[f64; INPUTS]> = observations.iter().map(|observation| observation.input).collect();
-        let normalisation = if raw.is_empty() {
-            Normalisation { mean: [0.0; INPUTS], scale: self.scale_floor }
-        } else {
-            Normalisation::from_samples(&raw, &self.scale_floor)?
-        };
-        let inputs: Vec<[f64; INPUTS]> = raw.iter().map(|input| normalisation.apply(input)).collect();
+        let normalisation = self.normalisation();
+        let inputs: Vec<[f64; INPUTS]> = observations.iter().map(|observation| normalisation.apply(&observation.input)).collect();
         let targets: Vec<[f64; AXES]> = observations.iter().map(|observation| observation.target).collect();
         let mut hyperparameters = *start;
         let mut log_likelihood = [0.0; AXES];
@@ -101,15 +111,25 @@ impl Outset {
     fn options(&self, axis: usize) -> FitOptions<INPUTS> {
         let bound = self.bound[axis];
         let bounds = Bounds {
-            lower: Hyperparameters::new([0.3; INPUTS], (1e-3 * bound).powi(2), (1e-4 * bound).powi(2)),
-            upper: Hyperparameters::new([100.0; INPUTS], (2.0 * bound).powi(2), (0.3 * bound).powi(2)),
+            lower: Hyperparameters::new([0.3; INPUTS], (1e-3 * bound).powi(2), (1e-4 * bound).powi(2)).with_linear((1e-3 * bound).powi(2)),
+            upper: Hyperparameters::new([100.0; INPUTS], (2.0 * bound).powi(2), (0.3 * bound).powi(2)).with_linear((2.0 * bound).powi(2)),
         };
-        let length_scale = Some(LogNormal { median: 3.0, log_deviation: 1.0 });
-        let variance = Some(LogNormal { median: (0.2 * bound).powi(2), log_deviation: 3.0 });
-        let noise_variance = Some(LogNormal { median: (0.01 * bound).powi(2), log_deviation: 3.0 });
+        let Hyperparameters { kernel, noise_variance } = self.medians(bound);
+        let around = |median: f64, log_deviation: f64| Some(LogNormal { median, log_deviation });
+        // Beside a linear part, a few samples must not tempt the smooth one to explain a wrong gain.
+        let (variance_deviation, linear_variance) = match self.kernel {
+            KernelChoice::SquaredExponential => (3.0, None),
+            KernelChoice::LinearPlusSquaredExponential => (1.0, around(kernel.linear_variance, 1.0)),
+        };
+        let priors = Priors {
+            length_scale: kernel.length_scale.map(|median| around(median, 1.0)),
+            variance: around(kernel.variance, variance_deviation),
+            noise_variance: around(noise_variance, 3.0),
+            linear_variance,
+        };
         FitOptions {
             bounds,
-            priors: Some(Priors { length_scale: [length_scale; INPUTS], variance, noise_variance }),
+            priors: Some(priors),
             max_evaluations: self.evaluations_max,
             max_iterations: self.evaluations_max,
             restarts: 0,

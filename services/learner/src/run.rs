@@ -32,8 +32,10 @@ use std::time::Duration;
 const PATIENCE: Duration = Duration::from_millis(20);
 /// Largest believable share of its physical range that the main model can be wrong by in one period.
 const RESIDUAL_SHARE: f64 = 0.25;
-/// Smallest scale of an input, as a share of its physical range.
-const SCALE_SHARE: f64 = 0.1;
+/// Velocity that counts as one, as a share of its physical range.
+const VELOCITY_SHARE: f64 = 0.2;
+/// Slip that counts as one, as a share of the physical range of the velocity.
+const SLIP_SHARE: f64 = 0.1;
 
 /// Why the learner ended before it was told to.
 #[derive(Debug, thiserror::Error)]
@@ -98,14 +100,14 @@ fn outset(settings: &Settings) -> Outset {
     let main = main_model(settings);
     let limits = &settings.robot.limits;
     let range = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];
-    let velocity_scale = range.map(|range| SCALE_SHARE * range);
-    let input_scale = match settings.learner.layout {
-        Layout::VelocityInput => velocity_scale,
-        Layout::VelocitySlip => velocity_scale.map(|scale| 0.5 * scale),
+    let second_share = match settings.learner.layout {
+        Layout::VelocityInput => VELOCITY_SHARE,
+        Layout::VelocitySlip => SLIP_SHARE,
     };
     Outset {
         layout: settings.learner.layout,
-        scale_floor: std::array::from_fn(|i| if i < AXES { velocity_scale[i] } else { input_scale[i - AXES] }),
+        kernel: settings.learner.kernel,
+        input_scale: std::array::from_fn(|i| if i < AXES { VELOCITY_SHARE * range[i] } else { second_share * range[i - AXES] }),
         bound: std::array::from_fn(|axis| RESIDUAL_SHARE * main.gain[axis] * range[axis]),
         evaluations_max: settings.learner.evaluations_max,
     }
@@ -146,9 +148,9 @@ impl<'a> Learner<'a> {
     fn new(settings: &'a Settings, ports: &Ports, outset: Outset, jobs: Sender<Job>, done: Receiver<Done>) -> Result<Self, OpenError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
         let fingerprint = fingerprint(&main_model(settings), settings.learner.layout.name());
-        let mut dataset = Dataset::new(settings.learner.points_max, outset.scale_floor);
+        let mut dataset = Dataset::new(settings.learner.points_max, outset.input_scale);
         let resumed = resume_from(settings, fingerprint);
-        let start = resumed.as_ref().map_or_else(|| outset.hyperparameters(), |snapshot| store::resume(snapshot, &mut dataset));
+        let start = resumed.as_ref().map_or_else(|| outset.hyperparameters(), |snapshot| store::resume(snapshot, &outset, &mut dataset));
         Ok(Self {
             settings,
             fingerprint,

@@ -21,12 +21,25 @@ pub struct Settings {
     pub learner: LearnerSettings,
 }
 
+/// What the Gaussian processes take for likely before they have seen anything.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum KernelChoice {
+    /// A smooth function, of which a sample says nothing far away.
+    #[serde(rename = "squared-exponential")]
+    SquaredExponential,
+    /// A wrong gain and an offset, and a smooth function beside them.
+    #[serde(rename = "linear+squared-exponential")]
+    LinearPlusSquaredExponential,
+}
+
 /// How to learn.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LearnerSettings {
     /// What the Gaussian processes see.
     pub layout: Layout,
+    /// What they take for likely.
+    pub kernel: KernelChoice,
     /// P: ticks between two snapshots, at least.
     pub every_ticks: u64,
     /// D: in lock step, ticks from the last sample learnt to taking effect.

@@ -56,6 +56,7 @@ pub fn write(fitted: &FittedModel, label: &Label, newer: &[ResidualSample]) -> R
     for (axis, hyperparameters) in fitted.hyperparameters.iter().enumerate() {
         head.length_scale[axis] = widened(&hyperparameters.kernel.length_scale, 1.0);
         head.signal_variance[axis] = hyperparameters.kernel.variance;
+        head.linear_variance[axis] = hyperparameters.kernel.linear_variance;
         head.noise_variance[axis] = hyperparameters.noise_variance;
     }
     (head.score_learned, head.score_main) = score(fitted, newer);

@@ -1,5 +1,6 @@
 //! The last snapshot, kept in a file and resumed from it. The file holds the message as it was sent, checksum included.
 
+use crate::fit::Outset;
 use model::AXES;
 use model::gp::dataset::{Dataset, Observation};
 use model::gp::hyperparameters::Hyperparameters;
@@ -72,16 +73,28 @@ pub fn load(file: &Path, fingerprint: u64) -> Result<ModelSnapshot, StoreError> 
     Ok(snapshot)
 }
 
-/// Puts the data of a snapshot back into `dataset`, and gives back its hyperparameters.
-pub fn resume(snapshot: &ModelSnapshot, dataset: &mut Dataset<INPUTS>) -> [Hyperparameters<INPUTS>; AXES] {
+/// Puts the data of a snapshot back into `dataset`, and gives back the hyperparameters to go on with: its own, if they are of the kernel and
+/// the units of `outset`.
+pub fn resume(snapshot: &ModelSnapshot, outset: &Outset, dataset: &mut Dataset<INPUTS>) -> [Hyperparameters<INPUTS>; AXES] {
     let head = &snapshot.head;
     let entry = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(f64::NAN);
     for row in snapshot.rows() {
         let input = std::array::from_fn(|i| entry(&head.input_mean, i) + entry(&head.input_scale, i) * entry(row.input, i));
         dataset.insert(Observation { input, target: std::array::from_fn(|axis| entry(row.target, axis)) });
     }
+    let first = outset.hyperparameters();
+    let scale: [f64; INPUTS] = std::array::from_fn(|i| entry(&head.input_scale, i));
+    if scale.map(f64::to_bits) != outset.input_scale.map(f64::to_bits) {
+        return first;
+    }
     std::array::from_fn(|axis| {
         let length_scale = std::array::from_fn(|i| entry(&head.length_scale[axis], i));
-        Hyperparameters::new(length_scale, head.signal_variance[axis], head.noise_variance[axis])
+        let plain = Hyperparameters::new(length_scale, head.signal_variance[axis], head.noise_variance[axis]);
+        // A linear part is begun with or left out as it is asked for now, not as it was then.
+        let linear_variance = match (first[axis].kernel.linear_variance, head.linear_variance[axis]) {
+            (asked, kept) if asked > 0.0 && kept > 0.0 => kept,
+            (asked, _) => asked,
+        };
+        plain.with_linear(linear_variance)
     })
 }

@@ -1,6 +1,6 @@
 //! A learner that is started again while the clock of lock step stands.
 
-use learner::settings::LearnerSettings;
+use learner::settings::{KernelChoice, LearnerSettings};
 use learner::{Settings, run};
 use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
@@ -30,6 +30,7 @@ fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected:
         robot: Robot::example(),
         learner: LearnerSettings {
             layout: Layout::VelocitySlip,
+            kernel: KernelChoice::LinearPlusSquaredExponential,
             every_ticks,
             delay_ticks,
             points_max: 20,

@@ -4,7 +4,7 @@
 
 use model::gp::data::DataError;
 use model::gp::hyperparameters::Hyperparameters;
-use model::gp::kernel::SquaredExponential;
+use model::gp::kernel::Kernel;
 use model::gp::posterior::{MeanAndGradient, Posterior, PosteriorError, VarianceScratch};
 use model::gp::split_mix::SplitMix64;
 use nalgebra::{DMatrix, DVector};
@@ -18,6 +18,12 @@ fn hyperparameters(noise_variance: f64) -> [Hyperparameters<D>; 3] {
         Hyperparameters::new([0.5, 0.9, 5.0], 0.4, noise_variance),
         Hyperparameters::new([2.0, 2.0, 2.0], 2.0, noise_variance),
     ]
+}
+
+/// The same, of which two have a linear part.
+fn with_linear(noise_variance: f64) -> [Hyperparameters<D>; 3] {
+    let [first, second, third] = hyperparameters(noise_variance);
+    [first.with_linear(0.5), second, third.with_linear(3.0)]
 }
 
 fn samples(count: usize, seed: u64) -> (Vec<[f64; D]>, Vec<[f64; 3]>) {
@@ -35,13 +41,13 @@ fn query() -> impl Strategy<Value = [f64; D]> {
 
 /// Eqs. 2.25 and 2.26 of Rasmussen & Williams, written out.
 fn textbook(inputs: &[[f64; D]], targets: &[f64], hyperparameters: &Hyperparameters<D>, x: &[f64; D]) -> (f64, f64) {
-    let kernel: &SquaredExponential<D> = &hyperparameters.kernel;
+    let kernel: &Kernel<D> = &hyperparameters.kernel;
     let count = inputs.len();
     let covariance = DMatrix::from_fn(count, count, |i, j| kernel.value(&inputs[i], &inputs[j]))
         + DMatrix::identity(count, count) * hyperparameters.noise_variance;
     let column = DVector::from_fn(count, |i, _| kernel.value(&inputs[i], x));
     let solved = covariance.cholesky().unwrap().solve(&column);
-    (solved.dot(&DVector::from_column_slice(targets)), kernel.variance - solved.dot(&column))
+    (solved.dot(&DVector::from_column_slice(targets)), kernel.prior(x) - solved.dot(&column))
 }
 
 proptest! {
@@ -50,7 +56,7 @@ proptest! {
     #[test]
     fn mean_and_variance_are_those_of_the_textbook(count in 1_usize..40, seed in any::<u64>(), x in query()) {
         let (inputs, targets) = samples(count, seed);
-        let hyperparameters = hyperparameters(0.01);
+        let hyperparameters = with_linear(0.01);
         let posterior = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();
         let (mean, variance) = (posterior.mean(&x), posterior.variance(&x, &mut VarianceScratch::new(count)));
         for output in 0..3 {
@@ -64,7 +70,7 @@ proptest! {
     #[test]
     fn gradient_matches_finite_differences(count in 0_usize..60, seed in any::<u64>(), x in query()) {
         let (inputs, targets) = samples(count, seed);
-        let posterior = Posterior::new(&inputs, &targets, &hyperparameters(0.01)).unwrap();
+        let posterior = Posterior::new(&inputs, &targets, &with_linear(0.01)).unwrap();
         let MeanAndGradient { mean, gradient } = posterior.mean_and_gradient(&x);
         prop_assert_eq!(mean.map(f64::to_bits), posterior.mean(&x).map(f64::to_bits));
         for input in 0..D {
@@ -87,12 +93,12 @@ proptest! {
         log_noise in -30.0..0.0_f64,
     ) {
         let (inputs, targets) = samples(count, seed);
-        let hyperparameters = hyperparameters(log_noise.exp());
+        let hyperparameters = with_linear(log_noise.exp());
         let posterior = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();
         let mut scratch = VarianceScratch::new(count);
         for place in inputs.iter().chain([&x]) {
             for (variance, of_one) in posterior.variance(place, &mut scratch).iter().zip(&hyperparameters) {
-                prop_assert!((0.0..=of_one.kernel.variance).contains(variance));
+                prop_assert!((0.0..=of_one.kernel.prior(place)).contains(variance));
             }
         }
     }
@@ -113,13 +119,24 @@ proptest! {
 
     #[test]
     fn without_samples_there_is_the_prior(x in query()) {
-        let hyperparameters = hyperparameters(0.1);
+        let hyperparameters = with_linear(0.1);
         for posterior in [Posterior::new(&[], &[], &hyperparameters), Posterior::prior_only(&hyperparameters)] {
             let posterior = posterior.unwrap();
             prop_assert_eq!(posterior.mean_and_gradient(&x), MeanAndGradient { mean: [0.0; 3], gradient: [[0.0; D]; 3] });
             let variance = posterior.variance(&x, &mut VarianceScratch::new(0));
-            prop_assert_eq!(variance, hyperparameters.map(|of_one| of_one.kernel.variance));
+            prop_assert_eq!(variance, hyperparameters.map(|of_one| of_one.kernel.prior(&x)));
         }
+    }
+
+    #[test]
+    fn a_plane_is_carried_beyond_the_data(seed in any::<u64>(), x in query()) {
+        let (inputs, _) = samples(20, seed);
+        let plane = |x: &[f64; D]| 0.3 + 2.0 * x[0] - x[1] + 0.5 * x[2];
+        let targets: Vec<[f64; 3]> = inputs.iter().map(|x| [plane(x); 3]).collect();
+        let linear = Hyperparameters::new([1.0; D], 1e-6, 1e-8).with_linear(1.0);
+        let posterior = Posterior::new(&inputs, &targets, &[linear; 3]).unwrap();
+        let far = x.map(|value| 10.0 * value);
+        prop_assert!((posterior.mean(&far)[0] - plane(&far)).abs() < 0.05 * (1.0 + plane(&far).abs()));
     }
 }
 

@@ -202,7 +202,8 @@ mod tests {
         let services = shared.services(Topic::Command, Audience::Members, &Announcement::of(Topic::Command))?;
         let newer = Announcement { version: "7001".to_owned(), ..Announcement::of(Topic::Command) };
         let other = Announcement { message: "Sonnet".to_owned(), ..Announcement::of(Topic::Command) };
-        for (announcement, ours) in [(newer, "Command in version 7001"), (other, "Sonnet in version 1")] {
+        let sonnet = format!("Sonnet in version {VERSION}");
+        for (announcement, ours) in [(newer, "Command in version 7001"), (other, sonnet.as_str())] {
             let refused = shared.services(Topic::Command, Audience::Members, &announcement).map(drop).map_err(|error| error.to_string());
             let said = format!("topic command carries Command in protocol version {VERSION}, this program wants {ours}");
             assert_eq!(refused, Err(said));

@@ -3,7 +3,9 @@
 //! | here           | in the equations       | size                  |
 //! |----------------|------------------------|-----------------------|
 //! | `ScaledInputs` | xᵢ / ℓ                 | D arrays of `n`       |
-//! | `kernel`       | K                      | `n` × `n`, lower half |
+//! | `local`        | σ² exp(…)              | `n` × `n`, lower half |
+//! | `gram`         | 1 + X Xᵀ               | `n` × `n`, lower half |
+//! | `covariance`   | K = local + λ² gram    | `n` × `n`, lower half |
 //! | `factor`       | L, L Lᵀ = K + (σₙ² + jitter) I | `n` × `n`, lower half |
 
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
@@ -12,9 +14,10 @@ use faer::traits::pulp::Arch;
 use faer::{Mat, Par};
 
 use crate::gp::exponential::exponential;
+use crate::gp::kernel::one_plus_product;
 use crate::gp::vectorise::vectorise;
 
-/// Added to the diagonal when the plain covariance does not factorise, relative to σ² + σₙ²: first this …
+/// Added to the diagonal when the plain covariance does not factorise, relative to its largest entry there: first this …
 const FIRST_JITTER: f64 = 1e-12;
 /// … then ten times more each time, up to this.
 const LARGEST_JITTER: f64 = 1e-4;
@@ -46,20 +49,20 @@ impl<const D: usize> ScaledInputs<D> {
         &self.columns
     }
 
-    /// Lower half of K, the diagonal included. O(n² D); does not allocate.
-    pub(crate) fn covariance(&self, variance: f64, kernel: &mut Mat<f64>) {
+    /// Lower half of the squared-exponential part of K, the diagonal included. O(n² D); does not allocate.
+    pub(crate) fn local_covariance(&self, variance: f64, local: &mut Mat<f64>) {
         vectorise(
             Arch::new(),
             #[inline(always)]
-            || self.fill(variance, kernel),
+            || self.fill(variance, local),
         );
     }
 
     #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
     #[inline(always)]
-    fn fill(&self, variance: f64, kernel: &mut Mat<f64>) {
-        for first in 0..kernel.ncols() {
-            let column = &mut kernel.col_as_slice_mut(first)[first..];
+    fn fill(&self, variance: f64, local: &mut Mat<f64>) {
+        for first in 0..local.ncols() {
+            let column = &mut local.col_as_slice_mut(first)[first..];
             column.fill(0.0);
             for scaled in &self.columns {
                 let here = scaled[first];
@@ -71,6 +74,21 @@ impl<const D: usize> ScaledInputs<D> {
             for value in column.iter_mut() {
                 *value = variance * exponential(-0.5 * *value);
             }
+        }
+    }
+}
+
+/// Lower half of 1 + X Xᵀ, the diagonal included. It does not depend on any hyperparameter. O(n² D).
+pub(crate) fn gram<const D: usize>(inputs: &[[f64; D]]) -> Mat<f64> {
+    Mat::from_fn(inputs.len(), inputs.len(), |row, column| if row < column { 0.0 } else { one_plus_product(&inputs[row], &inputs[column]) })
+}
+
+/// K = local + λ² gram, lower halves. O(n²); does not allocate.
+pub(crate) fn add_linear(local: &Mat<f64>, linear_variance: f64, gram: &Mat<f64>, covariance: &mut Mat<f64>) {
+    for column in 0..covariance.ncols() {
+        let (local, gram) = (&local.col_as_slice(column)[column..], &gram.col_as_slice(column)[column..]);
+        for ((sum, local), gram) in covariance.col_as_slice_mut(column)[column..].iter_mut().zip(local).zip(gram) {
+            *sum = local + linear_variance * gram;
         }
     }
 }
@@ -89,21 +107,21 @@ pub(crate) fn factor_scratch(samples: usize) -> StackReq {
 /// A pivot that is nothing but rounding counts as lost, so twins among the inputs are seen for what they are. O(n³/3); does not
 /// allocate, except where faer packs large blocks.
 pub(crate) fn factorise(
-    kernel: &Mat<f64>,
+    covariance: &Mat<f64>,
     noise_variance: f64,
     factor: &mut Mat<f64>,
     memory: &mut MemBuffer,
 ) -> Result<f64, NotPositiveDefinite> {
-    let samples = kernel.ncols();
+    let samples = covariance.ncols();
     if samples == 0 {
         return Ok(0.0);
     }
-    let diagonal = kernel[(0, 0)] + noise_variance;
+    let diagonal = (0..samples).fold(0.0, |largest: f64, i| largest.max(covariance[(i, i)])) + noise_variance;
     let smallest_pivot = f64::EPSILON * samples as f64 * diagonal;
     let mut jitter = 0.0;
     loop {
         for column in 0..samples {
-            factor.col_as_slice_mut(column)[column..].copy_from_slice(&kernel.col_as_slice(column)[column..]);
+            factor.col_as_slice_mut(column)[column..].copy_from_slice(&covariance.col_as_slice(column)[column..]);
             factor[(column, column)] += noise_variance + jitter;
         }
         let outcome = llt::factor::cholesky_in_place(
@@ -126,13 +144,13 @@ pub(crate) fn factorise(
 
 #[cfg(test)]
 mod tests {
-    use super::{ScaledInputs, factor_scratch, factorise};
-    use crate::gp::kernel::SquaredExponential;
+    use super::{ScaledInputs, add_linear, factor_scratch, factorise, gram};
+    use crate::gp::kernel::Kernel;
     use crate::gp::split_mix::SplitMix64;
     use faer::Mat;
     use faer::dyn_stack::MemBuffer;
 
-    const KERNEL: SquaredExponential<3> = SquaredExponential { variance: 1.7, length_scale: [0.5, 1.0, 2.0] };
+    const KERNEL: Kernel<3> = Kernel { variance: 1.7, length_scale: [0.5, 1.0, 2.0], linear_variance: 0.3 };
 
     fn inputs(samples: usize) -> Vec<[f64; 3]> {
         let mut random = SplitMix64::new(1);
@@ -142,8 +160,10 @@ mod tests {
     fn covariance(inputs: &[[f64; 3]]) -> Mat<f64> {
         let mut scaled = ScaledInputs::new(inputs.len());
         scaled.scale(inputs, &KERNEL.length_scale);
+        let mut local = Mat::zeros(inputs.len(), inputs.len());
+        scaled.local_covariance(KERNEL.variance, &mut local);
         let mut covariance = Mat::zeros(inputs.len(), inputs.len());
-        scaled.covariance(KERNEL.variance, &mut covariance);
+        add_linear(&local, KERNEL.linear_variance, &gram(inputs), &mut covariance);
         covariance
     }
 

@@ -40,6 +40,13 @@ pub struct Priors<const D: usize> {
     pub variance: Option<LogNormal>,
     /// Of the noise variance σₙ².
     pub noise_variance: Option<LogNormal>,
+    /// Of the linear variance λ²; of no effect without a linear part.
+    pub linear_variance: Option<LogNormal>,
+}
+
+impl<const D: usize> Priors<D> {
+    /// Nothing is known.
+    pub const NONE: Self = Self { length_scale: [None; D], variance: None, noise_variance: None, linear_variance: None };
 }
 
 /// Normal distribution of a logarithm.
@@ -99,6 +106,8 @@ const CURVATURE_PER_SAMPLE: f64 = 0.1;
 const RESTART_SPREAD: f64 = 10.0;
 
 /// Fits the hyperparameters of one output to samples, from the point of the bounds nearest to `start`.
+///
+/// There is a linear part, and its variance is fitted, exactly if `start` has one.
 ///
 /// At most `max_evaluations` (1 + `restarts`) evaluations of O(n³); the memory for them is taken once.
 pub fn fit<const D: usize>(
@@ -163,7 +172,7 @@ fn search<const D: usize>(
         }
         (cost, vector(&prior_slopes) * -1.0 - vector(&gradient))
     };
-    let minimum = minimise(objective, &vector(start), &options.search_box(), &minimise_options)
+    let minimum = minimise(objective, &vector(start), &options.search_box(start), &minimise_options)
         .map_err(|error| failure.map_or(FitError::Minimise(error), FitError::Likelihood))?;
     Ok((best_cost, Fitted { evaluations: minimum.evaluations, converged: minimum.convergence, ..best }))
 }
@@ -173,6 +182,10 @@ impl<const D: usize> FitOptions<D> {
         start.check().map_err(FitError::Start)?;
         self.bounds.lower.check().map_err(FitError::Bounds)?;
         self.bounds.upper.check().map_err(FitError::Bounds)?;
+        let smallest = self.bounds.lower.kernel.linear_variance;
+        if start.kernel.linear_variance != 0.0 && smallest == 0.0 {
+            return Err(FitError::Bounds(HyperparametersError::LinearVariance { value: smallest }));
+        }
         for &LogNormal { median, log_deviation } in self.priors.iter().flat_map(Priors::each).flatten() {
             let good = |value: f64| value.is_finite() && value > 0.0;
             if !(good(median) && good(log_deviation)) {
@@ -190,12 +203,14 @@ impl<const D: usize> FitOptions<D> {
             length_scale: centre.length_scale.map(&mut draw),
             variance: draw(centre.variance),
             noise_variance: draw(centre.noise_variance),
+            linear_variance: centre.linear_variance.map(draw),
         })
     }
 
     /// Log density of the priors (without its constant) and its derivatives.
     fn log_prior(&self, at: &LogHyperparameters<D>) -> (f64, LogHyperparameters<D>) {
-        let mut slopes = LogHyperparameters { length_scale: [0.0; D], variance: 0.0, noise_variance: 0.0 };
+        let linear_variance = at.linear_variance.map(|_| 0.0);
+        let mut slopes = LogHyperparameters { length_scale: [0.0; D], variance: 0.0, noise_variance: 0.0, linear_variance };
         let Some(priors) = &self.priors else { return (0.0, slopes) };
         let mut sum = 0.0;
         let mut pull = |prior: &Option<LogNormal>, at: f64, slope: &mut f64| {
@@ -210,11 +225,19 @@ impl<const D: usize> FitOptions<D> {
         }
         pull(&priors.variance, at.variance, &mut slopes.variance);
         pull(&priors.noise_variance, at.noise_variance, &mut slopes.noise_variance);
+        if let (Some(at), Some(slope)) = (at.linear_variance, &mut slopes.linear_variance) {
+            pull(&priors.linear_variance, at, slope);
+        }
         (sum, slopes)
     }
 
-    fn search_box(&self) -> SearchBox {
-        SearchBox { lower: vector(&self.bounds.lower.ln()), upper: vector(&self.bounds.upper.ln()) }
+    /// The bounds, with a linear part if `start` has one.
+    fn search_box(&self, start: &LogHyperparameters<D>) -> SearchBox {
+        let of_kind = |bound: &Hyperparameters<D>| {
+            let log = bound.ln();
+            vector(&LogHyperparameters { linear_variance: log.linear_variance.filter(|_| start.linear_variance.is_some()), ..log })
+        };
+        SearchBox { lower: of_kind(&self.bounds.lower), upper: of_kind(&self.bounds.upper) }
     }
 
     fn minimise_options(&self, samples: usize) -> MinimiseOptions {
@@ -230,12 +253,12 @@ impl<const D: usize> FitOptions<D> {
 
 impl<const D: usize> Priors<D> {
     fn each(&self) -> impl Iterator<Item = &Option<LogNormal>> {
-        self.length_scale.iter().chain([&self.variance, &self.noise_variance])
+        self.length_scale.iter().chain([&self.variance, &self.noise_variance, &self.linear_variance])
     }
 }
 
 fn vector<const D: usize>(values: &LogHyperparameters<D>) -> DVector<f64> {
-    DVector::from_iterator(LogHyperparameters::<D>::COUNT, values.iter())
+    DVector::from_vec(values.iter().collect())
 }
 
 #[cfg(test)]
@@ -261,6 +284,7 @@ mod tests {
         let (inputs, targets) = samples(100);
         let fitted = fit(&inputs, &targets, &START, &FitOptions::default()).unwrap();
         let Hyperparameters { kernel, noise_variance } = fitted.hyperparameters;
+        assert_eq!(kernel.linear_variance.to_bits(), 0.0_f64.to_bits(), "what began without a linear part ends without one");
         assert!((noise_variance.sqrt() - 0.1).abs() < 0.03, "{noise_variance}");
         assert!(kernel.length_scale[0] < 3.0 && kernel.length_scale[1] > 10.0, "{kernel:?}");
         assert_ne!(fitted.converged, Convergence::Budget);
@@ -273,10 +297,23 @@ mod tests {
             input[1] = 0.0;
         }
         let prior = LogNormal { median: 2.0, log_deviation: 0.5 };
-        let priors = Priors { length_scale: [Some(prior); 2], variance: None, noise_variance: None };
+        let priors = Priors { length_scale: [Some(prior); 2], ..Priors::NONE };
         let options = FitOptions { priors: Some(priors), ..FitOptions::default() };
         let fitted = fit(&inputs, &targets, &START, &options).unwrap();
         assert!((fitted.hyperparameters.kernel.length_scale[1] - 2.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn what_is_linear_goes_to_the_linear_part() {
+        let (inputs, _) = samples(60);
+        let mut random = SplitMix64::new(8);
+        let targets: Vec<f64> = inputs.iter().map(|x| 0.7 + 2.0 * x[0] - x[1] + 0.1 * random.normal()).collect();
+        let fitted = fit(&inputs, &targets, &START.with_linear(0.1), &FitOptions::default()).unwrap();
+        let plain = fit(&inputs, &targets, &START, &FitOptions::default()).unwrap();
+        let Hyperparameters { kernel, noise_variance } = fitted.hyperparameters;
+        assert!(kernel.linear_variance > 0.3 && kernel.length_scale.iter().all(|&scale| scale > 5.0), "{kernel:?}");
+        assert!((noise_variance.sqrt() - 0.1).abs() < 0.03, "{noise_variance}");
+        assert!(fitted.log_likelihood > plain.log_likelihood);
     }
 
     #[test]
@@ -315,7 +352,7 @@ mod tests {
         crossed.bounds.upper.noise_variance = 1e-9;
         assert!(matches!(fit(&inputs, &targets, &START, &crossed), Err(FitError::Minimise(_))));
         let prior = LogNormal { median: 0.0, log_deviation: 1.0 };
-        let priors = Priors { length_scale: [None; 2], variance: Some(prior), noise_variance: None };
+        let priors = Priors { variance: Some(prior), ..Priors::NONE };
         let bad_prior = FitOptions { priors: Some(priors), ..options };
         assert!(matches!(fit(&inputs, &targets, &START, &bad_prior), Err(FitError::Prior { .. })));
     }

@@ -1,12 +1,12 @@
 //! The hyperparameters of one output, their logarithms (which the optimiser moves), and the box they stay in.
 
-use crate::gp::kernel::SquaredExponential;
+use crate::gp::kernel::Kernel;
 
 /// What the marginal likelihood decides for one output.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hyperparameters<const D: usize> {
     /// Covariance of the function.
-    pub kernel: SquaredExponential<D>,
+    pub kernel: Kernel<D>,
     /// σₙ²: variance of the noise of one observation, in squared output units.
     pub noise_variance: f64,
 }
@@ -28,6 +28,12 @@ pub enum HyperparametersError {
         /// What it is.
         value: f64,
     },
+    /// The linear variance is neither zero nor a positive number.
+    #[error("the linear variance is {value}; it must be zero or positive, and finite")]
+    LinearVariance {
+        /// What it is.
+        value: f64,
+    },
     /// The noise variance is not a positive number.
     #[error("the noise variance is {value}; it must be positive and finite")]
     NoiseVariance {
@@ -37,12 +43,19 @@ pub enum HyperparametersError {
 }
 
 impl<const D: usize> Hyperparameters<D> {
-    /// Length scales in input units, prior variance σ² and noise variance σₙ² in squared output units.
+    /// Length scales in input units, prior variance σ² and noise variance σₙ² in squared output units; without a linear part.
     pub const fn new(length_scale: [f64; D], variance: f64, noise_variance: f64) -> Self {
-        Self { kernel: SquaredExponential { variance, length_scale }, noise_variance }
+        Self { kernel: Kernel { variance, length_scale, linear_variance: 0.0 }, noise_variance }
     }
 
-    /// Refuses what is not positive and finite.
+    /// The same with a linear part of prior variance λ², in squared output units; zero is none.
+    #[must_use]
+    pub const fn with_linear(mut self, linear_variance: f64) -> Self {
+        self.kernel.linear_variance = linear_variance;
+        self
+    }
+
+    /// Refuses what is not positive and finite; the linear variance may be zero.
     pub fn check(&self) -> Result<(), HyperparametersError> {
         let good = |value: f64| value.is_finite() && value > 0.0;
         for (dimension, &value) in self.kernel.length_scale.iter().enumerate() {
@@ -53,18 +66,22 @@ impl<const D: usize> Hyperparameters<D> {
         if !good(self.kernel.variance) {
             return Err(HyperparametersError::Variance { value: self.kernel.variance });
         }
+        if !(good(self.kernel.linear_variance) || self.kernel.linear_variance == 0.0) {
+            return Err(HyperparametersError::LinearVariance { value: self.kernel.linear_variance });
+        }
         if !good(self.noise_variance) {
             return Err(HyperparametersError::NoiseVariance { value: self.noise_variance });
         }
         Ok(())
     }
 
-    /// Natural logarithm of each.
+    /// Natural logarithm of each; a linear variance of zero has none.
     pub fn ln(&self) -> LogHyperparameters<D> {
         LogHyperparameters {
             length_scale: self.kernel.length_scale.map(f64::ln),
             variance: self.kernel.variance.ln(),
             noise_variance: self.noise_variance.ln(),
+            linear_variance: (self.kernel.linear_variance != 0.0).then(|| self.kernel.linear_variance.ln()),
         }
     }
 }
@@ -78,27 +95,32 @@ pub struct LogHyperparameters<const D: usize> {
     pub variance: f64,
     /// Of ln σₙ².
     pub noise_variance: f64,
+    /// Of ln λ²; `None` of a kernel without a linear part.
+    pub linear_variance: Option<f64>,
 }
 
 impl<const D: usize> LogHyperparameters<D> {
-    /// How many there are.
-    pub const COUNT: usize = D + 2;
-
     /// Back from logarithms.
     pub fn exp(&self) -> Hyperparameters<D> {
         Hyperparameters::new(self.length_scale.map(f64::exp), self.variance.exp(), self.noise_variance.exp())
+            .with_linear(self.linear_variance.map_or(0.0, f64::exp))
     }
 
-    /// In the optimiser's order: length scales, variance, noise variance.
+    /// In the optimiser's order: length scales, variance, noise variance, and the linear variance if there is a linear part.
     pub fn iter(&self) -> impl Iterator<Item = f64> + '_ {
-        self.length_scale.iter().copied().chain([self.variance, self.noise_variance])
+        self.length_scale.iter().copied().chain([self.variance, self.noise_variance]).chain(self.linear_variance)
     }
 
-    /// From the optimiser's order; `None` unless there are exactly [`COUNT`](Self::COUNT).
+    /// From the optimiser's order; `None` unless there are D + 2, or D + 3 with a linear part.
     pub fn from_slice(values: &[f64]) -> Option<Self> {
         let (length_scale, rest) = values.split_first_chunk::<D>()?;
-        let &[variance, noise_variance] = rest else { return None };
-        Some(Self { length_scale: *length_scale, variance, noise_variance })
+        let (&[variance, noise_variance], rest) = rest.split_first_chunk()?;
+        let linear_variance = match rest {
+            [] => None,
+            &[linear_variance] => Some(linear_variance),
+            _ => return None,
+        };
+        Some(Self { length_scale: *length_scale, variance, noise_variance, linear_variance })
     }
 }
 
@@ -114,18 +136,25 @@ pub struct Bounds<const D: usize> {
 impl<const D: usize> Default for Bounds<D> {
     /// 10⁻³ … 10³ for all, but the noise variance from 10⁻⁶.
     fn default() -> Self {
-        Self { lower: Hyperparameters::new([1e-3; D], 1e-3, 1e-6), upper: Hyperparameters::new([1e3; D], 1e3, 1e3) }
+        Self {
+            lower: Hyperparameters::new([1e-3; D], 1e-3, 1e-6).with_linear(1e-3),
+            upper: Hyperparameters::new([1e3; D], 1e3, 1e3).with_linear(1e3),
+        }
     }
 }
 
 impl<const D: usize> Bounds<D> {
-    /// The nearest logarithms within the box.
+    /// The nearest logarithms within the box; a kernel without a linear part stays one.
     pub fn clamp(&self, log: &LogHyperparameters<D>) -> LogHyperparameters<D> {
         let (lower, upper) = (self.lower.ln(), self.upper.ln());
         LogHyperparameters {
             length_scale: std::array::from_fn(|i| log.length_scale[i].max(lower.length_scale[i]).min(upper.length_scale[i])),
             variance: log.variance.max(lower.variance).min(upper.variance),
             noise_variance: log.noise_variance.max(lower.noise_variance).min(upper.noise_variance),
+            linear_variance: log.linear_variance.map(|value| {
+                let value = lower.linear_variance.map_or(value, |lower| value.max(lower));
+                upper.linear_variance.map_or(value, |upper| value.min(upper))
+            }),
         }
     }
 }
@@ -136,11 +165,15 @@ mod tests {
 
     #[test]
     fn logarithms_go_there_and_back_in_the_optimisers_order() {
-        let here = Hyperparameters::new([1.0, 2.0, 3.0], 4.0, 5.0);
-        let there: Vec<f64> = here.ln().iter().collect();
-        let back = LogHyperparameters::<3>::from_slice(&there).map(|log| log.exp());
-        assert!(back.is_some_and(|back| { back.ln().iter().zip(&there).all(|(back, there)| (back - there).abs() < 1e-15) }));
-        assert_eq!(LogHyperparameters::<2>::from_slice(&there), None);
+        let plain = Hyperparameters::new([1.0, 2.0, 3.0], 4.0, 5.0);
+        for (here, count) in [(plain, 5), (plain.with_linear(6.0), 6)] {
+            let there: Vec<f64> = here.ln().iter().collect();
+            assert_eq!(there.len(), count);
+            let back = LogHyperparameters::<3>::from_slice(&there).map(|log| log.exp());
+            assert!(back.is_some_and(|back| back.ln().iter().zip(&there).all(|(back, there)| (back - there).abs() < 1e-15)));
+            assert_eq!(LogHyperparameters::<4>::from_slice(&there).is_none(), count == 5);
+        }
+        assert_eq!(LogHyperparameters::<2>::from_slice(&[0.0; 6]), None);
     }
 
     #[test]
@@ -152,6 +185,8 @@ mod tests {
             ));
             assert!(matches!(Hyperparameters::new([1.0], bad, 1.0).check(), Err(HyperparametersError::Variance { .. })));
             assert!(matches!(Hyperparameters::new([1.0], 1.0, bad).check(), Err(HyperparametersError::NoiseVariance { .. })));
+            let linear = Hyperparameters::new([1.0], 1.0, 1.0).with_linear(bad).check();
+            assert_eq!(linear.is_ok(), bad == 0.0, "a kernel without a linear part is one");
         }
     }
 
@@ -162,5 +197,8 @@ mod tests {
         assert!((clamped.kernel.length_scale[0] - 1e3).abs() < 1e-9);
         assert!((clamped.kernel.variance - 1e-3).abs() < 1e-12);
         assert!((clamped.noise_variance - 1.0).abs() < 1e-12);
+        assert_eq!(clamped.kernel.linear_variance.to_bits(), 0.0_f64.to_bits());
+        let linear = bounds.clamp(&Hyperparameters::new([1.0], 1.0, 1.0).with_linear(1e9).ln()).exp();
+        assert!((linear.kernel.linear_variance - 1e3).abs() < 1e-9);
     }
 }

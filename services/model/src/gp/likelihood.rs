@@ -3,7 +3,9 @@
 //! | here             | in the equations                  | size      |
 //! |------------------|-----------------------------------|-----------|
 //! | `targets`        | y                                 | `n`       |
-//! | `kernel`         | K                                 | `n` × `n` |
+//! | `local`          | S, the squared-exponential part of K | `n` × `n` |
+//! | `gram`           | G = 1 + X Xᵀ                      | `n` × `n` |
+//! | `covariance`     | K = S + λ² G                      | `n` × `n` |
 //! | `factor`         | L, L Lᵀ = K + σₙ² I               | `n` × `n` |
 //! | `inverse`        | (K + σₙ² I)⁻¹                     | `n` × `n` |
 //! | `weights`        | α = (K + σₙ² I)⁻¹ y               | `n`       |
@@ -12,7 +14,8 @@
 //!
 //! ```text
 //! ∂/∂θ = −½ tr(W ∂(K + σₙ² I)/∂θ)
-//! ∂/∂ ln ℓ_d = −½ Σᵢⱼ Wᵢⱼ Kᵢⱼ ((xᵢ_d − xⱼ_d) / ℓ_d)²,   ∂/∂ ln σ² = −½ Σᵢⱼ Wᵢⱼ Kᵢⱼ,   ∂/∂ ln σₙ² = −½ σₙ² tr W
+//! ∂/∂ ln ℓ_d = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ ((xᵢ_d − xⱼ_d) / ℓ_d)²,   ∂/∂ ln σ² = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ,   ∂/∂ ln σₙ² = −½ σₙ² tr W
+//! ∂/∂ ln λ² = −½ λ² Σᵢⱼ Wᵢⱼ Gᵢⱼ
 //! ```
 //!
 //! Only the lower halves are ever formed.
@@ -24,9 +27,10 @@ use faer::linalg::cholesky::llt;
 use faer::traits::pulp::Arch;
 use faer::{Mat, MatMut, Par};
 
-use crate::gp::covariance::{ScaledInputs, factor_scratch, factorise};
+use crate::gp::covariance::{ScaledInputs, add_linear, factor_scratch, factorise, gram};
 use crate::gp::data::{self, DataError};
 use crate::gp::hyperparameters::{Hyperparameters, HyperparametersError, LogHyperparameters};
+use crate::gp::kernel::Kernel;
 use crate::gp::vectorise::vectorise;
 
 /// Partial sums kept side by side, so that the order of a sum is fixed and it still fills vector registers.
@@ -37,11 +41,13 @@ pub struct Likelihood<'a, const D: usize> {
     inputs: &'a [[f64; D]],
     targets: &'a [f64],
     scaled: ScaledInputs<D>,
-    kernel: Mat<f64>,
+    local: Mat<f64>,
+    gram: Mat<f64>,
+    covariance: Mat<f64>,
     factor: Mat<f64>,
     inverse: Mat<f64>,
     weights: Vec<f64>,
-    /// One column of W ∘ K.
+    /// One column of W, then of W ∘ S.
     slopes: Vec<f64>,
     memory: MemBuffer,
 }
@@ -78,7 +84,7 @@ pub enum LikelihoodError {
 }
 
 impl<'a, const D: usize> Likelihood<'a, D> {
-    /// Checks the samples and takes the memory: three `n` × `n` matrices and faer's scratch, of the same size.
+    /// Checks the samples and takes the memory: five `n` × `n` matrices and faer's scratch, of the same size.
     pub fn new(inputs: &'a [[f64; D]], targets: &'a [f64]) -> Result<Self, LikelihoodError> {
         data::check(inputs, targets.as_chunks::<1>().0)?;
         let samples = inputs.len();
@@ -90,7 +96,9 @@ impl<'a, const D: usize> Likelihood<'a, D> {
             inputs,
             targets,
             scaled: ScaledInputs::new(samples),
-            kernel: Mat::zeros(samples, samples),
+            local: Mat::zeros(samples, samples),
+            gram: gram(inputs),
+            covariance: Mat::zeros(samples, samples),
             factor: Mat::zeros(samples, samples),
             inverse: Mat::zeros(samples, samples),
             weights: vec![0.0; samples],
@@ -110,8 +118,9 @@ impl<'a, const D: usize> Likelihood<'a, D> {
         let samples = self.inputs.len();
         let Hyperparameters { kernel, noise_variance } = *hyperparameters;
         self.scaled.scale(self.inputs, &kernel.length_scale);
-        self.scaled.covariance(kernel.variance, &mut self.kernel);
-        let jitter = factorise(&self.kernel, noise_variance, &mut self.factor, &mut self.memory)
+        self.scaled.local_covariance(kernel.variance, &mut self.local);
+        add_linear(&self.local, kernel.linear_variance, &self.gram, &mut self.covariance);
+        let jitter = factorise(&self.covariance, noise_variance, &mut self.factor, &mut self.memory)
             .map_err(|_| LikelihoodError::NotPositiveDefinite { samples })?;
 
         // α = L⁻ᵀ L⁻¹ y
@@ -130,29 +139,37 @@ impl<'a, const D: usize> Likelihood<'a, D> {
         let gradient = vectorise(
             Arch::new(),
             #[inline(always)]
-            || self.gradient(kernel.variance, noise_variance),
+            || self.gradient(&kernel, noise_variance),
         );
         Ok(Evaluation { log_likelihood, gradient, jitter })
     }
 
-    /// The three sums of the module's head, over the lower half, column by column.
+    /// The sums of the module's head, over the lower half, column by column.
     #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
     #[inline(always)]
-    fn gradient(&mut self, variance: f64, noise_variance: f64) -> LogHyperparameters<D> {
+    fn gradient(&mut self, kernel: &Kernel<D>, noise_variance: f64) -> LogHyperparameters<D> {
         let samples = self.weights.len();
         let mut distance_sums = [[0.0; LANES]; D];
         let mut slope_sums = [0.0; LANES];
-        let mut trace = 0.0;
+        let mut linear_sums = [0.0; LANES];
+        let (mut trace, mut linear_trace) = (0.0, 0.0);
         for first in 0..samples {
             let weight = self.weights[first];
-            trace += self.inverse[(first, first)] - weight * weight;
+            let diagonal = self.inverse[(first, first)] - weight * weight;
+            trace += diagonal;
+            linear_trace += diagonal * self.gram[(first, first)];
 
             let below = first + 1;
             let slopes = &mut self.slopes[below..];
             let inverse = &self.inverse.col_as_slice(first)[below..];
-            let kernel = &self.kernel.col_as_slice(first)[below..];
-            for (((slope, inverse), kernel), other) in slopes.iter_mut().zip(inverse).zip(kernel).zip(&self.weights[below..]) {
-                *slope = (inverse - weight * other) * kernel;
+            for ((slope, inverse), other) in slopes.iter_mut().zip(inverse).zip(&self.weights[below..]) {
+                *slope = inverse - weight * other;
+            }
+            if kernel.linear_variance != 0.0 {
+                add_products(&mut linear_sums, slopes, &self.gram.col_as_slice(first)[below..]);
+            }
+            for (slope, local) in slopes.iter_mut().zip(&self.local.col_as_slice(first)[below..]) {
+                *slope *= local;
             }
 
             add(&mut slope_sums, slopes);
@@ -160,11 +177,13 @@ impl<'a, const D: usize> Likelihood<'a, D> {
                 add_squares(sums, slopes, &column[below..], column[first]);
             }
         }
-        // Each pair below the diagonal counts twice, against the ½; on the diagonal K is σ² and the distance zero.
+        // Each pair below the diagonal counts twice, against the ½; on the diagonal S is σ² and the distance zero.
+        let linear = || -kernel.linear_variance * (total(&linear_sums) + 0.5 * linear_trace);
         LogHyperparameters {
             length_scale: distance_sums.map(|sums| -total(&sums)),
-            variance: -total(&slope_sums) - 0.5 * variance * trace,
+            variance: -total(&slope_sums) - 0.5 * kernel.variance * trace,
             noise_variance: -0.5 * noise_variance * trace,
+            linear_variance: (kernel.linear_variance != 0.0).then(linear),
         }
     }
 }
@@ -181,6 +200,21 @@ fn add(sums: &mut [f64; LANES], values: &[f64]) {
     }
     for (sum, value) in sums.iter_mut().zip(rest) {
         *sum += value;
+    }
+}
+
+/// sums += a b, in lanes.
+#[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+#[inline(always)]
+fn add_products(sums: &mut [f64; LANES], a: &[f64], b: &[f64]) {
+    let ((a, last_a), (b, last_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    for (a, b) in a.iter().zip(b) {
+        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *sum += a * b;
+        }
+    }
+    for ((sum, a), b) in sums.iter_mut().zip(last_a).zip(last_b) {
+        *sum += a * b;
     }
 }
 
@@ -226,16 +260,17 @@ mod tests {
         fn gradient_matches_finite_differences(
             count in 1_usize..40,
             seed in any::<u64>(),
-            log in prop::array::uniform4(-1.5..1.5),
+            log in prop::collection::vec(-1.5..1.5, 4..=5),
         ) {
             let (inputs, targets) = samples(count, seed);
             let mut likelihood = Likelihood::new(&inputs, &targets).unwrap();
-            let mut at = |log: &[f64; 4]| {
+            let mut at = |log: &[f64]| {
                 likelihood.evaluate(&LogHyperparameters::from_slice(log).unwrap().exp()).unwrap()
             };
             let gradient: Vec<f64> = at(&log).gradient.iter().collect();
-            for i in 0..4 {
-                let (mut above, mut below) = (log, log);
+            prop_assert_eq!(gradient.len(), log.len());
+            for i in 0..log.len() {
+                let (mut above, mut below) = (log.clone(), log.clone());
                 above[i] += 1e-5;
                 below[i] -= 1e-5;
                 let difference = (at(&above).log_likelihood - at(&below).log_likelihood) / 2e-5;

@@ -7,7 +7,13 @@
 //! | `k`       | k(X, x)                       | `n`                   |
 //!
 //! ```text
-//! mean = kᵀα,   ∂mean/∂x_d = −Σᵢ αᵢ kᵢ (x_d − Xᵢ_d) / ℓ_d²,   variance = σ² − ‖L⁻¹k‖²
+//! mean = kᵀα,   variance = k(x, x) − ‖L⁻¹k‖²
+//! ```
+//!
+//! Of the mean, the linear part of the kernel collapses to a plane, worked out once; s is the squared-exponential part of k:
+//!
+//! ```text
+//! mean = Σᵢ αᵢ sᵢ + w·x + b,   w = λ² Σᵢ αᵢ Xᵢ,   b = λ² Σᵢ αᵢ,   ∂mean/∂x_d = −Σᵢ αᵢ sᵢ (x_d − Xᵢ_d) / ℓ_d² + w_d
 //! ```
 //!
 //! The variance is that of the function; an observation has σₙ² more. Samples are kept in blocks of eight, padded by samples of
@@ -21,7 +27,7 @@ use faer::linalg::cholesky::llt;
 use faer::traits::pulp::Arch;
 use faer::{Mat, MatMut, Par};
 
-use crate::gp::covariance::{ScaledInputs, factor_scratch, factorise};
+use crate::gp::covariance::{ScaledInputs, add_linear, factor_scratch, factorise, gram};
 use crate::gp::data::{self, DataError};
 use crate::gp::exponential::exponential;
 use crate::gp::hyperparameters::{Hyperparameters, HyperparametersError};
@@ -87,6 +93,10 @@ struct Output<const D: usize> {
     /// 1 / ℓ
     rate: [f64; D],
     blocks: Vec<Block<D>>,
+    /// w, of the plane that the linear part amounts to.
+    slope: [f64; D],
+    /// b, of that plane.
+    offset: f64,
     weights: Vec<f64>,
     /// Columns of L one after the other, each from its diagonal down; of the diagonal, the reciprocal.
     factor: Vec<f64>,
@@ -112,7 +122,7 @@ impl<const D: usize> Posterior<D> {
         data::check(inputs, targets)?;
         let mut posterior = Self::prior_only(hyperparameters)?;
         posterior.samples = inputs.len();
-        let mut work = Work::new(inputs.len());
+        let mut work = Work::new(inputs);
         for (output, state) in posterior.outputs.iter_mut().enumerate() {
             work.weights.clear();
             work.weights.extend(targets.iter().map(|target| target[output]));
@@ -121,7 +131,7 @@ impl<const D: usize> Posterior<D> {
         Ok(posterior)
     }
 
-    /// Three priors: mean zero, variance σ² everywhere.
+    /// Three priors: mean zero, variance k(x, x) everywhere.
     pub fn prior_only(hyperparameters: &[Hyperparameters<D>; OUTPUTS]) -> Result<Self, PosteriorError> {
         for (output, hyperparameters) in hyperparameters.iter().enumerate() {
             hyperparameters.check().map_err(|reason| PosteriorError::Hyperparameters { output, reason })?;
@@ -212,7 +222,9 @@ impl VarianceScratch {
 /// Memory of the factorisation, shared by the outputs.
 struct Work<const D: usize> {
     scaled: ScaledInputs<D>,
-    kernel: Mat<f64>,
+    local: Mat<f64>,
+    gram: Mat<f64>,
+    covariance: Mat<f64>,
     factor: Mat<f64>,
     /// Targets, then weights.
     weights: Vec<f64>,
@@ -220,10 +232,13 @@ struct Work<const D: usize> {
 }
 
 impl<const D: usize> Work<D> {
-    fn new(samples: usize) -> Self {
+    fn new(inputs: &[[f64; D]]) -> Self {
+        let samples = inputs.len();
         Self {
             scaled: ScaledInputs::new(samples),
-            kernel: Mat::zeros(samples, samples),
+            local: Mat::zeros(samples, samples),
+            gram: gram(inputs),
+            covariance: Mat::zeros(samples, samples),
             factor: Mat::zeros(samples, samples),
             weights: Vec::with_capacity(samples),
             memory: MemBuffer::new(factor_scratch(samples)),
@@ -234,15 +249,17 @@ impl<const D: usize> Work<D> {
 impl<const D: usize> Output<D> {
     fn prior(hyperparameters: Hyperparameters<D>) -> Self {
         let rate = hyperparameters.kernel.length_scale.map(f64::recip);
-        Self { hyperparameters, rate, blocks: Vec::new(), weights: Vec::new(), factor: Vec::new(), jitter: 0.0 }
+        let (slope, offset) = ([0.0; D], 0.0);
+        Self { hyperparameters, rate, blocks: Vec::new(), slope, offset, weights: Vec::new(), factor: Vec::new(), jitter: 0.0 }
     }
 
     /// `None` if the covariance does not factorise.
     fn condition(&mut self, inputs: &[[f64; D]], work: &mut Work<D>) -> Option<()> {
         let Hyperparameters { kernel, noise_variance } = self.hyperparameters;
         work.scaled.scale(inputs, &kernel.length_scale);
-        work.scaled.covariance(kernel.variance, &mut work.kernel);
-        self.jitter = factorise(&work.kernel, noise_variance, &mut work.factor, &mut work.memory).ok()?;
+        work.scaled.local_covariance(kernel.variance, &mut work.local);
+        add_linear(&work.local, kernel.linear_variance, &work.gram, &mut work.covariance);
+        self.jitter = factorise(&work.covariance, noise_variance, &mut work.factor, &mut work.memory).ok()?;
         llt::solve::solve_in_place(
             work.factor.as_ref(),
             MatMut::from_column_major_slice_mut(&mut work.weights, inputs.len(), 1),
@@ -250,6 +267,9 @@ impl<const D: usize> Output<D> {
             MemStack::new(&mut work.memory),
         );
         self.weights.clone_from(&work.weights);
+        let total = |share: &dyn Fn(usize) -> f64| kernel.linear_variance * (0..inputs.len()).map(share).sum::<f64>();
+        self.slope = std::array::from_fn(|input| total(&|sample| self.weights[sample] * inputs[sample][input]));
+        self.offset = total(&|sample| self.weights[sample]);
         self.factor = Vec::with_capacity(inputs.len() * (inputs.len() + 1) / 2);
         for column in 0..inputs.len() {
             let entries = &work.factor.col_as_slice(column)[column..];
@@ -273,9 +293,17 @@ impl<const D: usize> Output<D> {
         std::array::from_fn(|i| x[i] * self.rate[i])
     }
 
+    /// w·x + b
+    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[inline(always)]
+    fn plane(&self, x: &[f64; D]) -> f64 {
+        self.slope.iter().zip(x).fold(self.offset, |sum, (slope, x)| sum + slope * x)
+    }
+
     #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
     #[inline(always)]
     fn mean(&self, x: &[f64; D]) -> f64 {
+        let plane = self.plane(x);
         let x = self.scaled(x);
         let mut mean = [0.0; LANES];
         for block in &self.blocks {
@@ -284,12 +312,13 @@ impl<const D: usize> Output<D> {
                 *sum += share;
             }
         }
-        mean.iter().sum()
+        mean.iter().sum::<f64>() + plane
     }
 
     #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
     #[inline(always)]
     fn mean_and_gradient(&self, x: &[f64; D]) -> (f64, [f64; D]) {
+        let plane = self.plane(x);
         let x = self.scaled(x);
         let mut mean = [0.0; LANES];
         let mut gradient = [[0.0; LANES]; D];
@@ -304,16 +333,26 @@ impl<const D: usize> Output<D> {
                 }
             }
         }
-        (mean.iter().sum(), std::array::from_fn(|i| gradient[i].iter().sum::<f64>() * self.rate[i]))
+        let slope = std::array::from_fn(|i| gradient[i].iter().sum::<f64>() * self.rate[i] + self.slope[i]);
+        (mean.iter().sum::<f64>() + plane, slope)
     }
 
     #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
     #[inline(always)]
     fn variance(&self, x: &[f64; D], column: &mut [f64]) -> f64 {
-        let prior = self.hyperparameters.kernel.variance;
-        let x = self.scaled(x);
+        let kernel = &self.hyperparameters.kernel;
+        let prior = kernel.prior(x);
+        let scaled = self.scaled(x);
+        // Xᵢ·x = (Xᵢ/ℓ)·(ℓ x)
+        let stretched: [f64; D] = std::array::from_fn(|i| x[i] * kernel.length_scale[i]);
         for (lanes, block) in column.as_chunks_mut::<LANES>().0.iter_mut().zip(&self.blocks) {
-            *lanes = block.shares(&x, &[prior; LANES]);
+            *lanes = block.shares(&scaled, &[kernel.variance; LANES]);
+            if kernel.linear_variance != 0.0 {
+                let products = block.one_plus_products(&stretched);
+                for (share, product) in lanes.iter_mut().zip(&products) {
+                    *share += kernel.linear_variance * product;
+                }
+            }
         }
         // L⁻¹k by columns: once an entry is known, its share goes out of all below.
         let mut explained = 0.0;
@@ -333,6 +372,19 @@ impl<const D: usize> Output<D> {
 }
 
 impl<const D: usize> Block<D> {
+    /// 1 + (X/ℓ)·x of each sample.
+    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[inline(always)]
+    fn one_plus_products(&self, x: &[f64; D]) -> [f64; LANES] {
+        let mut products = [1.0; LANES];
+        for (inputs, x) in self.inputs.iter().zip(x) {
+            for (sum, input) in products.iter_mut().zip(inputs) {
+                *sum += input * x;
+            }
+        }
+        products
+    }
+
     /// weight · exp(−½ ‖x − X‖²) of each sample, everything in length scales.
     #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
     #[inline(always)]
@@ -366,7 +418,8 @@ mod tests {
         let mut random = SplitMix64::new(11);
         let inputs: Vec<[f64; 4]> = (0..77).map(|_| std::array::from_fn(|_| random.normal())).collect();
         let targets: Vec<[f64; 3]> = inputs.iter().map(|_| std::array::from_fn(|_| random.normal())).collect();
-        let hyperparameters = [Hyperparameters::new([1.0, 0.5, 2.0, 0.3], 1.7, 0.05); 3];
+        let plain = Hyperparameters::new([1.0, 0.5, 2.0, 0.3], 1.7, 0.05);
+        let hyperparameters = [plain, plain.with_linear(0.2), plain.with_linear(10.0)];
         let wide = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();
         let narrow = Posterior { machine: Arch::Scalar, ..wide.clone() };
         let mut scratch = VarianceScratch::new(77);
