@@ -7,6 +7,7 @@ use crate::fallback::Ladder;
 use crate::mpc::{Mpc, MpcError, Solved};
 use crate::reference::{PointsError, Reference, ReferencePoint};
 use crate::settings::{Method, Settings};
+use model::foresight::Foresight;
 use model::learned::Residual;
 use model::least_squares::LeastSquares;
 use model::main_model::{MainModel, fingerprint};
@@ -22,6 +23,9 @@ const RESIDUAL_SHARE: f64 = 0.25;
 /// Time over which recursive least squares forgets \[s\].
 const LEAST_SQUARES_MEMORY_S: f64 = 20.0;
 
+/// Iterations in a period of a controller with foresight, which is to be as good as can be and not as fast.
+const FORESEEING_ITERATIONS: usize = 2;
+
 /// Of the proportional feedback of the pose, where nothing better is asked for \[1/s\].
 const FEEDFORWARD_GAIN_PER_S: f64 = 2.0;
 
@@ -34,6 +38,9 @@ pub enum ControllerError {
     /// Its reference.
     #[error(transparent)]
     Reference(#[from] PointsError),
+    /// Only the simulator's own dynamics make an oracle.
+    #[error("mpc.method = \"oracle\" needs the simulator's own dynamics, which `coxswain experiment` alone hands out")]
+    NoForesight,
 }
 
 /// The state before the present one, to see what the input in between did.
@@ -48,6 +55,7 @@ pub struct Controller {
     main: MainModel,
     mpc: Mpc,
     method: Method,
+    foresight: Option<Box<dyn Foresight>>,
     least_squares: LeastSquares,
     ladder: Ladder,
     observer: Observer,
@@ -74,6 +82,15 @@ impl Controller {
     /// # Errors
     /// [`ControllerError`] if the weights, the solver or the reference refuse.
     pub fn new(settings: &Settings) -> Result<Self, ControllerError> {
+        Self::foreseeing(settings, None)
+    }
+
+    /// The same with somebody who knows what the robot will do, whom [`Method::Oracle`] asks.
+    ///
+    /// # Errors
+    /// [`ControllerError`].
+    pub fn foreseeing(settings: &Settings, foresight: Option<Box<dyn Foresight>>) -> Result<Self, ControllerError> {
+        let foresight = if settings.mpc.method == Method::Oracle { Some(foresight.ok_or(ControllerError::NoForesight)?) } else { None };
         let period = settings.run.period_nanos as f64 * 1e-9;
         let main = MainModel::new(&settings.robot, period);
         let mpc = Mpc::new(&settings.mpc, &settings.robot, &main)?;
@@ -85,6 +102,7 @@ impl Controller {
             main,
             mpc,
             method: settings.mpc.method,
+            foresight,
             least_squares: LeastSquares::new(1.0 - period / LEAST_SQUARES_MEMORY_S, Self::expected(settings).bound),
             ladder: Ladder::default(),
             observer: Observer::new(settings.mpc.observer_gain, Self::expected(settings).bound),
@@ -137,7 +155,9 @@ impl Controller {
         let input_known = state.input.iter().all(|value| value.is_finite()) && now.is_finite();
         if let Some(before) = self.before.filter(|before| before.tick + 1 == state.stamp.tick && input_known) {
             self.residual = residual(&self.main, &before.state.velocity, &state.input, &now.velocity);
-            let learned = self.belief().residual(&before.state.velocity, &state.input);
+            self.look(before.tick);
+            let learned = self.belief().residual(&before.state, &state.input);
+            self.look(state.stamp.tick);
             let observed = Sample { velocity: before.state.velocity, input: state.input, residual: self.residual };
             self.observer.update(observed, &learned);
             if self.method == Method::LeastSquaresMpc {
@@ -186,9 +206,11 @@ impl Controller {
         if self.prepared_for.is_none() {
             self.mpc.begin_at(state);
         }
+        self.look(tick);
         let belief = Belief {
             main: &self.main,
             learned: learned(self.method, self.active.as_deref(), &self.least_squares),
+            foresight: self.foresight.as_deref(),
             disturbance: self.observer.disturbance(),
         };
         self.mpc.prepare(&self.points, &belief);
@@ -209,6 +231,7 @@ impl Controller {
             let belief = Belief {
                 main: &self.main,
                 learned: learned(self.method, self.active.as_deref(), &self.least_squares),
+                foresight: self.foresight.as_deref(),
                 disturbance: self.observer.disturbance(),
             };
             self.mpc.rehearse(&self.last_input, &self.points, &belief);
@@ -232,7 +255,14 @@ impl Controller {
 
     fn belief(&self) -> Belief<'_> {
         let learned = learned(self.method, self.active.as_deref(), &self.least_squares);
-        Belief { main: &self.main, learned, disturbance: self.observer.disturbance() }
+        Belief { main: &self.main, learned, foresight: self.foresight.as_deref(), disturbance: self.observer.disturbance() }
+    }
+
+    /// Lets the foresight, if there is one, take the world as it is at `tick`.
+    fn look(&mut self, tick: u64) {
+        if let Some(foresight) = &mut self.foresight {
+            foresight.look(tick);
+        }
     }
 
     fn plan_for(&mut self, measured: &State) -> (Rung, Reason, Velocity, Option<Solved>) {
@@ -242,9 +272,13 @@ impl Controller {
         let belief = Belief {
             main: &self.main,
             learned: learned(self.method, self.active.as_deref(), &self.least_squares),
+            foresight: self.foresight.as_deref(),
             disturbance: self.observer.disturbance(),
         };
-        let solved = self.mpc.iterate(measured, &self.last_input, &self.points, &belief);
+        let mut solved = self.mpc.iterate(measured, &self.last_input, &self.points, &belief);
+        for _ in 1..if self.foresight.is_some() { FORESEEING_ITERATIONS } else { 1 } {
+            solved = self.mpc.iterate(measured, &self.last_input, &self.points, &belief);
+        }
         let point = self.points.first().copied().unwrap_or_default();
         let main_target = self.mpc.main_target(&self.main, &point, measured.pose[2], &self.observer.disturbance());
         let (rung, input) = self.ladder.choose(solved.outcome, &self.mpc, measured, &point, &main_target, &self.last_input);
@@ -333,7 +367,7 @@ fn learned<'a>(method: Method, active: Option<&'a Candidate>, least_squares: &'a
     match method {
         Method::Mpc => active.map(|active| &active.learned as &dyn Residual),
         Method::LeastSquaresMpc => Some(least_squares),
-        Method::FeedforwardP => None,
+        Method::FeedforwardP | Method::Oracle => None,
     }
 }
 
@@ -351,8 +385,12 @@ mod tests {
     use protocol::port::Links;
 
     fn controller() -> Result<Controller, ControllerError> {
+        Controller::new(&told())
+    }
+
+    fn told() -> Settings {
         let links = Links::on_this_machine("test", "/tmp", true, 0);
-        Controller::new(&Settings {
+        Settings {
             run: Run {
                 links,
                 folder: "/tmp".into(),
@@ -368,7 +406,14 @@ mod tests {
             reference: ReferenceSettings { path: PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 }, heading: Heading::Tangent },
             mpc: settings(),
             learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3, resumed: false },
-        })
+        }
+    }
+
+    #[test]
+    fn an_oracle_without_foresight_is_refused() {
+        let mut settings = told();
+        settings.mpc.method = Method::Oracle;
+        assert!(matches!(Controller::new(&settings), Err(ControllerError::NoForesight)));
     }
 
     fn state(tick: u64) -> PlantState {

@@ -75,6 +75,8 @@ pub enum Method {
     LeastSquaresMpc,
     /// The input that holds the reference by the main model, and a proportional feedback of the pose.
     FeedforwardP,
+    /// Model predictive control with the plant's own dynamics as model, which `coxswain experiment` hands out and nobody else.
+    Oracle,
 }
 
 /// Weights of the stage cost. Position and planar velocity weigh the same in both directions.

@@ -6,7 +6,7 @@ use controller::settings::Method;
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
-/// ℓ of the observer of every contender that has one.
+/// ℓ of the observer of every contender that has one, where the scenario itself has none.
 pub const OBSERVER_GAIN: f64 = 0.5;
 
 /// A controller in a comparison.
@@ -36,11 +36,16 @@ pub enum Contender {
     #[value(name = "gpr-mpc+observer")]
     #[serde(rename = "gpr-mpc+observer")]
     GprMpcObserver,
+    /// The bound: the plant's own dynamics as model, in the present world, and the observer for what chance does.
+    #[value(name = "oracle-mpc")]
+    #[serde(rename = "oracle-mpc")]
+    OracleMpc,
 }
 
 impl Contender {
     /// All of them, the simplest first.
-    pub const ALL: [Self; 6] = [Self::FeedforwardP, Self::Mpc, Self::MpcObserver, Self::RlsMpcObserver, Self::GprMpc, Self::GprMpcObserver];
+    pub const ALL: [Self; 7] =
+        [Self::FeedforwardP, Self::Mpc, Self::MpcObserver, Self::RlsMpcObserver, Self::GprMpc, Self::GprMpcObserver, Self::OracleMpc];
 
     /// Whether it has a learner, and so something to begin with.
     pub fn learns(self) -> bool {
@@ -53,11 +58,14 @@ impl Contender {
         mpc.method = match self {
             Self::FeedforwardP => Method::FeedforwardP,
             Self::RlsMpcObserver => Method::LeastSquaresMpc,
+            Self::OracleMpc => Method::Oracle,
             Self::Mpc | Self::MpcObserver | Self::GprMpc | Self::GprMpcObserver => Method::Mpc,
         };
         mpc.observer_gain = match self {
             Self::FeedforwardP | Self::Mpc | Self::GprMpc => 0.0,
-            Self::MpcObserver | Self::RlsMpcObserver | Self::GprMpcObserver => OBSERVER_GAIN,
+            // The scenario's, the same for all that have an observer.
+            _ if mpc.observer_gain > 0.0 => mpc.observer_gain,
+            _ => OBSERVER_GAIN,
         };
         assembly.graph.processes.learner.enabled = self.learns();
     }
@@ -72,6 +80,7 @@ impl Display for Contender {
             Self::RlsMpcObserver => "rls-mpc+observer",
             Self::GprMpc => "gpr-mpc",
             Self::GprMpcObserver => "gpr-mpc+observer",
+            Self::OracleMpc => "oracle-mpc",
         })
     }
 }
