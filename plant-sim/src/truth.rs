@@ -19,6 +19,7 @@
 //! | `delay`       | the time that a command takes from the gate to the motors   |
 //! | `sensors`     | noise and quantisation                                      |
 //! | `world`       | all of it on one integer clock                              |
+//! | `preview`     | what it would do from here                                  |
 //!
 //! Everything here is a function of settings, seed and inputs: no clock, thread, I/O or log. It shares no code with the
 //! model that the controller believes in, so that an error in one does not hide in the other.
@@ -33,11 +34,13 @@ mod dynamics;
 mod geometry;
 mod integrate;
 mod parameters;
+mod preview;
 mod schedule;
 mod sensors;
 mod world;
 
 pub use check::Impossible;
 pub use parameters::{Fault, Patch, Payload, Push, RandomForce, Sensor, Slope, Truth, Wheel, WheelSlip};
+pub use preview::Preview;
 pub use sensors::Measurement;
 pub use world::{Start, TrueState, World};

@@ -156,6 +156,13 @@ impl Dynamics {
         }
     }
 
+    /// The state of wheels that roll as the body moves, with currents and integrals as they are in steady motion without load.
+    pub(super) fn at_steady_rolling(&self, state: &State, given: &Conditions) -> State {
+        let wheel_speed = self.geometry.wheel_speed(&state.velocity);
+        let current = self.current_demand(&self.speed_error(&wheel_speed, given), &state.integral);
+        State { wheel_speed, current, ..*state }
+    }
+
     /// The state with its dependent parts, wheel speeds without slip and currents without lag, made to fit the others.
     pub(super) fn consistent(&self, state: &State, given: &Conditions) -> State {
         let wheel_speed = self.wheel_speed(state);

@@ -9,9 +9,13 @@ use crate::mpc::{Mpc, MpcError, Solved};
 use crate::reference::{PointsError, Reference, ReferencePoint};
 use crate::settings::{Method, Settings};
 use model::delay::DELAY_MAX;
+use model::foresight::Foresight;
 use model::main_model::{MainModel, fingerprint};
 use model::{State, Velocity, wrap};
 use protocol::message::{Command, HORIZON_MAX, Plan, PlantState, Reason, ResidualSample, Rung, SolverStatus, TAIL_MAX};
+
+/// Iterations in a period of a controller with foresight, which is to be as good as can be and not as fast.
+const FORESEEING_ITERATIONS: usize = 2;
 
 /// Of the proportional feedback of the pose, where nothing better is asked for \[1/s\].
 const FEEDFORWARD_GAIN_PER_S: f64 = 2.0;
@@ -25,6 +29,9 @@ pub enum ControllerError {
     /// Its reference.
     #[error(transparent)]
     Reference(#[from] PointsError),
+    /// Only the simulator's own dynamics make an oracle.
+    #[error("mpc.method = \"oracle\" needs the simulator's own dynamics, which `coxswain experiment` alone hands out")]
+    NoForesight,
 }
 
 /// The state before the present one, to see what the input in between did.
@@ -61,6 +68,15 @@ impl Controller {
     /// # Errors
     /// [`ControllerError`] if the weights, the solver or the reference refuse.
     pub fn new(settings: &Settings) -> Result<Self, ControllerError> {
+        Self::foreseeing(settings, None)
+    }
+
+    /// The same with somebody who knows what the robot will do, whom [`Method::Oracle`] asks.
+    ///
+    /// # Errors
+    /// [`ControllerError`].
+    pub fn foreseeing(settings: &Settings, foresight: Option<Box<dyn Foresight>>) -> Result<Self, ControllerError> {
+        let foresight = if settings.mpc.method == Method::Oracle { Some(foresight.ok_or(ControllerError::NoForesight)?) } else { None };
         let period = settings.run.period_nanos as f64 * 1e-9;
         let main = MainModel::new(&settings.robot, period);
         let mpc = Mpc::new(&settings.mpc, &settings.robot, &main)?;
@@ -69,7 +85,7 @@ impl Controller {
             reference: Reference::new(&settings.reference, &settings.start, period, ticks)?,
             points: vec![ReferencePoint::default(); DELAY_MAX + mpc.horizon() + 1],
             fingerprint: fingerprint(&main, settings.learned.layout.name()),
-            knowledge: Knowledge::new(settings, main),
+            knowledge: Knowledge::new(settings, main, foresight),
             mpc,
             method: settings.mpc.method,
             ladder: Ladder::default(),
@@ -121,8 +137,8 @@ impl Controller {
         let input_known = state.input.iter().all(|value| value.is_finite()) && now.is_finite();
         let ours = matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr);
         if let Some(before) = self.before.filter(|before| before.tick + 1 == state.stamp.tick && input_known) {
-            let (before, acted, after) = (before.state, state.input, now.velocity);
-            self.knowledge.observe(&Period { before: before.velocity, commanded: self.commanded, acted, after, ours });
+            let (Before { tick, state: before }, acted, after) = (before, state.input, now.velocity);
+            self.knowledge.observe(&Period { tick, before, commanded: self.commanded, acted, after, ours });
             sample.pose = before.pose;
             sample.velocity = before.velocity;
             sample.input = acted;
@@ -143,7 +159,7 @@ impl Controller {
             self.prepare(tick, &measured);
         }
         let (rung, reason, input, solved) = if measured.is_finite() {
-            self.plan_for(&measured)
+            self.plan_for(tick, &measured)
         } else {
             (Rung::Brake, Reason::BadState, self.mpc.limits().reach(&[0.0; 3], &self.knowledge.last_command()), None)
         };
@@ -159,6 +175,7 @@ impl Controller {
 
     /// Gets ready for `tick`, with what is known now: called after the answer before it has gone, or for a first state from `state`.
     fn prepare(&mut self, tick: u64, state: &State) {
+        self.knowledge.look(tick);
         self.knowledge.settle_delay();
         for (slot, offset) in self.points.iter_mut().zip(0..) {
             *slot = self.reference.at(tick + offset);
@@ -200,13 +217,19 @@ impl Controller {
         plan
     }
 
-    fn plan_for(&mut self, measured: &State) -> (Rung, Reason, Velocity, Option<Solved>) {
+    fn plan_for(&mut self, tick: u64, measured: &State) -> (Rung, Reason, Velocity, Option<Solved>) {
         if self.method == Method::FeedforwardP {
             return self.feed_forward(measured);
         }
+        self.knowledge.look(tick);
         let (belief, last, begin) = (self.knowledge.belief(), self.knowledge.last_command(), self.knowledge.ahead(measured));
         let points = planned(&self.points, &self.knowledge);
-        let solved = self.mpc.iterate(&begin, &last, points, &belief);
+        let mut solved = self.mpc.iterate(&begin, &last, points, &belief);
+        if self.knowledge.foresees() {
+            for _ in 1..FORESEEING_ITERATIONS {
+                solved = self.mpc.iterate(&begin, &last, points, &belief);
+            }
+        }
         let point = points.first().copied().unwrap_or_default();
         let main_target = self.mpc.main_target(belief.main, &point, begin.pose[2], &belief.disturbance);
         let (rung, input) = self.ladder.choose(solved.outcome, &self.mpc, &begin, &point, &main_target, &last);
@@ -306,8 +329,12 @@ mod tests {
     use protocol::port::Links;
 
     fn controller() -> Result<Controller, ControllerError> {
+        Controller::new(&told())
+    }
+
+    fn told() -> Settings {
         let links = Links::on_this_machine("test", "/tmp", true, 0);
-        Controller::new(&Settings {
+        Settings {
             run: Run {
                 links,
                 folder: "/tmp".into(),
@@ -323,7 +350,14 @@ mod tests {
             reference: ReferenceSettings { path: PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 }, heading: Heading::Tangent },
             mpc: settings(),
             learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3, resumed: false },
-        })
+        }
+    }
+
+    #[test]
+    fn an_oracle_without_foresight_is_refused() {
+        let mut settings = told();
+        settings.mpc.method = Method::Oracle;
+        assert!(matches!(Controller::new(&settings), Err(ControllerError::NoForesight)));
     }
 
     fn state(tick: u64) -> PlantState {

@@ -7,6 +7,7 @@ use crate::adopt::Candidate;
 use crate::settings::{DelaySetting, Method, Settings};
 use crate::trust::Trust;
 use model::delay::{Delay, DelayEstimator, Sent};
+use model::foresight::Foresight;
 use model::learned::Residual;
 use model::least_squares::LeastSquares;
 use model::main_model::MainModel;
@@ -25,8 +26,10 @@ const LEAST_SQUARES_MEMORY_S: f64 = 20.0;
 /// One period that is over.
 #[derive(Debug, Clone, Copy)]
 pub struct Period {
-    /// Velocity at its start.
-    pub before: Velocity,
+    /// Its tick.
+    pub tick: u64,
+    /// State at its start.
+    pub before: State,
     /// What was commanded for it.
     pub commanded: Velocity,
     /// The input that acted, as the driver says; the mean of the period.
@@ -43,6 +46,8 @@ pub struct Knowledge {
     method: Method,
     least_squares: LeastSquares,
     active: Option<Box<Candidate>>,
+    /// Somebody who knows better than all of that.
+    foresight: Option<Box<dyn Foresight>>,
     /// Beside the learned model …
     observer: Observer,
     /// … and beside the main model alone.
@@ -57,8 +62,8 @@ pub struct Knowledge {
 }
 
 impl Knowledge {
-    /// The main model, and nothing else yet.
-    pub fn new(settings: &Settings, main: MainModel) -> Self {
+    /// The main model, and nothing else yet; or whatever `foresight` knows.
+    pub fn new(settings: &Settings, main: MainModel, foresight: Option<Box<dyn Foresight>>) -> Self {
         let bound = bound(settings, &main);
         let observer = Observer::new(settings.mpc.observer_gain, bound);
         Self {
@@ -66,6 +71,7 @@ impl Knowledge {
             least_squares: LeastSquares::new(1.0 - main.period / LEAST_SQUARES_MEMORY_S, bound),
             main,
             active: None,
+            foresight,
             plain: observer.clone(),
             observer,
             trust: Trust::default(),
@@ -82,9 +88,27 @@ impl Knowledge {
         let learned = match self.method {
             Method::Mpc => self.active.as_ref().map(|active| &active.learned as &dyn Residual),
             Method::LeastSquaresMpc => Some(&self.least_squares as &dyn Residual),
-            Method::FeedforwardP => None,
+            Method::FeedforwardP | Method::Oracle => None,
         };
-        Belief { main: &self.main, learned, disturbance: self.disturbance(), carry: self.delay.carry() }
+        Belief {
+            main: &self.main,
+            learned,
+            foresight: self.foresight.as_deref(),
+            disturbance: self.disturbance(),
+            carry: self.delay.carry(),
+        }
+    }
+
+    /// Whether nothing has to be learnt.
+    pub fn foresees(&self) -> bool {
+        self.foresight.is_some()
+    }
+
+    /// Lets the foresight, if there is one, take the world as it is at `tick`.
+    pub fn look(&mut self, tick: u64) {
+        if let Some(foresight) = &mut self.foresight {
+            foresight.look(tick);
+        }
     }
 
     /// f.
@@ -167,9 +191,13 @@ impl Knowledge {
         if period.ours {
             self.estimator.update(&self.sent, &period.acted);
         }
-        self.residual = residual(&self.main, &period.before, &period.acted, &period.after);
-        let sample = Sample { velocity: period.before, input: period.acted, residual: self.residual };
+        self.residual = residual(&self.main, &period.before.velocity, &period.acted, &period.after);
+        let sample = Sample { velocity: period.before.velocity, input: period.acted, residual: self.residual };
         let opinion = match (self.method, &self.active) {
+            (Method::Oracle, _) => {
+                self.look(period.tick);
+                self.belief().residual(&period.before, &period.acted)
+            }
             (Method::LeastSquaresMpc, _) => self.least_squares.mean(&sample.velocity, &sample.input),
             (_, Some(active)) => active.learned.opinion(&sample.velocity, &sample.input),
             (_, None) => [0.0; AXES],

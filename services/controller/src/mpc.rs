@@ -166,7 +166,7 @@ impl Mpc {
     pub fn prepare(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
         self.shift();
         for (stage, point) in self.stages.iter_mut().zip(reference) {
-            let held = target::velocity_to_hold(point, stage.state.pose[2]);
+            let held = State { velocity: target::velocity_to_hold(point, stage.state.pose[2]), ..stage.state };
             stage.target = self.limits.clamp(&target::improve(belief, &held, &stage.target));
         }
         self.target_disturbance = belief.disturbance;

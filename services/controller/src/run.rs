@@ -3,6 +3,7 @@
 use crate::adopt::{Arrival, Event, Handover, prepare};
 use crate::control::{Controller, ControllerError};
 use crate::settings::Settings;
+use model::foresight::Foresight;
 use process::{Pace, Pulse, Seat, Stop};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample};
@@ -45,6 +46,19 @@ pub enum RunError {
 /// # Errors
 /// [`RunError`].
 pub fn run(settings: &Settings, connect: impl Fn(Identity) -> Result<Ports, OpenError> + Sync, stop: &Stop) -> Result<(), RunError> {
+    run_foreseeing(settings, None, connect, stop)
+}
+
+/// The same with somebody who knows what the robot will do.
+///
+/// # Errors
+/// [`RunError`].
+pub fn run_foreseeing(
+    settings: &Settings,
+    foresight: Option<Box<dyn Foresight>>,
+    connect: impl Fn(Identity) -> Result<Ports, OpenError> + Sync,
+    stop: &Stop,
+) -> Result<(), RunError> {
     let handover = Handover::default();
     let identity = Identity::new(settings.run.epoch_floor);
     let done = Stop::new();
@@ -52,7 +66,7 @@ pub fn run(settings: &Settings, connect: impl Fn(Identity) -> Result<Ports, Open
     thread::scope(|scope| {
         let attendant = scope.spawn(|| attend(settings, &connect, identity, &handover, &done, &control_thread));
         let ports = connect(identity).map_err(RunError::from);
-        let result = ports.and_then(|ports| Loop::new(settings, &ports, &handover)?.run(stop));
+        let result = ports.and_then(|ports| Loop::new(settings, foresight, &ports, &handover)?.run(stop));
         done.request();
         attendant.join().map_err(|_| RunError::Attendant)??;
         result
@@ -80,12 +94,12 @@ struct Loop<'a> {
 }
 
 impl<'a> Loop<'a> {
-    fn new(settings: &'a Settings, ports: &Ports, handover: &'a Handover) -> Result<Self, RunError> {
+    fn new(settings: &'a Settings, foresight: Option<Box<dyn Foresight>>, ports: &Ports, handover: &'a Handover) -> Result<Self, RunError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
         Ok(Self {
             settings,
             handover,
-            controller: Controller::new(settings)?,
+            controller: Controller::foreseeing(settings, foresight)?,
             states: ports.source(since)?,
             commands: ports.sink()?,
             residuals: ports.sink()?,

@@ -78,6 +78,8 @@ pub enum Method {
     LeastSquaresMpc,
     /// The input that holds the reference by the main model, and a proportional feedback of the pose.
     FeedforwardP,
+    /// Model predictive control with the plant's own dynamics as model, which `coxswain experiment` hands out and nobody else.
+    Oracle,
 }
 
 /// What is done about the time that a command takes to the wheels.

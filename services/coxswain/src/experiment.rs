@@ -3,10 +3,14 @@
 //! | file        | what it holds                                                       |
 //! |-------------|---------------------------------------------------------------------|
 //! | `contender` | the controllers that are compared                                   |
+//! | `figure`    | the figures of a row, and how they are told                         |
+//! | `oracle`    | the simulator's own dynamics as a controller's model                |
 //! | `trial`     | one closed loop, and the row that it gives                          |
 //! | `table`     | rows → the table that is printed                                    |
 
 pub mod contender;
+pub mod figure;
+pub mod oracle;
 mod table;
 pub mod trial;
 
@@ -15,6 +19,7 @@ use crate::options::Options;
 use crate::scenario::Scenario;
 use crate::terminal::{self, Terminal};
 use contender::Contender;
+use figure::Figure;
 use settings::SettingsError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
@@ -40,12 +45,19 @@ pub struct CompareOptions {
     /// How many seeds, from 1 on.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,
-    /// What is known at the start: nothing, what an earlier run has learnt, or what a run of another variant has.
+    /// What is known at the start: nothing, what an earlier run has learnt, or what a run of another variant has. Only who has a learner
+    /// keeps what it learnt: recursive least squares always begin with nothing.
     #[arg(long, value_delimiter = ',', default_value = "cold")]
     pub start: Vec<Start>,
     /// paper (T = 100 ms, N = 5) or a file of deploy/scenarios/profiles, as agile (T = 20 ms, N = 20).
     #[arg(long, default_value = "paper")]
     pub profile: String,
+    /// Which figures to print, a table each.
+    #[arg(long, value_delimiter = ',', default_value = "position-rmse")]
+    pub figures: Vec<Figure>,
+    /// Change every scenario by a line of TOML, as mpc.observer_gain=0.3; may be said again.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub changes: Vec<String>,
     /// One JSON row per trial goes here.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -99,7 +111,7 @@ struct Trial {
 
 impl Trial {
     fn name(&self) -> String {
-        format!("{} {} {:?} seed {}", self.scenario, self.contender, self.start, self.seed)
+        format!("{} {} {} seed {}", self.scenario, self.contender, self.start, self.seed)
     }
 }
 
@@ -132,7 +144,9 @@ pub fn compare(options: &CompareOptions) -> Result<(), ExperimentError> {
     })?;
     drop(swept);
     let rows: Vec<Row> = rows.into_iter().map(|(_, row)| row).collect();
-    terminal::print(table::render(&rows));
+    for figure in &options.figures {
+        terminal::print(table::render(&rows, *figure));
+    }
     Ok(())
 }
 
@@ -170,7 +184,7 @@ impl Bench {
         let mut scenarios = BTreeMap::new();
         let mut other = BTreeMap::new();
         let mut read = |name: &str| -> Result<(), SettingsError> {
-            scenarios.insert(name.to_owned(), Scenario::named(&folder, name, profile)?);
+            scenarios.insert(name.to_owned(), Scenario::named(&folder, name, profile, &options.changes)?);
             Ok(())
         };
         for asked in &options.scenarios {

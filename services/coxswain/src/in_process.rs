@@ -3,6 +3,10 @@
 //! It gives the bits of the processes, without their start-up. Files go to the same places of a run's folder.
 
 use crate::assembly::Assembly;
+use crate::experiment::oracle::Oracle;
+use crate::scenario::Scenario;
+use controller::settings::Method;
+use model::foresight::Foresight;
 use process::{Pace, Run, Stop};
 use protocol::message::{Health, Participant, Phase};
 use protocol::port::{Exchange, Identity, OpenError, Ports, Since, Source};
@@ -88,8 +92,9 @@ pub fn drive<W: Send>(
             ready.wait_for(Participant::Learner, || learner.is_finished());
         }
         let controller = {
-            let (settings, stop) = (assembly.controller(told.clone()), others.clone());
-            scope.spawn(move || controller::run::run(&settings, |identity| Ok(ports(Participant::Controller, identity)), &stop))
+            let (settings, foresight, stop) = (assembly.controller(told.clone()), foresight(assembly), others.clone());
+            let connect = move |identity| Ok(ports(Participant::Controller, identity));
+            scope.spawn(move || controller::run::run_foreseeing(&settings, foresight, connect, &stop))
         };
         ready.wait_for(Participant::Controller, || controller.is_finished());
         let plant = {
@@ -113,6 +118,12 @@ pub fn drive<W: Send>(
         plant?;
         Ok(witnessed)
     })
+}
+
+/// For a controller that is an oracle, what it knows.
+fn foresight(assembly: &Assembly) -> Option<Box<dyn Foresight>> {
+    let Scenario { truth, mpc, .. } = &assembly.scenario;
+    (mpc.method == Method::Oracle).then(|| Box::new(Oracle::new(truth, assembly.scenario.period_nanos())) as Box<dyn Foresight>)
 }
 
 /// Knows who is ready.

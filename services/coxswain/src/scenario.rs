@@ -45,22 +45,26 @@ impl Scenario {
 
 impl Scenario {
     /// Reads the scenario that is called `name` in `folder`: `figure-eight`, or `figure-eight+payload+noise` with variants out of
-    /// `folder/variants`, changed by `folder/profiles/<profile>` if there is one.
+    /// `folder/variants`, changed by `folder/profiles/<profile>` if there is one, and last by `changes`, each a line of TOML.
     ///
     /// # Errors
     /// [`SettingsError`] names the first thing that is wrong.
-    pub fn named(folder: &Path, name: &str, profile: Option<&str>) -> Result<Self, SettingsError> {
+    pub fn named(folder: &Path, name: &str, profile: Option<&str>, changes: &[String]) -> Result<Self, SettingsError> {
         let mut parts = name.split('+');
         let base = folder.join(parts.next().unwrap_or_default()).with_extension("toml");
         let variants = parts.map(|variant| folder.join("variants").join(variant).with_extension("toml"));
         let profile = profile.map(|profile| folder.join("profiles").join(profile).with_extension("toml"));
         let overlays: Vec<PathBuf> = profile.into_iter().chain(variants).collect();
-        if overlays.is_empty() {
+        if overlays.is_empty() && changes.is_empty() {
             return settings::read(&base);
         }
         let mut whole = table(&base)?;
         for overlay in overlays {
             merge(&mut whole, table(&overlay)?);
+        }
+        for change in changes {
+            let Overlay(change) = settings::parse(change, Path::new("--set"))?;
+            merge(&mut whole, change);
         }
         // Lines are those of the merged text, which nobody sees; the keys say where to look.
         settings::parse(&whole.to_string(), &folder.join(name))
@@ -142,7 +146,7 @@ mod tests {
         for base in ["paper", "circle", "figure-eight", "square", "stop-and-go"] {
             for variant in Scenario::variants(&folder()) {
                 for profile in [None, Some("agile")] {
-                    Scenario::named(&folder(), &format!("{base}+{variant}"), profile)?;
+                    Scenario::named(&folder(), &format!("{base}+{variant}"), profile, &[])?;
                 }
             }
         }
@@ -151,20 +155,30 @@ mod tests {
 
     #[test]
     fn a_variant_changes_what_it_names_and_nothing_else() -> Result<(), SettingsError> {
-        let base = Scenario::named(&folder(), "figure-eight", None)?;
-        let mut soft = Scenario::named(&folder(), "figure-eight+soft", None)?;
+        let base = Scenario::named(&folder(), "figure-eight", None, &[])?;
+        let mut soft = Scenario::named(&folder(), "figure-eight+soft", None, &[])?;
         assert!((soft.truth.speed_loop_gain_a_s_per_rad - 0.2).abs() < 1e-12);
         soft.truth.speed_loop_gain_a_s_per_rad = base.truth.speed_loop_gain_a_s_per_rad;
         assert_eq!(soft, base);
-        let agile = Scenario::named(&folder(), "figure-eight", Some("agile"))?;
+        let agile = Scenario::named(&folder(), "figure-eight", Some("agile"), &[])?;
         assert_eq!((agile.period_nanos(), agile.mpc.horizon_steps, agile.truth), (20_000_000, 20, base.truth));
+        Ok(())
+    }
+
+    #[test]
+    fn what_is_changed_by_hand_is_checked_like_a_file() -> Result<(), SettingsError> {
+        let named = |change: &str| Scenario::named(&folder(), "figure-eight+soft", Some("agile"), &[change.to_owned()]);
+        assert!((named("mpc.weights.position = 50.0")?.mpc.weights.position - 50.0).abs() < 1e-12);
+        for wrong in ["mpc.weights.position = -1.0", "mpc.weights.positon = 1.0", "mpc.weights"] {
+            assert!(named(wrong).is_err(), "{wrong}");
+        }
         Ok(())
     }
 
     #[test]
     fn what_is_not_there_is_named() {
         for name in ["figure-nine", "figure-eight+tornado"] {
-            let refused = Scenario::named(&folder(), name, None).err().map(|error| error.to_string()).unwrap_or_default();
+            let refused = Scenario::named(&folder(), name, None, &[]).err().map(|error| error.to_string()).unwrap_or_default();
             assert!(refused.contains(name.rsplit('+').next().unwrap_or(name)), "{refused}");
         }
     }

@@ -18,7 +18,7 @@ fn deploy() -> PathBuf {
 
 fn assembly(scenario: &str, contender: Contender, seed: u64) -> Result<Assembly, Box<dyn Error>> {
     let mut assembly = Assembly::read(&Options::of_graph(&deploy().join("graphs/local.toml")))?;
-    assembly.scenario = Scenario::named(&deploy().join("scenarios"), scenario, None)?;
+    assembly.scenario = Scenario::named(&deploy().join("scenarios"), scenario, None, &[])?;
     assembly.graph.pace = Pace::LockStep;
     assembly.graph.processes.recorder.enabled = false;
     (assembly.scenario.seed, assembly.scenario.duration_s) = (seed, 8.0);
@@ -65,5 +65,19 @@ fn a_robot_that_has_learnt_before_begins_better() -> Outcome {
     let warm = run(&warm, contender, Start::Warm, tempfile::tempdir()?.path())?;
     assert!(warm.arrival_s.unwrap_or(f64::MAX) <= cold.arrival_s.unwrap_or(f64::MAX), "{warm:?}\n{cold:?}");
     assert!(warm.position_rmse_m < cold.position_rmse_m, "{warm:?}\n{cold:?}");
+    Ok(())
+}
+
+#[test]
+fn an_oracle_is_better_than_whoever_has_to_guess() -> Outcome {
+    let rmse = |contender| -> Result<f64, Box<dyn Error>> {
+        let assembly = assembly("figure-eight+weak-motor", contender, 1)?;
+        let row = run(&assembly, contender, Start::Cold, tempfile::tempdir()?.path())?;
+        row.position_rmse_m.ok_or_else(|| "no figure".into())
+    };
+    let oracle = rmse(Contender::OracleMpc)?;
+    for contender in [Contender::Mpc, Contender::MpcObserver, Contender::RlsMpcObserver, Contender::GprMpcObserver] {
+        assert!(oracle < rmse(contender)?, "{contender}");
+    }
     Ok(())
 }

@@ -13,10 +13,12 @@
 //! | [`delay`]      | how long a command takes to the wheels                                         |
 //! | [`predict`]    | one step of f + g + d                                                          |
 //! | [`linearise`]  | its Jacobians                                                                  |
+//! | [`foresight`]  | the robot's own dynamics in place of f + g                                     |
 //!
 //! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. Wheels: front-right, front-left, rear-left, rear-right.
 
 pub mod delay;
+pub mod foresight;
 pub mod gp;
 pub mod learned;
 pub mod least_squares;

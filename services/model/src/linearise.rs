@@ -7,6 +7,7 @@
 //! ∂v⁺/∂u = B + ∂g/∂u          ∂θ⁺/∂· = ∂θ/∂· + T W_ω
 //! ```
 
+use crate::foresight;
 use crate::predict::{Belief, advance};
 use crate::{State, Velocity};
 use nalgebra::{Matrix3, RowVector3, SMatrix, Vector3};
@@ -24,6 +25,9 @@ pub struct Linearised {
 
 /// Predicts one step and differentiates it. Does not allocate.
 pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linearised {
+    if let Some(foresight) = belief.foresight {
+        return foresight::linearise(belief, foresight, state, input);
+    }
     let response = belief.response(&state.velocity, input);
     let next = advance(belief, state, input, &response.mean);
     let period = belief.main.period;
@@ -86,7 +90,7 @@ mod tests {
         ) {
             let main = MainModel::new(&Robot::example(), 0.1);
             let learned = learned(if slip { Layout::VelocitySlip } else { Layout::VelocityInput }).map_err(|e| TestCaseError::fail(e.to_string()))?;
-            let belief = Belief { main: &main, learned: Some(&learned), disturbance: [0.01, -0.02, 0.03], carry: 0.0 };
+            let belief = Belief { main: &main, learned: Some(&learned), foresight: None, disturbance: [0.01, -0.02, 0.03], carry: 0.0 };
             let at = |x: [f64; 6], u: [f64; 3]| belief.predict(&State { pose: [x[0], x[1], x[2]], velocity: [x[3], x[4], x[5]] }, &u).to_array();
             let state = State { pose, velocity };
             let exact = linearise(&belief, &state, &input);

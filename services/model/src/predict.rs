@@ -9,8 +9,10 @@
 //! that is, the mean velocity of the period at its mid-step heading, with w of the main model. Unlike section 4.1 of the paper, which iterates the main model
 //! alone and adds g afterwards, g is fed back into the prediction, as its eq. 32 has it.
 
+use crate::foresight::{self, Foresight};
 use crate::learned::{Residual, Response};
 use crate::main_model::MainModel;
+use crate::residual::residual;
 use crate::{AXES, State, Velocity};
 
 /// What is believed at one moment: main model, learned residual if there is one, and disturbance.
@@ -20,6 +22,8 @@ pub struct Belief<'a> {
     pub main: &'a MainModel,
     /// g.
     pub learned: Option<&'a dyn Residual>,
+    /// Somebody who knows better than f + g, and is asked in their place.
+    pub foresight: Option<&'a dyn Foresight>,
     /// d, per period \[m/s, m/s, rad/s\].
     pub disturbance: Velocity,
     /// w: share of the command before in the input that acts.
@@ -27,13 +31,27 @@ pub struct Belief<'a> {
 }
 
 impl Belief<'_> {
-    /// g at one velocity and input, without d.
-    pub fn residual(&self, velocity: &Velocity, input: &Velocity) -> Velocity {
-        self.learned.map_or([0.0; AXES], |learned| learned.mean(velocity, input))
+    /// g from one state under one input, without d.
+    pub fn residual(&self, state: &State, input: &Velocity) -> Velocity {
+        match self.foresight {
+            Some(foresight) => residual(self.main, &state.velocity, input, &foresight.predict(state, input).velocity),
+            None => self.learned.map_or([0.0; AXES], |learned| learned.mean(&state.velocity, input)),
+        }
     }
 
-    /// g with its Jacobians.
-    pub fn response(&self, velocity: &Velocity, input: &Velocity) -> Response {
+    /// v⁺, and how each axis of it varies with its own input. Does not allocate.
+    pub fn velocity_and_gain(&self, state: &State, input: &Velocity) -> (Velocity, Velocity) {
+        if let Some(foresight) = self.foresight {
+            return foresight::velocity_and_gain(self, foresight, state, input);
+        }
+        let response = self.response(&state.velocity, input);
+        let expected = self.main.next_velocity(&state.velocity, input);
+        let velocity = std::array::from_fn(|axis| expected[axis] + response.mean[axis] + self.disturbance[axis]);
+        (velocity, std::array::from_fn(|axis| self.main.gain[axis] + response.by_input[axis][axis]))
+    }
+
+    /// g with its Jacobians, of what was learnt.
+    pub(crate) fn response(&self, velocity: &Velocity, input: &Velocity) -> Response {
         self.learned.map_or(Response::NONE, |learned| learned.response(velocity, input))
     }
 
@@ -44,8 +62,10 @@ impl Belief<'_> {
 
     /// The state one period later, under the input that acts. Does not allocate.
     pub fn predict(&self, state: &State, input: &Velocity) -> State {
-        let residual = self.residual(&state.velocity, input);
-        advance(self, state, input, &residual)
+        match self.foresight {
+            Some(foresight) => foresight::advance(self, foresight, state, input),
+            None => advance(self, state, input, &self.residual(state, input)),
+        }
     }
 }
 

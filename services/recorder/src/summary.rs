@@ -161,6 +161,12 @@ fn plant_epochs(rows: &Rows) -> Vec<u64> {
     epochs
 }
 
+/// Time since tick 0 \[ns\] and distance from the reference \[m\] at every tick of the plant's last epoch, in the order of time.
+pub fn distances(rows: &Rows, period_nanos: u64) -> Vec<(u64, f64)> {
+    let last = plant_epochs(rows).last().copied().unwrap_or(0);
+    deviations(rows, last, period_nanos).iter().map(|deviation| (deviation.nanos, deviation.position)).collect()
+}
+
 /// Truth against reference at every tick of an epoch that has both, in the order of time.
 fn deviations(rows: &Rows, epoch: u64, period_nanos: u64) -> Vec<Deviation> {
     let plans = rows.plans.iter().filter(|plan| plan.plant_epoch == epoch);

@@ -5,8 +5,8 @@
 //! not spike where the reference has a corner, as inverting the dynamics would.
 
 use crate::reference::ReferencePoint;
-use model::Velocity;
 use model::predict::Belief;
+use model::{State, Velocity};
 
 /// The reference's velocity as a body velocity of a robot that looks along `yaw`.
 pub(super) fn velocity_to_hold(point: &ReferencePoint, yaw: f64) -> Velocity {
@@ -15,15 +15,13 @@ pub(super) fn velocity_to_hold(point: &ReferencePoint, yaw: f64) -> Velocity {
     [cos * forward - sin * left, sin * forward + cos * left, rate]
 }
 
-/// One Newton step per axis towards the holding input, from the one before. Does not allocate.
-pub(super) fn improve(belief: &Belief<'_>, velocity: &Velocity, before: &Velocity) -> Velocity {
-    let main = belief.main;
+/// One Newton step per axis towards the input that holds the velocity of `held`, from the one before. Does not allocate.
+pub(super) fn improve(belief: &Belief<'_>, held: &State, before: &Velocity) -> Velocity {
+    let (main, velocity) = (belief.main, &held.velocity);
     let guess = if before.iter().all(|&value| value == 0.0) { main.holding_input(velocity, &belief.disturbance) } else { *before };
-    let response = belief.response(velocity, &guess);
+    let (next, gain) = belief.velocity_and_gain(held, &guess);
     std::array::from_fn(|axis| {
-        let next = main.decay[axis] * velocity[axis] + main.gain[axis] * guess[axis] + response.mean[axis] + belief.disturbance[axis];
         // A learned gain that nearly cancels the believed one is no gain to divide by.
-        let gain = (main.gain[axis] + response.by_input[axis][axis]).max(0.3 * main.gain[axis]);
-        guess[axis] + (velocity[axis] - next) / gain
+        guess[axis] + (velocity[axis] - next[axis]) / gain[axis].max(0.3 * main.gain[axis])
     })
 }

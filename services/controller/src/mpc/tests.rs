@@ -69,7 +69,7 @@ proptest! {
         carry in prop_oneof![Just(0.0), 0.0..1.0_f64]
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief { main: &main, learned: None, disturbance: [0.02, -0.01, 0.03], carry };
+        let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.02, -0.01, 0.03], carry };
         let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
         let (state, reference) = (State { pose, velocity }, circle(0, 7));
         mpc.begin_at(&state);
@@ -96,7 +96,7 @@ proptest! {
         pose in prop::array::uniform3(-50.0..50.0_f64), velocity in prop::array::uniform3(-8.0..8.0_f64), last in prop::array::uniform3(-4.0..4.0_f64)
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3], carry: 0.0 };
+        let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
         let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
         let last = mpc.limits.clamp(&last);
         mpc.prepare(&circle(0, 7), &belief);
@@ -115,7 +115,7 @@ proptest! {
 #[test]
 fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let state = State { pose: [0.02, -0.03, 0.01], velocity: [1.4, 0.0, 0.7] };
     mpc.prepare(&circle(0, 7), &belief);
@@ -134,7 +134,7 @@ fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError>
 #[test]
 fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let (mut state, mut input) = (State { pose: [0.0, -0.8, 0.3], velocity: [0.0; 3] }, [0.0; 3]);
     for tick in 0..40 {
@@ -158,7 +158,7 @@ fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
     let push = [0.05, -0.03, 0.02];
     let (mut state, mut input) = (State::default(), [0.0; 3]);
     for _ in 0..120 {
-        let belief = Belief { main: &main, learned: None, disturbance: observer.disturbance(), carry: 0.0 };
+        let belief = Belief { main: &main, learned: None, foresight: None, disturbance: observer.disturbance(), carry: 0.0 };
         mpc.prepare(&still, &belief);
         assert!(mpc.iterate(&state, &input, &still, &belief).outcome.usable());
         input = mpc.stages[0].input;
@@ -193,7 +193,7 @@ fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
 #[test]
 fn the_lqr_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief { main: &main, learned: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
     let mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let (mut state, mut input) = (State { pose: [0.3, -0.2, 0.2], velocity: [0.0; 3] }, [0.0; 3]);
     for tick in 0..80 {

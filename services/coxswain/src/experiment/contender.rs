@@ -6,7 +6,7 @@ use controller::settings::{DelaySetting, Method};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
-/// ℓ of the observer of every contender that has one.
+/// ℓ of the observer of every contender that has one, where the scenario itself has none.
 pub const OBSERVER_GAIN: f64 = 0.5;
 
 /// A controller in a comparison.
@@ -36,11 +36,16 @@ pub enum Contender {
     #[value(name = "gpr-mpc+observer")]
     #[serde(rename = "gpr-mpc+observer")]
     GprMpcObserver,
+    /// The bound: the plant's own dynamics as model, in the present world, and the observer for what chance does.
+    #[value(name = "oracle-mpc")]
+    #[serde(rename = "oracle-mpc")]
+    OracleMpc,
 }
 
 impl Contender {
     /// All of them, the simplest first.
-    pub const ALL: [Self; 6] = [Self::FeedforwardP, Self::Mpc, Self::MpcObserver, Self::RlsMpcObserver, Self::GprMpc, Self::GprMpcObserver];
+    pub const ALL: [Self; 7] =
+        [Self::FeedforwardP, Self::Mpc, Self::MpcObserver, Self::RlsMpcObserver, Self::GprMpc, Self::GprMpcObserver, Self::OracleMpc];
 
     /// Whether it has a learner, and so something to begin with.
     pub fn learns(self) -> bool {
@@ -53,14 +58,21 @@ impl Contender {
         mpc.method = match self {
             Self::FeedforwardP => Method::FeedforwardP,
             Self::RlsMpcObserver => Method::LeastSquaresMpc,
+            Self::OracleMpc => Method::Oracle,
             Self::Mpc | Self::MpcObserver | Self::GprMpc | Self::GprMpcObserver => Method::Mpc,
         };
         mpc.observer_gain = match self {
             Self::FeedforwardP | Self::Mpc | Self::GprMpc => 0.0,
-            Self::MpcObserver | Self::RlsMpcObserver | Self::GprMpcObserver => OBSERVER_GAIN,
+            // The scenario's, the same for all that have an observer.
+            _ if mpc.observer_gain > 0.0 => mpc.observer_gain,
+            _ => OBSERVER_GAIN,
         };
-        // Making up for a transport delay is ours; who knows the robot knows it anyway.
-        mpc.delay = if self.learns() { DelaySetting::Estimated } else { DelaySetting::Ignored };
+        // Making up for a transport delay is ours, and the oracle's, who knows it.
+        mpc.delay = match self {
+            Self::GprMpc | Self::GprMpcObserver => DelaySetting::Estimated,
+            Self::OracleMpc => DelaySetting::KnownS(assembly.scenario.truth.command_delay_s),
+            Self::FeedforwardP | Self::Mpc | Self::MpcObserver | Self::RlsMpcObserver => DelaySetting::Ignored,
+        };
         assembly.graph.processes.learner.enabled = self.learns();
     }
 }
@@ -74,6 +86,7 @@ impl Display for Contender {
             Self::RlsMpcObserver => "rls-mpc+observer",
             Self::GprMpc => "gpr-mpc",
             Self::GprMpcObserver => "gpr-mpc+observer",
+            Self::OracleMpc => "oracle-mpc",
         })
     }
 }

@@ -1,14 +1,16 @@
 //! One closed loop: one scenario, contender, seed and start, in one process and in lock step.
 
 use super::contender::Contender;
+use super::figure;
 use crate::assembly::Assembly;
 use crate::in_process::{self, InProcessError};
 use process::{Pulse, Run, Stop};
 use protocol::message::{Participant, Phase, Plan, PlantState, Rung, Truth};
 use protocol::port::{OpenError, Ports, ReceiveError, Since, Source};
 use recorder::rows::Rows;
-use recorder::summary::Summary;
+use recorder::summary::{self, Summary};
 use serde::Serialize;
+use std::fmt::{self, Display, Formatter};
 use std::path::Path;
 use std::time::Duration;
 
@@ -27,6 +29,16 @@ pub enum Start {
     Stale,
 }
 
+impl Display for Start {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Cold => "cold",
+            Self::Warm => "warm",
+            Self::Stale => "stale",
+        })
+    }
+}
+
 /// One row of a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
@@ -40,6 +52,8 @@ pub struct Row {
     pub start: Start,
     /// Seed of noise and random forces.
     pub seed: u64,
+    /// Length of the run \[s\].
+    pub duration_s: f64,
     /// As in `summary.json`.
     pub arrival_s: Option<f64>,
     /// As in `summary.json`.
@@ -50,6 +64,11 @@ pub struct Row {
     pub position_rmse_m: Option<f64>,
     /// As in `summary.json`.
     pub position_max_m: Option<f64>,
+    /// Mean distance from the reference over the last 5 s \[m\].
+    pub position_at_end_m: Option<f64>,
+    /// Where the robot or its world changes in mid-run: time from there after which the position RMSE, to the end, is at most 1.2 times what
+    /// it was before, from 3 s on \[s\].
+    pub recovery_s: Option<f64>,
     /// As in `summary.json`.
     pub heading_rmse_rad: Option<f64>,
     /// Mean squared change of the applied planar input from one period to the next, over the period squared, RMS \[m/s²\].
@@ -96,6 +115,7 @@ pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, St
     };
     let witnessed = in_process::drive(assembly, folder, |ports, run, stop| witness(ports, run, stop, outside))??;
     let summary = Summary::of(&witnessed.rows, assembly.scenario.period_nanos());
+    let distances = summary::distances(&witnessed.rows, assembly.scenario.period_nanos());
     let (scenario, profile, controller, start) = label;
     let period = assembly.scenario.period_millis * 1e-3;
     Ok(Row {
@@ -104,11 +124,14 @@ pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, St
         controller,
         start,
         seed: assembly.scenario.seed,
+        duration_s: assembly.scenario.duration_s,
         arrival_s: summary.arrival_s,
         speed_settle_s: summary.speed_settle_s,
         steady_speed_error_mps: summary.steady_speed_error_mps,
         position_rmse_m: summary.position_rmse_m,
         position_max_m: summary.position_max_m,
+        position_at_end_m: figure::at_end(&distances),
+        recovery_s: figure::changes_at(&assembly.scenario.truth).and_then(|at| figure::recovery(&distances, at)),
         heading_rmse_rad: summary.heading_rmse_rad,
         input_effort: effort(&witnessed.inputs) / period,
         constraint_violations: witnessed.violations,

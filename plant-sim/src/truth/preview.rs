@@ -1,0 +1,112 @@
+//! What the world would do from here, as it is now: for a controller that is to know everything but the future.
+
+use nalgebra::{Vector3, Vector4};
+
+use super::dynamics::{Dynamics, State};
+use super::integrate::runge_kutta;
+use super::parameters::Truth;
+use super::schedule::{Conditions, Schedule};
+
+/// Longest step of wheels that roll, whose fastest motion is friction at standstill \[ns\].
+const ROLLING_STEP_NANOS: u64 = 4_000_000;
+/// Longest step of wheels that slip, which are stiff \[ns\].
+const SLIPPING_STEP_NANOS: u64 = 1_000_000;
+
+/// The equations of motion of a [`World`](super::World), with the payload, faults and push of one moment, and no random force.
+///
+/// What a controller cannot measure, wheel speeds that slip, currents that lag and integrals of the speed loops, begins as in steady rolling.
+#[derive(Debug, Clone)]
+pub struct Preview {
+    dynamics: Dynamics,
+    schedule: Schedule,
+    now: Conditions,
+    step_nanos: u64,
+}
+
+impl Preview {
+    /// The world that the settings describe, at its start. Allocates.
+    pub fn new(truth: &Truth) -> Self {
+        let schedule = Schedule::new(truth);
+        Self {
+            dynamics: Dynamics::new(truth),
+            now: schedule.at(0, Vector3::zeros(), Vector3::zeros()),
+            schedule,
+            step_nanos: if truth.wheel_slip.is_some() { SLIPPING_STEP_NANOS } else { ROLLING_STEP_NANOS },
+        }
+    }
+
+    /// Takes the world as it is at this time. Does not allocate.
+    pub fn look(&mut self, now_nanos: u64) {
+        self.now = self.schedule.at(now_nanos, Vector3::zeros(), Vector3::zeros());
+    }
+
+    /// Pose and body velocity after `duration_nanos`, from these and with this input held. Does not allocate.
+    pub fn after(&self, duration_nanos: u64, pose: [f64; 3], velocity: [f64; 3], input: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+        let given = Conditions { command: Vector3::from(input), ..self.now };
+        let (pose, velocity) = (Vector3::from(pose), Vector3::from(velocity));
+        let start = State { pose, velocity, wheel_speed: Vector4::zeros(), current: Vector4::zeros(), integral: Vector4::zeros() };
+        let mut state = self.dynamics.at_steady_rolling(&start, &given);
+        let steps = duration_nanos.div_ceil(self.step_nanos).max(1);
+        let step_s = duration_nanos as f64 * 1e-9 / steps as f64;
+        for _ in 0..steps {
+            let next = runge_kutta(&state.packed(), step_s, |state| self.dynamics.rate(&State::unpacked(state), &given).packed());
+            state = self.dynamics.consistent(&State::unpacked(&next), &given);
+        }
+        (state.pose.into(), state.velocity.into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::truth::{Payload, Push, Slope, Start, WheelSlip, World};
+
+    const PERIOD_NANOS: u64 = 100_000_000;
+
+    /// How far the preview of one period, from a world under way at `at_s`, is from what the world then does.
+    fn error(truth: &Truth, at_s: u64) -> f64 {
+        let mut world = World::new(truth, Start::default(), 1);
+        world.advance(at_s * 1_000_000_000 - PERIOD_NANOS, [1.0, -0.4, 0.5]);
+        world.advance(PERIOD_NANOS, [0.5, 0.8, -0.5]);
+        let now = world.state();
+        let mut preview = Preview::new(truth);
+        preview.look(world.time_nanos());
+        let (pose, velocity) = preview.after(PERIOD_NANOS, now.pose, now.velocity, [0.2, 1.0, 0.3]);
+        world.advance(PERIOD_NANOS, [0.2, 1.0, 0.3]);
+        let then = world.state();
+        (Vector3::from(pose) - Vector3::from(then.pose)).norm() + (Vector3::from(velocity) - Vector3::from(then.velocity)).norm()
+    }
+
+    #[test]
+    fn without_chance_it_is_what_the_world_does() {
+        let truth = Truth {
+            mass_kg: 22.0,
+            rolling_friction: 0.05,
+            drag_n_s2_per_m2: 0.5,
+            breakaway_factor: 2.5,
+            deadband_radps: 1.5,
+            motor_gain: [0.6, 1.0, 1.0, 1.0],
+            slope: Some(Slope { angle_rad: 0.1, direction_rad: 0.8 }),
+            push: Some(Push { force_n: [0.0, 20.0], ..Push::default() }),
+            payload: Some(Payload { mass_kg: 8.0, yaw_inertia_kg_m2: 0.1, offset_m: [0.08, 0.1], at_s: 1.0 }),
+            ..Truth::default()
+        };
+        for at_s in [1, 2] {
+            assert!(error(&truth, at_s) < 1e-3, "{} at {at_s} s", error(&truth, at_s));
+        }
+        let slipping = Truth { wheel_slip: Some(WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 }), ..truth };
+        assert!(error(&slipping, 2) < 0.03, "{}", error(&slipping, 2));
+    }
+
+    #[test]
+    fn a_payload_is_known_from_its_time_on_and_not_before() {
+        let payload = Payload { mass_kg: 20.0, yaw_inertia_kg_m2: 0.0, offset_m: [0.0; 2], at_s: 1.0 };
+        let mut preview = Preview::new(&Truth { payload: Some(payload), ..Truth::default() });
+        let mut speed = |at| {
+            preview.look(at);
+            preview.after(PERIOD_NANOS, [0.0; 3], [0.0; 3], [1.0, 0.0, 0.0]).1[0]
+        };
+        let (before, just_before, after) = (speed(0), speed(999_999_999), speed(1_000_000_000));
+        assert!(before == just_before && after < 0.7 * before, "{before} {just_before} {after}");
+    }
+}

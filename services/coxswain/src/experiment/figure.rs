@@ -1,0 +1,151 @@
+//! The figures of a row: which can be printed, in what unit, and what nothing counts as.
+
+use super::trial::Row;
+use plant_sim::truth::Truth;
+
+/// The start that figures of the position leave out \[ns\].
+const START_NANOS: u64 = 3_000_000_000;
+/// The end that [`at_end`] is taken from \[ns\].
+const END_NANOS: u64 = 5_000_000_000;
+/// A robot is back when its error is no larger than so many times the error before.
+const BACK: f64 = 1.2;
+
+/// A figure that can be printed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Figure {
+    /// Distance from the reference from 3 s on, RMS.
+    PositionRmse,
+    /// The largest distance from the reference from 3 s on.
+    PositionMax,
+    /// Mean distance from the reference over the last 5 s.
+    PositionAtEnd,
+    /// Time after which the robot stays within 0.10 m of its reference; never counts as the length of the run.
+    Arrival,
+    /// Time after which the speed stays within 0.07 m/s of the reference's; never counts as the length of the run.
+    SpeedSettle,
+    /// The largest difference of speeds over the last 10 s.
+    SteadySpeedError,
+    /// Difference of headings from 3 s on, RMS.
+    HeadingRmse,
+    /// Time after a change in mid-run until the position RMSE is back within 1.2 times what it was; never counts as the length of the run.
+    Recovery,
+    /// RMS change of the planar input over the period.
+    InputEffort,
+    /// Ticks outside the state limits, or not of a controller's choosing.
+    ConstraintViolations,
+    /// Half of all ticks took no longer.
+    TickP50,
+    /// 99 of 100 ticks took no longer.
+    TickP99,
+}
+
+impl Figure {
+    /// What it is called in a table, and how many of its units there are in the SI unit.
+    pub fn title_and_scale(self) -> (&'static str, f64) {
+        match self {
+            Self::PositionRmse => ("position RMSE [mm]", 1e3),
+            Self::PositionMax => ("largest position error [mm]", 1e3),
+            Self::PositionAtEnd => ("position error of the last 5 s [mm]", 1e3),
+            Self::Arrival => ("arrival [s]", 1.0),
+            Self::SpeedSettle => ("settling of the speed [s]", 1.0),
+            Self::SteadySpeedError => ("steady speed error [mm/s]", 1e3),
+            Self::HeadingRmse => ("heading RMSE [mrad]", 1e3),
+            Self::Recovery => ("recovery after a change [s]", 1.0),
+            Self::InputEffort => ("input effort [m/s2]", 1.0),
+            Self::ConstraintViolations => ("constraint violations [ticks]", 1.0),
+            Self::TickP50 => ("tick, median [us]", 1.0),
+            Self::TickP99 => ("tick, 99th percentile [us]", 1.0),
+        }
+    }
+
+    /// Its value in `row`. A time that never came is the length of the run; any other figure that is not there is as bad as can be told.
+    pub fn of(self, row: &Row) -> f64 {
+        let (value, nothing) = match self {
+            Self::PositionRmse => (row.position_rmse_m, f64::INFINITY),
+            Self::PositionMax => (row.position_max_m, f64::INFINITY),
+            Self::PositionAtEnd => (row.position_at_end_m, f64::INFINITY),
+            Self::Arrival => (row.arrival_s, row.duration_s),
+            Self::SpeedSettle => (row.speed_settle_s, row.duration_s),
+            Self::SteadySpeedError => (row.steady_speed_error_mps, f64::INFINITY),
+            Self::HeadingRmse => (row.heading_rmse_rad, f64::INFINITY),
+            Self::Recovery => (row.recovery_s, row.duration_s),
+            Self::InputEffort => (Some(row.input_effort), f64::INFINITY),
+            Self::ConstraintViolations => (Some(row.constraint_violations as f64), f64::INFINITY),
+            Self::TickP50 => (row.tick_p50_us, f64::INFINITY),
+            Self::TickP99 => (row.tick_p99_us, f64::INFINITY),
+        };
+        value.unwrap_or(nothing)
+    }
+}
+
+/// When the robot or its world first changes in mid-run \[ns\].
+pub(super) fn changes_at(truth: &Truth) -> Option<u64> {
+    let times = truth.payload.iter().map(|payload| payload.at_s).chain(truth.push.iter().map(|push| push.from_s));
+    let first = times.chain(truth.faults.iter().map(|fault| fault.at_s)).map(|at_s| (at_s * 1e9) as u64).filter(|&at| at > START_NANOS);
+    first.min()
+}
+
+/// Mean over the last 5 s \[m\].
+pub(super) fn at_end(distances: &[(u64, f64)]) -> Option<f64> {
+    let (end, _) = distances.last()?;
+    let last: Vec<f64> = distances.iter().filter(|(at, _)| at + END_NANOS > *end).map(|&(_, distance)| distance).collect();
+    finite(last.iter().sum::<f64>() / last.len() as f64)
+}
+
+/// How long after `change` the RMSE to the end is back within 1.2 times that before it \[s\].
+pub(super) fn recovery(distances: &[(u64, f64)], change: u64) -> Option<f64> {
+    let before = distances.iter().filter(|(at, _)| (START_NANOS..change).contains(at));
+    let (count, sum) = before.fold((0.0, 0.0), |(count, sum), (_, distance)| (count + 1.0, sum + distance * distance));
+    let allowed = finite(BACK * BACK * sum / count)?;
+    // From the end backwards: the mean square from each tick to the end.
+    let mut back = None;
+    let (mut count, mut sum) = (0.0, 0.0);
+    for &(at, distance) in distances.iter().rev().take_while(|(at, _)| *at >= change) {
+        (count, sum) = (count + 1.0, sum + distance * distance);
+        if sum / count <= allowed {
+            back = Some((at - change) as f64 * 1e-9);
+        }
+    }
+    back
+}
+
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 1 cm, but from `change` to `back` 5 cm.
+    fn run(change: u64, back: u64) -> Vec<(u64, f64)> {
+        let seconds = 1_000_000_000;
+        (0..400).map(|tick| tick * seconds / 10).map(|at| (at, if (change..back).contains(&at) { 0.05 } else { 0.01 })).collect()
+    }
+
+    #[test]
+    fn recovery_is_counted_from_the_change_to_where_the_error_is_as_before() {
+        let seconds = 1_000_000_000;
+        let recovered = |back| recovery(&run(15 * seconds, back), 15 * seconds);
+        assert_eq!(recovered(15 * seconds), Some(0.0));
+        // Of two seconds of five times the error, a few ticks do not count against the rest of the run.
+        assert!(recovered(17 * seconds).is_some_and(|after| (1.5..=2.0).contains(&after)), "{:?}", recovered(17 * seconds));
+        assert_eq!(recovered(100 * seconds), None);
+        assert_eq!(recovery(&[], 15 * seconds), None);
+    }
+
+    #[test]
+    fn the_end_is_the_last_five_seconds() {
+        let seconds = 1_000_000_000;
+        assert!(at_end(&run(0, 34 * seconds)).is_some_and(|mean| (mean - 0.01).abs() < 1e-12));
+        assert!(at_end(&run(37 * seconds, 100 * seconds)).is_some_and(|mean| mean > 0.03));
+        assert_eq!(at_end(&[(0, f64::NAN)]), None);
+    }
+
+    #[test]
+    fn only_a_change_in_mid_run_can_be_recovered_from() {
+        let payload = |at_s| plant_sim::truth::Payload { mass_kg: 1.0, yaw_inertia_kg_m2: 0.0, offset_m: [0.0; 2], at_s };
+        let changes = |at_s| changes_at(&Truth { payload: Some(payload(at_s)), ..Truth::default() });
+        assert_eq!((changes(0.0), changes(15.0)), (None, Some(15_000_000_000)));
+    }
+}

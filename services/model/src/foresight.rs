@@ -1,0 +1,106 @@
+//! The robot's own dynamics in place of f + g: for a controller that shall know everything but the future, to compare others with.
+//!
+//! Jacobians are finite differences, with the exact symmetry that a displacement of the start displaces the end: what the floor is like a
+//! little further on changes the prediction, not its slope.
+//!
+//! ```text
+//! ∂x⁺/∂p = (1, 0)      ∂x⁺/∂z ≈ (F(z + h) − F(z − h)) / 2h   for z = θ, v, u
+//! ```
+
+use crate::linearise::Linearised;
+use crate::predict::Belief;
+use crate::{AXES, State, Velocity};
+use nalgebra::SMatrix;
+
+/// h \[rad, m/s, rad/s\].
+const STEP: f64 = 1e-3;
+
+/// Somebody who knows what the robot and its world would do.
+pub trait Foresight: std::fmt::Debug + Send {
+    /// Takes the world as it is at the beginning of `tick`.
+    fn look(&mut self, tick: u64);
+
+    /// The state one period after `state` under `input`; its heading goes on from that of `state`, without a leap.
+    fn predict(&self, state: &State, input: &Velocity) -> State;
+}
+
+/// What is foreseen, moved by the disturbance that `belief` holds: whatever the foresight does not know of, a random force.
+pub(crate) fn advance(belief: &Belief<'_>, foresight: &dyn Foresight, state: &State, input: &Velocity) -> State {
+    let mut next = foresight.predict(state, input);
+    let (main, disturbance) = (belief.main, &belief.disturbance);
+    let [forward, left, turn]: Velocity = std::array::from_fn(|axis| main.period * main.end_share[axis] * disturbance[axis]);
+    let (sin, cos) = (0.5 * (state.pose[2] + next.pose[2])).sin_cos();
+    next.pose = [next.pose[0] + cos * forward - sin * left, next.pose[1] + sin * forward + cos * left, next.pose[2] + turn];
+    next.velocity = std::array::from_fn(|axis| next.velocity[axis] + disturbance[axis]);
+    next
+}
+
+/// v⁺, and how each axis of it varies with its own input. 7 predictions.
+pub(crate) fn velocity_and_gain(belief: &Belief<'_>, foresight: &dyn Foresight, state: &State, input: &Velocity) -> (Velocity, Velocity) {
+    let gain = std::array::from_fn(|axis| slope(|by| advance(belief, foresight, state, &moved(input, axis, by)))[axis + AXES]);
+    (advance(belief, foresight, state, input).velocity, gain)
+}
+
+/// Predicts one step and differentiates it. 15 predictions; does not allocate.
+pub(crate) fn linearise(belief: &Belief<'_>, foresight: &dyn Foresight, state: &State, input: &Velocity) -> Linearised {
+    let mut by_state = SMatrix::<f64, 6, 6>::identity();
+    let turned = |by: f64| State { pose: moved(&state.pose, 2, by), ..*state };
+    by_state.column_mut(2).copy_from_slice(&slope(|by| advance(belief, foresight, &turned(by), input)));
+    let mut by_input = SMatrix::<f64, 6, 3>::zeros();
+    for axis in 0..AXES {
+        let faster = |by: f64| State { velocity: moved(&state.velocity, axis, by), ..*state };
+        by_state.column_mut(axis + AXES).copy_from_slice(&slope(|by| advance(belief, foresight, &faster(by), input)));
+        by_input.column_mut(axis).copy_from_slice(&slope(|by| advance(belief, foresight, state, &moved(input, axis, by))));
+    }
+    Linearised { next: advance(belief, foresight, state, input), by_state, by_input }
+}
+
+/// Central difference of a state at 0.
+fn slope(of: impl Fn(f64) -> State) -> [f64; 2 * AXES] {
+    let (ahead, behind) = (of(STEP).to_array(), of(-STEP).to_array());
+    std::array::from_fn(|row| (ahead[row] - behind[row]) / (2.0 * STEP))
+}
+
+fn moved(values: &[f64; AXES], at: usize, by: f64) -> [f64; AXES] {
+    std::array::from_fn(|axis| if axis == at { values[axis] + by } else { values[axis] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::linearise::linearise;
+    use crate::main_model::MainModel;
+    use crate::robot::Robot;
+
+    /// Foresees what the main model believes.
+    #[derive(Debug)]
+    struct Believer(MainModel);
+
+    impl Foresight for Believer {
+        fn look(&mut self, _tick: u64) {}
+
+        fn predict(&self, state: &State, input: &Velocity) -> State {
+            Belief { main: &self.0, learned: None, foresight: None, disturbance: [0.0; 3] }.predict(state, input)
+        }
+    }
+
+    #[test]
+    fn to_foresee_what_is_believed_changes_nothing() {
+        let main = MainModel::new(&Robot::example(), 0.1);
+        let believer = Believer(main);
+        let (state, input) = (State { pose: [0.3, -0.2, 0.7], velocity: [1.2, -0.4, 0.3] }, [1.0, 0.5, -0.6]);
+        for (disturbance, tolerance) in [([0.0; 3], 1e-9), ([0.01, -0.02, 0.03], 1e-3)] {
+            let belief = Belief { main: &main, learned: None, foresight: None, disturbance };
+            let foreseen = Belief { foresight: Some(&believer), ..belief };
+            let (believed, ours) = (linearise(&belief, &state, &input), linearise(&foreseen, &state, &input));
+            for (a, b) in believed.next.to_array().iter().zip(ours.next.to_array()) {
+                assert!((a - b).abs() < tolerance, "{a} is not {b}");
+            }
+            assert!((believed.by_state - ours.by_state).amax() < 1e-5 + tolerance);
+            assert!((believed.by_input - ours.by_input).amax() < 1e-5 + tolerance);
+            for (a, b) in foreseen.residual(&state, &input).iter().zip([0.0; 3]) {
+                assert!((a - b).abs() < 1e-12, "the observer's part is not the model's");
+            }
+        }
+    }
+}
