@@ -221,7 +221,7 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
         return Err(Refusal::Weights { version, difference });
     }
     let scratch = VarianceScratch::new(inputs.len());
-    let learned = Learned { layout: expected.layout, normalisation, posterior, bound: expected.bound, used: [true; AXES] };
+    let learned = Learned { layout: expected.layout, normalisation, posterior, bound: expected.bound };
     Ok(Candidate { version, plant_epoch: head.plant_epoch, effective_tick: head.effective_tick, learned, scratch })
 }
 

@@ -1,17 +1,18 @@
 //! What is believed at one moment: main model, learned residual, disturbance, transport delay; and how that follows what is seen.
 //!
-//! Two observers run side by side, one beside the learned model and one beside the main model alone; [`Trust`] says per axis which of
-//! the two pairs has done better, and that one is used.
+//! The residual is explained in several ways side by side ([`Ways`]); per axis, the one that has foretold best is used.
 
 use crate::adopt::Candidate;
 use crate::settings::{DelaySetting, Method, Settings};
-use crate::trust::Trust;
+use crate::trust::Way;
+use crate::ways::{Adaptation, Ways};
 use model::delay::{Delay, DelayEstimator, Sent};
+use model::explanation::Sample;
 use model::foresight::Foresight;
 use model::learned::Residual;
 use model::least_squares::LeastSquares;
 use model::main_model::MainModel;
-use model::observer::{Observer, Sample};
+use model::observer::Observer;
 use model::predict::Belief;
 use model::residual::residual;
 use model::{AXES, State, Velocity};
@@ -44,15 +45,9 @@ pub struct Period {
 pub struct Knowledge {
     main: MainModel,
     method: Method,
-    least_squares: LeastSquares,
-    active: Option<Box<Candidate>>,
-    /// Somebody who knows better than all of that.
+    ways: Ways,
+    /// Somebody who knows better than all of them.
     foresight: Option<Box<dyn Foresight>>,
-    /// Beside the learned model …
-    observer: Observer,
-    /// … and beside the main model alone.
-    plain: Observer,
-    trust: Trust,
     /// g of the last period.
     residual: Velocity,
     setting: DelaySetting,
@@ -66,15 +61,17 @@ impl Knowledge {
     pub fn new(settings: &Settings, main: MainModel, foresight: Option<Box<dyn Foresight>>) -> Self {
         let bound = bound(settings, &main);
         let observer = Observer::new(settings.mpc.observer_gain, bound);
+        let linear = LeastSquares::new(1.0 - main.period / LEAST_SQUARES_MEMORY_S, bound);
+        let adaptation = match settings.mpc.method {
+            Method::LeastSquaresMpc => Adaptation::LinearAlone,
+            Method::Mpc if settings.mpc.adaptation => Adaptation::Linear,
+            Method::Mpc | Method::FeedforwardP | Method::Oracle => Adaptation::None,
+        };
         Self {
-            method: settings.mpc.method,
-            least_squares: LeastSquares::new(1.0 - main.period / LEAST_SQUARES_MEMORY_S, bound),
             main,
-            active: None,
+            method: settings.mpc.method,
+            ways: Ways::new(adaptation, linear, observer),
             foresight,
-            plain: observer.clone(),
-            observer,
-            trust: Trust::default(),
             residual: [0.0; AXES],
             setting: settings.mpc.delay,
             estimator: DelayEstimator::default(),
@@ -85,16 +82,13 @@ impl Knowledge {
 
     /// What predictions are made with.
     pub fn belief(&self) -> Belief<'_> {
-        let learned = match self.method {
-            Method::Mpc => self.active.as_ref().map(|active| &active.learned as &dyn Residual),
-            Method::LeastSquaresMpc => Some(&self.least_squares as &dyn Residual),
-            Method::FeedforwardP | Method::Oracle => None,
-        };
+        let explained = matches!(self.method, Method::Mpc | Method::LeastSquaresMpc);
+        let learned = explained.then_some(&self.ways as &dyn Residual);
         Belief {
             main: &self.main,
             learned,
             foresight: self.foresight.as_deref(),
-            disturbance: self.disturbance(),
+            disturbance: self.ways.disturbance(),
             carry: self.delay.carry(),
         }
     }
@@ -121,14 +115,14 @@ impl Knowledge {
         self.residual
     }
 
-    /// d of the observer that is used, per axis \[m/s, m/s, rad/s\].
+    /// d of the observer in use, per axis \[m/s, m/s, rad/s\].
     pub fn disturbance(&self) -> Velocity {
-        self.per_axis(self.observer.disturbance(), self.plain.disturbance())
+        self.ways.disturbance()
     }
 
     /// Last one-step error of the model that is used, per axis \[m/s, m/s, rad/s\].
     pub fn innovation(&self) -> Velocity {
-        self.per_axis(self.observer.innovation(), self.plain.innovation())
+        self.ways.innovation()
     }
 
     /// The last command.
@@ -138,12 +132,12 @@ impl Knowledge {
 
     /// Version of the learned model in use; 0 is the main model alone.
     pub fn version(&self) -> u64 {
-        self.active.as_ref().map_or(0, |active| active.version)
+        self.ways.version()
     }
 
     /// Axes on which a learned model is used.
     pub fn learned_axes(&self) -> [bool; AXES] {
-        self.active.as_ref().map_or([false; AXES], |active| active.learned.used)
+        self.ways.chosen().map(|way| way == Way::Learned)
     }
 
     /// Time from a command to the wheels, as predictions take it.
@@ -176,13 +170,8 @@ impl Knowledge {
     }
 
     /// Puts a model in use, and gives back the one before, for somebody else to free.
-    pub fn adopt(&mut self, mut candidate: Box<Candidate>) -> Option<Box<Candidate>> {
-        let learned = &candidate.learned;
-        let with = self.observer.replay(|velocity, input| learned.opinion(velocity, input));
-        let without = self.plain.clone().replay(|_, _| [0.0; AXES]);
-        self.trust.judge(&with, &without);
-        candidate.learned.used = self.trust.used();
-        self.active.replace(candidate)
+    pub fn adopt(&mut self, candidate: Box<Candidate>) -> Option<Box<Candidate>> {
+        self.ways.adopt(candidate)
     }
 
     /// Takes in one period: what there was, against what each model said of it.
@@ -193,26 +182,11 @@ impl Knowledge {
         }
         self.residual = residual(&self.main, &period.before.velocity, &period.acted, &period.after);
         let sample = Sample { velocity: period.before.velocity, input: period.acted, residual: self.residual };
-        let opinion = match (self.method, &self.active) {
-            (Method::Oracle, _) => {
-                self.look(period.tick);
-                self.belief().residual(&period.before, &period.acted)
-            }
-            (Method::LeastSquaresMpc, _) => self.least_squares.mean(&sample.velocity, &sample.input),
-            (_, Some(active)) => active.learned.opinion(&sample.velocity, &sample.input),
-            (_, None) => [0.0; AXES],
-        };
-        self.observer.update(sample, &opinion);
-        self.plain.update(sample, &[0.0; AXES]);
-        if self.method == Method::LeastSquaresMpc {
-            self.least_squares.update(&sample.velocity, &sample.input, &sample.residual);
-        } else if let Some(active) = &mut self.active {
-            let innovation = self.observer.innovation();
-            // Where the model says no number there is no error that could be small.
-            let error = std::array::from_fn(|axis| innovation[axis] + 0.0 * opinion[axis]);
-            self.trust.update(&error, &self.plain.innovation());
-            active.learned.used = self.trust.used();
-        }
+        let known = (self.method == Method::Oracle).then(|| {
+            self.look(period.tick);
+            self.belief().residual(&period.before, &period.acted)
+        });
+        self.ways.update(&sample, known);
     }
 
     /// A period is missing: nothing is known but the input that acts.
@@ -224,16 +198,13 @@ impl Knowledge {
     pub fn reset(&mut self, acted: Velocity) {
         self.resume(acted);
         self.residual = [0.0; AXES];
-        self.observer.reset();
-        self.plain.reset();
-        self.least_squares.reset();
-        self.trust = Trust::default();
+        self.ways.reset();
         self.estimator.reset();
     }
 
     /// Writes the variance of the learned residual along a plan whose states and inputs are written.
     pub fn write_variance(&mut self, plan: &mut Plan) {
-        let Some(active) = self.active.as_deref_mut() else {
+        let Some(active) = self.ways.active_mut() else {
             plan.variance.fill([0.0; AXES]);
             return;
         };
@@ -241,11 +212,6 @@ impl Knowledge {
         for (slot, (&[_, _, _, forward, left, rate], input)) in plan.variance.iter_mut().zip(periods) {
             *slot = active.learned.variance(&[forward, left, rate], input, &mut active.scratch);
         }
-    }
-
-    fn per_axis(&self, with: Velocity, without: Velocity) -> Velocity {
-        let trusted = self.trust.used();
-        std::array::from_fn(|axis| if trusted[axis] { with[axis] } else { without[axis] })
     }
 }
 

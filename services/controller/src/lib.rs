@@ -9,7 +9,8 @@
 //! | [`fallback`]  | what to command when the optimiser has no answer                          |
 //! | [`control`]   | one tick: answer the state, then say what was learnt                      |
 //! | [`knowledge`] | what is believed at one moment, and how it follows what is seen           |
-//! | [`trust`]     | no harm: the axes on which the learned model is used                      |
+//! | [`ways`]      | the ways to explain the residual, and the one that is used                |
+//! | [`trust`]     | no harm: which one that is                                                |
 //! | [`run`]       | the loop: the only place with a clock and a stop signal                   |
 
 pub mod adopt;
@@ -21,5 +22,6 @@ pub mod reference;
 pub mod run;
 pub mod settings;
 pub mod trust;
+pub mod ways;
 
 pub use settings::Settings;

@@ -103,7 +103,7 @@ impl Outset {
             }
         }
         let posterior = Posterior::new(&inputs, &targets, &hyperparameters)?;
-        let learned = Learned { layout: self.layout, normalisation, posterior, bound: self.bound, used: [true; 3] };
+        let learned = Learned { layout: self.layout, normalisation, posterior, bound: self.bound };
         Ok(FittedModel { learned, hyperparameters, log_likelihood, evaluations, inputs, targets })
     }
 

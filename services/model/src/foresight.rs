@@ -80,7 +80,7 @@ mod tests {
         fn look(&mut self, _tick: u64) {}
 
         fn predict(&self, state: &State, input: &Velocity) -> State {
-            Belief { main: &self.0, learned: None, foresight: None, disturbance: [0.0; 3] }.predict(state, input)
+            Belief { main: &self.0, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 }.predict(state, input)
         }
     }
 
@@ -90,7 +90,7 @@ mod tests {
         let believer = Believer(main);
         let (state, input) = (State { pose: [0.3, -0.2, 0.7], velocity: [1.2, -0.4, 0.3] }, [1.0, 0.5, -0.6]);
         for (disturbance, tolerance) in [([0.0; 3], 1e-9), ([0.01, -0.02, 0.03], 1e-3)] {
-            let belief = Belief { main: &main, learned: None, foresight: None, disturbance };
+            let belief = Belief { main: &main, learned: None, foresight: None, disturbance, carry: 0.0 };
             let foreseen = Belief { foresight: Some(&believer), ..belief };
             let (believed, ours) = (linearise(&belief, &state, &input), linearise(&foreseen, &state, &input));
             for (a, b) in believed.next.to_array().iter().zip(ours.next.to_array()) {

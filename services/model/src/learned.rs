@@ -74,20 +74,12 @@ pub struct Learned {
     pub posterior: Posterior<INPUTS>,
     /// Largest |g| that physics allows, per axis \[m/s, m/s, rad/s\].
     pub bound: Velocity,
-    /// Axes on which it is used; on the others g counts as zero.
-    pub used: [bool; AXES],
 }
 
 impl Learned {
     /// Variance of g, without the noise of an observation \[(m/s)², (m/s)², (rad/s)²\]. O(n²), does not allocate.
     pub fn variance(&self, velocity: &Velocity, input: &Velocity, scratch: &mut VarianceScratch) -> Velocity {
         self.posterior.variance(&self.normalised(velocity, input), scratch)
-    }
-
-    /// What it says of every axis, used or not. O(n), does not allocate.
-    pub fn opinion(&self, velocity: &Velocity, input: &Velocity) -> Velocity {
-        let mean = self.posterior.mean(&self.normalised(velocity, input));
-        std::array::from_fn(|axis| mean[axis].clamp(-self.bound[axis], self.bound[axis]))
     }
 
     fn normalised(&self, velocity: &Velocity, input: &Velocity) -> [f64; INPUTS] {
@@ -98,15 +90,15 @@ impl Learned {
 impl Residual for Learned {
     /// O(n).
     fn mean(&self, velocity: &Velocity, input: &Velocity) -> Velocity {
-        let opinion = self.opinion(velocity, input);
-        std::array::from_fn(|axis| if self.used[axis] { opinion[axis] } else { 0.0 })
+        let mean = self.posterior.mean(&self.normalised(velocity, input));
+        std::array::from_fn(|axis| mean[axis].clamp(-self.bound[axis], self.bound[axis]))
     }
 
     /// O(n). Where the bound holds g, it does not vary.
     fn response(&self, velocity: &Velocity, input: &Velocity) -> Response {
         let answer = self.posterior.mean_and_gradient(&self.normalised(velocity, input));
         let mut response = Response::NONE;
-        for axis in (0..AXES).filter(|&axis| self.used[axis]) {
+        for axis in 0..AXES {
             let (mean, bound) = (answer.mean[axis], self.bound[axis]);
             response.mean[axis] = mean.clamp(-bound, bound);
             if mean.abs() > bound {

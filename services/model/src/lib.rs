@@ -10,6 +10,7 @@
 //! | [`learned`]    | g as the controller uses it: layout of the inputs, normalisation, bound        |
 //! | [`least_squares`] | g as a linear function, by recursive least squares                          |
 //! | [`observer`]   | d: what neither f nor g explains                                               |
+//! | [`explanation`] | W φ + d: a linear part and the observer, beside a given model                 |
 //! | [`delay`]      | how long a command takes to the wheels                                         |
 //! | [`predict`]    | one step of f + g + d                                                          |
 //! | [`linearise`]  | its Jacobians                                                                  |
@@ -18,6 +19,7 @@
 //! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. Wheels: front-right, front-left, rear-left, rear-right.
 
 pub mod delay;
+pub mod explanation;
 pub mod foresight;
 pub mod gp;
 pub mod learned;

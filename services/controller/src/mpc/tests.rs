@@ -17,6 +17,7 @@ pub(crate) fn settings() -> MpcSettings {
         },
         state_limits: StateLimits { heading_rad: Some(1.0), speed_mps: Some(3.5) },
         observer_gain: 0.3,
+        adaptation: false,
         method: Method::Mpc,
         delay: DelaySetting::Estimated,
     }
@@ -164,7 +165,7 @@ fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
         input = mpc.stages[0].input;
         let next = Belief { disturbance: push, ..belief }.predict(&state, &input);
         let residual = model::residual::residual(&main, &state.velocity, &input, &next.velocity);
-        observer.update(model::observer::Sample { velocity: state.velocity, input, residual }, &[0.0; 3]);
+        observer.update(&residual);
         state = next;
     }
     assert!(state.pose[0].hypot(state.pose[1]) < 1e-4, "{:?}", state.pose);
