@@ -382,17 +382,14 @@ mod tests {
     }
 
     #[test]
-    fn a_model_that_says_nonsense_costs_one_plan_but_neither_the_lqr_nor_the_tail() -> Result<(), Box<dyn std::error::Error>> {
+    fn a_model_that_says_nonsense_is_never_used() -> Result<(), Box<dyn std::error::Error>> {
         let mut controller = controller()?;
-        assert_eq!(answer(&mut controller, &state(0)).rung(), Rung::FreshPlan);
-        let good = nonsense()?;
-        drop(controller.adopt(good));
-        let command = answer(&mut controller, &state(1));
-        assert_eq!(command.rung(), Rung::Lqr);
-        assert!(command.input.iter().chain(command.tail().iter().flatten()).all(|value| value.is_finite()), "{command:?}");
-        assert_eq!(command.tail().len(), TAIL_MAX);
-        assert_eq!(answer(&mut controller, &state(2)).rung(), Rung::FreshPlan, "a period later it is no longer believed");
-        assert_eq!(controller.knowledge().learned_axes(), [false; 3]);
+        for tick in 0..20 {
+            drop(controller.adopt(nonsense()?));
+            let command = answer(&mut controller, &state(tick));
+            assert_eq!((command.rung(), controller.knowledge().learned_axes()), (Rung::FreshPlan, [false; 3]));
+            assert!(command.input.iter().chain(command.tail().iter().flatten()).all(|value| value.is_finite()), "{command:?}");
+        }
         Ok(())
     }
 

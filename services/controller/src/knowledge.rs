@@ -22,7 +22,7 @@ use protocol::message::Plan;
 const RESIDUAL_SHARE: f64 = 0.25;
 
 /// Time over which recursive least squares forgets \[s\].
-const LEAST_SQUARES_MEMORY_S: f64 = 20.0;
+const LEAST_SQUARES_MEMORY_S: f64 = 6.0;
 
 /// One period that is over.
 #[derive(Debug, Clone, Copy)]

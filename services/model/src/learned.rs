@@ -1,4 +1,7 @@
 //! The learned residual as the controller uses it: layout of the inputs, normalisation (eq. 36), posterior, and a physical bound.
+//!
+//! Predictions take the whole mean; linearisations only the slope of the kernel's linear part. The squared-exponential part is right where
+//! there is data, but its slope is steep where old and new data disagree, and a plan that follows such a slope leads astray.
 
 use crate::gp::normalisation::Normalisation;
 use crate::gp::posterior::{Posterior, VarianceScratch};
@@ -94,19 +97,14 @@ impl Residual for Learned {
         std::array::from_fn(|axis| mean[axis].clamp(-self.bound[axis], self.bound[axis]))
     }
 
-    /// O(n). Where the bound holds g, it does not vary.
+    /// O(n). The Jacobians are those of the kernel's linear part alone; where the bound holds g, it does not vary.
     fn response(&self, velocity: &Velocity, input: &Velocity) -> Response {
-        let answer = self.posterior.mean_and_gradient(&self.normalised(velocity, input));
-        let mut response = Response::NONE;
-        for axis in 0..AXES {
-            let (mean, bound) = (answer.mean[axis], self.bound[axis]);
-            response.mean[axis] = mean.clamp(-bound, bound);
-            if mean.abs() > bound {
-                continue;
-            }
-            for column in 0..3 {
-                let by_first = answer.gradient[axis][column] / self.normalisation.scale[column];
-                let by_second = answer.gradient[axis][column + 3] / self.normalisation.scale[column + 3];
+        let mut response = Response { mean: self.mean(velocity, input), ..Response::NONE };
+        let slope = self.posterior.slope();
+        for axis in (0..AXES).filter(|&axis| response.mean[axis].abs() < self.bound[axis]) {
+            for column in 0..AXES {
+                let by_first = slope[axis][column] / self.normalisation.scale[column];
+                let by_second = slope[axis][column + AXES] / self.normalisation.scale[column + AXES];
                 response.by_input[axis][column] = by_second;
                 response.by_velocity[axis][column] = match self.layout {
                     Layout::VelocityInput => by_first,

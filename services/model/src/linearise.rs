@@ -1,4 +1,4 @@
-//! The Jacobians of one predicted step, with the learned model's own.
+//! The Jacobians of one predicted step, with what the learned model gives of its own.
 //!
 //! With W = w ∂v⁺/∂· + (1 − w) ∂v/∂· for the mean velocity v̄, and θ' = θ + T ω̄/2 for the mid-step heading:
 //!
@@ -69,7 +69,7 @@ mod tests {
     use crate::robot::Robot;
     use proptest::prelude::*;
 
-    /// A learned model of some smooth residual, in either layout.
+    /// A learned model of some residual, in either layout, with next to nothing but a linear part: the part that is differentiated.
     fn learned(layout: Layout) -> Result<Learned, PosteriorError> {
         let normalisation = Normalisation { mean: [0.5, 0.0, 0.0, 0.1, 0.0, 0.0], scale: [2.0, 1.0, 1.5, 1.0, 0.5, 2.0] };
         let wave = |i: usize, k: f64| (1.7 * k * i as f64).sin() * 2.0;
@@ -78,7 +78,7 @@ mod tests {
         let inputs: Vec<[f64; INPUTS]> = velocities.iter().map(|(v, u)| normalisation.apply(&layout.inputs(v, u))).collect();
         let targets: Vec<[f64; 3]> =
             velocities.iter().map(|(v, u)| [0.1 * v[0].tanh(), 0.05 * v[1] * u[2], 0.1 * (u[0] - v[0]).sin()]).collect();
-        let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([1.5; INPUTS], 0.04, 1e-4); 3])?;
+        let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([1.5; INPUTS], 1e-18, 1e-4).with_linear(0.04); 3])?;
         Ok(Learned { layout, normalisation, posterior, bound: [1.0; 3] })
     }
 

@@ -139,6 +139,11 @@ impl<const D: usize> Posterior<D> {
         Ok(Self { outputs: hyperparameters.map(Output::prior), samples: 0, machine: Arch::new() })
     }
 
+    /// Slope of the linear part of each output's mean; zero for a kernel without one.
+    pub fn slope(&self) -> [[f64; D]; OUTPUTS] {
+        self.outputs.each_ref().map(|output| output.slope)
+    }
+
     /// How many samples it is conditioned on.
     pub fn samples(&self) -> usize {
         self.samples
