@@ -1,6 +1,6 @@
 //! Promise: bad input gets an error that says what, where and what was expected, and nothing is started.
 
-use promises::{Outcome, launch_command, repository};
+use promises::{Launched, Outcome, launch_command, repository};
 use std::fs;
 use std::path::Path;
 
@@ -80,5 +80,13 @@ fn a_folder_that_holds_another_run_is_refused() -> Outcome {
     let output = launch_command(&graph, home.path(), &[])?.output()?;
     assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(fs::read_to_string(home.path().join("precious"))?, "data");
+    Ok(())
+}
+
+#[test]
+fn whoever_waits_for_a_launch_that_refuses_to_start_is_told_what_it_said() -> Outcome {
+    let launched = Launched::new(&["--scenario", "papyrus"])?;
+    let told = launched.wait_for_log("gateway", "watchers are welcome", 1).map_err(|error| error.to_string());
+    assert!(told.as_ref().is_err_and(|told| told.contains("papyrus")), "{told:?}");
     Ok(())
 }

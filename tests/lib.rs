@@ -15,8 +15,9 @@ pub use record::{Message, Record};
 
 use rustix::process::{Pid, Signal, kill_process};
 use std::error::Error;
-use std::fs;
-use std::io::{self, Read};
+use std::fs::{self, File};
+use std::io;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::OnceLock;
@@ -65,6 +66,8 @@ fn build() -> io::Result<PathBuf> {
 pub struct Launched {
     child: Child,
     home: TempDir,
+    /// What it tells a person, in a file without a name.
+    said: File,
 }
 
 /// How a launch ended.
@@ -109,8 +112,9 @@ impl Launched {
     /// # Errors
     /// If it cannot be started.
     pub fn by(mut command: Command, home: TempDir) -> Result<Self, Box<dyn Error>> {
-        let child = command.env("TMPDIR", home.path()).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
-        Ok(Self { child, home })
+        let said = tempfile::tempfile()?;
+        command.env("TMPDIR", home.path()).stdin(Stdio::null()).stdout(said.try_clone()?).stderr(said.try_clone()?);
+        Ok(Self { child: command.spawn()?, home, said })
     }
 
     /// The run's folder.
@@ -134,7 +138,7 @@ impl Launched {
     /// If there is none in time.
     pub fn process(&self, name: &str, not: Option<u32>) -> Result<u32, Box<dyn Error>> {
         let mut found = None;
-        wait_until(&format!("a process {name}"), || {
+        self.wait_until(&format!("a process {name}"), || {
             found = children(self.pid()).into_iter().rev().find(|&pid| Some(pid) != not && name_of(pid).as_deref() == Some(name));
             found.is_some()
         })?;
@@ -152,9 +156,66 @@ impl Launched {
     /// If it does not in time.
     pub fn wait_for_log(&self, name: &str, text: &str, times: usize) -> Outcome {
         let file = self.folder().join(name).with_extension("log");
-        wait_until(&format!("{text:?} in {}", file.display()), || {
+        self.wait_until(&format!("{text:?} in {}", file.display()), || {
             fs::read_to_string(&file).is_ok_and(|log| log.matches(text).count() >= times)
         })
+    }
+
+    /// The name of the graph, once its first process has been told.
+    ///
+    /// # Errors
+    /// If it never is.
+    pub fn graph_name(&self) -> Result<String, Box<dyn Error>> {
+        self.told("recorder", "graph")
+    }
+
+    /// What the process `name` has been told under `key`, a single text, once it has been.
+    ///
+    /// # Errors
+    /// If it never is.
+    pub fn told(&self, name: &str, key: &str) -> Result<String, Box<dyn Error>> {
+        let (file, key) = (self.folder().join("settings").join(name).with_extension("toml"), format!("{key} = "));
+        let mut told = None;
+        self.wait_until(&format!("{key:?} in {}", file.display()), || {
+            let text = fs::read_to_string(&file).unwrap_or_default();
+            told = text.lines().find_map(|line| Some(line.strip_prefix(&key)?.trim_matches(['[', ']', '"']).to_owned()));
+            told.is_some()
+        })?;
+        told.ok_or_else(|| format!("nothing under {key:?}").into())
+    }
+
+    /// Where the gateway listens, once it does.
+    ///
+    /// # Errors
+    /// If it never does.
+    pub fn gateway_endpoint(&self) -> Result<String, Box<dyn Error>> {
+        self.wait_for_log("gateway", "watchers are welcome", 1)?;
+        let log = fs::read_to_string(self.folder().join("gateway.log"))?;
+        let told = log.lines().find_map(|line| line.split_once("endpoints=")).ok_or("no endpoint was told")?;
+        Ok(told.1.trim().to_owned())
+    }
+
+    /// Waits until `condition` holds, as long as the launch goes on.
+    ///
+    /// # Errors
+    /// If it never does; says what was waited for and, of a launch that has ended, what it told.
+    pub fn wait_until(&self, what: &str, mut condition: impl FnMut() -> bool) -> Outcome {
+        let mut holds = false;
+        wait_until(what, || {
+            // Asked first, so that what it did last counts.
+            let over = !lives(self.pid());
+            holds = condition();
+            holds || over
+        })?;
+        if holds { Ok(()) } else { Err(format!("the launch has ended without {what}: {}", self.text()?).into()) }
+    }
+
+    /// What a person has been told so far.
+    fn text(&self) -> io::Result<String> {
+        let mut text = vec![0; usize::try_from(self.said.metadata()?.len()).unwrap_or(0)];
+        // The launch writes at the place that this file has in common with its own; reading leaves it alone.
+        self.said.read_exact_at(&mut text, 0)?;
+        Ok(String::from_utf8_lossy(&text).into_owned())
     }
 
     /// Waits until it has ended by itself, and gives back its home.
@@ -167,13 +228,7 @@ impl Launched {
             status = self.child.try_wait().ok().flatten();
             status.is_some()
         })?;
-        let mut text = String::new();
-        if let Some(mut out) = self.child.stdout.take() {
-            out.read_to_string(&mut text)?;
-        }
-        if let Some(mut out) = self.child.stderr.take() {
-            out.read_to_string(&mut text)?;
-        }
+        let text = self.text()?;
         let home = std::mem::replace(&mut self.home, TempDir::new_in("/tmp")?);
         Ok((Ended { status: status.ok_or("no status")?, text }, home))
     }
@@ -227,9 +282,10 @@ pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) -> Outcome {
     Ok(())
 }
 
-/// Whether a process exists and is no zombie.
+/// Whether a process exists and is no zombie. One of whose threads any is still ending still holds its files and locks.
 pub fn lives(pid: u32) -> bool {
-    fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| !stat.contains(") Z "))
+    let threads = fs::read_dir(format!("/proc/{pid}/task")).map_or(0, Iterator::count);
+    threads > 1 || fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| !stat.contains(") Z "))
 }
 
 /// Files in shared memory that belong to the graphs called `names`.
@@ -237,21 +293,6 @@ pub fn shared_memory_of(names: &[String]) -> Vec<String> {
     let files = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
     let all = files.filter_map(|file| file.file_name().into_string().ok());
     all.filter(|file| names.iter().any(|name| file.contains(name.as_str()))).collect()
-}
-
-/// The name of the graph of the run in `folder`, once its first process has been told.
-///
-/// # Errors
-/// If it never is.
-pub fn graph_name(folder: &Path) -> Result<String, Box<dyn Error>> {
-    let file = folder.join("settings/recorder.toml");
-    let name = || {
-        let text = fs::read_to_string(&file).ok()?;
-        let line = text.lines().find(|line| line.starts_with("graph = "))?;
-        Some(line.trim_start_matches("graph = ").trim_matches('"').to_owned())
-    };
-    wait_until("the name of the graph", || name().is_some())?;
-    name().ok_or_else(|| "the graph has no name".into())
 }
 
 fn children(pid: u32) -> Vec<u32> {

@@ -1,6 +1,6 @@
 //! Promise: whatever ends a graph, nothing of it stays: no process, no shared memory, no socket.
 
-use promises::{Launched, Outcome, graph_name, lives, shared_memory_of, signal, wait_until};
+use promises::{Launched, Outcome, lives, shared_memory_of, signal, wait_until};
 use rustix::process::Signal;
 use std::fs;
 use std::path::Path;
@@ -16,7 +16,7 @@ fn a_run_that_is_interrupted_ends_cleanly_with_a_summary() -> Outcome {
     for (interruption, code) in [(Signal::INT, 130), (Signal::TERM, 143)] {
         let launched = Launched::new(&[])?;
         launched.wait_for_log("controller", "answering a plant", 1)?;
-        let (name, processes) = (graph_name(&launched.folder())?, launched.processes());
+        let (name, processes) = (launched.graph_name()?, launched.processes());
         assert_eq!(processes.len(), 5);
         signal(launched.pid(), interruption)?;
         let (ended, home) = launched.end()?;
@@ -49,7 +49,7 @@ fn two_graphs_run_at_the_same_time_without_hearing_each_other() -> Outcome {
 fn a_launcher_that_is_killed_leaves_no_orphans_and_the_next_one_sweeps() -> Outcome {
     let launched = Launched::new(&[])?;
     launched.wait_for_log("controller", "answering a plant", 1)?;
-    let (name, processes) = (graph_name(&launched.folder())?, launched.processes());
+    let (name, processes) = (launched.graph_name()?, launched.processes());
     signal(launched.pid(), Signal::KILL)?;
     wait_until("the end of the orphans", || processes.iter().all(|&pid| !lives(pid)))?;
     let (_, home) = launched.end()?;
@@ -65,7 +65,7 @@ fn a_launcher_that_is_killed_leaves_no_orphans_and_the_next_one_sweeps() -> Outc
 fn after_everything_was_killed_at_once_the_next_launch_drives() -> Outcome {
     let launched = Launched::new(&[])?;
     launched.wait_for_log("controller", "answering a plant", 1)?;
-    let (name, processes) = (graph_name(&launched.folder())?, launched.processes());
+    let (name, processes) = (launched.graph_name()?, launched.processes());
     signal(launched.pid(), Signal::KILL)?;
     for &pid in &processes {
         let _ = signal(pid, Signal::KILL);

@@ -1,17 +1,8 @@
 //! Promise: a short script with the public Python package watches the robot.
 
 use promises::{Launched, Outcome, Reader, python, repository};
-use std::error::Error;
 use std::fs;
 use std::process::Command;
-
-/// The endpoint that the gateway of `launched` has told.
-fn endpoint(launched: &Launched) -> Result<String, Box<dyn Error>> {
-    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
-    let log = fs::read_to_string(launched.folder().join("gateway.log"))?;
-    let told = log.lines().find_map(|line| line.split_once("endpoints=")).ok_or("no endpoint was told")?;
-    Ok(told.1.trim().to_owned())
-}
 
 #[test]
 fn twenty_lines_of_python_print_the_state() -> Outcome {
@@ -19,7 +10,7 @@ fn twenty_lines_of_python_print_the_state() -> Outcome {
     assert!(fs::read_to_string(&script)?.lines().count() <= 20);
     let python = python()?;
     let launched = Launched::new(&["--duration", "8"])?;
-    let mut watcher = Reader::start(Command::new(python).arg(script).args([endpoint(&launched)?.as_str(), "mecanum"]))?;
+    let mut watcher = Reader::start(Command::new(python).arg(script).args([launched.gateway_endpoint()?.as_str(), "mecanum"]))?;
     let lines = watcher.lines(10)?;
     let tick = |line: &String| line.strip_prefix("tick").and_then(|rest| rest.split_whitespace().next()?.parse().ok());
     let ticks: Vec<u64> = lines.iter().filter_map(tick).collect();
