@@ -71,21 +71,21 @@ class Network:
         self.quality = {"priority": zenoh.Priority.REAL_TIME, "congestion_control": congestion}
         state = f"{self.graph}/state"
         tokens = self.session.liveliness()
-        self.kept = [tokens.declare_subscriber(f"{state}/reader/{Wire.VERSION}/*/*", self._on_reader, history=True)]
+        self.kept = [tokens.declare_subscriber(f"{state}/reader/{Wire.VERSION}/PlantState/*/*", self._on_reader, history=True)]
         self.kept.append(self.session.declare_queryable(f"{state}/join/{self.identity}", lambda query: query.drop()))
-        self.kept.append(tokens.declare_token(f"{state}/writer/{Wire.VERSION}/{delivery}/{self.identity}"))
-        self._read("command")
+        self.kept.append(tokens.declare_token(f"{state}/writer/{Wire.VERSION}/PlantState/{delivery}/{self.identity}"))
+        self._read("command", Command)
         if recorded:
-            self._read("credit")
+            self._read("credit", Credit)
 
-    def _read(self, topic: str) -> None:
+    def _read(self, topic: str, kind: type) -> None:
         def hear(sample: zenoh.Sample) -> None:
             self.events.put((topic, sample.payload.to_bytes()))
 
         link = f"{self.graph}/{topic}"
         self.kept.append(self.session.declare_subscriber(f"{link}/data/*", hear))
         self.kept.append(self.session.declare_subscriber(f"{link}/history/{self.identity}/*", hear))
-        self.kept.append(self.session.liveliness().declare_token(f"{link}/reader/{Wire.VERSION}/unpaced/{self.identity}"))
+        self.kept.append(self.session.liveliness().declare_token(f"{link}/reader/{Wire.VERSION}/{kind.__name__}/unpaced/{self.identity}"))
 
     def _on_reader(self, sample: zenoh.Sample) -> None:
         self.events.put(("reader" if sample.kind == zenoh.SampleKind.PUT else "gone", str(sample.key_expr).rsplit("/", 1)[1]))

@@ -1,6 +1,7 @@
 //! The keys of one topic, see `WIRE.md`.
 
 use super::Network;
+use super::presence::Presence;
 use crate::topic::Topic;
 
 /// `coxswain-link/<graph>/<topic>`, in front of every key.
@@ -50,8 +51,9 @@ impl Keys {
     }
 
     /// One presence.
-    pub(super) fn presence(&self, role: &str, version: &str, delivery: &str, id: &str) -> String {
-        format!("{}/{role}/{version}/{delivery}/{id}", self.base)
+    pub(super) fn presence(&self, presence: &Presence<'_>) -> String {
+        let Presence { role, version, message, delivery, id } = presence;
+        format!("{}/{role}/{version}/{message}/{delivery}/{id}", self.base)
     }
 }
 

@@ -46,6 +46,8 @@ impl Role {
 pub(super) struct Presence<'a> {
     pub(super) role: &'a str,
     pub(super) version: &'a str,
+    /// Name of the message that it writes or reads.
+    pub(super) message: &'a str,
     /// `newest-wins`, `lossless`, or, of a reader of which no room reports are to be expected, `unpaced`.
     pub(super) delivery: &'a str,
     pub(super) id: &'a str,
@@ -54,8 +56,9 @@ pub(super) struct Presence<'a> {
 impl<'a> Presence<'a> {
     pub(super) fn of(key: &'a str) -> Option<Self> {
         let mut parts = key.rsplit('/');
-        let (id, delivery, version, role) = (parts.next()?, parts.next()?, parts.next()?, parts.next()?);
-        [Role::Writer.name(), Role::Reader.name()].contains(&role).then_some(Self { role, version, delivery, id })
+        let (id, delivery, message) = (parts.next()?, parts.next()?, parts.next()?);
+        let (version, role) = (parts.next()?, parts.next()?);
+        [Role::Writer.name(), Role::Reader.name()].contains(&role).then_some(Self { role, version, message, delivery, id })
     }
 
     pub(super) fn is_reader(&self) -> bool {
@@ -97,8 +100,9 @@ impl Drop for Announced {
 
 /// Says that port `id` is there.
 pub(super) fn announce(network: &Network, topic: Topic, role: Role, id: &str) -> Result<Announced, OpenError> {
-    let delivery = delivery_name(network.quality(topic).delivery);
-    let key = Keys::of(network, topic).presence(role.name(), &VERSION.to_string(), delivery, id);
+    let (version, delivery) = (VERSION.to_string(), delivery_name(network.quality(topic).delivery));
+    let presence = Presence { role: role.name(), version: &version, message: topic.message(), delivery, id };
+    let key = Keys::of(network, topic).presence(&presence);
     let token = network.session.liveliness().declare_token(&key).wait().map_err(failed(topic))?;
     network.own.borrow_mut().insert(key.clone());
     Ok(Announced { key, own: Rc::clone(&network.own), _token: token })
@@ -140,12 +144,12 @@ fn look(network: &Network, topic: Topic, role: Role) -> Result<usize, OpenError>
     let mut count = 0;
     for key in list(network, topic)? {
         let Some(presence) = Presence::of(&key) else { continue };
-        if presence.version != VERSION.to_string() {
+        if presence.version != VERSION.to_string() || presence.message != topic.message() {
             return Err(OpenError::Incompatible {
                 topic,
                 message: topic.message().to_owned(),
                 version: VERSION.to_string(),
-                found_message: topic.message().to_owned(),
+                found_message: presence.message.to_owned(),
                 found_version: presence.version.to_owned(),
             });
         }
@@ -155,4 +159,30 @@ fn look(network: &Network, topic: Topic, role: Role) -> Result<usize, OpenError>
         count += usize::from(presence.role == role.name());
     }
     Ok(count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::port::{Carrier, Carriers, Links, Router};
+    use std::error::Error;
+
+    #[test]
+    fn a_program_of_another_version_or_message_is_refused_with_both_named_on_the_network() -> Result<(), Box<dyn Error>> {
+        let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
+        let carriers = Carriers::all(Carrier::Network);
+        let links = Links { carriers, connect: router.endpoints().to_vec(), ..Links::on_this_machine("t", "", false, 100) };
+        let (network, other) = (Network::open(&links)?, Network::open(&links)?);
+        let version = VERSION.to_string();
+        for (topic, said_version, said_message) in [(Topic::Command, "7001", "Command"), (Topic::Credit, version.as_str(), "Sonnet")] {
+            let theirs = Presence { role: "writer", version: said_version, message: said_message, delivery: "newest-wins", id: "other" };
+            let key = Keys::of(&other, topic).presence(&theirs);
+            let _token = other.session.liveliness().declare_token(key).wait().map_err(|error| error.to_string())?;
+            let refused = check(&network, topic, Role::Reader).map_err(|error| error.to_string());
+            let (name, message) = (topic.name(), topic.message());
+            let found = format!("topic {name} carries {said_message} in protocol version {said_version}");
+            assert_eq!(refused, Err(format!("{found}, this program wants {message} in version {version}")));
+        }
+        Ok(())
+    }
 }
