@@ -211,8 +211,8 @@ impl<'a> Plant<'a> {
 
     fn report(&mut self) {
         self.pulse.count_source(Topic::Command, self.commands.tally());
-        self.pulse.count_sent(Topic::State, self.states.sent());
-        self.pulse.count_sent(Topic::Truth, self.truths.sent());
+        self.pulse.count_sink(&self.states);
+        self.pulse.count_sink(&self.truths);
         self.pulse.beat();
     }
 }

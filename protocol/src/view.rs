@@ -145,6 +145,7 @@ recorded!(Health, "every process → launcher and watchers: how it is. Counters 
     "received": Shape::ByTopic, "messages received" => ByTopic(&health.received);
     "lost": Shape::ByTopic, "messages lost on the way to it" => ByTopic(&health.lost);
     "refused": Shape::ByTopic, "messages refused as malformed" => ByTopic(&health.refused);
+    "dropped": Shape::ByTopic, "messages sent that gave way to newer ones in its own queue to the network" => ByTopic(&health.dropped);
     "last_error": Shape::Text, "the last error, empty if all is well" => health.last_error();
 });
 

@@ -221,6 +221,7 @@ said_as_it_is! {
                 snapshots_refused: 1,
                 sent: [0, 1040, 1040, 0, 1040, 104, 0, 0],
                 received: [1041, 0, 0, 13, 0, 0, 0, 0],
+                dropped: [0, 2, 0, 0, 0, 0, 0, 0],
                 ..Health::zeroed()
             };
             health.set_last_error("snapshot 9 refused: α differs");

@@ -224,7 +224,7 @@ class Driver:
         self.next_health = now + 0.1
         stamp, none = self._stamp("health"), (0,) * 8
         sent, received = (self.sent["state"], *none[1:]), (0, self.heard, *none[2:])
-        counts = (sent, received, none, (0, self.gate.refused, *none[2:]))
+        counts = (sent, received, none, (0, self.gate.refused, *none[2:]), none)
         self.network.send_health(Health(stamp, 0, self.phase, os.getpid(), stamp.sequence, 0, 0, 0, 0, 0, 0, *counts, ""))
 
     def rest(self) -> None:

@@ -161,6 +161,7 @@ class Health:
     received: Annotated[tuple[int, ...], COUNTS]
     lost: Annotated[tuple[int, ...], COUNTS]
     refused: Annotated[tuple[int, ...], COUNTS]
+    dropped: Annotated[tuple[int, ...], COUNTS]
     error: Annotated[str, text(120)]
 
 

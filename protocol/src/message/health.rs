@@ -47,6 +47,8 @@ pub struct Health {
     pub lost: [u64; TOPIC_COUNT],
     /// Messages refused as malformed, by topic.
     pub refused: [u64; TOPIC_COUNT],
+    /// Messages sent that gave way to newer ones in its own queue to the network, by topic.
+    pub dropped: [u64; TOPIC_COUNT],
     /// The last error, UTF-8.
     pub error_text: [u8; ERROR_TEXT_MAX],
 }
@@ -107,6 +109,7 @@ struct Said<'a> {
     received: [u64; TOPIC_COUNT],
     lost: [u64; TOPIC_COUNT],
     refused: [u64; TOPIC_COUNT],
+    dropped: [u64; TOPIC_COUNT],
     error: &'a str,
 }
 
@@ -128,6 +131,7 @@ struct Heard {
     received: [u64; TOPIC_COUNT],
     lost: [u64; TOPIC_COUNT],
     refused: [u64; TOPIC_COUNT],
+    dropped: [u64; TOPIC_COUNT],
     error: ErrorText,
 }
 
@@ -176,6 +180,7 @@ impl Serialize for Health {
             received: self.received,
             lost: self.lost,
             refused: self.refused,
+            dropped: self.dropped,
             error: self.last_error(),
         };
         said.serialize(serializer)
@@ -201,6 +206,7 @@ impl<'de> Deserialize<'de> for Health {
             received: heard.received,
             lost: heard.lost,
             refused: heard.refused,
+            dropped: heard.dropped,
             error_len: heard.error.len,
             error_text: heard.error.bytes,
         })

@@ -24,6 +24,11 @@ pub(super) trait Outlet {
 
     /// Hands the history to readers that have joined since the last call.
     fn refresh(&mut self) -> Result<(), SendError>;
+
+    /// Messages so far that left this process for nobody: they gave way in a queue of the outlet's own.
+    fn dropped(&self) -> u64 {
+        0
+    }
 }
 
 /// Where the bytes for one reader arrive.

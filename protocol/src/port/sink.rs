@@ -82,6 +82,11 @@ pub struct RawSink {
     outlet: Box<dyn Outlet>,
 }
 
+    /// Messages that count as sent, and gave way to newer ones in the writer's own queue to the network.
+    pub fn dropped(&self) -> u64 {
+        self.outlet.dropped()
+    }
+
 impl RawSink {
     pub(super) fn new(outlet: Box<dyn Outlet>) -> Self {
         Self { outlet }

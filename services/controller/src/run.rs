@@ -279,9 +279,9 @@ impl<'a> Loop<'a> {
     fn report(&mut self) {
         let (states, handover) = (self.states.tally(), self.handover);
         self.pulse.count_source(Topic::State, states);
-        self.pulse.count_sent(Topic::Command, self.commands.sent());
-        self.pulse.count_sent(Topic::Residual, self.residuals.sent());
-        self.pulse.count_sent(Topic::Plan, self.plans.sent());
+        self.pulse.count_sink(&self.commands);
+        self.pulse.count_sink(&self.residuals);
+        self.pulse.count_sink(&self.plans);
         let version = self.controller.model_version();
         let health = self.pulse.health();
         health.model_version = version;

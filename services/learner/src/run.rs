@@ -339,7 +339,7 @@ impl<'a> Learner<'a> {
 
     fn report(&mut self) {
         self.pulse.count_source(Topic::Residual, self.samples.tally());
-        self.pulse.count_sent(Topic::Snapshot, self.snapshots.sent());
+        self.pulse.count_sink(&self.snapshots);
         let (version, sent) = (self.version, self.snapshots.sent());
         let health = self.pulse.health();
         health.model_version = version;

@@ -4,7 +4,7 @@ use bytemuck::Zeroable;
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Health, Participant, Phase};
 use protocol::port::{OpenError, Ports, Sink, Tally};
-use protocol::topic::Topic;
+use protocol::topic::{OnTopic, Topic};
 
 /// Heartbeats go out this far apart at least \[ns\].
 const INTERVAL_NANOS: u64 = 100_000_000;
@@ -59,6 +59,7 @@ impl Pulse {
     pub fn send_now(&mut self) {
         self.last_nanos = monotonic_nanos();
         self.health.sent[Topic::Health.index()] = self.sink.sent() - self.before + 1;
+        self.health.dropped[Topic::Health.index()] = self.sink.dropped();
         if self.sink.send(&mut self.health).is_err() {
             self.unsent += 1;
         }
@@ -70,9 +71,11 @@ impl Pulse {
         self.sink.set_epoch(epoch);
     }
 
-    /// Takes over how many messages were sent on `topic`.
-    pub fn count_sent(&mut self, topic: Topic, messages: u64) {
-        self.health.sent[topic.index()] = messages;
+    /// Takes over what a writer has counted.
+    pub fn count_sink<T: OnTopic>(&mut self, sink: &Sink<T>) {
+        let index = T::TOPIC.index();
+        self.health.sent[index] = sink.sent();
+        self.health.dropped[index] = sink.dropped();
     }
 
     /// Takes over what a reader of `topic` has counted.
@@ -92,7 +95,8 @@ impl Pulse {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::port::{Exchange, Identity, Since, Source};
+    use protocol::message::{Command, ModelSnapshot, SnapshotHead};
+    use protocol::port::{Carrier, Carriers, Exchange, Identity, Links, Router, Since, Source};
     use std::error::Error;
     use std::time::Duration;
 
@@ -132,7 +136,12 @@ mod tests {
     #[test]
     fn counters_land_at_their_topic() -> Result<(), Box<dyn Error>> {
         let (mut pulse, mut source) = pair()?;
-        pulse.count_sent(Topic::Command, 7);
+        let ports = Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(4));
+        let mut commands = ports.sink::<Command>()?;
+        for _ in 0..7 {
+            commands.send(&mut Command::zeroed())?;
+        }
+        pulse.count_sink(&commands);
         pulse.count_source(Topic::State, Tally { received: 9, lost: 2, refused: 1, stale: 0 });
         pulse.send_now();
         let health = source.next()?.ok_or("nothing was said")?;
@@ -140,6 +149,29 @@ mod tests {
         assert_eq!(health.sent[Topic::Health.index()], 1);
         let state = Topic::State.index();
         assert_eq!((health.received[state], health.lost[state], health.refused[state]), (9, 2, 1));
+        Ok(())
+    }
+
+    #[test]
+    fn what_gave_way_before_the_network_is_said() -> Result<(), Box<dyn Error>> {
+        let (mut pulse, mut source) = pair()?;
+        let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
+        let (carriers, connect) = (Carriers::all(Carrier::Network), router.endpoints().to_vec());
+        let links = Links { carriers, connect, ..Links::on_this_machine("pulse", "", false, 1000) };
+        let mut snapshots = Ports::open(&links, Identity::new(1))?.sink::<ModelSnapshot>()?;
+        let mut snapshot = ModelSnapshot::new(SnapshotHead { inputs: 6, ..SnapshotHead::zeroed() });
+        for _ in 0..1000 {
+            snapshot.push(&[0.0; 6], [0.0; 3], [0.0; 3])?;
+        }
+        // A queue for eight of a hundred kilobytes is full sooner than the network has taken one.
+        while snapshots.dropped() == 0 {
+            snapshots.send(&mut snapshot)?;
+        }
+        pulse.count_sink(&snapshots);
+        pulse.send_now();
+        let health = source.next()?.ok_or("nothing was said")?;
+        let index = Topic::Snapshot.index();
+        assert_eq!((health.sent[index], health.dropped[index]), (snapshots.sent(), snapshots.dropped()));
         Ok(())
     }
 }

@@ -1,6 +1,6 @@
 //! state → Credit: how far the plant's clock may run ahead of the record.
 
-use process::Pace;
+use process::{Pace, Pulse};
 use protocol::message::{Credit, Participant, Stamp};
 use protocol::port::{OpenError, Ports, SendError, Sink};
 
@@ -54,9 +54,11 @@ impl Grant {
         self.sink.as_mut().map_or(Ok(()), Sink::refresh)
     }
 
-    /// Credits sent.
-    pub(crate) fn sent(&self) -> u64 {
-        self.sink.as_ref().map_or(0, Sink::sent)
+    /// Says how many credits were sent.
+    pub(crate) fn count(&self, pulse: &mut Pulse) {
+        if let Some(sink) = &self.sink {
+            pulse.count_sink(sink);
+        }
     }
 }
 

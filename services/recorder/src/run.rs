@@ -9,7 +9,6 @@ use crate::summary::{Summary, SummaryError};
 use process::{Pulse, Stop};
 use protocol::message::{Participant, Phase};
 use protocol::port::{OpenError, Ports, ReceiveError, Since};
-use protocol::topic::Topic;
 use std::error::Error;
 use std::iter::successors;
 use std::time::{Duration, Instant};
@@ -120,7 +119,7 @@ impl<'a> Recorder<'a> {
                 tracing::warn!(%error, "late joiners have no credit");
             }
             self.intake.count(self.pulse);
-            self.pulse.count_sent(Topic::Credit, self.grant.sent());
+            self.grant.count(self.pulse);
             self.pulse.beat();
         }
         Ok(())

@@ -45,6 +45,10 @@ impl Outlet for FaultyOutlet {
         self.chain.release(Instant::now());
         self.flush().and(self.inner.refresh())
     }
+
+    fn dropped(&self) -> u64 {
+        self.inner.dropped()
+    }
 }
 
 /// An inlet whose messages meet faults after they have arrived.

@@ -32,6 +32,8 @@ pub(super) struct NetworkOutlet {
     patience: Duration,
     /// Messages sent so far.
     number: u64,
+    /// Those of them that gave way in the queue.
+    dropped: u64,
     departures: Arc<Departures>,
     sender: Thread,
     /// Ends when everything is sent.
@@ -106,7 +108,7 @@ impl NetworkOutlet {
         std::mem::forget(closing);
         let declared = Declared { _token: token, _join: join, _presence: presence, _room: room };
         let patience = network.patience;
-        Ok(Self { topic, quality, patience, number: 0, departures, sender, sent, _declared: declared, _session: session })
+        Ok(Self { topic, quality, patience, number: 0, dropped: 0, departures, sender, sent, _declared: declared, _session: session })
     }
 
     fn send_lossless(&self, mut parcel: Parcel) -> Result<(), SendError> {
@@ -142,6 +144,7 @@ impl Outlet for NetworkOutlet {
             return self.send_lossless(parcel);
         }
         if let Some(oldest) = self.departures.waiting.force_push(parcel) {
+            self.dropped += 1;
             self.departures.recycle(oldest);
         }
         self.sender.unpark();
@@ -151,6 +154,10 @@ impl Outlet for NetworkOutlet {
     /// The sender greets late joiners by itself.
     fn refresh(&mut self) -> Result<(), SendError> {
         Ok(())
+    }
+
+    fn dropped(&self) -> u64 {
+        self.dropped
     }
 }
 
@@ -289,5 +296,44 @@ impl Post {
         if let Ok(answers) = question.timeout(FLUSH_TIMEOUT).wait() {
             while answers.recv().is_ok() {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::port::{Carrier, Carriers, Links, Router};
+    use std::error::Error;
+    use std::sync::Mutex;
+    use std::sync::atomic::AtomicU64;
+
+    #[test]
+    fn what_gives_way_in_the_queue_is_counted_one_by_one() -> Result<(), Box<dyn Error>> {
+        const SENT: u64 = 1000;
+        let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
+        let (carriers, connect) = (Carriers::all(Carrier::Network), router.endpoints().to_vec());
+        let network = Network::open(&Links { carriers, connect, ..Links::on_this_machine("t", "", false, 100) })?;
+        let mut outlet = NetworkOutlet::open(&network, Topic::Credit, Reservation::Whole(8))?;
+        // A listener in the same session hears before `put` returns, so that as long as it waits, so does the sender.
+        let (gate, heard) = (Arc::new(Mutex::new(())), Arc::new(AtomicU64::new(0)));
+        let (shared_gate, shared_heard) = (Arc::clone(&gate), Arc::clone(&heard));
+        let listener = network.session.declare_subscriber(Keys::of(&network, Topic::Credit).data("*")).callback(move |_| {
+            drop(shared_gate.lock());
+            shared_heard.fetch_add(1, Ordering::Relaxed);
+        });
+        let listener = listener.wait().map_err(|error| error.to_string())?;
+        let closed = gate.lock();
+        for _ in 0..SENT {
+            outlet.send(8, &mut |bytes| bytes.fill(0))?;
+        }
+        drop(closed);
+        let dropped = outlet.dropped();
+        drop(outlet);
+        assert_eq!(heard.load(Ordering::Relaxed) + dropped, SENT);
+        let waited = SENT - dropped;
+        let depth = Topic::Credit.quality(false).depth as u64;
+        assert!((depth..=depth + 1).contains(&waited), "{waited}: what the queue holds, and one that was on its way");
+        drop(listener);
+        Ok(())
     }
 }
