@@ -60,6 +60,7 @@ class Network:
         config.insert_json5("connect/endpoints", json.dumps([endpoint]))
         config.insert_json5("scouting/multicast/enabled", "false")
         self.session = zenoh.open(config)
+        config.insert_json5("transport/shared_memory/enabled", "false")  # else a killed client leaves a file in /dev/shm
         self.graph, self.lock_step = f"coxswain-link/{graph}", lock_step
         self.writer = secrets.randbelow((1 << 64) - 1) + 1
         self.identity = f"{self.writer:016x}"

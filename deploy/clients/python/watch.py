@@ -7,6 +7,7 @@ config = zenoh.Config()
 config.insert_json5("mode", '"client"')
 config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
 config.insert_json5("scouting/multicast/enabled", "false")
+config.insert_json5("transport/shared_memory/enabled", "false")  # else a killed client leaves a file in /dev/shm
 robot = sys.argv[2] if len(sys.argv) > 2 else "*"
 with zenoh.open(config) as session, session.declare_subscriber(f"coxswain/{robot}/state/json") as states:
     for sample in states:
