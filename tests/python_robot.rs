@@ -1,6 +1,6 @@
 //! Promise: a robot that was written in another language, from `protocol/WIRE.md` alone, is driven and learned.
 
-use promises::{Launched, Outcome, graph_file, launch_command, python, repository, text_of, wait_until};
+use promises::{Launched, Outcome, graph_file, launch_command, python, repository, text_of};
 use std::error::Error;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -27,21 +27,8 @@ fn control_host(graph: &str, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
     Ok(file)
 }
 
-/// Where the router of the launch whose run is in `folder` listens.
-fn endpoint(folder: &Path) -> Result<String, Box<dyn Error>> {
-    let file = folder.join("settings/controller.toml");
-    let mut endpoint = None;
-    wait_until("the endpoint of the router", || {
-        let text = fs::read_to_string(&file).unwrap_or_default();
-        let told = text.lines().find_map(|line| line.strip_prefix("connect = [\"")?.strip_suffix("\"]"));
-        endpoint = told.map(str::to_owned);
-        endpoint.is_some()
-    })?;
-    endpoint.ok_or_else(|| "no endpoint".into())
-}
-
-#[test]
-fn a_robot_in_python_drives_a_circle_and_is_learned() -> Outcome {
+/// What `script` says of a circle of 15 s in lock step, driven by a real controller that a real learner helps.
+fn circle_of(script: &Path) -> Result<String, Box<dyn Error>> {
     let python = python()?;
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let graph = format!("robot-{}", std::process::id());
@@ -52,11 +39,19 @@ fn a_robot_in_python_drives_a_circle_and_is_learned() -> Outcome {
     let text = text_of(
         Command::new(python)
             .arg("-B")
-            .arg(clients().join("robot.py"))
-            .args(["--connect", &endpoint(&launched.folder())?, "--graph", &graph, "--pace", "lock-step", "--circle", "2", "1.5"])
+            .arg(script)
+            .args(["--connect", &launched.told("controller", "connect")?, "--graph", &graph, "--pace", "lock-step", "--circle", "2", "1.5"])
             .arg("--robot")
             .arg(repository().join("deploy/robots/mecanum.toml")),
     )?;
+    let (ended, _home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    Ok(text)
+}
+
+#[test]
+fn a_robot_in_python_drives_a_circle_and_is_learned_through_losses_too() -> Outcome {
+    let text = circle_of(&clients().join("robot.py"))?;
     let summary: serde_json::Value = serde_json::from_str(text.lines().last().ok_or("the robot said nothing")?)?;
     assert_eq!(text.lines().count(), 16, "a line for each of 15 s, and the summary: {text}");
     for error in ["final_error_m", "rmse_m"] {
@@ -64,8 +59,8 @@ fn a_robot_in_python_drives_a_circle_and_is_learned() -> Outcome {
     }
     assert!(summary["model_version"].as_u64().is_some_and(|version| version > 0), "{text}");
     assert_eq!((summary["refused"].as_u64(), summary["periods_on_rung"]["1"].as_u64()), (Some(0), Some(150)), "{text}");
-    let (ended, _home) = launched.end()?;
-    assert!(ended.status.success(), "{}", ended.text);
+    let lossy = circle_of(&repository().join("tests/python/lossy_robot.py"))?;
+    assert_eq!(lossy, text, "a state or command that was lost is said again, with the same bits");
     Ok(())
 }
 

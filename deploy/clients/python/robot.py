@@ -23,6 +23,7 @@ from wire import Command, Credit, Health, PlantState, Refused, Stamp, Vector, Wi
 
 READY, RUNNING, FINISHED = 1, 2, 4  # phases
 GRAIN_S = 0.005  # how often the wheels get a new command
+PATIENCE_S = 1.0  # how long a state may have no answer in lock step before it is said again
 
 
 class Base:
@@ -59,8 +60,8 @@ class Network:
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", json.dumps([endpoint]))
         config.insert_json5("scouting/multicast/enabled", "false")
-        self.session = zenoh.open(config)
         config.insert_json5("transport/shared_memory/enabled", "false")  # else a killed client leaves a file in /dev/shm
+        self.session = zenoh.open(config)
         self.graph, self.lock_step = f"coxswain-link/{graph}", lock_step
         self.writer = secrets.randbelow((1 << 64) - 1) + 1
         self.identity = f"{self.writer:016x}"
@@ -110,6 +111,14 @@ class Network:
     def send_state(self, state: PlantState) -> None:
         payload, number = Wire.encode(state), state.stamp.sequence.to_bytes(8, "little")
         self.last_state = payload, number
+        self.put_state(payload, number)
+
+    def repeat_state(self) -> None:
+        """The same bytes. Without a number, by which it would be taken for one that has been heard."""
+        if self.last_state:
+            self.put_state(self.last_state[0], None)
+
+    def put_state(self, payload: bytes, number: bytes | None) -> None:
         self.session.put(f"{self.graph}/state/data/{self.identity}", payload, attachment=number, **self.quality)
 
     def send_health(self, health: Health) -> None:
@@ -165,10 +174,13 @@ class Driver:
 
     def _answered_period(self, tick: int, start: float) -> list[float]:
         """Duty 12: waits for the answer, then lets one period pass. The mean command."""
-        answered = False
+        answered, said = False, time.monotonic()
         while not answered:
             command = self._serve(0.1, start)
             answered = command is not None and (command.plant_epoch, command.stamp.tick) == (self.epoch, tick)
+            if not answered and time.monotonic() - said >= PATIENCE_S:
+                self.network.repeat_state()
+                said = time.monotonic()
         total, grains = [0.0, 0.0, 0.0], max(round(self.period / GRAIN_S), 1)
         for grain in range(grains):
             self._move(total, start + grain * self.period / grains, self.period / grains)

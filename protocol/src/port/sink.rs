@@ -41,6 +41,22 @@ impl<T: OnTopic> Sink<T> {
         stamp.epoch = self.identity.epoch;
         stamp.sequence = self.sequence;
         stamp.sent_nanos = clock::monotonic_nanos();
+        let (checksum, sent) = self.transmit(message);
+        message.stamp_mut().checksum = checksum;
+        self.sent += u64::from(sent.is_ok());
+        sent
+    }
+
+    /// Says `message` again, as [`send`](Self::send) has left it: the same bytes. Readers that have had it take it for stale.
+    ///
+    /// # Errors
+    /// As for [`send`](Self::send).
+    pub fn repeat(&mut self, message: &T) -> Result<(), SendError> {
+        self.transmit(message).1
+    }
+
+    /// Hands a message to the carrier, whose checksum it gives.
+    fn transmit(&mut self, message: &T) -> (u32, Result<(), SendError>) {
         let mut checksum = 0;
         let sent = match self.outlet.encoding() {
             Encoding::Words => self.outlet.send(message.byte_len(), &mut |out| {
@@ -52,9 +68,7 @@ impl<T: OnTopic> Sink<T> {
                 self.outlet.send(self.encoded.len(), &mut |out| out.copy_from_slice(&self.encoded))
             }
         };
-        message.stamp_mut().checksum = checksum;
-        self.sent += u64::from(sent.is_ok());
-        sent
+        (checksum, sent)
     }
 
     /// Speaks in another epoch from now on. Its sequence numbers start at 1 again.
@@ -66,6 +80,11 @@ impl<T: OnTopic> Sink<T> {
     /// Messages that reached every reader, in all epochs.
     pub fn sent(&self) -> u64 {
         self.sent
+    }
+
+    /// Messages that count as sent, and gave way to newer ones in the writer's own queue to the network.
+    pub fn dropped(&self) -> u64 {
+        self.outlet.dropped()
     }
 
     /// Hands the history to late joiners while there is nothing new to send. Without it they get it with the next message.
@@ -81,11 +100,6 @@ impl<T: OnTopic> Sink<T> {
 pub struct RawSink {
     outlet: Box<dyn Outlet>,
 }
-
-    /// Messages that count as sent, and gave way to newer ones in the writer's own queue to the network.
-    pub fn dropped(&self) -> u64 {
-        self.outlet.dropped()
-    }
 
 impl RawSink {
     pub(super) fn new(outlet: Box<dyn Outlet>) -> Self {

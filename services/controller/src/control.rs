@@ -173,6 +173,11 @@ impl Controller {
         &mut self.command
     }
 
+    /// The answer that was given last.
+    pub fn last_answer(&self) -> &Command {
+        &self.command
+    }
+
     /// Gets ready for `tick`, with what is known now: called after the answer before it has gone, or for a first state from `state`.
     fn prepare(&mut self, tick: u64, state: &State) {
         self.knowledge.look(tick);
@@ -316,7 +321,7 @@ fn planned<'a>(points: &'a [ReferencePoint], knowledge: &Knowledge) -> &'a [Refe
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::mpc::tests::settings;
     use crate::reference::{Heading, PathSettings, ReferenceSettings};
@@ -332,7 +337,7 @@ mod tests {
         Controller::new(&told())
     }
 
-    fn told() -> Settings {
+    pub(crate) fn told() -> Settings {
         let links = Links::on_this_machine("test", "/tmp", true, 0);
         Settings {
             run: Run {

@@ -21,6 +21,9 @@ const REHEARSAL_TICKS: u64 = 4;
 /// and at least so long, since sleeping is exact to a millisecond \[ns\].
 const REHEARSAL_LEAST: u64 = 2_000_000;
 
+/// In lock step: a state that comes again so long after its answer has had none. Sooner it is an echo on the link \[ns\].
+const UNANSWERED_NANOS: u64 = 500_000_000;
+
 /// Why the controller ended before it was told to.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
@@ -87,6 +90,10 @@ struct Loop<'a> {
     epoch: Option<u64>,
     /// (plant epoch, tick) answered last.
     answered: Option<(u64, u64)>,
+    /// When that was, on the monotonic clock \[ns\].
+    answered_at: u64,
+    /// States that had come again by then or since.
+    repeated: u64,
     /// When the next answer is to be rehearsed, on the monotonic clock \[ns\].
     rehearse_at: Option<u64>,
     /// Held from the rehearsal to the answer.
@@ -107,6 +114,8 @@ impl<'a> Loop<'a> {
             pulse: Pulse::new(ports, Participant::Controller)?,
             epoch: None,
             answered: None,
+            answered_at: 0,
+            repeated: 0,
             rehearse_at: None,
             seat: Seat::new(),
         })
@@ -130,6 +139,8 @@ impl<'a> Loop<'a> {
                 self.seat.hold();
                 self.controller.rehearse();
                 self.rehearse_at = None;
+            } else if self.settings.run.pace == Pace::LockStep {
+                self.answer_again()?;
             }
             self.report();
         }
@@ -162,6 +173,16 @@ impl<'a> Loop<'a> {
         }
         self.controller.prepare_next();
         self.rehearse_at = self.time_to_rehearse(begin, nanos);
+        Ok(())
+    }
+
+    /// A plant that says its last state again waits for an answer that was lost: it gets the same bytes. Whoever had them takes them for stale.
+    fn answer_again(&mut self) -> Result<(), RunError> {
+        let repeated = std::mem::replace(&mut self.repeated, self.states.tally().stale);
+        let waits = self.repeated > repeated && monotonic_nanos() >= self.answered_at + UNANSWERED_NANOS;
+        if waits && self.answered.is_some() {
+            self.commands.repeat(self.controller.last_answer())?;
+        }
         Ok(())
     }
 
@@ -219,6 +240,7 @@ impl<'a> Loop<'a> {
             _ => 0,
         };
         self.answered = Some((plant_epoch, tick));
+        self.answered_at = monotonic_nanos();
         let late = self.settings.run.pace == Pace::RealTime && nanos > self.settings.run.period_nanos;
         if late || skipped > 0 {
             self.handover.note(Event::Late { tick, nanos });
@@ -354,5 +376,62 @@ fn write_events(handover: &Handover) {
     let dropped = handover.events_dropped.swap(0, Ordering::Relaxed);
     if dropped > 0 {
         tracing::warn!(dropped, "events did not fit the ring");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::tests::told;
+    use bytemuck::Zeroable;
+    use protocol::port::Exchange;
+    use std::error::Error;
+    use std::time::Instant;
+
+    /// Far longer than an answer takes.
+    const GIVES_UP_AFTER: Duration = Duration::from_mins(1);
+
+    fn heard(commands: &mut Source<Command>) -> Result<Command, Box<dyn Error>> {
+        let begin = Instant::now();
+        while begin.elapsed() < GIVES_UP_AFTER {
+            commands.wait(PATIENCE)?;
+            if let Some(command) = commands.next()? {
+                return Ok(command);
+            }
+        }
+        Err("no command comes".into())
+    }
+
+    #[test]
+    fn in_lock_step_a_state_that_is_said_again_because_its_answer_was_lost_gets_the_same_bytes() -> Result<(), Box<dyn Error>> {
+        let (exchange, stop) = (Exchange::new(true, Duration::from_secs(1)), Stop::new());
+        let ports = Ports::in_memory(&exchange, Identity::new(7));
+        let (mut first, mut states) = (ports.source::<Command>(Since::First)?, ports.sink::<PlantState>()?);
+        thread::scope(|scope| {
+            let controller = scope.spawn(|| {
+                let connect = |identity| Ok(Ports::in_memory(&exchange, identity));
+                run(&told(), connect, &stop).map_err(|error| error.to_string())
+            });
+            let mut talk = || -> Result<(), Box<dyn Error>> {
+                let mut state = PlantState::zeroed();
+                states.send(&mut state)?;
+                let answer = heard(&mut first)?;
+                // Who was not there has lost it.
+                let mut second = ports.source::<Command>(Since::First)?;
+                while !second.wait(PATIENCE)? {
+                    states.repeat(&state)?;
+                }
+                assert_eq!(heard(&mut second)?, answer);
+                assert_eq!((first.next()?, first.tally().lost), (None, 0), "who has heard it does not notice");
+                state.stamp.tick = 1;
+                states.send(&mut state)?;
+                assert_eq!((heard(&mut second)?.stamp.tick, heard(&mut first)?.stamp.tick), (1, 1), "the clock goes on");
+                Ok(())
+            };
+            let talked = talk();
+            stop.request();
+            controller.join().map_err(|_| "the controller has panicked")??;
+            talked
+        })
     }
 }
