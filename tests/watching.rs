@@ -1,11 +1,12 @@
 //! Promise: anyone can watch, through losses and returns, and nobody who watches costs the robot anything.
 
-use promises::{Launched, Outcome, Reader, Record, binaries, signal, wait_until};
+use promises::{Launched, Outcome, Reader, Record, binaries, python, repository, signal, wait_until};
 use rustix::process::Signal;
+use std::error::Error;
 use std::process::{Command, Stdio};
 
 /// `coxswain watch ARGUMENTS… --plain`, which looks for graphs in the home of `launched`.
-fn watch(launched: &Launched, arguments: &[&str]) -> Result<Reader, Box<dyn std::error::Error>> {
+fn watch(launched: &Launched, arguments: &[&str]) -> Result<Reader, Box<dyn Error>> {
     let mut command = Command::new(binaries()?.join("coxswain"));
     command.arg("watch").args(arguments).arg("--plain").env("TMPDIR", launched.home());
     Reader::start(&mut command)
@@ -63,21 +64,61 @@ fn a_robot_that_goes_and_comes_back_is_told_once_each() -> Outcome {
     Ok(())
 }
 
+/// What happens beside a run.
+#[derive(Debug, Clone, Copy)]
+enum Beside {
+    Nothing,
+    Watcher,
+    StoppedWatcher,
+    KilledWatcher,
+    StoppedGateway,
+    Stranger,
+}
+
+/// Everything that a run in lock step commands while this happens beside it.
+fn commands_beside(beside: Beside) -> Result<Vec<String>, Box<dyn Error>> {
+    let launched = Launched::new(&["--pace", "lock-step", "--duration", "100"])?;
+    let mut watcher = None;
+    if !matches!(beside, Beside::Nothing) {
+        launched.gateway_endpoint()?;
+        let watcher = watcher.insert(match beside {
+            Beside::Stranger => stranger(&launched)?,
+            _ => watch(&launched, &[])?,
+        });
+        // It is at work, and the run is not over.
+        watcher.lines(3)?;
+        match beside {
+            Beside::StoppedWatcher => signal(watcher.pid(), Signal::STOP)?,
+            Beside::KilledWatcher => signal(watcher.pid(), Signal::KILL)?,
+            Beside::StoppedGateway => signal(launched.process("gateway", None)?, Signal::STOP)?,
+            Beside::Nothing | Beside::Watcher | Beside::Stranger => {}
+        }
+    }
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{beside:?}: {}", ended.text);
+    if let (Beside::Stranger, Some(stranger)) = (beside, watcher) {
+        assert!(!stranger.errors().contains("is heard"), "{}", stranger.errors());
+    }
+    Ok(commands(&Record::read(&home.path().join("run"))?))
+}
+
+/// Says on every key of the gateway what a process of the graph could say there.
+fn stranger(launched: &Launched) -> Result<Reader, Box<dyn Error>> {
+    let mut command = Command::new(python()?);
+    command.arg("-B").arg(repository().join("tests/python/stranger.py"));
+    Reader::start(command.arg(launched.gateway_endpoint()?).arg(repository().join("protocol/vectors")))
+}
+
 #[test]
-fn in_lock_step_neither_a_stopped_gateway_nor_a_stopped_watcher_holds_anybody_up_or_changes_a_bit() -> Outcome {
-    let options = ["--pace", "lock-step", "--duration", "25"];
-    let (ended, home) = Launched::new(&options)?.end()?;
-    assert!(ended.status.success(), "{}", ended.text);
-    let unwatched = commands(&Record::read(&home.path().join("run"))?);
-    for stop_gateway in [false, true] {
-        let launched = Launched::new(&options)?;
-        launched.wait_for_log("gateway", "watchers are welcome", 1)?;
-        let gateway = launched.process("gateway", None)?;
-        let watcher = watch(&launched, &[])?;
-        signal(if stop_gateway { gateway } else { watcher.pid() }, Signal::STOP)?;
-        let (ended, home) = launched.end()?;
-        assert!(ended.status.success(), "{}", ended.text);
-        assert_eq!(commands(&Record::read(&home.path().join("run"))?), unwatched);
+fn in_lock_step_no_watcher_no_stranger_and_no_stopped_gateway_holds_anybody_up_or_changes_a_bit() -> Outcome {
+    let unwatched = commands_beside(Beside::Nothing)?;
+    assert_eq!(unwatched.len(), 1001);
+    for beside in [Beside::Watcher, Beside::StoppedWatcher, Beside::KilledWatcher, Beside::StoppedGateway, Beside::Stranger] {
+        let watched = commands_beside(beside)?;
+        for (ours, theirs) in unwatched.iter().zip(&watched) {
+            assert_eq!(ours, theirs, "{beside:?}");
+        }
+        assert_eq!(watched.len(), unwatched.len(), "{beside:?}");
     }
     Ok(())
 }
