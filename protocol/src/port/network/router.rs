@@ -1,18 +1,54 @@
 //! Where the processes of a graph meet on the network.
+//!
+//! Routers join each other, and zenoh 1.10 takes a lost link up again by itself, at once. But it works its routes out 100 ms after a change
+//! of neighbours: one that goes and comes back in between, or is replaced by another, counts as one that was never away, and is not told what
+//! there is to hear. So a router that has lost one that it had joined leaves for long enough to be forgotten, and comes back as a new one.
 
 use super::config;
 use crate::port::OpenError;
+use std::collections::BTreeSet;
 use std::net::TcpListener;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Subscriber;
+use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait};
 
 /// A free port that somebody else takes first is drawn again so often.
 const DRAWS: u32 = 20;
 
+/// How long a router stays away that has lost one that it had joined.
+const AWAY: Duration = Duration::from_millis(500);
+
+/// How often a router looks which others it is joined to.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// In front of the key of each router's token; behind it comes the router's zenoh id.
+const PRESENCE: &str = "coxswain-router";
+
 /// A router: the processes of one launch connect to it, and routers of other launches join. It ends when it is dropped.
 pub struct Router {
-    /// Held until the end.
-    _session: Session,
     endpoints: Vec<String>,
+    signs: Sender<Sign>,
+    /// Holds the router until it is told to end.
+    keeper: Option<JoinHandle<()>>,
+}
+
+/// What the keeper of a router is told.
+enum Sign {
+    /// The router of this zenoh id is not to be seen any more.
+    Gone(String),
+    /// It shall end.
+    End,
+}
+
+/// One life of a router.
+struct Life {
+    _seen: Option<Subscriber<()>>,
+    _token: LivelinessToken,
+    session: Session,
 }
 
 impl Router {
@@ -24,15 +60,20 @@ impl Router {
     /// [`OpenError::Router`] if it cannot listen, or an endpoint is not one.
     pub fn open(listen: &[String], connect: &[String]) -> Result<Self, OpenError> {
         let draws = listen.iter().any(|endpoint| endpoint.ends_with(":0"));
+        let (signs, told) = channel();
         let mut attempt = 1;
         loop {
             let endpoints = listen.iter().map(|endpoint| with_port(endpoint)).collect::<Result<Vec<_>, _>>()?;
-            let failed = |error: zenoh::Error| OpenError::Router { endpoints: endpoints.join(", "), reason: error.to_string() };
-            let config = config::router(&endpoints, connect).map_err(failed)?;
-            match zenoh::open(config).wait() {
-                Ok(session) => return Ok(Self { _session: session, endpoints }),
+            let failed = |reason: String| OpenError::Router { endpoints: endpoints.join(", "), reason };
+            match Life::begin(&endpoints, connect, &signs) {
+                Ok(life) => {
+                    let keeper = Keeper { listen: endpoints.clone(), connect: connect.to_vec(), signs: signs.clone(), told };
+                    let keeper = thread::Builder::new().name("router".to_owned()).spawn(move || keeper.keep(life));
+                    let keeper = Some(keeper.map_err(|error| failed(format!("no thread: {error}")))?);
+                    return Ok(Self { endpoints, signs, keeper });
+                }
                 Err(_) if draws && attempt < DRAWS => attempt += 1,
-                Err(error) => return Err(failed(error)),
+                Err(error) => return Err(failed(error.to_string())),
             }
         }
     }
@@ -40,6 +81,87 @@ impl Router {
     /// Where it listens, with the ports that were drawn.
     pub fn endpoints(&self) -> &[String] {
         &self.endpoints
+    }
+}
+
+impl Drop for Router {
+    fn drop(&mut self) {
+        // If nobody hears it, it has ended.
+        let _ = self.signs.send(Sign::End);
+        if let Some(keeper) = self.keeper.take() {
+            let _ = keeper.join();
+        }
+    }
+}
+
+impl Life {
+    /// Who joins others is told when one of them is not to be seen any more.
+    fn begin(listen: &[String], connect: &[String], signs: &Sender<Sign>) -> Result<Self, zenoh::Error> {
+        let session = zenoh::open(config::router(listen, connect)?).wait()?;
+        let token = session.liveliness().declare_token(format!("{PRESENCE}/{}", session.zid())).wait()?;
+        let signs = signs.clone();
+        let tell = move |sample: zenoh::sample::Sample| {
+            if sample.kind() == SampleKind::Delete {
+                let _ = signs.send(Sign::Gone(super::keys::last(sample.key_expr().as_str()).to_owned()));
+            }
+        };
+        let seen = (!connect.is_empty())
+            .then(|| session.liveliness().declare_subscriber(format!("{PRESENCE}/*")).history(true).callback(tell).wait())
+            .transpose()?;
+        Ok(Self { _seen: seen, _token: token, session })
+    }
+
+    /// The zenoh ids of the routers that it is joined to.
+    fn neighbours(&self) -> BTreeSet<String> {
+        self.session.info().routers_zid().wait().map(|id| id.to_string()).collect()
+    }
+}
+
+/// Looks after a router on a thread of its own.
+struct Keeper {
+    listen: Vec<String>,
+    connect: Vec<String>,
+    signs: Sender<Sign>,
+    told: Receiver<Sign>,
+}
+
+impl Keeper {
+    fn keep(self, mut life: Life) {
+        let mut neighbours = BTreeSet::new();
+        loop {
+            let lost = match self.told.recv_timeout(LOOK) {
+                Ok(Sign::Gone(id)) => neighbours.is_empty() || neighbours.contains(&id),
+                Ok(Sign::End) | Err(RecvTimeoutError::Disconnected) => return,
+                Err(RecvTimeoutError::Timeout) => {
+                    let before = std::mem::replace(&mut neighbours, life.neighbours());
+                    !before.is_subset(&neighbours)
+                }
+            };
+            if lost && !self.connect.is_empty() {
+                tracing::info!("another launch's router is gone; joining it anew");
+                drop(life);
+                let Some(next) = self.begin_anew() else { return };
+                life = next;
+                neighbours.clear();
+            }
+        }
+    }
+
+    /// The next life, after a while; none if it shall end.
+    fn begin_anew(&self) -> Option<Life> {
+        loop {
+            let begin = Instant::now();
+            while let Some(left) = AWAY.checked_sub(begin.elapsed()) {
+                match self.told.recv_timeout(left) {
+                    Ok(Sign::Gone(_)) | Err(RecvTimeoutError::Timeout) => {}
+                    Ok(Sign::End) | Err(RecvTimeoutError::Disconnected) => return None,
+                }
+            }
+            match Life::begin(&self.listen, &self.connect, &self.signs) {
+                Ok(life) => return Some(life),
+                Err(error) => tracing::warn!(%error, "the router cannot listen again yet"),
+            }
+        }
     }
 }
 

@@ -1,0 +1,210 @@
+//! Clients of a router that goes and comes back, and routers that are joined, find each other again whatever the moment.
+
+use bytemuck::Zeroable;
+use protocol::message::Credit;
+use protocol::port::{Carrier, Carriers, Identity, Links, Ports, Router, Since, Sink, Source};
+use std::error::Error;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
+use std::slice;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+type Outcome = Result<(), Box<dyn Error>>;
+
+/// Far longer than the way back takes on any test machine.
+const GIVES_UP_AFTER: Duration = Duration::from_mins(1);
+const SOON: Duration = Duration::from_millis(20);
+
+/// Routers that follow each other.
+const REPLACEMENTS: u32 = 10;
+/// Longest time without a router \[ms\]: longer and shorter than zenoh takes to work out new routes.
+const GAP_MILLIS_MAX: u64 = 300;
+
+fn any_port() -> [String; 1] {
+    ["tcp/127.0.0.1:0".to_owned()]
+}
+
+fn first(router: &Router) -> Result<&String, Box<dyn Error>> {
+    Ok(router.endpoints().first().ok_or("it listens nowhere")?)
+}
+
+fn ports(endpoint: &str) -> Result<Ports, Box<dyn Error>> {
+    let (carriers, connect) = (Carriers::all(Carrier::Network), vec![endpoint.to_owned()]);
+    Ok(Ports::open(&Links { carriers, connect, ..Links::on_this_machine("t", "", false, 1000) }, Identity::new(1))?)
+}
+
+/// Two clients, one of which talks to the other.
+struct Pair {
+    sink: Sink<Credit>,
+    source: Source<Credit>,
+    said: u64,
+}
+
+impl Pair {
+    fn new(writer: &str, reader: &str) -> Result<Self, Box<dyn Error>> {
+        let source = ports(reader)?.source(Since::Joining)?;
+        let mut pair = Self { sink: ports(writer)?.sink()?, source, said: 0 };
+        pair.talks()?;
+        Ok(pair)
+    }
+
+    /// Talks until something that is said from now on is heard.
+    fn talks(&mut self) -> Outcome {
+        let (begin, before) = (Instant::now(), self.said);
+        while begin.elapsed() < GIVES_UP_AFTER {
+            self.said += 1;
+            self.sink.send(&mut Credit { through_tick: self.said, ..Credit::zeroed() })?;
+            self.source.wait(SOON)?;
+            if self.source.latest()?.is_some_and(|credit| credit.through_tick > before) {
+                return Ok(());
+            }
+        }
+        Err("nothing that is said is heard any more".into())
+    }
+}
+
+/// Seeded, evenly spread times.
+struct Times(u64);
+
+impl Times {
+    fn below(&mut self, millis: u64) -> Duration {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        Duration::from_millis((self.0 >> 33) % millis)
+    }
+}
+
+/// Replaces `router` again and again. Of so many one is given time to be found.
+fn replace(mut router: Router, pair: &mut Pair, found: u32) -> Outcome {
+    let (endpoints, mut times) = (router.endpoints().to_vec(), Times(7));
+    for round in 0..REPLACEMENTS {
+        drop(router);
+        thread::sleep(times.below(GAP_MILLIS_MAX));
+        router = Router::open(&endpoints, &[])?;
+        if round % found == 0 {
+            pair.talks().map_err(|error| format!("router {round}: {error}"))?;
+        } else {
+            thread::sleep(times.below(GAP_MILLIS_MAX));
+        }
+    }
+    pair.talks()
+}
+
+#[test]
+fn clients_talk_again_after_each_of_many_replacements_of_their_router() -> Outcome {
+    let router = Router::open(&any_port(), &[])?;
+    let mut pair = Pair::new(first(&router)?, first(&router)?)?;
+    replace(router, &mut pair, 2)
+}
+
+#[test]
+fn clients_of_joined_routers_talk_again_after_each_of_many_replacements_of_one() -> Outcome {
+    let near = Router::open(&any_port(), &[])?;
+    let far = Router::open(&any_port(), near.endpoints())?;
+    let mut pair = Pair::new(first(&near)?, first(&far)?)?;
+    replace(near, &mut pair, 1)
+}
+
+#[test]
+fn a_client_whose_router_hangs_up_on_it_as_it_connects_talks_again() -> Outcome {
+    let router = Router::open(&any_port(), &[])?;
+    let relay = Relay::before(first(&router)?)?;
+    let mut pair = Pair::new(first(&router)?, &relay.endpoint)?;
+    relay.interrupt(&mut pair, [0, 1, 5, 20])
+}
+
+#[test]
+fn clients_of_joined_routers_talk_again_after_cuts_however_short() -> Outcome {
+    let near = Router::open(&any_port(), &[])?;
+    let relay = Relay::before(first(&near)?)?;
+    let far = Router::open(&any_port(), slice::from_ref(&relay.endpoint))?;
+    let mut pair = Pair::new(first(&near)?, first(&far)?)?;
+    relay.interrupt(&mut pair, [0; 4])
+}
+
+/// A relay before a router. It can hang up.
+struct Relay {
+    endpoint: String,
+    shared: Arc<Shared>,
+}
+
+#[derive(Default)]
+struct Shared {
+    /// Connections that are still to be hung up on as soon as the router has accepted them.
+    hang_ups: AtomicU32,
+    /// Connections that were made before it was raised are cut.
+    cuts: AtomicU32,
+    closed: AtomicBool,
+}
+
+/// What a router says until it has accepted a connection.
+const HANDSHAKE: u32 = 2;
+
+impl Relay {
+    fn before(router: &str) -> Result<Self, Box<dyn Error>> {
+        let listener = TcpListener::bind("127.0.0.1:0")?;
+        let endpoint = format!("tcp/{}", listener.local_addr()?);
+        let router = router.strip_prefix("tcp/").ok_or("no tcp")?.to_owned();
+        let shared = Arc::new(Shared::default());
+        let relay = Self { endpoint, shared: Arc::clone(&shared) };
+        thread::spawn(move || {
+            for near in listener.incoming().map_while(Result::ok) {
+                if shared.closed.load(Ordering::Relaxed) {
+                    return;
+                }
+                let Ok(far) = TcpStream::connect(&router) else { continue };
+                let hangs_up = shared.hang_ups.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).is_ok();
+                let heard = if hangs_up { HANDSHAKE } else { u32::MAX };
+                let cuts = shared.cuts.load(Ordering::Relaxed);
+                for (from, to, most) in [(near.try_clone(), far.try_clone(), u32::MAX), (Ok(far), Ok(near), heard)] {
+                    if let (Ok(from), Ok(to)) = (from, to) {
+                        let shared = Arc::clone(&shared);
+                        thread::spawn(move || carry(from, to, most, || shared.cuts.load(Ordering::Relaxed) > cuts));
+                    }
+                }
+            }
+        });
+        Ok(relay)
+    }
+
+    /// Cuts the connection again and again, and each time hangs up on so many of those that follow at once.
+    fn interrupt(&self, pair: &mut Pair, hang_ups: [u32; 4]) -> Outcome {
+        for hang_ups in hang_ups {
+            self.shared.hang_ups.store(hang_ups, Ordering::Relaxed);
+            self.shared.cuts.fetch_add(1, Ordering::Relaxed);
+            // Until the cut is felt.
+            thread::sleep(SOON);
+            pair.talks().map_err(|error| format!("{hang_ups} hang-ups: {error}"))?;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Relay {
+    fn drop(&mut self) {
+        self.shared.closed.store(true, Ordering::Relaxed);
+        self.shared.cuts.fetch_add(1, Ordering::Relaxed);
+        // Wakes its thread.
+        let _ = self.endpoint.strip_prefix("tcp/").map(TcpStream::connect);
+    }
+}
+
+/// Carries `most` pieces until it is cut.
+fn carry(mut from: TcpStream, mut to: TcpStream, most: u32, is_cut: impl Fn() -> bool) {
+    let mut bytes = vec![0; 64 * 1024];
+    let _ = from.set_read_timeout(Some(SOON / 10));
+    let _ = to.set_nodelay(true);
+    let mut carried = 0;
+    while carried < most && !is_cut() {
+        match from.read(&mut bytes) {
+            Ok(0) => break,
+            Ok(count) if bytes.get(..count).is_some_and(|bytes| to.write_all(bytes).is_ok()) => carried += 1,
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+            Ok(_) | Err(_) => break,
+        }
+    }
+    let _ = to.shutdown(Shutdown::Both);
+    let _ = from.shutdown(Shutdown::Both);
+}
