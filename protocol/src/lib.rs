@@ -17,6 +17,7 @@ pub mod clock;
 pub mod frame;
 pub mod message;
 pub mod port;
+mod reason;
 pub mod telemetry;
 pub mod topic;
 pub mod view;

@@ -18,6 +18,7 @@ pub use router::Router;
 use super::carrier::{Inlet, Outlet};
 use super::watched::Audience;
 use super::{Links, OpenError, Reservation};
+use crate::reason::first_line;
 use crate::topic::{Quality, Topic};
 use inlet::NetworkInlet;
 use outlet::NetworkOutlet;
@@ -46,9 +47,10 @@ impl Network {
         if links.connect.is_empty() {
             return Err(failed("a topic runs over the network, and `connect` names no endpoint of a router".to_owned()));
         }
-        let config = config::client(&links.connect).map_err(|error| failed(error.to_string()))?;
+        let config = config::client(&links.connect).map_err(|error| failed(first_line(&error)))?;
         let session = zenoh::open(config).wait();
-        let session = session.map_err(|error| failed(format!("no router answers at {}: {error}", links.connect.join(", "))))?;
+        let session =
+            session.map_err(|error| failed(format!("no router answers at {}: {}", links.connect.join(", "), first_line(&error))))?;
         Ok(Self {
             session,
             graph: links.network_graph().to_owned(),
@@ -76,7 +78,7 @@ impl Network {
 
 /// The carrier's error, about one topic.
 fn failed(topic: Topic) -> impl Fn(zenoh::Error) -> OpenError {
-    move |error| OpenError::Carrier { topic, reason: error.to_string() }
+    move |error| OpenError::Carrier { topic, reason: first_line(&error) }
 }
 
 /// The error of a thread that the system does not give.

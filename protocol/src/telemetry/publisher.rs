@@ -1,7 +1,8 @@
 //! The gateway's end: one pair of keys per topic.
 
-use super::session::{first_line, listen};
+use super::session::listen;
 use super::{TelemetryError, TelemetrySettings, encoded};
+use crate::reason::first_line;
 use crate::topic::{OnTopic, TOPIC_COUNT, Topic};
 use crate::view::{View, Viewable};
 use zenoh::bytes::Encoding;

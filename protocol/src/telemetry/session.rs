@@ -1,6 +1,7 @@
 //! zenoh sessions for telemetry: explicit endpoints, no discovery, bounded times.
 
 use super::TelemetryError;
+use crate::reason::first_line;
 use serde_json::json;
 use std::net::TcpListener;
 use zenoh::config::EndPoint;
@@ -115,11 +116,4 @@ fn with_port(endpoint: &str) -> Result<String, TelemetryError> {
     let listener = TcpListener::bind(format!("{address}:0")).map_err(failed)?;
     let port = listener.local_addr().map_err(failed)?.port();
     Ok(format!("tcp/{address}:{port}"))
-}
-
-/// zenoh says where in its sources an error came from, which is of no use to a person.
-pub(super) fn first_line(error: &zenoh::Error) -> String {
-    let text = error.to_string();
-    let text = text.lines().next().unwrap_or_default();
-    text.split(" at /").next().unwrap_or(text).trim().to_owned()
 }

@@ -1,9 +1,10 @@
 //! A watcher's end.
 
-use super::session::{connect, first_line};
+use super::session::connect;
 use super::{TelemetryError, check_robot, decoded};
 use crate::frame::DecodeError;
 use crate::message::{Health, Plan, PlantState};
+use crate::reason::first_line;
 use crate::topic::Topic;
 use std::time::{Duration, Instant};
 use zenoh::handlers::{RingChannel, RingChannelHandler};

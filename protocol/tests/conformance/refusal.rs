@@ -37,7 +37,7 @@ fn a_network_without_a_router_is_refused_with_its_endpoint_named() -> Outcome {
     let mut links = Net::new(false)?.links.clone();
     let refused = Ports::open(&links, Identity::new(1)).map(drop).map_err(|error| error.to_string());
     let endpoint = links.connect.first().cloned().unwrap_or_default();
-    assert!(matches!(&refused, Err(said) if said.contains(&endpoint)), "{refused:?}");
+    assert!(matches!(&refused, Err(said) if said.contains(&endpoint) && !said.contains(".rs")), "{refused:?}");
     links.connect.clear();
     let refused = Ports::open(&links, Identity::new(1)).map(drop).map_err(|error| error.to_string());
     assert!(matches!(&refused, Err(said) if said.contains("connect")), "{refused:?}");

@@ -6,6 +6,7 @@
 
 use super::config;
 use crate::port::OpenError;
+use crate::reason::first_line;
 use std::collections::BTreeSet;
 use std::net::TcpListener;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -73,7 +74,7 @@ impl Router {
                     return Ok(Self { endpoints, signs, keeper });
                 }
                 Err(_) if draws && attempt < DRAWS => attempt += 1,
-                Err(error) => return Err(failed(error.to_string())),
+                Err(error) => return Err(failed(first_line(&error))),
             }
         }
     }
