@@ -215,7 +215,7 @@ class Wire:
                 assert json.loads(json.dumps(asdict(message))) == vector["fields"], f"{name}: decoded otherwise"
                 assert cls.encode(message) == data, f"{name}: encoded otherwise"
                 other = bytes([data[8] ^ 1])
-                for spoiled in (data[:-1], data + b"\0", data[:8] + other + data[9:], b"\2" + data[1:], data[:2] + b"\3" + data[3:]):
+                for spoiled in (data[:-1], data + b"\0", data[:8] + other + data[9:], bytes([data[0] ^ 1]) + data[1:], data[:2] + b"\3" + data[3:]):
                     try:
                         cls.decode(kind, spoiled)
                     except Refused:
