@@ -13,7 +13,8 @@ const LONG: Duration = Duration::from_mins(1);
 
 fn fault(at: End, kind: Kind) -> Fault {
     let (participant, from_tick, until_tick, probability) = (None, 5, Some(10), 1.0);
-    Fault { topic: Topic::Command, at, participant, kind, from_tick, until_tick, probability, millis: None, messages: None, field: None }
+    let (millis, messages, field, amount) = (None, None, None, None);
+    Fault { topic: Topic::Command, at, participant, kind, from_tick, until_tick, probability, millis, messages, field, amount }
 }
 
 fn faults(fault: Vec<Fault>) -> Faults {
@@ -164,6 +165,28 @@ fn a_number_of_the_field_that_was_named_is_not_a_number() -> Outcome {
 }
 
 #[test]
+fn a_flipped_field_has_the_other_sign_and_an_outlier_is_off_by_no_more_than_was_asked_for() -> Outcome {
+    for at in BOTH {
+        let field = Some("input".to_owned());
+        let (received, tally, injected) = run(Fault { field: field.clone(), ..fault(at, Kind::Flip) })?;
+        for command in &received {
+            let (tick, sign) = (command.stamp.tick, if (5..10).contains(&command.stamp.tick) { -1.0 } else { 1.0 });
+            assert_eq!(command.input, [tick as f64, 0.5, -0.25].map(|value| sign * value));
+        }
+        assert_eq!((tally.received, injected), (15, 5));
+        let (received, tally, injected) = run(Fault { field, amount: Some(0.1), ..fault(at, Kind::Outlier) })?;
+        for command in &received {
+            let (tick, wrong) = (command.stamp.tick, (5..10).contains(&command.stamp.tick));
+            let off = command.input.iter().zip([tick as f64, 0.5, -0.25]).map(|(value, meant)| (value - meant).abs());
+            assert!(off.fold(0.0, f64::max) <= if wrong { 0.1 } else { 0.0 }, "{command:?}");
+            assert!(!wrong || command.input[1] != 0.5, "{command:?}");
+        }
+        assert_eq!((tally.received, injected), (15, 5));
+    }
+    Ok(())
+}
+
+#[test]
 fn a_delayed_message_comes_when_its_time_is_over_even_if_nobody_says_anything_more() -> Outcome {
     for kind in [Kind::Delay, Kind::Jitter] {
         let mut link = Link::new(false, &faults(vec![Fault { millis: Some(30), ..fault(End::Reader, kind) }]))?;
@@ -299,6 +322,9 @@ fn impossible_faults_are_refused_by_key() -> Outcome {
         (Fault { kind: Kind::Drop, ..delay.clone() }, "fault.0.messages"),
         (Fault { field: Some("input".to_owned()), ..delay.clone() }, "fault.0.field"),
         (fault(End::Reader, Kind::Nan), "fault.0.field"),
+        (fault(End::Reader, Kind::Flip), "fault.0.field"),
+        (Fault { field: Some("input".to_owned()), ..fault(End::Reader, Kind::Outlier) }, "fault.0.amount"),
+        (Fault { amount: Some(0.1), ..fault(End::Reader, Kind::Drop) }, "fault.0.amount"),
         (Fault { field: Some("velocity".to_owned()), ..fault(End::Reader, Kind::Nan) }, "fault.0.field"),
         (Fault { topic: Topic::Health, ..fault(End::Reader, Kind::Freeze) }, "fault.0.topic"),
     ] {

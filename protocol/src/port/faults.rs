@@ -83,9 +83,12 @@ pub struct Fault {
     /// Of `delay`, `jitter` and `reorder`: how many later messages pass before; of `replay`: how many messages ago.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub messages: Option<u64>,
-    /// Of `nan`: the field.
+    /// Of `nan`, `flip` and `outlier`: the field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub field: Option<String>,
+    /// Of `outlier`: the most that a number is off, either way, in its own unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub amount: Option<f64>,
 }
 
 fn certain() -> f64 {
@@ -126,6 +129,10 @@ pub enum Kind {
     Replay,
     /// One number of a field is not a number, sealed as valid.
     Nan,
+    /// The numbers of a field have the other sign, sealed as valid.
+    Flip,
+    /// The numbers of a field are off by a random amount each, sealed as valid.
+    Outlier,
 }
 
 impl Kind {
@@ -142,7 +149,14 @@ impl Kind {
             Self::Freeze => "freeze",
             Self::Replay => "replay",
             Self::Nan => "nan",
+            Self::Flip => "flip",
+            Self::Outlier => "outlier",
         }
+    }
+
+    /// Whether it happens to the numbers of one field.
+    const fn alters_a_field(self) -> bool {
+        matches!(self, Self::Nan | Self::Flip | Self::Outlier)
     }
 
     /// Whether the message itself is missing where it should be, for a while or for good.
@@ -233,13 +247,23 @@ impl Fault {
     }
 
     fn check_field(&self) -> Result<(), ImpossibleFault> {
-        let numbers = self.topic.numbers();
-        if matches!(self.kind, Kind::Freeze | Kind::Nan) && numbers.is_empty() {
+        let (kind, numbers) = (self.kind.name(), self.topic.numbers());
+        if (self.kind.alters_a_field() || self.kind == Kind::Freeze) && numbers.is_empty() {
             return Err(impossible("topic", "a topic whose messages have numbers"));
         }
+        match self.amount {
+            Some(_) if self.kind != Kind::Outlier => {
+                return Err(impossible("amount", format!("no such key for {kind}: only outlier has it")));
+            }
+            Some(amount) if !(amount.is_finite() && amount > 0.0) => return Err(impossible("amount", "a finite number greater than 0")),
+            None if self.kind == Kind::Outlier => return Err(impossible("amount", "it for outlier: the most that a number is off")),
+            _ => {}
+        }
         match &self.field {
-            None if self.kind == Kind::Nan => Err(impossible("field", format!("it for nan: one of {}", numbers.join(", ")))),
-            Some(_) if self.kind != Kind::Nan => Err(impossible("field", format!("no such key for {}: only nan has it", self.kind.name()))),
+            None if self.kind.alters_a_field() => Err(impossible("field", format!("it for {kind}: one of {}", numbers.join(", ")))),
+            Some(_) if !self.kind.alters_a_field() => {
+                Err(impossible("field", format!("no such key for {kind}: only nan, flip and outlier have it")))
+            }
             Some(field) if !numbers.contains(&field.as_str()) => Err(impossible("field", format!("one of {}", numbers.join(", ")))),
             _ => Ok(()),
         }

@@ -6,11 +6,13 @@
 //! | `figure`    | the figures of a row, and how they are told                         |
 //! | `oracle`    | the simulator's own dynamics as a controller's model                |
 //! | `trial`     | one closed loop, and the row that it gives                          |
+//! | `poison`    | what is made of a trial's messages on purpose                       |
 //! | `table`     | rows → the table that is printed                                    |
 
 pub mod contender;
 pub mod figure;
 pub mod oracle;
+pub mod poison;
 mod table;
 pub mod trial;
 
@@ -20,6 +22,7 @@ use crate::scenario::Scenario;
 use crate::terminal::{self, Terminal};
 use contender::Contender;
 use figure::Figure;
+use poison::Poison;
 use settings::SettingsError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
@@ -52,6 +55,9 @@ pub struct CompareOptions {
     /// paper (T = 100 ms, N = 5) or a file of deploy/scenarios/profiles, as agile (T = 20 ms, N = 20).
     #[arg(long, default_value = "paper")]
     pub profile: String,
+    /// What goes wrong on purpose in every trial, but not where a warm or stale start was learnt.
+    #[arg(long)]
+    pub poison: Option<Poison>,
     /// Which figures to print, a table each.
     #[arg(long, value_delimiter = ',', default_value = "position-rmse")]
     pub figures: Vec<Figure>,
@@ -172,6 +178,7 @@ struct Bench {
     /// For a stale start: the scenario that was learnt in.
     other: BTreeMap<String, String>,
     duration_s: Option<f64>,
+    poison: Option<Poison>,
 }
 
 impl Bench {
@@ -202,7 +209,7 @@ impl Bench {
             }
         }
         let duration_s = options.quick.then_some(12.0);
-        Ok(Self { base, profile: options.profile.clone(), scenarios, other, duration_s })
+        Ok(Self { base, profile: options.profile.clone(), scenarios, other, duration_s, poison: options.poison })
     }
 
     fn trials(&self, options: &CompareOptions) -> Vec<Trial> {
@@ -297,8 +304,13 @@ impl Bench {
         trial.contender.take_over(&mut assembly);
         assembly.scenario.learner.resume = self.lesson(trial).and_then(|lesson| snapshots.get(&lesson).cloned());
         fs::create_dir_all(folder).map_err(|source| ExperimentError::File { path: folder.to_path_buf(), source })?;
+        let poison = self.poison.filter(|_| trial.seed != TEACHING_SEED);
+        if let Some(poison) = poison {
+            assembly.faults = poison.faults(trial.seed, assembly.scenario.period_millis * 1e-3);
+        }
         let label = (trial.scenario.as_str(), self.profile.as_str(), trial.contender, trial.start);
-        trial::run(&assembly, folder, label).map_err(|source| ExperimentError::Trial { trial: trial.name(), source: Box::new(source) })
+        let row = trial::run(&assembly, folder, label).map(|row| Row { poison, ..row });
+        row.map_err(|source| ExperimentError::Trial { trial: trial.name(), source: Box::new(source) })
     }
 }
 

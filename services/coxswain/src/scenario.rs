@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn every_scenario_with_every_variant_in_every_profile_is_possible() -> Result<(), SettingsError> {
-        for base in ["paper", "circle", "figure-eight", "square", "stop-and-go"] {
+        for base in ["paper", "circle", "hold", "figure-eight", "square", "stop-and-go"] {
             for variant in Scenario::variants(&folder()) {
                 for profile in [None, Some("agile")] {
                     Scenario::named(&folder(), &format!("{base}+{variant}"), profile, &[])?;

@@ -7,6 +7,9 @@ use crate::{frame, wire};
 /// A message after something has been done to it, if that could be done.
 type Changed = Option<Vec<u8>>;
 
+/// What is to be done to the numbers of a field.
+pub(super) type Change<'a> = &'a mut dyn FnMut(&mut [f64]);
+
 /// What the faults must know of one kind of message in one encoding.
 #[derive(Clone, Copy)]
 pub(super) struct Anatomy {
@@ -14,12 +17,12 @@ pub(super) struct Anatomy {
     tick: fn(Encoding, &[u8]) -> Option<u64>,
     numbers: fn(Encoding, &[u8]) -> Option<Vec<f64>>,
     with_numbers: fn(Encoding, &[u8], &[f64]) -> Changed,
-    with_nan: fn(Encoding, &[u8], &str, u64) -> Changed,
+    with_field: fn(Encoding, &[u8], &str, Change<'_>) -> Changed,
 }
 
 impl Anatomy {
     pub(super) fn of<T: Message>(encoding: Encoding) -> Self {
-        Self { encoding, tick: tick::<T>, numbers: numbers::<T>, with_numbers: with_numbers::<T>, with_nan: with_nan::<T> }
+        Self { encoding, tick: tick::<T>, numbers: numbers::<T>, with_numbers: with_numbers::<T>, with_field: with_field::<T> }
     }
 
     /// Tick of its stamp; none if it is no valid message.
@@ -37,9 +40,9 @@ impl Anatomy {
         (self.with_numbers)(self.encoding, bytes, numbers)
     }
 
-    /// The same message with NaN somewhere in `field`, where `choice` says; none if it is no valid message, or has no number there.
-    pub(super) fn with_nan(&self, bytes: &[u8], field: &str, choice: u64) -> Option<Vec<u8>> {
-        (self.with_nan)(self.encoding, bytes, field, choice)
+    /// The same message with the numbers of `field` changed; none if it is no valid message, or has no number there.
+    pub(super) fn with_field(&self, bytes: &[u8], field: &str, change: Change<'_>) -> Option<Vec<u8>> {
+        (self.with_field)(self.encoding, bytes, field, change)
     }
 }
 
@@ -91,16 +94,12 @@ fn with_numbers<T: Message>(encoding: Encoding, bytes: &[u8], numbers: &[f64]) -
     (fits && rest.is_empty()).then(|| sealed(encoding, &message))
 }
 
-fn with_nan<T: Message>(encoding: Encoding, bytes: &[u8], field: &str, choice: u64) -> Option<Vec<u8>> {
+fn with_field<T: Message>(encoding: Encoding, bytes: &[u8], field: &str, change: Change<'_>) -> Option<Vec<u8>> {
     let mut message: T = opened(encoding, bytes)?;
     let mut found = false;
     message.visit_numbers(&mut |name, values| {
-        let count = values.len() as u64;
-        if name == field
-            && count > 0
-            && let Some(value) = values.get_mut((choice % count) as usize)
-        {
-            *value = f64::NAN;
+        if name == field && !values.is_empty() {
+            change(values);
             found = true;
         }
     });

@@ -28,6 +28,11 @@ impl SplitMix64 {
         ((self.next() >> 11) as f64) < probability * (1_u64 << 53) as f64
     }
 
+    /// A number from 0 up to, but not including, 1.
+    pub(super) fn share(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
     /// A number below `end`; 0 if there is none.
     pub(super) fn below(&mut self, end: u64) -> u64 {
         ((u128::from(self.next()) * u128::from(end)) >> 64) as u64

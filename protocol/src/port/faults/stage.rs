@@ -136,10 +136,8 @@ impl Stage {
                 let frozen = self.frozen.as_ref().and_then(|numbers| anatomy.with_numbers(&bytes, numbers));
                 self.push_altered(bytes, frozen, before, out);
             }
-            Kind::Nan => {
-                let choice = self.random.below(u64::MAX);
-                let field = self.fault.field.as_deref().unwrap_or_default();
-                let altered = anatomy.with_nan(&bytes, field, choice);
+            Kind::Nan | Kind::Flip | Kind::Outlier => {
+                let altered = self.with_altered_field(&bytes, anatomy);
                 self.push_altered(bytes, altered, before, out);
             }
             Kind::Replay => {
@@ -150,6 +148,20 @@ impl Stage {
                 }
             }
         }
+    }
+
+    fn with_altered_field(&mut self, bytes: &[u8], anatomy: &Anatomy) -> Option<Vec<u8>> {
+        let (kind, amount) = (self.fault.kind, self.fault.amount.unwrap_or_default());
+        let random = &mut self.random;
+        let mut change = |values: &mut [f64]| match kind {
+            Kind::Flip => values.iter_mut().for_each(|value| *value = -*value),
+            Kind::Outlier => values.iter_mut().for_each(|value| *value += amount * (2.0 * random.share() - 1.0)),
+            _ => {
+                let choice = random.below(values.len() as u64) as usize;
+                values.iter_mut().skip(choice).take(1).for_each(|value| *value = f64::NAN);
+            }
+        };
+        anatomy.with_field(bytes, self.fault.field.as_deref().unwrap_or_default(), &mut change)
     }
 
     fn push_altered(&mut self, bytes: Vec<u8>, altered: Option<Vec<u8>>, before: u64, out: &mut Vec<Vec<u8>>) {

@@ -88,7 +88,7 @@ impl<'a> Cells<'a> {
 pub(super) fn render(rows: &[Row], figure: Figure) -> String {
     let cells = Cells::new(rows, figure);
     let (title, scale) = figure.title_and_scale();
-    let mut out = format!("{title}, mean over the seeds\n{:40}", "");
+    let mut out = format!("{title}, mean over the seeds");
     let mut line = |name: &str, cell: &dyn Fn(Column) -> Option<String>| {
         // Writing to a String never fails.
         let _ = write!(out, "\n{name:40}");
@@ -114,7 +114,8 @@ pub(super) fn render(rows: &[Row], figure: Figure) -> String {
     line("worst, less 2 mm, of the better baseline", &|column| cells.worst(column).map(|(ratio, ..)| format!("{ratio:.2}")));
     for &(contender, start) in &cells.columns {
         if let Some((ratio, scenario, seed)) = cells.worst((contender, start)) {
-            let _ = write!(out, "\nworst of {contender} {start}: {ratio:.2} in {scenario}, seed {seed}");
+            let known = if contender.learns() { format!(" {start}") } else { String::new() };
+            let _ = write!(out, "\nworst of {contender}{known}: {ratio:.2} in {scenario}, seed {seed}");
         }
     }
     out
@@ -131,6 +132,7 @@ mod tests {
             controller,
             start: Start::Cold,
             seed,
+            poison: None,
             duration_s: 30.0,
             arrival_s: None,
             speed_settle_s: None,

@@ -2,6 +2,7 @@
 
 use super::contender::Contender;
 use super::figure;
+use super::poison::Poison;
 use crate::assembly::Assembly;
 use crate::in_process::{self, InProcessError};
 use process::{Pulse, Run, Stop};
@@ -52,6 +53,8 @@ pub struct Row {
     pub start: Start,
     /// Seed of noise and random forces.
     pub seed: u64,
+    /// What went wrong on purpose.
+    pub poison: Option<Poison>,
     /// Length of the run \[s\].
     pub duration_s: f64,
     /// As in `summary.json`.
@@ -124,6 +127,7 @@ pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, St
         controller,
         start,
         seed: assembly.scenario.seed,
+        poison: None,
         duration_s: assembly.scenario.duration_s,
         arrival_s: summary.arrival_s,
         speed_settle_s: summary.speed_settle_s,

@@ -1,0 +1,96 @@
+//! What is made of a trial's messages on purpose: lies told to the learner, and sensors that fail.
+
+use protocol::message::Participant;
+use protocol::port::{End, Fault, Faults, Kind};
+use protocol::topic::Topic;
+use serde::Serialize;
+
+/// When what lasts for a while begins and ends \[s\].
+const FROM_S: f64 = 10.0;
+const UNTIL_S: f64 = 15.0;
+
+/// The most that a poisoned residual is off: of the order of the largest that physics allows, so that it does not give itself away by its
+/// size \[m/s, m/s, rad/s\].
+const RESIDUAL_OFF: f64 = 0.5;
+/// The most that a faulty sensor's velocity is off \[m/s, m/s, rad/s\].
+const VELOCITY_OFF: f64 = 2.0;
+/// Part of the messages that a fault without a window happens to.
+const SELDOM: f64 = 0.1;
+
+/// What goes wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Poison {
+    /// One in ten samples for the learner has a residual that is off.
+    #[value(name = "outliers-10")]
+    #[serde(rename = "outliers-10")]
+    Outliers10,
+    /// Three in ten.
+    #[value(name = "outliers-30")]
+    #[serde(rename = "outliers-30")]
+    Outliers30,
+    /// For 5 s the residuals have the wrong sign.
+    SignFlips,
+    /// For 5 s the learner gets the same numbers again and again.
+    Stuck,
+    /// One in ten samples has a residual that is not a number.
+    Nan,
+    /// One in ten states that the controller gets has a velocity that is off.
+    SensorOutliers,
+    /// For 5 s the controller gets the same pose, velocity and input again and again.
+    SensorStuck,
+    /// One in ten states that the controller gets has a velocity that is not a number.
+    SensorNan,
+}
+
+impl Poison {
+    /// As faults on the links, for this seed and control period \[s\].
+    pub(super) fn faults(self, seed: u64, period: f64) -> Faults {
+        let sensor = matches!(self, Self::SensorOutliers | Self::SensorStuck | Self::SensorNan);
+        let (topic, reader, field, off) = if sensor {
+            (Topic::State, Participant::Controller, "velocity", VELOCITY_OFF)
+        } else {
+            (Topic::Residual, Participant::Learner, "residual", RESIDUAL_OFF)
+        };
+        let (kind, probability) = match self {
+            Self::Outliers10 | Self::SensorOutliers => (Kind::Outlier, SELDOM),
+            Self::Outliers30 => (Kind::Outlier, 3.0 * SELDOM),
+            Self::SignFlips => (Kind::Flip, 1.0),
+            Self::Stuck | Self::SensorStuck => (Kind::Freeze, 1.0),
+            Self::Nan | Self::SensorNan => (Kind::Nan, SELDOM),
+        };
+        let for_a_while = matches!(kind, Kind::Flip | Kind::Freeze);
+        let tick = |seconds: f64| (seconds / period).round() as u64;
+        let fault = Fault {
+            topic,
+            at: End::Reader,
+            participant: Some(reader),
+            kind,
+            from_tick: if for_a_while { tick(FROM_S) } else { 0 },
+            until_tick: for_a_while.then(|| tick(UNTIL_S)),
+            probability,
+            millis: None,
+            messages: None,
+            field: (kind != Kind::Freeze).then(|| field.to_owned()),
+            amount: (kind == Kind::Outlier).then_some(off),
+        };
+        Faults { seed, process: None, fault: vec![fault] }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::ValueEnum;
+    use protocol::port::ImpossibleFault;
+
+    #[test]
+    fn every_poison_is_possible_in_lock_step() -> Result<(), ImpossibleFault> {
+        for poison in Poison::value_variants() {
+            let faults = poison.faults(1, 0.1);
+            faults.check()?;
+            faults.check_lock_step()?;
+        }
+        Ok(())
+    }
+}
