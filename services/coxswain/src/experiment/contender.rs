@@ -6,8 +6,8 @@ use controller::settings::{DelaySetting, Method};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
-/// ℓ of the observer of every contender that has one, where the scenario itself has none.
-pub const OBSERVER_GAIN: f64 = 0.5;
+/// ℓ of the observer of every contender that has one, where the scenario itself has none: the best of `mpc+observer` in `paper` and `circle`.
+pub const OBSERVER_GAIN: f64 = 1.0;
 
 /// A controller in a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum, Serialize)]
