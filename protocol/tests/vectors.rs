@@ -32,11 +32,14 @@ struct Vector<T> {
     bytes: String,
 }
 
+/// Inputs, targets, noise scale, weights.
+type Row = (Vec<f64>, [f64; 3], f64, [f64; 3]);
+
 /// A snapshot as it is said in JSON.
 #[derive(Serialize, Deserialize, Clone)]
 struct Snapshot {
     head: SnapshotHead,
-    rows: Vec<(Vec<f64>, [f64; 3], [f64; 3])>,
+    rows: Vec<Row>,
 }
 
 /// A message whose fields can be said in JSON.
@@ -241,15 +244,15 @@ impl Said for ModelSnapshot {
     fn fields(&self) -> Snapshot {
         let rows = self.rows().map(|row| {
             let axes = |values: &[f64]| [values[0], values[1], values[2]];
-            (row.input.to_vec(), axes(row.target), axes(row.weight))
+            (row.input.to_vec(), axes(row.target), row.noise_scale, axes(row.weight))
         });
         Snapshot { head: self.head, rows: rows.collect() }
     }
 
     fn of(fields: Snapshot) -> Self {
         let mut snapshot = Self::new(fields.head);
-        for (input, target, weight) in fields.rows {
-            snapshot.push(&input, target, weight).unwrap_or_default();
+        for (input, target, noise_scale, weight) in fields.rows {
+            snapshot.push_with_noise(&input, target, weight, noise_scale).unwrap_or_default();
         }
         snapshot
     }
@@ -273,7 +276,7 @@ impl Said for ModelSnapshot {
         head.input_scale = [1.0; INPUTS_MAX];
         head.length_scale[0][1] = 0.5;
         head.length_scale[2][0] = 1.5;
-        let rows = vec![(vec![1.0, -1.0], [0.1, 0.2, 0.3], [4.0, 5.0, 6.0]), (vec![0.5, 0.25], EDGES, [7.0, 8.0, 9.0])];
+        let rows = vec![(vec![1.0, -1.0], [0.1, 0.2, 0.3], 1.0, [4.0, 5.0, 6.0]), (vec![0.5, 0.25], EDGES, 2.5, [7.0, 8.0, 9.0])];
         let empty =
             Snapshot { head: SnapshotHead { stamp: extreme(), inputs: INPUTS_MAX as u32, ..SnapshotHead::zeroed() }, rows: Vec::new() };
         vec![("typical", Self::of(Snapshot { head, rows })), ("without points", Self::of(empty))]

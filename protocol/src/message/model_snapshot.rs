@@ -12,6 +12,9 @@ pub const INPUTS_MAX: usize = 12;
 /// Most data points that a snapshot can hold. Bounds what a receiver allocates for one message.
 const POINTS_MAX: usize = 16_384;
 
+/// Numbers of a data point beside its inputs: 3 targets, the noise scale, 3 weights.
+const ROW_REST: usize = 7;
+
 /// Everything of a snapshot but its data points.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
@@ -64,6 +67,8 @@ pub struct SnapshotRow<'a> {
     pub input: &'a [f64],
     /// Residual per velocity axis \[m/s, m/s, rad/s\].
     pub target: &'a [f64],
+    /// Noise variance of this point over σₙ²: more for what is old.
+    pub noise_scale: f64,
     /// α per velocity axis.
     pub weight: &'a [f64],
 }
@@ -73,7 +78,7 @@ pub struct SnapshotRow<'a> {
 pub struct ModelSnapshot {
     /// Everything but the data points.
     pub head: SnapshotHead,
-    /// n rows of D inputs, 3 targets and 3 weights.
+    /// n rows of D inputs, 3 targets, the noise scale and 3 weights.
     values: Vec<f64>,
 }
 
@@ -84,11 +89,19 @@ impl ModelSnapshot {
         Self { head, values: Vec::new() }
     }
 
-    /// Appends a data point. `input` must have `head.inputs` entries, normalised.
+    /// Appends a data point whose noise variance is σₙ². `input` must have `head.inputs` entries, normalised.
     ///
     /// # Errors
     /// [`DecodeError::Length`] if it has not, or [`DecodeError::Value`] if the snapshot is full.
     pub fn push(&mut self, input: &[f64], target: [f64; 3], weight: [f64; 3]) -> Result<(), DecodeError> {
+        self.push_with_noise(input, target, weight, 1.0)
+    }
+
+    /// The same with a noise variance of σₙ² times `noise_scale`.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub fn push_with_noise(&mut self, input: &[f64], target: [f64; 3], weight: [f64; 3], noise_scale: f64) -> Result<(), DecodeError> {
         if input.len() != self.head.inputs as usize {
             return Err(DecodeError::Length { message: Self::NAME, expected: self.head.inputs as usize, got: input.len() });
         }
@@ -97,6 +110,7 @@ impl ModelSnapshot {
         }
         self.values.extend_from_slice(input);
         self.values.extend_from_slice(&target);
+        self.values.push(noise_scale);
         self.values.extend_from_slice(&weight);
         self.head.points += 1;
         Ok(())
@@ -105,10 +119,11 @@ impl ModelSnapshot {
     /// The data points, in the order in which they were learnt.
     pub fn rows(&self) -> impl ExactSizeIterator<Item = SnapshotRow<'_>> {
         let inputs = self.head.inputs as usize;
-        self.values.chunks_exact(inputs + 6).map(move |row| {
+        self.values.chunks_exact(inputs + ROW_REST).map(move |row| {
             let (input, rest) = row.split_at(inputs);
-            let (target, weight) = rest.split_at(3);
-            SnapshotRow { input, target, weight }
+            let (target, rest) = rest.split_at(3);
+            let (noise_scale, weight) = rest.split_at(1);
+            SnapshotRow { input, target, noise_scale: noise_scale.first().copied().unwrap_or(f64::NAN), weight }
         })
     }
 }
@@ -116,7 +131,7 @@ impl ModelSnapshot {
 impl Message for ModelSnapshot {
     const NAME: &'static str = "ModelSnapshot";
     const KIND: u16 = 8;
-    const BYTES_MAX: usize = size_of::<SnapshotHead>() + POINTS_MAX * (INPUTS_MAX + 6) * 8;
+    const BYTES_MAX: usize = size_of::<SnapshotHead>() + POINTS_MAX * (INPUTS_MAX + ROW_REST) * 8;
 
     const NUMBERS: &'static [&'static str] = &[
         "input_mean",
@@ -256,7 +271,7 @@ impl SnapshotHead {
         if self.points as usize > POINTS_MAX {
             return Err(bad("points", self.points));
         }
-        Ok(self.points as usize * (self.inputs as usize + 6) * 8)
+        Ok(self.points as usize * (self.inputs as usize + ROW_REST) * 8)
     }
 }
 

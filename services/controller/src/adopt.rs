@@ -210,12 +210,15 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
         Hyperparameters::new(first(&head.length_scale[axis]), head.signal_variance[axis], head.noise_variance[axis])
             .with_linear(head.linear_variance[axis])
     });
-    let (mut inputs, mut targets) = (Vec::with_capacity(snapshot.rows().len()), Vec::with_capacity(snapshot.rows().len()));
+    let count = snapshot.rows().len();
+    let (mut inputs, mut targets, mut noise_scale) = (Vec::with_capacity(count), Vec::with_capacity(count), Vec::with_capacity(count));
     for row in snapshot.rows() {
         inputs.push(first(row.input));
         targets.push(first(row.target));
+        noise_scale.push(row.noise_scale);
     }
-    let posterior = Posterior::new(&inputs, &targets, &hyperparameters).map_err(|source| Refusal::Posterior { version, source })?;
+    let posterior = Posterior::with_noise_scale(&inputs, &targets, &noise_scale, &hyperparameters)
+        .map_err(|source| Refusal::Posterior { version, source })?;
     let difference = weight_difference(snapshot, &posterior);
     if difference > WEIGHT_TOLERANCE {
         return Err(Refusal::Weights { version, difference });
@@ -294,6 +297,11 @@ mod tests {
             forged.push(row.input, first(row.target), first::<3>(row.weight).map(|weight| 1.01 * weight))?;
         }
         assert!(matches!(prepare(&forged, &EXPECTED), Err(Refusal::Weights { .. })));
+        let mut aged = ModelSnapshot::new(honest.head);
+        for row in honest.rows() {
+            aged.push_with_noise(row.input, first(row.target), first(row.weight), 4.0)?;
+        }
+        assert!(matches!(prepare(&aged, &EXPECTED), Err(Refusal::Weights { .. })), "the noise of its data is not what its weights are for");
         Ok(())
     }
 

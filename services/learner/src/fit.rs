@@ -1,8 +1,9 @@
 //! A data set in, hyperparameters and posterior out. Deterministic: budgets count evaluations.
 
-use model::gp::dataset::Observation;
-use model::gp::fit::{FitError, FitOptions, LogNormal, Priors, fit};
+use model::gp::dictionary::Observation;
+use model::gp::fit::{FitError, FitOptions, LogNormal, Priors, fit_likelihood};
 use model::gp::hyperparameters::{Bounds, Hyperparameters};
+use model::gp::likelihood::Likelihood;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, PosteriorError};
 use model::learned::{INPUTS, Layout, Learned};
@@ -59,6 +60,8 @@ pub struct FittedModel {
     pub inputs: Vec<[f64; INPUTS]>,
     /// Residuals.
     pub targets: Vec<[f64; AXES]>,
+    /// Noise variance of each over σₙ².
+    pub noise_scale: Vec<f64>,
 }
 
 impl Outset {
@@ -81,30 +84,38 @@ impl Outset {
         }
     }
 
-    /// Fits `observations`, beginning at `start`.
+    /// Fits `observations`, each with the scale of its noise, beginning at `start`.
     ///
     /// # Errors
     /// [`FailedFit`].
-    pub fn fit(&self, observations: &[Observation<INPUTS>], start: &[Hyperparameters<INPUTS>; AXES]) -> Result<FittedModel, FailedFit> {
+    pub fn fit(
+        &self,
+        observations: &[(Observation<INPUTS>, f64)],
+        start: &[Hyperparameters<INPUTS>; AXES],
+    ) -> Result<FittedModel, FailedFit> {
         let normalisation = self.normalisation();
-        let inputs: Vec<[f64; INPUTS]> = observations.iter().map(|observation| normalisation.apply(&observation.input)).collect();
-        let targets: Vec<[f64; AXES]> = observations.iter().map(|observation| observation.target).collect();
+        let inputs: Vec<[f64; INPUTS]> = observations.iter().map(|(observation, _)| normalisation.apply(&observation.input)).collect();
+        let targets: Vec<[f64; AXES]> = observations.iter().map(|(observation, _)| observation.target).collect();
+        let noise_scale: Vec<f64> = observations.iter().map(|&(_, scale)| scale).collect();
         let mut hyperparameters = *start;
         let mut log_likelihood = [0.0; AXES];
         let mut evaluations = 0;
         if inputs.len() >= SAMPLES_MIN {
             for axis in 0..AXES {
                 let of_axis: Vec<f64> = targets.iter().map(|target| target[axis]).collect();
-                let fitted =
-                    fit(&inputs, &of_axis, &start[axis], &self.options(axis)).map_err(|source| FailedFit::Axis { axis, source })?;
+                let fitted = Likelihood::new(&inputs, &of_axis)
+                    .and_then(|likelihood| likelihood.with_noise_scale(&noise_scale))
+                    .map_err(FitError::Likelihood)
+                    .and_then(|mut likelihood| fit_likelihood(&mut likelihood, &start[axis], &self.options(axis)))
+                    .map_err(|source| FailedFit::Axis { axis, source })?;
                 hyperparameters[axis] = fitted.hyperparameters;
                 log_likelihood[axis] = fitted.log_likelihood;
                 evaluations += fitted.evaluations;
             }
         }
-        let posterior = Posterior::new(&inputs, &targets, &hyperparameters)?;
+        let posterior = Posterior::with_noise_scale(&inputs, &targets, &noise_scale, &hyperparameters)?;
         let learned = Learned { layout: self.layout, normalisation, posterior, bound: self.bound };
-        Ok(FittedModel { learned, hyperparameters, log_likelihood, evaluations, inputs, targets })
+        Ok(FittedModel { learned, hyperparameters, log_likelihood, evaluations, inputs, targets, noise_scale })
     }
 
     /// Bounds and priors of one axis: wide, but such that a direction which the data does not excite keeps a sane length scale.

@@ -13,7 +13,7 @@ use crate::settings::{LearnerSettings, Settings};
 use crate::snapshot::{self, Label};
 use crate::store;
 use model::AXES;
-use model::gp::dataset::{Dataset, Observation};
+use model::gp::dictionary::{Dictionary, Observation, Outcome, Selection};
 use model::gp::hyperparameters::Hyperparameters;
 use model::learned::{INPUTS, Layout};
 use model::main_model::{MainModel, fingerprint};
@@ -36,6 +36,11 @@ const RESIDUAL_SHARE: f64 = 0.25;
 const VELOCITY_SHARE: f64 = 0.2;
 /// Slip that counts as one, as a share of the physical range of the velocity.
 const SLIP_SHARE: f64 = 0.1;
+
+/// Time after which a sample counts half \[s\].
+const MEMORY_S: f64 = 5.0;
+/// Innovations that are never surprising, as a share of the largest believable residual.
+const NOISE_SHARE: f64 = 0.005;
 
 /// Why the learner ended before it was told to.
 #[derive(Debug, thiserror::Error)]
@@ -60,7 +65,8 @@ pub enum RunError {
 /// A data set to fit.
 struct Job {
     cut: u64,
-    observations: Vec<Observation<INPUTS>>,
+    /// With the scale of its noise each.
+    observations: Vec<(Observation<INPUTS>, f64)>,
 }
 
 /// What came of it.
@@ -113,6 +119,17 @@ fn outset(settings: &Settings) -> Outset {
     }
 }
 
+/// How the dictionary chooses: information is measured by a kernel about as curved as friction is, in the units of the inputs.
+fn selection(settings: &Settings, outset: &Outset) -> Selection<INPUTS> {
+    Selection {
+        capacity: settings.learner.points_max,
+        normalisation: outset.normalisation(),
+        kernel: Hyperparameters::new([1.0; INPUTS], 1.0, 0.01).with_linear(1.0),
+        memory_samples: MEMORY_S * 1e9 / settings.run.period_nanos as f64,
+        noise_floor: outset.bound.map(|bound| NOISE_SHARE * bound),
+    }
+}
+
 fn main_model(settings: &Settings) -> MainModel {
     MainModel::new(&settings.robot, settings.run.period_nanos as f64 * 1e-9)
 }
@@ -125,7 +142,7 @@ struct Learner<'a> {
     samples: Source<ResidualSample>,
     snapshots: Sink<ModelSnapshot>,
     pulse: Pulse,
-    dataset: Dataset<INPUTS>,
+    dictionary: Dictionary<INPUTS>,
     /// Hyperparameters that the first fit begins with.
     start: [Hyperparameters<INPUTS>; AXES],
     /// Samples since the oldest cut that is not yet published, for scoring.
@@ -148,9 +165,9 @@ impl<'a> Learner<'a> {
     fn new(settings: &'a Settings, ports: &Ports, outset: Outset, jobs: Sender<Job>, done: Receiver<Done>) -> Result<Self, OpenError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
         let fingerprint = fingerprint(&main_model(settings), settings.learner.layout.name());
-        let mut dataset = Dataset::new(settings.learner.points_max, outset.input_scale);
+        let mut dictionary = Dictionary::new(selection(settings, &outset));
         let resumed = resume_from(settings, fingerprint);
-        let start = resumed.as_ref().map_or_else(|| outset.hyperparameters(), |snapshot| store::resume(snapshot, &outset, &mut dataset));
+        let start = resumed.as_ref().map_or_else(|| outset.hyperparameters(), |snapshot| store::resume(snapshot, &outset, &mut dictionary));
         Ok(Self {
             settings,
             fingerprint,
@@ -158,7 +175,7 @@ impl<'a> Learner<'a> {
             samples: ports.source(since)?,
             snapshots: ports.sink()?,
             pulse: Pulse::new(ports, Participant::Learner)?,
-            dataset,
+            dictionary,
             start,
             recent: VecDeque::new(),
             pending: VecDeque::new(),
@@ -232,8 +249,14 @@ impl<'a> Learner<'a> {
         let finite = sample.velocity.iter().chain(&sample.input).all(|value| value.is_finite());
         if sample.usable == 1 && believable && finite {
             let input = self.settings.learner.layout.inputs(&sample.velocity, &sample.input);
-            self.dataset.insert(Observation { input, target: sample.residual });
-            self.recent.push_back(*sample);
+            let outcome = self.dictionary.insert(Observation { input, target: sample.residual });
+            if outcome == Outcome::Changed {
+                tracing::info!(tick, "the robot is not what it was: what was learnt before counts less");
+            }
+            // What is not believed does not judge a model either.
+            if outcome != Outcome::Held {
+                self.recent.push_back(*sample);
+            }
         }
         let cut = tick / self.settings.learner.every_ticks;
         let free = self.pending.is_empty() || self.settings.run.pace == Pace::LockStep;
@@ -241,7 +264,7 @@ impl<'a> Learner<'a> {
             self.last_cut = cut;
             let cut = cut * self.settings.learner.every_ticks;
             self.pending.push_back(cut);
-            let job = Job { cut, observations: self.dataset.observations().to_vec() };
+            let job = Job { cut, observations: self.dictionary.observations().map(|(observation, scale)| (*observation, scale)).collect() };
             self.jobs.send(job).map_err(|_| RunError::Fitter)?;
         }
         Ok(())

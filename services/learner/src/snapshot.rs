@@ -62,9 +62,9 @@ pub fn write(fitted: &FittedModel, label: &Label, newer: &[ResidualSample]) -> R
     (head.score_learned, head.score_main) = score(fitted, newer);
     let mut snapshot = ModelSnapshot::new(head);
     let weights = posterior.weights();
-    for (row, (input, target)) in fitted.inputs.iter().zip(&fitted.targets).enumerate() {
+    for (row, ((input, target), &noise_scale)) in fitted.inputs.iter().zip(&fitted.targets).zip(&fitted.noise_scale).enumerate() {
         let weight = weights.map(|of_axis| of_axis.get(row).copied().unwrap_or(0.0));
-        snapshot.push(input, *target, weight)?;
+        snapshot.push_with_noise(input, *target, weight, noise_scale)?;
     }
     Ok(snapshot)
 }

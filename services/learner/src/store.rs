@@ -2,7 +2,7 @@
 
 use crate::fit::Outset;
 use model::AXES;
-use model::gp::dataset::{Dataset, Observation};
+use model::gp::dictionary::{Dictionary, Observation};
 use model::gp::hyperparameters::Hyperparameters;
 use model::learned::INPUTS;
 use protocol::frame::{self, DecodeError};
@@ -73,14 +73,14 @@ pub fn load(file: &Path, fingerprint: u64) -> Result<ModelSnapshot, StoreError> 
     Ok(snapshot)
 }
 
-/// Puts the data of a snapshot back into `dataset`, and gives back the hyperparameters to go on with: its own, if they are of the kernel and
+/// Puts the data of a snapshot back into `dictionary`, and gives back the hyperparameters to go on with: its own, if they are of the kernel and
 /// the units of `outset`.
-pub fn resume(snapshot: &ModelSnapshot, outset: &Outset, dataset: &mut Dataset<INPUTS>) -> [Hyperparameters<INPUTS>; AXES] {
+pub fn resume(snapshot: &ModelSnapshot, outset: &Outset, dictionary: &mut Dictionary<INPUTS>) -> [Hyperparameters<INPUTS>; AXES] {
     let head = &snapshot.head;
     let entry = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(f64::NAN);
     for row in snapshot.rows() {
         let input = std::array::from_fn(|i| entry(&head.input_mean, i) + entry(&head.input_scale, i) * entry(row.input, i));
-        dataset.insert(Observation { input, target: std::array::from_fn(|axis| entry(row.target, axis)) });
+        dictionary.restore(Observation { input, target: std::array::from_fn(|axis| entry(row.target, axis)) }, row.noise_scale);
     }
     let first = outset.hyperparameters();
     let scale: [f64; INPUTS] = std::array::from_fn(|i| entry(&head.input_scale, i));

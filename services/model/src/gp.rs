@@ -30,10 +30,11 @@
 
 mod covariance;
 pub mod data;
-pub mod dataset;
+pub mod dictionary;
 mod exponential;
 pub mod fit;
 pub mod hyperparameters;
+mod inverse;
 pub mod kernel;
 pub mod likelihood;
 mod line_search;
@@ -41,4 +42,5 @@ pub mod normalisation;
 pub mod optimise;
 pub mod posterior;
 pub mod split_mix;
+mod surprise;
 mod vectorise;

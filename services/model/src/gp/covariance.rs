@@ -6,7 +6,8 @@
 //! | `local`        | σ² exp(…)              | `n` × `n`, lower half |
 //! | `gram`         | 1 + X Xᵀ               | `n` × `n`, lower half |
 //! | `covariance`   | K = local + λ² gram    | `n` × `n`, lower half |
-//! | `factor`       | L, L Lᵀ = K + (σₙ² + jitter) I | `n` × `n`, lower half |
+//! | `noise_scale`  | s: noise of a sample over σₙ² | `n`                  |
+//! | `factor`       | L, L Lᵀ = K + σₙ² diag(s) + jitter I | `n` × `n`, lower half |
 
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt;
@@ -93,7 +94,7 @@ pub(crate) fn add_linear(local: &Mat<f64>, linear_variance: f64, gram: &Mat<f64>
     }
 }
 
-/// K + σₙ² I stayed indefinite under the largest jitter.
+/// K + σₙ² diag(s) stayed indefinite under the largest jitter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct NotPositiveDefinite;
 
@@ -102,13 +103,14 @@ pub(crate) fn factor_scratch(samples: usize) -> StackReq {
     llt::factor::cholesky_in_place_scratch::<f64>(samples, Par::Seq, faer::Spec::default())
 }
 
-/// Lower Cholesky factor of K + (σₙ² + jitter) I, and the jitter, which is zero unless it was needed.
+/// Lower Cholesky factor of K + σₙ² diag(s) + jitter I, and the jitter, which is zero unless it was needed.
 ///
 /// A pivot that is nothing but rounding counts as lost, so twins among the inputs are seen for what they are. O(n³/3); does not
 /// allocate, except where faer packs large blocks.
 pub(crate) fn factorise(
     covariance: &Mat<f64>,
     noise_variance: f64,
+    noise_scale: &[f64],
     factor: &mut Mat<f64>,
     memory: &mut MemBuffer,
 ) -> Result<f64, NotPositiveDefinite> {
@@ -120,9 +122,9 @@ pub(crate) fn factorise(
     let smallest_pivot = f64::EPSILON * samples as f64 * diagonal;
     let mut jitter = 0.0;
     loop {
-        for column in 0..samples {
+        for (column, scale) in noise_scale.iter().enumerate().take(samples) {
             factor.col_as_slice_mut(column)[column..].copy_from_slice(&covariance.col_as_slice(column)[column..]);
-            factor[(column, column)] += noise_variance + jitter;
+            factor[(column, column)] += noise_variance * scale + jitter;
         }
         let outcome = llt::factor::cholesky_in_place(
             factor.as_mut(),
@@ -182,7 +184,7 @@ mod tests {
     fn factor_times_its_transpose_is_the_covariance() {
         let kernel = covariance(&inputs(40));
         let mut factor = Mat::zeros(40, 40);
-        let jitter = factorise(&kernel, 0.01, &mut factor, &mut MemBuffer::new(factor_scratch(40)));
+        let jitter = factorise(&kernel, 0.01, &[1.0; 40], &mut factor, &mut MemBuffer::new(factor_scratch(40)));
         assert_eq!(jitter, Ok(0.0));
         for column in 0..40 {
             for row in column..40 {
@@ -199,7 +201,7 @@ mod tests {
         inputs[13] = inputs[4];
         let kernel = covariance(&inputs);
         let mut factor = Mat::zeros(20, 20);
-        let jitter = factorise(&kernel, 1e-18, &mut factor, &mut MemBuffer::new(factor_scratch(20)));
+        let jitter = factorise(&kernel, 1e-18, &[1.0; 20], &mut factor, &mut MemBuffer::new(factor_scratch(20)));
         assert!(jitter.is_ok_and(|jitter| jitter > 0.0 && jitter < 1e-6));
     }
 
@@ -207,6 +209,6 @@ mod tests {
     fn no_jitter_heals_what_is_not_a_number() {
         let kernel = Mat::from_fn(3, 3, |_, _| f64::NAN);
         let mut factor = Mat::zeros(3, 3);
-        assert!(factorise(&kernel, 0.1, &mut factor, &mut MemBuffer::new(factor_scratch(3))).is_err());
+        assert!(factorise(&kernel, 0.1, &[1.0; 3], &mut factor, &mut MemBuffer::new(factor_scratch(3))).is_err());
     }
 }

@@ -116,15 +116,23 @@ pub fn fit<const D: usize>(
     start: &Hyperparameters<D>,
     options: &FitOptions<D>,
 ) -> Result<Fitted<D>, FitError> {
+    fit_likelihood(&mut Likelihood::new(inputs, targets)?, start, options)
+}
+
+/// The same of a likelihood that is at hand: of samples of which each has noise of its own.
+pub fn fit_likelihood<const D: usize>(
+    likelihood: &mut Likelihood<'_, D>,
+    start: &Hyperparameters<D>,
+    options: &FitOptions<D>,
+) -> Result<Fitted<D>, FitError> {
     options.check(start)?;
-    let mut likelihood = Likelihood::new(inputs, targets)?;
     let first = options.bounds.clamp(&start.ln());
-    let (mut cost, mut fitted) = search(&mut likelihood, &first, options)?;
+    let (mut cost, mut fitted) = search(likelihood, &first, options)?;
     let mut random = SplitMix64::new(options.seed);
     for _ in 0..options.restarts {
         // The given start has to work; a drawn one that does not costs nothing but its evaluation.
         let drawn = options.draw_near(&first, &mut random);
-        let Ok((other_cost, other)) = search(&mut likelihood, &drawn, options) else {
+        let Ok((other_cost, other)) = search(likelihood, &drawn, options) else {
             fitted.evaluations += 1;
             continue;
         };

@@ -6,15 +6,16 @@
 //! | `local`          | S, the squared-exponential part of K | `n` × `n` |
 //! | `gram`           | G = 1 + X Xᵀ                      | `n` × `n` |
 //! | `covariance`     | K = S + λ² G                      | `n` × `n` |
-//! | `factor`         | L, L Lᵀ = K + σₙ² I               | `n` × `n` |
-//! | `inverse`        | (K + σₙ² I)⁻¹                     | `n` × `n` |
-//! | `weights`        | α = (K + σₙ² I)⁻¹ y               | `n`       |
+//! | `noise_scale`    | s: noise of a sample over σₙ²     | `n`       |
+//! | `factor`         | L, L Lᵀ = C = K + σₙ² diag(s)     | `n` × `n` |
+//! | `inverse`        | C⁻¹                               | `n` × `n` |
+//! | `weights`        | α = C⁻¹ y                         | `n`       |
 //!
-//! ln p(y | X, θ) = −½ yᵀα − Σᵢ ln Lᵢᵢ − ½ n ln 2π. With W = (K + σₙ² I)⁻¹ − α αᵀ,
+//! ln p(y | X, θ) = −½ yᵀα − Σᵢ ln Lᵢᵢ − ½ n ln 2π. With W = C⁻¹ − α αᵀ,
 //!
 //! ```text
-//! ∂/∂θ = −½ tr(W ∂(K + σₙ² I)/∂θ)
-//! ∂/∂ ln ℓ_d = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ ((xᵢ_d − xⱼ_d) / ℓ_d)²,   ∂/∂ ln σ² = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ,   ∂/∂ ln σₙ² = −½ σₙ² tr W
+//! ∂/∂θ = −½ tr(W ∂C/∂θ)
+//! ∂/∂ ln ℓ_d = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ ((xᵢ_d − xⱼ_d) / ℓ_d)²,   ∂/∂ ln σ² = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ,   ∂/∂ ln σₙ² = −½ σₙ² Σᵢ Wᵢᵢ sᵢ
 //! ∂/∂ ln λ² = −½ λ² Σᵢⱼ Wᵢⱼ Gᵢⱼ
 //! ```
 //!
@@ -40,6 +41,7 @@ const LANES: usize = 8;
 pub struct Likelihood<'a, const D: usize> {
     inputs: &'a [[f64; D]],
     targets: &'a [f64],
+    noise_scale: Vec<f64>,
     scaled: ScaledInputs<D>,
     local: Mat<f64>,
     gram: Mat<f64>,
@@ -95,6 +97,7 @@ impl<'a, const D: usize> Likelihood<'a, D> {
         Ok(Self {
             inputs,
             targets,
+            noise_scale: vec![1.0; samples],
             scaled: ScaledInputs::new(samples),
             local: Mat::zeros(samples, samples),
             gram: gram(inputs),
@@ -105,6 +108,13 @@ impl<'a, const D: usize> Likelihood<'a, D> {
             slopes: vec![0.0; samples],
             memory: MemBuffer::new(scratch),
         })
+    }
+
+    /// The same with noise of its own for each sample: σₙ² times its scale.
+    pub fn with_noise_scale(mut self, noise_scale: &[f64]) -> Result<Self, LikelihoodError> {
+        data::check_noise_scale(self.inputs.len(), noise_scale)?;
+        self.noise_scale.copy_from_slice(noise_scale);
+        Ok(self)
     }
 
     /// How many samples there are.
@@ -120,7 +130,7 @@ impl<'a, const D: usize> Likelihood<'a, D> {
         self.scaled.scale(self.inputs, &kernel.length_scale);
         self.scaled.local_covariance(kernel.variance, &mut self.local);
         add_linear(&self.local, kernel.linear_variance, &self.gram, &mut self.covariance);
-        let jitter = factorise(&self.covariance, noise_variance, &mut self.factor, &mut self.memory)
+        let jitter = factorise(&self.covariance, noise_variance, &self.noise_scale, &mut self.factor, &mut self.memory)
             .map_err(|_| LikelihoodError::NotPositiveDefinite { samples })?;
 
         // α = L⁻ᵀ L⁻¹ y
@@ -152,11 +162,12 @@ impl<'a, const D: usize> Likelihood<'a, D> {
         let mut distance_sums = [[0.0; LANES]; D];
         let mut slope_sums = [0.0; LANES];
         let mut linear_sums = [0.0; LANES];
-        let (mut trace, mut linear_trace) = (0.0, 0.0);
+        let (mut trace, mut linear_trace, mut noise_trace) = (0.0, 0.0, 0.0);
         for first in 0..samples {
             let weight = self.weights[first];
             let diagonal = self.inverse[(first, first)] - weight * weight;
             trace += diagonal;
+            noise_trace += diagonal * self.noise_scale[first];
             linear_trace += diagonal * self.gram[(first, first)];
 
             let below = first + 1;
@@ -182,7 +193,7 @@ impl<'a, const D: usize> Likelihood<'a, D> {
         LogHyperparameters {
             length_scale: distance_sums.map(|sums| -total(&sums)),
             variance: -total(&slope_sums) - 0.5 * kernel.variance * trace,
-            noise_variance: -0.5 * noise_variance * trace,
+            noise_variance: -0.5 * noise_variance * noise_trace,
             linear_variance: (kernel.linear_variance != 0.0).then(linear),
         }
     }
@@ -263,7 +274,8 @@ mod tests {
             log in prop::collection::vec(-1.5..1.5, 4..=5),
         ) {
             let (inputs, targets) = samples(count, seed);
-            let mut likelihood = Likelihood::new(&inputs, &targets).unwrap();
+            let noise_scale: Vec<f64> = (0..count).map(|i| 1.0 + (i % 5) as f64).collect();
+            let mut likelihood = Likelihood::new(&inputs, &targets).unwrap().with_noise_scale(&noise_scale).unwrap();
             let mut at = |log: &[f64]| {
                 likelihood.evaluate(&LogHyperparameters::from_slice(log).unwrap().exp()).unwrap()
             };

@@ -2,8 +2,9 @@
 //!
 //! | here      | in the equations              | size                  |
 //! |-----------|-------------------------------|-----------------------|
-//! | `weights` | α = (K + σₙ² I)⁻¹ y           | `n`, per output       |
-//! | `factor`  | L, L Lᵀ = K + σₙ² I           | `n` × `n`, lower half |
+//! | `noise_scale` | s: noise of a sample over σₙ² | `n`               |
+//! | `weights` | α = (K + σₙ² diag(s))⁻¹ y     | `n`, per output       |
+//! | `factor`  | L, L Lᵀ = K + σₙ² diag(s)     | `n` × `n`, lower half |
 //! | `k`       | k(X, x)                       | `n`                   |
 //!
 //! ```text
@@ -119,14 +120,25 @@ impl<const D: usize> Posterior<D> {
         targets: &[[f64; OUTPUTS]],
         hyperparameters: &[Hyperparameters<D>; OUTPUTS],
     ) -> Result<Self, PosteriorError> {
+        Self::with_noise_scale(inputs, targets, &vec![1.0; inputs.len()], hyperparameters)
+    }
+
+    /// The same with noise of its own for each sample: σₙ² times its scale.
+    pub fn with_noise_scale(
+        inputs: &[[f64; D]],
+        targets: &[[f64; OUTPUTS]],
+        noise_scale: &[f64],
+        hyperparameters: &[Hyperparameters<D>; OUTPUTS],
+    ) -> Result<Self, PosteriorError> {
         data::check(inputs, targets)?;
+        data::check_noise_scale(inputs.len(), noise_scale)?;
         let mut posterior = Self::prior_only(hyperparameters)?;
         posterior.samples = inputs.len();
         let mut work = Work::new(inputs);
         for (output, state) in posterior.outputs.iter_mut().enumerate() {
             work.weights.clear();
             work.weights.extend(targets.iter().map(|target| target[output]));
-            state.condition(inputs, &mut work).ok_or(PosteriorError::NotPositiveDefinite { output, samples: inputs.len() })?;
+            state.condition(inputs, noise_scale, &mut work).ok_or(PosteriorError::NotPositiveDefinite { output, samples: inputs.len() })?;
         }
         Ok(posterior)
     }
@@ -259,12 +271,12 @@ impl<const D: usize> Output<D> {
     }
 
     /// `None` if the covariance does not factorise.
-    fn condition(&mut self, inputs: &[[f64; D]], work: &mut Work<D>) -> Option<()> {
+    fn condition(&mut self, inputs: &[[f64; D]], noise_scale: &[f64], work: &mut Work<D>) -> Option<()> {
         let Hyperparameters { kernel, noise_variance } = self.hyperparameters;
         work.scaled.scale(inputs, &kernel.length_scale);
         work.scaled.local_covariance(kernel.variance, &mut work.local);
         add_linear(&work.local, kernel.linear_variance, &work.gram, &mut work.covariance);
-        self.jitter = factorise(&work.covariance, noise_variance, &mut work.factor, &mut work.memory).ok()?;
+        self.jitter = factorise(&work.covariance, noise_variance, noise_scale, &mut work.factor, &mut work.memory).ok()?;
         llt::solve::solve_in_place(
             work.factor.as_ref(),
             MatMut::from_column_major_slice_mut(&mut work.weights, inputs.len(), 1),

@@ -1,0 +1,147 @@
+//! The inverse of a covariance whose samples come and go, kept up to date at O(n²) each.
+//!
+//! | here       | in the equations                       | size    |
+//! |------------|----------------------------------------|---------|
+//! | `values`   | P = C⁻¹, C the covariance with noise   | `n` × `n` |
+//! | `solved`   | P c, c the covariances with a new one  | `n`     |
+//! | `left`     | s = c₀ − cᵀP c, c₀ its own variance    |         |
+//!
+//! ```text
+//! in    P ← [P + P c cᵀP / s,  −P c / s;  −cᵀP / s,  1 / s]
+//! out   P ← Q − q qᵀ / p        of P = [Q, q; qᵀ, p]
+//! ```
+//! Rounding adds up over many steps; who owns the samples works the inverse out anew now and then.
+//!
+//! Reference: Golub & Van Loan, *Matrix Computations*, 4th ed., section 2.1.4; Csató & Opper, *Sparse on-line Gaussian processes*, Neural
+//! Computation 14, 2002, appendix C.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt;
+use faer::{Mat, Par};
+
+use crate::gp::covariance::{NotPositiveDefinite, factor_scratch, factorise};
+
+/// P, with room for a fixed number of samples.
+#[derive(Debug, Clone)]
+pub(crate) struct Inverse {
+    size: usize,
+    stride: usize,
+    /// Row by row.
+    values: Vec<f64>,
+    /// The row that is taken out.
+    leaving: Vec<f64>,
+}
+
+impl Inverse {
+    /// Of no samples, with room for `capacity`.
+    pub(crate) fn new(capacity: usize) -> Self {
+        Self { size: 0, stride: capacity, values: vec![0.0; capacity * capacity], leaving: vec![0.0; capacity] }
+    }
+
+    /// Pᵢᵢ of each sample.
+    pub(crate) fn diagonal(&self) -> impl Iterator<Item = f64> + '_ {
+        self.rows().enumerate().map(|(place, row)| row[place])
+    }
+
+    /// P c. O(n²); does not allocate.
+    pub(crate) fn solve(&self, covariances: &[f64], solved: &mut [f64]) {
+        for (solved, row) in solved.iter_mut().zip(self.rows()) {
+            *solved = row.iter().zip(covariances).map(|(a, b)| a * b).sum();
+        }
+    }
+
+    /// Takes in a sample behind the others: `solved` is P c and `left` is s > 0. O(n²); does not allocate.
+    pub(crate) fn insert(&mut self, solved: &[f64], left: f64) {
+        let size = self.size;
+        for (row, &first) in self.values.chunks_exact_mut(self.stride).zip(&solved[..size]) {
+            let share = first / left;
+            for (value, second) in row.iter_mut().zip(&solved[..size]) {
+                *value += share * second;
+            }
+            row[size] = -share;
+        }
+        let last = &mut self.values[size * self.stride..];
+        for (value, solved) in last.iter_mut().zip(&solved[..size]) {
+            *value = -solved / left;
+        }
+        last[size] = 1.0 / left;
+        self.size += 1;
+    }
+
+    /// Takes out the sample at `place`; those behind it move up. O(n²); does not allocate.
+    pub(crate) fn remove(&mut self, place: usize) {
+        let (size, stride) = (self.size, self.stride);
+        self.leaving[..size].copy_from_slice(&self.values[place * stride..place * stride + size]);
+        let leaving = &self.leaving[..size];
+        for (row, &first) in self.values.chunks_exact_mut(stride).zip(leaving) {
+            let share = first / leaving[place];
+            for (value, second) in row.iter_mut().zip(leaving) {
+                *value -= share * second;
+            }
+            row.copy_within(place + 1..size, place);
+        }
+        self.values.copy_within((place + 1) * stride..size * stride, place * stride);
+        self.size -= 1;
+    }
+
+    /// The inverse of `covariance`, noise included, worked out anew. O(n³).
+    pub(crate) fn recompute(&mut self, covariance: &Mat<f64>) -> Result<(), NotPositiveDefinite> {
+        let size = covariance.ncols();
+        let mut factor = Mat::zeros(size, size);
+        let mut memory = MemBuffer::new(factor_scratch(size).or(llt::inverse::inverse_scratch::<f64>(size, Par::Seq)));
+        factorise(covariance, 0.0, &vec![1.0; size], &mut factor, &mut memory)?;
+        let mut inverse = Mat::<f64>::zeros(size, size);
+        llt::inverse::inverse(inverse.as_mut(), factor.as_ref(), Par::Seq, MemStack::new(&mut memory));
+        self.size = size;
+        for row in 0..size {
+            for column in 0..=row {
+                // faer leaves the upper half alone.
+                self.values[row * self.stride + column] = inverse[(row, column)];
+                self.values[column * self.stride + row] = inverse[(row, column)];
+            }
+        }
+        Ok(())
+    }
+
+    fn rows(&self) -> impl Iterator<Item = &[f64]> {
+        self.values.chunks_exact(self.stride.max(1)).take(self.size).map(|row| &row[..self.size])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Inverse;
+    use faer::Mat;
+    use proptest::prelude::*;
+
+    /// A covariance of places on a line, with noise.
+    fn covariance(places: &[f64]) -> Mat<f64> {
+        Mat::from_fn(places.len(), places.len(), |i, j| (-0.5 * (places[i] - places[j]).powi(2)).exp() + if i == j { 0.01 } else { 0.0 })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn the_maintained_inverse_is_the_recomputed_one(steps in prop::collection::vec((-3.0..3.0_f64, 0.0..1.0_f64), 1..120)) {
+            let (mut maintained, mut anew) = (Inverse::new(12), Inverse::new(12));
+            let mut places: Vec<f64> = Vec::new();
+            for (place, choice) in steps {
+                if places.len() == 12 {
+                    let out = (choice * 11.9) as usize;
+                    places.remove(out);
+                    maintained.remove(out);
+                }
+                let column: Vec<f64> = places.iter().map(|other| (-0.5 * (other - place).powi(2)).exp()).collect();
+                let mut solved = vec![0.0; places.len()];
+                maintained.solve(&column, &mut solved);
+                let left = 1.01 - column.iter().zip(&solved).map(|(a, b)| a * b).sum::<f64>();
+                maintained.insert(&solved, left);
+                places.push(place);
+                prop_assert!(anew.recompute(&covariance(&places)).is_ok());
+                for (kept, new) in maintained.rows().flatten().zip(anew.rows().flatten()) {
+                    prop_assert!((kept - new).abs() < 1e-7, "{kept} is not {new}");
+                }
+            }
+        }
+    }
+}
