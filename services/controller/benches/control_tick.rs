@@ -51,7 +51,6 @@ fn settings() -> Settings {
             },
             state_limits: StateLimits { heading_rad: Some(1.047), speed_mps: None },
             observer_gain: 0.0,
-            adaptation: false,
             method: Method::Mpc,
             delay: DelaySetting::Estimated,
         },

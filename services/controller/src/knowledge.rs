@@ -5,7 +5,7 @@
 use crate::adopt::Candidate;
 use crate::settings::{DelaySetting, Method, Settings};
 use crate::trust::Way;
-use crate::ways::{Adaptation, Ways};
+use crate::ways::Ways;
 use model::delay::{Delay, DelayEstimator, Sent};
 use model::explanation::Sample;
 use model::foresight::Foresight;
@@ -46,6 +46,8 @@ pub struct Knowledge {
     main: MainModel,
     method: Method,
     ways: Ways,
+    /// The cheap alternative to what is learned, which controllers are compared with.
+    least_squares: LeastSquares,
     /// Somebody who knows better than all of them.
     foresight: Option<Box<dyn Foresight>>,
     /// g of the last period.
@@ -61,16 +63,11 @@ impl Knowledge {
     pub fn new(settings: &Settings, main: MainModel, foresight: Option<Box<dyn Foresight>>) -> Self {
         let bound = bound(settings, &main);
         let observer = Observer::new(settings.mpc.observer_gain, bound);
-        let linear = LeastSquares::new(1.0 - main.period / LEAST_SQUARES_MEMORY_S, bound);
-        let adaptation = match settings.mpc.method {
-            Method::LeastSquaresMpc => Adaptation::LinearAlone,
-            Method::Mpc if settings.mpc.adaptation => Adaptation::Linear,
-            Method::Mpc | Method::FeedforwardP | Method::Oracle => Adaptation::None,
-        };
         Self {
-            main,
             method: settings.mpc.method,
-            ways: Ways::new(adaptation, linear, observer),
+            ways: Ways::new(observer),
+            least_squares: LeastSquares::new(1.0 - main.period / LEAST_SQUARES_MEMORY_S, bound),
+            main,
             foresight,
             residual: [0.0; AXES],
             setting: settings.mpc.delay,
@@ -82,8 +79,11 @@ impl Knowledge {
 
     /// What predictions are made with.
     pub fn belief(&self) -> Belief<'_> {
-        let explained = matches!(self.method, Method::Mpc | Method::LeastSquaresMpc);
-        let learned = explained.then_some(&self.ways as &dyn Residual);
+        let learned = match self.method {
+            Method::Mpc => Some(&self.ways as &dyn Residual),
+            Method::LeastSquaresMpc => Some(&self.least_squares as &dyn Residual),
+            Method::FeedforwardP | Method::Oracle => None,
+        };
         Belief {
             main: &self.main,
             learned,
@@ -182,11 +182,18 @@ impl Knowledge {
         }
         self.residual = residual(&self.main, &period.before.velocity, &period.acted, &period.after);
         let sample = Sample { velocity: period.before.velocity, input: period.acted, residual: self.residual };
-        let known = (self.method == Method::Oracle).then(|| {
-            self.look(period.tick);
-            self.belief().residual(&period.before, &period.acted)
-        });
+        let known = match self.method {
+            Method::Oracle => {
+                self.look(period.tick);
+                self.belief().residual(&period.before, &period.acted)
+            }
+            Method::LeastSquaresMpc => self.least_squares.mean(&sample.velocity, &sample.input),
+            Method::Mpc | Method::FeedforwardP => [0.0; AXES],
+        };
         self.ways.update(&sample, known);
+        if self.method == Method::LeastSquaresMpc {
+            self.least_squares.update(&sample.velocity, &sample.input, &sample.residual);
+        }
     }
 
     /// A period is missing: nothing is known but the input that acts.
@@ -199,6 +206,7 @@ impl Knowledge {
         self.resume(acted);
         self.residual = [0.0; AXES];
         self.ways.reset();
+        self.least_squares.reset();
         self.estimator.reset();
     }
 

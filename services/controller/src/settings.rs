@@ -59,9 +59,6 @@ pub struct MpcSettings {
     pub state_limits: StateLimits,
     /// ℓ of the disturbance observer, 0 to 1.
     pub observer_gain: f64,
-    /// Whether a linear part of the residual is found in the controller itself, at once, until and beside what the learner knows.
-    #[serde(default)]
-    pub adaptation: bool,
     /// How answers are found.
     #[serde(default)]
     pub method: Method,

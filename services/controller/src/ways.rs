@@ -4,60 +4,33 @@ use crate::adopt::Candidate;
 use crate::trust::{Trust, Way};
 use model::explanation::{Explanation, Sample};
 use model::learned::{Residual, Response};
-use model::least_squares::LeastSquares;
 use model::observer::Observer;
 use model::{AXES, Velocity};
 
-/// Periods that are gone through again when another learned model comes.
-const RECENT: usize = 100;
-
-/// Of them, the last ones, which it is judged by.
-const JUDGED: usize = 10;
-
-/// What is open to a controller from the start. A learned model opens its own way when it comes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Adaptation {
-    /// Main model and observer.
-    None,
-    /// Also a linear part, alone and beside the learned model.
-    Linear,
-    /// The linear part and nothing else, whether it does good or harm.
-    LinearAlone,
-}
+/// Periods that are gone through again when another learned model comes, to find its d and to judge it.
+const RECENT: usize = 12;
 
 /// Explanations, records, and the learned model that is in use. Does not allocate after set-up.
 #[derive(Debug)]
 pub struct Ways {
     active: Option<Box<Candidate>>,
-    /// In the order of [`Way::ALL`].
-    explanations: [Explanation; 3],
+    plain: Explanation,
+    learned: Explanation,
     trust: Trust,
-    start: Trust,
-    recent: Vec<Sample>,
+    recent: [Sample; RECENT],
     /// Samples ever taken in; the last ones are kept, in a ring.
     taken: usize,
 }
 
 impl Ways {
-    /// Ways that know nothing yet. `linear` and `observer` are as fresh.
-    pub fn new(adaptation: Adaptation, linear: LeastSquares, observer: Observer) -> Self {
-        let beside = (adaptation == Adaptation::Linear).then(|| linear.clone());
-        let open: &[Way] = match adaptation {
-            Adaptation::None => &[Way::Plain],
-            Adaptation::Linear => &[Way::Plain, Way::Linear],
-            Adaptation::LinearAlone => &[Way::Linear],
-        };
-        let start = Trust::new(open);
+    /// Ways that know nothing yet, with an observer that is as fresh.
+    pub fn new(observer: Observer) -> Self {
         Self {
             active: None,
-            explanations: [
-                Explanation::new(None, observer.clone()),
-                Explanation::new(Some(linear), observer.clone()),
-                Explanation::new(beside, observer),
-            ],
-            trust: start.clone(),
-            start,
-            recent: vec![Sample::default(); RECENT],
+            plain: Explanation::new(observer.clone()),
+            learned: Explanation::new(observer),
+            trust: Trust::default(),
+            recent: [Sample::default(); RECENT],
             taken: 0,
         }
     }
@@ -79,22 +52,20 @@ impl Ways {
 
     /// d, per axis \[m/s, m/s, rad/s\].
     pub fn disturbance(&self) -> Velocity {
-        self.per_axis(Explanation::disturbance)
+        self.per_axis(self.plain.disturbance(), self.learned.disturbance())
     }
 
     /// Last one-step error, per axis \[m/s, m/s, rad/s\].
     pub fn innovation(&self) -> Velocity {
-        self.per_axis(Explanation::innovation)
+        self.per_axis(self.plain.innovation(), self.learned.innovation())
     }
 
-    /// Takes in one period. `known` is what a model says that is better than all of these, in their place.
-    pub fn update(&mut self, sample: &Sample, known: Option<Velocity>) {
+    /// Takes in one period. `known` is what somebody says of it in the place of the main model alone.
+    pub fn update(&mut self, sample: &Sample, known: Velocity) {
         let learned = self.active.as_ref().map_or([0.0; AXES], |active| active.learned.mean(&sample.velocity, &sample.input));
-        let opinions = [known.unwrap_or_default(), [0.0; AXES], learned];
-        for (explanation, opinion) in self.explanations.iter_mut().zip(&opinions) {
-            explanation.update(sample, opinion);
-        }
-        self.trust.update(&self.explanations.each_ref().map(Explanation::error));
+        self.plain.update(sample, &known);
+        self.learned.update(sample, &learned);
+        self.trust.update(&self.plain.error(), &self.learned.error());
         let place = self.taken % RECENT;
         if let Some(slot) = self.recent.get_mut(place) {
             *slot = *sample;
@@ -104,35 +75,31 @@ impl Ways {
 
     /// Puts a learned model in use, as if it had always been there, and gives back the one before, for somebody else to free.
     pub fn adopt(&mut self, candidate: Box<Candidate>) -> Option<Box<Candidate>> {
-        let [_, _, beside] = &mut self.explanations;
-        beside.reset();
+        self.learned.reset();
         let kept = self.taken.min(RECENT);
-        let mut errors = [[0.0; AXES]; JUDGED];
-        for age in (0..kept).rev() {
+        let mut errors = [[0.0; AXES]; RECENT];
+        for (slot, age) in errors.iter_mut().zip((0..kept).rev()) {
             let Some(sample) = self.recent.get((self.taken - 1 - age) % RECENT) else { continue };
-            beside.update(sample, &candidate.learned.mean(&sample.velocity, &sample.input));
-            if let Some(slot) = errors.get_mut(age) {
-                *slot = beside.error();
-            }
+            self.learned.update(sample, &candidate.learned.mean(&sample.velocity, &sample.input));
+            *slot = self.learned.error();
         }
-        let judged = kept.min(JUDGED);
-        self.trust.judge((0..judged).map(|back| errors[judged - 1 - back]));
+        self.trust.judge(errors.get(..kept).unwrap_or(&[]));
         self.active.replace(candidate)
     }
 
     /// Forgets all but the learned model.
     pub fn reset(&mut self) {
-        self.explanations.iter_mut().for_each(Explanation::reset);
-        self.trust = self.start.clone();
-        self.taken = 0;
+        self.plain.reset();
+        self.learned.reset();
+        (self.trust, self.taken) = (Trust::default(), 0);
         if self.active.is_some() {
-            self.trust.judge([].into_iter());
+            self.trust.judge(&[]);
         }
     }
 
-    fn per_axis(&self, of: impl Fn(&Explanation) -> Velocity) -> Velocity {
+    fn per_axis(&self, plain: Velocity, learned: Velocity) -> Velocity {
         let chosen = self.trust.chosen();
-        std::array::from_fn(|axis| of(&self.explanations[chosen[axis] as usize])[axis])
+        std::array::from_fn(|axis| if chosen[axis] == Way::Learned { learned[axis] } else { plain[axis] })
     }
 }
 
@@ -144,26 +111,13 @@ impl Residual for Ways {
     fn response(&self, velocity: &Velocity, input: &Velocity) -> Response {
         let chosen = self.trust.chosen();
         let mut response = Response::NONE;
-        let mut add = |way: Way, part: &Response| {
-            for axis in (0..AXES).filter(|&axis| chosen[axis] == way) {
-                response.mean[axis] += part.mean[axis];
-                for column in 0..AXES {
-                    response.by_velocity[axis][column] += part.by_velocity[axis][column];
-                    response.by_input[axis][column] += part.by_input[axis][column];
-                }
+        if let Some(active) = self.active.as_ref().filter(|_| chosen.contains(&Way::Learned)) {
+            let learned = active.learned.response(velocity, input);
+            for axis in (0..AXES).filter(|&axis| chosen[axis] == Way::Learned) {
+                response.mean[axis] = learned.mean[axis];
+                response.by_velocity[axis] = learned.by_velocity[axis];
+                response.by_input[axis] = learned.by_input[axis];
             }
-        };
-        for way in [Way::Linear, Way::Learned] {
-            if chosen.contains(&way)
-                && let Some(linear) = self.explanations[way as usize].linear()
-            {
-                add(way, &linear.response(velocity, input));
-            }
-        }
-        if chosen.contains(&Way::Learned)
-            && let Some(active) = &self.active
-        {
-            add(Way::Learned, &active.learned.response(velocity, input));
         }
         response
     }

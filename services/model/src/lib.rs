@@ -10,7 +10,7 @@
 //! | [`learned`]    | g as the controller uses it: layout of the inputs, normalisation, bound        |
 //! | [`least_squares`] | g as a linear function, by recursive least squares                          |
 //! | [`observer`]   | d: what neither f nor g explains                                               |
-//! | [`explanation`] | W φ + d: a linear part and the observer, beside a given model                 |
+//! | [`explanation`] | d beside a given model, and how well the two do                             |
 //! | [`delay`]      | how long a command takes to the wheels                                         |
 //! | [`predict`]    | one step of f + g + d                                                          |
 //! | [`linearise`]  | its Jacobians                                                                  |

@@ -17,7 +17,6 @@ pub(crate) fn settings() -> MpcSettings {
         },
         state_limits: StateLimits { heading_rad: Some(1.0), speed_mps: Some(3.5) },
         observer_gain: 0.3,
-        adaptation: false,
         method: Method::Mpc,
         delay: DelaySetting::Estimated,
     }

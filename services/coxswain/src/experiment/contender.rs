@@ -67,7 +67,6 @@ impl Contender {
             _ if mpc.observer_gain > 0.0 => mpc.observer_gain,
             _ => OBSERVER_GAIN,
         };
-        mpc.adaptation = self == Self::GprMpcObserver;
         // Making up for a transport delay is ours, and the oracle's, who knows it.
         mpc.delay = match self {
             Self::GprMpc | Self::GprMpcObserver => DelaySetting::Estimated,
