@@ -158,15 +158,15 @@ mod tests {
     /// Commands that change from period to period, and what acts of them after a delay.
     fn found(periods: f64, noise: f64, count: usize) -> DelayEstimator {
         let delay = Delay::of_periods(periods);
-        let command =
-            |k: i64| -> Velocity { std::array::from_fn(|axis| (0.31 * (k + 7 * axis as i64) as f64).sin() + 0.2 * (1.3 * k as f64).cos()) };
+        let wave = |k: usize, axis: usize| (0.31 * (k + 7 * axis) as f64).sin() + 0.2 * (1.3 * k as f64).cos();
+        // Standing still before the beginning.
+        let command = |k: usize, age: usize| -> Velocity { std::array::from_fn(|axis| if k < age { 0.0 } else { wave(k - age, axis) }) };
         let (mut sent, mut estimator) = (Sent::default(), DelayEstimator::default());
-        for k in 0..count as i64 {
-            sent.push(if k < 0 { [0.0; 3] } else { command(k) });
-            let at = |age: i64| if k < age { [0.0; 3] } else { command(k - age) };
-            let (newer, older) = (at(delay.whole() as i64), at(delay.whole() as i64 + 1));
-            let wave = noise * (12.9 * k as f64).sin();
-            let acting = std::array::from_fn(|axis| delay.carry() * older[axis] + (1.0 - delay.carry()) * newer[axis] + wave);
+        for k in 0..count {
+            sent.push(command(k, 0));
+            let (newer, older) = (command(k, delay.whole()), command(k, delay.whole() + 1));
+            let error = noise * (12.9 * k as f64).sin();
+            let acting = std::array::from_fn(|axis| delay.carry() * older[axis] + (1.0 - delay.carry()) * newer[axis] + error);
             estimator.update(&sent, &acting);
         }
         estimator

@@ -181,7 +181,7 @@ mod tests {
             // Until the token has come round.
             let refused = loop {
                 match check(&network, topic, Role::Reader) {
-                    Ok(_) => std::thread::sleep(std::time::Duration::from_millis(10)),
+                    Ok(()) => sleep(Duration::from_millis(10)),
                     Err(error) => break error.to_string(),
                 }
             };

@@ -9,7 +9,7 @@
 //! When the set is full, the one that tells least gives way: of twins the older, of a long steady stretch most, of an excursion nobody.
 //!
 //! **What is out of date.** Noise that grows like age is what a function that drifts by a random walk gives: the new outweighs the old where
-//! both speak, and the old is still heard where nothing new was seen. When the world has changed, as [`surprise`](super::surprise) judges, all
+//! both speak, and the old is still heard where nothing new was seen. When the world has changed, as `surprise` judges, all
 //! that was known before is put into doubt at once.
 //!
 //! Age is counted in samples: the same samples give the same set, to the last bit.
