@@ -191,8 +191,8 @@ mod tests {
         let sizes = [
             (Command::NAME, size_of::<Command>(), 192),
             (Credit::NAME, size_of::<Credit>(), 64),
-            (Health::NAME, size_of::<Health>(), 560),
-            (Plan::NAME, size_of::<Plan>(), 6056),
+            (Health::NAME, size_of::<Health>(), 576),
+            (Plan::NAME, size_of::<Plan>(), 6064),
             (PlantState::NAME, size_of::<PlantState>(), 224),
             (ResidualSample::NAME, size_of::<ResidualSample>(), 168),
             (Truth::NAME, size_of::<Truth>(), 232),

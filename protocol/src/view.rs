@@ -115,6 +115,8 @@ recorded!(Plan, "controller → watchers: what it intends, what it believes, and
     "status": Shape::Word(words::statuses), "what the optimiser said" => plan.status().text();
     "iterations": Shape::Integer, "iterations of the optimiser" => plan.iterations;
     "rung": Shape::Word(words::rungs), "rung that the controller stands on" => plan.rung().text();
+    "learned_axes": Shape::Integer, "velocity axes on which the learned model is used: 1 forward, 2 left, 4 yaw, added up" => plan.learned_axes;
+    "delay_micros": Shape::Integer, "time from a command to the wheels, as the plan takes it [µs]" => plan.delay_micros;
     "tick_nanos": Shape::Integer, "state received to command sent [ns]" => plan.tick_nanos;
     "linearise_nanos": Shape::Integer, "of it prediction and linearisation [ns]" => plan.linearise_nanos;
     "solve_nanos": Shape::Integer, "of it the quadratic program [ns]" => plan.solve_nanos;
@@ -139,6 +141,8 @@ recorded!(Health, "every process → launcher and watchers: how it is. Counters 
     "deadlines_missed": Shape::Integer, "periods not served in time" => health.deadlines_missed;
     "stalled_nanos": Shape::Integer, "time that the machine kept the simulator from running, taken out of its clock [ns]" => health.stalled_nanos;
     "model_version": Shape::Integer, "version of the learned model in use, or last published, 0 is none" => health.model_version;
+    "learned_axes": Shape::Integer, "velocity axes on which the controller uses it: 1 forward, 2 left, 4 yaw, added up" => health.learned_axes;
+    "models_left": Shape::Integer, "how often the controller has left a model on an axis, where it had turned worse than none" => health.models_left;
     "snapshots": Shape::Integer, "model snapshots published (learner) or adopted (controller)" => health.snapshots;
     "snapshots_refused": Shape::Integer, "model snapshots refused" => health.snapshots_refused;
     "sent": Shape::ByTopic, "messages sent in the present epoch" => ByTopic(&health.sent);

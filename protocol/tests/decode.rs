@@ -89,6 +89,7 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
             plan.horizon = choice % (HORIZON_MAX as u32 + 1);
             plan.status = pick(SolverStatus::ALL, choice).code();
             plan.rung = pick(Rung::ALL, choice).code();
+            plan.learned_axes = choice % 8;
         }),
         fixed::<Health>(|health, choice| {
             health.participant = pick(Participant::ALL, choice).code();

@@ -1,6 +1,6 @@
 //! The bytes in `vectors/` are those of the network encoding: what another language is to be tested against.
 //!
-//! `cargo test -p protocol --test vectors -- --ignored` writes them anew. A difference is a change of the protocol.
+//! `cargo test --workspace --test vectors -- --ignored` writes them anew. A difference is a change of the protocol.
 
 use bytemuck::Zeroable;
 use protocol::message::{
@@ -183,6 +183,8 @@ said_as_it_is! {
                 status: SolverStatus::Solved.code(),
                 iterations: 9,
                 rung: Rung::FreshPlan.code(),
+                learned_axes: 5,
+                delay_micros: 20_000,
                 tick_nanos: 1_250_000,
                 linearise_nanos: 250_000,
                 solve_nanos: 750_000,
@@ -220,6 +222,8 @@ said_as_it_is! {
                 deadlines_met: 1038,
                 deadlines_missed: 2,
                 model_version: 12,
+                learned_axes: 5,
+                models_left: 3,
                 snapshots: 12,
                 snapshots_refused: 1,
                 sent: [0, 1040, 1040, 0, 1040, 104, 0, 0],

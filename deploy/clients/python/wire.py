@@ -155,6 +155,8 @@ class Health:
     deadlines_missed: Annotated[int, U64]
     stalled_nanos: Annotated[int, U64]
     model_version: Annotated[int, U64]
+    learned_axes: Annotated[int, U64]
+    models_left: Annotated[int, U64]
     snapshots: Annotated[int, U64]
     snapshots_refused: Annotated[int, U64]
     sent: Annotated[tuple[int, ...], COUNTS]
@@ -168,7 +170,7 @@ class Health:
 class Wire:
     """Messages to bytes and back: a header of version, kind and checksum, then the fields."""
 
-    VERSION = 2
+    VERSION = 3
     HEADER = struct.Struct("<HHI")
     BODY = {kind: record(kind) for kind in (PlantState, Command, Credit, Health)}
     TABLE: list[int] = []  # of the checksum, by byte

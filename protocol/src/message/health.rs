@@ -35,6 +35,10 @@ pub struct Health {
     pub stalled_nanos: u64,
     /// Version of the learned model in use, or last published; 0 is none.
     pub model_version: u64,
+    /// Velocity axes on which the controller uses it: 1 forward, 2 left, 4 yaw, added up.
+    pub learned_axes: u64,
+    /// How often the controller has left a model on an axis, where it had turned worse than none.
+    pub models_left: u64,
     /// Model snapshots published (learner) or adopted (controller).
     pub snapshots: u64,
     /// Model snapshots refused.
@@ -103,6 +107,8 @@ struct Said<'a> {
     deadlines_missed: u64,
     stalled_nanos: u64,
     model_version: u64,
+    learned_axes: u64,
+    models_left: u64,
     snapshots: u64,
     snapshots_refused: u64,
     sent: [u64; TOPIC_COUNT],
@@ -125,6 +131,8 @@ struct Heard {
     deadlines_missed: u64,
     stalled_nanos: u64,
     model_version: u64,
+    learned_axes: u64,
+    models_left: u64,
     snapshots: u64,
     snapshots_refused: u64,
     sent: [u64; TOPIC_COUNT],
@@ -174,6 +182,8 @@ impl Serialize for Health {
             deadlines_missed: self.deadlines_missed,
             stalled_nanos: self.stalled_nanos,
             model_version: self.model_version,
+            learned_axes: self.learned_axes,
+            models_left: self.models_left,
             snapshots: self.snapshots,
             snapshots_refused: self.snapshots_refused,
             sent: self.sent,
@@ -200,6 +210,8 @@ impl<'de> Deserialize<'de> for Health {
             deadlines_missed: heard.deadlines_missed,
             stalled_nanos: heard.stalled_nanos,
             model_version: heard.model_version,
+            learned_axes: heard.learned_axes,
+            models_left: heard.models_left,
             snapshots: heard.snapshots,
             snapshots_refused: heard.snapshots_refused,
             sent: heard.sent,

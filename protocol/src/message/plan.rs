@@ -28,6 +28,10 @@ pub struct Plan {
     pub iterations: u32,
     /// [`Rung`] that the controller stands on.
     pub rung: u32,
+    /// Velocity axes on which the learned model is used: 1 forward, 2 left, 4 yaw, added up.
+    pub learned_axes: u32,
+    /// Time from a command to the wheels, as the plan takes it \[µs\].
+    pub delay_micros: u32,
     /// State received to command sent \[ns\].
     pub tick_nanos: u64,
     /// Of it: prediction and linearisation, the Gaussian process included \[ns\].
@@ -72,7 +76,8 @@ impl Plan {
 fixed_message!(Plan, 6, [disturbance, innovation, residual, predicted, reference, variance, input], |plan| {
     check_count("Plan", "horizon", plan.horizon, HORIZON_MAX)?;
     code::<SolverStatus>("Plan", "status", plan.status)?;
-    code::<Rung>("Plan", "rung", plan.rung)
+    code::<Rung>("Plan", "rung", plan.rung)?;
+    check_count("Plan", "learned_axes", plan.learned_axes, 7)
 });
 
 /// What of a plan is serialised: of its rows only those that count. Their number says how long the horizon is.
@@ -85,6 +90,8 @@ struct Said<'a> {
     status: u32,
     iterations: u32,
     rung: u32,
+    learned_axes: u32,
+    delay_micros: u32,
     tick_nanos: u64,
     linearise_nanos: u64,
     solve_nanos: u64,
@@ -106,6 +113,8 @@ struct Heard {
     status: u32,
     iterations: u32,
     rung: u32,
+    learned_axes: u32,
+    delay_micros: u32,
     tick_nanos: u64,
     linearise_nanos: u64,
     solve_nanos: u64,
@@ -133,6 +142,8 @@ impl Serialize for Plan {
             status: self.status,
             iterations: self.iterations,
             rung: self.rung,
+            learned_axes: self.learned_axes,
+            delay_micros: self.delay_micros,
             tick_nanos: self.tick_nanos,
             linearise_nanos: self.linearise_nanos,
             solve_nanos: self.solve_nanos,
@@ -163,6 +174,8 @@ impl<'de> Deserialize<'de> for Plan {
             status: heard.status,
             iterations: heard.iterations,
             rung: heard.rung,
+            learned_axes: heard.learned_axes,
+            delay_micros: heard.delay_micros,
             tick_nanos: heard.tick_nanos,
             linearise_nanos: heard.linearise_nanos,
             solve_nanos: heard.solve_nanos,

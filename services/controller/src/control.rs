@@ -216,6 +216,8 @@ impl Controller {
         plan.plant_epoch = self.command.plant_epoch;
         plan.model_version = self.command.model_version;
         plan.rung = self.command.rung;
+        plan.learned_axes = self.knowledge.learned_axes();
+        plan.delay_micros = (1e6 * self.knowledge.delay().periods() * self.knowledge.main().period).round() as u32;
         plan.disturbance = self.knowledge.disturbance();
         plan.innovation = self.knowledge.innovation();
         plan.residual = self.knowledge.residual();
@@ -392,7 +394,7 @@ pub(crate) mod tests {
         for tick in 0..20 {
             drop(controller.adopt(nonsense()?));
             let command = answer(&mut controller, &state(tick));
-            assert_eq!((command.rung(), controller.knowledge().learned_axes()), (Rung::FreshPlan, [false; 3]));
+            assert_eq!((command.rung(), controller.knowledge().learned_axes()), (Rung::FreshPlan, 0));
             assert!(command.input.iter().chain(command.tail().iter().flatten()).all(|value| value.is_finite()), "{command:?}");
         }
         Ok(())

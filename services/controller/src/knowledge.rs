@@ -135,9 +135,14 @@ impl Knowledge {
         self.ways.version()
     }
 
-    /// Axes on which a learned model is used.
-    pub fn learned_axes(&self) -> [bool; AXES] {
-        self.ways.chosen().map(|way| way == Way::Learned)
+    /// Axes on which a learned model is used: 1 forward, 2 left, 4 yaw, added up.
+    pub fn learned_axes(&self) -> u32 {
+        self.ways.chosen().iter().enumerate().map(|(axis, &way)| u32::from(way == Way::Learned) << axis).sum()
+    }
+
+    /// How often a learned model was left on an axis, where it had turned worse than none.
+    pub fn models_left(&self) -> u64 {
+        self.ways.left()
     }
 
     /// Time from a command to the wheels, as predictions take it.

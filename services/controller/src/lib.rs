@@ -21,6 +21,8 @@ pub mod mpc;
 pub mod reference;
 pub mod run;
 pub mod settings;
+#[cfg(test)]
+mod told_in_health;
 pub mod trust;
 pub mod ways;
 

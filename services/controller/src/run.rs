@@ -305,8 +305,11 @@ impl<'a> Loop<'a> {
         self.pulse.count_sink(&self.residuals);
         self.pulse.count_sink(&self.plans);
         let version = self.controller.model_version();
+        let knowledge = self.controller.knowledge();
+        let (learned_axes, models_left) = (knowledge.learned_axes(), knowledge.models_left());
         let health = self.pulse.health();
         health.model_version = version;
+        (health.learned_axes, health.models_left) = (u64::from(learned_axes), models_left);
         health.snapshots_refused = handover.refused.load(Ordering::Relaxed);
         let [received, lost, refused] = [0, 1, 2].map(|i| handover.snapshots[i].load(Ordering::Relaxed));
         health.received[Topic::Snapshot.index()] = received;

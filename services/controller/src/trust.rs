@@ -39,12 +39,14 @@ pub struct Trust {
     /// Periods ever taken in.
     taken: usize,
     chosen: [Way; AXES],
+    /// How often the learned model was left, over all axes.
+    left: u64,
 }
 
 impl Default for Trust {
     /// Nothing is learnt yet.
     fn default() -> Self {
-        Self { plain: [[0.0; AXES]; MEMORY], learned: None, taken: 0, chosen: [Way::Plain; AXES] }
+        Self { plain: [[0.0; AXES]; MEMORY], learned: None, taken: 0, chosen: [Way::Plain; AXES], left: 0 }
     }
 }
 
@@ -52,6 +54,16 @@ impl Trust {
     /// The way that is taken on each axis.
     pub fn chosen(&self) -> [Way; AXES] {
         self.chosen
+    }
+
+    /// How often the learned model was left, over all axes.
+    pub fn left(&self) -> u64 {
+        self.left
+    }
+
+    /// Forgets everything, but for how often a model was left.
+    pub fn reset(&mut self) {
+        *self = Self { left: self.left, ..Self::default() };
     }
 
     /// Takes in the errors of one period. One that is no number is worse than any.
@@ -84,6 +96,7 @@ impl Trust {
             if learned < BETTER * plain && learned.is_finite() {
                 self.chosen[axis] = Way::Learned;
             } else if !(learned <= plain && learned.is_finite()) {
+                self.left += u64::from(self.chosen[axis] == Way::Learned);
                 self.chosen[axis] = Way::Plain;
             }
         }
@@ -113,6 +126,7 @@ mod tests {
         assert_eq!(trust.chosen(), [Way::Learned; 3]);
         trust.update(&[0.011; 3], &[0.009, 0.050, 0.009]);
         assert_eq!(trust.chosen(), [Way::Learned, Way::Plain, Way::Learned]);
+        assert_eq!(trust.left(), 1);
         for _ in 0..30 {
             trust.update(&[0.011; 3], &[0.009; 3]);
         }

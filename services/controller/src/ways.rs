@@ -50,6 +50,11 @@ impl Ways {
         self.trust.chosen()
     }
 
+    /// How often a learned model was left, over all axes.
+    pub fn left(&self) -> u64 {
+        self.trust.left()
+    }
+
     /// d, per axis \[m/s, m/s, rad/s\].
     pub fn disturbance(&self) -> Velocity {
         self.per_axis(self.plain.disturbance(), self.learned.disturbance())
@@ -91,7 +96,8 @@ impl Ways {
     pub fn reset(&mut self) {
         self.plain.reset();
         self.learned.reset();
-        (self.trust, self.taken) = (Trust::default(), 0);
+        self.trust.reset();
+        self.taken = 0;
         if self.active.is_some() {
             self.trust.judge(&[]);
         }
