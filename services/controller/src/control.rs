@@ -4,13 +4,14 @@
 
 use crate::adopt::{Candidate, Event, Expected, Handover};
 use crate::fallback::Ladder;
-use crate::knowledge::{self, Knowledge, Period};
+use crate::knowledge::{Knowledge, Period};
 use crate::mpc::{Mpc, MpcError, Solved};
 use crate::reference::{PointsError, Reference, ReferencePoint};
 use crate::settings::{Method, Settings};
 use model::delay::DELAY_MAX;
 use model::foresight::Foresight;
 use model::main_model::{MainModel, fingerprint};
+use model::residual::bound;
 use model::{State, Velocity, wrap};
 use protocol::message::{Command, HORIZON_MAX, Plan, PlantState, Reason, ResidualSample, Rung, SolverStatus, TAIL_MAX};
 
@@ -105,7 +106,7 @@ impl Controller {
         Expected {
             fingerprint: fingerprint(&main, settings.learned.layout.name()),
             layout: settings.learned.layout,
-            bound: knowledge::bound(settings, &main),
+            bound: bound(&main, &settings.robot),
         }
     }
 

@@ -14,12 +14,9 @@ use model::least_squares::LeastSquares;
 use model::main_model::MainModel;
 use model::observer::Observer;
 use model::predict::Belief;
-use model::residual::residual;
+use model::residual::{bound, residual};
 use model::{AXES, State, Velocity};
 use protocol::message::Plan;
-
-/// Largest believable share of its physical range that the main model can be wrong by in one period.
-const RESIDUAL_SHARE: f64 = 0.25;
 
 /// Time over which recursive least squares forgets \[s\].
 const LEAST_SQUARES_MEMORY_S: f64 = 6.0;
@@ -61,7 +58,7 @@ pub struct Knowledge {
 impl Knowledge {
     /// The main model, and nothing else yet; or whatever `foresight` knows.
     pub fn new(settings: &Settings, main: MainModel, foresight: Option<Box<dyn Foresight>>) -> Self {
-        let bound = bound(settings, &main);
+        let bound = bound(&main, &settings.robot);
         let observer = Observer::new(settings.mpc.observer_gain, bound);
         Self {
             method: settings.mpc.method,
@@ -226,11 +223,4 @@ impl Knowledge {
             *slot = active.learned.variance(&[forward, left, rate], input, &mut active.scratch);
         }
     }
-}
-
-/// Largest |g| that physics allows, per axis and period \[m/s, m/s, rad/s\].
-pub fn bound(settings: &Settings, main: &MainModel) -> Velocity {
-    let limits = &settings.robot.limits;
-    let range = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];
-    std::array::from_fn(|axis| RESIDUAL_SHARE * main.gain[axis] * range[axis])
 }

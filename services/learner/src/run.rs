@@ -17,6 +17,7 @@ use model::gp::dictionary::{Dictionary, Observation, Outcome, Selection};
 use model::gp::hyperparameters::Hyperparameters;
 use model::learned::{INPUTS, Layout};
 use model::main_model::{MainModel, fingerprint};
+use model::residual::bound;
 use process::{Pace, Pulse, Stop};
 use protocol::frame::DecodeError;
 use protocol::message::{ModelSnapshot, Participant, Phase, ResidualSample};
@@ -30,8 +31,6 @@ use std::time::Duration;
 
 /// How long a wait lasts before stop signals are looked at.
 const PATIENCE: Duration = Duration::from_millis(20);
-/// Largest believable share of its physical range that the main model can be wrong by in one period.
-const RESIDUAL_SHARE: f64 = 0.25;
 /// Velocity that counts as one, as a share of its physical range.
 const VELOCITY_SHARE: f64 = 0.2;
 /// Slip that counts as one, as a share of the physical range of the velocity.
@@ -114,7 +113,7 @@ fn outset(settings: &Settings) -> Outset {
         layout: settings.learner.layout,
         kernel: settings.learner.kernel,
         input_scale: std::array::from_fn(|i| if i < AXES { VELOCITY_SHARE * range[i] } else { second_share * range[i - AXES] }),
-        bound: std::array::from_fn(|axis| RESIDUAL_SHARE * main.gain[axis] * range[axis]),
+        bound: bound(&main, &settings.robot),
         evaluations_max: settings.learner.evaluations_max,
     }
 }
