@@ -8,6 +8,7 @@ mod bell;
 mod config;
 mod inlet;
 mod keys;
+mod line;
 mod outlet;
 mod presence;
 mod readers;
@@ -21,23 +22,24 @@ use super::{Links, OpenError, Reservation};
 use crate::reason::first_line;
 use crate::topic::{Quality, Topic};
 use inlet::NetworkInlet;
+use line::Line;
 use outlet::NetworkOutlet;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Duration;
-use zenoh::{Session, Wait};
 
 /// How long the others may take to answer when a port is opened.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// This thread's membership in one graph.
 pub(super) struct Network {
-    session: Session,
+    line: Arc<Line>,
     graph: String,
     lock_step: bool,
     patience: Duration,
-    /// Keys of the presences of this session.
+    /// Keys of the presences of this line.
     own: Rc<RefCell<BTreeSet<String>>>,
 }
 
@@ -47,12 +49,10 @@ impl Network {
         if links.connect.is_empty() {
             return Err(failed("a topic runs over the network, and `connect` names no endpoint of a router".to_owned()));
         }
-        let config = config::client(&links.connect).map_err(|error| failed(first_line(&error)))?;
-        let session = zenoh::open(config).wait();
-        let session =
-            session.map_err(|error| failed(format!("no router answers at {}: {}", links.connect.join(", "), first_line(&error))))?;
+        let line = Line::open(&links.connect);
+        let line = line.map_err(|error| failed(format!("no router answers at {}: {}", links.connect.join(", "), first_line(&error))))?;
         Ok(Self {
-            session,
+            line,
             graph: links.network_graph().to_owned(),
             lock_step: links.lock_step,
             patience: links.patience(),

@@ -4,9 +4,6 @@ use crate::wire;
 use serde_json::{Value, json};
 use zenoh::Config;
 
-/// How long an opening tries to reach the router \[ms\].
-const OPEN_MILLIS: u64 = 5_000;
-
 /// Silence after which a link counts as dead \[ms\]. Each side says something four times as often. A process that is gone is noticed at once;
 /// a shorter lease would take a machine that stands still for a moment for a cut cable.
 const LEASE_MILLIS: u64 = 2_000;
@@ -26,12 +23,12 @@ const CLIENT_WAIT_MICROS: u64 = 100_000;
 /// What zenoh adds to a message at most, with room to spare \[bytes\].
 const OVERHEAD_BYTES_MAX: usize = 4_096;
 
-/// A client of the routers at `connect`, which are tried in turn.
-pub(super) fn client(connect: &[String]) -> Result<Config, zenoh::Error> {
+/// A client of the routers at `connect`, which are tried in turn for so long \[ms\].
+pub(super) fn client(connect: &[String], open_millis: u64) -> Result<Config, zenoh::Error> {
     configured(&[
         ("mode", json!("client")),
         ("connect/endpoints", json!(connect)),
-        ("connect/timeout_ms", json!(OPEN_MILLIS)),
+        ("connect/timeout_ms", json!(open_millis)),
         ("connect/exit_on_failure", json!(true)),
         ("listen/endpoints", json!([])),
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(CLIENT_WAIT_MICROS)),

@@ -2,7 +2,8 @@
 
 use super::bell::{Bell, Slept};
 use super::keys::{Keys, last};
-use super::presence::{Announced, Role, announce, check, draw_id};
+use super::line::{Declared, Held, Line};
+use super::presence::{self, Own, Role, check, draw_id};
 use super::{ANSWER_TIMEOUT, Network, failed, no_thread};
 use crate::port::carrier::{Encoding, Inlet};
 use crate::port::{OpenError, ReceiveError};
@@ -26,15 +27,9 @@ pub(super) struct NetworkInlet {
     arrivals: Arc<Arrivals>,
     /// Reports room to the writers of a lossless link.
     reporter: Option<JoinHandle<()>>,
-    /// Dropped before the session that they belong to.
-    _declared: Declared,
-    session: Session,
-}
-
-/// What the others know of a reader.
-struct Declared {
-    _token: Option<Announced>,
-    _subscribers: Vec<Subscriber<()>>,
+    _held: Held,
+    /// Nothing of a reader that no writer knows of.
+    _own: Option<Own>,
 }
 
 /// What zenoh's threads, the reader and the reporter share.
@@ -79,51 +74,60 @@ impl NetworkInlet {
     pub(super) fn open(network: &Network, topic: Topic) -> Result<Self, OpenError> {
         check(network, topic, Role::Reader)?;
         let (keys, id) = (Keys::of(network, topic), draw_id());
-        let (session, failed) = (network.session.clone(), failed(topic));
+        let (line, failed) = (&network.line, failed(topic));
         let arrivals = Arrivals::new(network.quality(topic)).map_err(|error| failed(error.into()))?;
         let arrivals = Arc::new(arrivals);
-        let listen = |key: String| {
-            let arrivals = Arc::clone(&arrivals);
-            session.declare_subscriber(key).callback(move |sample| arrivals.arrived(&sample)).wait().map_err(&failed)
+        let presence = presence::key(network, topic, Role::Reader, &id);
+        let (token, shared, heard) = (presence.clone(), Arc::clone(&arrivals), [keys.data("*"), keys.history(&id, "*")]);
+        let declare = move |session: &Session| {
+            let subscribers = heard.iter().map(|key| listen(session, key, &shared)).collect::<Result<_, _>>()?;
+            let token = session.liveliness().declare_token(&token).wait()?;
+            Ok(Declared { _token: Some(token), _subscribers: subscribers, _queryable: None })
         };
-        let (data, history) = (listen(keys.data("*"))?, listen(keys.history(&id, "*"))?);
-        let token = announce(network, topic, Role::Reader, &id)?;
+        let held = line.hold(Box::new(declare)).map_err(&failed)?;
+        let own = Own::new(network, presence);
 
         let mut reporter = None;
         if arrivals.quality.delivery == Delivery::Lossless {
-            let (shared, session, keys, id) = (Arc::clone(&arrivals), session.clone(), keys.clone(), id);
-            let report = move || shared.report(&session, &keys, &id);
+            let (shared, line, keys, id) = (Arc::clone(&arrivals), Arc::clone(line), keys.clone(), id);
+            let report = move || shared.report(&line, &keys, &id);
             let thread = thread::Builder::new().name(format!("room {}", topic.name())).spawn(report).map_err(no_thread(topic))?;
             *arrivals.reporter.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread.thread().clone());
             reporter = Some(thread);
         }
-        let inlet =
-            Self { topic, arrivals, reporter, _declared: Declared { _token: Some(token), _subscribers: vec![data, history] }, session };
-        inlet.meet_writers(&keys).map_err(&failed)?;
+        let inlet = Self { topic, arrivals, reporter, _held: held, _own: Some(own) };
+        meet_writers(&line.session(), &keys).map_err(&failed)?;
         Ok(inlet)
     }
 
     /// A reader that no writer knows of, and that none waits for.
     pub(super) fn watch(network: &Network, topic: Topic) -> Result<Self, OpenError> {
-        let (session, failed) = (network.session.clone(), failed(topic));
+        let failed = failed(topic);
         let arrivals = Arc::new(Arrivals::new(topic.watched_quality()).map_err(|error| failed(error.into()))?);
-        let shared = Arc::clone(&arrivals);
-        let data = session.declare_subscriber(Keys::of(network, topic).data("*"));
-        let data = data.callback(move |sample| shared.arrived(&sample)).wait().map_err(&failed)?;
-        Ok(Self { topic, arrivals, reporter: None, _declared: Declared { _token: None, _subscribers: vec![data] }, session })
-    }
-
-    /// Waits until every writer knows of this reader. The question travels behind what was declared before it.
-    fn meet_writers(&self, keys: &Keys) -> Result<(), zenoh::Error> {
-        let question = self.session.get(keys.join("*")).target(QueryTarget::All).consolidation(ConsolidationMode::None);
-        let answers = question.timeout(ANSWER_TIMEOUT).wait()?;
-        while answers.recv().is_ok() {}
-        Ok(())
+        let (shared, data) = (Arc::clone(&arrivals), Keys::of(network, topic).data("*"));
+        let declare =
+            move |session: &Session| Ok(Declared { _token: None, _subscribers: vec![listen(session, &data, &shared)?], _queryable: None });
+        let held = network.line.hold(Box::new(declare)).map_err(&failed)?;
+        Ok(Self { topic, arrivals, reporter: None, _held: held, _own: None })
     }
 
     fn something_waits(&self) -> bool {
         !self.arrivals.waiting.is_empty()
     }
+}
+
+/// Hears what is said under `key`.
+fn listen(session: &Session, key: &str, arrivals: &Arc<Arrivals>) -> Result<Subscriber<()>, zenoh::Error> {
+    let arrivals = Arc::clone(arrivals);
+    session.declare_subscriber(key).callback(move |sample| arrivals.arrived(&sample)).wait()
+}
+
+/// Waits until every writer knows of the reader that has just been declared: the question travels behind that.
+fn meet_writers(session: &Session, keys: &Keys) -> Result<(), zenoh::Error> {
+    let question = session.get(keys.join("*")).target(QueryTarget::All).consolidation(ConsolidationMode::None);
+    let answers = question.timeout(ANSWER_TIMEOUT).wait()?;
+    while answers.recv().is_ok() {}
+    Ok(())
 }
 
 impl Inlet for NetworkInlet {
@@ -252,10 +256,11 @@ impl Arrivals {
     }
 
     /// The reporter's thread.
-    fn report(&self, session: &Session, keys: &Keys, id: &str) {
+    fn report(&self, line: &Line, keys: &Keys, id: &str) {
         while !self.closing.load(Ordering::Acquire) {
             let due = self.ledger().due_reports(self.quality.depth as u64);
             for (outlet, number) in due {
+                let session = line.session();
                 let put = session.put(keys.room(&outlet, id), number.to_le_bytes().as_slice());
                 let put = put.priority(Priority::RealTime).congestion_control(CongestionControl::Block).express(true);
                 // Without a link the writer does not know this reader any more; when it does again, it starts anew.

@@ -1,7 +1,8 @@
 //! One writer on the network: a bounded queue, and the thread that empties it into zenoh.
 
 use super::keys::Keys;
-use super::presence::{Announced, Presence, Role, announce, check, draw_id, list};
+use super::line::{Declared, Held, Line};
+use super::presence::{self, Own, Presence, Role, check, draw_id, list};
 use super::readers::{Newcomer, Readers};
 use super::{Network, failed, no_thread};
 use crate::port::carrier::{Encoding, Outlet};
@@ -15,9 +16,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread::{self, Thread};
 use std::time::{Duration, Instant};
 use zenoh::bytes::ZBytes;
-use zenoh::pubsub::Subscriber;
 use zenoh::qos::{CongestionControl, Priority};
-use zenoh::query::Queryable;
 use zenoh::{Session, Wait};
 
 /// How long a writer that is closed may take to send what waits.
@@ -38,16 +37,8 @@ pub(super) struct NetworkOutlet {
     sender: Thread,
     /// Ends when everything is sent.
     sent: Receiver<()>,
-    /// Dropped before the session that they belong to.
-    _declared: Declared,
-    _session: Session,
-}
-
-struct Declared {
-    _token: Announced,
-    _join: Queryable<()>,
-    _presence: Subscriber<()>,
-    _room: Subscriber<()>,
+    _held: Held,
+    _own: Own,
 }
 
 /// What the writer and its sender share.
@@ -73,10 +64,10 @@ impl NetworkOutlet {
         let quality = network.quality(topic);
         let (keys, id) = (Keys::of(network, topic), draw_id());
         let departures = Arc::new(Departures::new(quality, reservation));
-        let (session, failed) = (network.session.clone(), failed(topic));
+        let failed = failed(topic);
 
         let (done, sent) = channel();
-        let mut post = Post::new(&session, topic, quality, keys.clone(), id.clone());
+        let mut post = Post::new(Arc::clone(&network.line), topic, quality, keys.clone(), id.clone());
         let shared = Arc::clone(&departures);
         let run = move || {
             shared.depart(&mut post);
@@ -87,28 +78,34 @@ impl NetworkOutlet {
         // From here on the sender ends with the outlet, or, if that does not come to be, with this.
         let closing = Closing { departures: &departures, sender: &sender };
 
-        let shared = Arc::clone(&departures);
-        let room = session.declare_subscriber(keys.room(&id, "*")).callback(move |sample| shared.readers.room_made(&sample));
-        let room = room.wait().map_err(&failed)?;
-        let (shared, greeter) = (Arc::clone(&departures), sender.clone());
-        let presence = session.liveliness().declare_subscriber(keys.readers()).history(true).callback(move |sample| {
-            shared.readers.presence_changed(&sample);
-            shared.greet.store(true, Ordering::Release);
-            greeter.unpark();
-        });
-        let presence = presence.wait().map_err(&failed)?;
-        // A query ends when all that it was passed to have let go of it: it needs no answer.
-        let join = session.declare_queryable(keys.join(&id)).callback(drop).wait().map_err(&failed)?;
-        let token = announce(network, topic, Role::Writer, &id)?;
+        let presence = presence::key(network, topic, Role::Writer, &id);
+        let (token, shared, greeter) = (presence.clone(), Arc::clone(&departures), sender.clone());
+        let declare = move |session: &Session| {
+            let departures = Arc::clone(&shared);
+            let room = session.declare_subscriber(keys.room(&id, "*")).callback(move |sample| departures.readers.room_made(&sample));
+            let room = room.wait()?;
+            let (departures, greeter) = (Arc::clone(&shared), greeter.clone());
+            let readers = session.liveliness().declare_subscriber(keys.readers()).history(true).callback(move |sample| {
+                departures.readers.presence_changed(&sample);
+                departures.greet.store(true, Ordering::Release);
+                greeter.unpark();
+            });
+            let readers = readers.wait()?;
+            // A query ends when all that it was passed to have let go of it: it needs no answer.
+            let join = session.declare_queryable(keys.join(&id)).callback(drop).wait()?;
+            let token = session.liveliness().declare_token(&token).wait()?;
+            Ok(Declared { _token: Some(token), _subscribers: vec![readers, room], _queryable: Some(join) })
+        };
+        let held = network.line.hold(Box::new(declare)).map_err(&failed)?;
+        let own = Own::new(network, presence);
         for key in list(network, topic)? {
             if let Some(presence) = Presence::of(&key).filter(Presence::is_reader) {
                 departures.readers.came(&presence);
             }
         }
         std::mem::forget(closing);
-        let declared = Declared { _token: token, _join: join, _presence: presence, _room: room };
         let patience = network.patience;
-        Ok(Self { topic, quality, patience, number: 0, dropped: 0, departures, sender, sent, _declared: declared, _session: session })
+        Ok(Self { topic, quality, patience, number: 0, dropped: 0, departures, sender, sent, _held: held, _own: own })
     }
 
     fn send_lossless(&self, mut parcel: Parcel) -> Result<(), SendError> {
@@ -232,7 +229,7 @@ impl Departures {
 
 /// How messages of one writer go to zenoh.
 struct Post {
-    session: Session,
+    line: Arc<Line>,
     keys: Keys,
     id: String,
     data: String,
@@ -245,7 +242,7 @@ struct Post {
 }
 
 impl Post {
-    fn new(session: &Session, topic: Topic, quality: Quality, keys: Keys, id: String) -> Self {
+    fn new(line: Arc<Line>, topic: Topic, quality: Quality, keys: Keys, id: String) -> Self {
         let priority = match topic {
             Topic::State | Topic::Command => Priority::RealTime,
             Topic::Residual | Topic::Credit => Priority::DataHigh,
@@ -258,7 +255,7 @@ impl Post {
         let data = keys.data(&id);
         let remembered = if quality.delivery == Delivery::Lossless { quality.depth } else { quality.history };
         let last = VecDeque::with_capacity(remembered);
-        Self { session: session.clone(), keys, id, data, quality, priority, congestion, last, remembered }
+        Self { line, keys, id, data, quality, priority, congestion, last, remembered }
     }
 
     fn send(&mut self, parcel: &Parcel) {
@@ -284,7 +281,8 @@ impl Post {
 
     /// Not express: zenoh waits for nothing while the link is free, and an express message takes a whole batch, of which a burst finds too few.
     fn put(&self, key: &str, number: u64, bytes: ZBytes) {
-        let put = self.session.put(key, bytes).attachment(number.to_le_bytes().as_slice());
+        let session = self.line.session();
+        let put = session.put(key, bytes).attachment(number.to_le_bytes().as_slice());
         let put = put.priority(self.priority).congestion_control(self.congestion);
         // Without a link to the router a message is lost like one on a cut cable: its readers count it.
         let _ = put.wait();
@@ -292,7 +290,8 @@ impl Post {
 
     /// Waits until the router has taken everything: a question of the same priority follows it, and is answered.
     fn flush(&self) {
-        let question = self.session.get(self.keys.join("nobody")).priority(self.priority).congestion_control(CongestionControl::Block);
+        let session = self.line.session();
+        let question = session.get(self.keys.join("nobody")).priority(self.priority).congestion_control(CongestionControl::Block);
         if let Ok(answers) = question.timeout(FLUSH_TIMEOUT).wait() {
             while answers.recv().is_ok() {}
         }
@@ -316,8 +315,9 @@ mod tests {
         let mut outlet = NetworkOutlet::open(&network, Topic::Credit, Reservation::Whole(8))?;
         // A listener in the same session hears before `put` returns, so that as long as it waits, so does the sender.
         let (gate, heard) = (Arc::new(Mutex::new(())), Arc::new(AtomicU64::new(0)));
+        let session = network.line.session();
         let (shared_gate, shared_heard) = (Arc::clone(&gate), Arc::clone(&heard));
-        let listener = network.session.declare_subscriber(Keys::of(&network, Topic::Credit).data("*")).callback(move |_| {
+        let listener = session.declare_subscriber(Keys::of(&network, Topic::Credit).data("*")).callback(move |_| {
             drop(shared_gate.lock());
             shared_heard.fetch_add(1, Ordering::Relaxed);
         });

@@ -12,7 +12,6 @@ use std::rc::Rc;
 use std::thread::sleep;
 use std::time::Duration;
 use zenoh::Wait;
-use zenoh::liveliness::LivelinessToken;
 
 /// A topic without a free place is looked at again so often, so long apart: somebody who is just gone may still be listed.
 const LOOKS: u32 = 10;
@@ -85,27 +84,30 @@ pub(super) fn draw_id() -> String {
     format!("{:016x}", seed.hash_one((std::process::id(), crate::clock::monotonic_nanos())))
 }
 
-/// A port is there as long as this lives.
-pub(super) struct Announced {
+/// A port of this process, which counts as there as long as this lives.
+pub(super) struct Own {
     key: String,
     own: Rc<RefCell<BTreeSet<String>>>,
-    _token: LivelinessToken,
 }
 
-impl Drop for Announced {
+impl Own {
+    pub(super) fn new(network: &Network, key: String) -> Self {
+        network.own.borrow_mut().insert(key.clone());
+        Self { key, own: Rc::clone(&network.own) }
+    }
+}
+
+impl Drop for Own {
     fn drop(&mut self) {
         self.own.borrow_mut().remove(&self.key);
     }
 }
 
-/// Says that port `id` is there.
-pub(super) fn announce(network: &Network, topic: Topic, role: Role, id: &str) -> Result<Announced, OpenError> {
+/// Key of the token of port `id`.
+pub(super) fn key(network: &Network, topic: Topic, role: Role, id: &str) -> String {
     let (version, delivery) = (VERSION.to_string(), delivery_name(network.quality(topic).delivery));
     let presence = Presence { role: role.name(), version: &version, message: topic.message(), delivery, id };
-    let key = Keys::of(network, topic).presence(&presence);
-    let token = network.session.liveliness().declare_token(&key).wait().map_err(failed(topic))?;
-    network.own.borrow_mut().insert(key.clone());
-    Ok(Announced { key, own: Rc::clone(&network.own), _token: token })
+    Keys::of(network, topic).presence(&presence)
 }
 
 /// The keys of all ports on `topic`.
@@ -113,7 +115,7 @@ pub(super) fn announce(network: &Network, topic: Topic, role: Role, id: &str) ->
 /// zenoh names those of other sessions reliably, and those of this one twice, or under load not at all.
 pub(super) fn list(network: &Network, topic: Topic) -> Result<BTreeSet<String>, OpenError> {
     let (keys, failed) = (Keys::of(network, topic), failed(topic));
-    let replies = network.session.liveliness().get(keys.presences()).timeout(ANSWER_TIMEOUT).wait().map_err(&failed)?;
+    let replies = network.line.session().liveliness().get(keys.presences()).timeout(ANSWER_TIMEOUT).wait().map_err(&failed)?;
     let mut found: BTreeSet<String> = network.own.borrow().iter().filter(|key| keys.include(key)).cloned().collect();
     while let Ok(reply) = replies.recv() {
         let said = |error| failed(format!("the router does not say who is there: {error}").into());
@@ -177,7 +179,7 @@ mod tests {
         for (topic, said_version, said_message) in [(Topic::Command, "7001", "Command"), (Topic::Credit, version.as_str(), "Sonnet")] {
             let theirs = Presence { role: "writer", version: said_version, message: said_message, delivery: "newest-wins", id: "other" };
             let key = Keys::of(&other, topic).presence(&theirs);
-            let _token = other.session.liveliness().declare_token(key).wait().map_err(|error| error.to_string())?;
+            let _token = other.line.session().liveliness().declare_token(key).wait().map_err(|error| error.to_string())?;
             // Until the token has come round.
             let refused = loop {
                 match check(&network, topic, Role::Reader) {

@@ -2,7 +2,8 @@
 //!
 //! Routers join each other, and zenoh 1.10 takes a lost link up again by itself, at once. But it works its routes out 100 ms after a change
 //! of neighbours: one that goes and comes back in between, or is replaced by another, counts as one that was never away, and is not told what
-//! there is to hear. So a router that has lost one that it had joined leaves for long enough to be forgotten, and comes back as a new one.
+//! there is to hear. So a router that has lost one that it had joined leaves for long enough to be forgotten, and comes back as a new one. It
+//! does the same when those that it is joined to show no token: a router that accepts a connection while it ends may forget to close it.
 
 use super::config;
 use crate::port::OpenError;
@@ -26,8 +27,11 @@ const AWAY: Duration = Duration::from_millis(500);
 /// How often a router looks which others it is joined to.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// In front of the key of each router's token; behind it comes the router's zenoh id.
-const PRESENCE: &str = "coxswain-router";
+/// How long the tokens of those that it has joined may be missing.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// Keys of the routers' tokens: the last part is the router's zenoh id.
+pub(super) const TOKENS: &str = "coxswain-router/*";
 
 /// A router: the processes of one launch connect to it, and routers of other launches join. It ends when it is dropped.
 pub struct Router {
@@ -39,7 +43,9 @@ pub struct Router {
 
 /// What the keeper of a router is told.
 enum Sign {
-    /// The router of this zenoh id is not to be seen any more.
+    /// The router of this zenoh id is to be seen.
+    Seen(String),
+    /// It is not to be seen any more.
     Gone(String),
     /// It shall end.
     End,
@@ -99,15 +105,15 @@ impl Life {
     /// Who joins others is told when one of them is not to be seen any more.
     fn begin(listen: &[String], connect: &[String], signs: &Sender<Sign>) -> Result<Self, zenoh::Error> {
         let session = zenoh::open(config::router(listen, connect)?).wait()?;
-        let token = session.liveliness().declare_token(format!("{PRESENCE}/{}", session.zid())).wait()?;
+        let token = session.liveliness().declare_token(TOKENS.replace('*', &session.zid().to_string())).wait()?;
         let signs = signs.clone();
         let tell = move |sample: zenoh::sample::Sample| {
-            if sample.kind() == SampleKind::Delete {
-                let _ = signs.send(Sign::Gone(super::keys::last(sample.key_expr().as_str()).to_owned()));
-            }
+            let id = super::keys::last(sample.key_expr().as_str()).to_owned();
+            // If nobody hears it, the router has ended.
+            let _ = signs.send(if sample.kind() == SampleKind::Put { Sign::Seen(id) } else { Sign::Gone(id) });
         };
         let seen = (!connect.is_empty())
-            .then(|| session.liveliness().declare_subscriber(format!("{PRESENCE}/*")).history(true).callback(tell).wait())
+            .then(|| session.liveliness().declare_subscriber(TOKENS).history(true).callback(tell).wait())
             .transpose()?;
         Ok(Self { _seen: seen, _token: token, session })
     }
@@ -128,22 +134,37 @@ struct Keeper {
 
 impl Keeper {
     fn keep(self, mut life: Life) {
-        let mut neighbours = BTreeSet::new();
+        let (mut neighbours, mut seen) = (BTreeSet::new(), BTreeSet::new());
+        // Routers of others have no tokens.
+        let (mut ours, mut missing) = (false, Instant::now());
         loop {
-            let lost = match self.told.recv_timeout(LOOK) {
-                Ok(Sign::Gone(id)) => neighbours.is_empty() || neighbours.contains(&id),
+            let mut lost = match self.told.recv_timeout(LOOK) {
+                Ok(Sign::Seen(id)) => {
+                    seen.insert(id);
+                    false
+                }
+                Ok(Sign::Gone(id)) => {
+                    seen.remove(&id);
+                    neighbours.is_empty() || neighbours.contains(&id)
+                }
                 Ok(Sign::End) | Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) => {
                     let before = std::mem::replace(&mut neighbours, life.neighbours());
                     !before.is_subset(&neighbours)
                 }
             };
+            let shown = !neighbours.is_disjoint(&seen);
+            ours |= shown;
+            if shown || neighbours.is_empty() {
+                missing = Instant::now();
+            }
+            lost |= ours && missing.elapsed() > PATIENCE;
             if lost && !self.connect.is_empty() {
                 tracing::info!("another launch's router is gone; joining it anew");
                 drop(life);
                 let Some(next) = self.begin_anew() else { return };
                 life = next;
-                neighbours.clear();
+                (neighbours, seen, missing) = (BTreeSet::new(), BTreeSet::new(), Instant::now());
             }
         }
     }
@@ -154,7 +175,7 @@ impl Keeper {
             let begin = Instant::now();
             while let Some(left) = AWAY.checked_sub(begin.elapsed()) {
                 match self.told.recv_timeout(left) {
-                    Ok(Sign::Gone(_)) | Err(RecvTimeoutError::Timeout) => {}
+                    Ok(Sign::Seen(_) | Sign::Gone(_)) | Err(RecvTimeoutError::Timeout) => {}
                     Ok(Sign::End) | Err(RecvTimeoutError::Disconnected) => return None,
                 }
             }

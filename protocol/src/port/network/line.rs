@@ -1,0 +1,237 @@
+//! A client's connection with the routers of its graph, and everything that is declared on it.
+//!
+//! When a router goes, zenoh 1.10 looks for one again by itself, but not after each way of going. A router that accepts a connection while it
+//! ends forgets to close it, and as long as its process lives, the client has a router that knows nobody. And a connection that closes in the
+//! instant in which it was made is not missed. So a keeper looks whether the token of a router is to be seen. When there has been none for a
+//! while, it ends the session, begins another, and declares everything once more.
+
+use super::{config, router};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Subscriber;
+use zenoh::query::Queryable;
+use zenoh::sample::SampleKind;
+use zenoh::{Session, Wait};
+
+/// How often the keeper looks whether there is a router.
+const LOOK: Duration = Duration::from_millis(200);
+
+/// How long zenoh is given to find a router by itself: more than twice what one of its attempts takes, with the pause behind it.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// How long an opening tries to reach a router \[ms\]; and how long each one does that follows it, so that the end does not wait for it long.
+const OPEN_MILLIS: u64 = 5_000;
+const OPEN_AGAIN_MILLIS: u64 = 1_000;
+
+/// What one port has declared in a session. Its token is taken back first.
+pub(super) struct Declared {
+    pub(super) _token: Option<LivelinessToken>,
+    pub(super) _subscribers: Vec<Subscriber<()>>,
+    pub(super) _queryable: Option<Queryable<()>>,
+}
+
+/// Declares all that a port says and hears.
+pub(super) type Declare = Box<dyn Fn(&Session) -> Result<Declared, zenoh::Error> + Send>;
+
+/// The connection.
+pub(super) struct Line {
+    shared: Arc<Shared>,
+    /// Hung up to end the keeper.
+    end: Option<Sender<()>>,
+    keeper: Option<JoinHandle<()>>,
+}
+
+struct Shared {
+    connect: Vec<String>,
+    state: Mutex<State>,
+    sight: Arc<Mutex<Sight>>,
+}
+
+/// Which routers are to be seen.
+#[derive(Default)]
+struct Sight {
+    routers: BTreeSet<String>,
+    /// Whether there was ever one with a token: those of others have none.
+    ours: bool,
+}
+
+struct State {
+    session: Session,
+    seen: Subscriber<()>,
+    ports: BTreeMap<u64, Port>,
+    /// Ports ever held.
+    held: u64,
+}
+
+struct Port {
+    declare: Declare,
+    /// Nothing while there is no session to declare it in.
+    declared: Option<Declared>,
+}
+
+/// A port is declared as long as this lives.
+pub(super) struct Held {
+    line: Arc<Line>,
+    number: u64,
+}
+
+impl Line {
+    /// Connects to one of the routers at `connect`.
+    pub(super) fn open(connect: &[String]) -> Result<Arc<Self>, zenoh::Error> {
+        let session = zenoh::open(config::client(connect, OPEN_MILLIS)?).wait()?;
+        let sight = Arc::default();
+        let seen = look_out(&session, &sight)?;
+        let state = Mutex::new(State { session, seen, ports: BTreeMap::new(), held: 0 });
+        let shared = Arc::new(Shared { connect: connect.to_vec(), state, sight });
+        let (end, ended) = channel();
+        let kept = Arc::clone(&shared);
+        let keeper = thread::Builder::new().name("net line".to_owned()).spawn(move || kept.keep(&ended))?;
+        Ok(Arc::new(Self { shared, end: Some(end), keeper: Some(keeper) }))
+    }
+
+    /// The present session. What is said in it while there is no router is lost.
+    pub(super) fn session(&self) -> Session {
+        self.shared.state().session.clone()
+    }
+
+    /// Declares a port, now and in each session that follows.
+    pub(super) fn hold(self: &Arc<Self>, declare: Declare) -> Result<Held, zenoh::Error> {
+        let mut state = self.shared.state();
+        let declared = declare(&state.session)?;
+        state.held += 1;
+        let number = state.held;
+        state.ports.insert(number, Port { declare, declared: Some(declared) });
+        drop(state);
+        Ok(Held { line: Arc::clone(self), number })
+    }
+}
+
+impl Drop for Line {
+    fn drop(&mut self) {
+        drop(self.end.take());
+        if let Some(keeper) = self.keeper.take() {
+            let _ = keeper.join();
+        }
+    }
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        let port = self.line.shared.state().ports.remove(&self.number);
+        drop(port);
+    }
+}
+
+impl Shared {
+    /// The keeper's thread.
+    fn keep(&self, ended: &Receiver<()>) {
+        let mut seen = Instant::now();
+        while ended.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
+            if self.has_router() {
+                seen = Instant::now();
+            } else if seen.elapsed() > PATIENCE {
+                match self.begin_anew() {
+                    Ok(()) => tracing::info!("there was no router for {:.1} s; connected anew", seen.elapsed().as_secs_f64()),
+                    Err(error) => tracing::debug!(%error, "no router yet"),
+                }
+            }
+        }
+    }
+
+    fn has_router(&self) -> bool {
+        let sight = lock(&self.sight);
+        if sight.ours {
+            return !sight.routers.is_empty();
+        }
+        drop(sight);
+        let session = self.state().session.clone();
+        !session.is_closed() && session.info().routers_zid().wait().next().is_some()
+    }
+
+    fn begin_anew(&self) -> Result<(), zenoh::Error> {
+        // First the end: somebody whose token is declared again before it was taken back seems to have been there all the time.
+        let mut state = self.state();
+        let old = state.session.clone();
+        let gone: Vec<_> = state.ports.values_mut().filter_map(|port| port.declared.take()).collect();
+        drop(state);
+        drop(gone);
+        if !old.is_closed() {
+            old.close().wait()?;
+        }
+        lock(&self.sight).routers.clear();
+        let session = zenoh::open(config::client(&self.connect, OPEN_AGAIN_MILLIS)?).wait()?;
+        let seen = look_out(&session, &self.sight)?;
+        let mut state = self.state();
+        (state.session, state.seen) = (session.clone(), seen);
+        for port in state.ports.values_mut() {
+            port.declared = Some((port.declare)(&session)?);
+        }
+        Ok(())
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        lock(&self.state)
+    }
+}
+
+/// Follows which routers' tokens come and go.
+fn look_out(session: &Session, sight: &Arc<Mutex<Sight>>) -> Result<Subscriber<()>, zenoh::Error> {
+    let sight = Arc::clone(sight);
+    let tokens = session.liveliness().declare_subscriber(router::TOKENS).history(true).callback(move |sample| {
+        let (mut sight, key) = (lock(&sight), sample.key_expr().as_str());
+        if sample.kind() == SampleKind::Put {
+            sight.routers.insert(key.to_owned());
+            sight.ours = true;
+        } else {
+            sight.routers.remove(key);
+        }
+    });
+    tokens.wait()
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::port::Router;
+    use std::error::Error;
+    use std::sync::mpsc::channel;
+
+    #[test]
+    fn a_client_without_a_router_for_long_begins_a_new_session_in_which_it_hears_what_it_heard() -> Result<(), Box<dyn Error>> {
+        let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
+        let endpoints = router.endpoints().to_vec();
+        let line = Line::open(&endpoints).map_err(|error| error.to_string())?;
+        let (tell, heard) = channel();
+        let declare = move |session: &Session| {
+            let tell = tell.clone();
+            let callback = move |_| tell.send(()).unwrap_or_default();
+            let subscriber = session.declare_subscriber("here").callback(callback).wait()?;
+            Ok(Declared { _token: None, _subscribers: vec![subscriber], _queryable: None })
+        };
+        let held = line.hold(Box::new(declare)).map_err(|error| error.to_string())?;
+        let first = line.session();
+        drop(router);
+        while !first.is_closed() {
+            thread::sleep(LOOK);
+        }
+        let _router = Router::open(&endpoints, &[])?;
+        let other = Line::open(&endpoints).map_err(|error| error.to_string())?;
+        while heard.recv_timeout(LOOK).is_err() {
+            other.session().put("here", "").wait().map_err(|error| error.to_string())?;
+        }
+        assert_ne!(line.session().zid(), first.zid());
+        drop(held);
+        while heard.recv_timeout(LOOK).is_ok() {}
+        other.session().put("here", "").wait().map_err(|error| error.to_string())?;
+        assert!(heard.recv_timeout(LOOK).is_err(), "it is not held any more");
+        Ok(())
+    }
+}
