@@ -1,4 +1,4 @@
-//! Model snapshots in: judged and prepared on a thread of their own, handed over through preallocated slots.
+//! Model snapshots in: checked and prepared on a thread of their own, handed over through preallocated slots.
 //!
 //! ```text
 //!                    ready ─────▶

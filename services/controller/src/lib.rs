@@ -5,7 +5,7 @@
 //! | [`settings`]  | what a person may set                                                     |
 //! | [`mod@reference`] | what to follow: pose and velocity per tick                                |
 //! | [`mpc`]       | state, reference and belief in, plan out: one real-time iteration         |
-//! | [`adopt`]     | model snapshots in: judged and prepared beside the control thread         |
+//! | [`adopt`]     | model snapshots in: checked and prepared beside the control thread        |
 //! | [`fallback`]  | what to command when the optimiser has no answer                          |
 //! | [`control`]   | one tick: answer the state, then say what was learnt                      |
 //! | [`knowledge`] | what is believed at one moment, and how it follows what is seen           |
