@@ -194,7 +194,7 @@ mod tests {
             (Health::NAME, size_of::<Health>(), 576),
             (Plan::NAME, size_of::<Plan>(), 6064),
             (PlantState::NAME, size_of::<PlantState>(), 224),
-            (ResidualSample::NAME, size_of::<ResidualSample>(), 168),
+            (ResidualSample::NAME, size_of::<ResidualSample>(), 192),
             (Truth::NAME, size_of::<Truth>(), 232),
             ("SnapshotHead", size_of::<SnapshotHead>(), 744),
             ("Stamp", size_of::<Stamp>(), 48),

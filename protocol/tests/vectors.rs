@@ -144,6 +144,7 @@ said_as_it_is! {
             pose: [1.0, 2.0, 0.5],
             velocity: [0.75, 0.0, 0.25],
             input: [1.0, 0.0, 0.25],
+            input_before: [0.875, 0.0, 0.5],
             residual: [-0.03125, 0.0, 0.015_625],
             usable: 1,
             reserved: 0,

@@ -20,6 +20,8 @@ pub struct ResidualSample {
     pub velocity: [f64; 3],
     /// Input that the wheels really got in the period \[m/s, m/s, rad/s\].
     pub input: [f64; 3],
+    /// Input that they got in the period before \[m/s, m/s, rad/s\].
+    pub input_before: [f64; 3],
     /// Velocity at its end, measured minus predicted by the main model \[m/s, m/s, rad/s\].
     pub residual: [f64; 3],
     /// 1 if the period teaches something, 0 if the gate chose its input or no period has passed.
@@ -29,4 +31,9 @@ pub struct ResidualSample {
     pub reserved: u32,
 }
 
-fixed_message!(ResidualSample, 3, [pose, velocity, input, residual], |sample| check_count("ResidualSample", "usable", sample.usable, 1));
+fixed_message!(ResidualSample, 3, [pose, velocity, input, input_before, residual], |sample| check_count(
+    "ResidualSample",
+    "usable",
+    sample.usable,
+    1
+));

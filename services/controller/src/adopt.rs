@@ -11,7 +11,7 @@ use crossbeam_queue::ArrayQueue;
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, PosteriorError, VarianceScratch};
-use model::learned::{INPUTS, Layout, Learned};
+use model::learned::{INPUTS, INPUTS_WITH_HISTORY, Layout, Learned, Uncertain};
 use model::{AXES, Velocity};
 use protocol::message::{ModelSnapshot, Reason, Rung, SnapshotHead};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -47,10 +47,12 @@ pub enum Refusal {
         got: u64,
     },
     /// Another number of inputs.
-    #[error("snapshot {version} has {got} inputs, this controller {INPUTS}")]
+    #[error("snapshot {version} has {got} inputs, this controller {expected}")]
     Inputs {
         /// Of the snapshot.
         version: u64,
+        /// How many this controller's have.
+        expected: usize,
         /// How many it has.
         got: u32,
     },
@@ -96,7 +98,7 @@ pub struct Candidate {
     /// In lock step: tick at which it takes effect.
     pub effective_tick: u64,
     /// The model.
-    pub learned: Learned,
+    pub learned: Box<dyn Uncertain + Send>,
     /// For its variance.
     pub scratch: VarianceScratch,
 }
@@ -199,13 +201,22 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
     if head.fingerprint != expected.fingerprint {
         return Err(Refusal::Fingerprint { version, expected: expected.fingerprint, got: head.fingerprint });
     }
-    if head.inputs as usize != INPUTS {
-        return Err(Refusal::Inputs { version, got: head.inputs });
+    if head.inputs as usize != expected.layout.dimension() {
+        return Err(Refusal::Inputs { version, expected: expected.layout.dimension(), got: head.inputs });
     }
     if head.points as usize > POINTS_MAX {
         return Err(Refusal::Points { version, got: head.points });
     }
-    let normalisation = normalisation(head).ok_or(Refusal::Normalisation { version })?;
+    match expected.layout.dimension() {
+        INPUTS_WITH_HISTORY => refactored::<INPUTS_WITH_HISTORY>(snapshot, expected),
+        _ => refactored::<INPUTS>(snapshot, expected),
+    }
+}
+
+/// Makes the posterior of a snapshot over D inputs.
+fn refactored<const D: usize>(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidate, Refusal> {
+    let (head, version) = (&snapshot.head, snapshot.head.version);
+    let normalisation = normalisation::<D>(head).ok_or(Refusal::Normalisation { version })?;
     let hyperparameters = std::array::from_fn(|axis| {
         Hyperparameters::new(first(&head.length_scale[axis]), head.signal_variance[axis], head.noise_variance[axis])
             .with_linear(head.linear_variance[axis])
@@ -224,11 +235,11 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
         return Err(Refusal::Weights { version, difference });
     }
     let scratch = VarianceScratch::new(inputs.len());
-    let learned = Learned { layout: expected.layout, normalisation, posterior, bound: expected.bound };
+    let learned = Box::new(Learned { layout: expected.layout, normalisation, posterior, bound: expected.bound });
     Ok(Candidate { version, plant_epoch: head.plant_epoch, effective_tick: head.effective_tick, learned, scratch })
 }
 
-fn normalisation(head: &SnapshotHead) -> Option<Normalisation<INPUTS>> {
+fn normalisation<const D: usize>(head: &SnapshotHead) -> Option<Normalisation<D>> {
     let normalisation = Normalisation { mean: first(&head.input_mean), scale: first(&head.input_scale) };
     let possible =
         normalisation.mean.iter().all(|mean| mean.is_finite()) && normalisation.scale.iter().all(|&scale| scale.is_finite() && scale > 0.0);
@@ -236,7 +247,7 @@ fn normalisation(head: &SnapshotHead) -> Option<Normalisation<INPUTS>> {
 }
 
 /// Largest difference between the weights sent and those worked out, relative to the largest of its axis.
-fn weight_difference(snapshot: &ModelSnapshot, posterior: &Posterior<INPUTS>) -> f64 {
+fn weight_difference<const D: usize>(snapshot: &ModelSnapshot, posterior: &Posterior<D>) -> f64 {
     let mut worst = 0.0;
     let ours = posterior.weights();
     for axis in 0..AXES {

@@ -130,7 +130,7 @@ impl Controller {
         if self.plant_epoch != Some(state.stamp.epoch) {
             self.start_over(state, handover, controller_epoch);
         }
-        let now = State { pose: state.pose, velocity: state.velocity };
+        let now = self.measured(state);
         let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
         sample.stamp.tick = state.stamp.tick;
         sample.plant_epoch = state.stamp.epoch;
@@ -142,7 +142,7 @@ impl Controller {
             self.knowledge.observe(&Period { tick, before, commanded: self.commanded, acted, after, ours });
             sample.pose = before.pose;
             sample.velocity = before.velocity;
-            sample.input = acted;
+            (sample.input, sample.input_before) = (acted, before.acted);
             sample.residual = self.knowledge.residual();
             sample.usable = u32::from(ours);
         } else if input_known {
@@ -152,10 +152,16 @@ impl Controller {
         sample
     }
 
+    /// What was measured. An input that is no number was what had been commanded, for all one knows.
+    fn measured(&self, state: &PlantState) -> State {
+        let acted = if state.input.iter().all(|value| value.is_finite()) { state.input } else { self.knowledge.last_command() };
+        State { pose: state.pose, velocity: state.velocity, acted }
+    }
+
     /// The answer to `state`.
     pub fn answer(&mut self, state: &PlantState, handover: &Handover) -> &mut Command {
         let tick = state.stamp.tick;
-        let measured = State { pose: state.pose, velocity: state.velocity };
+        let measured = self.measured(state);
         if self.prepared_for != Some(tick) {
             self.prepare(tick, &measured);
         }
@@ -312,9 +318,9 @@ impl Controller {
             *slot = stage.input;
         }
         for (slot, point) in plan.reference.iter_mut().zip(&self.points) {
-            *slot = State { pose: point.pose, velocity: point.velocity }.to_array();
+            *slot = State { pose: point.pose, velocity: point.velocity, ..State::default() }.to_array();
         }
-        self.knowledge.write_variance(plan);
+        self.knowledge.write_variance(plan, &measured.acted);
     }
 }
 
@@ -385,7 +391,7 @@ pub(crate) mod tests {
         let normalisation = Normalisation { mean: [f64::NAN; INPUTS], scale: [1.0; INPUTS] };
         let hyperparameters = [Hyperparameters::new([1.0; INPUTS], 1.0, 1e-2); 3];
         let posterior = Posterior::new(&[[0.0; INPUTS]], &[[0.1; 3]], &hyperparameters)?;
-        let learned = Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [1.0; 3] };
+        let learned = Box::new(Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [1.0; 3] });
         Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(1) }))
     }
 

@@ -9,7 +9,7 @@ use crate::ways::Ways;
 use model::delay::{Delay, DelayEstimator, Sent};
 use model::explanation::Sample;
 use model::foresight::Foresight;
-use model::learned::Residual;
+use model::learned::{Moment, Residual};
 use model::least_squares::LeastSquares;
 use model::main_model::MainModel;
 use model::observer::Observer;
@@ -183,18 +183,18 @@ impl Knowledge {
             self.estimator.update(&self.sent, &period.acted);
         }
         self.residual = residual(&self.main, &period.before.velocity, &period.acted, &period.after);
-        let sample = Sample { velocity: period.before.velocity, input: period.acted, residual: self.residual };
+        let sample = Sample { at: Moment::new(&period.before, &period.acted), residual: self.residual };
         let known = match self.method {
             Method::Oracle => {
                 self.look(period.tick);
                 self.belief().residual(&period.before, &period.acted)
             }
-            Method::LeastSquaresMpc => self.least_squares.mean(&sample.velocity, &sample.input),
+            Method::LeastSquaresMpc => self.least_squares.mean(&sample.at),
             Method::Mpc | Method::FeedforwardP => [0.0; AXES],
         };
         self.ways.update(&sample, known);
         if self.method == Method::LeastSquaresMpc {
-            self.least_squares.update(&sample.velocity, &sample.input, &sample.residual);
+            self.least_squares.update(&sample.at, &sample.residual);
         }
     }
 
@@ -212,15 +212,17 @@ impl Knowledge {
         self.estimator.reset();
     }
 
-    /// Writes the variance of the learned residual along a plan whose states and inputs are written.
-    pub fn write_variance(&mut self, plan: &mut Plan) {
+    /// Writes the variance of the learned residual along a plan whose states and inputs are written; `acted` is the input before its first.
+    pub fn write_variance(&mut self, plan: &mut Plan, acted: &Velocity) {
         let Some(active) = self.ways.active_mut() else {
             plan.variance.fill([0.0; AXES]);
             return;
         };
         let periods = plan.predicted.iter().zip(&plan.input).take(plan.horizon as usize);
-        for (slot, (&[_, _, _, forward, left, rate], input)) in plan.variance.iter_mut().zip(periods) {
-            *slot = active.learned.variance(&[forward, left, rate], input, &mut active.scratch);
+        let mut before = *acted;
+        for (slot, (&[_, _, _, forward, left, rate], &input)) in plan.variance.iter_mut().zip(periods) {
+            *slot = active.learned.variance(&Moment { velocity: [forward, left, rate], input, before }, &mut active.scratch);
+            before = input;
         }
     }
 }

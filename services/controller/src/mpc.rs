@@ -104,7 +104,12 @@ impl Mpc {
         let mut program = QuadraticProgram::new(3 * blocks + horizon, limits.rows());
         limits.mark_structure(&mut program);
         let solver = Clarabel::new(&program)?;
-        let still = Linearised { next: State::default(), by_state: nalgebra::SMatrix::identity(), by_input: nalgebra::SMatrix::zeros() };
+        let still = Linearised {
+            next: State::default(),
+            by_state: nalgebra::SMatrix::identity(),
+            by_input: nalgebra::SMatrix::zeros(),
+            by_acted: nalgebra::SMatrix::zeros(),
+        };
         Ok(Self {
             horizon,
             blocks,

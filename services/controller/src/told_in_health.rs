@@ -7,7 +7,7 @@ use bytemuck::Zeroable;
 use model::Velocity;
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::posterior::Posterior;
-use model::learned::{INPUTS, Layout};
+use model::learned::{INPUTS, Layout, Moment};
 use model::main_model::MainModel;
 use model::robot::Robot;
 use process::{Pace, Stop};
@@ -29,9 +29,9 @@ fn snapshot(fingerprint: u64) -> Result<ModelSnapshot, Box<dyn Error>> {
     (head.version, head.fingerprint, head.inputs) = (1, fingerprint, INPUTS as u32);
     (head.input_scale, head.length_scale) = ([1.0; INPUTS_MAX], [[1.0; INPUTS_MAX]; 3]);
     (head.signal_variance, head.noise_variance, head.linear_variance) = ([1e-12; 3], [1e-8; 3], [1.0; 3]);
-    let rows: Vec<(Velocity, Velocity)> = (0..12).map(|i| (wave(i, 0.7), wave(i, 1.9))).collect();
-    let inputs: Vec<[f64; INPUTS]> = rows.iter().map(|(velocity, input)| Layout::VelocitySlip.inputs(velocity, input)).collect();
-    let targets: Vec<Velocity> = rows.iter().map(|(velocity, _)| [LEARNT * velocity[0], 0.0, 0.0]).collect();
+    let rows: Vec<Moment> = (0..12).map(|i| Moment { velocity: wave(i, 0.7), input: wave(i, 1.9), ..Moment::default() }).collect();
+    let inputs: Vec<[f64; INPUTS]> = rows.iter().map(|at| Layout::VelocitySlip.inputs(at)).collect();
+    let targets: Vec<Velocity> = rows.iter().map(|at| [LEARNT * at.velocity[0], 0.0, 0.0]).collect();
     let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([1.0; INPUTS], 1e-12, 1e-8).with_linear(1.0); 3])?;
     let mut snapshot = ModelSnapshot::new(head);
     for (row, (input, target)) in inputs.iter().zip(&targets).enumerate() {

@@ -3,7 +3,7 @@
 use crate::adopt::Candidate;
 use crate::trust::{Trust, Way};
 use model::explanation::{Explanation, Sample};
-use model::learned::{Residual, Response};
+use model::learned::{Moment, Residual, Response};
 use model::observer::Observer;
 use model::{AXES, Velocity};
 
@@ -67,7 +67,7 @@ impl Ways {
 
     /// Takes in one period. `known` is what somebody says of it in the place of the main model alone.
     pub fn update(&mut self, sample: &Sample, known: Velocity) {
-        let learned = self.active.as_ref().map_or([0.0; AXES], |active| active.learned.mean(&sample.velocity, &sample.input));
+        let learned = self.active.as_ref().map_or([0.0; AXES], |active| active.learned.mean(&sample.at));
         self.plain.update(sample, &known);
         self.learned.update(sample, &learned);
         self.trust.update(&self.plain.error(), &self.learned.error());
@@ -85,7 +85,7 @@ impl Ways {
         let mut errors = [[0.0; AXES]; RECENT];
         for (slot, age) in errors.iter_mut().zip((0..kept).rev()) {
             let Some(sample) = self.recent.get((self.taken - 1 - age) % RECENT) else { continue };
-            self.learned.update(sample, &candidate.learned.mean(&sample.velocity, &sample.input));
+            self.learned.update(sample, &candidate.learned.mean(&sample.at));
             *slot = self.learned.error();
         }
         self.trust.judge(errors.get(..kept).unwrap_or(&[]));
@@ -110,19 +110,20 @@ impl Ways {
 }
 
 impl Residual for Ways {
-    fn mean(&self, velocity: &Velocity, input: &Velocity) -> Velocity {
-        self.response(velocity, input).mean
+    fn mean(&self, at: &Moment) -> Velocity {
+        self.response(at).mean
     }
 
-    fn response(&self, velocity: &Velocity, input: &Velocity) -> Response {
+    fn response(&self, at: &Moment) -> Response {
         let chosen = self.trust.chosen();
         let mut response = Response::NONE;
         if let Some(active) = self.active.as_ref().filter(|_| chosen.contains(&Way::Learned)) {
-            let learned = active.learned.response(velocity, input);
+            let learned = active.learned.response(at);
             for axis in (0..AXES).filter(|&axis| chosen[axis] == Way::Learned) {
                 response.mean[axis] = learned.mean[axis];
                 response.by_velocity[axis] = learned.by_velocity[axis];
                 response.by_input[axis] = learned.by_input[axis];
+                response.by_before[axis] = learned.by_before[axis];
             }
         }
         response

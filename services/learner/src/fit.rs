@@ -6,7 +6,7 @@ use model::gp::hyperparameters::{Bounds, Hyperparameters};
 use model::gp::likelihood::Likelihood;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, PosteriorError};
-use model::learned::{INPUTS, Layout, Learned};
+use model::learned::{Layout, Learned};
 use model::{AXES, Velocity};
 
 use crate::settings::KernelChoice;
@@ -14,15 +14,15 @@ use crate::settings::KernelChoice;
 /// Fewest samples that a fit is tried on; below, the model says nothing.
 const SAMPLES_MIN: usize = 4;
 
-/// What the learner believes before it has seen anything.
+/// What the learner believes before it has seen anything, of a residual over D inputs.
 #[derive(Debug, Clone, Copy)]
-pub struct Outset {
+pub struct Outset<const D: usize> {
     /// What the Gaussian processes see.
     pub layout: Layout,
     /// What they take for likely.
     pub kernel: KernelChoice,
     /// What counts as one of each input, by physics: the data, which may have no spread, has no say in it.
-    pub input_scale: [f64; INPUTS],
+    pub input_scale: [f64; D],
     /// Largest |g| that physics allows \[m/s, m/s, rad/s\].
     pub bound: Velocity,
     /// Budget of one fit, in evaluations per axis.
@@ -47,37 +47,37 @@ pub enum FailedFit {
 
 /// A fitted model with what is to be told of it.
 #[derive(Debug, Clone)]
-pub struct FittedModel {
+pub struct FittedModel<const D: usize> {
     /// The model.
-    pub learned: Learned,
+    pub learned: Learned<D>,
     /// Its hyperparameters: where the next fit begins.
-    pub hyperparameters: [Hyperparameters<INPUTS>; AXES],
+    pub hyperparameters: [Hyperparameters<D>; AXES],
     /// Log marginal likelihood per axis.
     pub log_likelihood: [f64; AXES],
     /// Evaluations of all axes.
     pub evaluations: usize,
     /// Normalised inputs and targets.
-    pub inputs: Vec<[f64; INPUTS]>,
+    pub inputs: Vec<[f64; D]>,
     /// Residuals.
     pub targets: Vec<[f64; AXES]>,
     /// Noise variance of each over σₙ².
     pub noise_scale: Vec<f64>,
 }
 
-impl Outset {
+impl<const D: usize> Outset<D> {
     /// How inputs are scaled: with zero mean, so that the linear part of the kernel goes through a robot at rest.
-    pub fn normalisation(&self) -> Normalisation<INPUTS> {
-        Normalisation { mean: [0.0; INPUTS], scale: self.input_scale }
+    pub fn normalisation(&self) -> Normalisation<D> {
+        Normalisation { mean: [0.0; D], scale: self.input_scale }
     }
 
     /// Hyperparameters before any data: the medians of their priors.
-    pub fn hyperparameters(&self) -> [Hyperparameters<INPUTS>; AXES] {
+    pub fn hyperparameters(&self) -> [Hyperparameters<D>; AXES] {
         self.bound.map(|bound| self.medians(bound))
     }
 
     /// A smooth function, of the size that physics allows; beside a linear part, a quarter of that.
-    fn medians(&self, bound: f64) -> Hyperparameters<INPUTS> {
-        let smooth = |share: f64| Hyperparameters::new([3.0; INPUTS], (share * bound).powi(2), (0.01 * bound).powi(2));
+    fn medians(&self, bound: f64) -> Hyperparameters<D> {
+        let smooth = |share: f64| Hyperparameters::new([3.0; D], (share * bound).powi(2), (0.01 * bound).powi(2));
         match self.kernel {
             KernelChoice::SquaredExponential => smooth(0.2),
             KernelChoice::LinearPlusSquaredExponential => smooth(0.05).with_linear((0.2 * bound).powi(2)),
@@ -88,13 +88,9 @@ impl Outset {
     ///
     /// # Errors
     /// [`FailedFit`].
-    pub fn fit(
-        &self,
-        observations: &[(Observation<INPUTS>, f64)],
-        start: &[Hyperparameters<INPUTS>; AXES],
-    ) -> Result<FittedModel, FailedFit> {
+    pub fn fit(&self, observations: &[(Observation<D>, f64)], start: &[Hyperparameters<D>; AXES]) -> Result<FittedModel<D>, FailedFit> {
         let normalisation = self.normalisation();
-        let inputs: Vec<[f64; INPUTS]> = observations.iter().map(|(observation, _)| normalisation.apply(&observation.input)).collect();
+        let inputs: Vec<[f64; D]> = observations.iter().map(|(observation, _)| normalisation.apply(&observation.input)).collect();
         let targets: Vec<[f64; AXES]> = observations.iter().map(|(observation, _)| observation.target).collect();
         let noise_scale: Vec<f64> = observations.iter().map(|&(_, scale)| scale).collect();
         let mut hyperparameters = *start;
@@ -119,11 +115,11 @@ impl Outset {
     }
 
     /// Bounds and priors of one axis: wide, but such that a direction which the data does not excite keeps a sane length scale.
-    fn options(&self, axis: usize) -> FitOptions<INPUTS> {
+    fn options(&self, axis: usize) -> FitOptions<D> {
         let bound = self.bound[axis];
         let bounds = Bounds {
-            lower: Hyperparameters::new([0.3; INPUTS], (1e-3 * bound).powi(2), (1e-4 * bound).powi(2)).with_linear((1e-3 * bound).powi(2)),
-            upper: Hyperparameters::new([100.0; INPUTS], (2.0 * bound).powi(2), (0.3 * bound).powi(2)).with_linear((2.0 * bound).powi(2)),
+            lower: Hyperparameters::new([0.3; D], (1e-3 * bound).powi(2), (1e-4 * bound).powi(2)).with_linear((1e-3 * bound).powi(2)),
+            upper: Hyperparameters::new([100.0; D], (2.0 * bound).powi(2), (0.3 * bound).powi(2)).with_linear((2.0 * bound).powi(2)),
         };
         let Hyperparameters { kernel, noise_variance } = self.medians(bound);
         let around = |median: f64, log_deviation: f64| Some(LogNormal { median, log_deviation });

@@ -15,7 +15,7 @@ use crate::store;
 use model::AXES;
 use model::gp::dictionary::{Dictionary, Observation, Outcome, Selection};
 use model::gp::hyperparameters::Hyperparameters;
-use model::learned::{INPUTS, Layout};
+use model::learned::{INPUTS, INPUTS_WITH_HISTORY, Layout};
 use model::main_model::{MainModel, fingerprint};
 use model::residual::bound;
 use process::{Pace, Pulse, Stop};
@@ -62,23 +62,31 @@ pub enum RunError {
 }
 
 /// A data set to fit.
-struct Job {
+struct Job<const D: usize> {
     cut: u64,
     /// With the scale of its noise each.
-    observations: Vec<(Observation<INPUTS>, f64)>,
+    observations: Vec<(Observation<D>, f64)>,
 }
 
 /// What came of it.
-type Done = (u64, Result<FittedModel, FailedFit>);
+type Done<const D: usize> = (u64, Result<FittedModel<D>, FailedFit>);
 
 /// Learns until it is told to stop.
 ///
 /// # Errors
 /// [`RunError`].
 pub fn run(settings: &Settings, ports: &Ports, stop: &Stop) -> Result<(), RunError> {
-    let outset = outset(settings);
-    let (jobs, inbox) = mpsc::channel::<Job>();
-    let (outbox, done) = mpsc::channel::<Done>();
+    match settings.learner.layout.dimension() {
+        INPUTS_WITH_HISTORY => run_over::<INPUTS_WITH_HISTORY>(settings, ports, stop),
+        _ => run_over::<INPUTS>(settings, ports, stop),
+    }
+}
+
+/// The same, of a residual over D inputs.
+fn run_over<const D: usize>(settings: &Settings, ports: &Ports, stop: &Stop) -> Result<(), RunError> {
+    let outset = outset::<D>(settings);
+    let (jobs, inbox) = mpsc::channel::<Job<D>>();
+    let (outbox, done) = mpsc::channel::<Done<D>>();
     thread::scope(|scope| {
         let mut learner = Learner::new(settings, ports, outset, jobs, done)?;
         let start = learner.start;
@@ -89,7 +97,7 @@ pub fn run(settings: &Settings, ports: &Ports, stop: &Stop) -> Result<(), RunErr
 }
 
 /// Fits one job after the other, each from where the last one ended.
-fn fit_jobs(outset: &Outset, mut start: [Hyperparameters<INPUTS>; AXES], inbox: &Receiver<Job>, outbox: &Sender<Done>) {
+fn fit_jobs<const D: usize>(outset: &Outset<D>, mut start: [Hyperparameters<D>; AXES], inbox: &Receiver<Job<D>>, outbox: &Sender<Done<D>>) {
     while let Ok(job) = inbox.recv() {
         let fitted = outset.fit(&job.observations, &start);
         if let Ok(fitted) = &fitted {
@@ -101,29 +109,29 @@ fn fit_jobs(outset: &Outset, mut start: [Hyperparameters<INPUTS>; AXES], inbox: 
     }
 }
 
-fn outset(settings: &Settings) -> Outset {
+fn outset<const D: usize>(settings: &Settings) -> Outset<D> {
     let main = main_model(settings);
     let limits = &settings.robot.limits;
     let range = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];
-    let second_share = match settings.learner.layout {
+    let rest_share = match settings.learner.layout {
         Layout::VelocityInput => VELOCITY_SHARE,
-        Layout::VelocitySlip => SLIP_SHARE,
+        Layout::VelocitySlip | Layout::VelocitySlipHistory => SLIP_SHARE,
     };
     Outset {
         layout: settings.learner.layout,
         kernel: settings.learner.kernel,
-        input_scale: std::array::from_fn(|i| if i < AXES { VELOCITY_SHARE * range[i] } else { second_share * range[i - AXES] }),
+        input_scale: std::array::from_fn(|i| if i < AXES { VELOCITY_SHARE } else { rest_share } * range[i % AXES]),
         bound: bound(&main, &settings.robot),
         evaluations_max: settings.learner.evaluations_max,
     }
 }
 
 /// How the dictionary chooses: information is measured by a kernel about as curved as friction is, in the units of the inputs.
-fn selection(settings: &Settings, outset: &Outset) -> Selection<INPUTS> {
+fn selection<const D: usize>(settings: &Settings, outset: &Outset<D>) -> Selection<D> {
     Selection {
         capacity: settings.learner.points_max,
         normalisation: outset.normalisation(),
-        kernel: Hyperparameters::new([1.0; INPUTS], 1.0, 0.01).with_linear(1.0),
+        kernel: Hyperparameters::new([1.0; D], 1.0, 0.01).with_linear(1.0),
         memory_samples: MEMORY_S * 1e9 / settings.run.period_nanos as f64,
         noise_floor: outset.bound.map(|bound| NOISE_SHARE * bound),
     }
@@ -134,23 +142,23 @@ fn main_model(settings: &Settings) -> MainModel {
 }
 
 /// The receiving thread.
-struct Learner<'a> {
+struct Learner<'a, const D: usize> {
     settings: &'a Settings,
     fingerprint: u64,
-    outset: Outset,
+    outset: Outset<D>,
     samples: Source<ResidualSample>,
     snapshots: Sink<ModelSnapshot>,
     pulse: Pulse,
-    dictionary: Dictionary<INPUTS>,
+    dictionary: Dictionary<D>,
     /// Hyperparameters that the first fit begins with.
-    start: [Hyperparameters<INPUTS>; AXES],
+    start: [Hyperparameters<D>; AXES],
     /// Samples since the oldest cut that is not yet published, for scoring.
     recent: VecDeque<ResidualSample>,
     /// Cuts under way, oldest first, and what came of the first.
     pending: VecDeque<u64>,
-    finished: Option<Done>,
-    jobs: Sender<Job>,
-    done: Receiver<Done>,
+    finished: Option<Done<D>>,
+    jobs: Sender<Job<D>>,
+    done: Receiver<Done<D>>,
     version: u64,
     /// (plant epoch, tick) of the newest sample.
     newest: Option<(u64, u64)>,
@@ -160,8 +168,14 @@ struct Learner<'a> {
     last: Option<ModelSnapshot>,
 }
 
-impl<'a> Learner<'a> {
-    fn new(settings: &'a Settings, ports: &Ports, outset: Outset, jobs: Sender<Job>, done: Receiver<Done>) -> Result<Self, OpenError> {
+impl<'a, const D: usize> Learner<'a, D> {
+    fn new(
+        settings: &'a Settings,
+        ports: &Ports,
+        outset: Outset<D>,
+        jobs: Sender<Job<D>>,
+        done: Receiver<Done<D>>,
+    ) -> Result<Self, OpenError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
         let fingerprint = fingerprint(&main_model(settings), settings.learner.layout.name());
         let mut dictionary = Dictionary::new(selection(settings, &outset));
@@ -245,9 +259,9 @@ impl<'a> Learner<'a> {
         }
         let believable = sample.residual.iter().zip(self.outset.bound).all(|(residual, bound)| residual.abs() <= bound);
         // One number that is not finite would spoil every fit for as long as it stays in the data.
-        let finite = sample.velocity.iter().chain(&sample.input).all(|value| value.is_finite());
+        let finite = sample.velocity.iter().chain(&sample.input).chain(&sample.input_before).all(|value| value.is_finite());
         if sample.usable == 1 && believable && finite {
-            let input = self.settings.learner.layout.inputs(&sample.velocity, &sample.input);
+            let input = self.settings.learner.layout.inputs(&snapshot::moment(sample));
             let outcome = self.dictionary.insert(Observation { input, target: sample.residual });
             if outcome == Outcome::Changed {
                 tracing::info!(tick, "the robot is not what it was: what was learnt before counts less");
@@ -273,7 +287,7 @@ impl<'a> Learner<'a> {
         if self.finished.is_none() {
             self.finished = self.done.try_recv().ok();
         }
-        let scored = |done: &Done| self.newest.is_some_and(|(_, tick)| tick >= self.score_until(done.0) || tick < done.0);
+        let scored = |done: &Done<D>| self.newest.is_some_and(|(_, tick)| tick >= self.score_until(done.0) || tick < done.0);
         if !self.finished.as_ref().is_some_and(scored) {
             return Ok(());
         }
@@ -294,7 +308,7 @@ impl<'a> Learner<'a> {
         Ok(())
     }
 
-    fn publish(&mut self, fitted: &FittedModel, cut: u64, plant_epoch: u64) -> Result<(), RunError> {
+    fn publish(&mut self, fitted: &FittedModel<D>, cut: u64, plant_epoch: u64) -> Result<(), RunError> {
         let until = self.score_until(cut);
         let newer: Vec<ResidualSample> =
             self.recent.iter().filter(|sample| sample.stamp.tick > cut && sample.stamp.tick <= until).copied().collect();

@@ -2,7 +2,7 @@
 
 use crate::fit::FittedModel;
 use model::AXES;
-use model::learned::{INPUTS, Residual};
+use model::learned::{Moment, Residual};
 use protocol::frame::DecodeError;
 use protocol::message::{INPUTS_MAX, ModelSnapshot, ResidualSample, SnapshotHead};
 
@@ -21,11 +21,16 @@ pub struct Label {
     pub effective_tick: u64,
 }
 
+/// The period that `sample` is of.
+pub fn moment(sample: &ResidualSample) -> Moment {
+    Moment { velocity: sample.velocity, input: sample.input, before: sample.input_before }
+}
+
 /// RMS one-step error of the fitted model and of the main model alone, per axis, over `samples`; zeros if there are none.
-pub fn score(fitted: &FittedModel, samples: &[ResidualSample]) -> ([f64; AXES], [f64; AXES]) {
+pub fn score<const D: usize>(fitted: &FittedModel<D>, samples: &[ResidualSample]) -> ([f64; AXES], [f64; AXES]) {
     let (mut learned, mut main) = ([0.0; AXES], [0.0; AXES]);
     for sample in samples {
-        let mean = fitted.learned.mean(&sample.velocity, &sample.input);
+        let mean = fitted.learned.mean(&moment(sample));
         for axis in 0..AXES {
             learned[axis] += (sample.residual[axis] - mean[axis]).powi(2);
             main[axis] += sample.residual[axis].powi(2);
@@ -39,7 +44,7 @@ pub fn score(fitted: &FittedModel, samples: &[ResidualSample]) -> ([f64; AXES], 
 ///
 /// # Errors
 /// [`DecodeError`] if it has more points than a message can carry.
-pub fn write(fitted: &FittedModel, label: &Label, newer: &[ResidualSample]) -> Result<ModelSnapshot, DecodeError> {
+pub fn write<const D: usize>(fitted: &FittedModel<D>, label: &Label, newer: &[ResidualSample]) -> Result<ModelSnapshot, DecodeError> {
     let posterior = &fitted.learned.posterior;
     let mut head: SnapshotHead = bytemuck::Zeroable::zeroed();
     head.stamp.tick = label.trained_tick;
@@ -47,7 +52,7 @@ pub fn write(fitted: &FittedModel, label: &Label, newer: &[ResidualSample]) -> R
     head.fingerprint = label.fingerprint;
     head.effective_tick = label.effective_tick;
     head.plant_epoch = label.plant_epoch;
-    head.inputs = INPUTS as u32;
+    head.inputs = D as u32;
     head.score_samples = newer.len() as u32;
     head.input_mean = widened(&fitted.learned.normalisation.mean, 0.0);
     head.input_scale = widened(&fitted.learned.normalisation.scale, 1.0);
@@ -69,7 +74,7 @@ pub fn write(fitted: &FittedModel, label: &Label, newer: &[ResidualSample]) -> R
     Ok(snapshot)
 }
 
-fn widened(values: &[f64; INPUTS], rest: f64) -> [f64; INPUTS_MAX] {
+fn widened(values: &[f64], rest: f64) -> [f64; INPUTS_MAX] {
     let mut wide = [rest; INPUTS_MAX];
     for (slot, &value) in wide.iter_mut().zip(values) {
         *slot = value;

@@ -4,7 +4,6 @@ use crate::fit::Outset;
 use model::AXES;
 use model::gp::dictionary::{Dictionary, Observation};
 use model::gp::hyperparameters::Hyperparameters;
-use model::learned::INPUTS;
 use protocol::frame::{self, DecodeError};
 use protocol::message::{Message, ModelSnapshot};
 use std::fs::{self, File};
@@ -75,7 +74,7 @@ pub fn load(file: &Path, fingerprint: u64) -> Result<ModelSnapshot, StoreError> 
 
 /// Puts the data of a snapshot back into `dictionary`, and gives back the hyperparameters to go on with: its own, if they are of the kernel and
 /// the units of `outset`.
-pub fn resume(snapshot: &ModelSnapshot, outset: &Outset, dictionary: &mut Dictionary<INPUTS>) -> [Hyperparameters<INPUTS>; AXES] {
+pub fn resume<const D: usize>(snapshot: &ModelSnapshot, outset: &Outset<D>, dictionary: &mut Dictionary<D>) -> [Hyperparameters<D>; AXES] {
     let head = &snapshot.head;
     let entry = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(f64::NAN);
     for row in snapshot.rows() {
@@ -83,7 +82,7 @@ pub fn resume(snapshot: &ModelSnapshot, outset: &Outset, dictionary: &mut Dictio
         dictionary.restore(Observation { input, target: std::array::from_fn(|axis| entry(row.target, axis)) }, row.noise_scale);
     }
     let first = outset.hyperparameters();
-    let scale: [f64; INPUTS] = std::array::from_fn(|i| entry(&head.input_scale, i));
+    let scale: [f64; D] = std::array::from_fn(|i| entry(&head.input_scale, i));
     if scale.map(f64::to_bits) != outset.input_scale.map(f64::to_bits) {
         return first;
     }

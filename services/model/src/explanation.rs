@@ -5,6 +5,7 @@
 //! ```
 //! The quality of an explanation is what a plan needs of it: its error with the d of a few periods ago, since a plan holds d.
 
+use crate::learned::Moment;
 use crate::observer::Observer;
 use crate::{AXES, Velocity};
 
@@ -14,10 +15,8 @@ const LEAD: usize = 3;
 /// One period as it is to be explained.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Sample {
-    /// Velocity at its start.
-    pub velocity: Velocity,
-    /// Input that the wheels got.
-    pub input: Velocity,
+    /// What there was.
+    pub at: Moment,
     /// Residual of the main model.
     pub residual: Velocity,
 }
@@ -79,7 +78,8 @@ mod tests {
         let mut explanation = Explanation::new(Observer::new(0.5, [1.0; 3]));
         for i in 0..60 {
             let velocity = [(0.4 * f64::from(i)).sin(), (0.3 * f64::from(i)).cos(), 0.1];
-            let sample = Sample { velocity, input: [0.0; 3], residual: [0.02 - 0.1 * velocity[0], 0.03 * velocity[1], -0.01] };
+            let at = Moment { velocity, ..Moment::default() };
+            let sample = Sample { at, residual: [0.02 - 0.1 * velocity[0], 0.03 * velocity[1], -0.01] };
             explanation.update(&sample, &opinion(&sample));
         }
         explanation

@@ -32,6 +32,7 @@ pub(crate) fn advance(belief: &Belief<'_>, foresight: &dyn Foresight, state: &St
     let (sin, cos) = (0.5 * (state.pose[2] + next.pose[2])).sin_cos();
     next.pose = [next.pose[0] + cos * forward - sin * left, next.pose[1] + sin * forward + cos * left, next.pose[2] + turn];
     next.velocity = std::array::from_fn(|axis| next.velocity[axis] + disturbance[axis]);
+    next.acted = *input;
     next
 }
 
@@ -52,7 +53,7 @@ pub(crate) fn linearise(belief: &Belief<'_>, foresight: &dyn Foresight, state: &
         by_state.column_mut(axis + AXES).copy_from_slice(&slope(|by| advance(belief, foresight, &faster(by), input)));
         by_input.column_mut(axis).copy_from_slice(&slope(|by| advance(belief, foresight, state, &moved(input, axis, by))));
     }
-    Linearised { next: advance(belief, foresight, state, input), by_state, by_input }
+    Linearised { next: advance(belief, foresight, state, input), by_state, by_input, by_acted: SMatrix::zeros() }
 }
 
 /// Central difference of a state at 0.
@@ -88,7 +89,7 @@ mod tests {
     fn to_foresee_what_is_believed_changes_nothing() {
         let main = MainModel::new(&Robot::example(), 0.1);
         let believer = Believer(main);
-        let (state, input) = (State { pose: [0.3, -0.2, 0.7], velocity: [1.2, -0.4, 0.3] }, [1.0, 0.5, -0.6]);
+        let (state, input) = (State { pose: [0.3, -0.2, 0.7], velocity: [1.2, -0.4, 0.3], ..State::default() }, [1.0, 0.5, -0.6]);
         for (disturbance, tolerance) in [([0.0; 3], 1e-9), ([0.01, -0.02, 0.03], 1e-3)] {
             let belief = Belief { main: &main, learned: None, foresight: None, disturbance, carry: 0.0 };
             let foreseen = Belief { foresight: Some(&believer), ..belief };

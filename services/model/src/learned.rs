@@ -5,13 +5,34 @@
 
 use crate::gp::normalisation::Normalisation;
 use crate::gp::posterior::{Posterior, VarianceScratch};
-use crate::{AXES, Velocity};
+use crate::{AXES, State, Velocity};
 use serde::{Deserialize, Serialize};
 
-/// Number of inputs of the Gaussian processes.
+/// Number of inputs of the Gaussian processes without history.
 pub const INPUTS: usize = 6;
 
-/// What the Gaussian processes see of a velocity and an input.
+/// Number of inputs with history.
+pub const INPUTS_WITH_HISTORY: usize = 9;
+
+/// One period as the Gaussian processes see it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Moment {
+    /// v: velocity at its start \[m/s, m/s, rad/s\].
+    pub velocity: Velocity,
+    /// u: input that acts in it \[m/s, m/s, rad/s\].
+    pub input: Velocity,
+    /// u₋: input that acted in the period before \[m/s, m/s, rad/s\].
+    pub before: Velocity,
+}
+
+impl Moment {
+    /// The period that begins with `state`, under `input`.
+    pub fn new(state: &State, input: &Velocity) -> Self {
+        Self { velocity: state.velocity, input: *input, before: state.acted }
+    }
+}
+
+/// What the Gaussian processes see of a period.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
@@ -19,6 +40,8 @@ pub enum Layout {
     VelocityInput,
     /// (v, u − v): the slip between command and motion has an axis of its own, which suits a kernel with one length scale per axis.
     VelocitySlip,
+    /// (v, u − v, u₋ − v): with what the period before began and did not end, as motors that lag.
+    VelocitySlipHistory,
 }
 
 impl Layout {
@@ -27,17 +50,31 @@ impl Layout {
         match self {
             Self::VelocityInput => "velocity-input",
             Self::VelocitySlip => "velocity-slip",
+            Self::VelocitySlipHistory => "velocity-slip-history",
         }
     }
 
-    /// The inputs of the Gaussian processes, not normalised.
-    pub fn inputs(self, velocity: &Velocity, input: &Velocity) -> [f64; INPUTS] {
-        let [vx, vy, rate] = *velocity;
-        let [ux, uy, turn] = *input;
+    /// How many inputs it has.
+    pub const fn dimension(self) -> usize {
         match self {
-            Self::VelocityInput => [vx, vy, rate, ux, uy, turn],
-            Self::VelocitySlip => [vx, vy, rate, ux - vx, uy - vy, turn - rate],
+            Self::VelocityInput | Self::VelocitySlip => INPUTS,
+            Self::VelocitySlipHistory => INPUTS_WITH_HISTORY,
         }
+    }
+
+    /// The first D inputs of the Gaussian processes, not normalised; zero beyond [`dimension`](Self::dimension).
+    pub fn inputs<const D: usize>(self, at: &Moment) -> [f64; D] {
+        std::array::from_fn(|i| {
+            let (part, axis) = (i / AXES, i % AXES);
+            let velocity = at.velocity[axis];
+            match (self, part) {
+                (_, 0) => velocity,
+                (Self::VelocityInput, 1) => at.input[axis],
+                (Self::VelocitySlip | Self::VelocitySlipHistory, 1) => at.input[axis] - velocity,
+                (Self::VelocitySlipHistory, 2) => at.before[axis] - velocity,
+                _ => 0.0,
+            }
+        })
     }
 }
 
@@ -50,68 +87,81 @@ pub struct Response {
     pub by_velocity: [Velocity; 3],
     /// ∂g/∂u, one row per axis of g.
     pub by_input: [Velocity; 3],
+    /// ∂g/∂u₋, one row per axis of g.
+    pub by_before: [Velocity; 3],
 }
 
 impl Response {
     /// No residual.
-    pub const NONE: Self = Self { mean: [0.0; 3], by_velocity: [[0.0; 3]; 3], by_input: [[0.0; 3]; 3] };
+    pub const NONE: Self = Self { mean: [0.0; 3], by_velocity: [[0.0; 3]; 3], by_input: [[0.0; 3]; 3], by_before: [[0.0; 3]; 3] };
 }
 
 /// A model of g that a prediction can use.
 pub trait Residual: std::fmt::Debug {
-    /// g at one velocity and input. Does not allocate.
-    fn mean(&self, velocity: &Velocity, input: &Velocity) -> Velocity;
+    /// g of one period. Does not allocate.
+    fn mean(&self, at: &Moment) -> Velocity;
 
     /// g and its Jacobians. Does not allocate.
-    fn response(&self, velocity: &Velocity, input: &Velocity) -> Response;
+    fn response(&self, at: &Moment) -> Response;
 }
 
-/// One learned model of g. Constant once made.
+/// One that knows how sure it is.
+pub trait Uncertain: Residual {
+    /// Variance of g, without the noise of an observation \[(m/s)², (m/s)², (rad/s)²\]. Does not allocate if the scratch is large enough.
+    fn variance(&self, at: &Moment, scratch: &mut VarianceScratch) -> Velocity;
+}
+
+/// One learned model of g over D inputs. Constant once made.
 #[derive(Debug, Clone)]
-pub struct Learned {
+pub struct Learned<const D: usize> {
     /// What the processes see.
     pub layout: Layout,
     /// How it is scaled.
-    pub normalisation: Normalisation<INPUTS>,
+    pub normalisation: Normalisation<D>,
     /// Three Gaussian processes.
-    pub posterior: Posterior<INPUTS>,
+    pub posterior: Posterior<D>,
     /// Largest |g| that physics allows, per axis \[m/s, m/s, rad/s\].
     pub bound: Velocity,
 }
 
-impl Learned {
-    /// Variance of g, without the noise of an observation \[(m/s)², (m/s)², (rad/s)²\]. O(n²), does not allocate.
-    pub fn variance(&self, velocity: &Velocity, input: &Velocity, scratch: &mut VarianceScratch) -> Velocity {
-        self.posterior.variance(&self.normalised(velocity, input), scratch)
-    }
-
-    fn normalised(&self, velocity: &Velocity, input: &Velocity) -> [f64; INPUTS] {
-        self.normalisation.apply(&self.layout.inputs(velocity, input))
+impl<const D: usize> Learned<D> {
+    fn normalised(&self, at: &Moment) -> [f64; D] {
+        self.normalisation.apply(&self.layout.inputs(at))
     }
 }
 
-impl Residual for Learned {
+impl<const D: usize> Residual for Learned<D> {
     /// O(n).
-    fn mean(&self, velocity: &Velocity, input: &Velocity) -> Velocity {
-        let mean = self.posterior.mean(&self.normalised(velocity, input));
+    fn mean(&self, at: &Moment) -> Velocity {
+        let mean = self.posterior.mean(&self.normalised(at));
         std::array::from_fn(|axis| mean[axis].clamp(-self.bound[axis], self.bound[axis]))
     }
 
     /// O(n). The Jacobians are those of the kernel's linear part alone; where the bound holds g, it does not vary.
-    fn response(&self, velocity: &Velocity, input: &Velocity) -> Response {
-        let mut response = Response { mean: self.mean(velocity, input), ..Response::NONE };
+    fn response(&self, at: &Moment) -> Response {
+        let mut response = Response { mean: self.mean(at), ..Response::NONE };
         let slope = self.posterior.slope();
         for axis in (0..AXES).filter(|&axis| response.mean[axis].abs() < self.bound[axis]) {
             for column in 0..AXES {
-                let by_first = slope[axis][column] / self.normalisation.scale[column];
-                let by_second = slope[axis][column + AXES] / self.normalisation.scale[column + AXES];
+                let [by_first, by_second, by_third] = [0, 1, 2].map(|part| {
+                    let slope = slope[axis].get(part * AXES + column).zip(self.normalisation.scale.get(part * AXES + column));
+                    slope.map_or(0.0, |(slope, scale)| slope / scale)
+                });
                 response.by_input[axis][column] = by_second;
+                response.by_before[axis][column] = by_third;
                 response.by_velocity[axis][column] = match self.layout {
                     Layout::VelocityInput => by_first,
-                    Layout::VelocitySlip => by_first - by_second,
+                    Layout::VelocitySlip | Layout::VelocitySlipHistory => by_first - by_second - by_third,
                 };
             }
         }
         response
+    }
+}
+
+impl<const D: usize> Uncertain for Learned<D> {
+    /// O(n²).
+    fn variance(&self, at: &Moment, scratch: &mut VarianceScratch) -> Velocity {
+        self.posterior.variance(&self.normalised(at), scratch)
     }
 }

@@ -10,7 +10,7 @@
 //! Reference: Åström, Wittenmark, *Adaptive Control*, 2nd ed., section 2.2.
 
 use crate::Velocity;
-use crate::learned::{Residual, Response};
+use crate::learned::{Moment, Residual, Response};
 use nalgebra::{SMatrix, SVector};
 
 /// Entries of φ.
@@ -35,8 +35,8 @@ impl LeastSquares {
     }
 
     /// Takes in one period. Numbers that are none are passed over.
-    pub fn update(&mut self, velocity: &Velocity, input: &Velocity, residual: &Velocity) {
-        let features = features(velocity, input);
+    pub fn update(&mut self, at: &Moment, residual: &Velocity) {
+        let features = features(at);
         let residual = SVector::<f64, 3>::from(*residual);
         if !features.iter().chain(residual.iter()).all(|value| value.is_finite()) {
             return;
@@ -57,24 +57,23 @@ impl LeastSquares {
 }
 
 impl Residual for LeastSquares {
-    fn mean(&self, velocity: &Velocity, input: &Velocity) -> Velocity {
-        let mean = self.weights * features(velocity, input);
+    fn mean(&self, at: &Moment) -> Velocity {
+        let mean = self.weights * features(at);
         std::array::from_fn(|axis| mean[axis].max(-self.bound[axis]).min(self.bound[axis]))
     }
 
-    fn response(&self, velocity: &Velocity, input: &Velocity) -> Response {
-        let unbounded = self.weights * features(velocity, input);
-        let mean = self.mean(velocity, input);
+    fn response(&self, at: &Moment) -> Response {
+        let unbounded = self.weights * features(at);
+        let mean = self.mean(at);
         let varies = |axis: usize| f64::from(u8::from(unbounded[axis].abs() <= self.bound[axis]));
         let slope =
             |first: usize| std::array::from_fn(|row| std::array::from_fn(|column| varies(row) * self.weights[(row, first + column)]));
-        Response { mean, by_velocity: slope(0), by_input: slope(3) }
+        Response { mean, by_velocity: slope(0), by_input: slope(3), ..Response::NONE }
     }
 }
 
-fn features(velocity: &Velocity, input: &Velocity) -> SVector<f64, FEATURES> {
-    let [v, w, r] = *velocity;
-    let [a, b, c] = *input;
+fn features(at: &Moment) -> SVector<f64, FEATURES> {
+    let ([v, w, r], [a, b, c]) = (at.velocity, at.input);
     SVector::from([v, w, r, a, b, c, 1.0])
 }
 
@@ -86,16 +85,20 @@ mod tests {
         [(k * i as f64).sin(), (1.7 * k * i as f64).cos(), (0.3 * k * i as f64).sin()]
     }
 
+    fn at(velocity: Velocity, input: Velocity) -> Moment {
+        Moment { velocity, input, ..Moment::default() }
+    }
+
     #[test]
     fn a_linear_residual_is_found_exactly() {
         let truth = |v: &Velocity, u: &Velocity| [0.1 * v[0] - 0.05 * u[0] + 0.01, 0.03 * u[1] + 0.02 * v[2], -0.04 * u[2]];
         let mut model = LeastSquares::new(0.999, [1.0; 3]);
         for i in 0..4_000 {
             let (v, u) = (wave(i, 0.37), wave(i, 0.91));
-            model.update(&v, &u, &truth(&v, &u));
+            model.update(&at(v, u), &truth(&v, &u));
         }
         let (v, u) = ([0.4, -0.2, 0.7], [0.1, 0.9, -0.5]);
-        for (found, real) in model.mean(&v, &u).iter().zip(truth(&v, &u)) {
+        for (found, real) in model.mean(&at(v, u)).iter().zip(truth(&v, &u)) {
             assert!((found - real).abs() < 1e-4, "{found} is not {real}");
         }
     }
@@ -104,11 +107,11 @@ mod tests {
     fn the_response_is_the_slope_of_the_mean() {
         let mut model = LeastSquares::new(1.0, [1.0; 3]);
         for i in 0..50 {
-            model.update(&wave(i, 0.5), &wave(i, 1.1), &wave(i, 0.2).map(|value| 0.1 * value));
+            model.update(&at(wave(i, 0.5), wave(i, 1.1)), &wave(i, 0.2).map(|value| 0.1 * value));
         }
         let (v, u) = ([0.1, 0.2, 0.3], [0.3, 0.2, 0.1]);
-        let response = model.response(&v, &u);
-        let moved = model.mean(&v, &[0.3, 0.2 + 1e-3, 0.1]);
+        let response = model.response(&at(v, u));
+        let moved = model.mean(&at(v, [0.3, 0.2 + 1e-3, 0.1]));
         for axis in 0..3 {
             assert!(((moved[axis] - response.mean[axis]) / 1e-3 - response.by_input[axis][1]).abs() < 1e-9);
         }
@@ -118,12 +121,13 @@ mod tests {
     fn standing_still_for_hours_does_not_blow_it_up() {
         let mut model = LeastSquares::new(0.99, [1.0; 3]);
         for _ in 0..1_000_000 {
-            model.update(&[0.0; 3], &[0.0; 3], &[0.01, 0.0, 0.0]);
+            model.update(&Moment::default(), &[0.01, 0.0, 0.0]);
         }
         assert!(model.covariance.iter().all(|value| value.is_finite() && value.abs() <= 7.0 * PRIOR));
-        model.update(&[1.0, 0.0, 0.0], &[1.0, 0.0, 0.0], &[0.02, 0.0, 0.0]);
-        assert!(model.mean(&[1.0, 0.0, 0.0], &[1.0, 0.0, 0.0])[0].abs() < 0.1);
-        model.update(&[f64::NAN; 3], &[0.0; 3], &[0.0; 3]);
-        assert!(model.mean(&[0.0; 3], &[0.0; 3]).iter().all(|value| value.is_finite()));
+        let driving = at([1.0, 0.0, 0.0], [1.0, 0.0, 0.0]);
+        model.update(&driving, &[0.02, 0.0, 0.0]);
+        assert!(model.mean(&driving)[0].abs() < 0.1);
+        model.update(&at([f64::NAN; 3], [0.0; 3]), &[0.0; 3]);
+        assert!(model.mean(&Moment::default()).iter().all(|value| value.is_finite()));
     }
 }

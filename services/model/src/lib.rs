@@ -41,13 +41,15 @@ pub type Velocity = [f64; AXES];
 /// x, y and yaw in the world \[m, m, rad\].
 pub type Pose = [f64; 3];
 
-/// Pose in the world and velocity in the body: the state x of the controller.
+/// Pose in the world and velocity in the body: the state x of the controller; and what acted on its way there.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct State {
     /// Pose in the world.
     pub pose: Pose,
     /// Body velocity.
     pub velocity: Velocity,
+    /// Input that acted in the period that ends here \[m/s, m/s, rad/s\].
+    pub acted: Velocity,
 }
 
 impl State {

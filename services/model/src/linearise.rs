@@ -5,9 +5,11 @@
 //! ```text
 //! ∂v⁺/∂v = A + ∂g/∂v          ∂p⁺/∂· = T R(θ') W_xy + T R'(θ') v̄ ∂θ'/∂·
 //! ∂v⁺/∂u = B + ∂g/∂u          ∂θ⁺/∂· = ∂θ/∂· + T W_ω
+//! ∂v⁺/∂u₋ = ∂g/∂u₋
 //! ```
 
 use crate::foresight;
+use crate::learned::Moment;
 use crate::predict::{Belief, advance};
 use crate::{State, Velocity};
 use nalgebra::{Matrix3, RowVector3, SMatrix, Vector3};
@@ -21,6 +23,8 @@ pub struct Linearised {
     pub by_state: SMatrix<f64, 6, 6>,
     /// ∂x⁺/∂u.
     pub by_input: SMatrix<f64, 6, 3>,
+    /// ∂x⁺/∂u₋, of the input that acted in the period before.
+    pub by_acted: SMatrix<f64, 6, 3>,
 }
 
 /// Predicts one step and differentiates it. Does not allocate.
@@ -28,7 +32,7 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
     if let Some(foresight) = belief.foresight {
         return foresight::linearise(belief, foresight, state, input);
     }
-    let response = belief.response(&state.velocity, input);
+    let response = belief.response(&Moment::new(state, input));
     let next = advance(belief, state, input, &response.mean);
     let period = belief.main.period;
 
@@ -39,7 +43,7 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
     let mean = belief.main.mean_velocity(&state.velocity, &next.velocity);
     let share = Matrix3::from_diagonal(&Vector3::from(belief.main.end_share));
     let mean_by_velocity = Matrix3::identity() - share + share * velocity_by_velocity;
-    let mean_by_input = share * velocity_by_input;
+    let velocity_by_acted = Matrix3::from_fn(|row, column| response.by_before[row][column]);
 
     // Rows: the world displacement and turn per mean velocity; column: the same per mid-step heading.
     let (sin, cos) = (state.pose[2] + 0.5 * period * mean[2]).sin_cos();
@@ -52,10 +56,13 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
     heading_column += by_heading;
     by_state.fixed_view_mut::<3, 3>(0, 3).copy_from(&(pose_by_mean * mean_by_velocity));
     by_state.fixed_view_mut::<3, 3>(3, 3).copy_from(&velocity_by_velocity);
-    let mut by_input = SMatrix::<f64, 6, 3>::zeros();
-    by_input.fixed_view_mut::<3, 3>(0, 0).copy_from(&(pose_by_mean * mean_by_input));
-    by_input.fixed_view_mut::<3, 3>(3, 0).copy_from(&velocity_by_input);
-    Linearised { next, by_state, by_input }
+    let driven = |velocity: &Matrix3<f64>| {
+        let mut by = SMatrix::<f64, 6, 3>::zeros();
+        by.fixed_view_mut::<3, 3>(0, 0).copy_from(&(pose_by_mean * (share * velocity)));
+        by.fixed_view_mut::<3, 3>(3, 0).copy_from(velocity);
+        by
+    };
+    Linearised { next, by_state, by_input: driven(&velocity_by_input), by_acted: driven(&velocity_by_acted) }
 }
 
 #[cfg(test)]
@@ -64,21 +71,26 @@ mod tests {
     use crate::gp::hyperparameters::Hyperparameters;
     use crate::gp::normalisation::Normalisation;
     use crate::gp::posterior::{Posterior, PosteriorError};
-    use crate::learned::{INPUTS, Layout, Learned};
+    use crate::learned::{INPUTS, INPUTS_WITH_HISTORY, Layout, Learned, Residual};
     use crate::main_model::MainModel;
     use crate::robot::Robot;
     use proptest::prelude::*;
 
-    /// A learned model of some residual, in either layout, with next to nothing but a linear part: the part that is differentiated.
-    fn learned(layout: Layout) -> Result<Learned, PosteriorError> {
-        let normalisation = Normalisation { mean: [0.5, 0.0, 0.0, 0.1, 0.0, 0.0], scale: [2.0, 1.0, 1.5, 1.0, 0.5, 2.0] };
+    /// A learned model of some residual, in any layout, with next to nothing but a linear part: the part that is differentiated.
+    fn learned<const D: usize>(layout: Layout) -> Result<Learned<D>, PosteriorError> {
+        let repeated = |values: [f64; INPUTS]| std::array::from_fn(|i| values[i % INPUTS]);
+        let normalisation =
+            Normalisation { mean: repeated([0.5, 0.0, 0.0, 0.1, 0.0, 0.0]), scale: repeated([2.0, 1.0, 1.5, 1.0, 0.5, 2.0]) };
         let wave = |i: usize, k: f64| (1.7 * k * i as f64).sin() * 2.0;
-        let velocities: Vec<([f64; 3], [f64; 3])> =
-            (0..40).map(|i| ([wave(i, 1.0), wave(i, 1.3), wave(i, 0.7)], [wave(i, 0.3), wave(i, 1.9), wave(i, 2.3)])).collect();
-        let inputs: Vec<[f64; INPUTS]> = velocities.iter().map(|(v, u)| normalisation.apply(&layout.inputs(v, u))).collect();
-        let targets: Vec<[f64; 3]> =
-            velocities.iter().map(|(v, u)| [0.1 * v[0].tanh(), 0.05 * v[1] * u[2], 0.1 * (u[0] - v[0]).sin()]).collect();
-        let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([1.5; INPUTS], 1e-18, 1e-4).with_linear(0.04); 3])?;
+        let three = |i: usize, [a, b, c]: [f64; 3]| [wave(i, a), wave(i, b), wave(i, c)];
+        let moment =
+            |i: usize| Moment { velocity: three(i, [1.0, 1.3, 0.7]), input: three(i, [0.3, 1.9, 2.3]), before: three(i, [0.9, 1.1, 0.2]) };
+        let inputs: Vec<[f64; D]> = (0..40).map(|i| normalisation.apply(&layout.inputs(&moment(i)))).collect();
+        let target = |Moment { velocity: v, input: u, before }| {
+            [0.1 * v[0].tanh() + 0.05 * before[0], 0.05 * v[1] * u[2], 0.1 * (u[0] - v[0]).sin() - 0.07 * before[2]]
+        };
+        let targets: Vec<[f64; 3]> = (0..40).map(|i| target(moment(i))).collect();
+        let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([1.5; D], 1e-18, 1e-4).with_linear(0.04); 3])?;
         Ok(Learned { layout, normalisation, posterior, bound: [1.0; 3] })
     }
 
@@ -86,26 +98,37 @@ mod tests {
         #[test]
         fn jacobians_match_finite_differences(
             pose in prop::array::uniform3(-3.0..3.0), velocity in prop::array::uniform3(-2.0..2.0),
-            input in prop::array::uniform3(-2.0..2.0), slip in any::<bool>()
+            input in prop::array::uniform3(-2.0..2.0), acted in prop::array::uniform3(-2.0..2.0), layout in 0..3_usize
         ) {
             let main = MainModel::new(&Robot::example(), 0.1);
-            let learned = learned(if slip { Layout::VelocitySlip } else { Layout::VelocityInput }).map_err(|e| TestCaseError::fail(e.to_string()))?;
-            let belief = Belief { main: &main, learned: Some(&learned), foresight: None, disturbance: [0.01, -0.02, 0.03], carry: 0.0 };
-            let at = |x: [f64; 6], u: [f64; 3]| belief.predict(&State { pose: [x[0], x[1], x[2]], velocity: [x[3], x[4], x[5]] }, &u).to_array();
-            let state = State { pose, velocity };
+            let (input_alone, slip) = (learned::<INPUTS>(Layout::VelocityInput), learned::<INPUTS>(Layout::VelocitySlip));
+            let history = learned::<INPUTS_WITH_HISTORY>(Layout::VelocitySlipHistory);
+            let (Ok(input_alone), Ok(slip), Ok(history)) = (input_alone, slip, history) else {
+                return Err(TestCaseError::fail("no posterior"));
+            };
+            let learned: &dyn Residual = [&input_alone as &dyn Residual, &slip, &history][layout];
+            let belief = Belief { main: &main, learned: Some(learned), foresight: None, disturbance: [0.01, -0.02, 0.03], carry: 0.0 };
+            let at = |x: [f64; 6], [u, acted]: [[f64; 3]; 2]| {
+                belief.predict(&State { pose: [x[0], x[1], x[2]], velocity: [x[3], x[4], x[5]], acted }, &u).to_array()
+            };
+            let state = State { pose, velocity, acted };
             let exact = linearise(&belief, &state, &input);
             prop_assert_eq!(exact.next, belief.predict(&state, &input));
             let step = 1e-5;
-            for column in 0..9 {
+            for column in 0..12 {
                 let moved = |by: f64| {
-                    let (mut x, mut u) = (state.to_array(), input);
-                    if column < 6 { x[column] += by } else { u[column - 6] += by }
+                    let (mut x, mut u) = (state.to_array(), [input, acted]);
+                    if column < 6 { x[column] += by } else { u[column / 3 - 2][column % 3] += by }
                     at(x, u)
                 };
                 let (ahead, behind) = (moved(step), moved(-step));
                 for row in 0..6 {
                     let numeric = (ahead[row] - behind[row]) / (2.0 * step);
-                    let analytic = if column < 6 { exact.by_state[(row, column)] } else { exact.by_input[(row, column - 6)] };
+                    let analytic = match column {
+                        0..6 => exact.by_state[(row, column)],
+                        6..9 => exact.by_input[(row, column - 6)],
+                        _ => exact.by_acted[(row, column - 9)],
+                    };
                     prop_assert!((numeric - analytic).abs() < 1e-8, "row {} column {}: {} is not {}", row, column, analytic, numeric);
                 }
             }

@@ -10,7 +10,7 @@
 //! alone and adds g afterwards, g is fed back into the prediction, as its eq. 32 has it.
 
 use crate::foresight::{self, Foresight};
-use crate::learned::{Residual, Response};
+use crate::learned::{Moment, Residual, Response};
 use crate::main_model::MainModel;
 use crate::residual::residual;
 use crate::{AXES, State, Velocity};
@@ -35,24 +35,24 @@ impl Belief<'_> {
     pub fn residual(&self, state: &State, input: &Velocity) -> Velocity {
         match self.foresight {
             Some(foresight) => residual(self.main, &state.velocity, input, &foresight.predict(state, input).velocity),
-            None => self.learned.map_or([0.0; AXES], |learned| learned.mean(&state.velocity, input)),
+            None => self.learned.map_or([0.0; AXES], |learned| learned.mean(&Moment::new(state, input))),
         }
     }
 
-    /// v⁺, and how each axis of it varies with its own input. Does not allocate.
+    /// v⁺ of an input that has acted for long, and how each axis of it varies with its own input. Does not allocate.
     pub fn velocity_and_gain(&self, state: &State, input: &Velocity) -> (Velocity, Velocity) {
         if let Some(foresight) = self.foresight {
             return foresight::velocity_and_gain(self, foresight, state, input);
         }
-        let response = self.response(&state.velocity, input);
+        let response = self.response(&Moment { before: *input, ..Moment::new(state, input) });
         let expected = self.main.next_velocity(&state.velocity, input);
         let velocity = std::array::from_fn(|axis| expected[axis] + response.mean[axis] + self.disturbance[axis]);
-        (velocity, std::array::from_fn(|axis| self.main.gain[axis] + response.by_input[axis][axis]))
+        (velocity, std::array::from_fn(|axis| self.main.gain[axis] + response.by_input[axis][axis] + response.by_before[axis][axis]))
     }
 
     /// g with its Jacobians, of what was learnt.
-    pub(crate) fn response(&self, velocity: &Velocity, input: &Velocity) -> Response {
-        self.learned.map_or(Response::NONE, |learned| learned.response(velocity, input))
+    pub(crate) fn response(&self, at: &Moment) -> Response {
+        self.learned.map_or(Response::NONE, |learned| learned.response(at))
     }
 
     /// The input that acts when `input` is commanded after `before`: (1 − w) u + w u₋₁.
@@ -78,5 +78,5 @@ pub(crate) fn advance(belief: &Belief<'_>, state: &State, input: &Velocity, resi
     let [x, y, yaw] = state.pose;
     let (sin, cos) = (yaw + 0.5 * period * mean[2]).sin_cos();
     let pose = [x + period * (cos * mean[0] - sin * mean[1]), y + period * (sin * mean[0] + cos * mean[1]), yaw + period * mean[2]];
-    State { pose, velocity }
+    State { pose, velocity, acted: *input }
 }

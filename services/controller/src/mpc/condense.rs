@@ -1,9 +1,9 @@
 //! Condensing: the states as linear functions of the free inputs.
 //!
 //! ```text
-//! Γ_0 = 0      Γ_{k+1} = A_k Γ_k + B_k ((1 − w) S_k + w S_{k−1}),   S_k picks the block that period k belongs to
+//! Γ_0 = 0      Γ_{k+1} = A_k Γ_k + B_k ∂a_k + C_k ∂a_{k−1},   ∂a_k = (1 − w) S_k + w S_{k−1},   S_k picks the block that period k belongs to
 //! ```
-//! with w the share of the command before in the input that acts.
+//! with a the input that acts and w the share of the command before in it. C is there where what is learnt looks back on a_{k−1}.
 
 use model::State;
 use model::linearise::Linearised;
@@ -43,8 +43,10 @@ impl Condensed {
                 let share = (1.0 - carry) * step.by_input;
                 *driven = if k < self.blocks { share } else { *driven + share };
             }
-            if let Some(driven) = k.checked_sub(1).and_then(|before| next.get_mut(before.min(self.blocks - 1))) {
-                *driven += carry * step.by_input;
+            for (periods, by) in [(1, carry * step.by_input + (1.0 - carry) * step.by_acted), (2, carry * step.by_acted)] {
+                if let Some(driven) = k.checked_sub(periods).and_then(|before| next.get_mut(before.min(self.blocks - 1))) {
+                    *driven += by;
+                }
             }
         }
     }

@@ -1,5 +1,6 @@
 use super::*;
 use crate::settings::{DelaySetting, Method, StateLimits, Weights};
+use model::learned::{Moment, Residual, Response};
 use proptest::prelude::*;
 
 pub(crate) fn settings() -> MpcSettings {
@@ -60,18 +61,34 @@ fn true_cost(
     cost
 }
 
+/// A robot that goes on a little with what acted in the period before.
+#[derive(Debug)]
+struct Echo;
+
+impl Residual for Echo {
+    fn mean(&self, at: &Moment) -> Velocity {
+        at.before.map(|input| 0.125 * input)
+    }
+
+    fn response(&self, at: &Moment) -> Response {
+        let by_before = std::array::from_fn(|row| std::array::from_fn(|column| if row == column { 0.125 } else { 0.0 }));
+        Response { mean: self.mean(at), by_before, ..Response::NONE }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
     fn the_programs_gradient_is_that_of_the_cost(
         pose in prop::array::uniform3(-0.4..0.4_f64), velocity in prop::array::uniform3(-0.8..0.8_f64), input in prop::array::uniform3(-0.5..0.5_f64),
-        carry in prop_oneof![Just(0.0), 0.0..1.0_f64]
+        carry in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.02, -0.01, 0.03], carry };
+        let learned = echoes.then_some(&Echo as &dyn Residual);
+        let belief = Belief { main: &main, learned, foresight: None, disturbance: [0.02, -0.01, 0.03], carry };
         let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
-        let (state, reference) = (State { pose, velocity }, circle(0, 7));
+        let (state, reference) = (State { pose, velocity, ..State::default() }, circle(0, 7));
         mpc.begin_at(&state);
         mpc.prepare(&reference, &belief);
         mpc.roll_out(&state, &input, &belief);
@@ -100,7 +117,7 @@ proptest! {
         let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
         let last = mpc.limits.clamp(&last);
         mpc.prepare(&circle(0, 7), &belief);
-        let solved = mpc.iterate(&State { pose, velocity }, &last, &circle(0, 7), &belief);
+        let solved = mpc.iterate(&State { pose, velocity, ..State::default() }, &last, &circle(0, 7), &belief);
         prop_assert!(solved.outcome.usable(), "{:?}", solved.outcome);
         let input = mpc.stages[0].input;
         for (value, bound) in input.iter().zip([5.0, 5.0, 6.0]) {
@@ -117,7 +134,7 @@ fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError>
     let main = MainModel::new(&Robot::example(), 0.1);
     let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
-    let state = State { pose: [0.02, -0.03, 0.01], velocity: [1.4, 0.0, 0.7] };
+    let state = State { pose: [0.02, -0.03, 0.01], velocity: [1.4, 0.0, 0.7], ..State::default() };
     mpc.prepare(&circle(0, 7), &belief);
     let outcome = mpc.iterate(&state, &[1.5, 0.0, 0.75], &circle(0, 7), &belief).outcome;
     assert_eq!(outcome.status, Status::Solved);
@@ -136,7 +153,7 @@ fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
     let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
-    let (mut state, mut input) = (State { pose: [0.0, -0.8, 0.3], velocity: [0.0; 3] }, [0.0; 3]);
+    let (mut state, mut input) = (State { pose: [0.0, -0.8, 0.3], velocity: [0.0; 3], ..State::default() }, [0.0; 3]);
     for tick in 0..40 {
         mpc.prepare(&circle(tick, 7), &belief);
         assert!(mpc.iterate(&state, &input, &circle(tick, 7), &belief).outcome.usable());
@@ -195,7 +212,7 @@ fn the_lqr_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
     let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
     let mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
-    let (mut state, mut input) = (State { pose: [0.3, -0.2, 0.2], velocity: [0.0; 3] }, [0.0; 3]);
+    let (mut state, mut input) = (State { pose: [0.3, -0.2, 0.2], velocity: [0.0; 3], ..State::default() }, [0.0; 3]);
     for tick in 0..80 {
         let point = circle(tick, 1)[0];
         let held = target::velocity_to_hold(&point, state.pose[2]);

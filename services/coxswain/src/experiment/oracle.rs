@@ -25,6 +25,6 @@ impl Foresight for Oracle {
 
     fn predict(&self, state: &State, input: &Velocity) -> State {
         let (pose, velocity) = self.preview.after(self.period_nanos, state.pose, state.velocity, *input);
-        State { pose, velocity }
+        State { pose, velocity, acted: *input }
     }
 }
