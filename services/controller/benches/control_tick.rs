@@ -36,6 +36,7 @@ fn settings() -> Settings {
         reference: controller::reference::ReferenceSettings {
             path: controller::reference::PathSettings::PaperCurve { speed_mps: 2.7 },
             heading: controller::reference::Heading::Tangent,
+            ramp_s: 0.0,
         },
         mpc: MpcSettings {
             horizon_steps: 5,

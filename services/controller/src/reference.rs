@@ -22,6 +22,9 @@ pub struct ReferenceSettings {
     pub path: PathSettings,
     /// Which way to look on it.
     pub heading: Heading,
+    /// Time in which the path's own clock comes up to speed, from a standstill \[s\]. With 0 the robot shall move from the first moment on.
+    #[serde(default)]
+    pub ramp_s: f64,
 }
 
 /// Which way to look.
@@ -147,6 +150,9 @@ impl ReferenceSettings {
         {
             return Err(Impossible { key: "path.point-to-point.to".into(), expected: "three finite numbers x, y, yaw".into() });
         }
+        if !(self.ramp_s.is_finite() && self.ramp_s >= 0.0) {
+            return Err(Impossible { key: "ramp_s".into(), expected: "a finite number of seconds, 0 or more".into() });
+        }
         match self.heading {
             Heading::FixedRad(yaw) if !yaw.is_finite() => {
                 Err(Impossible { key: "heading.fixed-rad".into(), expected: "a finite angle in radians".into() })
@@ -156,6 +162,13 @@ impl ReferenceSettings {
             }
             _ => Ok(()),
         }
+    }
+}
+
+impl ReferenceSettings {
+    /// What the path's own clock shows at `time` \[s\], and how fast it runs: evenly faster during the ramp, then as it should.
+    fn path_time(&self, time: f64) -> (f64, f64) {
+        if time < self.ramp_s { (0.5 * time * time / self.ramp_s, time / self.ramp_s) } else { (time - 0.5 * self.ramp_s, 1.0) }
     }
 }
 
@@ -169,16 +182,20 @@ impl Reference {
         let mut yaw_before = None;
         let points = (0..=ticks)
             .map(|tick| {
-                let at = path.at(tick as f64 * period);
+                let (time, pace) = settings.path_time(tick as f64 * period);
+                let at = path.at(time);
                 let (yaw, rate) = match settings.heading {
                     Heading::FixedRad(yaw) => (yaw, 0.0),
-                    Heading::Given => (at.yaw, at.yaw_rate),
-                    Heading::Tangent => at.tangent(yaw_before),
+                    Heading::Given => (at.yaw, pace * at.yaw_rate),
+                    Heading::Tangent => {
+                        let (yaw, rate) = at.tangent(yaw_before);
+                        (yaw, pace * rate)
+                    }
                 };
                 let yaw = yaw_before.map_or(yaw, |before| before + wrap(yaw - before));
                 yaw_before = Some(yaw);
                 let (sin, cos) = yaw.sin_cos();
-                let [vx, vy] = at.velocity;
+                let [vx, vy] = at.velocity.map(|velocity| pace * velocity);
                 ReferencePoint { pose: [at.position[0], at.position[1], yaw], velocity: [cos * vx + sin * vy, cos * vy - sin * vx, rate] }
             })
             .collect();
@@ -210,8 +227,8 @@ mod tests {
 
     #[test]
     fn the_velocity_of_every_smooth_path_is_the_derivative_of_its_pose() -> Result<(), PointsError> {
-        for path in all() {
-            let settings = ReferenceSettings { path, heading: Heading::FixedRad(0.3) };
+        for (path, ramp_s) in all().into_iter().flat_map(|path| [(path.clone(), 0.0), (path, 2.0)]) {
+            let settings = ReferenceSettings { path, heading: Heading::FixedRad(0.3), ramp_s };
             let period = 1e-3;
             let table = Reference::new(&settings, &[0.0; 3], period, 20_000)?;
             for tick in (1..19_999).step_by(97) {
@@ -229,7 +246,7 @@ mod tests {
 
     #[test]
     fn the_papers_curve_is_followed_at_its_speed_within_its_heading() -> Result<(), PointsError> {
-        let settings = ReferenceSettings { path: PathSettings::PaperCurve { speed_mps: 2.7 }, heading: Heading::Tangent };
+        let settings = ReferenceSettings { path: PathSettings::PaperCurve { speed_mps: 2.7 }, heading: Heading::Tangent, ramp_s: 0.0 };
         let table = Reference::new(&settings, &[0.0, -1.0, 0.0], 0.1, 250)?;
         for tick in 0..=240 {
             let point = table.at(tick);
@@ -243,7 +260,7 @@ mod tests {
 
     #[test]
     fn the_heading_of_a_circle_grows_without_a_jump() -> Result<(), PointsError> {
-        let settings = ReferenceSettings { path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }, heading: Heading::Tangent };
+        let settings = ReferenceSettings { path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }, heading: Heading::Tangent, ramp_s: 0.0 };
         let table = Reference::new(&settings, &[0.0; 3], 0.1, 200)?;
         for tick in 1..200 {
             assert!((table.at(tick).pose[2] - table.at(tick - 1).pose[2] - 0.1).abs() < 1e-9);
@@ -253,7 +270,7 @@ mod tests {
 
     #[test]
     fn behind_its_end_the_robot_stands() -> Result<(), PointsError> {
-        let settings = ReferenceSettings { path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }, heading: Heading::Tangent };
+        let settings = ReferenceSettings { path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }, heading: Heading::Tangent, ramp_s: 0.0 };
         let table = Reference::new(&settings, &[0.0; 3], 0.1, 10)?;
         assert_eq!(table.at(11).velocity, [0.0; 3]);
         assert_eq!(table.at(11).pose, table.at(10).pose);
