@@ -13,8 +13,8 @@ const LONG: Duration = Duration::from_mins(1);
 
 fn fault(at: End, kind: Kind) -> Fault {
     let (participant, from_tick, until_tick, probability) = (None, 5, Some(10), 1.0);
-    let (millis, messages, field, amount) = (None, None, None, None);
-    Fault { topic: Topic::Command, at, participant, kind, from_tick, until_tick, probability, millis, messages, field, amount }
+    let (millis, messages, field, number, amount) = (None, None, None, None, None);
+    Fault { topic: Topic::Command, at, participant, kind, from_tick, until_tick, probability, millis, messages, field, number, amount }
 }
 
 fn faults(fault: Vec<Fault>) -> Faults {

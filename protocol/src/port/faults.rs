@@ -86,6 +86,9 @@ pub struct Fault {
     /// Of `nan`, `flip` and `outlier`: the field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub field: Option<String>,
+    /// Of `flip` and `outlier`: which number of the field, from 0; every one if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub number: Option<usize>,
     /// Of `outlier`: the most that a number is off, either way, in its own unit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub amount: Option<f64>,
@@ -258,6 +261,9 @@ impl Fault {
             Some(amount) if !(amount.is_finite() && amount > 0.0) => return Err(impossible("amount", "a finite number greater than 0")),
             None if self.kind == Kind::Outlier => return Err(impossible("amount", "it for outlier: the most that a number is off")),
             _ => {}
+        }
+        if self.number.is_some() && !matches!(self.kind, Kind::Flip | Kind::Outlier) {
+            return Err(impossible("number", format!("no such key for {kind}: only flip and outlier have it")));
         }
         match &self.field {
             None if self.kind.alters_a_field() => Err(impossible("field", format!("it for {kind}: one of {}", numbers.join(", ")))),

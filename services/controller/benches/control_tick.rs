@@ -54,6 +54,7 @@ fn settings() -> Settings {
             observer_gain: 0.0,
             method: Method::Mpc,
             delay: DelaySetting::Estimated,
+            no_harm: true,
         },
         learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3, resumed: false },
     }

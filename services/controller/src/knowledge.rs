@@ -4,7 +4,7 @@
 
 use crate::adopt::Candidate;
 use crate::settings::{DelaySetting, Method, Settings};
-use crate::trust::Way;
+use crate::trust::{Trust, Way};
 use crate::ways::Ways;
 use model::delay::{Delay, DelayEstimator, Sent};
 use model::explanation::Sample;
@@ -62,7 +62,7 @@ impl Knowledge {
         let observer = Observer::new(settings.mpc.observer_gain, bound);
         Self {
             method: settings.mpc.method,
-            ways: Ways::new(observer),
+            ways: Ways::new(observer, if settings.mpc.no_harm { Trust::default() } else { Trust::blind() }),
             least_squares: LeastSquares::new(1.0 - main.period / LEAST_SQUARES_MEMORY_S, bound),
             main,
             foresight,

@@ -65,6 +65,14 @@ pub struct MpcSettings {
     /// What is done about the time that a command takes to the wheels.
     #[serde(default)]
     pub delay: DelaySetting,
+    /// Whether, on each axis, a learned model is used only while it foretells better than the main model with its observer; else it is used
+    /// from the first one on, to see what that costs.
+    #[serde(default = "yes")]
+    pub no_harm: bool,
+}
+
+const fn yes() -> bool {
+    true
 }
 
 /// How answers are found. All but the first are what it is compared with.

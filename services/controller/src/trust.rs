@@ -41,16 +41,23 @@ pub struct Trust {
     chosen: [Way; AXES],
     /// How often the learned model was left, over all axes.
     left: u64,
+    /// Whether the learned model is taken as soon as there is one, and never left.
+    blind: bool,
 }
 
 impl Default for Trust {
     /// Nothing is learnt yet.
     fn default() -> Self {
-        Self { plain: [[0.0; AXES]; MEMORY], learned: None, taken: 0, chosen: [Way::Plain; AXES], left: 0 }
+        Self { plain: [[0.0; AXES]; MEMORY], learned: None, taken: 0, chosen: [Way::Plain; AXES], left: 0, blind: false }
     }
 }
 
 impl Trust {
+    /// One that takes every learned model for better, to see what that costs.
+    pub fn blind() -> Self {
+        Self { blind: true, ..Self::default() }
+    }
+
     /// The way that is taken on each axis.
     pub fn chosen(&self) -> [Way; AXES] {
         self.chosen
@@ -63,7 +70,7 @@ impl Trust {
 
     /// Forgets everything, but for how often a model was left.
     pub fn reset(&mut self) {
-        *self = Self { left: self.left, ..Self::default() };
+        *self = Self { left: self.left, blind: self.blind, ..Self::default() };
     }
 
     /// Takes in the errors of one period. One that is no number is worse than any.
@@ -93,7 +100,7 @@ impl Trust {
             let sum = |record: &Record| record.iter().map(|errors| errors[axis]).sum::<f64>();
             let (plain, learned) = (sum(&self.plain), sum(learned));
             // Written so that infinity is never better.
-            if learned < BETTER * plain && learned.is_finite() {
+            if self.blind || learned < BETTER * plain && learned.is_finite() {
                 self.chosen[axis] = Way::Learned;
             } else if !(learned <= plain && learned.is_finite()) {
                 self.left += u64::from(self.chosen[axis] == Way::Learned);
@@ -141,6 +148,16 @@ mod tests {
         }
         trust.judge(&[[0.005, 0.020, f64::NAN]; 5]);
         assert_eq!(trust.chosen(), [Way::Learned, Way::Plain, Way::Plain]);
+    }
+
+    #[test]
+    fn without_the_gate_a_model_is_used_however_bad_it_is() {
+        let mut trust = Trust::blind();
+        trust.update(&[0.01; 3], &[0.05; 3]);
+        assert_eq!(trust.chosen(), [Way::Plain; 3], "there is none yet");
+        trust.judge(&[[0.05; 3]]);
+        trust.update(&[0.01; 3], &[0.05; 3]);
+        assert_eq!((trust.chosen(), trust.left()), ([Way::Learned; 3], 0));
     }
 
     #[test]

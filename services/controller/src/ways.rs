@@ -24,12 +24,12 @@ pub struct Ways {
 
 impl Ways {
     /// Ways that know nothing yet, with an observer that is as fresh.
-    pub fn new(observer: Observer) -> Self {
+    pub fn new(observer: Observer, trust: Trust) -> Self {
         Self {
             active: None,
             plain: Explanation::new(observer.clone()),
             learned: Explanation::new(observer),
-            trust: Trust::default(),
+            trust,
             recent: [Sample::default(); RECENT],
             taken: 0,
         }

@@ -2,6 +2,7 @@
 
 use coxswain::assembly::Assembly;
 use coxswain::experiment::contender::Contender;
+use coxswain::experiment::poison::Poison;
 use coxswain::experiment::trial::{self, Row, Start};
 use coxswain::options::Options;
 use coxswain::scenario::Scenario;
@@ -79,5 +80,23 @@ fn an_oracle_is_better_than_whoever_has_to_guess() -> Outcome {
     for contender in [Contender::Mpc, Contender::MpcObserver, Contender::RlsMpcObserver, Contender::GprMpcObserver] {
         assert!(oracle < rmse(contender)?, "{contender}");
     }
+    Ok(())
+}
+
+#[test]
+fn a_model_that_is_wrong_on_one_axis_is_not_used_there_and_does_no_harm() -> Outcome {
+    let lied_to = |contender, no_harm| -> Result<Row, Box<dyn Error>> {
+        let mut assembly = assembly("figure-eight", contender, 1)?;
+        assembly.scenario.mpc.no_harm = no_harm;
+        assembly.scenario.duration_s = 15.0;
+        assembly.faults = Poison::SidewaysFlips.faults(1, 0.1);
+        run(&assembly, contender, Start::Cold, tempfile::tempdir()?.path())
+    };
+    let observer = lied_to(Contender::MpcObserver, true)?;
+    let (with, without) = (lied_to(Contender::GprMpcObserver, true)?, lied_to(Contender::GprMpcObserver, false)?);
+    let [forward, sideways, _] = with.learned_share;
+    assert!(forward > 0.5 && sideways < 0.1, "{:?}", with.learned_share);
+    assert!(with.position_rmse_m < observer.position_rmse_m.map(|rmse| 1.05 * rmse), "{with:?}\n{observer:?}");
+    assert!(without.position_rmse_m > observer.position_rmse_m, "{without:?}\n{observer:?}");
     Ok(())
 }

@@ -152,10 +152,15 @@ impl Stage {
 
     fn with_altered_field(&mut self, bytes: &[u8], anatomy: &Anatomy) -> Option<Vec<u8>> {
         let (kind, amount) = (self.fault.kind, self.fault.amount.unwrap_or_default());
-        let random = &mut self.random;
+        let (random, number) = (&mut self.random, self.fault.number);
+        let chosen = |place: &usize| number.is_none_or(|number| number == *place);
         let mut change = |values: &mut [f64]| match kind {
-            Kind::Flip => values.iter_mut().for_each(|value| *value = -*value),
-            Kind::Outlier => values.iter_mut().for_each(|value| *value += amount * (2.0 * random.share() - 1.0)),
+            Kind::Flip => (0..).zip(values).filter(|(place, _)| chosen(place)).for_each(|(_, value)| *value = -*value),
+            Kind::Outlier => {
+                for (_, value) in (0..).zip(values).filter(|(place, _)| chosen(place)) {
+                    *value += amount * (2.0 * random.share() - 1.0);
+                }
+            }
             _ => {
                 let choice = random.below(values.len() as u64) as usize;
                 values.iter_mut().skip(choice).take(1).for_each(|value| *value = f64::NAN);

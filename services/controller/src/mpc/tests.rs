@@ -20,6 +20,7 @@ pub(crate) fn settings() -> MpcSettings {
         observer_gain: 0.3,
         method: Method::Mpc,
         delay: DelaySetting::Estimated,
+        no_harm: true,
     }
 }
 

@@ -14,6 +14,8 @@ const UNTIL_S: f64 = 15.0;
 const RESIDUAL_OFF: f64 = 0.5;
 /// The most that a faulty sensor's velocity is off \[m/s, m/s, rad/s\].
 const VELOCITY_OFF: f64 = 2.0;
+/// Place of the sideways axis among the three.
+const SIDEWAYS: usize = 1;
 /// Part of the messages that a fault without a window happens to.
 const SELDOM: f64 = 0.1;
 
@@ -31,6 +33,8 @@ pub enum Poison {
     Outliers30,
     /// For 5 s the residuals have the wrong sign.
     SignFlips,
+    /// All the time the sideways residuals have the wrong sign, and no others.
+    SidewaysFlips,
     /// For 5 s the learner gets the same numbers again and again.
     Stuck,
     /// One in ten samples has a residual that is not a number.
@@ -45,7 +49,7 @@ pub enum Poison {
 
 impl Poison {
     /// As faults on the links, for this seed and control period \[s\].
-    pub(super) fn faults(self, seed: u64, period: f64) -> Faults {
+    pub fn faults(self, seed: u64, period: f64) -> Faults {
         let sensor = matches!(self, Self::SensorOutliers | Self::SensorStuck | Self::SensorNan);
         let (topic, reader, field, off) = if sensor {
             (Topic::State, Participant::Controller, "velocity", VELOCITY_OFF)
@@ -55,11 +59,11 @@ impl Poison {
         let (kind, probability) = match self {
             Self::Outliers10 | Self::SensorOutliers => (Kind::Outlier, SELDOM),
             Self::Outliers30 => (Kind::Outlier, 3.0 * SELDOM),
-            Self::SignFlips => (Kind::Flip, 1.0),
+            Self::SignFlips | Self::SidewaysFlips => (Kind::Flip, 1.0),
             Self::Stuck | Self::SensorStuck => (Kind::Freeze, 1.0),
             Self::Nan | Self::SensorNan => (Kind::Nan, SELDOM),
         };
-        let for_a_while = matches!(kind, Kind::Flip | Kind::Freeze);
+        let for_a_while = matches!(kind, Kind::Flip | Kind::Freeze) && self != Self::SidewaysFlips;
         let tick = |seconds: f64| (seconds / period).round() as u64;
         let fault = Fault {
             topic,
@@ -72,6 +76,7 @@ impl Poison {
             millis: None,
             messages: None,
             field: (kind != Kind::Freeze).then(|| field.to_owned()),
+            number: (self == Self::SidewaysFlips).then_some(SIDEWAYS),
             amount: (kind == Kind::Outlier).then_some(off),
         };
         Faults { seed, process: None, fault: vec![fault] }

@@ -133,6 +133,7 @@ mod tests {
             start: Start::Cold,
             seed,
             poison: None,
+            learned_share: [0.0; 3],
             duration_s: 30.0,
             arrival_s: None,
             speed_settle_s: None,

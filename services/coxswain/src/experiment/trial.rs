@@ -78,6 +78,8 @@ pub struct Row {
     pub input_effort: f64,
     /// Ticks at which the truth was outside the scenario's state limits, or the gate did not play a controller's answer.
     pub constraint_violations: u64,
+    /// Share of the ticks at which the learned model was used, per velocity axis.
+    pub learned_share: [f64; 3],
     /// As in `summary.json`.
     pub tick_p50_us: Option<f64>,
     /// As in `summary.json`.
@@ -90,6 +92,9 @@ struct Witnessed {
     rows: Rows,
     inputs: Vec<[f64; 3]>,
     violations: u64,
+    /// Plans heard, and those of them that used the learned model, per velocity axis.
+    plans: u64,
+    learned: [u64; 3],
 }
 
 /// A trial came to nothing.
@@ -139,6 +144,7 @@ pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, St
         heading_rmse_rad: summary.heading_rmse_rad,
         input_effort: effort(&witnessed.inputs) / period,
         constraint_violations: witnessed.violations,
+        learned_share: witnessed.learned.map(|plans| plans as f64 / witnessed.plans.max(1) as f64),
         tick_p50_us: summary.tick_p50_us,
         tick_p99_us: summary.tick_p99_us,
     })
@@ -151,7 +157,7 @@ fn witness(ports: &Ports, _run: &Run, stop: &Stop, outside: impl Fn(&Truth) -> b
     let mut truths: Source<Truth> = ports.source(Since::First)?;
     let mut plans: Source<Plan> = ports.source(Since::First)?;
     pulse.phase(Phase::Ready);
-    let mut kept = Witnessed { rows: Rows::of_segments(0), inputs: Vec::new(), violations: 0 };
+    let mut kept = Witnessed { rows: Rows::of_segments(0), inputs: Vec::new(), violations: 0, plans: 0, learned: [0; 3] };
     loop {
         let ending = stop.requested();
         while let Some(state) = states.next()? {
@@ -165,6 +171,10 @@ fn witness(ports: &Ports, _run: &Run, stop: &Stop, outside: impl Fn(&Truth) -> b
             kept.rows.heard_truth(&truth);
         }
         while let Some(plan) = plans.next()? {
+            kept.plans += 1;
+            for (axis, used) in kept.learned.iter_mut().enumerate() {
+                *used += u64::from(plan.learned_axes >> axis & 1);
+            }
             kept.rows.heard_plan(&plan);
         }
         if ending {
