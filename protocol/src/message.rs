@@ -196,7 +196,7 @@ mod tests {
             (PlantState::NAME, size_of::<PlantState>(), 224),
             (ResidualSample::NAME, size_of::<ResidualSample>(), 192),
             (Truth::NAME, size_of::<Truth>(), 232),
-            ("SnapshotHead", size_of::<SnapshotHead>(), 744),
+            ("SnapshotHead", size_of::<SnapshotHead>(), 768),
             ("Stamp", size_of::<Stamp>(), 48),
         ];
         for (name, size, pinned) in sizes {

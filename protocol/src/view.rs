@@ -101,6 +101,7 @@ recorded!(ModelSnapshot, "learner → controller: a better model, without its we
     "signal_variance": Shape::Numbers, "per velocity axis [(m/s)², (m/s)², (rad/s)²]" => snapshot.head.signal_variance;
     "linear_variance": Shape::Numbers, "of the linear part of the kernel, per velocity axis [(m/s)², (m/s)², (rad/s)²]" => snapshot.head.linear_variance;
     "noise_variance": Shape::Numbers, "per velocity axis [(m/s)², (m/s)², (rad/s)²]" => snapshot.head.noise_variance;
+    "sample_variance": Shape::Numbers, "of a new sample beyond that of the function, per velocity axis [(m/s)², (m/s)², (rad/s)²]" => snapshot.head.sample_variance;
     "log_likelihood": Shape::Numbers, "log marginal likelihood per velocity axis" => snapshot.head.log_likelihood;
     "jitter": Shape::Numbers, "diagonal added beyond the noise variance, per velocity axis" => snapshot.head.jitter;
     "score_learned": Shape::Numbers, "RMS one-step error with this model [m/s, m/s, rad/s]" => snapshot.head.score_learned;

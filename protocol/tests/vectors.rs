@@ -274,6 +274,7 @@ impl Said for ModelSnapshot {
             signal_variance: [1.0, 2.0, 3.0],
             linear_variance: [0.5, 0.25, 0.0],
             noise_variance: [0.01; 3],
+            sample_variance: [0.02; 3],
             score_learned: [0.125; 3],
             score_main: [0.25; 3],
             ..SnapshotHead::zeroed()

@@ -50,6 +50,8 @@ pub struct SnapshotHead {
     pub linear_variance: [f64; 3],
     /// σₙ², per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
     pub noise_variance: [f64; 3],
+    /// Variance of a new sample beyond that of the function, per velocity axis, from held-out errors \[(m/s)², (m/s)², (rad/s)²\].
+    pub sample_variance: [f64; 3],
     /// Log marginal likelihood, per velocity axis.
     pub log_likelihood: [f64; 3],
     /// Diagonal that had to be added beyond σₙ², per velocity axis.
@@ -140,6 +142,7 @@ impl Message for ModelSnapshot {
         "signal_variance",
         "linear_variance",
         "noise_variance",
+        "sample_variance",
         "log_likelihood",
         "jitter",
         "score_learned",
@@ -155,6 +158,7 @@ impl Message for ModelSnapshot {
         visit("signal_variance", &mut head.signal_variance);
         visit("linear_variance", &mut head.linear_variance);
         visit("noise_variance", &mut head.noise_variance);
+        visit("sample_variance", &mut head.sample_variance);
         visit("log_likelihood", &mut head.log_likelihood);
         visit("jitter", &mut head.jitter);
         visit("score_learned", &mut head.score_learned);
@@ -252,6 +256,7 @@ impl SnapshotHead {
             &mut self.signal_variance,
             &mut self.linear_variance,
             &mut self.noise_variance,
+            &mut self.sample_variance,
             &mut self.log_likelihood,
             &mut self.jitter,
             &mut self.score_learned,

@@ -69,7 +69,7 @@ fn candidate() -> Result<Box<Candidate>, PosteriorError> {
     let inputs: Vec<[f64; INPUTS]> = inputs.iter().map(|input| normalisation.apply(input)).collect();
     let targets: Vec<[f64; 3]> = (0..POINTS).map(|i| [-0.09 + 0.01 * wave(i, 0.9), 0.02 * wave(i, 1.3), 0.02 * wave(i, 0.2)]).collect();
     let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([4.0; INPUTS], 0.01, 1e-5); 3])?;
-    let learned = Box::new(Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [0.5; 3] });
+    let learned = Box::new(Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [0.5; 3], sample_variance: [0.0; 3] });
     Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(POINTS) }))
 }
 

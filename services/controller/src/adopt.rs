@@ -70,6 +70,12 @@ pub enum Refusal {
         /// Of the snapshot.
         version: u64,
     },
+    /// What its samples are off is no variance.
+    #[error("snapshot {version} has an impossible variance of a sample")]
+    SampleVariance {
+        /// Of the snapshot.
+        version: u64,
+    },
     /// Its data give no posterior.
     #[error("snapshot {version}: {source}")]
     Posterior {
@@ -235,7 +241,11 @@ fn refactored<const D: usize>(snapshot: &ModelSnapshot, expected: &Expected) -> 
         return Err(Refusal::Weights { version, difference });
     }
     let scratch = VarianceScratch::new(inputs.len());
-    let learned = Box::new(Learned { layout: expected.layout, normalisation, posterior, bound: expected.bound });
+    let sample_variance = head.sample_variance;
+    if !sample_variance.iter().all(|variance| variance.is_finite() && *variance >= 0.0) {
+        return Err(Refusal::SampleVariance { version });
+    }
+    let learned = Box::new(Learned { layout: expected.layout, normalisation, posterior, bound: expected.bound, sample_variance });
     Ok(Candidate { version, plant_epoch: head.plant_epoch, effective_tick: head.effective_tick, learned, scratch })
 }
 
@@ -325,6 +335,7 @@ mod tests {
             prepare(&bad, &EXPECTED)
         };
         assert!(matches!(with(&|head| head.input_scale[2] = 0.0), Err(Refusal::Normalisation { .. })));
+        assert!(matches!(with(&|head| head.sample_variance[1] = -1.0), Err(Refusal::SampleVariance { .. })));
         assert!(matches!(with(&|head| head.input_mean[2] = f64::NAN), Err(Refusal::Normalisation { .. })));
         assert!(matches!(with(&|head| head.length_scale[1][0] = f64::NAN), Err(Refusal::Posterior { .. })));
         assert!(matches!(with(&|head| head.signal_variance[0] = -1.0), Err(Refusal::Posterior { .. })));

@@ -391,7 +391,8 @@ pub(crate) mod tests {
         let normalisation = Normalisation { mean: [f64::NAN; INPUTS], scale: [1.0; INPUTS] };
         let hyperparameters = [Hyperparameters::new([1.0; INPUTS], 1.0, 1e-2); 3];
         let posterior = Posterior::new(&[[0.0; INPUTS]], &[[0.1; 3]], &hyperparameters)?;
-        let learned = Box::new(Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [1.0; 3] });
+        let learned =
+            Box::new(Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [1.0; 3], sample_variance: [0.0; 3] });
         Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(1) }))
     }
 

@@ -14,6 +14,9 @@ use crate::settings::KernelChoice;
 /// Fewest samples that a fit is tried on; below, the model says nothing.
 const SAMPLES_MIN: usize = 4;
 
+/// Least deviation of the noise, as a share of the largest believable residual.
+const NOISE_FLOOR: f64 = 1e-4;
+
 /// What the learner believes before it has seen anything, of a residual over D inputs.
 #[derive(Debug, Clone, Copy)]
 pub struct Outset<const D: usize> {
@@ -84,6 +87,11 @@ impl<const D: usize> Outset<D> {
         }
     }
 
+    /// The least noise that is believed, per axis \[(m/s)², (m/s)², (rad/s)²\].
+    pub fn noise_floor(&self) -> Velocity {
+        self.bound.map(|bound| (NOISE_FLOOR * bound).powi(2))
+    }
+
     /// Fits `observations`, each with the scale of its noise, beginning at `start`.
     ///
     /// # Errors
@@ -110,7 +118,13 @@ impl<const D: usize> Outset<D> {
             }
         }
         let posterior = Posterior::with_noise_scale(&inputs, &targets, &noise_scale, &hyperparameters)?;
-        let learned = Learned { layout: self.layout, normalisation, posterior, bound: self.bound };
+        let learned = Learned {
+            layout: self.layout,
+            normalisation,
+            posterior,
+            bound: self.bound,
+            sample_variance: hyperparameters.map(|axis| axis.noise_variance),
+        };
         Ok(FittedModel { learned, hyperparameters, log_likelihood, evaluations, inputs, targets, noise_scale })
     }
 
@@ -118,7 +132,8 @@ impl<const D: usize> Outset<D> {
     fn options(&self, axis: usize) -> FitOptions<D> {
         let bound = self.bound[axis];
         let bounds = Bounds {
-            lower: Hyperparameters::new([0.3; D], (1e-3 * bound).powi(2), (1e-4 * bound).powi(2)).with_linear((1e-3 * bound).powi(2)),
+            lower: Hyperparameters::new([0.3; D], (1e-3 * bound).powi(2), (NOISE_FLOOR * bound).powi(2))
+                .with_linear((1e-3 * bound).powi(2)),
             upper: Hyperparameters::new([100.0; D], (2.0 * bound).powi(2), (0.3 * bound).powi(2)).with_linear((2.0 * bound).powi(2)),
         };
         let Hyperparameters { kernel, noise_variance } = self.medians(bound);

@@ -4,11 +4,13 @@
 //! |--------------|------------------------------------------------------------------|
 //! | [`settings`] | what a person may set                                            |
 //! | [`fit`]      | a data set in, hyperparameters and posterior out                 |
+//! | [`held_out`] | how far a new sample is off                                      |
 //! | [`snapshot`] | what was fitted, scored and put into a message                   |
 //! | [`store`]    | the last snapshot, kept in a file and resumed from it            |
 //! | [`run`]      | the loop: samples keep arriving while the fit runs beside it     |
 
 pub mod fit;
+pub mod held_out;
 pub mod run;
 pub mod settings;
 pub mod snapshot;

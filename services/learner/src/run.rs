@@ -9,15 +9,17 @@
 //! real time a cut that falls into a running fit is left out.
 
 use crate::fit::{FailedFit, FittedModel, Outset};
+use crate::held_out::HeldOut;
 use crate::settings::{LearnerSettings, Settings};
 use crate::snapshot::{self, Label};
 use crate::store;
-use model::AXES;
 use model::gp::dictionary::{Dictionary, Observation, Outcome, Selection};
 use model::gp::hyperparameters::Hyperparameters;
-use model::learned::{INPUTS, INPUTS_WITH_HISTORY, Layout};
+use model::gp::posterior::VarianceScratch;
+use model::learned::{INPUTS, INPUTS_WITH_HISTORY, Layout, Learned, Residual, Uncertain};
 use model::main_model::{MainModel, fingerprint};
 use model::residual::bound;
+use model::{AXES, Velocity};
 use process::{Pace, Pulse, Stop};
 use protocol::frame::DecodeError;
 use protocol::message::{ModelSnapshot, Participant, Phase, ResidualSample};
@@ -152,8 +154,12 @@ struct Learner<'a, const D: usize> {
     dictionary: Dictionary<D>,
     /// Hyperparameters that the first fit begins with.
     start: [Hyperparameters<D>; AXES],
-    /// Samples since the oldest cut that is not yet published, for scoring.
+    /// Samples since the last cut that is published, for scoring.
     recent: VecDeque<ResidualSample>,
+    held_out: HeldOut,
+    /// The model published last, and the last tick that it was held against.
+    judged: Option<(Learned<D>, u64)>,
+    scratch: VarianceScratch,
     /// Cuts under way, oldest first, and what came of the first.
     pending: VecDeque<u64>,
     finished: Option<Done<D>>,
@@ -191,6 +197,9 @@ impl<'a, const D: usize> Learner<'a, D> {
             dictionary,
             start,
             recent: VecDeque::new(),
+            held_out: HeldOut::default(),
+            judged: None,
+            scratch: VarianceScratch::new(settings.learner.points_max),
             pending: VecDeque::new(),
             finished: None,
             jobs,
@@ -251,6 +260,7 @@ impl<'a, const D: usize> Learner<'a, D> {
         let first = self.newest.is_none();
         if self.newest.is_some_and(|(epoch, _)| epoch != sample.plant_epoch) {
             self.recent.clear();
+            self.judged = None;
             self.last_cut = 0;
         }
         self.newest = Some((sample.plant_epoch, tick));
@@ -293,23 +303,35 @@ impl<'a, const D: usize> Learner<'a, D> {
         }
         let Some((cut, result)) = self.finished.take() else { return Ok(()) };
         self.pending.pop_front();
-        let keep_from = self.pending.front().copied().unwrap_or(u64::MAX);
         let (epoch, _) = self.newest.unwrap_or_default();
         match result {
-            Ok(fitted) => self.publish(&fitted, cut, epoch)?,
+            Ok(fitted) => self.publish(fitted, cut, epoch)?,
             Err(error) => {
                 tracing::warn!(cut, "no new model: {error}");
                 self.pulse.health().set_last_error("a fit has failed; the log says why");
                 self.publish_again(cut, epoch)?;
             }
         }
-        let oldest_needed = if keep_from == u64::MAX { cut } else { keep_from };
-        self.recent.retain(|sample| sample.stamp.tick > oldest_needed);
+        self.recent.retain(|sample| sample.stamp.tick > cut);
         Ok(())
     }
 
-    fn publish(&mut self, fitted: &FittedModel<D>, cut: u64, plant_epoch: u64) -> Result<(), RunError> {
+    /// Holds the model before against the samples that it has not been held against, and gives the noise that a new model is to have.
+    fn hold_out(&mut self, until: u64, otherwise: &Velocity) -> Velocity {
+        if let Some((learned, judged)) = &self.judged {
+            for sample in self.recent.iter().filter(|sample| sample.stamp.tick > *judged && sample.stamp.tick <= until) {
+                let at = snapshot::moment(sample);
+                let mean = learned.mean(&at);
+                let error = std::array::from_fn(|axis| sample.residual[axis] - mean[axis]);
+                self.held_out.push(&error, &learned.variance(&at, &mut self.scratch), &learned.sample_variance);
+            }
+        }
+        self.held_out.noise(otherwise, &self.outset.noise_floor())
+    }
+
+    fn publish(&mut self, mut fitted: FittedModel<D>, cut: u64, plant_epoch: u64) -> Result<(), RunError> {
         let until = self.score_until(cut);
+        fitted.learned.sample_variance = self.hold_out(until, &fitted.learned.sample_variance);
         let newer: Vec<ResidualSample> =
             self.recent.iter().filter(|sample| sample.stamp.tick > cut && sample.stamp.tick <= until).copied().collect();
         self.version += 1;
@@ -320,7 +342,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             trained_tick: cut,
             effective_tick: cut + self.settings.learner.delay_ticks,
         };
-        let mut snapshot = snapshot::write(fitted, &label, &newer)?;
+        let mut snapshot = snapshot::write(&fitted, &label, &newer)?;
         self.snapshots.send(&mut snapshot)?;
         if let Err(error) = store::save(&file_of(self.settings), &snapshot) {
             tracing::warn!("{error}");
@@ -336,9 +358,11 @@ impl<'a, const D: usize> Learner<'a, D> {
             jitter = ?head.jitter,
             learned = ?head.score_learned,
             main = ?head.score_main,
+            covered = ?self.held_out.covered(),
             "published"
         );
         self.last = Some(snapshot);
+        self.judged = Some((fitted.learned, until));
         Ok(())
     }
 
@@ -346,7 +370,7 @@ impl<'a, const D: usize> Learner<'a, D> {
     fn publish_again(&mut self, cut: u64, plant_epoch: u64) -> Result<(), RunError> {
         let Some(last) = &mut self.last else {
             if let Ok(nothing) = self.outset.fit(&[], &self.start) {
-                self.publish(&nothing, cut, plant_epoch)?;
+                self.publish(nothing, cut, plant_epoch)?;
             }
             return Ok(());
         };

@@ -63,6 +63,7 @@ pub fn write<const D: usize>(fitted: &FittedModel<D>, label: &Label, newer: &[Re
         head.signal_variance[axis] = hyperparameters.kernel.variance;
         head.linear_variance[axis] = hyperparameters.kernel.linear_variance;
         head.noise_variance[axis] = hyperparameters.noise_variance;
+        head.sample_variance[axis] = fitted.learned.sample_variance[axis];
     }
     (head.score_learned, head.score_main) = score(fitted, newer);
     let mut snapshot = ModelSnapshot::new(head);

@@ -109,6 +109,9 @@ pub trait Residual: std::fmt::Debug {
 pub trait Uncertain: Residual {
     /// Variance of g, without the noise of an observation \[(m/s)², (m/s)², (rad/s)²\]. Does not allocate if the scratch is large enough.
     fn variance(&self, at: &Moment, scratch: &mut VarianceScratch) -> Velocity;
+
+    /// Variance of a sample that is new to it: that of g, and what samples are off beside.
+    fn sample_variance(&self, at: &Moment, scratch: &mut VarianceScratch) -> Velocity;
 }
 
 /// One learned model of g over D inputs. Constant once made.
@@ -122,6 +125,8 @@ pub struct Learned<const D: usize> {
     pub posterior: Posterior<D>,
     /// Largest |g| that physics allows, per axis \[m/s, m/s, rad/s\].
     pub bound: Velocity,
+    /// Variance of a sample beyond that of g \[(m/s)², (m/s)², (rad/s)²\].
+    pub sample_variance: Velocity,
 }
 
 impl<const D: usize> Learned<D> {
@@ -163,5 +168,11 @@ impl<const D: usize> Uncertain for Learned<D> {
     /// O(n²).
     fn variance(&self, at: &Moment, scratch: &mut VarianceScratch) -> Velocity {
         self.posterior.variance(&self.normalised(at), scratch)
+    }
+
+    /// O(n²).
+    fn sample_variance(&self, at: &Moment, scratch: &mut VarianceScratch) -> Velocity {
+        let variance = self.variance(at, scratch);
+        std::array::from_fn(|axis| variance[axis] + self.sample_variance[axis])
     }
 }

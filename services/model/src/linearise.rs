@@ -91,7 +91,7 @@ mod tests {
         };
         let targets: Vec<[f64; 3]> = (0..40).map(|i| target(moment(i))).collect();
         let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([1.5; D], 1e-18, 1e-4).with_linear(0.04); 3])?;
-        Ok(Learned { layout, normalisation, posterior, bound: [1.0; 3] })
+        Ok(Learned { layout, normalisation, posterior, bound: [1.0; 3], sample_variance: [0.0; 3] })
     }
 
     proptest! {
