@@ -361,7 +361,11 @@ pub(crate) mod tests {
             duration_s: 10.0,
             start: [0.0; 3],
             robot: model::robot::Robot::example(),
-            reference: ReferenceSettings { path: PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 }, heading: Heading::Tangent, ramp_s: 0.0 },
+            reference: ReferenceSettings {
+                path: PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 },
+                heading: Heading::Tangent,
+                ramp_s: 0.0,
+            },
             mpc: settings(),
             learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3, resumed: false },
         }

@@ -260,7 +260,8 @@ mod tests {
 
     #[test]
     fn the_heading_of_a_circle_grows_without_a_jump() -> Result<(), PointsError> {
-        let settings = ReferenceSettings { path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }, heading: Heading::Tangent, ramp_s: 0.0 };
+        let settings =
+            ReferenceSettings { path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }, heading: Heading::Tangent, ramp_s: 0.0 };
         let table = Reference::new(&settings, &[0.0; 3], 0.1, 200)?;
         for tick in 1..200 {
             assert!((table.at(tick).pose[2] - table.at(tick - 1).pose[2] - 0.1).abs() < 1e-9);
@@ -270,7 +271,8 @@ mod tests {
 
     #[test]
     fn behind_its_end_the_robot_stands() -> Result<(), PointsError> {
-        let settings = ReferenceSettings { path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }, heading: Heading::Tangent, ramp_s: 0.0 };
+        let settings =
+            ReferenceSettings { path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }, heading: Heading::Tangent, ramp_s: 0.0 };
         let table = Reference::new(&settings, &[0.0; 3], 0.1, 10)?;
         assert_eq!(table.at(11).velocity, [0.0; 3]);
         assert_eq!(table.at(11).pose, table.at(10).pose);
