@@ -336,6 +336,37 @@ fn what_was_sent_during_a_cut_is_not_lost_in_lock_step() -> Outcome {
 }
 
 #[test]
+fn what_is_said_while_the_link_comes_back_is_not_lost_in_lock_step() -> Outcome {
+    let mut graph = Graph::on_network(true)?;
+    let mut commands = graph.ports()?.source::<Command>(Since::First)?;
+    let mut sink = graph.ports()?.sink::<Command>()?;
+    let mut said = 1;
+    sink.send(&mut command(said))?;
+    until(&mut commands, |command| command.stamp.tick == said)?;
+    for _ in 0..5 {
+        let endpoints = graph.links.connect.clone();
+        drop(graph.router.take());
+        graph.router = Some(Router::open(&endpoints, &[])?);
+        // Until something is heard that was said after the cut, and on; but no more than the link remembers.
+        let before = said;
+        let mut heard = before;
+        for _ in 0..Topic::Command.quality(true).depth - 6 {
+            said += 1;
+            sink.send(&mut command(said))?;
+            commands.wait(Duration::from_millis(if heard > before { 0 } else { 5 }))?;
+            while let Some(command) = commands.next()? {
+                heard = command.stamp.tick;
+            }
+        }
+        if heard < said {
+            until(&mut commands, |command| command.stamp.tick == said)?;
+        }
+    }
+    assert_eq!((commands.tally().received, commands.tally().lost), (said, 0));
+    Ok(())
+}
+
+#[test]
 fn two_routers_join_and_join_again_after_one_was_gone() -> Outcome {
     let mut here = Graph::on_network(false)?;
     let mut there = Graph::new(false)?;

@@ -359,3 +359,16 @@ fn write_vectors() -> Outcome {
     for_every_message!(written);
     Ok(())
 }
+
+#[test]
+fn the_page_speaks_of_this_version() {
+    let (page, version) = (include_str!("../WIRE.md"), VERSION);
+    for said in [
+        format!("u16: {version}."),
+        format!("/reader/{version}/"),
+        format!("/writer/{version}/"),
+        format!("`{version}` is the protocol version"),
+    ] {
+        assert!(page.contains(&said), "{said}");
+    }
+}

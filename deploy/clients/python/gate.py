@@ -7,9 +7,11 @@ from pathlib import Path
 from wire import Command, Vector
 
 NOTHING: Vector = (0.0, 0.0, 0.0)
+ROUNDING = 1 + 1e-6  # a command at a limit may be beyond it by so much
 WAITING, TAIL, BRAKE, LATCHED = 0, 4, 5, 6  # rungs
 NONE, NO_COMMAND_YET, MISSING, MALFORMED, NOT_FINITE, OUT_OF_BOUNDS, RATE_TOO_HIGH, OLD_PLANT_EPOCH = range(8)  # reasons
-OLD_CONTROLLER_EPOCH, SECOND_WRITER, TOO_OLD, NOT_NEWER, FROM_THE_FUTURE, _, BAD_STATE, _, RECOVERING = range(8, 17)
+OLD_CONTROLLER_EPOCH, SECOND_WRITER, TOO_OLD, NOT_NEWER, FROM_THE_FUTURE, SOLVER_FAILED, BAD_STATE, _, RECOVERING = range(8, 17)
+OWN_REASONS = {0: NONE, 1: NONE, 2: SOLVER_FAILED, 3: SOLVER_FAILED, 4: SOLVER_FAILED, 5: BAD_STATE, 6: BAD_STATE}  # of a controller's rung
 
 
 @dataclass(frozen=True)
@@ -48,11 +50,11 @@ class Limits:
         return tuple(rim / self.wheel_radius for rim in rims)
 
     def allow(self, velocity: Vector) -> bool:
-        within = all(abs(value) <= most for value, most in zip(velocity, self.input))
-        return within and all(abs(wheel) <= self.wheel_speed for wheel in self.wheels(velocity))
+        within = all(abs(value) <= most * ROUNDING for value, most in zip(velocity, self.input))
+        return within and all(abs(wheel) <= self.wheel_speed * ROUNDING for wheel in self.wheels(velocity))
 
     def allow_step(self, before: Vector, after: Vector) -> bool:
-        return all(abs(b - a) <= 2.2 * rate * self.period for a, b, rate in zip(before, after, self.rate))
+        return all(abs(b - a) <= 2.2 * rate * self.period * ROUNDING for a, b, rate in zip(before, after, self.rate))
 
 
 class Gate:
@@ -87,7 +89,7 @@ class Gate:
         if self.stored is None and not self.latched:
             rung, why = WAITING, NO_COMMAND_YET
         elif answered and not self.braking and not self.latched:
-            rung, why = self.stored.rung, NONE
+            rung, why = self.stored.rung, OWN_REASONS[self.stored.rung]
         self.past = (rung, self.last_refusal or why)
         self.good_periods = self.good_periods + 1 if answered and self.braking else 0
         self.braking = self.braking and self.good_periods < 3
@@ -152,4 +154,4 @@ class Gate:
         self.braking |= missing
         if self.braking:
             return None, BRAKE, MISSING if missing else RECOVERING
-        return (self.stored.tail[age - 1], TAIL, MISSING) if age else (self.stored.input, self.stored.rung, NONE)
+        return (self.stored.tail[age - 1], TAIL, MISSING) if age else (self.stored.input, self.stored.rung, OWN_REASONS[self.stored.rung])

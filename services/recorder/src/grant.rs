@@ -3,6 +3,7 @@
 use process::{Pace, Pulse};
 use protocol::message::{Credit, Participant, Stamp};
 use protocol::port::{OpenError, Ports, SendError, Sink};
+use std::time::{Duration, Instant};
 
 /// How far the plant may run ahead of what is written \[ticks\]. Below the depth of every topic with one message per tick, so that all that is
 /// said in the meantime has room.
@@ -11,10 +12,16 @@ pub(crate) const WINDOW_TICKS: u64 = 32;
 /// Taken in since the last grant before there is another \[ticks\]: a grant per tick would wake the plant for nothing.
 const STRIDE_TICKS: u64 = WINDOW_TICKS / 4;
 
+/// A plant that says nothing for so long may not have heard the last grant.
+const SILENCE: Duration = Duration::from_secs(1);
+
 /// Grants the plant its clock, in lock step; in real time it grants nothing.
 pub(crate) struct Grant {
     sink: Option<Sink<Credit>>,
     reach: Reach,
+    /// The last grant, and when it was said, or the plant was heard.
+    last: Option<Credit>,
+    heard: Instant,
 }
 
 impl Grant {
@@ -27,12 +34,13 @@ impl Grant {
             Pace::RealTime => None,
             Pace::LockStep => Some(ports.sink()?),
         };
-        Ok(Self { sink, reach: Reach::default() })
+        Ok(Self { sink, reach: Reach::default(), last: None, heard: Instant::now() })
     }
 
     /// Notes that the plant of `epoch` has come to `tick`, and that this is written.
     pub(crate) fn note(&mut self, epoch: u64, tick: u64) {
         self.reach.note(epoch, tick);
+        self.heard = Instant::now();
     }
 
     /// Grants more if enough has been written since the last time, or if that grant did not get through.
@@ -43,15 +51,25 @@ impl Grant {
         let Some(sink) = &mut self.sink else { return Ok(()) };
         let Some(through_tick) = self.reach.due() else { return Ok(()) };
         let mut credit = Credit { stamp: Stamp::default(), through_tick, participant: Participant::Recorder.code(), reserved: 0 };
-        sink.send(&mut credit).inspect_err(|_| self.reach.granted_at = None)
+        let sent = sink.send(&mut credit).inspect_err(|_| self.reach.granted_at = None);
+        (self.last, self.heard) = (Some(credit), Instant::now());
+        sent
     }
 
-    /// Hands the last grant to a plant that has joined since.
+    /// Hands the last grant to a plant that has joined since, and says it again when the plant has been silent for long.
     ///
     /// # Errors
     /// [`SendError`].
     pub(crate) fn refresh(&mut self) -> Result<(), SendError> {
-        self.sink.as_mut().map_or(Ok(()), Sink::refresh)
+        let Some(sink) = &mut self.sink else { return Ok(()) };
+        sink.refresh()?;
+        match &self.last {
+            Some(credit) if self.heard.elapsed() > SILENCE => {
+                self.heard = Instant::now();
+                sink.repeat(credit)
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Says how many credits were sent.

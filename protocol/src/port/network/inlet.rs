@@ -67,7 +67,12 @@ struct Origin {
     waiting: u64,
     /// Up to where room was reported; nothing yet if none.
     reported: Option<u64>,
+    /// Since when something is missing in front of what comes.
+    missing: Option<Instant>,
 }
+
+/// How long a lossless reader waits for what is missing to be said again, before it goes on without.
+const MISSING_MAX: Duration = Duration::from_secs(1);
 
 impl NetworkInlet {
     /// A reader that the writers know of.
@@ -210,6 +215,9 @@ impl Arrivals {
                 self.wake_reporter();
                 return;
             }
+            if self.quality.delivery == Delivery::Lossless && origin.waits_for_what_is_before(number) {
+                return;
+            }
             origin.last = number;
         }
         if self.quality.delivery == Delivery::NewestWins {
@@ -291,7 +299,7 @@ impl Ledger {
                 self.origins.remove(oldest);
             }
             self.next += 1;
-            self.origins.push(Origin { serial: self.next, id: id.to_owned(), last: 0, waiting: 0, reported: None });
+            self.origins.push(Origin { serial: self.next, id: id.to_owned(), last: 0, waiting: 0, reported: None, missing: None });
             self.origins.len() - 1
         });
         &mut self.origins[index]
@@ -309,6 +317,16 @@ impl Ledger {
 }
 
 impl Origin {
+    /// Whether message `number` must not be taken yet. After a cut the link is there again a moment before its writer knows who came back, and
+    /// what is said in that moment overtakes what was missed. All of it is said again then, in order.
+    fn waits_for_what_is_before(&mut self, number: u64) -> bool {
+        if self.last == 0 || number == self.last + 1 {
+            self.missing = None;
+            return false;
+        }
+        self.missing.get_or_insert_with(Instant::now).elapsed() < MISSING_MAX
+    }
+
     /// Number of the last message that takes no room any more.
     fn handled(&self) -> u64 {
         self.last.saturating_sub(self.waiting)

@@ -7,7 +7,8 @@
 
 use super::{config, router};
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -48,19 +49,16 @@ pub(super) struct Line {
 struct Shared {
     connect: Vec<String>,
     state: Mutex<State>,
-    sight: Arc<Mutex<Sight>>,
+    /// Whether there was ever a router with a token: those of others have none.
+    ours: Arc<AtomicBool>,
 }
 
-/// Which routers are to be seen.
-#[derive(Default)]
-struct Sight {
-    routers: BTreeSet<String>,
-    /// Whether there was ever one with a token: those of others have none.
-    ours: bool,
-}
+/// Tokens of the routers that one session sees.
+type Sight = Arc<Mutex<BTreeSet<String>>>;
 
 struct State {
     session: Session,
+    sight: Sight,
     seen: Subscriber<()>,
     ports: BTreeMap<u64, Port>,
     /// Ports ever held.
@@ -83,10 +81,10 @@ impl Line {
     /// Connects to one of the routers at `connect`.
     pub(super) fn open(connect: &[String]) -> Result<Arc<Self>, zenoh::Error> {
         let session = zenoh::open(config::client(connect, OPEN_MILLIS)?).wait()?;
-        let sight = Arc::default();
-        let seen = look_out(&session, &sight)?;
-        let state = Mutex::new(State { session, seen, ports: BTreeMap::new(), held: 0 });
-        let shared = Arc::new(Shared { connect: connect.to_vec(), state, sight });
+        let ours = Arc::default();
+        let (sight, seen) = look_out(&session, &ours)?;
+        let state = Mutex::new(State { session, sight, seen, ports: BTreeMap::new(), held: 0 });
+        let shared = Arc::new(Shared { connect: connect.to_vec(), state, ours });
         let (end, ended) = channel();
         let kept = Arc::clone(&shared);
         let keeper = thread::Builder::new().name("net line".to_owned()).spawn(move || kept.keep(&ended))?;
@@ -131,42 +129,51 @@ impl Shared {
     fn keep(&self, ended: &Receiver<()>) {
         let mut seen = Instant::now();
         while ended.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
-            if self.has_router() {
+            if self.is_connected() {
                 seen = Instant::now();
             } else if seen.elapsed() > PATIENCE {
-                match self.begin_anew() {
-                    Ok(()) => tracing::info!("there was no router for {:.1} s; connected anew", seen.elapsed().as_secs_f64()),
+                self.end_session();
+                if ended.try_recv() == Err(TryRecvError::Disconnected) {
+                    return;
+                }
+                match self.begin_session() {
+                    Ok(()) => {
+                        tracing::info!("there was no router for {:.1} s; connected anew", seen.elapsed().as_secs_f64());
+                        seen = Instant::now();
+                    }
                     Err(error) => tracing::debug!(%error, "no router yet"),
                 }
             }
         }
     }
 
-    fn has_router(&self) -> bool {
-        let sight = lock(&self.sight);
-        if sight.ours {
-            return !sight.routers.is_empty();
-        }
-        drop(sight);
-        let session = self.state().session.clone();
-        !session.is_closed() && session.info().routers_zid().wait().next().is_some()
+    /// Whether there is a router, and everything is declared.
+    fn is_connected(&self) -> bool {
+        let state = self.state();
+        let declared = state.ports.values().all(|port| port.declared.is_some());
+        let (session, sees) = (state.session.clone(), !lock(&state.sight).is_empty());
+        drop(state);
+        let connected = || !session.is_closed() && session.info().routers_zid().wait().next().is_some();
+        declared && if self.ours.load(Ordering::Relaxed) { sees } else { connected() }
     }
 
-    fn begin_anew(&self) -> Result<(), zenoh::Error> {
-        // First the end: somebody whose token is declared again before it was taken back seems to have been there all the time.
+    /// Somebody whose token is declared again before it was taken back seems to have been there all the time: so first the end.
+    fn end_session(&self) {
         let mut state = self.state();
         let old = state.session.clone();
         let gone: Vec<_> = state.ports.values_mut().filter_map(|port| port.declared.take()).collect();
         drop(state);
         drop(gone);
-        if !old.is_closed() {
-            old.close().wait()?;
+        if let Err(error) = old.close().wait() {
+            tracing::debug!(%error, "the session has ended already");
         }
-        lock(&self.sight).routers.clear();
+    }
+
+    fn begin_session(&self) -> Result<(), zenoh::Error> {
         let session = zenoh::open(config::client(&self.connect, OPEN_AGAIN_MILLIS)?).wait()?;
-        let seen = look_out(&session, &self.sight)?;
+        let (sight, seen) = look_out(&session, &self.ours)?;
         let mut state = self.state();
-        (state.session, state.seen) = (session.clone(), seen);
+        (state.session, state.sight, state.seen) = (session.clone(), sight, seen);
         for port in state.ports.values_mut() {
             port.declared = Some((port.declare)(&session)?);
         }
@@ -178,19 +185,20 @@ impl Shared {
     }
 }
 
-/// Follows which routers' tokens come and go.
-fn look_out(session: &Session, sight: &Arc<Mutex<Sight>>) -> Result<Subscriber<()>, zenoh::Error> {
-    let sight = Arc::clone(sight);
+/// Follows which routers' tokens come and go in one session.
+fn look_out(session: &Session, ours: &Arc<AtomicBool>) -> Result<(Sight, Subscriber<()>), zenoh::Error> {
+    let sight = Sight::default();
+    let (seen, ours) = (Arc::clone(&sight), Arc::clone(ours));
     let tokens = session.liveliness().declare_subscriber(router::TOKENS).history(true).callback(move |sample| {
-        let (mut sight, key) = (lock(&sight), sample.key_expr().as_str());
+        let key = sample.key_expr().as_str();
         if sample.kind() == SampleKind::Put {
-            sight.routers.insert(key.to_owned());
-            sight.ours = true;
+            lock(&seen).insert(key.to_owned());
+            ours.store(true, Ordering::Relaxed);
         } else {
-            sight.routers.remove(key);
+            lock(&seen).remove(key);
         }
     });
-    tokens.wait()
+    Ok((sight, tokens.wait()?))
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -71,6 +71,7 @@ impl NetworkOutlet {
         let shared = Arc::clone(&departures);
         let run = move || {
             shared.depart(&mut post);
+            drop(post);
             drop(done);
         };
         let sender = thread::Builder::new().name(format!("net {}", topic.name())).spawn(run).map_err(no_thread(topic))?;

@@ -59,10 +59,12 @@ impl Readers {
     /// Takes in a reader, unless it is known.
     pub(super) fn came(&self, presence: &Presence<'_>) {
         let mut known = self.lock();
-        let had = known.left.remove(presence.id);
-        if presence.is_paced() && !known.taken.contains_key(presence.id) {
+        let mut had = known.left.remove(presence.id);
+        if presence.is_paced() {
+            // One that was never seen to go may have missed something all the same.
+            had = had.or_else(|| known.taken.get(presence.id).copied());
             let taken = had.unwrap_or(known.sent);
-            known.taken.insert(presence.id.to_owned(), taken);
+            known.taken.entry(presence.id.to_owned()).or_insert(taken);
         }
         if !known.newcomers.iter().any(|newcomer| newcomer.id == presence.id) {
             known.newcomers.push(Newcomer { id: presence.id.to_owned(), had });
