@@ -50,7 +50,7 @@ fn settings() -> Settings {
                 input_change: 0.2,
                 terminal_factor: 3.0,
             },
-            state_limits: StateLimits { heading_rad: Some(1.047), speed_mps: None },
+            state_limits: StateLimits { heading_rad: Some(1.047), ..StateLimits::default() },
             observer_gain: 0.0,
             method: Method::Mpc,
             delay: DelaySetting::Estimated,

@@ -196,6 +196,8 @@ impl Controller {
             self.mpc.begin_at(state);
         }
         self.mpc.prepare(planned(&self.points, &self.knowledge), &self.knowledge.belief());
+        let under_way = self.knowledge.delay().whole();
+        self.mpc.expect_errors(under_way, |at| self.knowledge.step_variance(at));
         self.prepared_for = Some(tick);
     }
 

@@ -212,6 +212,11 @@ impl Knowledge {
         self.estimator.reset();
     }
 
+    /// Variance of the residual of one period, noise included \[(m/s)², (m/s)², (rad/s)²\].
+    pub fn step_variance(&mut self, at: &Moment) -> Velocity {
+        self.ways.step_variance(at)
+    }
+
     /// Writes the variance of the learned residual along a plan whose states and inputs are written; `acted` is the input before its first.
     pub fn write_variance(&mut self, plan: &mut Plan, acted: &Velocity) {
         let Some(active) = self.ways.active_mut() else {

@@ -5,7 +5,10 @@
 //! s.t. x_{k+1} = f(x_k, a_k) + g(x_k, a_k) + d,  a_k = (1 − w) u_k + w u_{k−1}      x_0 given, u_{−1} the last command
 //!      |J u_k| ≤ r ω_max,  |u_k| ≤ u_max,  |u_k − u_{k−1}| ≤ T u̇_max
 //!      |k_p J (u_k − v_k)/r| ≤ i_max (1 + s_k),  |θ_k| ≤ θ_max (1 + s_k),  |v_k| ≤ v_max (1 + s_k),  s_k ≥ 0
+//!      −w_r (1 + s'_k) ≤ nᵀ(p_k − p_r) ≤ w_l (1 + s'_k),  s'_k ≥ 0        n: across the reference's course, to the left
 //! ```
+//! At a chance level, bounds on the state are drawn in by what the prediction may err (`caution`).
+//!
 //! The cost is on the deviation from the reference, and k counts along the prediction (eqs. 26 and 32 write x(k|k) and leave the
 //! reference out). One iteration: shift the last plan, predict with it, linearise, condense the states away, solve one convex
 //! quadratic program of fixed sparsity, apply its first input.
@@ -16,6 +19,7 @@
 //! | `deviation` | u − t, free in the first C periods, then constant | C × 3 |
 //! | `sensitivity` | ∂x_k/∂(deviation)             | 6 × 3C    |
 
+mod caution;
 mod condense;
 pub mod constraint;
 mod cost;
@@ -25,8 +29,10 @@ mod target;
 
 use crate::reference::ReferencePoint;
 use crate::settings::MpcSettings;
+use caution::Caution;
 use condense::Condensed;
 use constraint::Limits;
+use model::learned::Moment;
 use model::linearise::{Linearised, linearise};
 use model::lqr::NoGain;
 use model::main_model::MainModel;
@@ -73,6 +79,25 @@ pub struct Solved {
     pub solve_nanos: u64,
 }
 
+/// What a program is written about: the present plan, predicted and linearised.
+#[derive(Clone, Copy)]
+struct Outlook<'a> {
+    stages: &'a [Stage],
+    terminal: &'a State,
+    last_input: &'a Velocity,
+    /// From the first stage's on.
+    reference: &'a [ReferencePoint],
+    condensed: &'a Condensed,
+    caution: Option<&'a Caution>,
+}
+
+impl Outlook<'_> {
+    /// State at the start of period `k`; behind the last one the terminal state.
+    fn state(&self, k: usize) -> &State {
+        self.stages.get(k).map_or(self.terminal, |stage| &stage.state)
+    }
+}
+
 /// The optimiser with all its memory: set up once, then in place.
 pub struct Mpc {
     horizon: usize,
@@ -88,6 +113,7 @@ pub struct Mpc {
     /// Disturbance that the targets have been worked out for.
     target_disturbance: Velocity,
     condensed: Condensed,
+    caution: Option<Caution>,
     program: QuadraticProgram,
     solver: Clarabel,
     solution: Vec<f64>,
@@ -101,7 +127,7 @@ impl Mpc {
     pub fn new(settings: &MpcSettings, robot: &Robot, main: &MainModel) -> Result<Self, MpcError> {
         let (horizon, blocks) = (settings.horizon_steps, settings.control_horizon_steps);
         let limits = Limits::new(robot, &settings.state_limits, main.period, horizon, blocks);
-        let mut program = QuadraticProgram::new(3 * blocks + horizon, limits.rows());
+        let mut program = QuadraticProgram::new(3 * blocks + limits.slacks(), limits.rows());
         limits.mark_structure(&mut program);
         let solver = Clarabel::new(&program)?;
         let still = Linearised {
@@ -121,6 +147,7 @@ impl Mpc {
             deviation: vec![[0.0; 3]; blocks],
             target_disturbance: [0.0; 3],
             condensed: Condensed::new(horizon, blocks),
+            caution: Caution::at(settings.state_limits.chance_level, horizon),
             solution: vec![0.0; program.variables()],
             program,
             solver,
@@ -184,8 +211,19 @@ impl Mpc {
         self.roll_out(&expected, last_input, belief);
         if self.predictable() {
             self.condensed.propagate(&self.steps, belief.carry);
+            self.beware(reference, belief);
             self.build(last_input, reference);
             let _answer = self.solver.solve(&self.program, &mut self.solution);
+        }
+    }
+
+    /// Says what a step may err, before [`iterate`](Self::iterate): `noise` gives the variance of the residual of one period.
+    /// The state that the plan begins with is `under_way` periods ahead of the measured one. Does not allocate.
+    pub fn expect_errors(&mut self, under_way: usize, mut noise: impl FnMut(&Moment) -> Velocity) {
+        let Some(caution) = &mut self.caution else { return };
+        caution.wait_for(under_way);
+        for (k, stage) in self.stages.iter().enumerate() {
+            caution.expect(k, noise(&Moment::new(&stage.state, &stage.input)));
         }
     }
 
@@ -214,6 +252,7 @@ impl Mpc {
             return Solved { outcome, linearise_nanos: monotonic_nanos() - begin, solve_nanos: 0 };
         }
         self.condensed.propagate(&self.steps, belief.carry);
+        self.beware(reference, belief);
         let linearised = monotonic_nanos();
         self.build(last_input, reference);
         let mut outcome = self.solver.solve(&self.program, &mut self.solution);
@@ -266,8 +305,22 @@ impl Mpc {
 
     fn build(&mut self, last_input: &Velocity, reference: &[ReferencePoint]) {
         self.program.clear();
-        self.cost.write(&self.stages, &self.terminal, last_input, reference, &self.condensed, &mut self.program);
-        self.limits.write(&self.stages, &self.terminal, last_input, &self.condensed, &mut self.program);
+        let (stages, terminal, condensed) = (&self.stages, &self.terminal, &self.condensed);
+        let outlook = Outlook { stages, terminal, last_input, reference, condensed, caution: self.caution.as_ref() };
+        self.cost.write(&outlook, &mut self.program);
+        self.limits.write(&outlook, &mut self.program);
+    }
+
+    /// How uncertain the prediction is, if anybody asks.
+    fn beware(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
+        let Some(caution) = &mut self.caution else { return };
+        if let (Some(stage), Some(step)) = (self.stages.first(), self.steps.first()) {
+            caution.leave_unanswered(belief.main, &stage.state, step);
+        }
+        for (k, ((stage, step), point)) in self.stages.iter().zip(&self.steps).zip(reference).enumerate() {
+            let feedback = self.cost.feedback(&TrackingError::new(&stage.state, point)) * (1.0 - belief.carry);
+            caution.propagate(k, belief.main, &stage.state, step, &feedback);
+        }
     }
 
     /// Takes the solution into the plan: inputs exactly, states to first order.

@@ -105,6 +105,22 @@ pub struct ReferencePoint {
     pub pose: Pose,
     /// Velocity in the reference's own heading.
     pub velocity: Velocity,
+    /// Direction of its motion in the world; at rest the direction before \[rad\].
+    pub course: f64,
+}
+
+impl ReferencePoint {
+    /// How far a position is to the left of the reference, across its course \[m\].
+    pub fn lateral(&self, pose: &Pose) -> f64 {
+        let [x, y] = self.leftwards();
+        x * (pose[0] - self.pose[0]) + y * (pose[1] - self.pose[1])
+    }
+
+    /// The direction across its course, to the left, in the world.
+    pub fn leftwards(&self) -> [f64; 2] {
+        let (sin, cos) = self.course.sin_cos();
+        [-sin, cos]
+    }
 }
 
 /// The table. Constant during a run.
@@ -179,7 +195,7 @@ impl Reference {
     /// [`PointsError`] if a file of points cannot be used.
     pub fn new(settings: &ReferenceSettings, start: &Pose, period: f64, ticks: usize) -> Result<Self, PointsError> {
         let mut path = Path::new(&settings.path, start)?;
-        let mut yaw_before = None;
+        let (mut yaw_before, mut course_before) = (None, None);
         let points = (0..=ticks)
             .map(|tick| {
                 let (time, pace) = settings.path_time(tick as f64 * period);
@@ -194,9 +210,12 @@ impl Reference {
                 };
                 let yaw = yaw_before.map_or(yaw, |before| before + wrap(yaw - before));
                 yaw_before = Some(yaw);
+                let (course, _) = at.tangent(course_before);
+                course_before = Some(course);
                 let (sin, cos) = yaw.sin_cos();
                 let [vx, vy] = at.velocity.map(|velocity| pace * velocity);
-                ReferencePoint { pose: [at.position[0], at.position[1], yaw], velocity: [cos * vx + sin * vy, cos * vy - sin * vx, rate] }
+                let velocity = [cos * vx + sin * vy, cos * vy - sin * vx, rate];
+                ReferencePoint { pose: [at.position[0], at.position[1], yaw], velocity, course }
             })
             .collect();
         Ok(Self { points })
@@ -206,7 +225,7 @@ impl Reference {
     pub fn at(&self, tick: u64) -> ReferencePoint {
         let index = usize::try_from(tick).unwrap_or(usize::MAX);
         let behind_the_end =
-            || self.points.last().map_or_else(ReferencePoint::default, |last| ReferencePoint { pose: last.pose, velocity: [0.0; 3] });
+            || self.points.last().map_or_else(ReferencePoint::default, |last| ReferencePoint { velocity: [0.0; 3], ..*last });
         self.points.get(index).copied().unwrap_or_else(behind_the_end)
     }
 }
@@ -265,6 +284,19 @@ mod tests {
         let table = Reference::new(&settings, &[0.0; 3], 0.1, 200)?;
         for tick in 1..200 {
             assert!((table.at(tick).pose[2] - table.at(tick - 1).pose[2] - 0.1).abs() < 1e-9);
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn the_lateral_distance_is_across_the_course_and_to_the_left_also_at_rest() -> Result<(), PointsError> {
+        let path = PathSettings::PointToPoint { to: [0.0, 2.0, 0.0], speed_mps: 1.0, acceleration_mps2: 1.0 };
+        let settings = ReferenceSettings { path, heading: Heading::FixedRad(0.3), ramp_s: 0.0 };
+        let table = Reference::new(&settings, &[0.0; 3], 0.1, 50)?;
+        for tick in [10, 49, 200] {
+            let point = table.at(tick);
+            let [x, y, yaw] = point.pose;
+            assert!((point.lateral(&[x - 0.1, y + 0.7, yaw]) - 0.1).abs() < 1e-12, "{point:?}");
         }
         Ok(())
     }

@@ -7,6 +7,9 @@ use protocol::message::HORIZON_MAX;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 
+/// Largest probability with which a bound can be asked to hold.
+const CHANCE_LEVEL_MAX: f64 = 0.999_999;
+
 /// Everything the controller process is told.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -131,6 +134,13 @@ pub struct StateLimits {
     pub heading_rad: Option<f64>,
     /// Largest forward and left speed \[m/s\].
     pub speed_mps: Option<f64>,
+    /// Farthest to the left of the reference, across its course \[m\].
+    pub corridor_left_m: Option<f64>,
+    /// Farthest to the right of it \[m\].
+    pub corridor_right_m: Option<f64>,
+    /// Probability with which each bound is to hold in each predicted period: bounds are drawn in by as many standard deviations of the
+    /// prediction as a normal distribution needs. 0.5, or nothing, looks at the mean alone.
+    pub chance_level: Option<f64>,
 }
 
 impl MpcSettings {
@@ -162,12 +172,19 @@ impl MpcSettings {
         if !(weights.input_change.is_finite() && weights.input_change >= 0.0) {
             return impossible("weights.input_change", "a finite number of at least 0");
         }
-        for (key, limit) in
-            [("state_limits.heading_rad", self.state_limits.heading_rad), ("state_limits.speed_mps", self.state_limits.speed_mps)]
-        {
+        let limits = &self.state_limits;
+        for (key, limit) in [
+            ("state_limits.heading_rad", limits.heading_rad),
+            ("state_limits.speed_mps", limits.speed_mps),
+            ("state_limits.corridor_left_m", limits.corridor_left_m),
+            ("state_limits.corridor_right_m", limits.corridor_right_m),
+        ] {
             if limit.is_some_and(|value| !(value.is_finite() && value > 0.0)) {
                 return impossible(key, "a finite number greater than 0, or no limit at all");
             }
+        }
+        if limits.chance_level.is_some_and(|level| !(0.5..=CHANCE_LEVEL_MAX).contains(&level)) {
+            return impossible("state_limits.chance_level", "0.5, which looks at the mean alone, to 0.999999, or nothing");
         }
         if let DelaySetting::KnownS(seconds) = self.delay
             && !(seconds.is_finite() && seconds >= 0.0)

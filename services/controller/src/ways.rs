@@ -65,6 +65,15 @@ impl Ways {
         self.per_axis(self.plain.innovation(), self.learned.innovation())
     }
 
+    /// Variance of the residual of one period, per axis: what the learned model says where it is used, elsewhere what the observer has missed of
+    /// late. O(n²) \[(m/s)², (m/s)², (rad/s)²\].
+    pub fn step_variance(&mut self, at: &Moment) -> Velocity {
+        let (chosen, plain) = (self.trust.chosen(), self.plain.spread());
+        let Some(active) = self.active.as_mut().filter(|_| chosen.contains(&Way::Learned)) else { return plain };
+        let learned = active.learned.sample_variance(at, &mut active.scratch);
+        std::array::from_fn(|axis| if chosen[axis] == Way::Learned { learned[axis] } else { plain[axis] })
+    }
+
     /// Takes in one period. `known` is what somebody says of it in the place of the main model alone.
     pub fn update(&mut self, sample: &Sample, known: Velocity) {
         let learned = self.active.as_ref().map_or([0.0; AXES], |active| active.learned.mean(&sample.at));

@@ -3,12 +3,14 @@
 //! | file        | what it holds                                                       |
 //! |-------------|---------------------------------------------------------------------|
 //! | `contender` | the controllers that are compared                                   |
+//! | `calibration` | how much lies in the learner's 95 % interval                      |
 //! | `figure`    | the figures of a row, and how they are told                         |
 //! | `oracle`    | the simulator's own dynamics as a controller's model                |
 //! | `trial`     | one closed loop, and the row that it gives                          |
 //! | `poison`    | what is made of a trial's messages on purpose                       |
 //! | `table`     | rows → the table that is printed                                    |
 
+mod calibration;
 pub mod contender;
 pub mod figure;
 pub mod oracle;

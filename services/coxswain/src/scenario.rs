@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn every_scenario_with_every_variant_in_every_profile_is_possible() -> Result<(), SettingsError> {
-        for base in ["paper", "circle", "hold", "figure-eight", "square", "stop-and-go"] {
+        for base in ["paper", "circle", "hold", "corridor", "figure-eight", "square", "stop-and-go"] {
             for variant in Scenario::variants(&folder()) {
                 for profile in [None, Some("agile")] {
                     Scenario::named(&folder(), &format!("{base}+{variant}"), profile, &[])?;
@@ -171,6 +171,19 @@ mod tests {
         assert!((named("mpc.weights.position = 50.0")?.mpc.weights.position - 50.0).abs() < 1e-12);
         for wrong in ["mpc.weights.position = -1.0", "mpc.weights.positon = 1.0", "mpc.weights"] {
             assert!(named(wrong).is_err(), "{wrong}");
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn a_chance_level_that_is_no_probability_is_refused_with_file_line_and_key() -> Result<(), std::io::Error> {
+        let text = fs::read_to_string(folder().join("corridor.toml"))?;
+        for wrong in ["0.3", "1.0", "95.5", "nan"] {
+            let text = text.replace("chance_level = 0.955", &format!("chance_level = {wrong}"));
+            let line = text.lines().take_while(|line| !line.starts_with("chance_level")).count() + 1;
+            let told = settings::parse::<Scenario>(&text, Path::new("corridor.toml")).err().map(|error| error.to_string());
+            let expected = format!("corridor.toml:{line}: mpc.state_limits.chance_level = {wrong}: expected 0.5");
+            assert!(told.as_ref().is_some_and(|told| told.starts_with(&expected)), "{told:?} does not begin with {expected}");
         }
         Ok(())
     }

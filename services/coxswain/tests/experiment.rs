@@ -1,4 +1,5 @@
-//! Promises of a comparison: the same seed gives the same bits, whoever runs beside it; what was learnt is worth something at the start.
+//! Promises of a comparison: the same seed gives the same bits, whoever runs beside it; what was learnt is worth something at the start; a chance
+//! level keeps the robot in its corridor.
 
 use coxswain::assembly::Assembly;
 use coxswain::experiment::contender::Contender;
@@ -98,5 +99,24 @@ fn a_model_that_is_wrong_on_one_axis_is_not_used_there_and_does_no_harm() -> Out
     assert!(forward > 0.5 && sideways < 0.1, "{:?}", with.learned_share);
     assert!(with.position_rmse_m < observer.position_rmse_m.map(|rmse| 1.05 * rmse), "{with:?}\n{observer:?}");
     assert!(without.position_rmse_m > observer.position_rmse_m, "{without:?}\n{observer:?}");
+    Ok(())
+}
+
+#[test]
+fn a_chance_level_keeps_the_robot_in_its_corridor() -> Outcome {
+    let outside = |level| -> Result<f64, Box<dyn Error>> {
+        let mut sum = 0.0;
+        for seed in 1..=4 {
+            let contender = Contender::GprMpcObserver;
+            let mut assembly = assembly("corridor", contender, seed)?;
+            assembly.scenario.mpc.state_limits.chance_level = level;
+            let row = run(&assembly, contender, Start::Cold, tempfile::tempdir()?.path())?;
+            assert!(row.coverage.is_some_and(|of_axes| of_axes.iter().all(|share| (0.0..=1.0).contains(share))), "{row:?}");
+            sum += row.corridor_violations.ok_or("no figure")?;
+        }
+        Ok(sum / 4.0)
+    };
+    let (mean_alone, cautious) = (outside(None)?, outside(Some(0.955))?);
+    assert!(cautious < 0.5 * mean_alone, "{cautious} of all steps are outside, {mean_alone} without caution");
     Ok(())
 }

@@ -3,11 +3,14 @@
 //! ```text
 //! g = ĝ(v, u) + d + error
 //! ```
-//! The quality of an explanation is what a plan needs of it: its error with the d of a few periods ago, since a plan holds d.
+//! Its innovation is the error one period ahead. The quality of an explanation is what a plan needs of it: its error with the d of a few periods ago, since a plan holds d.
 
 use crate::learned::Moment;
 use crate::observer::Observer;
 use crate::{AXES, Velocity};
+
+/// Periods that the spread of the innovation looks back on.
+const MEMORY: f64 = 30.0;
 
 /// For so many periods d has been held when the error is taken.
 const LEAD: usize = 3;
@@ -28,12 +31,15 @@ pub struct Explanation {
     /// d of the last periods, newest first.
     held: [Velocity; LEAD],
     error: Velocity,
+    spread: Velocity,
+    /// Periods taken in, as long as they are fewer than the spread looks back on.
+    periods: f64,
 }
 
 impl Explanation {
     /// Explains with an observer that knows nothing yet.
     pub fn new(observer: Observer) -> Self {
-        Self { observer, held: [[0.0; AXES]; LEAD], error: [0.0; AXES] }
+        Self { observer, held: [[0.0; AXES]; LEAD], error: [0.0; AXES], spread: [0.0; AXES], periods: 0.0 }
     }
 
     /// d \[m/s, m/s, rad/s\].
@@ -44,6 +50,11 @@ impl Explanation {
     /// Last one-step error of the whole model \[m/s, m/s, rad/s\].
     pub fn innovation(&self) -> Velocity {
         self.observer.innovation()
+    }
+
+    /// Mean squared innovation of the last periods \[(m/s)², (m/s)², (rad/s)²\].
+    pub fn spread(&self) -> Velocity {
+        self.spread
     }
 
     /// Last error with the d of a few periods before; no number where the model said none \[m/s, m/s, rad/s\].
@@ -61,12 +72,18 @@ impl Explanation {
         self.held.rotate_right(1);
         self.held[0] = self.observer.disturbance();
         self.observer.update(&left);
+        self.periods = (self.periods + 1.0).min(MEMORY);
+        let innovation = self.observer.innovation();
+        for (spread, innovation) in self.spread.iter_mut().zip(innovation) {
+            *spread += (innovation * innovation - *spread) / self.periods;
+        }
     }
 
     /// Forgets everything.
     pub fn reset(&mut self) {
         self.observer.reset();
         (self.held, self.error) = ([[0.0; AXES]; LEAD], [0.0; AXES]);
+        (self.spread, self.periods) = ([0.0; AXES], 0.0);
     }
 }
 

@@ -14,10 +14,12 @@
 //! | [`delay`]      | how long a command takes to the wheels                                         |
 //! | [`predict`]    | one step of f + g + d                                                          |
 //! | [`linearise`]  | its Jacobians                                                                  |
+//! | [`covariance`] | how the uncertainty of single steps adds up along a prediction                 |
 //! | [`foresight`]  | the robot's own dynamics in place of f + g                                     |
 //!
 //! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. Wheels: front-right, front-left, rear-left, rear-right.
 
+pub mod covariance;
 pub mod delay;
 pub mod explanation;
 pub mod foresight;

@@ -10,6 +10,7 @@
 
 use crate::foresight;
 use crate::learned::Moment;
+use crate::main_model::MainModel;
 use crate::predict::{Belief, advance};
 use crate::{State, Velocity};
 use nalgebra::{Matrix3, RowVector3, SMatrix, Vector3};
@@ -34,7 +35,6 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
     }
     let response = belief.response(&Moment::new(state, input));
     let next = advance(belief, state, input, &response.mean);
-    let period = belief.main.period;
 
     let velocity_by_velocity =
         Matrix3::from_fn(|row, column| response.by_velocity[row][column] + if row == column { belief.main.decay[row] } else { 0.0 });
@@ -45,12 +45,7 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
     let mean_by_velocity = Matrix3::identity() - share + share * velocity_by_velocity;
     let velocity_by_acted = Matrix3::from_fn(|row, column| response.by_before[row][column]);
 
-    // Rows: the world displacement and turn per mean velocity; column: the same per mid-step heading.
-    let (sin, cos) = (state.pose[2] + 0.5 * period * mean[2]).sin_cos();
-    let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0) * period;
-    let by_heading = Vector3::new(-sin * mean[0] - cos * mean[1], cos * mean[0] - sin * mean[1], 0.0) * period;
-
-    let pose_by_mean = turned + by_heading * RowVector3::new(0.0, 0.0, 0.5 * period);
+    let (pose_by_mean, by_heading) = displacement(belief.main.period, state, &mean);
     let mut by_state = SMatrix::<f64, 6, 6>::identity();
     let mut heading_column = by_state.fixed_view_mut::<3, 1>(0, 2);
     heading_column += by_heading;
@@ -63,6 +58,23 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
         by
     };
     Linearised { next, by_state, by_input: driven(&velocity_by_input), by_acted: driven(&velocity_by_acted) }
+}
+
+/// ∂x⁺/∂g: how a residual of one step moves its end. Does not allocate.
+pub fn by_residual(main: &MainModel, state: &State, next: &State) -> SMatrix<f64, 6, 3> {
+    let (pose_by_mean, _) = displacement(main.period, state, &main.mean_velocity(&state.velocity, &next.velocity));
+    let mut by_residual = SMatrix::<f64, 6, 3>::zeros();
+    by_residual.fixed_view_mut::<3, 3>(0, 0).copy_from(&(pose_by_mean * Matrix3::from_diagonal(&Vector3::from(main.end_share))));
+    by_residual.fixed_view_mut::<3, 3>(3, 0).copy_from(&Matrix3::identity());
+    by_residual
+}
+
+/// The world displacement and turn per mean velocity, row by row, and the same per mid-step heading.
+fn displacement(period: f64, state: &State, mean: &Velocity) -> (Matrix3<f64>, Vector3<f64>) {
+    let (sin, cos) = (state.pose[2] + 0.5 * period * mean[2]).sin_cos();
+    let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0) * period;
+    let by_heading = Vector3::new(-sin * mean[0] - cos * mean[1], cos * mean[0] - sin * mean[1], 0.0) * period;
+    (turned + by_heading * RowVector3::new(0.0, 0.0, 0.5 * period), by_heading)
 }
 
 #[cfg(test)]
@@ -114,7 +126,17 @@ mod tests {
             let state = State { pose, velocity, acted };
             let exact = linearise(&belief, &state, &input);
             prop_assert_eq!(exact.next, belief.predict(&state, &input));
-            let step = 1e-5;
+            let (step, by_residual) = (1e-5, by_residual(&main, &state, &exact.next));
+            for axis in 0..3 {
+                let pushed = |by: f64| {
+                    let disturbance = std::array::from_fn(|other| belief.disturbance[other] + if other == axis { by } else { 0.0 });
+                    Belief { disturbance, ..belief }.predict(&state, &input).to_array()
+                };
+                let (ahead, behind) = (pushed(step), pushed(-step));
+                for row in 0..6 {
+                    prop_assert!(((ahead[row] - behind[row]) / (2.0 * step) - by_residual[(row, axis)]).abs() < 1e-8);
+                }
+            }
             for column in 0..12 {
                 let moved = |by: f64| {
                     let (mut x, mut u) = (state.to_array(), [input, acted]);

@@ -4,14 +4,18 @@
 //! wheels can do when they are predicted.
 //!
 //! Every row is scaled so that its bound is 1, which keeps the program well scaled and lets one slack per period serve all its
-//! soft rows: a slack of 0.1 allows each of them to be exceeded by a tenth.
+//! soft rows: a slack of 0.1 allows each of them to be exceeded by a tenth. Only the corridor has a slack of its own: a robot that is far
+//! outside must not be free to exceed the other limits as well.
+//!
+//! Under [`Caution`](super::caution::Caution) the bounds on the state are drawn in, at most to where the two sides meet.
 
-use super::Stage;
+use super::Outlook;
 use super::condense::Condensed;
 use super::qp::QuadraticProgram;
 use crate::settings::StateLimits;
+use model::Velocity;
 use model::robot::{Robot, kinematics};
-use model::{State, Velocity};
+use nalgebra::SVector;
 
 /// Price of a slack of 1, linear: greater than any multiplier of a soft row, so that slacks stay zero where they can.
 const SLACK_PRICE: f64 = 1e3;
@@ -33,8 +37,10 @@ enum Kind {
     Heading,
     /// |v|/`v_max`, forward or left; soft.
     Speed(usize),
-    /// s ≥ 0.
-    Slack,
+    /// Distance across the reference's course over the width to the left, or to the right where the sign is −1; soft.
+    Corridor,
+    /// s ≥ 0, of the corridor or of all others.
+    Slack { corridor: bool },
 }
 
 /// One row: what, in which period (for state rows: at whose end), and with which sign.
@@ -54,6 +60,9 @@ pub struct Limits {
     change: Velocity,
     heading: Option<f64>,
     speed: Option<f64>,
+    /// Width to the left and to the right.
+    corridor: [Option<f64>; 2],
+    horizon: usize,
     blocks: usize,
     rows: Vec<Row>,
 }
@@ -72,10 +81,12 @@ impl Limits {
             change: [limits.input_rate_mps2, limits.input_rate_mps2, limits.yaw_input_rate_radps2].map(|rate| rate * period),
             heading: state.heading_rad,
             speed: state.speed_mps,
+            corridor: [state.corridor_left_m, state.corridor_right_m],
+            horizon,
             blocks,
             rows: Vec::new(),
         };
-        this.rows = this.all_rows(horizon);
+        this.rows = this.all_rows();
         this
     }
 
@@ -84,7 +95,22 @@ impl Limits {
         self.rows.len()
     }
 
-    fn all_rows(&self, horizon: usize) -> Vec<Row> {
+    /// How many slacks there are.
+    pub fn slacks(&self) -> usize {
+        if self.has_corridor() { 2 * self.horizon } else { self.horizon }
+    }
+
+    fn has_corridor(&self) -> bool {
+        self.corridor.iter().any(Option::is_some)
+    }
+
+    /// Column of the slack of a row.
+    fn slack(&self, row: &Row) -> usize {
+        let of_corridor = matches!(row.kind, Kind::Corridor | Kind::Slack { corridor: true });
+        3 * self.blocks + row.period + if of_corridor { self.horizon } else { 0 }
+    }
+
+    fn all_rows(&self) -> Vec<Row> {
         let mut rows = Vec::new();
         let mut both = |kind, period| rows.extend([1.0, -1.0].map(|sign| Row { kind, period, sign }));
         for period in 0..self.blocks {
@@ -93,7 +119,7 @@ impl Limits {
             (0..3).for_each(|axis| both(Kind::Change(axis), period));
             (0..4).for_each(|wheel| both(Kind::Current(wheel), period));
         }
-        for period in 0..horizon {
+        for period in 0..self.horizon {
             if self.heading.is_some() {
                 both(Kind::Heading, period);
             }
@@ -101,7 +127,13 @@ impl Limits {
                 (0..2).for_each(|axis| both(Kind::Speed(axis), period));
             }
         }
-        rows.extend((0..horizon).map(|period| Row { kind: Kind::Slack, period, sign: -1.0 }));
+        let slacks = |corridor| (0..self.horizon).map(move |period| Row { kind: Kind::Slack { corridor }, period, sign: -1.0 });
+        rows.extend(slacks(false));
+        if self.has_corridor() {
+            let sides = || [1.0, -1.0].into_iter().zip(self.corridor).filter_map(|(sign, width)| width.map(|_| sign));
+            rows.extend((0..self.horizon).flat_map(|period| sides().map(move |sign| Row { kind: Kind::Corridor, period, sign })));
+            rows.extend(slacks(true));
+        }
         rows
     }
 
@@ -129,30 +161,24 @@ impl Limits {
             let (first, last, soft) = match row.kind {
                 Kind::WheelSpeed(_) | Kind::Input(_) => (row.period, row.period + 1, false),
                 Kind::Change(_) => (row.period.saturating_sub(1), row.period + 1, false),
-                Kind::Current(_) | Kind::Heading | Kind::Speed(_) => (0, (row.period + 1).min(self.blocks), true),
-                Kind::Slack => (0, 0, true),
+                Kind::Current(_) | Kind::Heading | Kind::Speed(_) | Kind::Corridor => (0, (row.period + 1).min(self.blocks), true),
+                Kind::Slack { .. } => (0, 0, true),
             };
             places.extend((3 * first..3 * last).map(|column| (index, column)));
             if soft {
-                places.push((index, 3 * self.blocks + row.period));
+                places.push((index, self.slack(row)));
             }
         }
         program.set_structure(places);
     }
 
     /// Writes every row and the price of the slacks, about the present plan. Does not allocate.
-    pub(super) fn write(
-        &self,
-        stages: &[Stage],
-        terminal: &State,
-        last_input: &Velocity,
-        condensed: &Condensed,
-        program: &mut QuadraticProgram,
-    ) {
+    pub(super) fn write(&self, outlook: &Outlook<'_>, program: &mut QuadraticProgram) {
+        let Outlook { stages, condensed, last_input, .. } = *outlook;
         for (index, row) in self.rows.iter().enumerate() {
-            let slack = 3 * self.blocks + row.period;
+            let slack = self.slack(row);
             let Some(stage) = stages.get(row.period) else { continue };
-            let after = stages.get(row.period + 1).map_or(terminal, |next| &next.state);
+            let after = outlook.state(row.period + 1);
             let used = match row.kind {
                 Kind::WheelSpeed(wheel) => on_input(program, index, row, &self.wheel[wheel], &stage.input),
                 Kind::Input(axis) => on_input(program, index, row, &unit(axis, self.input[axis]), &stage.input),
@@ -174,15 +200,26 @@ impl Limits {
                     let coefficients = unit(2, self.heading.unwrap_or(f64::INFINITY)).map(|value| row.sign * value);
                     on_state(program, index, row.period + 1, &coefficients, 0, condensed);
                     program.rows[(index, slack)] = -1.0;
-                    dot(&coefficients, &after.pose)
+                    dot(&coefficients, &after.pose) + drawn_in(outlook, row, &coefficients, 0, 1.0)
                 }
                 Kind::Speed(axis) => {
                     let coefficients = unit(axis, self.speed.unwrap_or(f64::INFINITY)).map(|value| row.sign * value);
                     on_state(program, index, row.period + 1, &coefficients, 3, condensed);
                     program.rows[(index, slack)] = -1.0;
-                    dot(&coefficients, &after.velocity)
+                    dot(&coefficients, &after.velocity) + drawn_in(outlook, row, &coefficients, 3, 1.0)
                 }
-                Kind::Slack => {
+                Kind::Corridor => {
+                    let Some(point) = outlook.reference.get(row.period + 1) else { continue };
+                    let [left, right] = self.corridor.map(|width| width.unwrap_or(f64::INFINITY));
+                    let width = if row.sign > 0.0 { left } else { right };
+                    let [x, y] = point.leftwards().map(|value| row.sign * value / width);
+                    let coefficients = [x, y, 0.0];
+                    on_state(program, index, row.period + 1, &coefficients, 0, condensed);
+                    program.rows[(index, slack)] = -1.0;
+                    let middle = 0.5 * (left + right) / width;
+                    row.sign * point.lateral(&after.pose) / width + drawn_in(outlook, row, &coefficients, 0, middle)
+                }
+                Kind::Slack { .. } => {
                     program.rows[(index, slack)] = -1.0;
                     program.add_square(slack, SLACK_CURVATURE, 0.0);
                     program.add_linear(slack, SLACK_PRICE);
@@ -198,6 +235,14 @@ impl Limits {
 
 fn dot(a: &Velocity, b: &Velocity) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// By how much a bound on three entries of a predicted state, from entry `first` on, is drawn in; at most by `most`.
+fn drawn_in(outlook: &Outlook<'_>, row: &Row, coefficients: &Velocity, first: usize, most: f64) -> f64 {
+    let Some(caution) = outlook.caution else { return 0.0 };
+    let mut direction = SVector::<f64, 6>::zeros();
+    direction.fixed_rows_mut::<3>(first).copy_from_slice(coefficients);
+    caution.margin(row.period + 1, &direction).min(most)
 }
 
 /// 1/limit on one axis.

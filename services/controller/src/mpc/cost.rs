@@ -7,11 +7,12 @@
 //! ```
 //! in which the linearised axes separate, so that the LQR of [`model::lqr`] belongs to the same error.
 
-use super::Stage;
 use super::condense::Condensed;
 use super::qp::QuadraticProgram;
+use super::{Outlook, Stage};
 use crate::reference::ReferencePoint;
 use crate::settings::MpcSettings;
+use model::covariance::Feedback;
 use model::lqr::{AxisCost, AxisGain, NoGain, gains};
 use model::main_model::MainModel;
 use model::{State, Velocity, wrap};
@@ -105,24 +106,28 @@ impl Cost {
         ]
     }
 
+    /// K = ∂u/∂x of [`lqr_input`](Self::lqr_input), for a target that does not turn with the robot.
+    pub(super) fn feedback(&self, error: &TrackingError) -> Feedback {
+        let mut by_error = Feedback::zeros();
+        for (axis, of_axis) in self.gains.iter().enumerate() {
+            (by_error[(axis, axis)], by_error[(axis, axis + 3)]) = (-of_axis.gain[0], -of_axis.gain[1]);
+        }
+        let (sin, cos) = error.turned;
+        let into_body = SMatrix::<f64, 3, 3>::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0);
+        into_body * by_error * error.jacobian()
+    }
+
     /// Adds the cost of the present plan, to second order in the free inputs, to `program`.
-    pub(super) fn write(
-        &self,
-        stages: &[Stage],
-        terminal: &State,
-        last_input: &Velocity,
-        reference: &[ReferencePoint],
-        condensed: &Condensed,
-        program: &mut QuadraticProgram,
-    ) {
+    pub(super) fn write(&self, outlook: &Outlook<'_>, program: &mut QuadraticProgram) {
+        let Outlook { condensed, stages, .. } = *outlook;
         let horizon = stages.len();
-        for (k, point) in reference.iter().enumerate().take(horizon + 1).skip(1) {
-            let state = stages.get(k).map_or(terminal, |stage| &stage.state);
+        for (k, point) in outlook.reference.iter().enumerate().take(horizon + 1).skip(1) {
+            let state = outlook.state(k);
             let factor = if k == horizon { self.terminal_factor } else { 1.0 };
             let weights = SVector::<f64, 6>::from(self.stage) * factor;
             write_state(k, state, point, &weights, condensed, program);
         }
-        self.write_inputs(stages, last_input, condensed.blocks(), program);
+        self.write_inputs(stages, outlook.last_input, condensed.blocks(), program);
     }
 
     /// R on the distance from the target, S on the change.

@@ -16,7 +16,7 @@ pub(crate) fn settings() -> MpcSettings {
             input_change: 0.2,
             terminal_factor: 3.0,
         },
-        state_limits: StateLimits { heading_rad: Some(1.0), speed_mps: Some(3.5) },
+        state_limits: StateLimits { heading_rad: Some(1.0), speed_mps: Some(3.5), ..StateLimits::default() },
         observer_gain: 0.3,
         method: Method::Mpc,
         delay: DelaySetting::Estimated,
@@ -25,13 +25,13 @@ pub(crate) fn settings() -> MpcSettings {
 }
 
 /// Points on a circle of radius 2 m at 1.5 m/s.
-fn circle(from: u64, count: usize) -> Vec<ReferencePoint> {
+pub(crate) fn circle(from: u64, count: usize) -> Vec<ReferencePoint> {
     (from..).take(count).map(|tick| circle_at(0.1 * tick as f64)).collect()
 }
 
 fn circle_at(time: f64) -> ReferencePoint {
     let yaw = 0.75 * time;
-    ReferencePoint { pose: [2.0 * yaw.sin(), 2.0 * (1.0 - yaw.cos()), yaw], velocity: [1.5, 0.0, 0.75] }
+    ReferencePoint { pose: [2.0 * yaw.sin(), 2.0 * (1.0 - yaw.cos()), yaw], velocity: [1.5, 0.0, 0.75], course: yaw }
 }
 
 /// The cost of the module's head, slacks aside, of the plan that `mpc` holds.

@@ -31,6 +31,10 @@ pub enum Figure {
     Recovery,
     /// RMS change of the planar input over the period.
     InputEffort,
+    /// Share of ticks outside the corridor.
+    CorridorViolations,
+    /// Share of samples in the 95 % interval that the learner gave for them, over all axes.
+    Coverage,
     /// Ticks outside the state limits, or not of a controller's choosing.
     ConstraintViolations,
     /// Half of all ticks took no longer.
@@ -52,13 +56,16 @@ impl Figure {
             Self::HeadingRmse => ("heading RMSE [mrad]", 1e3),
             Self::Recovery => ("recovery after a change [s]", 1.0),
             Self::InputEffort => ("input effort [m/s2]", 1.0),
+            Self::CorridorViolations => ("outside the corridor [%]", 1e2),
+            Self::Coverage => ("within the learner's 95 % interval [%]", 1e2),
             Self::ConstraintViolations => ("constraint violations [ticks]", 1.0),
             Self::TickP50 => ("tick, median [us]", 1.0),
             Self::TickP99 => ("tick, 99th percentile [us]", 1.0),
         }
     }
 
-    /// Its value in `row`. A time that never came is the length of the run; any other figure that is not there is as bad as can be told.
+    /// Its value in `row`. A time that never came is the length of the run; a figure that a row cannot have is
+    /// NaN; any other that is not there is as bad as can be told.
     pub fn of(self, row: &Row) -> f64 {
         let (value, nothing) = match self {
             Self::PositionRmse => (row.position_rmse_m, f64::INFINITY),
@@ -70,6 +77,8 @@ impl Figure {
             Self::HeadingRmse => (row.heading_rmse_rad, f64::INFINITY),
             Self::Recovery => (row.recovery_s, row.duration_s),
             Self::InputEffort => (Some(row.input_effort), f64::INFINITY),
+            Self::CorridorViolations => (row.corridor_violations, f64::NAN),
+            Self::Coverage => (row.coverage.map(|of_axes| of_axes.iter().sum::<f64>() / of_axes.len() as f64), f64::NAN),
             Self::ConstraintViolations => (Some(row.constraint_violations as f64), f64::INFINITY),
             Self::TickP50 => (row.tick_p50_us, f64::INFINITY),
             Self::TickP99 => (row.tick_p99_us, f64::INFINITY),

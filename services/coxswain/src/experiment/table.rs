@@ -31,7 +31,9 @@ impl<'a> Cells<'a> {
         let mut cells = Self { values: BTreeMap::new(), scenarios: BTreeSet::new(), columns: BTreeSet::new() };
         for row in rows {
             let column = (row.controller, row.start);
-            cells.values.entry((&row.scenario, column)).or_default().insert(row.seed, figure.of(row));
+            // A figure that a row cannot have is not told.
+            let value = Some(figure.of(row)).filter(|value| !value.is_nan());
+            cells.values.entry((&row.scenario, column)).or_default().extend(value.map(|value| (row.seed, value)));
             cells.scenarios.insert(&row.scenario);
             cells.columns.insert(column);
         }
@@ -39,7 +41,7 @@ impl<'a> Cells<'a> {
     }
 
     fn mean(&self, scenario: &str, column: Column) -> Option<f64> {
-        let seeds = self.values.get(&(scenario, column))?;
+        let seeds = self.values.get(&(scenario, column)).filter(|seeds| !seeds.is_empty())?;
         Some(seeds.values().sum::<f64>() / seeds.len() as f64)
     }
 
@@ -145,6 +147,8 @@ mod tests {
             heading_rmse_rad: None,
             input_effort: 0.0,
             constraint_violations: 0,
+            corridor_violations: None,
+            coverage: None,
             tick_p50_us: None,
             tick_p99_us: None,
         }

@@ -1,12 +1,17 @@
 //! One closed loop: one scenario, contender, seed and start, in one process and in lock step.
 
+use super::calibration::Calibration;
 use super::contender::Contender;
 use super::figure;
 use super::poison::Poison;
 use crate::assembly::Assembly;
 use crate::in_process::{self, InProcessError};
-use process::{Pulse, Run, Stop};
-use protocol::message::{Participant, Phase, Plan, PlantState, Rung, Truth};
+use crate::scenario::Scenario;
+use controller::control::Controller;
+use controller::reference::{PointsError, Reference};
+use controller::settings::StateLimits;
+use process::{Pulse, Stop};
+use protocol::message::{ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Rung, Truth};
 use protocol::port::{OpenError, Ports, ReceiveError, Since, Source};
 use recorder::rows::Rows;
 use recorder::summary::{self, Summary};
@@ -76,6 +81,10 @@ pub struct Row {
     pub heading_rmse_rad: Option<f64>,
     /// Mean squared change of the applied planar input from one period to the next, over the period squared, RMS \[m/s²\].
     pub input_effort: f64,
+    /// Share of ticks at which the truth was outside the scenario's corridor; nothing without one.
+    pub corridor_violations: Option<f64>,
+    /// Share of residual samples in the 95 % interval that the learner gave for them before it had seen them, per axis.
+    pub coverage: Option<[f64; 3]>,
     /// Ticks at which the truth was outside the scenario's state limits, or the gate did not play a controller's answer.
     pub constraint_violations: u64,
     /// Share of the ticks at which the learned model was used, per velocity axis.
@@ -91,10 +100,12 @@ pub struct Row {
 struct Witnessed {
     rows: Rows,
     inputs: Vec<[f64; 3]>,
+    truths: Vec<Truth>,
     violations: u64,
     /// Plans heard, and those of them that used the learned model, per velocity axis.
     plans: u64,
     learned: [u64; 3],
+    calibration: Calibration,
 }
 
 /// A trial came to nothing.
@@ -109,6 +120,9 @@ pub enum TrialError {
     /// The witness did not hear.
     #[error(transparent)]
     Receive(#[from] ReceiveError),
+    /// The reference.
+    #[error(transparent)]
+    Reference(#[from] PointsError),
 }
 
 /// Runs `assembly` with its files in `folder`. `label` says which trial it is.
@@ -117,11 +131,16 @@ pub enum TrialError {
 /// [`TrialError`].
 pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, Start)) -> Result<Row, TrialError> {
     let limits = assembly.scenario.mpc.state_limits;
+    let corridor = Corridor::of(&assembly.scenario)?;
     let outside = |truth: &Truth| {
         limits.heading_rad.is_some_and(|limit| truth.pose[2].abs() > limit)
             || limits.speed_mps.is_some_and(|limit| truth.velocity[0].abs().max(truth.velocity[1].abs()) > limit)
+            || corridor.as_ref().is_some_and(|corridor| corridor.is_left_by(truth))
     };
-    let witnessed = in_process::drive(assembly, folder, |ports, run, stop| witness(ports, run, stop, outside))??;
+    let witnessed = in_process::drive(assembly, folder, |ports, run, stop| {
+        let calibration = Calibration::new(Controller::expected(&assembly.controller(run.clone())));
+        witness(ports, stop, calibration, outside)
+    })??;
     let summary = Summary::of(&witnessed.rows, assembly.scenario.period_nanos());
     let distances = summary::distances(&witnessed.rows, assembly.scenario.period_nanos());
     let (scenario, profile, controller, start) = label;
@@ -144,20 +163,54 @@ pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, St
         heading_rmse_rad: summary.heading_rmse_rad,
         input_effort: effort(&witnessed.inputs) / period,
         constraint_violations: witnessed.violations,
+        corridor_violations: corridor.map(|corridor| corridor.left_for(&witnessed.truths)),
+        coverage: witnessed.calibration.coverage(),
         learned_share: witnessed.learned.map(|plans| plans as f64 / witnessed.plans.max(1) as f64),
         tick_p50_us: summary.tick_p50_us,
         tick_p99_us: summary.tick_p99_us,
     })
 }
 
+/// Where a scenario wants the robot to stay.
+struct Corridor {
+    limits: StateLimits,
+    reference: Reference,
+}
+
+impl Corridor {
+    /// Nothing if the scenario has none.
+    fn of(scenario: &Scenario) -> Result<Option<Self>, PointsError> {
+        let limits = scenario.mpc.state_limits;
+        if limits.corridor_left_m.or(limits.corridor_right_m).is_none() {
+            return Ok(None);
+        }
+        let period = scenario.period_millis * 1e-3;
+        let ticks = (scenario.duration_s / period).ceil() as usize;
+        Ok(Some(Self { limits, reference: Reference::new(&scenario.reference, &scenario.start.pose, period, ticks)? }))
+    }
+
+    fn is_left_by(&self, truth: &Truth) -> bool {
+        let lateral = self.reference.at(truth.stamp.tick).lateral(&truth.pose);
+        self.limits.corridor_left_m.is_some_and(|left| lateral > left) || self.limits.corridor_right_m.is_some_and(|right| -lateral > right)
+    }
+
+    /// Share of `truths` outside.
+    fn left_for(&self, truths: &[Truth]) -> f64 {
+        truths.iter().filter(|truth| self.is_left_by(truth)).count() as f64 / truths.len().max(1) as f64
+    }
+}
+
 /// Listens in the recorder's place, and keeps what the figures need.
-fn witness(ports: &Ports, _run: &Run, stop: &Stop, outside: impl Fn(&Truth) -> bool) -> Result<Witnessed, TrialError> {
+fn witness(ports: &Ports, stop: &Stop, calibration: Calibration, outside: impl Fn(&Truth) -> bool) -> Result<Witnessed, TrialError> {
     let mut pulse = Pulse::new(ports, Participant::Recorder)?;
     let mut states: Source<PlantState> = ports.source(Since::First)?;
     let mut truths: Source<Truth> = ports.source(Since::First)?;
     let mut plans: Source<Plan> = ports.source(Since::First)?;
+    let mut samples: Source<ResidualSample> = ports.source(Since::First)?;
+    let mut snapshots: Source<ModelSnapshot> = ports.source(Since::First)?;
     pulse.phase(Phase::Ready);
-    let mut kept = Witnessed { rows: Rows::of_segments(0), inputs: Vec::new(), violations: 0, plans: 0, learned: [0; 3] };
+    let rows = Rows::of_segments(0);
+    let mut kept = Witnessed { rows, inputs: Vec::new(), truths: Vec::new(), violations: 0, plans: 0, learned: [0; 3], calibration };
     loop {
         let ending = stop.requested();
         while let Some(state) = states.next()? {
@@ -169,6 +222,7 @@ fn witness(ports: &Ports, _run: &Run, stop: &Stop, outside: impl Fn(&Truth) -> b
         while let Some(truth) = truths.next()? {
             kept.violations += u64::from(outside(&truth));
             kept.rows.heard_truth(&truth);
+            kept.truths.push(truth);
         }
         while let Some(plan) = plans.next()? {
             kept.plans += 1;
@@ -176,6 +230,12 @@ fn witness(ports: &Ports, _run: &Run, stop: &Stop, outside: impl Fn(&Truth) -> b
                 *used += u64::from(plan.learned_axes >> axis & 1);
             }
             kept.rows.heard_plan(&plan);
+        }
+        while let Some(sample) = samples.next()? {
+            kept.calibration.heard_sample(&sample);
+        }
+        while let Some(snapshot) = snapshots.next()? {
+            kept.calibration.heard_snapshot(snapshot);
         }
         if ending {
             return Ok(kept);

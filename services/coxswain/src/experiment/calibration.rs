@@ -1,0 +1,65 @@
+//! Calibration: how much of what the robot really did lies in the learner's 95 % interval.
+//!
+//! ```text
+//! |residual − mean| ≤ 1.96 √(variance of a new sample)
+//! ```
+//! Every usable sample is held against the snapshot that was due in its period, which had not seen it, on each axis. The disturbance observer
+//! has no part in it: the interval is the learner's own.
+
+use controller::adopt::{Expected, prepare};
+use model::AXES;
+use model::covariance::quantile;
+use model::learned::Moment;
+use protocol::message::{ModelSnapshot, ResidualSample};
+
+/// Share that the interval is to hold.
+const SHARE: f64 = 0.95;
+
+/// What a trial's learner has said, and what was then the case.
+#[derive(Debug)]
+pub(super) struct Calibration {
+    expected: Expected,
+    /// In the order of their ticks.
+    snapshots: Vec<ModelSnapshot>,
+    samples: Vec<ResidualSample>,
+}
+
+impl Calibration {
+    /// Nothing heard yet of a learner whose snapshots are `expected` to be so.
+    pub(super) fn new(expected: Expected) -> Self {
+        Self { expected, snapshots: Vec::new(), samples: Vec::new() }
+    }
+
+    pub(super) fn heard_snapshot(&mut self, snapshot: ModelSnapshot) {
+        self.snapshots.push(snapshot);
+    }
+
+    pub(super) fn heard_sample(&mut self, sample: &ResidualSample) {
+        if sample.usable == 1 {
+            self.samples.push(*sample);
+        }
+    }
+
+    /// Share of samples in the interval, per axis; nothing where there was no model or no sample.
+    pub(super) fn coverage(&self) -> Option<[f64; AXES]> {
+        let spread = quantile(0.5 + 0.5 * SHARE);
+        let (mut within, mut counted) = ([0.0; AXES], 0.0);
+        for (index, snapshot) in self.snapshots.iter().enumerate() {
+            let until = self.snapshots.get(index + 1).map_or(u64::MAX, |next| next.head.effective_tick);
+            // A sample bears the tick that ended its period.
+            let due = |sample: &&ResidualSample| (snapshot.head.effective_tick..until).contains(&sample.stamp.tick.saturating_sub(1));
+            let Ok(mut model) = prepare(snapshot, &self.expected) else { continue };
+            for sample in self.samples.iter().filter(due) {
+                let at = Moment { velocity: sample.velocity, input: sample.input, before: sample.input_before };
+                let mean = model.learned.mean(&at);
+                let variance = model.learned.sample_variance(&at, &mut model.scratch);
+                counted += 1.0;
+                for axis in 0..AXES {
+                    let inside = (sample.residual[axis] - mean[axis]).abs() <= spread * variance[axis].sqrt();
+                    within[axis] += if inside { 1.0 } else { 0.0 };
+                }
+            }
+        }
+        (counted > 0.0).then(|| within.map(|count| count / counted))
+    }
+}
