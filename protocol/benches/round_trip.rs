@@ -11,7 +11,7 @@ use bytemuck::Zeroable;
 use criterion::Criterion;
 use protocol::message::{Command, Message, ModelSnapshot, SnapshotHead};
 use protocol::port::{Carrier, Carriers, Exchange, Identity, Links, Ports, Router, Since, Sink, Source, sweep};
-use protocol::topic::OnTopic;
+use protocol::topic::{OnTopic, Topic};
 use protocol::wire;
 use std::error::Error;
 use std::path::Path;
@@ -41,7 +41,9 @@ fn main() -> Result<(), Failure> {
     for links in &shared {
         sweep(links)?;
     }
-    bare::measure(&mut criterion, folder.path())?;
+    let words = |bytes: usize| bytes.div_ceil(size_of::<u64>());
+    bare::measure(&mut criterion, folder.path(), "command", words(Command::zeroed().byte_len()), Topic::Command.quality(false).depth)?;
+    bare::measure(&mut criterion, folder.path(), "snapshot", words(snapshot()?.byte_len()), Topic::Snapshot.quality(false).depth)?;
 
     let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
     let (carriers, connect) = (Carriers::all(Carrier::Network), router.endpoints().to_vec());
