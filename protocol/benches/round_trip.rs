@@ -120,10 +120,12 @@ fn measure<T: OnTopic>(
 }
 
 fn heard<T: OnTopic>(source: &mut Source<T>) -> Result<T, Failure> {
-    if !source.wait(LONG)? {
-        return Err(format!("no {} came", T::NAME).into());
+    while source.wait(LONG)? {
+        if let Some(message) = source.latest()? {
+            return Ok(message);
+        }
     }
-    Ok(source.latest()?.ok_or("woken for nothing")?)
+    Err(format!("no {} came", T::NAME).into())
 }
 
 fn links(folder: &Path, name: &str) -> Links {
