@@ -66,29 +66,7 @@ fn kill_both_ends_often(graph: &str) -> Outcome {
             assert!(below <= BACK_WITHIN + 1, "{graph}: no fresh plan for {below} periods at tick {tick} of epoch {epoch}");
         }
     }
-    let mut back = times_back(&record);
-    back.sort_unstable();
-    println!("{graph}: the plant's successor was driven on a fresh plan {back:?} ms after the last state");
     Ok(())
-}
-
-/// Milliseconds from the last state of each plant to the first of its successor that tells of a fresh plan.
-fn times_back(record: &Record) -> Vec<u64> {
-    let mut times = Vec::new();
-    let (mut epoch, mut last, mut gone) = (0, 0, None);
-    for state in record.of("state") {
-        let now = state.stamp("sent_nanos");
-        if state.stamp("epoch") != epoch {
-            gone = (epoch > 0).then_some(last);
-            epoch = state.stamp("epoch");
-        }
-        if let Some(since) = gone.filter(|_| state.word("rung") == "fresh plan") {
-            times.push((now - since) / 1_000_000);
-            gone = None;
-        }
-        last = now;
-    }
-    times
 }
 
 #[test]
