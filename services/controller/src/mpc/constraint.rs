@@ -7,7 +7,7 @@
 //! soft rows: a slack of 0.1 allows each of them to be exceeded by a tenth. Only the corridor has a slack of its own: a robot that is far
 //! outside must not be free to exceed the other limits as well.
 //!
-//! Under [`Caution`](super::caution::Caution) the bounds on the state are drawn in, at most to where the two sides meet.
+//! Under caution the bounds on the state are drawn in, at most to where the two sides meet.
 
 use super::Outlook;
 use super::condense::Condensed;
