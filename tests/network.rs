@@ -50,23 +50,19 @@ fn drive(graph: &str, scenario: &str, duration: &str) -> Outcome {
     let record = Record::read(&home.path().join("run"))?;
     let options = Options { scenario: Some(scenario.into()), ..Options::of_graph(&graph_file(graph)) };
     acquit(&record, &Limits::of(&Assembly::read(&options)?))?;
-    // On a machine that is busy with other tests an answer may come too late, and the tail is played: docs/benchmarks.md has what an idle one does.
-    let periods = |rung: &str| record.summary["rungs"][rung].as_u64().unwrap_or(0);
-    let all = record.summary["periods"].as_u64().unwrap_or(0);
-    assert_eq!(periods("fresh plan") + periods("stored tail"), all, "{graph} {scenario}: {}", record.summary);
-    assert!(periods("stored tail") * 50 <= all, "{graph} {scenario}: {}", record.summary);
+    assert_eq!(record.summary["rungs"]["fresh plan"], record.summary["periods"], "{graph} {scenario}: {}", record.summary);
     assert!(record.summary["snapshots_adopted"].as_u64() > Some(0), "{graph}: {}", record.summary);
     Ok(())
 }
 
 #[test]
-fn in_real_time_every_answer_but_a_late_one_is_a_fresh_plan_at_100_ms() -> Outcome {
+fn in_real_time_no_period_is_below_a_fresh_plan_at_100_ms() -> Outcome {
     drive("network", "paper", "10")?;
     drive("mixed", "paper", "5")
 }
 
 #[test]
-fn in_real_time_every_answer_but_a_late_one_is_a_fresh_plan_at_20_ms() -> Outcome {
+fn in_real_time_no_period_is_below_a_fresh_plan_at_20_ms() -> Outcome {
     drive("network", "paper-20ms", "8")
 }
 
