@@ -223,7 +223,7 @@ impl Mpc {
         let Some(caution) = &mut self.caution else { return };
         caution.wait_for(under_way);
         for (k, stage) in self.stages.iter().enumerate() {
-            caution.expect(k, noise(&Moment::new(&stage.state, &stage.input)));
+            caution.take_in(k, noise(&Moment::new(&stage.state, &stage.input)));
         }
     }
 

@@ -47,7 +47,7 @@ impl Caution {
     }
 
     /// Variance of step `k`. What is no number is no reason to be cautious.
-    pub(super) fn expect(&mut self, k: usize, noise: Velocity) {
+    pub(super) fn take_in(&mut self, k: usize, noise: Velocity) {
         if let Some(slot) = self.noise.get_mut(k) {
             *slot = noise.map(|variance| if variance.is_finite() { variance.max(0.0) } else { 0.0 });
         }
