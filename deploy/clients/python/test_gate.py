@@ -1,8 +1,9 @@
 """The duties of a robot driver, one test each: python -m unittest discover -s deploy/clients/python."""
 import unittest
+from dataclasses import replace
 
 import gate
-from gate import Gate, Limits
+from gate import NOTHING, Gate, Limits
 from wire import Command, Stamp
 
 T = 0.1
@@ -10,8 +11,8 @@ LIMITS = Limits(T, (5.0, 5.0, 6.0), (10.0, 10.0, 20.0), (8.0, 8.0, 16.0), 120.0,
 AHEAD = (1.0, 0.0, 0.0)
 
 
-def command(tick: int, value=AHEAD, tail=((0.8, 0.0, 0.0), (0.6, 0.0, 0.0), (0.4, 0.0, 0.0)), epoch=1, writer=7, plant=3) -> Command:
-    return Command(Stamp(writer, epoch, tick + 1, tick, 0), plant, 0, value, tail, 1)
+def command(tick: int, value=AHEAD, tail=((0.8, 0.0, 0.0), (0.6, 0.0, 0.0), (0.4, 0.0, 0.0)), epoch=1, writer=7, plant=3, rung=1) -> Command:
+    return Command(Stamp(writer, epoch, tick + 1, tick, 0), plant, 0, value, tail, rung)
 
 
 class Duties(unittest.TestCase):
@@ -58,6 +59,24 @@ class Duties(unittest.TestCase):
         self.gate.begin(2, 0.6)
         self.assertEqual(self.reason(command(2, epoch=2, writer=8), 0.6), gate.NONE)
 
+    def test_3_only_what_is_beyond_a_limit_by_more_than_a_millionth_of_it_is_refused(self) -> None:
+        agile = replace(LIMITS, rate=(100.0, 100.0, 100.0))
+        for limits, limit, reason in [
+            (agile, (5.0, 0.0, 0.0), gate.OUT_OF_BOUNDS),
+            (agile, (0.0, -5.0, 0.0), gate.OUT_OF_BOUNDS),
+            (agile, (0.0, 0.0, 6.0), gate.OUT_OF_BOUNDS),
+            (agile, (3.0, -3.0, 0.0), gate.OUT_OF_BOUNDS),  # a wheel at 120 rad/s
+            (LIMITS, (-2.2, 0.0, 0.0), gate.RATE_TOO_HIGH),
+            (LIMITS, (0.0, 2.2, 0.0), gate.RATE_TOO_HIGH),
+            (LIMITS, (0.0, 0.0, -4.4), gate.RATE_TOO_HIGH),
+        ]:
+            for beyond, expected in [(-1e-9, gate.NONE), (0.9e-6, gate.NONE), (1.1e-6, reason)]:
+                value = tuple(axis * (1 + beyond) for axis in limit)
+                for answer in [command(0, value, tail=()), command(0, NOTHING, tail=(value,))]:
+                    self.gate = Gate(limits, 3, 0.0)
+                    self.gate.begin(0, 0.0)
+                    self.assertEqual(self.reason(answer), expected, answer)
+
     def test_4_a_refused_command_shows_that_its_writer_lives(self) -> None:
         self.period(0, command(0))
         for tick in range(1, 6):
@@ -90,6 +109,21 @@ class Duties(unittest.TestCase):
     def test_9_the_last_refusal_is_the_reason(self) -> None:
         self.period(0, command(0))
         self.assertEqual(self.period(1, command(1, plant=9))[1:], (gate.TAIL, gate.OLD_PLANT_EPOCH))
+
+    def test_9_a_rung_of_the_controllers_own_has_its_reason(self) -> None:
+        reasons = [gate.NONE] * 2 + [gate.SOLVER_FAILED] * 3 + [gate.BAD_STATE] * 2
+        for rung, reason in enumerate(reasons):
+            self.gate = Gate(LIMITS, 3, 0.0)
+            self.assertEqual(self.period(0, command(0, rung=rung)), (AHEAD, rung, reason))
+            self.assertEqual(self.period(1, None)[1:], (gate.TAIL, gate.MISSING), "it is of the answered period alone")
+
+    def test_9_a_refusal_tells_more_than_the_controllers_own_rung(self) -> None:
+        self.gate.begin(0, 0.0)
+        self.reason(command(0, rung=2))
+        self.reason(command(0, writer=8, rung=2))
+        self.gate.play(0.0, T)
+        self.gate.end()
+        self.assertEqual(self.gate.past, (2, gate.SECOND_WRITER))
 
     def test_10_a_latched_gate_brakes_for_good(self) -> None:
         self.period(0, command(0))
