@@ -2,10 +2,14 @@
 //!
 //! Each test starts this very binary again as its children; they do what `CHILD_ROLE` says and are killed in the end.
 
+#[path = "said/commands.rs"]
+mod commands;
+
 use bytemuck::Zeroable;
+use commands::{command, until};
 use protocol::message::{Command, Credit};
-use protocol::port::{Carrier, Carriers, Identity, Links, Ports, Router, SendError, Since, Source, SweepReport, sweep};
-use protocol::topic::{OnTopic, Topic};
+use protocol::port::{Carrier, Carriers, Identity, Links, Ports, Router, SendError, Since, SweepReport, sweep};
+use protocol::topic::Topic;
 use rustix::process::{Pid, Signal, kill_process};
 use std::env;
 use std::error::Error;
@@ -18,9 +22,6 @@ use std::time::Duration;
 use tempfile::TempDir;
 
 type Outcome = Result<(), Box<dyn Error>>;
-
-/// Longer than any test machine needs.
-const LONG: Duration = Duration::from_mins(1);
 
 const PATIENCE: Duration = Duration::from_millis(300);
 
@@ -113,26 +114,6 @@ impl Drop for Killed {
 
 fn links(graph: String, lock_step: bool, root: PathBuf) -> Links {
     Links::on_this_machine(graph, root, lock_step, PATIENCE.as_millis() as u64)
-}
-
-fn command(tick: u64) -> Command {
-    let mut command = Command::zeroed();
-    command.stamp.tick = tick;
-    command
-}
-
-/// Reads until a message is as wanted.
-fn until<T: OnTopic>(source: &mut Source<T>, wanted: impl Fn(&T) -> bool) -> Result<T, Box<dyn Error>> {
-    loop {
-        if !source.wait(LONG)? {
-            return Err("nothing comes any more".into());
-        }
-        while let Some(message) = source.next()? {
-            if wanted(&message) {
-                return Ok(message);
-            }
-        }
-    }
 }
 
 /// Not a test, but what the children do.
@@ -296,73 +277,6 @@ fn a_link_that_was_cut_is_taken_up_again() -> Outcome {
         graph.router = Some(Router::open(&endpoints, &[])?);
         heard = until(&mut credits, |credit| credit.through_tick > heard.through_tick)?;
     }
-    Ok(())
-}
-
-#[test]
-fn who_was_cut_off_gets_the_last_snapshot_once_the_link_is_back() -> Outcome {
-    let mut graph = Graph::on_network(false)?;
-    let mut credits = graph.ports()?.source::<Credit>(Since::Joining)?;
-    let mut granted = graph.ports()?.sink::<Credit>()?;
-    granted.send(&mut Credit { through_tick: 1, ..Credit::zeroed() })?;
-    until(&mut credits, |credit| credit.through_tick == 1)?;
-    let endpoints = graph.links.connect.clone();
-    drop(graph.router.take());
-    granted.send(&mut Credit { through_tick: 2, ..Credit::zeroed() })?;
-    assert!(!credits.wait(PATIENCE)?, "it is cut off");
-    graph.router = Some(Router::open(&endpoints, &[])?);
-    until(&mut credits, |credit| credit.through_tick == 2)?;
-    Ok(())
-}
-
-#[test]
-fn what_was_sent_during_a_cut_is_not_lost_in_lock_step() -> Outcome {
-    let mut graph = Graph::on_network(true)?;
-    let mut commands = graph.ports()?.source::<Command>(Since::First)?;
-    let mut sink = graph.ports()?.sink::<Command>()?;
-    for round in 0..3 {
-        let endpoints = graph.links.connect.clone();
-        drop(graph.router.take());
-        for tick in 1..=10 {
-            sink.send(&mut command(10 * round + tick))?;
-        }
-        graph.router = Some(Router::open(&endpoints, &[])?);
-        for tick in 1..=10 {
-            until(&mut commands, |command| command.stamp.tick == 10 * round + tick)?;
-        }
-    }
-    assert_eq!((commands.tally().received, commands.tally().lost), (30, 0));
-    Ok(())
-}
-
-#[test]
-fn what_is_said_while_the_link_comes_back_is_not_lost_in_lock_step() -> Outcome {
-    let mut graph = Graph::on_network(true)?;
-    let mut commands = graph.ports()?.source::<Command>(Since::First)?;
-    let mut sink = graph.ports()?.sink::<Command>()?;
-    let mut said = 1;
-    sink.send(&mut command(said))?;
-    until(&mut commands, |command| command.stamp.tick == said)?;
-    for _ in 0..5 {
-        let endpoints = graph.links.connect.clone();
-        drop(graph.router.take());
-        graph.router = Some(Router::open(&endpoints, &[])?);
-        // Until something is heard that was said after the cut, and on; but no more than the link remembers.
-        let before = said;
-        let mut heard = before;
-        for _ in 0..Topic::Command.quality(true).depth - 6 {
-            said += 1;
-            sink.send(&mut command(said))?;
-            commands.wait(Duration::from_millis(if heard > before { 0 } else { 5 }))?;
-            while let Some(command) = commands.next()? {
-                heard = command.stamp.tick;
-            }
-        }
-        if heard < said {
-            until(&mut commands, |command| command.stamp.tick == said)?;
-        }
-    }
-    assert_eq!((commands.tally().received, commands.tally().lost), (said, 0));
     Ok(())
 }
 

@@ -1,8 +1,13 @@
 //! Clients of a router that goes and comes back, and routers that are joined, find each other again whatever the moment.
 
+#[path = "said/commands.rs"]
+mod commands;
+
 use bytemuck::Zeroable;
-use protocol::message::Credit;
+use commands::{command, until};
+use protocol::message::{Command, Credit};
 use protocol::port::{Carrier, Carriers, Identity, Links, Ports, Router, Since, Sink, Source};
+use protocol::topic::Topic;
 use std::error::Error;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -17,6 +22,8 @@ type Outcome = Result<(), Box<dyn Error>>;
 /// Far longer than the way back takes on any test machine.
 const GIVES_UP_AFTER: Duration = Duration::from_mins(1);
 const SOON: Duration = Duration::from_millis(20);
+/// How long a lossless writer waits for room.
+const PATIENCE: Duration = Duration::from_millis(300);
 
 /// Routers that follow each other.
 const REPLACEMENTS: u32 = 10;
@@ -31,9 +38,12 @@ fn first(router: &Router) -> Result<&String, Box<dyn Error>> {
     Ok(router.endpoints().first().ok_or("it listens nowhere")?)
 }
 
-fn ports(endpoint: &str) -> Result<Ports, Box<dyn Error>> {
+fn ports(endpoint: &str, lock_step: bool) -> Result<Ports, Box<dyn Error>> {
     let (carriers, connect) = (Carriers::all(Carrier::Network), vec![endpoint.to_owned()]);
-    Ok(Ports::open(&Links { carriers, connect, ..Links::on_this_machine("t", "", false, 1000) }, Identity::new(1))?)
+    Ok(Ports::open(
+        &Links { carriers, connect, ..Links::on_this_machine("t", "", lock_step, PATIENCE.as_millis() as u64) },
+        Identity::new(1),
+    )?)
 }
 
 /// Two clients, one of which talks to the other.
@@ -45,8 +55,8 @@ struct Pair {
 
 impl Pair {
     fn new(writer: &str, reader: &str) -> Result<Self, Box<dyn Error>> {
-        let source = ports(reader)?.source(Since::Joining)?;
-        let mut pair = Self { sink: ports(writer)?.sink()?, source, said: 0 };
+        let source = ports(reader, false)?.source(Since::Joining)?;
+        let mut pair = Self { sink: ports(writer, false)?.sink()?, source, said: 0 };
         pair.talks()?;
         Ok(pair)
     }
@@ -122,6 +132,73 @@ fn clients_of_joined_routers_talk_again_after_cuts_however_short() -> Outcome {
     let far = Router::open(&any_port(), slice::from_ref(&relay.endpoint))?;
     let mut pair = Pair::new(first(&near)?, first(&far)?)?;
     relay.interrupt(&mut pair, [0; 4])
+}
+
+#[test]
+fn who_was_cut_off_gets_the_last_snapshot_once_the_link_is_back() -> Outcome {
+    let router = Router::open(&any_port(), &[])?;
+    let endpoints = router.endpoints().to_vec();
+    let mut credits = ports(first(&router)?, false)?.source::<Credit>(Since::Joining)?;
+    let mut granted = ports(first(&router)?, false)?.sink::<Credit>()?;
+    granted.send(&mut Credit { through_tick: 1, ..Credit::zeroed() })?;
+    until(&mut credits, |credit| credit.through_tick == 1)?;
+    drop(router);
+    granted.send(&mut Credit { through_tick: 2, ..Credit::zeroed() })?;
+    assert!(!credits.wait(PATIENCE)?, "it is cut off");
+    let _router = Router::open(&endpoints, &[])?;
+    until(&mut credits, |credit| credit.through_tick == 2)?;
+    Ok(())
+}
+
+#[test]
+fn what_was_sent_during_a_cut_is_not_lost_in_lock_step() -> Outcome {
+    let mut router = Router::open(&any_port(), &[])?;
+    let endpoints = router.endpoints().to_vec();
+    let mut commands = ports(first(&router)?, true)?.source::<Command>(Since::First)?;
+    let mut sink = ports(first(&router)?, true)?.sink::<Command>()?;
+    for round in 0..3 {
+        drop(router);
+        for tick in 1..=10 {
+            sink.send(&mut command(10 * round + tick))?;
+        }
+        router = Router::open(&endpoints, &[])?;
+        for tick in 1..=10 {
+            until(&mut commands, |command| command.stamp.tick == 10 * round + tick)?;
+        }
+    }
+    assert_eq!((commands.tally().received, commands.tally().lost), (30, 0));
+    Ok(())
+}
+
+#[test]
+fn what_is_said_while_the_link_comes_back_is_not_lost_in_lock_step() -> Outcome {
+    let mut router = Router::open(&any_port(), &[])?;
+    let endpoints = router.endpoints().to_vec();
+    let mut commands = ports(first(&router)?, true)?.source::<Command>(Since::First)?;
+    let mut sink = ports(first(&router)?, true)?.sink::<Command>()?;
+    let mut said = 1;
+    sink.send(&mut command(said))?;
+    until(&mut commands, |command| command.stamp.tick == said)?;
+    for _ in 0..5 {
+        drop(router);
+        router = Router::open(&endpoints, &[])?;
+        // Until something is heard that was said after the cut, and on; but no more than the link remembers.
+        let before = said;
+        let mut heard = before;
+        for _ in 0..Topic::Command.quality(true).depth - 6 {
+            said += 1;
+            sink.send(&mut command(said))?;
+            commands.wait(Duration::from_millis(if heard > before { 0 } else { 5 }))?;
+            while let Some(command) = commands.next()? {
+                heard = command.stamp.tick;
+            }
+        }
+        if heard < said {
+            until(&mut commands, |command| command.stamp.tick == said)?;
+        }
+    }
+    assert_eq!((commands.tally().received, commands.tally().lost), (said, 0));
+    Ok(())
 }
 
 /// A relay before a router. It can hang up.
