@@ -13,9 +13,19 @@ fn clients() -> PathBuf {
     repository().join("deploy/clients/python")
 }
 
+/// Whether a recorder takes part.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Record {
+    None,
+    Kept,
+}
+
 /// Controller and learner, as `control-host.toml` has them, in a graph that is called `graph` and meets no other launch.
-fn control_host(graph: &str, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
-    let text = fs::read_to_string(graph_file("control-host"))?;
+fn control_host(graph: &str, record: Record, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
+    let mut text = fs::read_to_string(graph_file("control-host"))?;
+    if record == Record::Kept {
+        text = text.replace("[processes.recorder]\nenabled = false", "[processes.recorder]\nenabled = true");
+    }
     let deploy = format!("\"{}/", repository().join("deploy").display());
     let lines = text.lines().map(|line| match line.split_once(" = ") {
         Some(("graph", _)) => format!("graph = \"{graph}\""),
@@ -28,12 +38,12 @@ fn control_host(graph: &str, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
 }
 
 /// What `script` says of a circle of 15 s in lock step, driven by a real controller that a real learner helps.
-fn circle_of(script: &Path) -> Result<String, Box<dyn Error>> {
+fn circle_of(script: &Path, record: Record) -> Result<String, Box<dyn Error>> {
     let python = python()?;
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let graph = format!("robot-{}", std::process::id());
     let options = ["--pace", "lock-step", "--listen", "tcp/127.0.0.1:0"];
-    let mut command = launch_command(&control_host(&graph, home.path())?, &home.path().join("run"), &options)?;
+    let mut command = launch_command(&control_host(&graph, record, home.path())?, &home.path().join("run"), &options)?;
     command.arg("--scenario").arg(repository().join("deploy/scenarios/circle.toml"));
     let launched = Launched::by(command, home)?;
     let text = text_of(
@@ -42,16 +52,18 @@ fn circle_of(script: &Path) -> Result<String, Box<dyn Error>> {
             .arg(script)
             .args(["--connect", &launched.told("controller", "connect")?, "--graph", &graph, "--pace", "lock-step", "--circle", "2", "1.5"])
             .arg("--robot")
-            .arg(repository().join("deploy/robots/mecanum.toml")),
+            .arg(repository().join("deploy/robots/mecanum.toml"))
+            .args((record == Record::Kept).then_some("--recorded")),
     )?;
-    let (ended, _home) = launched.end()?;
+    let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
+    assert_eq!(home.path().join("run/record.mcap").exists(), record == Record::Kept, "{}", ended.text);
     Ok(text)
 }
 
 #[test]
 fn a_robot_in_python_drives_a_circle_and_is_learned_through_losses_too() -> Outcome {
-    let text = circle_of(&clients().join("robot.py"))?;
+    let text = circle_of(&clients().join("robot.py"), Record::None)?;
     let summary: serde_json::Value = serde_json::from_str(text.lines().last().ok_or("the robot said nothing")?)?;
     assert_eq!(text.lines().count(), 16, "a line for each of 15 s, and the summary: {text}");
     for error in ["final_error_m", "rmse_m"] {
@@ -59,8 +71,8 @@ fn a_robot_in_python_drives_a_circle_and_is_learned_through_losses_too() -> Outc
     }
     assert!(summary["model_version"].as_u64().is_some_and(|version| version > 0), "{text}");
     assert_eq!((summary["refused"].as_u64(), summary["periods_on_rung"]["1"].as_u64()), (Some(0), Some(150)), "{text}");
-    let lossy = circle_of(&repository().join("tests/python/lossy_robot.py"))?;
-    assert_eq!(lossy, text, "a state or command that was lost is said again, with the same bits");
+    let lossy = circle_of(&repository().join("tests/python/lossy_robot.py"), Record::Kept)?;
+    assert_eq!(lossy, text, "a state, command or credit that was lost is said again, with the same bits");
     Ok(())
 }
 

@@ -12,14 +12,14 @@ pub(crate) const WINDOW_TICKS: u64 = 32;
 /// Taken in since the last grant before there is another \[ticks\]: a grant per tick would wake the plant for nothing.
 const STRIDE_TICKS: u64 = WINDOW_TICKS / 4;
 
-/// A plant that says nothing for so long may not have heard the last grant.
+/// A plant of which no state comes for so long may not have heard the last grant.
 const SILENCE: Duration = Duration::from_secs(1);
 
 /// Grants the plant its clock, in lock step; in real time it grants nothing.
 pub(crate) struct Grant {
     sink: Option<Sink<Credit>>,
     reach: Reach,
-    /// The last grant, and when it was said, or the plant was heard.
+    /// The last grant, and when it was said, or a state was heard.
     last: Option<Credit>,
     heard: Instant,
 }
@@ -37,10 +37,15 @@ impl Grant {
         Ok(Self { sink, reach: Reach::default(), last: None, heard: Instant::now() })
     }
 
-    /// Notes that the plant of `epoch` has come to `tick`, and that this is written.
-    pub(crate) fn note(&mut self, epoch: u64, tick: u64) {
+    /// Notes that the plant of `epoch` has come to `tick`, and that its state is written.
+    pub(crate) fn note_state(&mut self, epoch: u64, tick: u64) {
         self.reach.note(epoch, tick);
         self.heard = Instant::now();
+    }
+
+    /// Notes the same of a plant that only says how it is: it may be waiting for its credit.
+    pub(crate) fn note_health(&mut self, epoch: u64, tick: u64) {
+        self.reach.note(epoch, tick);
     }
 
     /// Grants more if enough has been written since the last time, or if that grant did not get through.
@@ -56,7 +61,7 @@ impl Grant {
         sent
     }
 
-    /// Hands the last grant to a plant that has joined since, and says it again when the plant has been silent for long.
+    /// Hands the last grant to a plant that has joined since, and says it again when there has been no state for long.
     ///
     /// # Errors
     /// [`SendError`].

@@ -47,10 +47,10 @@ impl Intake {
         let mut written = drain(&mut self.healths, segment, |health| {
             // A plant that starts has no state yet, but its clock wants credit.
             if health.participant() == Some(Participant::Plant) && health.phase() != Phase::Finished {
-                grant.note(health.stamp.epoch, health.stamp.tick);
+                grant.note_health(health.stamp.epoch, health.stamp.tick);
             }
         })?;
-        written += drain(&mut self.states, segment, |state| grant.note(state.stamp.epoch, state.stamp.tick))?;
+        written += drain(&mut self.states, segment, |state| grant.note_state(state.stamp.epoch, state.stamp.tick))?;
         written += drain(&mut self.truths, segment, |_| ())?;
         written += drain(&mut self.commands, segment, |_| ())?;
         written += drain(&mut self.plans, segment, |_| ())?;

@@ -3,9 +3,10 @@
 #[path = "said/graph.rs"]
 mod graph;
 
+use bytemuck::Zeroable;
 use graph::{Graph, SNAPSHOT_TICKS};
 use process::{Pace, Run, Stop};
-use protocol::message::{Credit, Rung};
+use protocol::message::{Credit, Health, Participant, Rung};
 use protocol::port::{Exchange, Identity, Links, Ports, Since};
 use recorder::run::RecorderError;
 use recorder::segment::{self, RecordError};
@@ -15,11 +16,14 @@ use std::collections::BTreeMap;
 use std::error::Error;
 use std::path::Path;
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use std::{fs, io};
 use tempfile::TempDir;
 
 const PATIENCE: Duration = Duration::from_secs(20);
+
+/// How often a process says how it is.
+const HEARTBEAT: Duration = Duration::from_millis(100);
 
 fn settings(folder: &Path, pace: Pace, restarted: bool) -> Settings {
     let lock_step = pace == Pace::LockStep;
@@ -64,7 +68,7 @@ fn stored(path: &Path) -> Result<BTreeMap<String, u64>, Box<dyn Error>> {
 
 /// Waits for the first health of the recorder: from then on it hears everything.
 fn wait_until_it_listens(ports: &Ports, exchange: &Exchange, settings: Settings) -> Result<Recording, Box<dyn Error>> {
-    let mut healths = ports.source::<protocol::message::Health>(Since::Joining)?;
+    let mut healths = ports.source::<Health>(Since::Joining)?;
     let recording = Recording::start(exchange, settings);
     assert!(healths.wait(PATIENCE)?, "the recorder does not get ready");
     Ok(recording)
@@ -110,6 +114,33 @@ fn in_lock_step_the_plant_waits_for_the_record_and_nothing_is_lost() -> Result<(
     assert_eq!((attached.name.as_str(), &*mcap::read::attachment(&bytes, attached)?.data), ("plant.toml", b"[robot]\n".as_slice()));
     let metadata = mcap::read::metadata(&bytes, index.metadata_indexes.first().ok_or("no metadata")?)?;
     assert_eq!(metadata.metadata.get("period_nanos").map(String::as_str), Some("100000000"));
+    Ok(())
+}
+
+#[test]
+fn a_plant_that_says_no_more_than_how_it_is_hears_its_credit_again_and_again() -> Result<(), Box<dyn Error>> {
+    const TOLD_AGAIN: u64 = 2;
+    let folder = TempDir::new()?;
+    let exchange = Exchange::new(true, PATIENCE);
+    let ports = Ports::in_memory(&exchange, Identity::new(1));
+    let mut credits = ports.source::<Credit>(Since::First)?;
+    let recording = Recording::start(&exchange, settings(folder.path(), Pace::LockStep, false));
+    let (mut graph, mut healths) = (Graph::open(&ports)?, ports.sink::<Health>()?);
+    for silent_from in [0, 20] {
+        for tick in 0..silent_from {
+            graph.tick(tick)?;
+        }
+        let (begin, told_before) = (Instant::now(), credits.tally().stale);
+        while credits.tally().stale < told_before + TOLD_AGAIN {
+            if begin.elapsed() > PATIENCE {
+                return Err(format!("before tick {silent_from} the credit is not said again").into());
+            }
+            healths.send(&mut Health { participant: Participant::Plant.code(), ..Zeroable::zeroed() })?;
+            credits.wait(HEARTBEAT)?;
+            while credits.next()?.is_some() {}
+        }
+    }
+    recording.stop()?;
     Ok(())
 }
 
