@@ -2,12 +2,11 @@
 //!
 //! When a router goes, zenoh 1.10 looks for one again by itself, but not after each way of going. A router that accepts a connection while it
 //! ends forgets to close it, and as long as its process lives, the client has a router that knows nobody. And a connection that closes in the
-//! instant in which it was made is not missed. So a keeper looks whether the token of a router is to be seen. When there has been none for a
-//! while, it ends the session, begins another, and declares everything once more.
+//! instant in which it was made is not missed. So a keeper looks whether the router that it is connected to shows its token. When that has not
+//! been so for a while, it ends the session, begins another, and declares everything once more.
 
-use super::{config, router};
+use super::{ANSWER_TIMEOUT, config, keys, router};
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
@@ -49,11 +48,9 @@ pub(super) struct Line {
 struct Shared {
     connect: Vec<String>,
     state: Mutex<State>,
-    /// Whether there was ever a router with a token: those of others have none.
-    ours: Arc<AtomicBool>,
 }
 
-/// Tokens of the routers that one session sees.
+/// Zenoh ids of the routers whose tokens one session sees, however far away they are.
 type Sight = Arc<Mutex<BTreeSet<String>>>;
 
 struct State {
@@ -81,13 +78,14 @@ impl Line {
     /// Connects to one of the routers at `connect`.
     pub(super) fn open(connect: &[String]) -> Result<Arc<Self>, zenoh::Error> {
         let session = zenoh::open(config::client(connect, OPEN_MILLIS)?).wait()?;
-        let ours = Arc::default();
-        let (sight, seen) = look_out(&session, &ours)?;
+        // Asked at once: a router that goes before the keeper's first look has shown its token all the same.
+        let ours = !neighbours(&session).is_disjoint(&ask_for_tokens(&session)?);
+        let (sight, seen) = look_out(&session)?;
         let state = Mutex::new(State { session, sight, seen, ports: BTreeMap::new(), held: 0 });
-        let shared = Arc::new(Shared { connect: connect.to_vec(), state, ours });
+        let shared = Arc::new(Shared { connect: connect.to_vec(), state });
         let (end, ended) = channel();
         let kept = Arc::clone(&shared);
-        let keeper = thread::Builder::new().name("net line".to_owned()).spawn(move || kept.keep(&ended))?;
+        let keeper = thread::Builder::new().name("net line".to_owned()).spawn(move || kept.keep(&ended, ours))?;
         Ok(Arc::new(Self { shared, end: Some(end), keeper: Some(keeper) }))
     }
 
@@ -125,11 +123,11 @@ impl Drop for Held {
 }
 
 impl Shared {
-    /// The keeper's thread.
-    fn keep(&self, ended: &Receiver<()>) {
+    /// The keeper's thread. `ours` is whether a router that the client was connected to has ever shown a token: those of others have none.
+    fn keep(&self, ended: &Receiver<()>, mut ours: bool) {
         let mut seen = Instant::now();
         while ended.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
-            if self.is_connected() {
+            if self.is_connected(&mut ours) {
                 seen = Instant::now();
             } else if seen.elapsed() > PATIENCE {
                 self.end_session();
@@ -147,14 +145,16 @@ impl Shared {
         }
     }
 
-    /// Whether there is a router, and everything is declared.
-    fn is_connected(&self) -> bool {
+    /// Whether there is a router, which shows its token if one ever did, and everything is declared.
+    fn is_connected(&self, ours: &mut bool) -> bool {
         let state = self.state();
         let declared = state.ports.values().all(|port| port.declared.is_some());
-        let (session, sees) = (state.session.clone(), !lock(&state.sight).is_empty());
+        let (session, sight) = (state.session.clone(), Arc::clone(&state.sight));
         drop(state);
-        let connected = || !session.is_closed() && session.info().routers_zid().wait().next().is_some();
-        declared && if self.ours.load(Ordering::Relaxed) { sees } else { connected() }
+        let neighbours = neighbours(&session);
+        let shown = !neighbours.is_disjoint(&lock(&sight));
+        *ours |= shown;
+        declared && if *ours { shown } else { !neighbours.is_empty() }
     }
 
     /// Somebody whose token is declared again before it was taken back seems to have been there all the time: so first the end.
@@ -171,7 +171,7 @@ impl Shared {
 
     fn begin_session(&self) -> Result<(), zenoh::Error> {
         let session = zenoh::open(config::client(&self.connect, OPEN_AGAIN_MILLIS)?).wait()?;
-        let (sight, seen) = look_out(&session, &self.ours)?;
+        let (sight, seen) = look_out(&session)?;
         let mut state = self.state();
         (state.session, state.sight, state.seen) = (session.clone(), sight, seen);
         for port in state.ports.values_mut() {
@@ -185,17 +185,30 @@ impl Shared {
     }
 }
 
+/// Zenoh ids of the routers that a session is connected to: of a client it is one, or none.
+fn neighbours(session: &Session) -> BTreeSet<String> {
+    if session.is_closed() {
+        return BTreeSet::new();
+    }
+    session.info().routers_zid().wait().map(|id| id.to_string()).collect()
+}
+
+/// Zenoh ids of the routers that have tokens at this moment.
+fn ask_for_tokens(session: &Session) -> Result<BTreeSet<String>, zenoh::Error> {
+    let replies = session.liveliness().get(router::TOKENS).timeout(ANSWER_TIMEOUT).wait()?;
+    Ok(replies.iter().filter_map(|reply| Some(keys::last(reply.result().ok()?.key_expr().as_str()).to_owned())).collect())
+}
+
 /// Follows which routers' tokens come and go in one session.
-fn look_out(session: &Session, ours: &Arc<AtomicBool>) -> Result<(Sight, Subscriber<()>), zenoh::Error> {
+fn look_out(session: &Session) -> Result<(Sight, Subscriber<()>), zenoh::Error> {
     let sight = Sight::default();
-    let (seen, ours) = (Arc::clone(&sight), Arc::clone(ours));
+    let seen = Arc::clone(&sight);
     let tokens = session.liveliness().declare_subscriber(router::TOKENS).history(true).callback(move |sample| {
-        let key = sample.key_expr().as_str();
+        let id = keys::last(sample.key_expr().as_str());
         if sample.kind() == SampleKind::Put {
-            lock(&seen).insert(key.to_owned());
-            ours.store(true, Ordering::Relaxed);
+            lock(&seen).insert(id.to_owned());
         } else {
-            lock(&seen).remove(key);
+            lock(&seen).remove(id);
         }
     });
     Ok((sight, tokens.wait()?))
@@ -210,7 +223,22 @@ mod tests {
     use super::*;
     use crate::port::Router;
     use std::error::Error;
+    use std::slice;
     use std::sync::mpsc::channel;
+
+    /// Far longer than anything here takes on any test machine.
+    const GIVES_UP_AFTER: Duration = Duration::from_mins(1);
+
+    fn wait_until(what: &str, holds: impl Fn() -> bool) -> Result<(), Box<dyn Error>> {
+        let begin = Instant::now();
+        while !holds() {
+            if begin.elapsed() > GIVES_UP_AFTER {
+                return Err(format!("waited {GIVES_UP_AFTER:?} for {what}, in vain").into());
+            }
+            thread::sleep(LOOK);
+        }
+        Ok(())
+    }
 
     #[test]
     fn a_client_without_a_router_for_long_begins_a_new_session_in_which_it_hears_what_it_heard() -> Result<(), Box<dyn Error>> {
@@ -227,9 +255,7 @@ mod tests {
         let held = line.hold(Box::new(declare)).map_err(|error| error.to_string())?;
         let first = line.session();
         drop(router);
-        while !first.is_closed() {
-            thread::sleep(LOOK);
-        }
+        wait_until("the end of the session", || first.is_closed())?;
         let _router = Router::open(&endpoints, &[])?;
         let other = Line::open(&endpoints).map_err(|error| error.to_string())?;
         while heard.recv_timeout(LOOK).is_err() {
@@ -240,6 +266,50 @@ mod tests {
         while heard.recv_timeout(LOOK).is_ok() {}
         other.session().put("here", "").wait().map_err(|error| error.to_string())?;
         assert!(heard.recv_timeout(LOOK).is_err(), "it is not held any more");
+        Ok(())
+    }
+
+    /// A router as zenohd is one: it shows no token.
+    fn router_of_others() -> Result<(Session, String), Box<dyn Error>> {
+        for _ in 0..router::DRAWS {
+            let endpoint = router::with_port("tcp/127.0.0.1:0")?;
+            let config = config::router(slice::from_ref(&endpoint), &[]).map_err(|error| error.to_string())?;
+            if let Ok(session) = zenoh::open(config).wait() {
+                return Ok((session, endpoint));
+            }
+        }
+        Err("no port is free".into())
+    }
+
+    #[test]
+    fn a_client_of_a_router_without_a_token_stays_with_it_when_the_router_of_another_launch_goes() -> Result<(), Box<dyn Error>> {
+        let (_own, endpoint) = router_of_others()?;
+        let line = Line::open(slice::from_ref(&endpoint)).map_err(|error| error.to_string())?;
+        let first = line.session();
+        let another = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[endpoint])?;
+        let sees = || !lock(&line.shared.state().sight).is_empty();
+        wait_until("the other launch's token", sees)?;
+        // So that the keeper looks while there is something to see.
+        thread::sleep(2 * LOOK);
+        drop(another);
+        wait_until("the end of that token", || !sees())?;
+        thread::sleep(PATIENCE + 5 * LOOK);
+        assert!(!first.is_closed(), "it has begun anew");
+        assert_eq!(line.session().zid(), first.zid());
+        Ok(())
+    }
+
+    #[test]
+    fn a_client_whose_own_router_shows_no_token_any_more_begins_anew_whoever_else_shows_one() -> Result<(), Box<dyn Error>> {
+        let (own, endpoint) = router_of_others()?;
+        let token = own.liveliness().declare_token(router::TOKENS.replace('*', &own.zid().to_string())).wait();
+        let line = Line::open(slice::from_ref(&endpoint)).map_err(|error| error.to_string())?;
+        let first = line.session();
+        let _another = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[endpoint])?;
+        wait_until("both tokens", || lock(&line.shared.state().sight).len() == 2)?;
+        // As of a router that ends, and forgets this client.
+        token.map_err(|error| error.to_string())?.undeclare().wait().map_err(|error| error.to_string())?;
+        wait_until("the end of the session", || first.is_closed())?;
         Ok(())
     }
 }

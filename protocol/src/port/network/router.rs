@@ -19,7 +19,7 @@ use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait};
 
 /// A free port that somebody else takes first is drawn again so often.
-const DRAWS: u32 = 20;
+pub(super) const DRAWS: u32 = 20;
 
 /// How long a router stays away that has lost one that it had joined.
 const AWAY: Duration = Duration::from_millis(500);
@@ -188,7 +188,7 @@ impl Keeper {
 }
 
 /// `endpoint` with a free port in place of port 0. zenoh would take one too, but not say which.
-fn with_port(endpoint: &str) -> Result<String, OpenError> {
+pub(super) fn with_port(endpoint: &str) -> Result<String, OpenError> {
     let Some(host) = endpoint.strip_suffix(":0") else {
         return Ok(endpoint.to_owned());
     };
