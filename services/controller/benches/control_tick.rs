@@ -4,7 +4,7 @@
 
 use controller::adopt::{Candidate, Handover};
 use controller::control::Controller;
-use controller::settings::{DelaySetting, LearnedSettings, Method, MpcSettings, Settings, StateLimits, Weights};
+use controller::settings::{DelaySetting, LearnedSettings, Method, MpcSettings, Settings, SolverSetting, StateLimits, Weights};
 use criterion::{Criterion, criterion_group, criterion_main};
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
@@ -55,6 +55,7 @@ fn settings() -> Settings {
             method: Method::Mpc,
             delay: DelaySetting::Estimated,
             no_harm: true,
+            solver: SolverSetting::ActiveSet,
         },
         learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3, resumed: false },
     }

@@ -19,10 +19,12 @@
 //! | `deviation` | u − t, free in the first C periods, then constant | C × 3 |
 //! | `sensitivity` | ∂x_k/∂(deviation)             | 6 × 3C    |
 
+pub mod active_set;
 mod caution;
 mod condense;
 pub mod constraint;
 mod cost;
+pub mod interior_point;
 pub mod qp;
 pub mod solver;
 mod target;
@@ -32,6 +34,7 @@ use crate::settings::MpcSettings;
 use caution::Caution;
 use condense::Condensed;
 use constraint::Limits;
+use interior_point::SolverError;
 use model::learned::Moment;
 use model::linearise::{Linearised, linearise};
 use model::lqr::NoGain;
@@ -41,7 +44,7 @@ use model::robot::Robot;
 use model::{State, Velocity};
 use protocol::clock::monotonic_nanos;
 use qp::QuadraticProgram;
-use solver::{Clarabel, SolverError};
+use solver::Solver;
 
 pub use cost::{Cost, TrackingError};
 pub use solver::{Outcome, Status};
@@ -115,7 +118,7 @@ pub struct Mpc {
     condensed: Condensed,
     caution: Option<Caution>,
     program: QuadraticProgram,
-    solver: Clarabel,
+    solver: Solver,
     solution: Vec<f64>,
 }
 
@@ -129,7 +132,7 @@ impl Mpc {
         let limits = Limits::new(robot, &settings.state_limits, main.period, horizon, blocks);
         let mut program = QuadraticProgram::new(3 * blocks + limits.slacks(), limits.rows());
         limits.mark_structure(&mut program);
-        let solver = Clarabel::new(&program)?;
+        let solver = Solver::new(settings.solver, &program)?;
         let still = Linearised {
             next: State::default(),
             by_state: nalgebra::SMatrix::identity(),

@@ -68,6 +68,9 @@ pub struct MpcSettings {
     /// What is done about the time that a command takes to the wheels.
     #[serde(default)]
     pub delay: DelaySetting,
+    /// Who solves the quadratic program.
+    #[serde(default)]
+    pub solver: SolverSetting,
     /// Whether, on each axis, a learned model is used only while it foretells better than the main model with its observer; else it is used
     /// from the first one on, to see what that costs.
     #[serde(default = "yes")]
@@ -91,6 +94,17 @@ pub enum Method {
     FeedforwardP,
     /// Model predictive control with the plant's own dynamics as model, which `coxswain experiment` hands out and nobody else.
     Oracle,
+}
+
+/// Who solves the quadratic program of each period.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SolverSetting {
+    /// A dual active-set method of our own; Clarabel where it has no answer.
+    #[default]
+    ActiveSet,
+    /// Clarabel alone.
+    Clarabel,
 }
 
 /// What is done about the time that a command takes to the wheels.

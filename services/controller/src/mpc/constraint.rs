@@ -170,6 +170,9 @@ impl Limits {
             }
         }
         program.set_structure(places);
+        let mut slacks: Vec<_> = self.rows.iter().enumerate().filter(|(_, row)| matches!(row.kind, Kind::Slack { .. })).collect();
+        slacks.sort_by_key(|(_, row)| self.slack(row));
+        program.set_slack_rows(slacks.into_iter().map(|(index, _)| index).collect());
     }
 
     /// Writes every row and the price of the slacks, about the present plan. Does not allocate.

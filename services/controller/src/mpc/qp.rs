@@ -19,6 +19,8 @@ pub struct QuadraticProgram {
     pub bounds: Vec<f64>,
     /// Places of G that may be other than zero (row, column), column by column.
     structure: Vec<(usize, usize)>,
+    /// Rows that are the lower bounds of the slacks, in the order of these.
+    slack_rows: Vec<usize>,
 }
 
 impl QuadraticProgram {
@@ -30,6 +32,7 @@ impl QuadraticProgram {
             rows: DMatrix::zeros(rows, variables),
             bounds: vec![0.0; rows],
             structure: Vec::new(),
+            slack_rows: Vec::new(),
         }
     }
 
@@ -48,6 +51,16 @@ impl QuadraticProgram {
         places.sort_unstable_by_key(|&(row, column)| (column, row));
         places.dedup();
         self.structure = places;
+    }
+
+    /// Rows that are the lower bounds of the slacks, in the order of these.
+    pub fn slack_rows(&self) -> &[usize] {
+        &self.slack_rows
+    }
+
+    /// Says once that the last unknowns are slacks: in H each stands alone, and costs something from its lower bound, one of `rows`, on.
+    pub fn set_slack_rows(&mut self, rows: Vec<usize>) {
+        self.slack_rows = rows;
     }
 
     /// Sets all numbers to zero.
