@@ -21,6 +21,12 @@ const SHARE: f64 = 0.95;
 /// Its half width in standard deviations.
 const HALF_WIDTH: f64 = 1.96;
 
+/// Samples by which what was learnt before is judged …
+const LATELY: u32 = 20;
+/// … and how few of them in the interval contradict it. Where two in three are inside, as with a model that is only rough, so few are in one of
+/// two hundred such windows.
+const CONTRADICTED: u32 = 8;
+
 /// The last held-out errors, per axis.
 #[derive(Debug, Clone, Default)]
 pub struct HeldOut {
@@ -28,6 +34,8 @@ pub struct HeldOut {
     beyond: VecDeque<Velocity>,
     counted: u64,
     within: [u64; 3],
+    /// Whether each of the last samples was in its interval, per axis: one bit each, the newest lowest.
+    lately: [u32; 3],
 }
 
 impl HeldOut {
@@ -38,13 +46,20 @@ impl HeldOut {
         if beyond.iter().all(|value| value.is_finite()) {
             self.counted += 1;
             for (axis, within) in self.within.iter_mut().enumerate() {
-                *within += u64::from(beyond[axis] <= told[axis]);
+                let inside = beyond[axis] <= told[axis];
+                *within += u64::from(inside);
+                self.lately[axis] = (self.lately[axis] << 1 | u32::from(inside)) & ((1 << LATELY) - 1);
             }
             self.beyond.push_back(beyond);
             if self.beyond.len() > MEMORY {
                 self.beyond.pop_front();
             }
         }
+    }
+
+    /// Whether of the last samples so few were in their intervals, on one axis, that the robot cannot be the one that was learnt.
+    pub fn contradicted(&self) -> bool {
+        self.counted >= u64::from(LATELY) && self.lately.iter().any(|inside| inside.count_ones() < CONTRADICTED)
     }
 
     /// Share of all samples that were in the interval which they were told, per axis.
@@ -104,5 +119,18 @@ mod tests {
         let mut held_out = HeldOut::default();
         held_out.push(&[f64::NAN; AXES], &[0.0; AXES], &[0.0; AXES]);
         assert_eq!(held_out.noise(&[1.0, 2.0, 0.0], &[0.5; AXES]), [1.0, 2.0, 0.5]);
+    }
+
+    #[test]
+    fn a_model_of_another_robot_is_contradicted_and_a_rough_one_is_not() {
+        let contradicted = |scale: f64, samples: usize| {
+            let (mut held_out, mut random) = (HeldOut::default(), SplitMix64::new(3));
+            (0..samples).any(|_| {
+                held_out.push(&[0.01 * random.normal(), scale * random.normal(), 0.0], &[1e-5; AXES], &[9e-5; AXES]);
+                held_out.contradicted()
+            })
+        };
+        assert!(contradicted(0.05, 25) && !contradicted(0.05, 19));
+        assert!(!contradicted(0.02, 100));
     }
 }

@@ -26,7 +26,6 @@ use protocol::message::{ModelSnapshot, Participant, Phase, ResidualSample};
 use protocol::port::{OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 use protocol::topic::Topic;
 use std::collections::VecDeque;
-use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
@@ -68,6 +67,8 @@ struct Job<const D: usize> {
     cut: u64,
     /// With the scale of its noise each.
     observations: Vec<(Observation<D>, f64)>,
+    /// Whether the fit begins from the outset, not where the last one ended.
+    anew: bool,
 }
 
 /// What came of it.
@@ -101,6 +102,9 @@ fn run_over<const D: usize>(settings: &Settings, ports: &Ports, stop: &Stop) -> 
 /// Fits one job after the other, each from where the last one ended.
 fn fit_jobs<const D: usize>(outset: &Outset<D>, mut start: [Hyperparameters<D>; AXES], inbox: &Receiver<Job<D>>, outbox: &Sender<Done<D>>) {
     while let Ok(job) = inbox.recv() {
+        if job.anew {
+            start = outset.hyperparameters();
+        }
         let fitted = outset.fit(&job.observations, &start);
         if let Ok(fitted) = &fitted {
             start = fitted.hyperparameters;
@@ -172,6 +176,10 @@ struct Learner<'a, const D: usize> {
     last_cut: u64,
     /// The snapshot published or resumed last.
     last: Option<ModelSnapshot>,
+    /// Whether what an earlier run has learnt is in the dictionary, and nothing has contradicted it yet.
+    on_trial: bool,
+    /// Whether the next fit begins from the outset.
+    anew: bool,
 }
 
 impl<'a, const D: usize> Learner<'a, D> {
@@ -185,7 +193,7 @@ impl<'a, const D: usize> Learner<'a, D> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
         let fingerprint = fingerprint(&main_model(settings), settings.learner.layout.name());
         let mut dictionary = Dictionary::new(selection(settings, &outset));
-        let resumed = resume_from(settings, fingerprint);
+        let resumed = store::to_resume_from(settings, fingerprint);
         let start = resumed.as_ref().map_or_else(|| outset.hyperparameters(), |snapshot| store::resume(snapshot, &outset, &mut dictionary));
         Ok(Self {
             settings,
@@ -207,7 +215,9 @@ impl<'a, const D: usize> Learner<'a, D> {
             version: resumed.as_ref().map_or(0, |snapshot| snapshot.head.version),
             newest: None,
             last_cut: 0,
+            on_trial: resumed.is_some(),
             last: resumed,
+            anew: false,
         })
     }
 
@@ -287,7 +297,8 @@ impl<'a, const D: usize> Learner<'a, D> {
             self.last_cut = cut;
             let cut = cut * self.settings.learner.every_ticks;
             self.pending.push_back(cut);
-            let job = Job { cut, observations: self.dictionary.observations().map(|(observation, scale)| (*observation, scale)).collect() };
+            let observations = self.dictionary.observations().map(|(observation, scale)| (*observation, scale)).collect();
+            let job = Job { cut, observations, anew: std::mem::take(&mut self.anew) };
             self.jobs.send(job).map_err(|_| RunError::Fitter)?;
         }
         Ok(())
@@ -326,7 +337,19 @@ impl<'a, const D: usize> Learner<'a, D> {
                 self.held_out.push(&error, &learned.variance(&at, &mut self.scratch), &learned.sample_variance);
             }
         }
+        self.forget_if_contradicted(until);
         self.held_out.noise(otherwise, &self.outset.noise_floor())
+    }
+
+    /// Lets go of what an earlier run has learnt, if this robot contradicts it. To doubt it would not be enough: far from what this run has
+    /// seen, where nobody else speaks, it would go on bending the model.
+    fn forget_if_contradicted(&mut self, tick: u64) {
+        if self.on_trial && self.held_out.contradicted() {
+            tracing::info!(tick, covered = ?self.held_out.covered(), "the robot is not what the earlier run has learnt: that is forgotten");
+            self.dictionary.forget_restored();
+            self.held_out = HeldOut::default();
+            (self.on_trial, self.anew) = (false, true);
+        }
     }
 
     fn publish(&mut self, mut fitted: FittedModel<D>, cut: u64, plant_epoch: u64) -> Result<(), RunError> {
@@ -344,7 +367,7 @@ impl<'a, const D: usize> Learner<'a, D> {
         };
         let mut snapshot = snapshot::write(&fitted, &label, &newer)?;
         self.snapshots.send(&mut snapshot)?;
-        if let Err(error) = store::save(&file_of(self.settings), &snapshot) {
+        if let Err(error) = store::save(&store::file_of(self.settings), &snapshot) {
             tracing::warn!("{error}");
             self.pulse.health().set_last_error("the snapshot could not be saved; the log says why");
         }
@@ -405,26 +428,5 @@ impl<'a, const D: usize> Learner<'a, D> {
         health.model_version = version;
         health.snapshots = sent;
         self.pulse.beat();
-    }
-}
-
-/// Where this run's last snapshot is kept.
-fn file_of(settings: &Settings) -> PathBuf {
-    settings.run.folder.join("snapshot.bin")
-}
-
-/// The snapshot to begin with: this run's own after a restart, else the one that the settings name.
-fn resume_from(settings: &Settings, fingerprint: u64) -> Option<ModelSnapshot> {
-    let own = Some(file_of(settings)).filter(|file| settings.run.restarted && file.exists());
-    let file = own.or_else(|| settings.learner.resume.clone())?;
-    match store::load(&file, fingerprint) {
-        Ok(snapshot) => {
-            tracing::info!(file = %file.display(), version = snapshot.head.version, points = snapshot.head.points, "resumed");
-            Some(snapshot)
-        }
-        Err(error) => {
-            tracing::warn!("{error}; beginning with nothing");
-            None
-        }
     }
 }

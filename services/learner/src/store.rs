@@ -1,6 +1,7 @@
 //! The last snapshot, kept in a file and resumed from it. The file holds the message as it was sent, checksum included.
 
 use crate::fit::Outset;
+use crate::settings::Settings;
 use model::AXES;
 use model::gp::dictionary::{Dictionary, Observation};
 use model::gp::hyperparameters::Hyperparameters;
@@ -39,6 +40,27 @@ pub enum StoreError {
         /// The file's.
         got: u64,
     },
+}
+
+/// Where this run's last snapshot is kept.
+pub fn file_of(settings: &Settings) -> PathBuf {
+    settings.run.folder.join("snapshot.bin")
+}
+
+/// The snapshot to begin with: this run's own after a restart, else the one that the settings name.
+pub fn to_resume_from(settings: &Settings, fingerprint: u64) -> Option<ModelSnapshot> {
+    let own = Some(file_of(settings)).filter(|file| settings.run.restarted && file.exists());
+    let file = own.or_else(|| settings.learner.resume.clone())?;
+    match load(&file, fingerprint) {
+        Ok(snapshot) => {
+            tracing::info!(file = %file.display(), version = snapshot.head.version, points = snapshot.head.points, "resumed");
+            Some(snapshot)
+        }
+        Err(error) => {
+            tracing::warn!("{error}; beginning with nothing");
+            None
+        }
+    }
 }
 
 /// Writes `snapshot` to `file`, whole or not at all.
