@@ -29,6 +29,8 @@ pub enum Figure {
     HeadingRmse,
     /// Time after a change in mid-run until the position RMSE is back within 1.2 times what it was; never counts as the length of the run.
     Recovery,
+    /// Time until the delay that is made up for stays within one period of the true one; never counts as the length of the run.
+    DelayFound,
     /// RMS change of the planar input over the period.
     InputEffort,
     /// Share of ticks outside the corridor.
@@ -55,6 +57,7 @@ impl Figure {
             Self::SteadySpeedError => ("steady speed error [mm/s]", 1e3),
             Self::HeadingRmse => ("heading RMSE [mrad]", 1e3),
             Self::Recovery => ("recovery after a change [s]", 1.0),
+            Self::DelayFound => ("delay found [s]", 1.0),
             Self::InputEffort => ("input effort [m/s2]", 1.0),
             Self::CorridorViolations => ("outside the corridor [%]", 1e2),
             Self::Coverage => ("within the learner's 95 % interval [%]", 1e2),
@@ -76,6 +79,7 @@ impl Figure {
             Self::SteadySpeedError => (row.steady_speed_error_mps, f64::INFINITY),
             Self::HeadingRmse => (row.heading_rmse_rad, f64::INFINITY),
             Self::Recovery => (row.recovery_s, row.duration_s),
+            Self::DelayFound => (row.delay_found_s, row.duration_s),
             Self::InputEffort => (Some(row.input_effort), f64::INFINITY),
             Self::CorridorViolations => (row.corridor_violations, f64::NAN),
             Self::Coverage => (row.coverage.map(|of_axes| of_axes.iter().sum::<f64>() / of_axes.len() as f64), f64::NAN),
@@ -118,6 +122,12 @@ pub(super) fn recovery(distances: &[(u64, f64)], change: u64) -> Option<f64> {
     back
 }
 
+/// When the delays that were made up for, each with its time \[s\], begin to stay within one period of the true one.
+pub(super) fn delay_found(made_up_for: &[(f64, f64)], truth: f64, period: f64) -> Option<f64> {
+    let near = |delay: f64| (delay - truth).abs() <= period + 1e-9;
+    made_up_for.iter().rev().take_while(|&&(_, delay)| near(delay)).last().map(|&(at, _)| at)
+}
+
 fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
@@ -141,6 +151,16 @@ mod tests {
         assert!(recovered(17 * seconds).is_some_and(|after| (1.5..=2.0).contains(&after)), "{:?}", recovered(17 * seconds));
         assert_eq!(recovered(100 * seconds), None);
         assert_eq!(recovery(&[], 15 * seconds), None);
+    }
+
+    #[test]
+    fn a_delay_is_found_when_it_is_not_lost_again() {
+        let found = |delays: &[f64]| {
+            let at: Vec<(f64, f64)> = delays.iter().zip(0_u32..).map(|(&delay, tick)| (0.1 * f64::from(tick), delay)).collect();
+            delay_found(&at, 0.25, 0.1)
+        };
+        assert_eq!(found(&[0.2, 0.0, 0.18, 0.35, 0.25]), Some(0.2));
+        assert_eq!(found(&[0.2, 0.2, 0.0]), None);
     }
 
     #[test]

@@ -144,6 +144,7 @@ mod tests {
             position_max_m: None,
             position_at_end_m: None,
             recovery_s: None,
+            delay_found_s: None,
             heading_rmse_rad: None,
             input_effort: 0.0,
             constraint_violations: 0,

@@ -77,6 +77,8 @@ pub struct Row {
     /// Where the robot or its world changes in mid-run: time from there after which the position RMSE, to the end, is at most 1.2 times what
     /// it was before, from 3 s on \[s\].
     pub recovery_s: Option<f64>,
+    /// Time until the delay that is made up for stays within one period of the scenario's \[s\].
+    pub delay_found_s: Option<f64>,
     /// As in `summary.json`.
     pub heading_rmse_rad: Option<f64>,
     /// Mean squared change of the applied planar input from one period to the next, over the period squared, RMS \[m/s²\].
@@ -105,6 +107,8 @@ struct Witnessed {
     /// Plans heard, and those of them that used the learned model, per velocity axis.
     plans: u64,
     learned: [u64; 3],
+    /// What was made up for by each plan, with its time \[s\].
+    delays: Vec<(f64, f64)>,
     calibration: Calibration,
 }
 
@@ -132,6 +136,7 @@ pub enum TrialError {
 pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, Start)) -> Result<Row, TrialError> {
     let limits = assembly.scenario.mpc.state_limits;
     let corridor = Corridor::of(&assembly.scenario)?;
+    let period = assembly.scenario.period_millis * 1e-3;
     let outside = |truth: &Truth| {
         limits.heading_rad.is_some_and(|limit| truth.pose[2].abs() > limit)
             || limits.speed_mps.is_some_and(|limit| truth.velocity[0].abs().max(truth.velocity[1].abs()) > limit)
@@ -139,12 +144,11 @@ pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, St
     };
     let witnessed = in_process::drive(assembly, folder, |ports, run, stop| {
         let calibration = Calibration::new(Controller::expected(&assembly.controller(run.clone())));
-        witness(ports, stop, calibration, outside)
+        witness(ports, stop, calibration, period, outside)
     })??;
     let summary = Summary::of(&witnessed.rows, assembly.scenario.period_nanos());
     let distances = summary::distances(&witnessed.rows, assembly.scenario.period_nanos());
     let (scenario, profile, controller, start) = label;
-    let period = assembly.scenario.period_millis * 1e-3;
     Ok(Row {
         scenario: scenario.to_owned(),
         profile: profile.to_owned(),
@@ -160,6 +164,7 @@ pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, St
         position_max_m: summary.position_max_m,
         position_at_end_m: figure::at_end(&distances),
         recovery_s: figure::changes_at(&assembly.scenario.truth).and_then(|at| figure::recovery(&distances, at)),
+        delay_found_s: figure::delay_found(&witnessed.delays, assembly.scenario.truth.command_delay_s, period),
         heading_rmse_rad: summary.heading_rmse_rad,
         input_effort: effort(&witnessed.inputs) / period,
         constraint_violations: witnessed.violations,
@@ -201,7 +206,13 @@ impl Corridor {
 }
 
 /// Listens in the recorder's place, and keeps what the figures need.
-fn witness(ports: &Ports, stop: &Stop, calibration: Calibration, outside: impl Fn(&Truth) -> bool) -> Result<Witnessed, TrialError> {
+fn witness(
+    ports: &Ports,
+    stop: &Stop,
+    calibration: Calibration,
+    period: f64,
+    outside: impl Fn(&Truth) -> bool,
+) -> Result<Witnessed, TrialError> {
     let mut pulse = Pulse::new(ports, Participant::Recorder)?;
     let mut states: Source<PlantState> = ports.source(Since::First)?;
     let mut truths: Source<Truth> = ports.source(Since::First)?;
@@ -210,7 +221,16 @@ fn witness(ports: &Ports, stop: &Stop, calibration: Calibration, outside: impl F
     let mut snapshots: Source<ModelSnapshot> = ports.source(Since::First)?;
     pulse.phase(Phase::Ready);
     let rows = Rows::of_segments(0);
-    let mut kept = Witnessed { rows, inputs: Vec::new(), truths: Vec::new(), violations: 0, plans: 0, learned: [0; 3], calibration };
+    let mut kept = Witnessed {
+        rows,
+        inputs: Vec::new(),
+        truths: Vec::new(),
+        violations: 0,
+        plans: 0,
+        learned: [0; 3],
+        delays: Vec::new(),
+        calibration,
+    };
     loop {
         let ending = stop.requested();
         while let Some(state) = states.next()? {
@@ -226,6 +246,7 @@ fn witness(ports: &Ports, stop: &Stop, calibration: Calibration, outside: impl F
         }
         while let Some(plan) = plans.next()? {
             kept.plans += 1;
+            kept.delays.push((plan.stamp.tick as f64 * period, 1e-6 * f64::from(plan.delay_micros)));
             for (axis, used) in kept.learned.iter_mut().enumerate() {
                 *used += u64::from(plan.learned_axes >> axis & 1);
             }
