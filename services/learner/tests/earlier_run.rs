@@ -1,0 +1,94 @@
+//! A learner that begins with what an earlier run has learnt.
+
+use learner::settings::{KernelChoice, LearnerSettings};
+use learner::{Settings, run};
+use model::learned::Layout;
+use model::main_model::{MainModel, fingerprint};
+use model::robot::Robot;
+use process::{Pace, Run, Stop};
+use protocol::message::{ModelSnapshot, ResidualSample};
+use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::Duration;
+
+const EVERY_TICKS: u64 = 5;
+const DELAY_TICKS: u64 = 3;
+
+fn settings(folder: &Path, resume: Option<PathBuf>) -> Settings {
+    let links = Links::on_this_machine("earlier", folder, true, 5000);
+    Settings {
+        run: Run {
+            links,
+            folder: folder.into(),
+            log: "off".into(),
+            epoch_floor: 0,
+            restarted: false,
+            period_nanos: 100_000_000,
+            pace: Pace::LockStep,
+        },
+        robot: Robot::example(),
+        learner: LearnerSettings {
+            layout: Layout::VelocitySlip,
+            kernel: KernelChoice::LinearPlusSquaredExponential,
+            every_ticks: EVERY_TICKS,
+            delay_ticks: DELAY_TICKS,
+            points_max: 100,
+            evaluations_max: 15,
+            resume,
+        },
+    }
+}
+
+/// What a robot with so much friction, of the sign of each velocity, tells at `tick`.
+fn sample(tick: u64, friction: f64) -> ResidualSample {
+    let wave = |k: f64| (k * tick as f64).sin();
+    let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
+    (sample.stamp.tick, sample.plant_epoch, sample.usable) = (tick, 1, 1);
+    sample.fingerprint = fingerprint(&MainModel::new(&Robot::example(), 0.1), Layout::VelocitySlip.name());
+    sample.velocity = [1.5 * wave(0.31), wave(0.23), wave(0.17)];
+    sample.input = [sample.velocity[0] + 0.3 * wave(0.7), sample.velocity[1] + 0.2 * wave(0.9), sample.velocity[2] + 0.2 * wave(0.5)];
+    sample.residual = std::array::from_fn(|axis| -friction * (4.0 * sample.velocity[axis]).tanh() + 1e-3 * wave(7.3 + axis as f64));
+    sample
+}
+
+/// How many points each model of a run of so many ticks has.
+fn points(folder: &Path, resume: Option<PathBuf>, ticks: u64, friction: f64) -> Result<Vec<u32>, Box<dyn Error>> {
+    let settings = settings(folder, resume);
+    let exchange = Exchange::new(true, Duration::from_secs(5));
+    let ports = Ports::in_memory(&exchange, Identity::new(1));
+    let mut snapshots: Source<ModelSnapshot> = ports.source(Since::First)?;
+    let mut samples = ports.sink::<ResidualSample>()?;
+    let stop = Stop::new();
+    let (exchange, learner_stop) = (exchange.clone(), stop.clone());
+    let learner = thread::spawn(move || {
+        run::run(&settings, &Ports::in_memory(&exchange, Identity::new(2)), &learner_stop).map_err(|e| e.to_string())
+    });
+    let mut points = Vec::new();
+    for tick in 0..ticks {
+        samples.send(&mut sample(tick, friction))?;
+        // As a controller in lock step, which waits for what is due.
+        let due = tick >= EVERY_TICKS && (tick + 1) % EVERY_TICKS == DELAY_TICKS;
+        while due && !learner.is_finished() && !snapshots.wait(Duration::from_millis(20))? {}
+        while let Some(snapshot) = snapshots.next()? {
+            points.push(snapshot.head.points);
+        }
+    }
+    stop.request();
+    learner.join().map_err(|_| "the learner died")??;
+    Ok(points)
+}
+
+#[test]
+fn what_an_earlier_run_has_learnt_is_kept_until_the_robot_contradicts_it() -> Result<(), Box<dyn Error>> {
+    let (earlier, same, other) = (tempfile::tempdir()?, tempfile::tempdir()?, tempfile::tempdir()?);
+    let learnt = points(earlier.path(), None, 100, 0.05)?;
+    let kept = *learnt.last().ok_or("nothing was learnt")?;
+    let resume = Some(earlier.path().join("snapshot.bin"));
+    let same = points(same.path(), resume.clone(), 60, 0.05)?;
+    assert!(same.iter().all(|&points| points >= kept), "{same:?} after {kept}");
+    let other = points(other.path(), resume, 60, -0.05)?;
+    assert!(other.iter().any(|&points| points < kept / 2), "{other:?} after {kept}");
+    Ok(())
+}
