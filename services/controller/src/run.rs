@@ -4,7 +4,7 @@ use crate::adopt::{Arrival, Event, Handover, prepare};
 use crate::control::{Controller, ControllerError};
 use crate::settings::Settings;
 use model::foresight::Foresight;
-use process::{Pace, Pulse, Seat, Stop};
+use process::{Pace, Pulse, Seat, Stop, step_back};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample};
 use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
@@ -338,6 +338,9 @@ fn attend(
     control_thread: &Thread,
 ) -> Result<(), RunError> {
     let _gone = Gone(&handover.attendant_gone);
+    if settings.run.pace == Pace::RealTime {
+        step_back();
+    }
     let ports = connect(identity)?;
     let mut snapshots: Source<ModelSnapshot> = ports.source(Since::Joining)?;
     let expected = Controller::expected(settings);

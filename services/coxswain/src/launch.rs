@@ -12,13 +12,14 @@ use crate::options::Options;
 use crate::progress;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
-use process::Pace;
+use process::{Pace, go_first};
 use protocol::message::Participant;
 use protocol::port::{OpenError, Router};
 use settings::SettingsError;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::fs::File;
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
@@ -164,7 +165,7 @@ fn run_at(berth: &Berth, assembly: Assembly, programs: PathBuf, out: Option<&Pat
     open_log(&folder, &assembly.log)?;
     person.terminal.say(heading(&assembly));
     tracing::info!(graph = berth.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
-    let router = assembly.networked().then(|| Router::open(&assembly.graph.network.listen, &assembly.graph.network.connect)).transpose()?;
+    let router = assembly.networked().then(|| open_router(&assembly)).transpose()?;
     let endpoints = router.as_ref().map(|router| router.endpoints().to_vec()).unwrap_or_default();
     if !endpoints.is_empty() {
         person.terminal.say(format_args!("network: listening at {}", endpoints.join(", ")));
@@ -175,6 +176,17 @@ fn run_at(berth: &Berth, assembly: Assembly, programs: PathBuf, out: Option<&Pat
     conclude(&voyage, &mut person.terminal);
     let outcome = outcome?;
     if complaints.is_empty() { Ok(outcome) } else { Err(LaunchError::Ending { complaints }) }
+}
+
+/// A router whose threads go first in real time, since states and commands pass through it; what this process starts does not.
+fn open_router(assembly: &Assembly) -> Result<Router, OpenError> {
+    let open = || {
+        if assembly.graph.pace == Pace::RealTime {
+            go_first();
+        }
+        Router::open(&assembly.graph.network.listen, &assembly.graph.network.connect)
+    };
+    thread::scope(|scope| scope.spawn(open).join()).unwrap_or_else(|panic| resume_unwind(panic))
 }
 
 /// Starts, looks after, and ends the processes.

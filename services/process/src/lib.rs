@@ -6,16 +6,22 @@
 //! | `start` | [`main`]: arguments, settings, log, stop signals, body, exit code              |
 //! | `stop`  | [`Stop`]: the request to end, and who may make it                              |
 //! | `pulse` | [`Pulse`]: the heartbeat that goes out as `Health`                             |
+//! | `priority` | [`go_first`]: what a command waits for runs before everything else           |
+//! | `witness` | [`Witness`]: when the machine let nobody run                                 |
 //! | `seat`  | [`Seat`]: a thread held on its processor                                       |
 
+mod priority;
 mod pulse;
 mod run;
 mod seat;
 mod start;
 mod stop;
+mod witness;
 
+pub use priority::{go_first, step_back};
 pub use pulse::Pulse;
 pub use run::{HasRun, Pace, Run};
 pub use seat::Seat;
 pub use start::main;
 pub use stop::Stop;
+pub use witness::{Gap, Witness};

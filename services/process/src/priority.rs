@@ -1,0 +1,74 @@
+//! Who goes first when processors are short.
+
+use thread_priority::unix::{set_thread_priority_and_policy, thread_native_id, thread_schedule_policy};
+use thread_priority::{
+    Error, NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+};
+
+/// Priority among the real-time threads of the machine, from 1 to 99: before everything that has none, behind what serves hardware.
+const PRIORITY: u8 = 10;
+
+/// Real-time threads of the same priority take no turns: each runs until it waits.
+const FIFO: ThreadSchedulePolicy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+
+/// What the crate makes niceness 0 of.
+const NICE_0: u8 = 48;
+
+/// The calling thread, and every thread that it starts from now on, runs before all that is no real-time thread (`SCHED_FIFO`).
+///
+/// For what a command waits for, in real time. A kernel that is built for throughput lets a busy thread finish its slice of some
+/// milliseconds first, on each of the five threads through which a state and its command pass on the network.
+///
+/// Where the system does not permit it, nothing changes: that is logged, since it explains late commands.
+pub fn go_first() {
+    match set(PRIORITY, FIFO) {
+        Ok(()) => tracing::info!(priority = PRIORITY, "runs as a real-time thread"),
+        Err(error) => tracing::info!(%error, "runs among all others: a real-time priority is not permitted (see README, \"On time\")"),
+    }
+}
+
+/// The calling thread goes before those that go first, if that is permitted.
+pub(crate) fn go_before_everything() {
+    let _ = set(2 * PRIORITY, FIFO);
+}
+
+/// The calling thread, if it goes first, runs among all others again.
+pub fn step_back() {
+    if thread_schedule_policy() != Ok(FIFO) {
+        return;
+    }
+    if let Err(error) = set(NICE_0, ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other)) {
+        tracing::warn!(%error, "a thread that nothing waits for stays a real-time thread");
+    }
+}
+
+fn set(priority: u8, policy: ThreadSchedulePolicy) -> Result<(), Error> {
+    let priority = ThreadPriorityValue::try_from(priority).map_err(|_| Error::Priority("not from 0 to 99"))?;
+    set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(priority), policy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rustix::process::getpriority_process;
+    use std::thread;
+
+    #[test]
+    fn what_a_thread_that_goes_first_starts_goes_first_until_it_steps_back() {
+        let now = || (thread_schedule_policy().ok(), getpriority_process(None).ok());
+        let before = now();
+        let chain = thread::spawn(move || {
+            go_first();
+            let started = thread::spawn(move || {
+                let inherited = now();
+                step_back();
+                (inherited, now())
+            });
+            (now(), started.join().ok())
+        });
+        let (first, started) = chain.join().unwrap_or_default();
+        assert_eq!(started, Some((first, before)), "a thread inherits it, and steps back alone");
+        let permitted = thread::spawn(|| set(PRIORITY, FIFO).is_ok()).join().ok();
+        assert_eq!(Some(first != before), permitted, "where it is permitted, and only there, it goes first");
+    }
+}
