@@ -49,12 +49,13 @@ fn each_wrong_setting_is_named_with_its_file_and_line_and_nothing_is_started() -
 fn an_impossible_fault_is_named_with_its_file_and_line_and_nothing_is_started() -> Outcome {
     let good = fs::read_to_string(repository().join("deploy/faults/example.toml"))?;
     for (from, by, pace, expected) in [
-        ("kind = \"jitter\"", "kind = \"flutter\"", "real-time", ["faults.toml:10", "flutter", "jitter"]),
-        ("millis = 15", "milliseconds = 15", "real-time", ["faults.toml:11", "milliseconds", "millis"]),
-        ("probability = 0.3", "probability = 1.3", "real-time", ["faults.toml:15", "1.3", "at most 1"]),
-        ("field = \"velocity\"", "field = \"speed\"", "real-time", ["faults.toml:22", "speed", "velocity"]),
-        ("seed = 7", "seed = 7\nprocess = \"plant\"", "real-time", ["faults.toml:5", "process", "participant"]),
-        ("seed = 7", "seed = 7", "lock-step", ["faults.toml:11", "millis", "messages"]),
+        ("kind = \"jitter\"", "kind = \"flutter\"", "real-time", ["faults.toml:11", "flutter", "jitter"]),
+        ("millis = 15", "milliseconds = 15", "real-time", ["faults.toml:12", "milliseconds", "millis"]),
+        ("probability = 0.3", "probability = 1.3", "real-time", ["faults.toml:16", "1.3", "at most 1"]),
+        ("field = \"velocity\"", "field = \"speed\"", "real-time", ["faults.toml:23", "speed", "velocity"]),
+        ("seed = 7", "seed = 7\nprocess = \"plant\"", "real-time", ["faults.toml:6", "process", "plant"]),
+        ("every_s = 4.0", "", "real-time", ["faults.toml:52", "every_s", "kill"]),
+        ("seed = 7", "seed = 7", "lock-step", ["faults.toml:12", "millis", "messages"]),
     ] {
         let home = tempfile::tempdir_in("/tmp")?;
         let (file, out) = (home.path().join("faults.toml"), home.path().join("run"));

@@ -1,5 +1,6 @@
 //! Options + graph + scenario + robot → what each process is told. Everything is read and checked here, and nothing is started or made.
 
+use crate::faults::{FaultsFile, LockStepFaultsFile};
 use crate::graph::Graph;
 use crate::options::Options;
 use crate::role::{START_ORDER, program};
@@ -27,7 +28,7 @@ pub struct Assembly {
     /// What is logged.
     pub log: String,
     /// What goes wrong on purpose.
-    pub faults: Faults,
+    pub faults: FaultsFile,
 }
 
 /// A robot file.
@@ -38,33 +39,6 @@ struct RobotFile(Robot);
 impl Check for RobotFile {
     fn check(&self) -> Result<(), Impossible> {
         self.0.check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))
-    }
-}
-
-/// A file of faults for a run in real time.
-#[derive(Debug, Deserialize)]
-#[serde(transparent)]
-struct FaultsFile(Faults);
-
-impl Check for FaultsFile {
-    fn check(&self) -> Result<(), Impossible> {
-        if self.0.process.is_some() {
-            return Err(Impossible::new("process", "no such key here: a fault's participant says in which process it is"));
-        }
-        self.0.check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))
-    }
-}
-
-/// A file of faults for a run in lock step.
-#[derive(Debug, Deserialize)]
-#[serde(transparent)]
-struct LockStepFaultsFile(FaultsFile);
-
-impl Check for LockStepFaultsFile {
-    fn check(&self) -> Result<(), Impossible> {
-        let LockStepFaultsFile(file) = self;
-        file.check()?;
-        file.0.check_lock_step().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))
     }
 }
 
@@ -82,9 +56,8 @@ impl Assembly {
     pub fn read(options: &Options) -> Result<Self, SettingsError> {
         let mut graph: Graph = settings::read(&options.graph)?;
         let own_scenario = from(&options.graph, &graph.scenario);
-        let scenario_file = options.scenario.as_deref().map_or_else(|| own_scenario.clone(), |asked| scenario_file(asked, &own_scenario));
         let robot_file = options.robot.clone().unwrap_or_else(|| from(&options.graph, &graph.robot));
-        let mut scenario: Scenario = settings::read(&scenario_file)?;
+        let (mut scenario, scenario_name) = scenario_of(options.scenario.as_deref(), &own_scenario)?;
         let RobotFile(robot) = settings::read(&robot_file)?;
         graph.pace = options.pace.unwrap_or(graph.pace);
         graph.processes.learner.enabled = options.learner.unwrap_or(graph.processes.learner.enabled);
@@ -106,8 +79,7 @@ impl Assembly {
         }
         scenario.duration_s = options.duration.unwrap_or(scenario.duration_s);
         scenario.seed = options.seed.unwrap_or(scenario.seed);
-        let scenario_name = scenario_file.file_stem().map_or_else(|| "scenario".into(), |stem| stem.to_string_lossy().into_owned());
-        let faults = options.faults.as_deref().map_or_else(|| Ok(Faults::default()), |file| faults_of(file, graph.pace))?;
+        let faults = options.faults.as_deref().map_or_else(|| Ok(FaultsFile::default()), |file| faults_of(file, graph.pace))?;
         Ok(Self { graph, scenario, scenario_name, robot, log: options.log.clone(), faults })
     }
 
@@ -199,10 +171,10 @@ impl Assembly {
     }
 }
 
-fn faults_of(file: &Path, pace: Pace) -> Result<Faults, SettingsError> {
+fn faults_of(file: &Path, pace: Pace) -> Result<FaultsFile, SettingsError> {
     match pace {
-        Pace::RealTime => settings::read(file).map(|FaultsFile(faults)| faults),
-        Pace::LockStep => settings::read(file).map(|LockStepFaultsFile(FaultsFile(faults))| faults),
+        Pace::RealTime => settings::read(file),
+        Pace::LockStep => settings::read(file).map(|LockStepFaultsFile(faults)| faults),
     }
 }
 
@@ -222,10 +194,20 @@ fn from(file: &Path, path: &Path) -> PathBuf {
     if whole.exists() && !short.exists() { whole } else { short }
 }
 
-/// The scenario that was asked for: a file, or the name of one beside the graph's own.
-fn scenario_file(asked: &Path, own: &Path) -> PathBuf {
-    let is_file = asked.extension().is_some() || asked.components().count() > 1 || asked.is_file();
-    if is_file { asked.to_path_buf() } else { own.with_file_name(asked).with_extension("toml") }
+/// The scenario that was asked for, and a person's name for it: a file, or the name of one beside the graph's `own`, with variants as in
+/// `figure-eight+payload`.
+fn scenario_of(asked: Option<&Path>, own: &Path) -> Result<(Scenario, String), SettingsError> {
+    let Some(asked) = asked else { return Ok((settings::read(own)?, name_of(own))) };
+    if asked.extension().is_some() || asked.components().count() > 1 || asked.is_file() {
+        return Ok((settings::read(asked)?, name_of(asked)));
+    }
+    let name = asked.to_string_lossy().into_owned();
+    Ok((Scenario::named(own.parent().unwrap_or(Path::new("")), &name, None, &[])?, name))
+}
+
+/// Its file's name without the ending.
+fn name_of(file: &Path) -> String {
+    file.file_stem().map_or_else(|| "scenario".into(), |stem| stem.to_string_lossy().into_owned())
 }
 
 /// Binaries of `roles` that are not in `folder`.
@@ -247,16 +229,22 @@ mod tests {
     #[test]
     fn the_example_of_faults_can_be_used() -> Result<(), SettingsError> {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/faults/example.toml");
-        assert_eq!(faults_of(&file, Pace::RealTime)?.fault.len(), 3);
+        let faults = faults_of(&file, Pace::RealTime)?;
+        assert_eq!((faults.fault.len(), faults.process.len()), (3, 2));
         Ok(())
     }
 
     #[test]
-    fn a_scenario_is_asked_for_by_file_or_by_name() {
-        let own = Path::new("deploy/graphs/../scenarios/paper.toml");
-        assert_eq!(scenario_file(Path::new("circle"), own), Path::new("deploy/graphs/../scenarios/circle.toml"));
-        assert_eq!(scenario_file(Path::new("circle.toml"), own), Path::new("circle.toml"));
-        assert_eq!(scenario_file(Path::new("my/circle"), own), Path::new("my/circle"));
+    fn a_scenario_is_asked_for_by_file_or_by_name_with_variants() -> Result<(), SettingsError> {
+        let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/scenarios/paper.toml");
+        let name = |asked: Option<&Path>| scenario_of(asked, &own).map(|(_, name)| name);
+        assert_eq!(name(None)?, "paper");
+        assert_eq!(name(Some(Path::new("circle")))?, "circle");
+        assert_eq!(name(Some(&own.with_file_name("square.toml")))?, "square");
+        assert_eq!(name(Some(Path::new("figure-eight+payload")))?, "figure-eight+payload");
+        let refused = [name(Some(Path::new("my/circle"))), name(Some(Path::new("circle.toml"))), name(Some(Path::new("ellipse")))];
+        assert!(refused.iter().all(Result::is_err), "{refused:?}");
+        Ok(())
     }
 
     #[test]

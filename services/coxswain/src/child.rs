@@ -53,6 +53,11 @@ impl Child {
         self.system.id()
     }
 
+    /// The same, as the system takes it.
+    pub fn id(&self) -> Pid {
+        Pid::from_child(&self.system)
+    }
+
     /// How it ended, if it has.
     ///
     /// # Errors
@@ -82,7 +87,7 @@ impl Child {
 
     /// It has not been waited for, so the id is still its own; that it may have ended by itself makes no difference.
     fn signal(&self, signal: Signal) {
-        let _ = kill_process(Pid::from_child(&self.system), signal);
+        let _ = kill_process(self.id(), signal);
     }
 }
 

@@ -308,7 +308,7 @@ impl Bench {
         fs::create_dir_all(folder).map_err(|source| ExperimentError::File { path: folder.to_path_buf(), source })?;
         let poison = self.poison.filter(|_| trial.seed != TEACHING_SEED);
         if let Some(poison) = poison {
-            assembly.faults = poison.faults(trial.seed, assembly.scenario.period_millis * 1e-3);
+            assembly.faults = poison.faults(trial.seed, assembly.scenario.period_millis * 1e-3).into();
         }
         let label = (trial.scenario.as_str(), self.profile.as_str(), trial.contender, trial.start);
         let row = trial::run(&assembly, folder, label).map(|row| Row { poison, ..row });

@@ -4,9 +4,11 @@ use crate::assembly::Assembly;
 use crate::back_off::Restarts;
 use crate::child::{Child, Ending, last_words};
 use crate::epochs::Epochs;
+use crate::graph::is_needed;
 use crate::role::END_ORDER;
-use crate::watch::View;
-use process::Run;
+use crate::roster::Roster;
+use crate::watch::{HealthView, View};
+use process::{Pace, Run};
 use protocol::message::{Participant, Phase};
 use protocol::port::Links;
 use settings::WriteError;
@@ -17,6 +19,12 @@ use std::time::{Duration, Instant, SystemTime};
 
 /// How long a process may take to be ready.
 const READY_WITHIN: Duration = Duration::from_mins(1);
+
+/// How long one that is started again may say nothing.
+const STARTS_WITHIN: Duration = Duration::from_secs(10);
+
+/// Most that one round counts as silence.
+const ROUND_MOST: Duration = Duration::from_millis(40);
 
 /// A process cannot take part.
 #[derive(Debug, thiserror::Error)]
@@ -78,6 +86,13 @@ pub enum Event {
         /// How long it waits.
         wait: Duration,
     },
+    /// Somebody lives but has said nothing for too long, and was killed: what is dead is started again.
+    Hung {
+        /// Who.
+        role: Participant,
+        /// For how long.
+        silence: Duration,
+    },
     /// Somebody died once too often whom the robot does not need, and stays down.
     GivenUp {
         /// Who.
@@ -113,6 +128,9 @@ pub struct Fleet<'a> {
     voyage: &'a Voyage,
     epochs: Epochs,
     members: BTreeMap<Participant, Member>,
+    roster: Roster,
+    /// The round before.
+    tended: Option<Instant>,
 }
 
 /// One role, and who plays it.
@@ -120,6 +138,7 @@ pub struct Fleet<'a> {
 struct Member {
     restarts: Restarts,
     state: State,
+    silence: Silence,
 }
 
 #[derive(Debug, Default)]
@@ -129,6 +148,28 @@ enum State {
     Running(Child),
     /// Dead, to be started again then.
     Due(Instant),
+}
+
+/// How long somebody has said nothing, in rounds of the launcher: one that is kept from running itself accuses nobody.
+#[derive(Debug, Default)]
+struct Silence {
+    /// When the last Health was sent; none before the first.
+    heard: Option<u64>,
+    lasted: Duration,
+}
+
+impl Silence {
+    /// How long it lasts, once that is longer than `patience`; before the first word longer than the start may take.
+    fn broken_by(&mut self, pid: u32, health: Option<HealthView>, round: Duration, patience: Duration) -> Option<Duration> {
+        let said = health.filter(|health| health.pid == pid).map(|health| health.sent_nanos);
+        if said != self.heard {
+            *self = Self { heard: said, lasted: Duration::ZERO };
+            return None;
+        }
+        self.lasted += round.min(ROUND_MOST);
+        let patience = if self.heard.is_none() { STARTS_WITHIN } else { patience };
+        (self.lasted > patience).then(|| std::mem::take(&mut self.lasted))
+    }
 }
 
 impl<'a> Fleet<'a> {
@@ -142,7 +183,12 @@ impl<'a> Fleet<'a> {
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let floor = if meets { since_1970.as_secs() } else { 0 };
         let epochs = Epochs::open(&voyage.folder.join("epochs.toml"), floor)?;
-        Ok(Self { voyage, epochs, members: BTreeMap::new() })
+        Ok(Self { voyage, epochs, members: BTreeMap::new(), roster: Roster::default(), tended: None })
+    }
+
+    /// Who plays which role.
+    pub fn roster(&self) -> Roster {
+        self.roster.clone()
     }
 
     /// How often somebody was started again.
@@ -166,13 +212,15 @@ impl<'a> Fleet<'a> {
             restarted: member.restarts.total() > 0,
             period_nanos: assembly.scenario.period_nanos(),
             pace: assembly.graph.pace,
-            links: Links { faults: assembly.faults.in_process(role), ..links.clone() },
+            links: Links { faults: assembly.faults.of_messages().in_process(role), ..links.clone() },
         };
         let file = settings_file(folder, role);
         assembly.write_settings(role, run, &file)?;
         let child = Child::start(role, programs, &file, folder).map_err(failed)?;
         tracing::info!(%role, pid = child.pid(), epoch_floor, "started");
+        self.roster.lock().insert(role, child.id());
         member.state = State::Running(child);
+        member.silence = Silence::default();
         Ok(epoch_floor)
     }
 
@@ -183,7 +231,7 @@ impl<'a> Fleet<'a> {
     pub fn is_ready(&mut self, role: Participant, since: Instant, view: &View) -> Result<bool, FleetError> {
         let Some(member) = self.members.get_mut(&role) else { return Ok(false) };
         let State::Running(child) = &mut member.state else { return Ok(false) };
-        if let Some(ending) = child.ended().map_err(|source| FleetError::System { role, source })? {
+        if let Some(ending) = bury(&self.roster, child)? {
             member.state = State::Ended;
             return Err(FleetError::NeverReady { role, ending, last_words: last_words(&self.voyage.folder, role) });
         }
@@ -200,12 +248,22 @@ impl<'a> Fleet<'a> {
     /// [`FleetError`] if the run cannot go on.
     pub fn tend(&mut self, view: &View, now: Instant) -> Result<Vec<Event>, FleetError> {
         let mut events = Vec::new();
+        let round = self.tended.replace(now).map_or(Duration::ZERO, |before| now.saturating_duration_since(before));
+        let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
         for (&role, member) in &mut self.members {
             if let Some(health) = view.health(role) {
                 self.epochs.observe(role, health.epoch).map_err(|source| FleetError::System { role, source })?;
             }
             let State::Running(child) = &mut member.state else { continue };
-            let Some(ending) = child.ended().map_err(|source| FleetError::System { role, source })? else { continue };
+            let Some(ending) = bury(&self.roster, child)? else {
+                // In lock step whoever waits is silent, and its patience ends the run.
+                let patience = self.voyage.assembly.graph.processes.hung_after(role);
+                if real_time && let Some(silence) = member.silence.broken_by(child.pid(), view.health(role), round, patience) {
+                    child.kill();
+                    events.push(Event::Hung { role, silence });
+                }
+                continue;
+            };
             member.state = State::Ended;
             if role == Participant::Plant && ending.is_success() {
                 events.push(Event::Finished);
@@ -213,7 +271,8 @@ impl<'a> Fleet<'a> {
             }
             let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
             let Some(wait) = member.restarts.after_death(&policy, now) else {
-                if role == Participant::Gateway {
+                // In lock step the others wait for a learner and a recorder for ever.
+                if role == Participant::Gateway || real_time && !is_needed(role) {
                     events.push(Event::GivenUp { role, ending });
                     continue;
                 }
@@ -265,11 +324,23 @@ impl<'a> Fleet<'a> {
     }
 
     fn release(&mut self, role: Participant) -> Option<Child> {
+        self.roster.lock().remove(&role);
         match self.members.remove(&role)?.state {
             State::Running(child) => Some(child),
             State::Due(_) | State::Ended => None,
         }
     }
+}
+
+/// How it ended, if it has. Whoever looks at the roster meanwhile finds nobody who is buried.
+fn bury(roster: &Roster, child: &mut Child) -> Result<Option<Ending>, FleetError> {
+    let role = child.role();
+    let mut roster = roster.lock();
+    let ending = child.ended().map_err(|source| FleetError::System { role, source })?;
+    if ending.is_some() {
+        roster.remove(&role);
+    }
+    Ok(ending)
 }
 
 /// Where a process finds what it is told.

@@ -1,6 +1,7 @@
 //! The graph file: which processes, which links, which robot and scenario.
 
 use crate::back_off::RestartPolicy;
+use crate::role::START_ORDER;
 use gateway::settings::{Rates, check_telemetry};
 use process::Pace;
 use protocol::message::Participant;
@@ -93,6 +94,18 @@ fn lock_step_patience_millis() -> u64 {
     10_000
 }
 
+/// Silence of whom the robot needs \[ms\]: four heartbeats.
+const NEEDED_HUNG_AFTER_MILLIS: u64 = 400;
+/// Two heartbeats may be late \[ms\].
+const HUNG_AFTER_LEAST_MILLIS: u64 = 300;
+/// Silence of others \[ms\].
+const HUNG_AFTER_MILLIS: u64 = 3000;
+
+/// Whether the robot cannot be driven without `role`.
+pub fn is_needed(role: Participant) -> bool {
+    matches!(role, Participant::Plant | Participant::Controller)
+}
+
 /// How each process is treated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -123,17 +136,19 @@ impl Default for Processes {
 pub struct Treatment {
     /// Whether it is started at all.
     pub enabled: bool,
-    /// Most restarts within a minute; one more death ends the run.
+    /// Most restarts within a minute; one more death ends the run of whom the robot needs, and leaves it without others.
     pub restarts_per_minute: u32,
     /// Wait before the second restart within a minute, doubled with each further one \[ms\]. The first has no wait.
     pub back_off_millis: u64,
     /// Longest wait before a restart \[ms\].
     pub back_off_max_millis: u64,
+    /// In real time: silence after which it is taken to hang, and is killed \[ms\]. By default 400 of whom the robot needs, and 3000 of others.
+    pub hung_after_millis: Option<u64>,
 }
 
 impl Default for Treatment {
     fn default() -> Self {
-        Self { enabled: true, restarts_per_minute: 10, back_off_millis: 100, back_off_max_millis: 2000 }
+        Self { enabled: true, restarts_per_minute: 10, back_off_millis: 100, back_off_max_millis: 2000, hung_after_millis: None }
     }
 }
 
@@ -149,6 +164,12 @@ impl Treatment {
 }
 
 impl Processes {
+    /// Silence after which the process of `role` is taken to hang.
+    pub fn hung_after(&self, role: Participant) -> Duration {
+        let default = if is_needed(role) { NEEDED_HUNG_AFTER_MILLIS } else { HUNG_AFTER_MILLIS };
+        Duration::from_millis(self.of(role).hung_after_millis.unwrap_or(default))
+    }
+
     /// How `role` is treated.
     pub fn of(&self, role: Participant) -> Treatment {
         match role {
@@ -170,6 +191,12 @@ impl Check for Graph {
             }
         }
         self.network.check().map_err(|impossible| impossible.under("network"))?;
+        for role in START_ORDER {
+            if self.processes.of(role).hung_after_millis.is_some_and(|millis| millis < HUNG_AFTER_LEAST_MILLIS) {
+                let expected = format!("at least {HUNG_AFTER_LEAST_MILLIS} ms: a heartbeat comes every 100 ms");
+                return Err(Impossible::new(format!("processes.{}.hung_after_millis", role.text()), expected));
+            }
+        }
         if self.lock_step_patience_millis == 0 {
             return Err(Impossible::new("lock_step_patience_millis", "at least 1 ms"));
         }

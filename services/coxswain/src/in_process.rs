@@ -75,7 +75,7 @@ pub fn drive<W: Send>(
         pace: Pace::LockStep,
     };
     let identity = || Identity::new(1);
-    let ports = |role, identity| Ports::in_memory_with(&exchange, identity, &assembly.faults.in_process(role));
+    let ports = |role, identity| Ports::in_memory_with(&exchange, identity, &assembly.faults.of_messages().in_process(role));
     let (others, record) = (Stop::new(), Stop::new());
     let mut ready = Ready { healths: Ports::in_memory(&exchange, identity()).source(Since::First)? };
     thread::scope(|scope| {

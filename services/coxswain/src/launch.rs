@@ -10,6 +10,7 @@ use crate::fleet::{Event, Fleet, FleetError, Voyage};
 use crate::folder::{self, FolderError};
 use crate::options::Options;
 use crate::progress;
+use crate::saboteur::Saboteur;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use process::{Pace, go_first};
@@ -240,11 +241,18 @@ fn invite(voyage: &Voyage, terminal: &mut Terminal) {
 fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Person) -> Result<Outcome, LaunchError> {
     let scenario = &voyage.assembly.scenario;
     let (period_nanos, duration_s) = (scenario.period_nanos(), scenario.duration_s);
+    let faults = &voyage.assembly.faults;
+    let mut saboteur = None;
     loop {
         if let Some(signal) = person.asks_to_end() {
             return Ok(Outcome::Signal(signal));
         }
         let (now, view) = (Instant::now(), watch.view());
+        if saboteur.is_none() && view.plan().is_some() && !faults.process.is_empty() {
+            let period = Duration::from_nanos(period_nanos);
+            let begun = Saboteur::begin(&faults.process, faults.seed, period, fleet.roster(), &voyage.folder);
+            saboteur = Some(begun.map_err(|source| LaunchError::System { what: "the list of injected faults", source })?);
+        }
         for event in fleet.tend(&view, now)? {
             match event {
                 Event::Finished => return Ok(Outcome::Finished),
@@ -252,6 +260,10 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
                     tracing::warn!(%role, %ending, ?wait, "died");
                     let when = if wait.is_zero() { "now".into() } else { format!("in {wait:?}") };
                     person.terminal.say(format_args!("{role} ended with {ending}; it is started again {when}"));
+                }
+                Event::Hung { role, silence } => {
+                    tracing::warn!(%role, ?silence, "hangs, and was killed");
+                    person.terminal.say(format_args!("{role} has been silent for {:.1} s, and was killed", silence.as_secs_f64()));
                 }
                 Event::GivenUp { role, ending } => {
                     tracing::error!(%role, %ending, "given up");
@@ -283,7 +295,7 @@ fn heading(assembly: &Assembly) -> String {
     let pace = if assembly.graph.pace == Pace::LockStep { "lock step" } else { "real time" };
     let learner = if assembly.learns() { "on" } else { "off" };
     let Assembly { graph, scenario, scenario_name, .. } = assembly;
-    let faults = match assembly.faults.fault.len() {
+    let faults = match assembly.faults.count() {
         0 => String::new(),
         count => format!("\nFAULTS ARE INJECTED: {count} of them, seed {}", assembly.faults.seed),
     };

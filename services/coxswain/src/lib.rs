@@ -14,6 +14,9 @@
 //! | [`child`]    | one process: start, signal, how it ended                                             |
 //! | [`lookout`]  | `coxswain watch`: telemetry → one line per period                                    |
 //! | [`watch`]    | `Health` and `Plan` → what the launcher knows                                        |
+//! | [`faults`]   | the file of faults: what goes wrong on purpose                                       |
+//! | [`saboteur`] | does it to the processes, and writes down when                                       |
+//! | [`roster`]   | who plays which role at this moment                                                  |
 //! | [`fleet`]    | all processes: start in order, restart, end in order                                 |
 //! | [`launch`]   | one run from reading to sweeping                                                     |
 //! | [`progress`] | the live line                                                                        |
@@ -29,6 +32,7 @@ pub mod child;
 pub mod closing;
 pub mod epochs;
 pub mod experiment;
+pub mod faults;
 pub mod fleet;
 pub mod folder;
 pub mod graph;
@@ -38,6 +42,8 @@ pub mod lookout;
 pub mod options;
 pub mod progress;
 pub mod role;
+pub mod roster;
+pub mod saboteur;
 pub mod scenario;
 pub mod terminal;
 pub mod watch;

@@ -31,6 +31,8 @@ pub struct HealthView {
     pub epoch: u64,
     /// How far it has come.
     pub phase: Phase,
+    /// When it said so, on its own clock \[ns\].
+    pub sent_nanos: u64,
 }
 
 /// What counts of a Plan.
@@ -67,9 +69,13 @@ impl View {
         self.plan
     }
 
-    fn take_in(&mut self, health: &Health) {
+    /// Hears a Health.
+    pub fn take_in(&mut self, health: &Health) {
         if let Some(role) = health.participant() {
-            self.health.insert(role, HealthView { pid: health.pid, epoch: health.stamp.epoch, phase: health.phase() });
+            self.health.insert(
+                role,
+                HealthView { pid: health.pid, epoch: health.stamp.epoch, phase: health.phase(), sent_nanos: health.stamp.sent_nanos },
+            );
         }
     }
 }

@@ -90,7 +90,7 @@ fn a_model_that_is_wrong_on_one_axis_is_not_used_there_and_does_no_harm() -> Out
         let mut assembly = assembly("figure-eight", contender, 1)?;
         assembly.scenario.mpc.no_harm = no_harm;
         assembly.scenario.duration_s = 15.0;
-        assembly.faults = Poison::SidewaysFlips.faults(1, 0.1);
+        assembly.faults = Poison::SidewaysFlips.faults(1, 0.1).into();
         run(&assembly, contender, Start::Cold, tempfile::tempdir()?.path())
     };
     let observer = lied_to(Contender::MpcObserver, true)?;

@@ -5,7 +5,8 @@ use coxswain::fleet::{Event, Fleet, FleetError, Voyage, settings_file};
 use coxswain::options::Options;
 use coxswain::role::{START_ORDER, program};
 use coxswain::watch::View;
-use protocol::message::Participant;
+use process::Pace;
+use protocol::message::{Health, Participant, Phase};
 use std::error::Error;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -139,35 +140,95 @@ fn what_dies_is_started_again_at_once_in_a_higher_epoch() -> Outcome {
 
 #[test]
 fn what_dies_over_and_over_ends_the_run_with_its_last_words() -> Outcome {
-    let Fixture { voyage, .. } = &mut fixture(OBEDIENT, (Participant::Learner, "echo out of memory; exit 7"))?;
-    voyage.assembly.graph.processes.learner.restarts_per_minute = 2;
+    let Fixture { voyage, .. } = &mut fixture(OBEDIENT, (Participant::Controller, "echo out of memory; exit 7"))?;
+    voyage.assembly.graph.processes.controller.restarts_per_minute = 2;
     let mut fleet = Fleet::new(voyage)?;
-    fleet.start(Participant::Learner)?;
+    fleet.start(Participant::Controller)?;
     let error = loop {
         match next_events(&mut fleet) {
             Ok(_) => {}
             Err(error) => break error.to_string(),
         }
     };
-    assert!(error.starts_with("learner ended with exit code 7, and 2 restarts within a minute are the limit"), "{error}");
+    assert!(error.starts_with("controller ended with exit code 7, and 2 restarts within a minute are the limit"), "{error}");
     assert!(error.ends_with("out of memory"), "{error}");
     Ok(())
 }
 
-#[test]
-fn a_gateway_that_dies_over_and_over_is_given_up_and_the_run_goes_on() -> Outcome {
-    let Fixture { voyage, .. } = &mut fixture(OBEDIENT, (Participant::Gateway, "exit 7"))?;
-    voyage.assembly.graph.processes.gateway.restarts_per_minute = 2;
+/// Lets `role` die until it is given up.
+fn give_up(role: Participant, pace: Pace) -> Result<Option<String>, Box<dyn Error>> {
+    let Fixture { voyage, .. } = &mut fixture(OBEDIENT, (role, "exit 7"))?;
+    let processes = &mut voyage.assembly.graph.processes;
+    (processes.gateway.restarts_per_minute, processes.learner.restarts_per_minute) = (2, 2);
+    voyage.assembly.graph.pace = pace;
     let mut fleet = Fleet::new(voyage)?;
-    fleet.start(Participant::Gateway)?;
+    fleet.start(role)?;
     let given_up = loop {
-        let events = next_events(&mut fleet)?;
-        if let [Event::GivenUp { role, ending }] = &events[..] {
-            break (*role, ending.to_string());
+        match next_events(&mut fleet) {
+            Err(FleetError::TooManyDeaths { .. }) => return Ok(None),
+            events => {
+                if let [Event::GivenUp { role: who, ending }] = &events?[..] {
+                    assert_eq!(*who, role);
+                    break ending.to_string();
+                }
+            }
         }
     };
-    assert_eq!(given_up, (Participant::Gateway, "exit code 7".into()));
     assert_eq!(fleet.tend(&View::default(), Instant::now())?, [], "it stays down");
+    Ok(Some(given_up))
+}
+
+#[test]
+fn whom_the_robot_does_not_need_is_given_up_when_it_dies_over_and_over_and_the_run_goes_on() -> Outcome {
+    let expected = Some("exit code 7".to_owned());
+    assert_eq!(give_up(Participant::Gateway, Pace::LockStep)?, expected);
+    assert_eq!(give_up(Participant::Learner, Pace::RealTime)?, expected);
+    assert_eq!(give_up(Participant::Learner, Pace::LockStep)?, None, "in lock step the clock would wait for it for ever");
+    Ok(())
+}
+
+/// Health of `role` in process `pid`, sent at `sent_nanos`.
+fn health(role: Participant, pid: u32, sent_nanos: u64) -> Health {
+    let mut health: Health = bytemuck::Zeroable::zeroed();
+    (health.participant, health.phase, health.pid) = (role.code(), Phase::Running.code(), pid);
+    health.stamp.sent_nanos = sent_nanos;
+    health
+}
+
+#[test]
+fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_launcher_that_was_away() -> Outcome {
+    let Fixture { voyage, .. } = &fixture(DEAF, (Participant::Plant, DEAF))?;
+    let mut fleet = Fleet::new(voyage)?;
+    fleet.start(Participant::Controller)?;
+    let roster = fleet.roster();
+    let pid = || roster.lock().get(&Participant::Controller).map(|pid| pid.as_raw_pid());
+    let first = pid().ok_or("nobody plays the controller")?;
+    let mut view = View::default();
+    let (round, mut now) = (Duration::from_millis(20), Instant::now());
+    let mut tend = |fleet: &mut Fleet<'_>, view: &View, passed: Duration| {
+        now += passed;
+        fleet.tend(view, now)
+    };
+    for sent in 0..50 {
+        view.take_in(&health(Participant::Controller, u32::try_from(first)?, sent));
+        assert_eq!(tend(&mut fleet, &view, round)?, [], "it has spoken");
+    }
+    assert_eq!(tend(&mut fleet, &view, Duration::from_mins(1))?, [], "the launcher was stopped for a minute, not the controller");
+    let mut rounds = 0;
+    let silence = loop {
+        rounds += 1;
+        if let [Event::Hung { role: Participant::Controller, silence }] = tend(&mut fleet, &view, round)?[..] {
+            break silence;
+        }
+        assert!(rounds < 100, "nobody noticed");
+    };
+    assert!((Duration::from_millis(400)..Duration::from_millis(450)).contains(&silence), "{silence:?}");
+    while pid() == Some(first) || pid().is_none() {
+        std::thread::sleep(Duration::from_millis(1));
+        tend(&mut fleet, &view, Duration::ZERO)?;
+    }
+    assert!(fs::read_to_string(format!("/proc/{first}/stat")).is_err(), "it is dead and buried before its successor starts");
+    fleet.end(|_| Duration::ZERO, || true);
     Ok(())
 }
 

@@ -1,0 +1,224 @@
+//! The file of faults: what goes wrong on purpose, on the links and with the processes.
+
+use protocol::message::Participant;
+use protocol::port::{Fault, Faults};
+use serde::Deserialize;
+use settings::{Check, Impossible};
+use std::time::Duration;
+
+/// Most times that one fault can be asked for.
+const TIMES_MAX: u32 = 100_000;
+/// Longest time that can be asked for \[s\].
+const SECONDS_MAX: f64 = 1e5;
+/// The golden ratio's fraction: its multiples fall evenly over the period, however many there are.
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
+
+/// What a file of faults holds.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FaultsFile {
+    /// Seed of all random choices.
+    #[serde(default)]
+    pub seed: u64,
+    /// Of messages, on the links.
+    #[serde(default)]
+    pub fault: Vec<Fault>,
+    /// Of processes.
+    #[serde(default)]
+    pub process: Vec<ProcessFault>,
+}
+
+/// Something that happens to a process.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProcessFault {
+    /// What.
+    pub kind: ProcessFaultKind,
+    /// To whom; of `hog` to nobody.
+    #[serde(default)]
+    pub participant: Option<Participant>,
+    /// When for the first time, counted from the first plan \[s\].
+    pub from_s: f64,
+    /// How far apart, if it happens more than once \[s\]. Each one is put off by another part of the control period.
+    #[serde(default)]
+    pub every_s: Option<f64>,
+    /// How often.
+    #[serde(default = "once")]
+    pub times: u32,
+    /// Of `stop` and `hog`: how long \[ms\].
+    #[serde(default)]
+    pub millis: Option<u64>,
+    /// Of `memory` and `disk`: how much of it there is from then on \[MiB\].
+    #[serde(default)]
+    pub mebibytes: Option<u64>,
+}
+
+fn once() -> u32 {
+    1
+}
+
+/// What can happen to a process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ProcessFaultKind {
+    /// SIGKILL.
+    Kill,
+    /// SIGSTOP, and SIGCONT after a time.
+    Stop,
+    /// Every processor of the machine is kept busy for a time.
+    Hog,
+    /// No more address space than so much.
+    Memory,
+    /// No file may grow beyond so much, as on a disk that is full.
+    Disk,
+}
+
+impl ProcessFaultKind {
+    /// Name in files and logs.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Kill => "kill",
+            Self::Stop => "stop",
+            Self::Hog => "hog",
+            Self::Memory => "memory",
+            Self::Disk => "disk",
+        }
+    }
+}
+
+impl ProcessFault {
+    /// When it happens, counted from the first plan, for a control period of `period`: swept over the phase of the period from a place
+    /// that `seed` chooses.
+    pub fn times(&self, period: Duration, seed: u64) -> impl Iterator<Item = Duration> + use<> {
+        let begin = (seed as f64 * GOLDEN).fract();
+        let (from_s, every_s) = (self.from_s, self.every_s.unwrap_or(0.0));
+        let at = move |time: u32| {
+            let phase = (begin + f64::from(time) * GOLDEN).fract();
+            Duration::from_secs_f64(from_s + f64::from(time) * every_s) + period.mul_f64(phase)
+        };
+        (0..self.times).map(at)
+    }
+
+    fn check(&self) -> Result<(), Impossible> {
+        let kind = self.kind.name();
+        let seconds = |key, value: f64, least: f64| {
+            let possible = value.is_finite() && value >= least && value <= SECONDS_MAX;
+            if possible { Ok(()) } else { Err(Impossible::new(key, format!("{least} to {SECONDS_MAX} s"))) }
+        };
+        let given = |key: &str, is: bool, wanted: bool, what: &str| match (is, wanted) {
+            (true, false) => Err(Impossible::new(key, format!("no such key for {kind}"))),
+            (false, true) => Err(Impossible::new(key, format!("it for {kind}: {what}"))),
+            _ => Ok(()),
+        };
+        let of_nobody = self.kind == ProcessFaultKind::Hog;
+        given("participant", self.participant.is_some(), !of_nobody, "whose process")?;
+        let lasts = matches!(self.kind, ProcessFaultKind::Stop | ProcessFaultKind::Hog);
+        given("millis", self.millis.is_some(), lasts, "how long")?;
+        let limits = matches!(self.kind, ProcessFaultKind::Memory | ProcessFaultKind::Disk);
+        given("mebibytes", self.mebibytes.is_some(), limits, "how much there is")?;
+        if self.times > 1 {
+            given("every_s", self.every_s.is_some(), true, "how far apart, for more than once")?;
+        }
+        if !(1..=TIMES_MAX).contains(&self.times) {
+            return Err(Impossible::new("times", format!("1 to {TIMES_MAX}")));
+        }
+        seconds("from_s", self.from_s, 0.0)?;
+        self.every_s.map_or(Ok(()), |every| seconds("every_s", every, 0.001))
+    }
+}
+
+impl FaultsFile {
+    /// What happens on the links.
+    pub fn of_messages(&self) -> Faults {
+        Faults { seed: self.seed, process: None, fault: self.fault.clone() }
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.fault.len() + self.process.len()
+    }
+}
+
+impl From<Faults> for FaultsFile {
+    /// Of messages alone.
+    fn from(faults: Faults) -> Self {
+        Self { seed: faults.seed, fault: faults.fault, process: Vec::new() }
+    }
+}
+
+impl Check for FaultsFile {
+    fn check(&self) -> Result<(), Impossible> {
+        self.of_messages().check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))?;
+        let mut processes = self.process.iter().enumerate();
+        processes.try_for_each(|(index, fault)| fault.check().map_err(|impossible| impossible.under(&format!("process.{index}"))))
+    }
+}
+
+/// The same for a run in lock step.
+#[derive(Debug, Deserialize)]
+#[serde(transparent)]
+pub struct LockStepFaultsFile(pub FaultsFile);
+
+impl Check for LockStepFaultsFile {
+    fn check(&self) -> Result<(), Impossible> {
+        let LockStepFaultsFile(file) = self;
+        file.check()?;
+        file.of_messages().check_lock_step().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn refusal(text: &str) -> Option<String> {
+        settings::parse::<FaultsFile>(text, Path::new("f.toml")).err().map(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_fault_of_a_process_says_what_it_needs_and_nothing_else() {
+        let refused = |fault: &str| refusal(&format!("[[process]]\nfrom_s = 1.0\n{fault}")).unwrap_or_default();
+        assert_eq!(refused("kind = \"kill\"\nparticipant = \"controller\""), "");
+        assert_eq!(refused("kind = \"stop\"\nparticipant = \"plant\"\nmillis = 300\ntimes = 3\nevery_s = 1.5"), "");
+        assert_eq!(refused("kind = \"hog\"\nmillis = 300"), "");
+        assert_eq!(refused("kind = \"memory\"\nparticipant = \"learner\"\nmebibytes = 64"), "");
+        for (fault, key) in [
+            ("kind = \"kill\"", "participant"),
+            ("kind = \"kill\"\nparticipant = \"plant\"\nmillis = 5", "millis"),
+            ("kind = \"stop\"\nparticipant = \"plant\"", "millis"),
+            ("kind = \"disk\"\nparticipant = \"recorder\"", "mebibytes"),
+            ("kind = \"hog\"\nmillis = 5\nparticipant = \"plant\"", "participant"),
+            ("kind = \"kill\"\nparticipant = \"plant\"\ntimes = 3", "every_s"),
+            ("kind = \"kill\"\nparticipant = \"plant\"\ntimes = 0", "times"),
+            ("kind = \"kill\"\nparticipant = \"plant\"\ntimes = 2\nevery_s = 0.0", "every_s"),
+        ] {
+            assert!(refused(fault).contains(&format!("process.0.{key}")), "{fault}: {}", refused(fault));
+        }
+        assert!(
+            refusal("[[process]]\nfrom_s = -1.0\nkind = \"kill\"\nparticipant = \"plant\"").is_some_and(|said| said.contains("from_s"))
+        );
+    }
+
+    #[test]
+    fn what_happens_often_is_swept_over_the_period() {
+        let kills = ProcessFault {
+            kind: ProcessFaultKind::Kill,
+            participant: Some(Participant::Controller),
+            from_s: 2.0,
+            every_s: Some(1.0),
+            times: 200,
+            millis: None,
+            mebibytes: None,
+        };
+        let period = Duration::from_millis(20);
+        let phases = kills.times(period, 7).zip(0..).map(|(at, time)| (at - Duration::from_secs(2 + time)).as_secs_f64() / 0.02);
+        let mut tenths = [0; 10];
+        for phase in phases {
+            assert!((0.0..1.0).contains(&phase), "{phase}");
+            tenths[(phase * 10.0) as usize] += 1;
+        }
+        assert!(tenths.iter().all(|&count| (18..=22).contains(&count)), "{tenths:?}");
+        assert_ne!(kills.times(period, 7).next(), kills.times(period, 8).next());
+    }
+}

@@ -1,0 +1,191 @@
+//! Does to processes what the file of faults says, and writes down when it did.
+
+use crate::faults::{ProcessFault, ProcessFaultKind};
+use crate::roster::Roster;
+use process::Stop;
+use protocol::clock::monotonic_nanos;
+use protocol::message::Participant;
+use rustix::process::{Pid, Resource, Rlimit, Signal, kill_process, prlimit};
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::Path;
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+/// Name of the list in the folder of a run, one JSON object a line.
+pub const LIST: &str = "injected.jsonl";
+
+/// How exact it is, and how often it looks whether it shall end.
+const LOOK: Duration = Duration::from_micros(200);
+/// Somebody who is not there is waited for so long: it is being started again.
+const ABSENT: Duration = Duration::from_secs(5);
+
+/// One fault that has been injected.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Injected {
+    /// What, by its name in the file of faults.
+    pub kind: String,
+    /// To whom.
+    pub participant: Option<Participant>,
+    /// Its process.
+    pub pid: Option<i32>,
+    /// When, on the monotonic clock of the machine \[ns\].
+    pub nanos: u64,
+}
+
+/// Does its work on a thread of its own until it is dropped.
+#[derive(Debug)]
+pub struct Saboteur {
+    stop: Stop,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// One thing to do.
+#[derive(Debug, Clone, Copy)]
+struct Deed {
+    at: Duration,
+    kind: ProcessFaultKind,
+    participant: Option<Participant>,
+    lasts: Duration,
+    bytes: u64,
+}
+
+impl Saboteur {
+    /// Begins with `faults` now, which is when the robot begins to drive, and writes the list into the folder of the run.
+    ///
+    /// # Errors
+    /// If the list cannot be made.
+    pub fn begin(faults: &[ProcessFault], seed: u64, period: Duration, roster: Roster, folder: &Path) -> io::Result<Self> {
+        let begin = Instant::now();
+        let mut deeds: Vec<Deed> = faults.iter().flat_map(|fault| deeds(fault, period, seed)).collect();
+        deeds.sort_by_key(|deed| deed.at);
+        let list = File::create(folder.join(LIST))?;
+        let stop = Stop::new();
+        let work = Work { begin, roster, list, stop: stop.clone() };
+        let thread = thread::Builder::new().name("saboteur".into()).spawn(move || work.work(&deeds))?;
+        Ok(Self { stop, thread: Some(thread) })
+    }
+}
+
+impl Drop for Saboteur {
+    fn drop(&mut self) {
+        self.stop.request();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn deeds(fault: &ProcessFault, period: Duration, seed: u64) -> impl Iterator<Item = Deed> + use<> {
+    let (kind, participant, lasts) = (fault.kind, fault.participant, Duration::from_millis(fault.millis.unwrap_or(0)));
+    let bytes = fault.mebibytes.unwrap_or(0) << 20;
+    fault.times(period, seed).map(move |at| Deed { at, kind, participant, lasts, bytes })
+}
+
+struct Work {
+    begin: Instant,
+    roster: Roster,
+    list: File,
+    stop: Stop,
+}
+
+impl Work {
+    fn work(mut self, deeds: &[Deed]) {
+        for deed in deeds {
+            self.sleep_until(self.begin + deed.at);
+            if self.stop.requested() {
+                return;
+            }
+            self.commit(deed);
+        }
+    }
+
+    fn commit(&mut self, deed: &Deed) {
+        let Some(participant) = deed.participant else {
+            self.note(deed, None);
+            self.hog(deed.lasts);
+            return;
+        };
+        let deadline = Instant::now() + ABSENT;
+        let mut struck = self.strike(participant, deed);
+        while struck.is_none() && Instant::now() < deadline && !self.stop.requested() {
+            thread::sleep(LOOK);
+            struck = self.strike(participant, deed);
+        }
+        let victim = match struck {
+            Some(Ok(victim)) => victim,
+            Some(Err(error)) => {
+                tracing::error!(%participant, kind = deed.kind.name(), %error, "a fault could not be injected");
+                return;
+            }
+            None => {
+                tracing::error!(%participant, kind = deed.kind.name(), "there was nobody to inject a fault into for {ABSENT:?}");
+                return;
+            }
+        };
+        self.note(deed, Some(victim));
+        if deed.kind == ProcessFaultKind::Stop {
+            self.sleep_until(Instant::now() + deed.lasts);
+            let roster = self.roster.lock();
+            if roster.get(&participant) == Some(&victim) {
+                let _ = kill_process(victim, Signal::CONT);
+            }
+        }
+    }
+
+    /// The process that it was done to, if there is one that lives.
+    fn strike(&self, participant: Participant, deed: &Deed) -> Option<rustix::io::Result<Pid>> {
+        let roster = self.roster.lock();
+        let victim = *roster.get(&participant).filter(|&&victim| !awaits_burial(victim))?;
+        let limit = |resource| {
+            let limit = Rlimit { current: Some(deed.bytes), maximum: Some(deed.bytes) };
+            prlimit(Some(victim), resource, limit).map(drop)
+        };
+        let done = match deed.kind {
+            ProcessFaultKind::Kill => kill_process(victim, Signal::KILL),
+            ProcessFaultKind::Stop => kill_process(victim, Signal::STOP),
+            ProcessFaultKind::Memory => limit(Resource::As),
+            ProcessFaultKind::Disk => limit(Resource::Fsize),
+            ProcessFaultKind::Hog => Ok(()),
+        };
+        Some(done.map(|()| victim))
+    }
+
+    /// Keeps every processor busy.
+    fn hog(&self, lasts: Duration) {
+        let end = Instant::now() + lasts;
+        let processors = thread::available_parallelism().map_or(1, usize::from);
+        thread::scope(|scope| {
+            for _ in 0..processors {
+                scope.spawn(|| while Instant::now() < end && !self.stop.requested() {});
+            }
+        });
+    }
+
+    fn note(&mut self, deed: &Deed, victim: Option<Pid>) {
+        let (kind, participant) = (deed.kind.name().to_owned(), deed.participant);
+        let injected = Injected { kind, participant, pid: victim.map(Pid::as_raw_pid), nanos: monotonic_nanos() };
+        let line = serde_json::to_string(&injected).map_err(io::Error::other);
+        if let Err(error) = line.and_then(|line| writeln!(self.list, "{line}")) {
+            tracing::error!(%error, "an injected fault is not in the list");
+        }
+        tracing::warn!(kind = injected.kind, participant = ?injected.participant, pid = ?injected.pid, "fault injected");
+    }
+
+    fn sleep_until(&self, at: Instant) {
+        while !self.stop.requested() {
+            let left = at.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return;
+            }
+            thread::sleep(left.min(Duration::from_millis(20)));
+        }
+    }
+}
+
+/// Whether a process is dead already, and only waits for its parent to take note.
+fn awaits_burial(process: Pid) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.as_raw_pid())).unwrap_or_default();
+    stat.rsplit_once(')').is_none_or(|(_, state)| state.trim_start().starts_with(['Z', 'X']))
+}
