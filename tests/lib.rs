@@ -3,15 +3,14 @@
 //! Every launch has a temporary folder of its own for its files and its run, so that tests run side by side.
 
 mod hosts;
-pub mod oracle;
 mod python;
 mod reader;
-mod record;
 
+pub use coxswain::drill::oracle;
+pub use coxswain::drill::record::{Message, Record};
 pub use hosts::Hosts;
 pub use python::{python, text_of};
 pub use reader::Reader;
-pub use record::{Message, Record};
 
 use rustix::process::{Pid, Signal, kill_process};
 use std::error::Error;

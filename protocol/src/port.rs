@@ -96,6 +96,9 @@ pub struct Ports {
     one_thread: PhantomData<Rc<()>>,
 }
 
+/// Links that stay as long as this does, whoever comes and goes.
+pub struct HeldLinks(#[expect(dead_code, reason = "held, not used")] Vec<shared_memory::Held>);
+
 /// Where the ports meet.
 enum Place {
     /// In this process.
@@ -134,6 +137,23 @@ impl Ports {
     /// How often each of the faults has been injected so far on what these ports have opened, in the order of the settings.
     pub fn injected(&self) -> Vec<u64> {
         self.injection.as_ref().map_or_else(Vec::new, Injection::injected)
+    }
+
+    /// Makes every link of shared memory that there is not yet, and holds it until what is returned is dropped.
+    ///
+    /// A process that is killed just while it makes a link leaves one that nobody can open or make any more. So somebody who outlives the others
+    /// makes them all before anybody else comes.
+    ///
+    /// # Errors
+    /// [`OpenError`] if a link cannot be made, or exists with another message, version or quality.
+    pub fn hold_links(&self) -> Result<HeldLinks, OpenError> {
+        let Place::Graph { carriers, lock_step, shared_memory: Some(shared), .. } = &self.place else { return Ok(HeldLinks(Vec::new())) };
+        let topics = Topic::ALL.into_iter().filter(|&topic| carriers.of(topic) == Carrier::SharedMemory);
+        let lanes = topics.flat_map(|topic| {
+            let watchers = Audience::is_split(topic, *lock_step).then_some((topic, Audience::Watchers));
+            std::iter::once((topic, Audience::Members)).chain(watchers)
+        });
+        lanes.map(|(topic, audience)| shared.hold(topic, audience)).collect::<Result<_, _>>().map(HeldLinks)
     }
 
     /// Opens a writer of `T` on its topic.

@@ -125,7 +125,8 @@ class Gate:
             return SECOND_WRITER
         if stamp.tick > self.tick:
             return FROM_THE_FUTURE
-        if present and stamp.tick <= present.stamp.tick:
+        last = present and (present.stamp.epoch, present.stamp.tick)
+        if last and (stamp.tick < last[1] or (stamp.epoch, stamp.tick) == last):
             return NOT_NEWER
         published = self.published.get(stamp.tick)
         if published is None or now - published > 1.5 * period + self.delay:

@@ -53,11 +53,16 @@ class Duties(unittest.TestCase):
         self.assertEqual(self.reason(command(0), 0.151), gate.TOO_OLD)
         self.assertEqual(self.reason(command(0, epoch=2), 0.149), gate.NONE)
         self.assertEqual(self.reason(command(0, epoch=2)), gate.NOT_NEWER)
+        self.assertEqual(self.reason(command(0, epoch=3), 0.149), gate.NONE)  # one that takes over may be slower
         self.gate.begin(1, 0.2)
-        self.assertEqual(self.reason(command(1, epoch=1), 0.2), gate.OLD_CONTROLLER_EPOCH)
-        self.assertEqual(self.reason(command(1, epoch=2, writer=8), 0.2), gate.SECOND_WRITER)
-        self.gate.begin(2, 0.6)
-        self.assertEqual(self.reason(command(2, epoch=2, writer=8), 0.6), gate.NONE)
+        self.assertEqual(self.reason(command(0, epoch=4), 0.2), gate.TOO_OLD)
+        self.assertEqual(self.reason(command(1, epoch=3), 0.2), gate.NONE)
+        self.assertEqual(self.reason(command(0, epoch=4), 0.2), gate.NOT_NEWER)
+        self.gate.begin(2, 0.3)
+        self.assertEqual(self.reason(command(2, epoch=1), 0.3), gate.OLD_CONTROLLER_EPOCH)
+        self.assertEqual(self.reason(command(2, epoch=3, writer=8), 0.3), gate.SECOND_WRITER)
+        self.gate.begin(3, 0.7)
+        self.assertEqual(self.reason(command(3, epoch=3, writer=8), 0.7), gate.NONE)
 
     def test_3_only_what_is_beyond_a_limit_by_more_than_a_millionth_of_it_is_refused(self) -> None:
         agile = replace(LIMITS, rate=(100.0, 100.0, 100.0))

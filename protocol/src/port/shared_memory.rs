@@ -18,6 +18,7 @@ use crate::topic::{Quality, Topic};
 use iceoryx2::prelude::{Config, FileName, LogLevel, Node, NodeBuilder, Path, SemanticString, SignalHandlingMode, ipc, set_log_level};
 use inlet::SharedMemoryInlet;
 use outlet::SharedMemoryOutlet;
+use service::{Announcement, Events, Messages};
 use std::os::unix::ffi::OsStrExt;
 use std::rc::Rc;
 use std::time::Duration;
@@ -39,6 +40,12 @@ pub(super) struct SharedMemory {
     patience: Duration,
 }
 
+/// The services of a topic, open.
+pub(super) struct Held {
+    _messages: Messages,
+    _events: Events,
+}
+
 impl SharedMemory {
     pub(super) fn open(links: &Links) -> Result<Self, OpenError> {
         set_log_level(LogLevel::Fatal);
@@ -58,6 +65,11 @@ impl SharedMemory {
 
     pub(super) fn inlet(&self, topic: Topic, audience: Audience) -> Result<SharedMemoryInlet, OpenError> {
         SharedMemoryInlet::open(self, topic, audience)
+    }
+
+    /// Opens or makes the services of `topic`, without a port.
+    pub(super) fn hold(&self, topic: Topic, audience: Audience) -> Result<Held, OpenError> {
+        self.services(topic, audience, &Announcement::of(topic)).map(|(messages, events)| Held { _messages: messages, _events: events })
     }
 
     fn quality(&self, topic: Topic, audience: Audience) -> Quality {

@@ -39,6 +39,14 @@ pub enum RunError {
     /// A message could not be sent.
     #[error(transparent)]
     Send(#[from] SendError),
+    /// The gate obeys a controller with a higher epoch, and will never obey this one again.
+    #[error("a controller of epoch {theirs} has taken over from this one of epoch {ours}")]
+    Replaced {
+        /// Our epoch.
+        ours: u64,
+        /// Highest epoch that the gate has accepted.
+        theirs: u64,
+    },
     /// The attendant thread ended with a panic.
     #[error("the thread that prepares models has died")]
     Attendant,
@@ -155,6 +163,9 @@ impl<'a> Loop<'a> {
         let (plant_epoch, tick) = (state.stamp.epoch, state.stamp.tick);
         if self.answered.is_some_and(|answered| answered >= (plant_epoch, tick)) {
             return Ok(());
+        }
+        if let Some(ours) = self.epoch.filter(|&ours| ours < state.controller_epoch) {
+            return Err(RunError::Replaced { ours, theirs: state.controller_epoch });
         }
         let epoch = self.claim_epoch(state);
         let mut sample = self.controller.observe(state, self.handover, epoch);

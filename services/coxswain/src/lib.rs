@@ -14,6 +14,7 @@
 //! | [`child`]    | one process: start, signal, how it ended                                             |
 //! | [`lookout`]  | `coxswain watch`: telemetry → one line per period                                    |
 //! | [`watch`]    | `Health` and `Plan` → what the launcher knows                                        |
+//! | [`drill`]    | `coxswain drill`: faults in everything, on purpose                                   |
 //! | [`faults`]   | the file of faults: what goes wrong on purpose                                       |
 //! | [`saboteur`] | does it to the processes, and writes down when                                       |
 //! | [`roster`]   | who plays which role at this moment                                                  |
@@ -30,6 +31,7 @@ pub mod back_off;
 pub mod berth;
 pub mod child;
 pub mod closing;
+pub mod drill;
 pub mod epochs;
 pub mod experiment;
 pub mod faults;

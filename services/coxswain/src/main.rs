@@ -2,6 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use coxswain::berth;
+use coxswain::drill::{self, DrillOptions};
 use coxswain::experiment::{self, CompareOptions};
 use coxswain::lookout::{self, WatchOptions};
 use coxswain::options::Options;
@@ -29,6 +30,10 @@ enum Command {
     ///
     /// Exit code 0 if it was ended by a signal or its output was closed, 2 if what was said cannot be, 1 if there is nothing to watch.
     Watch(WatchOptions),
+    /// Inject faults into everything, for real, and print what came of them at the wheels.
+    ///
+    /// Exit code 0 if no promise was broken, 1 if one was or the drill could not be done, 2 if what was said cannot be.
+    Drill(DrillOptions),
     /// Compare controllers in closed loops, in lock step and in one process.
     #[command(subcommand)]
     Experiment(Experiment),
@@ -44,6 +49,7 @@ fn main() -> ExitCode {
     match Arguments::parse().command {
         Command::Launch(options) => launch(&options),
         Command::Watch(options) => watch(&options),
+        Command::Drill(options) => drill(&options),
         Command::Experiment(Experiment::Compare(options)) => compare(&options),
     }
 }
@@ -54,6 +60,17 @@ fn compare(options: &CompareOptions) -> ExitCode {
         Err(error) => {
             Terminal::new().say(format_args!("coxswain: {error}"));
             ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn drill(options: &DrillOptions) -> ExitCode {
+    match drill::run(options) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            error.exit_code()
         }
     }
 }

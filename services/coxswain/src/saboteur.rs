@@ -32,6 +32,8 @@ pub struct Injected {
     pub pid: Option<i32>,
     /// When, on the monotonic clock of the machine \[ns\].
     pub nanos: u64,
+    /// For how long, if it passes \[ms\].
+    pub millis: Option<u64>,
 }
 
 /// Does its work on a thread of its own until it is dropped.
@@ -165,7 +167,8 @@ impl Work {
 
     fn note(&mut self, deed: &Deed, victim: Option<Pid>) {
         let (kind, participant) = (deed.kind.name().to_owned(), deed.participant);
-        let injected = Injected { kind, participant, pid: victim.map(Pid::as_raw_pid), nanos: monotonic_nanos() };
+        let millis = (!deed.lasts.is_zero()).then_some(deed.lasts.as_millis() as u64);
+        let injected = Injected { kind, participant, pid: victim.map(Pid::as_raw_pid), nanos: monotonic_nanos(), millis };
         let line = serde_json::to_string(&injected).map_err(io::Error::other);
         if let Err(error) = line.and_then(|line| writeln!(self.list, "{line}")) {
             tracing::error!(%error, "an injected fault is not in the list");

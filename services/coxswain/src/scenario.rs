@@ -50,14 +50,23 @@ impl Scenario {
     /// # Errors
     /// [`SettingsError`] names the first thing that is wrong.
     pub fn named(folder: &Path, name: &str, profile: Option<&str>, changes: &[String]) -> Result<Self, SettingsError> {
+        if !name.contains('+') && profile.is_none() && changes.is_empty() {
+            return settings::read(&folder.join(name).with_extension("toml"));
+        }
+        // Lines are those of the merged text, which nobody sees; the keys say where to look.
+        settings::parse(&Self::merged(folder, name, profile, changes)?, &folder.join(name))
+    }
+
+    /// The same as one text, unchecked.
+    ///
+    /// # Errors
+    /// [`SettingsError`] if a part of it cannot be read.
+    pub fn merged(folder: &Path, name: &str, profile: Option<&str>, changes: &[String]) -> Result<String, SettingsError> {
         let mut parts = name.split('+');
         let base = folder.join(parts.next().unwrap_or_default()).with_extension("toml");
         let variants = parts.map(|variant| folder.join("variants").join(variant).with_extension("toml"));
         let profile = profile.map(|profile| folder.join("profiles").join(profile).with_extension("toml"));
         let overlays: Vec<PathBuf> = profile.into_iter().chain(variants).collect();
-        if overlays.is_empty() && changes.is_empty() {
-            return settings::read(&base);
-        }
         let mut whole = table(&base)?;
         for overlay in overlays {
             merge(&mut whole, table(&overlay)?);
@@ -66,8 +75,7 @@ impl Scenario {
             let Overlay(change) = settings::parse(change, Path::new("--set"))?;
             merge(&mut whole, change);
         }
-        // Lines are those of the merged text, which nobody sees; the keys say where to look.
-        settings::parse(&whole.to_string(), &folder.join(name))
+        Ok(whole.to_string())
     }
 
     /// The variants in `folder`, by name.

@@ -5,7 +5,7 @@
 
 use process::Stop;
 use protocol::message::{Health, Participant, Phase, Plan, Rung};
-use protocol::port::{Identity, Links, OpenError, Ports, ReceiveError, Since, Source};
+use protocol::port::{HeldLinks, Identity, Links, OpenError, Ports, ReceiveError, Since, Source};
 use std::collections::BTreeMap;
 use std::sync::mpsc::{self, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -133,12 +133,14 @@ impl Drop for Watch {
 struct Ears {
     health: Source<Health>,
     plans: Source<Plan>,
+    /// No process that may be killed is ever the one that makes a link.
+    _links: HeldLinks,
 }
 
 impl Ears {
     fn open(links: &Links) -> Result<Self, OpenError> {
         let ports = Ports::open(links, Identity::new(0))?;
-        Ok(Self { health: ports.source(Since::First)?, plans: ports.source(Since::First)? })
+        Ok(Self { _links: ports.hold_links()?, health: ports.source(Since::First)?, plans: ports.source(Since::First)? })
     }
 
     fn listen(mut self, opened: &Sender<Result<(), OpenError>>, view: &Mutex<View>, done: &Stop) {

@@ -17,8 +17,8 @@ pub struct Situation {
     pub tick: u64,
     /// Time since the state that the command answers was published; `None` if that is too long ago to be remembered \[ns\].
     pub age_nanos: Option<u64>,
-    /// Tick that the last accepted command answered.
-    pub accepted_tick: Option<u64>,
+    /// Controller epoch and tick of the last accepted command.
+    pub accepted: Option<(u64, u64)>,
     /// Highest controller epoch so far, its writer, and the time since that was last heard \[ns\].
     pub writer: Option<(u64, u64, u64)>,
     /// Input that acts at this moment.
@@ -44,7 +44,11 @@ pub fn judge(command: &Command, situation: &Situation, bounds: &Bounds) -> Resul
     if command.stamp.tick > situation.tick {
         return Err(Reason::FromTheFuture);
     }
-    if situation.accepted_tick.is_some_and(|accepted| command.stamp.tick <= accepted) {
+    // Epoch before tick: a controller that takes over may answer a state that the other one has answered already, but no older one.
+    if situation
+        .accepted
+        .is_some_and(|(epoch, tick)| command.stamp.tick < tick || (command.stamp.tick, command.stamp.epoch) == (tick, epoch))
+    {
         return Err(Reason::NotNewer);
     }
     let oldest = bounds.period_nanos * AGE_LIMIT_HALF_PERIODS / 2 + bounds.link_delay_nanos;

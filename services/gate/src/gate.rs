@@ -101,7 +101,7 @@ impl Gate {
             plant_epoch: self.plant_epoch,
             tick: self.tick,
             age_nanos: self.published_at(command.stamp.tick).map(|at| now.saturating_sub(at)),
-            accepted_tick: self.stored.map(|stored| stored.command.stamp.tick),
+            accepted: self.accepted(),
             writer: self.writer.map(|(epoch, writer, heard)| (epoch, writer, now.saturating_sub(heard))),
             acting: self.input,
         };
@@ -299,6 +299,18 @@ mod tests {
         assert_eq!(gate.offer(&command(1, 5, 0), 0), Ok(()));
         gate.begin_period(4, 4 * PERIOD);
         assert_eq!(gate.offer(&command(1, 6, 4), 4 * PERIOD), Ok(()));
+    }
+
+    #[test]
+    fn a_greater_epoch_takes_over_in_the_midst_of_a_period_but_never_with_an_older_answer() {
+        let mut gate = gate();
+        gate.begin_period(0, 0);
+        gate.begin_period(1, PERIOD);
+        assert_eq!(gate.offer(&command(1, 5, 1), PERIOD + 10), Ok(()));
+        assert_eq!(gate.offer(&command(2, 6, 0), PERIOD + 20), Err(Reason::NotNewer));
+        assert_eq!(gate.offer(&command(2, 6, 1), PERIOD + 30), Ok(()), "it is slower, but of a greater epoch");
+        assert_eq!(gate.offer(&command(1, 5, 1), PERIOD + 40), Err(Reason::OldEpoch));
+        assert_eq!(gate.offer(&command(2, 6, 1), PERIOD + 50), Err(Reason::NotNewer));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Rule f: what was sent is in the record, or the recorder has counted it as lost.
 
 use super::{Rule, Violation};
-use crate::{Message, Record};
+use crate::drill::record::{Message, Record};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Topics that are recorded.

@@ -16,8 +16,8 @@
 mod counting;
 mod wheels;
 
-use crate::{Message, Record};
-use coxswain::assembly::Assembly;
+use super::record::{Message, Record};
+use crate::assembly::Assembly;
 use std::collections::BTreeMap;
 use std::fmt;
 

@@ -5,7 +5,7 @@ use mcap::sans_io::LinearReaderOptions;
 use serde_json::Value;
 use std::error::Error;
 use std::fs::{self, File};
-use std::io::BufReader;
+use std::io::{self, BufReader};
 use std::path::Path;
 
 /// One recorded message.
@@ -43,7 +43,7 @@ impl Message {
 #[derive(Debug)]
 pub struct Record {
     messages: Vec<Message>,
-    /// `summary.json`.
+    /// `summary.json`; null where there is none, as after a kill of everything.
     pub summary: Value,
 }
 
@@ -51,8 +51,8 @@ impl Record {
     /// Reads the record in a run's folder. Segments that were cut off are read as far as they go.
     ///
     /// # Errors
-    /// If there is none.
-    pub fn read(folder: &Path) -> Result<Self, Box<dyn Error>> {
+    /// If there is none, or it is none.
+    pub fn read(folder: &Path) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let mut segments: Vec<_> = fs::read_dir(folder)?.flatten().map(|entry| entry.path()).collect();
         segments.retain(|path| path.extension().is_some_and(|extension| extension == "mcap"));
         segments.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
@@ -64,7 +64,11 @@ impl Record {
                 messages.push(Message { topic: message.channel.topic.clone(), says: serde_json::from_slice(&message.data)? });
             }
         }
-        let summary = serde_json::from_str(&fs::read_to_string(folder.join("summary.json"))?)?;
+        let summary = match fs::read_to_string(folder.join("summary.json")) {
+            Ok(text) => serde_json::from_str(&text)?,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Value::Null,
+            Err(error) => return Err(error.into()),
+        };
         Ok(Self { messages, summary })
     }
 

@@ -1,7 +1,7 @@
 //! Rules a to d: what the wheels got, in one plant epoch.
 
 use super::{Limits, OLDEST_PERIODS, Rule, Ticks, Violation};
-use crate::Message;
+use crate::drill::record::Message;
 
 /// Rounding, and what a wheel's noise-free command may be off by, relative.
 const TOLERANCE: f64 = 1e-6;

@@ -1,0 +1,235 @@
+//! `coxswain drill`: faults in everything, on purpose and for real, and what came of them at the wheels.
+//!
+//! | file        | what it holds                                                    |
+//! |-------------|------------------------------------------------------------------|
+//! | `catalogue` | the exercises: which faults, in whom, and what must hold         |
+//! | `exercise`  | one exercise, done and judged                                    |
+//! | `session`   | a graph that the drill launches                                  |
+//! | `damage`    | damaged messages at decoder and gate                             |
+//! | `record`    | what a run recorded                                              |
+//! | `oracle`    | record → what was unsafe                                         |
+//! | `measure`   | record → reactions, ways back, and what else was violated        |
+//! | `table`     | rows → the table that is printed                                 |
+
+pub mod catalogue;
+mod damage;
+mod exercise;
+pub mod measure;
+pub mod oracle;
+pub mod record;
+mod session;
+mod table;
+
+use crate::assembly::missing_programs;
+use crate::role::START_ORDER;
+use crate::terminal::{self, Terminal};
+use catalogue::{Carrier, Exercise, Extent, exercises};
+use measure::Measured;
+use process::Stop;
+use serde::Serialize;
+use session::{INTERRUPTED, Trouble};
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+use std::thread;
+use std::time::Instant;
+
+/// What to do.
+#[derive(Debug, Clone, clap::Args)]
+pub struct DrillOptions {
+    /// A part of every exercise, in under a minute.
+    #[arg(long)]
+    pub quick: bool,
+    /// Only exercises of this fault; may be said again.
+    #[arg(long = "fault", value_name = "NAME")]
+    pub faults: Vec<String>,
+    /// Seed of phases, choices and damages: the same one does the same again.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=i64::MAX as u64))]
+    pub seed: u64,
+    /// One JSON row per exercise goes here.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Where everything of an exercise that found a violation is kept.
+    #[arg(long, value_name = "DIR", default_value = "runs/drill")]
+    pub keep: PathBuf,
+    /// Folder with robots and scenarios.
+    #[arg(long, value_name = "DIR", default_value = "deploy")]
+    pub deploy: PathBuf,
+    /// How many exercises at a time.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=64))]
+    pub jobs: u64,
+}
+
+/// What one exercise came to.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// The fault's name.
+    pub fault: &'static str,
+    /// To whom or on which link.
+    pub target: &'static str,
+    /// Over what.
+    pub carrier: Carrier,
+    /// Faults injected.
+    pub injections: u64,
+    /// How many promises were broken.
+    pub violations: usize,
+    /// Age of the oldest state whose answer acted \[T\].
+    pub worst_reaction_periods: Option<f64>,
+    /// From an end to a successor in use \[s\].
+    pub worst_restart_s: Option<f64>,
+    /// Seed that does the same again.
+    pub seed: u64,
+    /// What was violated.
+    pub found: Vec<String>,
+    /// Where everything of it is kept; only if anything was violated.
+    pub kept: Option<PathBuf>,
+}
+
+/// The drill could not be done.
+#[derive(Debug, thiserror::Error)]
+pub enum DrillError {
+    /// There is no such fault.
+    #[error("--fault {name}: expected one of {}", known.join(", "))]
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// All there are.
+        known: Vec<&'static str>,
+    },
+    /// No robots and scenarios.
+    #[error("--deploy {}: expected the folder deploy of the sources, with robots/ and scenarios/", folder.display())]
+    NoDeploy {
+        /// Where they were looked for.
+        folder: PathBuf,
+    },
+    /// A binary that the drill starts is not there.
+    #[error("{} not found in {}: build it with `cargo build --release --workspace`", programs.join(", "), folder.display())]
+    MissingPrograms {
+        /// What is missing.
+        programs: Vec<&'static str>,
+        /// Where it should be.
+        folder: PathBuf,
+    },
+    /// A file.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A signal.
+    #[error("{INTERRUPTED}; what was done by then is in the rows")]
+    Interrupted,
+}
+
+impl DrillError {
+    /// 2 if nothing was started because of what a person set, else 1.
+    pub fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::Unknown { .. } | Self::NoDeploy { .. } => ExitCode::from(2),
+            _ => ExitCode::FAILURE,
+        }
+    }
+}
+
+/// Does the exercises, shows progress, writes the rows and prints the table. Whether nothing was violated.
+///
+/// # Errors
+/// [`DrillError`]; nothing is done if a setting is impossible.
+pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
+    let chosen = chosen(options)?;
+    check(&options.deploy)?;
+    let mut json = options.json.as_deref().map(|path| create(path).map(|file| (path, file))).transpose()?;
+    let stop = Stop::new();
+    stop.on_signals().map_err(|source| DrillError::File { path: "signals".into(), source })?;
+    let mut terminal = Terminal::new();
+    let mut rows = Vec::new();
+    let begin = Instant::now();
+    let next = AtomicUsize::new(0);
+    thread::scope(|scope| {
+        let (done, finished) = mpsc::channel();
+        for _ in 0..options.jobs {
+            let (done, next, chosen, stop) = (done.clone(), &next, &chosen, &stop);
+            scope.spawn(move || {
+                while let Some((index, exercise)) =
+                    Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|index| Some((index, chosen.get(index)?)))
+                {
+                    if stop.requested() || done.send((index, do_one(exercise, options, index, stop))).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        drop(done);
+        for (index, row) in finished {
+            for found in row.found.iter().take(5) {
+                terminal.say(format_args!("{} of {} over {}: {found}", row.fault, row.target, row.carrier.name()));
+            }
+            if let Some((path, file)) = &mut json {
+                let line = serde_json::to_string(&row).map_err(io::Error::other);
+                line.and_then(|line| writeln!(file, "{line}")).map_err(|source| DrillError::File { path: path.to_path_buf(), source })?;
+            }
+            rows.push((index, row));
+            let line = format!("{} of {} exercises, {:.0} s", rows.len(), chosen.len(), begin.elapsed().as_secs_f64());
+            terminal.progress(Instant::now(), || Some(line));
+        }
+        Ok(())
+    })?;
+    rows.sort_by_key(|(index, _)| *index);
+    let rows: Vec<Row> = rows.into_iter().map(|(_, row)| row).collect();
+    terminal::print(table::render(&rows));
+    if stop.requested() {
+        return Err(DrillError::Interrupted);
+    }
+    Ok(rows.iter().all(|row| row.violations == 0))
+}
+
+fn chosen(options: &DrillOptions) -> Result<Vec<Exercise>, DrillError> {
+    let all = exercises(if options.quick { Extent::Quick } else { Extent::Whole });
+    let known: BTreeSet<&'static str> = all.iter().map(|exercise| exercise.fault).collect();
+    if let Some(name) = options.faults.iter().find(|name| !known.contains(name.as_str())) {
+        return Err(DrillError::Unknown { name: name.clone(), known: known.into_iter().collect() });
+    }
+    let wanted = |exercise: &Exercise| options.faults.is_empty() || options.faults.iter().any(|name| name == exercise.fault);
+    Ok(all.into_iter().filter(wanted).collect())
+}
+
+/// Everything that an exercise needs is there.
+fn check(deploy: &Path) -> Result<(), DrillError> {
+    if !deploy.join("robots/mecanum.toml").is_file() || !deploy.join("scenarios").is_dir() {
+        return Err(DrillError::NoDeploy { folder: deploy.to_path_buf() });
+    }
+    let own = std::env::current_exe().map_err(|source| DrillError::File { path: "the drill's own place".into(), source })?;
+    let folder = own.parent().unwrap_or(Path::new("")).to_path_buf();
+    let programs = missing_programs(START_ORDER.into_iter(), &folder);
+    if programs.is_empty() { Ok(()) } else { Err(DrillError::MissingPrograms { programs, folder }) }
+}
+
+fn create(path: &Path) -> Result<File, DrillError> {
+    File::create(path).map_err(|source| DrillError::File { path: path.to_path_buf(), source })
+}
+
+fn do_one(exercise: &Exercise, options: &DrillOptions, index: usize, stop: &Stop) -> Row {
+    let name = format!("{:02}-{}-{}-seed-{}", index, exercise.fault.replace(' ', "-"), exercise.target, options.seed);
+    let kept = options.keep.join(name);
+    let measured = exercise::run(exercise, &options.deploy, options.seed, &kept, stop);
+    let failed = |trouble: Trouble| Measured { violations: vec![format!("it could not be done: {trouble}")], ..Measured::default() };
+    let Measured { injections, violations, worst_reaction, worst_restart } = measured.unwrap_or_else(failed);
+    Row {
+        fault: exercise.fault,
+        target: exercise.target,
+        carrier: exercise.carrier,
+        injections,
+        violations: violations.len(),
+        worst_reaction_periods: worst_reaction,
+        worst_restart_s: worst_restart,
+        seed: options.seed,
+        kept: (!violations.is_empty()).then_some(kept),
+        found: violations,
+    }
+}

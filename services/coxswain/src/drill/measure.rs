@@ -1,0 +1,153 @@
+//! Record of a run with faults → how fast everybody reacted and came back, and what was violated.
+//!
+//! | figure         | what it is                                                                                                      |
+//! |----------------|-----------------------------------------------------------------------------------------------------------------|
+//! | worst reaction | age of the oldest state, in periods, whose answer still acted on the wheels; from 3 on the gate must brake       |
+//! | worst restart  | from the end of a process to its successor in use: a fresh plan of new epochs acted, a snapshot was published, or it said that it is ready |
+
+use super::catalogue::Launch;
+use super::oracle::{Limits, judge};
+use super::record::{Message, Record};
+use crate::graph::{Processes, is_needed};
+use crate::saboteur::Injected;
+use process::Gap;
+use protocol::message::Participant;
+use std::collections::BTreeSet;
+
+/// Longest way back of whom the robot needs \[s\].
+const NEEDED_BACK_WITHIN_S: f64 = 1.0;
+/// Longest way back of others \[s\].
+const BACK_WITHIN_S: f64 = 5.0;
+/// Longest time below a fresh plan that a fault of at most half a second may cause \[s\].
+const BELOW_AT_MOST_S: f64 = 2.5;
+
+/// What an exercise came to.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Measured {
+    /// Faults injected.
+    pub injections: u64,
+    /// What went wrong, a line each.
+    pub violations: Vec<String>,
+    /// \[T\].
+    pub worst_reaction: Option<f64>,
+    /// \[s\].
+    pub worst_restart: Option<f64>,
+}
+
+/// Judges a launch with faults. `gaps` are the times in which the machine let nobody run.
+pub fn measure(record: &Record, launch: &Launch, limits: &Limits, injected: &[Injected], gaps: &[Gap]) -> Measured {
+    let mut violations: Vec<String> = judge(record, limits).iter().map(ToString::to_string).collect();
+    let worst_restart = launch.restarts.and_then(|who| judge_restarts(record, who, injected, &mut violations));
+    let states = states(record);
+    judge_driving(&states, launch, gaps, &mut violations);
+    Measured { injections: injected.len() as u64, violations, worst_reaction: worst_reaction(record, limits), worst_restart }
+}
+
+/// Age of the oldest state whose answer acted \[T\].
+pub fn worst_reaction(record: &Record, limits: &Limits) -> Option<f64> {
+    let acting = record.of("truth").filter(|truth| truth.count("acting_epoch") > 0);
+    acting.map(|truth| truth.count("acting_age_nanos") as f64 * 1e-9 / limits.period_s).reduce(f64::max)
+}
+
+/// States in the order of time, each once.
+fn states(record: &Record) -> Vec<&Message> {
+    let mut seen = BTreeSet::new();
+    record.of("state").filter(|state| seen.insert((state.stamp("epoch"), state.stamp("tick")))).collect()
+}
+
+/// The longest way back of `who`; a violation for each that was too long.
+fn judge_restarts(record: &Record, who: Participant, injected: &[Injected], violations: &mut Vec<String>) -> Option<f64> {
+    let hung_after = Processes::default().hung_after(who).as_millis() as u64;
+    let ends = |fault: &&Injected| fault.participant == Some(who) && fault.millis.is_none_or(|millis| millis > hung_after);
+    let ended: Vec<u64> = injected.iter().filter(ends).map(|fault| fault.nanos).collect();
+    let back = comebacks(record, who);
+    let limit = if is_needed(who) { NEEDED_BACK_WITHIN_S } else { BACK_WITHIN_S };
+    let mut worst = None;
+    for (index, &at) in ended.iter().enumerate() {
+        let next = back.iter().copied().find(|&back| back > at);
+        if ended.get(index + 1).is_some_and(|&again| next.is_none_or(|next| next > again)) {
+            continue; // it ended once more on its way back
+        }
+        let Some(next) = next else {
+            violations.push(format!("{who} was never in use again after fault {index}"));
+            continue;
+        };
+        let took = (next - at) as f64 * 1e-9;
+        if took > limit {
+            violations.push(format!("{who} was in use again {took:.2} s after fault {index}, expected {limit} s at most"));
+        }
+        worst = Some(took.max(worst.unwrap_or(0.0)));
+    }
+    worst
+}
+
+/// When another instance of `who` was in use for the first time, on the monotonic clock \[ns\].
+fn comebacks(record: &Record, who: Participant) -> Vec<u64> {
+    let mut seen = BTreeSet::new();
+    let first = |instance: (u64, u64), at: u64| seen.insert(instance).then_some(at);
+    let mut back: Vec<u64> = match who {
+        Participant::Plant | Participant::Controller => {
+            let fresh = record.of("state").filter(|state| state.word("rung") == "fresh plan");
+            let instances = fresh.map(|state| ((state.stamp("epoch"), state.count("accepted_epoch")), state.stamp("sent_nanos")));
+            let mut first = first;
+            instances.filter_map(|(instance, at)| first(instance, at)).collect()
+        }
+        Participant::Learner => {
+            let mut first = first;
+            record.of("snapshot").filter_map(|snapshot| first((snapshot.stamp("writer"), 0), snapshot.stamp("sent_nanos"))).collect()
+        }
+        Participant::Recorder | Participant::Gateway => {
+            let ready = record.health_of(who.text()).filter(|health| matches!(health.word("phase"), "ready" | "running"));
+            let mut first = first;
+            ready.filter_map(|health| first((health.stamp("writer"), 0), health.stamp("sent_nanos"))).collect()
+        }
+    };
+    back.sort_unstable();
+    back
+}
+
+/// Whether it drove where it should have, and at the end.
+fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations: &mut Vec<String>) {
+    let below = |state: &Message| !matches!(state.word("rung"), "fresh plan" | "waiting");
+    // The state that says so comes after the period, which began with the state before; whoever should have answered it may have been late already.
+    let excused = |index: usize| {
+        let at = |index: usize| states.get(index).map_or(0, |state| state.stamp("sent_nanos"));
+        let (begin, end) = (at(index.saturating_sub(2)), at(index));
+        !launch.lock_step && gaps.iter().any(|gap| gap.from_nanos < end && begin < gap.to_nanos)
+    };
+    let unexcused: Vec<usize> =
+        (0..states.len()).filter(|&index| states.get(index).is_some_and(|state| below(state)) && !excused(index)).collect();
+    if launch.undisturbed {
+        for state in unexcused.iter().filter_map(|&index| states.get(index)) {
+            let (tick, rung, reason) = (state.stamp("tick"), state.word("rung"), state.word("reason"));
+            violations
+                .push(format!("{rung} ({reason}) at tick {tick}, expected fresh plans alone: nobody was touched whom the robot needs"));
+        }
+    }
+    match states.last() {
+        None => violations.push("nothing is in the record".to_owned()),
+        Some(_) if unexcused.last() == Some(&(states.len() - 1)) => violations.push("it does not drive at the end".to_owned()),
+        Some(_) => {}
+    }
+    judge_stretches(states, below, violations);
+}
+
+/// No time below a fresh plan is too long.
+fn judge_stretches(states: &[&Message], below: impl Fn(&Message) -> bool, violations: &mut Vec<String>) {
+    let mut begin = None;
+    for state in states {
+        let now = state.stamp("sent_nanos");
+        if !below(state) {
+            begin = None;
+            continue;
+        }
+        let lasted = now.saturating_sub(*begin.get_or_insert(now)) as f64 * 1e-9;
+        if lasted > BELOW_AT_MOST_S {
+            violations.push(format!(
+                "below a fresh plan for {lasted:.1} s until tick {}, expected {BELOW_AT_MOST_S} s at most",
+                state.stamp("tick")
+            ));
+            return;
+        }
+    }
+}

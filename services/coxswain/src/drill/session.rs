@@ -1,0 +1,252 @@
+//! A graph that the drill launches: as a person would, by this very program, in a home of its own.
+
+use super::catalogue::{Carrier, Launch};
+use super::oracle::Limits;
+use super::record::Record;
+use crate::assembly::Assembly;
+use crate::options::Options;
+use crate::scenario::Scenario;
+use process::Stop;
+use protocol::clock::monotonic_nanos;
+use rustix::process::{Pid, Signal, kill_process};
+use std::error::Error;
+use std::ffi::OsStr;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// Why an exercise could not be done.
+pub(super) type Trouble = Box<dyn Error + Send + Sync>;
+
+/// What is said of an exercise that was cut short.
+pub(super) const INTERRUPTED: &str = "somebody asked for the end";
+
+/// What every graph of the drill follows: every direction in turn, for as long as it takes.
+const SCENARIO: &str = "figure-eight";
+/// T = 20 ms.
+const PROFILE: &str = "agile";
+/// What must happen sooner or later may take so long. Far beyond what it takes.
+const GIVES_UP_AFTER: Duration = Duration::from_mins(2);
+/// Processes that may die often: what is measured is how they come back, not how the launcher loses its patience.
+const PATIENT: &str = "restarts_per_minute = 1000000\nback_off_millis = 0\nback_off_max_millis = 0\n";
+
+/// Where the graphs' files are made, and launched.
+#[derive(Debug)]
+pub(super) struct Home {
+    folder: TempDir,
+    graph: PathBuf,
+}
+
+/// A launched graph; it does not outlive this value.
+#[derive(Debug)]
+pub(super) struct Session {
+    child: Child,
+    run: PathBuf,
+    /// When it was launched, on the monotonic clock \[ns\].
+    pub(super) begun_nanos: u64,
+}
+
+impl Home {
+    /// Writes graph, scenario and faults, all beside those in `deploy`.
+    ///
+    /// # Errors
+    /// A sentence.
+    pub(super) fn new(deploy: &Path, carrier: Carrier, launch: &Launch, seed: u64) -> Result<Self, Trouble> {
+        let folder = tempfile::Builder::new().prefix("cx").tempdir()?;
+        let changes: Vec<String> = Some(launch.change.to_owned()).filter(|change| !change.is_empty()).into_iter().collect();
+        let name = format!("{SCENARIO}{}", launch.variant);
+        let scenario = Scenario::merged(&deploy.join("scenarios"), &name, Some(PROFILE), &changes)?;
+        fs::write(folder.path().join("scenario.toml"), scenario)?;
+        fs::write(folder.path().join("faults.toml"), format!("seed = {seed}\n{}", launch.faults))?;
+        let robot = deploy.join("robots/mecanum.toml").canonicalize()?;
+        let (pace, link) = (
+            if launch.lock_step { "lock-step" } else { "real-time" },
+            if carrier == Carrier::Network { "network" } else { "shared-memory" },
+        );
+        let mut text =
+            format!("name = \"drill\"\nrobot = {robot:?}\nscenario = \"scenario.toml\"\npace = {pace:?}\n[links]\ndefault = {link:?}\n");
+        for role in ["plant", "controller", "learner", "recorder"] {
+            text += &format!("[processes.{role}]\n{PATIENT}");
+        }
+        // A gateway reads shared memory.
+        if carrier == Carrier::SharedMemory {
+            text += &format!("[telemetry]\nlisten = [\"tcp/127.0.0.1:0\"]\n[processes.gateway]\n{PATIENT}");
+        }
+        let graph = folder.path().join("graph.toml");
+        fs::write(&graph, text)?;
+        Ok(Self { folder, graph })
+    }
+
+    /// Limits of the robot and the period.
+    ///
+    /// # Errors
+    /// If a file says something impossible.
+    pub(super) fn limits(&self) -> Result<Limits, Trouble> {
+        Ok(Limits::of(&Assembly::read(&Options::of_graph(&self.graph))?))
+    }
+
+    /// Launches the graph for `duration_s`, into the folder called `run`.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub(super) fn launch(&self, run: &str, duration_s: f64) -> Result<Session, Trouble> {
+        let home = self.folder.path();
+        let said = File::create(home.join(format!("{run}.txt")))?;
+        let mut command = Command::new(std::env::current_exe()?);
+        command.arg("launch").arg(&self.graph).args(["--duration", &duration_s.to_string()]);
+        command.arg("--faults").arg(home.join("faults.toml")).arg("--out").arg(home.join(run));
+        command.env("TMPDIR", home).stdin(Stdio::null()).stdout(said.try_clone()?).stderr(said);
+        let begun_nanos = monotonic_nanos();
+        Ok(Session { child: command.spawn()?, run: home.join(run), begun_nanos })
+    }
+
+    /// What a launch told a person.
+    pub(super) fn said(&self, run: &str) -> String {
+        fs::read_to_string(self.folder.path().join(format!("{run}.txt"))).unwrap_or_default()
+    }
+
+    /// What is left of graphs that have ended: files of this home's graphs, and shared memory of those called `names`.
+    pub(super) fn left_behind(&self, names: &[String]) -> Vec<String> {
+        let files = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten().map(|file| file.path());
+        let berths =
+            files(self.folder.path()).filter(|path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("coxswain-")));
+        let ours = |path: &PathBuf| {
+            path.file_name().and_then(OsStr::to_str).is_some_and(|file| names.iter().any(|name| file.contains(name.as_str())))
+        };
+        berths.chain(files(Path::new("/dev/shm")).filter(ours)).map(|path| path.display().to_string()).collect()
+    }
+
+    /// Keeps everything in `folder`, to be looked at.
+    ///
+    /// # Errors
+    /// What the file system says.
+    pub(super) fn keep(self, folder: &Path) -> Result<(), Trouble> {
+        fs::create_dir_all(folder)?;
+        copy_all(self.folder.path(), folder)
+    }
+}
+
+fn copy_all(from: &Path, to: &Path) -> Result<(), Trouble> {
+    for entry in fs::read_dir(from)? {
+        let entry = entry?;
+        let (kind, target) = (entry.file_type()?, to.join(entry.file_name()));
+        if kind.is_dir() {
+            fs::create_dir_all(&target)?;
+            copy_all(&entry.path(), &target)?;
+        } else if kind.is_file() {
+            fs::copy(entry.path(), target)?;
+        }
+    }
+    Ok(())
+}
+
+impl Session {
+    /// Folder of the run.
+    pub(super) fn run(&self) -> &Path {
+        &self.run
+    }
+
+    /// Its record.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub(super) fn record(&self) -> Result<Record, Trouble> {
+        Record::read(&self.run)
+    }
+
+    /// Name of the graph.
+    ///
+    /// # Errors
+    /// If it was never told.
+    pub(super) fn graph_name(&self) -> Result<String, Trouble> {
+        let log = fs::read_to_string(self.run.join("coxswain.log"))?;
+        let name = log.lines().find_map(|line| line.split_once("graph=\"")?.1.split_once('"'));
+        Ok(name.ok_or("the launcher did not tell the graph's name")?.0.to_owned())
+    }
+
+    /// Waits until the log of `process` says `text` so often.
+    ///
+    /// # Errors
+    /// If it never does.
+    pub(super) fn wait_for_log(&mut self, process: &str, text: &str, times: usize) -> Result<(), Trouble> {
+        let file = self.run.join(process).with_extension("log");
+        let begin = Instant::now();
+        while fs::read_to_string(&file).unwrap_or_default().matches(text).count() < times {
+            if begin.elapsed() > GIVES_UP_AFTER || self.child.try_wait()?.is_some() {
+                return Err(format!("{text:?} was not to be found in {}", file.display()).into());
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
+        Ok(())
+    }
+
+    /// Waits until it has ended by itself, at most for `duration_s` and what ending takes.
+    ///
+    /// # Errors
+    /// If it does not, or somebody wants the drill to end.
+    pub(super) fn wait(&mut self, duration_s: f64, stop: &Stop) -> Result<ExitStatus, Trouble> {
+        let end = Instant::now() + Duration::from_secs_f64(3.0 * duration_s) + GIVES_UP_AFTER;
+        loop {
+            if let Some(status) = self.child.try_wait()? {
+                return Ok(status);
+            }
+            if stop.requested() {
+                return Err(INTERRUPTED.into());
+            }
+            if Instant::now() > end {
+                return Err("the launch does not end".into());
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    /// Asks the launcher to end, and waits.
+    ///
+    /// # Errors
+    /// If it does not.
+    pub(super) fn end(&mut self) -> Result<ExitStatus, Trouble> {
+        kill_process(Pid::from_child(&self.child), Signal::TERM)?;
+        self.wait(0.0, &Stop::new())
+    }
+
+    /// Kills launcher and processes at once, with nobody left to take note.
+    ///
+    /// # Errors
+    /// If there is nobody.
+    pub(super) fn kill_all(&mut self) -> Result<(), Trouble> {
+        let launcher = self.child.id();
+        let children = children(launcher);
+        // The launcher first: it would start the others again.
+        self.child.kill()?;
+        for child in &children {
+            let _ = Pid::from_raw(*child).map(|pid| kill_process(pid, Signal::KILL));
+        }
+        self.child.wait()?;
+        let begin = Instant::now();
+        while children.iter().any(|child| Path::new(&format!("/proc/{child}/fd/0")).exists()) {
+            if begin.elapsed() > GIVES_UP_AFTER {
+                return Err("a process that was killed does not end".into());
+            }
+            thread::sleep(Duration::from_millis(2));
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        if let Ok(None) = self.child.try_wait() {
+            let _ = kill_process(Pid::from_child(&self.child), Signal::TERM);
+            let _ = self.child.wait();
+        }
+    }
+}
+
+fn children(pid: u32) -> Vec<i32> {
+    let tasks = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    let lists = tasks.filter_map(|task| fs::read_to_string(task.path().join("children")).ok());
+    lists.flat_map(|list| list.split_whitespace().filter_map(|pid| pid.parse().ok()).collect::<Vec<i32>>()).collect()
+}
