@@ -29,7 +29,7 @@ pub struct Health {
     pub heartbeat: u64,
     /// Periods that it served in time.
     pub deadlines_met: u64,
-    /// Periods that it did not.
+    /// Periods that it did not: one by one, those that nothing answered, that were answered late, or in time but without what was wanted.
     pub deadlines_missed: u64,
     /// Time that the machine kept it from running and that it took out of its clock: of the simulator only \[ns\].
     pub stalled_nanos: u64,

@@ -4,7 +4,9 @@
 
 use controller::adopt::{Candidate, Handover};
 use controller::control::Controller;
-use controller::settings::{DelaySetting, LearnedSettings, Method, MpcSettings, Settings, SolverSetting, StateLimits, Weights};
+use controller::settings::{
+    DelaySetting, LearnedSettings, Method, MpcSettings, Settings, SolverFaults, SolverSetting, StateLimits, Weights,
+};
 use criterion::{Criterion, criterion_group, criterion_main};
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
@@ -56,8 +58,10 @@ fn settings() -> Settings {
             delay: DelaySetting::Estimated,
             no_harm: true,
             solver: SolverSetting::ActiveSet,
+            budget_share: 0.5,
         },
         learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3, resumed: false },
+        solver_faults: SolverFaults::default(),
     }
 }
 

@@ -3,16 +3,21 @@
 //! Between a state and its command nothing here allocates, locks, logs, blocks, or touches a file or socket.
 
 use crate::adopt::{Candidate, Event, Expected, Handover};
-use crate::fallback::Ladder;
+use crate::fallback::{self, Ladder};
 use crate::knowledge::{Knowledge, Period};
-use crate::mpc::{Mpc, MpcError, Solved};
+use crate::mpc::{Mpc, MpcError, Solved, Status, Turn};
 use crate::reference::{PointsError, Reference, ReferencePoint};
+use crate::sensors::{Driven, SensorFault, Watch};
 use crate::settings::{Method, Settings};
+use gate::Bounds;
+use gate::accept::{Situation, judge};
 use model::delay::DELAY_MAX;
 use model::foresight::Foresight;
 use model::main_model::{MainModel, fingerprint};
 use model::residual::bound;
 use model::{State, Velocity, wrap};
+use process::Pace;
+use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, HORIZON_MAX, Plan, PlantState, Reason, ResidualSample, Rung, SolverStatus, TAIL_MAX};
 
 /// Iterations in a period of a controller with foresight, which is to be as good as can be and not as fast.
@@ -42,9 +47,24 @@ struct Before {
     state: State,
 }
 
+/// What is commanded, and why.
+#[derive(Debug, Clone, Copy)]
+struct Decision {
+    rung: Rung,
+    reason: Reason,
+    input: Velocity,
+    /// What the optimiser came to, if it was asked.
+    solved: Option<Solved>,
+}
+
 /// The controller without its ports.
 pub struct Controller {
     knowledge: Knowledge,
+    watch: Watch,
+    /// What the gate lets through.
+    bounds: Bounds,
+    /// Time that an answer may take; `None` in lock step \[ns\].
+    budget_nanos: Option<u64>,
     mpc: Mpc,
     method: Method,
     ladder: Ladder,
@@ -59,6 +79,8 @@ pub struct Controller {
     /// Input of the last answer.
     commanded: Velocity,
     rung: Rung,
+    /// Whether the optimiser had to be stopped in the last answer.
+    out_of_time: bool,
     command: Command,
     plan: Box<Plan>,
 }
@@ -80,12 +102,17 @@ impl Controller {
         let foresight = if settings.mpc.method == Method::Oracle { Some(foresight.ok_or(ControllerError::NoForesight)?) } else { None };
         let period = settings.run.period_nanos as f64 * 1e-9;
         let main = MainModel::new(&settings.robot, period);
-        let mpc = Mpc::new(&settings.mpc, &settings.robot, &main)?;
+        let mut mpc = Mpc::new(&settings.mpc, &settings.robot, &main)?;
+        mpc.inject(settings.solver_faults.clone());
+        let budget = (settings.mpc.budget_share * settings.run.period_nanos as f64) as u64;
         let ticks = (settings.duration_s / period).ceil() as usize + DELAY_MAX + mpc.horizon() + 1;
         Ok(Self {
             reference: Reference::new(&settings.reference, &settings.start, period, ticks)?,
             points: vec![ReferencePoint::default(); DELAY_MAX + mpc.horizon() + 1],
             fingerprint: fingerprint(&main, settings.learned.layout.name()),
+            watch: Watch::new(main, bound(&main, &settings.robot)),
+            bounds: Bounds::new(&settings.robot, settings.run.period_nanos, 0),
+            budget_nanos: (settings.run.pace == Pace::RealTime).then_some(budget),
             knowledge: Knowledge::new(settings, main, foresight),
             mpc,
             method: settings.mpc.method,
@@ -95,6 +122,7 @@ impl Controller {
             prepared_for: None,
             commanded: [0.0; 3],
             rung: Rung::Waiting,
+            out_of_time: false,
             command: bytemuck::Zeroable::zeroed(),
             plan: Box::new(bytemuck::Zeroable::zeroed()),
         })
@@ -135,8 +163,9 @@ impl Controller {
         sample.stamp.tick = state.stamp.tick;
         sample.plant_epoch = state.stamp.epoch;
         sample.fingerprint = self.fingerprint;
-        let input_known = state.input.iter().all(|value| value.is_finite()) && now.is_finite();
         let ours = matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr);
+        let seen = self.watch_sensors(state, &Driven { acted: now.acted, commanded: ours.then_some(self.commanded) }, handover);
+        let input_known = state.input.iter().all(|value| value.is_finite()) && seen;
         if let Some(before) = self.before.filter(|before| before.tick + 1 == state.stamp.tick && input_known) {
             let (Before { tick, state: before }, acted, after) = (before, state.input, now.velocity);
             self.knowledge.observe(&Period { tick, before, commanded: self.commanded, acted, after, ours });
@@ -148,8 +177,27 @@ impl Controller {
         } else if input_known {
             self.knowledge.resume(state.input);
         }
-        self.before = now.is_finite().then_some(Before { tick: state.stamp.tick, state: now });
+        self.before = seen.then_some(Before { tick: state.stamp.tick, state: now });
         sample
+    }
+
+    /// Whether what was measured can be believed.
+    fn watch_sensors(&mut self, state: &PlantState, driven: &Driven, handover: &Handover) -> bool {
+        let (before, fault) = (self.watch.fault(), self.watch.look(state, driven));
+        if fault != before {
+            handover.note(Event::Sensors { tick: state.stamp.tick, fault });
+        }
+        fault.is_none()
+    }
+
+    /// What is wrong with the newest state, if anything is.
+    pub fn sensor_fault(&self) -> Option<SensorFault> {
+        self.watch.fault()
+    }
+
+    /// Whether the optimiser had to be stopped in the last answer, because its time was used up.
+    pub fn ran_out_of_time(&self) -> bool {
+        self.out_of_time
     }
 
     /// What was measured. An input that is no number was what had been commanded, for all one knows.
@@ -158,26 +206,68 @@ impl Controller {
         State { pose: state.pose, velocity: state.velocity, acted }
     }
 
-    /// The answer to `state`.
+    /// The answer to `state`, the newest that was [observed](Self::observe): on the highest rung whose command the gate would let through.
     pub fn answer(&mut self, state: &PlantState, handover: &Handover) -> &mut Command {
         let tick = state.stamp.tick;
+        self.mpc.take_turn(Turn { tick: Some(tick), until: self.budget_nanos.map(|budget| monotonic_nanos() + budget) });
         let measured = self.measured(state);
         if self.prepared_for != Some(tick) {
             self.prepare(tick, &measured);
         }
-        let (rung, reason, input, solved) = if measured.is_finite() {
+        let mut decision = if self.watch.fault().is_none() && measured.is_finite() {
             self.plan_for(tick, &measured)
         } else {
-            (Rung::Brake, Reason::BadState, self.mpc.limits().reach(&[0.0; 3], &self.knowledge.last_command()), None)
+            self.brake(Reason::BadState)
         };
+        self.write_command(state, decision.rung, decision.input);
+        while let Err(reason) = self.judged(state)
+            && decision.rung != Rung::Brake
+        {
+            decision = Decision { solved: decision.solved, ..self.one_rung_down(decision.rung, reason, &measured) };
+            self.write_command(state, decision.rung, decision.input);
+        }
+        let Decision { rung, reason, input, solved } = decision;
         if rung != self.rung {
             handover.note(Event::Rung { tick, rung, reason });
             self.rung = rung;
         }
-        self.write_command(state, rung, input);
+        self.out_of_time = solved.is_some_and(|solved| solved.outcome.status == Status::OutOfTime);
         self.write_outcome(solved);
         self.commanded = input;
         &mut self.command
+    }
+
+    /// What the gate will say of the command, as far as that can be known here.
+    fn judged(&self, state: &PlantState) -> Result<(), Reason> {
+        let situation = Situation {
+            plant_epoch: state.stamp.epoch,
+            tick: state.stamp.tick,
+            age_nanos: Some(0),
+            accepted_tick: None,
+            writer: None,
+            acting: self.knowledge.last_command(),
+        };
+        judge(&self.command, &situation, &self.bounds)
+    }
+
+    /// A plan that the gate would refuse is forgotten, and the LQR answers; if that would be refused too, the robot brakes.
+    fn one_rung_down(&mut self, from: Rung, reason: Reason, measured: &State) -> Decision {
+        self.mpc.reset();
+        self.ladder.reset();
+        if from == Rung::Lqr {
+            return self.brake(reason);
+        }
+        let begin = self.knowledge.ahead(measured);
+        let point = planned(&self.points, &self.knowledge).first().copied().unwrap_or_default();
+        let main_target = self.mpc.main_target(self.knowledge.main(), &point, begin.pose[2], &self.knowledge.disturbance());
+        let input = fallback::lqr(&self.mpc, &begin, &point, &main_target, &self.knowledge.last_command());
+        Decision { rung: Rung::Lqr, reason, input, solved: None }
+    }
+
+    /// To standstill, as fast as inputs may change.
+    fn brake(&self, reason: Reason) -> Decision {
+        let input = self.mpc.limits().reach(&[0.0; 3], &self.knowledge.last_command());
+        Decision { rung: Rung::Brake, reason, input, solved: None }
     }
 
     /// The answer that was given last.
@@ -233,7 +323,7 @@ impl Controller {
         plan
     }
 
-    fn plan_for(&mut self, tick: u64, measured: &State) -> (Rung, Reason, Velocity, Option<Solved>) {
+    fn plan_for(&mut self, tick: u64, measured: &State) -> Decision {
         if self.method == Method::FeedforwardP {
             return self.feed_forward(measured);
         }
@@ -250,11 +340,11 @@ impl Controller {
         let main_target = self.mpc.main_target(belief.main, &point, begin.pose[2], &belief.disturbance);
         let (rung, input) = self.ladder.choose(solved.outcome, &self.mpc, &begin, &point, &main_target, &last);
         let reason = if rung == Rung::FreshPlan { Reason::None } else { Reason::SolverFailed };
-        (rung, reason, input, Some(solved))
+        Decision { rung, reason, input, solved: Some(solved) }
     }
 
     /// What an engineer would try first: the input that holds the reference, and more of it where the robot is behind.
-    fn feed_forward(&self, measured: &State) -> (Rung, Reason, Velocity, Option<Solved>) {
+    fn feed_forward(&self, measured: &State) -> Decision {
         let point = self.points.first().copied().unwrap_or_default();
         let disturbance = self.knowledge.disturbance();
         let target = self.mpc.main_target(self.knowledge.main(), &point, measured.pose[2], &disturbance);
@@ -262,13 +352,15 @@ impl Controller {
         let [x, y] = [point.pose[0] - measured.pose[0], point.pose[1] - measured.pose[1]];
         let behind = [cos * x + sin * y, cos * y - sin * x, wrap(point.pose[2] - measured.pose[2])];
         let wished = std::array::from_fn(|axis| target[axis] + FEEDFORWARD_GAIN_PER_S * behind[axis]);
-        (Rung::FreshPlan, Reason::None, self.mpc.limits().reach(&wished, &self.knowledge.last_command()), None)
+        let input = self.mpc.limits().reach(&wished, &self.knowledge.last_command());
+        Decision { rung: Rung::FreshPlan, reason: Reason::None, input, solved: None }
     }
 
     fn start_over(&mut self, state: &PlantState, handover: &Handover, controller_epoch: u64) {
         handover.note(Event::Plant { epoch: state.stamp.epoch, controller_epoch });
         self.plant_epoch = Some(state.stamp.epoch);
         self.before = None;
+        self.watch.reset();
         self.knowledge.reset(state.input);
         self.mpc.reset();
         self.prepared_for = None;
@@ -282,14 +374,15 @@ impl Controller {
         command.model_version = self.knowledge.version();
         command.rung = rung.code();
         command.input = input;
-        // Without a plan the input is held: the gate plays two periods of it at most before it brakes.
+        // Without a plan the input is held: the gate plays two periods of it at most before it brakes. Who brakes goes on braking.
         let planned = matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan);
+        let held = if rung == Rung::Brake { [0.0; 3] } else { input };
         let limits = self.mpc.limits();
         let (mut before, mut next) = (input, self.mpc.stages().iter().skip(1));
         command.tail = [[0.0; 3]; TAIL_MAX];
         command.tail_len = TAIL_MAX as u32;
         for slot in &mut command.tail {
-            let wished = if planned { next.next().map_or(before, |stage| stage.input) } else { input };
+            let wished = if planned { next.next().map_or(before, |stage| stage.input) } else { held };
             // Beyond the free inputs the target may leap where the reference does; the wheels cannot.
             before = limits.reach(&wished, &before);
             *slot = before;
@@ -332,112 +425,4 @@ fn planned<'a>(points: &'a [ReferencePoint], knowledge: &Knowledge) -> &'a [Refe
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
-    use super::*;
-    use crate::mpc::tests::settings;
-    use crate::reference::{Heading, PathSettings, ReferenceSettings};
-    use crate::settings::LearnedSettings;
-    use model::gp::hyperparameters::Hyperparameters;
-    use model::gp::normalisation::Normalisation;
-    use model::gp::posterior::{Posterior, VarianceScratch};
-    use model::learned::{INPUTS, Layout, Learned};
-    use process::{Pace, Run};
-    use protocol::port::Links;
-
-    fn controller() -> Result<Controller, ControllerError> {
-        Controller::new(&told())
-    }
-
-    pub(crate) fn told() -> Settings {
-        let links = Links::on_this_machine("test", "/tmp", true, 0);
-        Settings {
-            run: Run {
-                links,
-                folder: "/tmp".into(),
-                log: "off".into(),
-                epoch_floor: 0,
-                restarted: false,
-                period_nanos: 100_000_000,
-                pace: Pace::LockStep,
-            },
-            duration_s: 10.0,
-            start: [0.0; 3],
-            robot: model::robot::Robot::example(),
-            reference: ReferenceSettings {
-                path: PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 },
-                heading: Heading::Tangent,
-                ramp_s: 0.0,
-            },
-            mpc: settings(),
-            learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3, resumed: false },
-        }
-    }
-
-    #[test]
-    fn an_oracle_without_foresight_is_refused() {
-        let mut settings = told();
-        settings.mpc.method = Method::Oracle;
-        assert!(matches!(Controller::new(&settings), Err(ControllerError::NoForesight)));
-    }
-
-    fn state(tick: u64) -> PlantState {
-        let mut state: PlantState = bytemuck::Zeroable::zeroed();
-        (state.stamp.epoch, state.stamp.tick, state.rung) = (1, tick, Rung::FreshPlan.code());
-        state
-    }
-
-    fn answer(controller: &mut Controller, state: &PlantState) -> Command {
-        let handover = Handover::default();
-        controller.observe(state, &handover, 1);
-        *controller.answer(state, &handover)
-    }
-
-    /// A model whose every answer is not a number.
-    fn nonsense() -> Result<Box<Candidate>, Box<dyn std::error::Error>> {
-        let normalisation = Normalisation { mean: [f64::NAN; INPUTS], scale: [1.0; INPUTS] };
-        let hyperparameters = [Hyperparameters::new([1.0; INPUTS], 1.0, 1e-2); 3];
-        let posterior = Posterior::new(&[[0.0; INPUTS]], &[[0.1; 3]], &hyperparameters)?;
-        let learned =
-            Box::new(Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [1.0; 3], sample_variance: [0.0; 3] });
-        Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(1) }))
-    }
-
-    #[test]
-    fn a_model_that_says_nonsense_is_never_used() -> Result<(), Box<dyn std::error::Error>> {
-        let mut controller = controller()?;
-        for tick in 0..20 {
-            drop(controller.adopt(nonsense()?));
-            let command = answer(&mut controller, &state(tick));
-            assert_eq!((command.rung(), controller.knowledge().learned_axes()), (Rung::FreshPlan, 0));
-            assert!(command.input.iter().chain(command.tail().iter().flatten()).all(|value| value.is_finite()), "{command:?}");
-        }
-        Ok(())
-    }
-
-    #[test]
-    fn a_state_that_is_no_number_is_answered_with_the_brake() -> Result<(), Box<dyn std::error::Error>> {
-        let mut controller = controller()?;
-        answer(&mut controller, &state(0));
-        let mut blind = state(1);
-        blind.velocity[1] = f64::NAN;
-        let command = answer(&mut controller, &blind);
-        assert_eq!((command.rung(), command.input), (Rung::Brake, [0.0; 3]));
-        assert_eq!(answer(&mut controller, &state(2)).rung(), Rung::FreshPlan);
-        Ok(())
-    }
-
-    #[test]
-    fn a_plant_of_another_epoch_begins_with_nothing_remembered() -> Result<(), Box<dyn std::error::Error>> {
-        let (mut used, mut fresh) = (controller()?, controller()?);
-        for tick in 0..10 {
-            let mut moving = state(tick);
-            (moving.velocity, moving.input) = ([1.0, 0.2, 0.1], [1.4, 0.0, 0.2]);
-            answer(&mut used, &moving);
-        }
-        let mut reborn = state(0);
-        reborn.stamp.epoch = 2;
-        let (ours, theirs) = (answer(&mut used, &reborn), answer(&mut fresh, &reborn));
-        assert_eq!((ours.input, ours.tail), (theirs.input, theirs.tail));
-        Ok(())
-    }
-}
+pub(crate) mod tests;

@@ -8,6 +8,13 @@ use protocol::message::Rung;
 /// How many periods in a row a shifted plan is believed.
 const SHIFTS_MAX: u32 = 2;
 
+/// Input of the LQR on the main model, which trusts nothing that was learnt: `main_target` holds the reference `point` by that model alone.
+/// Does not allocate.
+pub fn lqr(mpc: &Mpc, state: &State, point: &ReferencePoint, main_target: &Velocity, last_input: &Velocity) -> Velocity {
+    let error = TrackingError::new(state, point);
+    mpc.limits().reach(&mpc.cost().lqr_input(&error, main_target), last_input)
+}
+
 /// Chooses the rung, and remembers for how long the plan has not been renewed.
 #[derive(Debug, Default)]
 pub struct Ladder {
@@ -18,7 +25,7 @@ pub struct Ladder {
 impl Ladder {
     /// The rung and the input for this period. Does not allocate.
     ///
-    /// `main_target` is the input that holds the reference `point` by the main model alone: the LQR trusts nothing that was learnt.
+    /// `point` and `main_target` are for the [`lqr`].
     pub fn choose(
         &mut self,
         outcome: Outcome,
@@ -41,10 +48,7 @@ impl Ladder {
                 *shifts += 1;
                 (Rung::ShiftedPlan, mpc.limits().reach(&planned.input, last_input))
             }
-            _ => {
-                let error = TrackingError::new(state, point);
-                (Rung::Lqr, mpc.limits().reach(&mpc.cost().lqr_input(&error, main_target), last_input))
-            }
+            _ => (Rung::Lqr, lqr(mpc, state, point, main_target, last_input)),
         }
     }
 

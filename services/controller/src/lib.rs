@@ -7,6 +7,7 @@
 //! | [`mpc`]       | state, reference and belief in, plan out: one real-time iteration         |
 //! | [`adopt`]     | model snapshots in: checked and prepared beside the control thread        |
 //! | [`fallback`]  | what to command when the optimiser has no answer                          |
+//! | [`sensors`]   | what cannot have been measured: no numbers, or stuck ones                 |
 //! | [`control`]   | one tick: answer the state, then say what was learnt                      |
 //! | [`knowledge`] | what is believed at one moment, and how it follows what is seen           |
 //! | [`ways`]      | the ways to explain the residual, and the one that is used                |
@@ -20,6 +21,7 @@ pub mod knowledge;
 pub mod mpc;
 pub mod reference;
 pub mod run;
+pub mod sensors;
 pub mod settings;
 #[cfg(test)]
 mod told_in_health;

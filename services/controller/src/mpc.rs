@@ -30,7 +30,7 @@ pub mod solver;
 mod target;
 
 use crate::reference::ReferencePoint;
-use crate::settings::MpcSettings;
+use crate::settings::{MpcSettings, SolverFaults};
 use caution::Caution;
 use condense::Condensed;
 use constraint::Limits;
@@ -47,7 +47,7 @@ use qp::QuadraticProgram;
 use solver::Solver;
 
 pub use cost::{Cost, TrackingError};
-pub use solver::{Outcome, Status};
+pub use solver::{Outcome, Status, Turn};
 
 /// Why a controller could not be built.
 #[derive(Debug, thiserror::Error)]
@@ -120,6 +120,7 @@ pub struct Mpc {
     program: QuadraticProgram,
     solver: Solver,
     solution: Vec<f64>,
+    turn: Turn,
 }
 
 impl Mpc {
@@ -154,7 +155,18 @@ impl Mpc {
             solution: vec![0.0; program.variables()],
             program,
             solver,
+            turn: Turn::default(),
         })
+    }
+
+    /// Lets the solver go wrong on purpose from now on.
+    pub fn inject(&mut self, faults: SolverFaults) {
+        self.solver.inject(faults);
+    }
+
+    /// Says for which tick, and until when, the next iterations are. At first no fault happens, and no clock is asked.
+    pub fn take_turn(&mut self, turn: Turn) {
+        self.turn = turn;
     }
 
     /// Forgets the last plan.
@@ -216,7 +228,7 @@ impl Mpc {
             self.condensed.propagate(&self.steps, belief.carry);
             self.beware(reference, belief);
             self.build(last_input, reference);
-            let _answer = self.solver.solve(&self.program, &mut self.solution);
+            let _answer = self.solver.solve(&self.program, &mut self.solution, &Turn::default());
         }
     }
 
@@ -258,7 +270,7 @@ impl Mpc {
         self.beware(reference, belief);
         let linearised = monotonic_nanos();
         self.build(last_input, reference);
-        let mut outcome = self.solver.solve(&self.program, &mut self.solution);
+        let mut outcome = self.solver.solve(&self.program, &mut self.solution, &self.turn);
         if outcome.usable() && !self.program.satisfied_by(&self.solution, 1e-6) {
             outcome.status = Status::Wrong;
         }

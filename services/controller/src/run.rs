@@ -1,16 +1,19 @@
 //! The loop around [`Controller`]: the only place with a clock, a stop signal and threads.
 
-use crate::adopt::{Arrival, Event, Handover, prepare};
+mod attendant;
+
+use crate::adopt::{Arrival, Event, Handover};
 use crate::control::{Controller, ControllerError};
 use crate::settings::Settings;
+use attendant::attend;
 use model::foresight::Foresight;
-use process::{Pace, Pulse, Seat, Stop, step_back};
+use process::{Pace, Pulse, Seat, Stop};
 use protocol::clock::monotonic_nanos;
-use protocol::message::{Command, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample};
+use protocol::message::{Command, Participant, Phase, Plan, PlantState, ResidualSample};
 use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 use protocol::topic::Topic;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{self, Thread};
+use std::sync::atomic::Ordering;
+use std::thread;
 use std::time::Duration;
 
 /// How long a wait lasts before stop signals are looked at.
@@ -171,6 +174,9 @@ impl<'a> Loop<'a> {
         let mut sample = self.controller.observe(state, self.handover, epoch);
         self.commands.send(self.controller.answer(state, self.handover))?;
         let nanos = monotonic_nanos() - begin;
+        if let Some(fault) = self.controller.sensor_fault() {
+            self.pulse.health().set_last_error(fault.text());
+        }
 
         self.seat.release();
         let residual = self.residuals.send(&mut sample);
@@ -253,12 +259,17 @@ impl<'a> Loop<'a> {
         self.answered = Some((plant_epoch, tick));
         self.answered_at = monotonic_nanos();
         let late = self.settings.run.pace == Pace::RealTime && nanos > self.settings.run.period_nanos;
+        let out_of_time = self.controller.ran_out_of_time();
         if late || skipped > 0 {
             self.handover.note(Event::Late { tick, nanos });
+        } else if out_of_time {
+            self.handover.note(Event::OutOfTime { tick, nanos });
         }
         let health = self.pulse.health();
-        health.deadlines_missed += skipped + u64::from(late);
-        health.deadlines_met += u64::from(!late);
+        // A period whose optimiser had to be stopped has an answer, but not the one that was wanted.
+        let missed = late || out_of_time;
+        health.deadlines_missed += skipped + u64::from(missed);
+        health.deadlines_met += u64::from(!missed);
     }
 
     /// Real time: the newest model that is ready, if there is one.
@@ -327,72 +338,6 @@ impl<'a> Loop<'a> {
         health.lost[Topic::Snapshot.index()] = lost;
         health.refused[Topic::Snapshot.index()] = refused;
         self.pulse.beat();
-    }
-}
-
-/// Says that the attendant has gone, however it goes.
-struct Gone<'a>(&'a AtomicBool);
-
-impl Drop for Gone<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-}
-
-/// The attendant: prepares models, frees old ones, writes events to the log.
-fn attend(
-    settings: &Settings,
-    connect: &(impl Fn(Identity) -> Result<Ports, OpenError> + Sync),
-    identity: Identity,
-    handover: &Handover,
-    done: &Stop,
-    control_thread: &Thread,
-) -> Result<(), RunError> {
-    let _gone = Gone(&handover.attendant_gone);
-    if settings.run.pace == Pace::RealTime {
-        step_back();
-    }
-    let ports = connect(identity)?;
-    let mut snapshots: Source<ModelSnapshot> = ports.source(Since::Joining)?;
-    let expected = Controller::expected(settings);
-    while !done.requested() {
-        snapshots.wait(PATIENCE)?;
-        while let Some(snapshot) = snapshots.next()? {
-            let arrival = match prepare(&snapshot, &expected) {
-                Ok(candidate) => Arrival::Candidate(Box::new(candidate)),
-                Err(refusal) => {
-                    tracing::warn!("{refusal}");
-                    handover.refused.fetch_add(1, Ordering::Relaxed);
-                    Arrival::Refused { effective_tick: snapshot.head.effective_tick }
-                }
-            };
-            // A model that nobody fetched gives way to a newer one.
-            drop(handover.ready.force_push(arrival));
-            control_thread.unpark();
-        }
-        let tally = snapshots.tally();
-        for (slot, count) in handover.snapshots.iter().zip([tally.received, tally.lost, tally.refused]) {
-            slot.store(count, Ordering::Relaxed);
-        }
-        while handover.returned.pop().is_some() {}
-        write_events(handover);
-    }
-    write_events(handover);
-    Ok(())
-}
-
-fn write_events(handover: &Handover) {
-    while let Some(event) = handover.events.pop() {
-        match event {
-            Event::Plant { epoch, controller_epoch } => tracing::info!(plant_epoch = epoch, controller_epoch, "answering a plant"),
-            Event::Adopted { version, tick } => tracing::info!(version, tick, "model adopted"),
-            Event::Rung { tick, rung, reason } => tracing::info!(tick, %rung, %reason, "rung"),
-            Event::Late { tick, nanos } => tracing::warn!(tick, micros = nanos / 1000, "period missed"),
-        }
-    }
-    let dropped = handover.events_dropped.swap(0, Ordering::Relaxed);
-    if dropped > 0 {
-        tracing::warn!(dropped, "events did not fit the ring");
     }
 }
 

@@ -1,11 +1,15 @@
 //! What a person may set of the controller.
 
+mod solver_fault;
+
 use crate::reference::ReferenceSettings;
 use model::learned::Layout;
 use model::robot::Robot;
 use protocol::message::HORIZON_MAX;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
+
+pub use solver_fault::{SolverFault, SolverFaultKind, SolverFaults};
 
 /// Largest probability with which a bound can be asked to hold.
 const CHANCE_LEVEL_MAX: f64 = 0.999_999;
@@ -28,6 +32,9 @@ pub struct Settings {
     pub mpc: MpcSettings,
     /// How learned models come in.
     pub learned: LearnedSettings,
+    /// What goes wrong in the optimiser on purpose.
+    #[serde(default, skip_serializing_if = "SolverFaults::is_empty")]
+    pub solver_faults: SolverFaults,
 }
 
 /// How learned models come in.
@@ -75,10 +82,18 @@ pub struct MpcSettings {
     /// from the first one on, to see what that costs.
     #[serde(default = "yes")]
     pub no_harm: bool,
+    /// Share of the period that an answer may take in real time, from when its state is taken up: an optimiser that has not finished by then
+    /// is stopped, and a lower rung answers. In lock step its iterations alone are limited.
+    #[serde(default = "half")]
+    pub budget_share: f64,
 }
 
 const fn yes() -> bool {
     true
+}
+
+const fn half() -> f64 {
+    0.5
 }
 
 /// How answers are found. All but the first are what it is compared with.
@@ -208,6 +223,9 @@ impl MpcSettings {
         if !(0.0..=1.0).contains(&self.observer_gain) {
             return impossible("observer_gain", "a number from 0 (never corrects) to 1 (believes the last period alone)");
         }
+        if !(self.budget_share > 0.0 && self.budget_share <= 1.0) {
+            return impossible("budget_share", "a share of the period, greater than 0 and at most 1");
+        }
         Ok(())
     }
 }
@@ -223,6 +241,7 @@ impl Check for Settings {
         self.robot.check().map_err(|e| Impossible { key: format!("robot.{}", e.key), expected: e.expected.into() })?;
         self.reference.check().map_err(|e| e.under("reference"))?;
         self.mpc.check().map_err(|e| e.under("mpc"))?;
+        self.solver_faults.check().map_err(|e| e.under("solver_faults"))?;
         if !(self.duration_s.is_finite() && self.duration_s > 0.0) {
             return Err(Impossible { key: "duration_s".into(), expected: "a finite number of seconds greater than 0".into() });
         }

@@ -82,6 +82,7 @@ impl Robotic {
         let after = (0.8 * self.state.stamp.tick as f64).sin();
         self.state.input[0] = (after - (self.main.decay[0] + gain) * before) / self.main.gain[0];
         self.state.velocity[0] = after;
+        self.state.pose[0] += 0.1 * after;
         self.states.send(&mut self.state)?;
         while self.commands.next()?.is_none_or(|command| command.stamp.tick != self.state.stamp.tick) {
             self.commands.wait(Duration::from_millis(20))?;
@@ -92,6 +93,83 @@ impl Robotic {
         }
         Ok(())
     }
+}
+
+#[test]
+fn periods_whose_optimiser_had_to_be_stopped_are_counted_one_by_one() -> Result<(), Box<dyn Error>> {
+    const TICKS: u64 = 40;
+    let (exchange, stop) = (Exchange::new(false, Duration::from_secs(1)), Stop::new());
+    let ports = Ports::in_memory(&exchange, Identity::new(7));
+    let mut settings = told();
+    settings.run.pace = Pace::RealTime;
+    // A period that nothing takes, of which the optimiser has next to nothing.
+    (settings.run.period_nanos, settings.mpc.budget_share) = (100_000_000_000, 1e-12);
+    settings.duration_s = 6000.0;
+    let mut robot = Robotic::new(&ports)?;
+    thread::scope(|scope| {
+        let controller = scope.spawn(|| {
+            let connect = |identity| Ok(Ports::in_memory(&exchange, identity));
+            run(&settings, connect, &stop).map_err(|error| error.to_string())
+        });
+        let mut drive = || -> Result<(), Box<dyn Error>> {
+            for _ in 0..TICKS {
+                robot.drive_on(0.0)?;
+            }
+            Ok(())
+        };
+        let driven = drive();
+        stop.request();
+        controller.join().map_err(|_| "the controller has panicked")??;
+        driven
+    })?;
+    while let Some(health) = robot.health.next()? {
+        robot.said = Some(health);
+    }
+    let said = robot.said.ok_or("the controller has said nothing of itself")?;
+    assert_eq!((said.deadlines_missed, said.deadlines_met), (TICKS, 0));
+    Ok(())
+}
+
+#[test]
+fn a_stuck_sensor_is_named() -> Result<(), Box<dyn Error>> {
+    let (exchange, stop) = (Exchange::new(false, Duration::from_secs(1)), Stop::new());
+    let ports = Ports::in_memory(&exchange, Identity::new(7));
+    let mut settings = told();
+    settings.run.pace = Pace::RealTime;
+    let (mut states, mut commands, mut health) =
+        (ports.sink::<PlantState>()?, ports.source::<Command>(Since::First)?, ports.source::<Health>(Since::First)?);
+    thread::scope(|scope| {
+        let controller = scope.spawn(|| {
+            let connect = |identity| Ok(Ports::in_memory(&exchange, identity));
+            run(&settings, connect, &stop).map_err(|error| error.to_string())
+        });
+        let mut drive = || -> Result<(), Box<dyn Error>> {
+            let mut state = PlantState::zeroed();
+            (state.rung, state.velocity) = (Rung::FreshPlan.code(), [1.0, 0.0, 0.0]);
+            for tick in 0..10 {
+                state.stamp.tick = tick;
+                states.send(&mut state)?;
+                let answer = loop {
+                    commands.wait(Duration::from_millis(20))?;
+                    if let Some(command) = commands.next()? {
+                        break command;
+                    }
+                };
+                assert_eq!(answer.rung() == Rung::Brake, tick >= 3, "{tick}");
+            }
+            Ok(())
+        };
+        let driven = drive();
+        stop.request();
+        controller.join().map_err(|_| "the controller has panicked")??;
+        driven
+    })?;
+    let mut said = None;
+    while let Some(health) = health.next()? {
+        said = Some(health);
+    }
+    assert_eq!(said.ok_or("nothing is said")?.last_error(), crate::sensors::SensorFault::Position.text());
+    Ok(())
 }
 
 #[test]

@@ -5,7 +5,7 @@ use crate::graph::Graph;
 use crate::options::Options;
 use crate::role::{START_ORDER, program};
 use crate::scenario::Scenario;
-use controller::settings::LearnedSettings;
+use controller::settings::{LearnedSettings, SolverFaults};
 use model::robot::Robot;
 use process::{Pace, Run};
 use protocol::message::Participant;
@@ -157,6 +157,7 @@ impl Assembly {
                 delay_ticks: learner.delay_ticks,
                 resumed: learner.resume.is_some(),
             },
+            solver_faults: SolverFaults::default(),
         }
     }
 

@@ -14,7 +14,7 @@
 //! as far as the row asks for, or until a multiplier is zero: then that row is let go.
 
 use super::qp::QuadraticProgram;
-use super::solver::{Outcome, Status};
+use super::solver::{Outcome, Status, Turn};
 use nalgebra::{DMatrix, DVector};
 
 /// By how much a row may be violated; rows are scaled to bounds of 1.
@@ -80,9 +80,9 @@ impl ActiveSet {
     }
 
     /// Solves `program`, and writes the answer to `solution` if there is one. Does not allocate.
-    pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64]) -> Outcome {
+    pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
         let mut iterations = 0;
-        let status = self.climb(program, &mut iterations);
+        let status = if turn.is_over() { Status::OutOfTime } else { self.climb(program, turn, &mut iterations) };
         if status == Status::Solved {
             solution.copy_from_slice(self.x.as_slice());
         }
@@ -90,7 +90,7 @@ impl ActiveSet {
     }
 
     /// Takes in what is violated, row by row, until nothing is.
-    fn climb(&mut self, program: &QuadraticProgram, iterations: &mut u32) -> Status {
+    fn climb(&mut self, program: &QuadraticProgram, turn: &Turn, iterations: &mut u32) -> Status {
         if !(self.factorise(program) && self.begin(program)) {
             return Status::Failed;
         }
@@ -100,6 +100,9 @@ impl ActiveSet {
                 *iterations += 1;
                 if *iterations as usize > STEPS_PER_UNKNOWN * self.x.len() {
                     return Status::OutOfIterations;
+                }
+                if turn.is_over() {
+                    return Status::OutOfTime;
                 }
                 match self.approach(program, row, &mut multiplier) {
                     Step::TakenIn => break,

@@ -1,11 +1,13 @@
 //! Clarabel, an interior-point method, on a program of fixed sparsity: set up once, then only values change.
 //!
-//! The rows are scaled to bounds of 1, so the solver's own equilibration is off. Budgets are iterations, never wall time.
+//! The rows are scaled to bounds of 1, so the solver's own equilibration is off. The budget is iterations, and in real time a deadline.
 
 use super::qp::QuadraticProgram;
-use super::solver::{Outcome, Status};
+use super::solver::{Outcome, Status, Turn};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Most iterations of the interior-point method: 8 to 15 are usual.
 const ITERATIONS_MAX: u32 = 50;
@@ -24,6 +26,9 @@ pub struct SolverError {
     reason: String,
 }
 
+/// No deadline.
+const NEVER: u64 = u64::MAX;
+
 /// The solver and the values that it is given.
 pub struct Clarabel {
     solver: DefaultSolver<f64>,
@@ -31,6 +36,8 @@ pub struct Clarabel {
     hessian: Vec<f64>,
     /// G at its structure, column by column.
     rows: Vec<f64>,
+    /// When the solver is to stop, which it looks at in every iteration, on the monotonic clock \[ns\].
+    until: Arc<AtomicU64>,
 }
 
 impl Clarabel {
@@ -57,7 +64,7 @@ impl Clarabel {
             .direct_solve_method("qdldl".to_owned())
             .build()
             .map_err(|e| refused(e.to_string()))?;
-        let solver = DefaultSolver::new(
+        let mut solver = DefaultSolver::new(
             &csc(variables, variables, &upper, &hessian),
             &program.gradient,
             &csc(row_count, variables, program.structure(), &rows),
@@ -66,11 +73,18 @@ impl Clarabel {
             settings,
         )
         .map_err(|e| refused(e.to_string()))?;
-        Ok(Self { solver, hessian, rows })
+        let until = Arc::new(AtomicU64::new(NEVER));
+        let deadline = Arc::clone(&until);
+        solver.set_termination_callback(move |_| {
+            let until = deadline.load(Ordering::Relaxed);
+            Turn { tick: None, until: (until != NEVER).then_some(until) }.is_over()
+        });
+        Ok(Self { solver, hessian, rows, until })
     }
 
     /// Solves `program`, and writes the answer to `solution` if there is a usable one.
-    pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64]) -> Outcome {
+    pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
+        self.until.store(turn.until.unwrap_or(NEVER), Ordering::Relaxed);
         let columns = program.variables();
         let upper = (0..columns).flat_map(|column| (0..=column).map(move |row| (row, column)));
         for (value, (row, column)) in self.hessian.iter_mut().zip(upper) {
@@ -93,7 +107,8 @@ impl Clarabel {
         let status = match answer.status {
             SolverStatus::Solved => Status::Solved,
             SolverStatus::AlmostSolved => Status::AlmostSolved,
-            SolverStatus::MaxIterations | SolverStatus::MaxTime => Status::OutOfIterations,
+            SolverStatus::MaxIterations => Status::OutOfIterations,
+            SolverStatus::MaxTime | SolverStatus::CallbackTerminated => Status::OutOfTime,
             SolverStatus::PrimalInfeasible
             | SolverStatus::DualInfeasible
             | SolverStatus::AlmostPrimalInfeasible

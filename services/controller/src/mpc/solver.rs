@@ -1,10 +1,31 @@
-//! Who solves the quadratic program, and what comes of it.
+//! Who solves the quadratic program, by when, and what comes of it.
 
 use super::active_set::ActiveSet;
 use super::interior_point::{Clarabel, SolverError};
 use super::qp::QuadraticProgram;
-use crate::settings::SolverSetting;
+use crate::settings::{SolverFaultKind, SolverFaults, SolverSetting};
+use model::gp::split_mix::SplitMix64;
+use protocol::clock::monotonic_nanos;
 use protocol::message::SolverStatus as Code;
+
+/// How far outside the limits a wrong answer is on purpose; rows are scaled to bounds of 1.
+const FAR_OUTSIDE: f64 = 1e3;
+
+/// For which tick, and until when, an answer is wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Turn {
+    /// The tick; `None` for a rehearsal, to which no fault happens.
+    pub tick: Option<u64>,
+    /// When the time is used up, on the monotonic clock; `None` asks no clock \[ns\].
+    pub until: Option<u64>,
+}
+
+impl Turn {
+    /// Whether the time is used up.
+    pub fn is_over(&self) -> bool {
+        self.until.is_some_and(|until| monotonic_nanos() >= until)
+    }
+}
 
 /// What became of one program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,6 +36,8 @@ pub enum Status {
     AlmostSolved,
     /// Out of iterations.
     OutOfIterations,
+    /// Out of time.
+    OutOfTime,
     /// No input satisfies the limits.
     Infeasible,
     /// Numerical trouble.
@@ -45,7 +68,7 @@ impl Outcome {
         match self.status {
             Status::Solved => Code::Solved,
             Status::AlmostSolved => Code::AlmostSolved,
-            Status::OutOfIterations => Code::OutOfIterations,
+            Status::OutOfIterations | Status::OutOfTime => Code::OutOfIterations,
             Status::Infeasible => Code::Infeasible,
             Status::Failed | Status::Wrong | Status::Unpredictable => Code::NumericalError,
         }
@@ -56,6 +79,7 @@ impl Outcome {
 pub struct Solver {
     active_set: Option<ActiveSet>,
     clarabel: Clarabel,
+    faults: SolverFaults,
 }
 
 impl Solver {
@@ -65,15 +89,46 @@ impl Solver {
     /// [`SolverError`] if Clarabel refuses it.
     pub fn new(setting: SolverSetting, program: &QuadraticProgram) -> Result<Self, SolverError> {
         let active_set = (setting == SolverSetting::ActiveSet).then(|| ActiveSet::new(program));
-        Ok(Self { active_set, clarabel: Clarabel::new(program)? })
+        Ok(Self { active_set, clarabel: Clarabel::new(program)?, faults: SolverFaults::default() })
+    }
+
+    /// Goes wrong on purpose from now on.
+    pub fn inject(&mut self, faults: SolverFaults) {
+        self.faults = faults;
     }
 
     /// Solves `program`, and writes the answer to `solution` if there is a usable one.
-    pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64]) -> Outcome {
-        let answer = self.active_set.as_mut().map(|method| method.solve(program, solution));
+    pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
+        if let Some((kind, random)) = turn.tick.and_then(|tick| self.faults.strike(tick)) {
+            return go_wrong(kind, random, solution);
+        }
+        let answer = self.active_set.as_mut().map(|method| method.solve(program, solution, turn));
         match answer {
-            Some(outcome) if outcome.usable() => outcome,
-            _ => self.clarabel.solve(program, solution),
+            Some(outcome) if outcome.usable() || outcome.status == Status::OutOfTime => outcome,
+            _ => self.clarabel.solve(program, solution, turn),
         }
     }
+}
+
+/// What a fault on purpose says in the solver's place.
+fn go_wrong(kind: SolverFaultKind, mut random: SplitMix64, solution: &mut [f64]) -> Outcome {
+    let status = match kind {
+        SolverFaultKind::Infeasible => Status::Infeasible,
+        SolverFaultKind::OutOfIterations => Status::OutOfIterations,
+        SolverFaultKind::Nan => {
+            solution.fill(f64::NAN);
+            Status::Solved
+        }
+        SolverFaultKind::Wrong => {
+            // The first unknown is an input, which no slack lets off its limit.
+            for value in &mut *solution {
+                *value = random.normal();
+            }
+            if let Some(first) = solution.first_mut() {
+                *first = FAR_OUTSIDE.copysign(*first);
+            }
+            Status::Solved
+        }
+    };
+    Outcome { status, iterations: 0 }
 }

@@ -22,6 +22,7 @@ pub(crate) fn settings() -> MpcSettings {
         delay: DelaySetting::Estimated,
         no_harm: true,
         solver: SolverSetting::ActiveSet,
+        budget_share: 0.5,
     }
 }
 

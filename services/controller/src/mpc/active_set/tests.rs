@@ -111,7 +111,7 @@ fn small_programs_have_the_answer_that_trying_all_sets_of_rows_gives() {
         let bound_min = if numbers.below(4) == 0 { -0.5 } else { 0.0 };
         let program = program(&mut numbers, shape, bound_min);
         let mut x = vec![0.0; program.variables()];
-        let outcome = ActiveSet::new(&program).solve(&program, &mut x);
+        let outcome = ActiveSet::new(&program).solve(&program, &mut x, &Turn::default());
         match brute_force(&program) {
             Some(exact) => {
                 assert_eq!(outcome.status, Status::Solved, "{exact} {:?} {:?}", program.rows, program.bounds);
@@ -139,8 +139,8 @@ proptest! {
         let mut numbers = Numbers(seed);
         let program = program(&mut numbers, Shape { dense, rows, slacks, decades }, 0.0);
         let (mut ours, mut theirs) = (vec![0.0; program.variables()], vec![0.0; program.variables()]);
-        let outcome = ActiveSet::new(&program).solve(&program, &mut ours);
-        let reference = Clarabel::new(&program).map_err(|e: SolverError| TestCaseError::fail(e.to_string()))?.solve(&program, &mut theirs);
+        let outcome = ActiveSet::new(&program).solve(&program, &mut ours, &Turn::default());
+        let reference = Clarabel::new(&program).map_err(|e: SolverError| TestCaseError::fail(e.to_string()))?.solve(&program, &mut theirs, &Turn::default());
         prop_assert_eq!(outcome.status, Status::Solved);
         prop_assert!(program.satisfied_by(&ours, 1e-7));
         if reference.usable() {
@@ -163,7 +163,7 @@ fn what_cannot_be_answered_is_said() {
     unknowable.gradient[0] = f64::NAN;
     for (program, status) in [(contradictory, Status::Infeasible), (flat, Status::Failed), (unknowable, Status::Failed)] {
         let mut untouched = [7.0; 2];
-        assert_eq!(ActiveSet::new(&program).solve(&program, &mut untouched).status, status);
+        assert_eq!(ActiveSet::new(&program).solve(&program, &mut untouched, &Turn::default()).status, status);
         assert_eq!(untouched, [7.0; 2]);
     }
 }
@@ -176,7 +176,8 @@ fn the_answer_does_not_depend_on_what_was_solved_before() {
     let mut one = ActiveSet::new(&programs[0]);
     for program in &programs {
         let (mut used, mut fresh) = ([0.0; 16], [0.0; 16]);
-        let outcomes = (one.solve(program, &mut used), ActiveSet::new(program).solve(program, &mut fresh));
+        let outcomes =
+            (one.solve(program, &mut used, &Turn::default()), ActiveSet::new(program).solve(program, &mut fresh, &Turn::default()));
         assert_eq!((outcomes.0, used), (outcomes.1, fresh));
     }
 }

@@ -1,0 +1,221 @@
+use super::*;
+use crate::mpc::tests::settings;
+use crate::reference::{Heading, PathSettings, ReferenceSettings};
+use crate::settings::{LearnedSettings, SolverFault, SolverFaultKind, SolverFaults};
+use gate::Gate;
+use model::gp::hyperparameters::Hyperparameters;
+use model::gp::normalisation::Normalisation;
+use model::gp::posterior::{Posterior, VarianceScratch};
+use model::learned::{INPUTS, Layout, Learned};
+use process::Run;
+use protocol::port::Links;
+
+fn controller() -> Result<Controller, ControllerError> {
+    Controller::new(&told())
+}
+
+pub(crate) fn told() -> Settings {
+    let links = Links::on_this_machine("test", "/tmp", true, 0);
+    Settings {
+        run: Run {
+            links,
+            folder: "/tmp".into(),
+            log: "off".into(),
+            epoch_floor: 0,
+            restarted: false,
+            period_nanos: 100_000_000,
+            pace: Pace::LockStep,
+        },
+        duration_s: 10.0,
+        start: [0.0; 3],
+        robot: model::robot::Robot::example(),
+        reference: ReferenceSettings {
+            path: PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 },
+            heading: Heading::Tangent,
+            ramp_s: 0.0,
+        },
+        mpc: settings(),
+        learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3, resumed: false },
+        solver_faults: SolverFaults::default(),
+    }
+}
+
+#[test]
+fn an_oracle_without_foresight_is_refused() {
+    let mut settings = told();
+    settings.mpc.method = Method::Oracle;
+    assert!(matches!(Controller::new(&settings), Err(ControllerError::NoForesight)));
+}
+
+fn state(tick: u64) -> PlantState {
+    let mut state: PlantState = bytemuck::Zeroable::zeroed();
+    (state.stamp.epoch, state.stamp.tick, state.rung) = (1, tick, Rung::FreshPlan.code());
+    // No two readings are alike.
+    state.pose[0] = 1e-9 * tick as f64;
+    state
+}
+
+fn answer(controller: &mut Controller, state: &PlantState) -> Command {
+    let handover = Handover::default();
+    controller.observe(state, &handover, 1);
+    *controller.answer(state, &handover)
+}
+
+/// A model whose every answer is not a number.
+fn nonsense() -> Result<Box<Candidate>, Box<dyn std::error::Error>> {
+    let normalisation = Normalisation { mean: [f64::NAN; INPUTS], scale: [1.0; INPUTS] };
+    let hyperparameters = [Hyperparameters::new([1.0; INPUTS], 1.0, 1e-2); 3];
+    let posterior = Posterior::new(&[[0.0; INPUTS]], &[[0.1; 3]], &hyperparameters)?;
+    let learned = Box::new(Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [1.0; 3], sample_variance: [0.0; 3] });
+    Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(1) }))
+}
+
+#[test]
+fn a_model_that_says_nonsense_is_never_used() -> Result<(), Box<dyn std::error::Error>> {
+    let mut controller = controller()?;
+    for tick in 0..20 {
+        drop(controller.adopt(nonsense()?));
+        let command = answer(&mut controller, &state(tick));
+        assert_eq!((command.rung(), controller.knowledge().learned_axes()), (Rung::FreshPlan, 0));
+        assert!(command.input.iter().chain(command.tail().iter().flatten()).all(|value| value.is_finite()), "{command:?}");
+    }
+    Ok(())
+}
+
+#[test]
+fn a_state_that_is_no_number_is_answered_with_the_brake() -> Result<(), Box<dyn std::error::Error>> {
+    let mut controller = controller()?;
+    answer(&mut controller, &state(0));
+    let mut blind = state(1);
+    blind.velocity[1] = f64::NAN;
+    let command = answer(&mut controller, &blind);
+    assert_eq!((command.rung(), command.input), (Rung::Brake, [0.0; 3]));
+    assert_eq!(answer(&mut controller, &state(2)).rung(), Rung::FreshPlan);
+    Ok(())
+}
+
+#[test]
+fn a_plant_of_another_epoch_begins_with_nothing_remembered() -> Result<(), Box<dyn std::error::Error>> {
+    let (mut used, mut fresh) = (controller()?, controller()?);
+    for tick in 0..10 {
+        let mut moving = state(tick);
+        (moving.velocity, moving.input) = ([1.0, 0.2, 0.1], [1.4, 0.0, 0.2]);
+        answer(&mut used, &moving);
+    }
+    let mut reborn = state(0);
+    reborn.stamp.epoch = 2;
+    let (ours, theirs) = (answer(&mut used, &reborn), answer(&mut fresh, &reborn));
+    assert_eq!((ours.input, ours.tail), (theirs.input, theirs.tail));
+    Ok(())
+}
+
+const PERIOD_NANOS: u64 = 100_000_000;
+
+/// A robot that is as believed, behind its gate.
+struct Robotic {
+    controller: Controller,
+    gate: Gate,
+    state: State,
+    input: Velocity,
+    /// Where its sensors have been stuck since.
+    stuck: Option<State>,
+}
+
+impl Robotic {
+    fn new(settings: &Settings) -> Result<Self, ControllerError> {
+        let gate = Gate::new(Bounds::new(&settings.robot, PERIOD_NANOS, 0), 1);
+        Ok(Self { controller: Controller::new(settings)?, gate, state: State::default(), input: [0.0; 3], stuck: None })
+    }
+
+    /// One period: what the gate made of the answer, and the answer.
+    fn drive(&mut self, tick: u64) -> (Result<(), Reason>, Command) {
+        self.gate.begin_period(tick, tick * PERIOD_NANOS);
+        let seen = self.stuck.unwrap_or(self.state);
+        let mut measured = state(tick);
+        (measured.pose, measured.velocity, measured.input) = (seen.pose, seen.velocity, self.input);
+        let command = answer(&mut self.controller, &measured);
+        self.controller.explain(0);
+        self.controller.prepare_next();
+        let verdict = self.gate.offer(&command, tick * PERIOD_NANOS);
+        self.input = self.gate.decide(tick * PERIOD_NANOS).input;
+        self.gate.end_period((tick + 1) * PERIOD_NANOS);
+        self.state = self.controller.knowledge().belief().predict(&self.state, &self.input);
+        (verdict, command)
+    }
+}
+
+#[test]
+fn of_a_thousand_answers_of_a_faulty_optimiser_none_is_driven_and_every_command_is_valid_in_its_own_period()
+-> Result<(), Box<dyn std::error::Error>> {
+    for kind in [SolverFaultKind::Infeasible, SolverFaultKind::OutOfIterations, SolverFaultKind::Nan, SolverFaultKind::Wrong] {
+        let fault = SolverFault { kind, from_tick: 20, until_tick: Some(1020), probability: 1.0 };
+        let mut settings = told();
+        (settings.duration_s, settings.solver_faults) = (110.0, SolverFaults { seed: 5, solver: vec![fault] });
+        let mut robot = Robotic::new(&settings)?;
+        let mut rungs = [0; 3];
+        for tick in 0..1060 {
+            let (verdict, command) = robot.drive(tick);
+            assert_eq!((verdict, command.stamp.tick), (Ok(()), tick), "{kind:?}");
+            match (command.rung(), (20..1020).contains(&tick)) {
+                (Rung::FreshPlan, false) => rungs[0] += 1,
+                (Rung::ShiftedPlan, true) => rungs[1] += 1,
+                (Rung::Lqr, true) => rungs[2] += 1,
+                (rung, _) => return Err(format!("{kind:?}: {rung} at tick {tick}").into()),
+            }
+        }
+        assert_eq!(rungs, [60, 2, 998], "{kind:?}");
+    }
+    Ok(())
+}
+
+#[test]
+fn faults_now_and_then_are_answered_by_shifted_plans_and_the_next_plan_is_fresh_again() -> Result<(), Box<dyn std::error::Error>> {
+    let mut settings = told();
+    let fault = |kind| SolverFault { kind, from_tick: 5, until_tick: None, probability: 0.2 };
+    settings.duration_s = 30.0;
+    settings.solver_faults = SolverFaults { seed: 9, solver: vec![fault(SolverFaultKind::Wrong), fault(SolverFaultKind::Nan)] };
+    let mut robot = Robotic::new(&settings)?;
+    let mut rungs = Vec::new();
+    for tick in 0..250 {
+        let (verdict, command) = robot.drive(tick);
+        let well = settings.solver_faults.strike(tick).is_none();
+        assert_eq!((verdict, command.rung() == Rung::FreshPlan), (Ok(()), well), "{tick}");
+        rungs.push(command.rung());
+    }
+    assert!(rungs.contains(&Rung::ShiftedPlan));
+    Ok(())
+}
+
+#[test]
+fn a_command_that_the_gate_would_refuse_gives_way_to_the_next_rung() -> Result<(), Box<dyn std::error::Error>> {
+    let mut controller = controller()?;
+    let mut weak = told().robot;
+    (weak.limits.input_mps, weak.limits.yaw_input_radps) = (0.1, 0.1);
+    controller.bounds = Bounds::new(&weak, PERIOD_NANOS, 0);
+    for tick in 0..5 {
+        let command = answer(&mut controller, &state(tick));
+        assert_eq!(
+            (command.rung(), command.input, command.tail),
+            (Rung::Brake, [0.0; 3], [[0.0; 3]; TAIL_MAX]),
+            "plan and LQR are too fast"
+        );
+    }
+    controller.bounds = Bounds::new(&told().robot, PERIOD_NANOS, 0);
+    assert_eq!(answer(&mut controller, &state(5)).rung(), Rung::FreshPlan);
+    Ok(())
+}
+
+#[test]
+fn stuck_sensors_are_answered_with_the_brake_until_they_move_again() -> Result<(), Box<dyn std::error::Error>> {
+    let mut robot = Robotic::new(&told())?;
+    for tick in 0..30 {
+        assert_eq!(robot.drive(tick).1.rung(), Rung::FreshPlan);
+    }
+    robot.stuck = Some(robot.state);
+    let rungs: Vec<Rung> = (30..50).map(|tick| robot.drive(tick).1.rung()).collect();
+    assert_eq!((&rungs[..3], &rungs[3..]), (&[Rung::FreshPlan; 3][..], &[Rung::Brake; 17][..]));
+    assert_eq!(robot.controller.sensor_fault(), Some(SensorFault::Everything), "not even the brake changes anything");
+    robot.stuck = None;
+    assert_eq!(robot.drive(50).1.rung(), Rung::FreshPlan);
+    Ok(())
+}

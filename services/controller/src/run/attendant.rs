@@ -1,0 +1,80 @@
+//! The thread beside the control thread: prepares models, frees old ones, writes events to the log.
+
+use super::{PATIENCE, RunError};
+use crate::adopt::{Arrival, Event, Examiner, Handover};
+use crate::control::Controller;
+use crate::settings::Settings;
+use process::{Pace, Stop, step_back};
+use protocol::message::ModelSnapshot;
+use protocol::port::{Identity, OpenError, Ports, Since, Source};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::Thread;
+
+/// Says that the attendant has gone, however it goes.
+struct Gone<'a>(&'a AtomicBool);
+
+impl Drop for Gone<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// The attendant: prepares models, frees old ones, writes events to the log.
+pub(super) fn attend(
+    settings: &Settings,
+    connect: &(impl Fn(Identity) -> Result<Ports, OpenError> + Sync),
+    identity: Identity,
+    handover: &Handover,
+    done: &Stop,
+    control_thread: &Thread,
+) -> Result<(), RunError> {
+    let _gone = Gone(&handover.attendant_gone);
+    if settings.run.pace == Pace::RealTime {
+        step_back();
+    }
+    let ports = connect(identity)?;
+    let mut snapshots: Source<ModelSnapshot> = ports.source(Since::Joining)?;
+    let mut examiner = Examiner::new(Controller::expected(settings));
+    while !done.requested() {
+        snapshots.wait(PATIENCE)?;
+        while let Some(snapshot) = snapshots.next()? {
+            let arrival = match examiner.examine(&snapshot) {
+                Ok(candidate) => Arrival::Candidate(Box::new(candidate)),
+                Err(refusal) => {
+                    tracing::warn!("{refusal}");
+                    handover.refused.fetch_add(1, Ordering::Relaxed);
+                    Arrival::Refused { effective_tick: snapshot.head.effective_tick }
+                }
+            };
+            // A model that nobody fetched gives way to a newer one.
+            drop(handover.ready.force_push(arrival));
+            control_thread.unpark();
+        }
+        let tally = snapshots.tally();
+        for (slot, count) in handover.snapshots.iter().zip([tally.received, tally.lost, tally.refused]) {
+            slot.store(count, Ordering::Relaxed);
+        }
+        while handover.returned.pop().is_some() {}
+        write_events(handover);
+    }
+    write_events(handover);
+    Ok(())
+}
+
+fn write_events(handover: &Handover) {
+    while let Some(event) = handover.events.pop() {
+        match event {
+            Event::Plant { epoch, controller_epoch } => tracing::info!(plant_epoch = epoch, controller_epoch, "answering a plant"),
+            Event::Adopted { version, tick } => tracing::info!(version, tick, "model adopted"),
+            Event::Rung { tick, rung, reason } => tracing::info!(tick, %rung, %reason, "rung"),
+            Event::Sensors { tick, fault: Some(fault) } => tracing::warn!(tick, "{}", fault.text()),
+            Event::Sensors { tick, fault: None } => tracing::info!(tick, "the sensors are well again"),
+            Event::OutOfTime { tick, nanos } => tracing::warn!(tick, micros = nanos / 1000, "the optimiser was out of time"),
+            Event::Late { tick, nanos } => tracing::warn!(tick, micros = nanos / 1000, "period missed"),
+        }
+    }
+    let dropped = handover.events_dropped.swap(0, Ordering::Relaxed);
+    if dropped > 0 {
+        tracing::warn!(dropped, "events did not fit the ring");
+    }
+}

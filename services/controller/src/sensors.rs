@@ -1,0 +1,279 @@
+//! Measurements that cannot be: no numbers, or numbers that stand still while the robot drives.
+//!
+//! | what stands still, bit for bit  | what says that it should not                                                        |
+//! |---------------------------------|-------------------------------------------------------------------------------------|
+//! | position                        | the measured velocity, which would have taken it 0.1 m away                          |
+//! | heading                         | the measured yaw rate, which would have turned it by 0.1 rad                         |
+//! | everything                      | the input, which makes more of a difference than the main model can be wrong by      |
+//!
+//! for 3 periods at least. A robot that stands, or creeps at a speed that a biased or noisy sensor may report of one that stands, is never
+//! suspected, however coarse its sensors are. What is stuck stays so until it moves again: the robot brakes, and then nothing but
+//! the sensor itself can tell that it is well.
+
+use model::delay::DELAY_MAX;
+use model::main_model::MainModel;
+use model::residual::residual;
+use model::{AXES, State, Velocity};
+use protocol::message::PlantState;
+
+/// Periods without a change before anything is said to be stuck.
+const PERIODS: u32 = 3;
+/// The same by what was commanded: it may be under way for so long before it acts.
+const COMMANDED_PERIODS: u32 = PERIODS + DELAY_MAX as u32;
+/// Slower than this a robot may be standing, for all that its sensors can tell \[m/s\].
+const SPEED: f64 = 0.2;
+/// The same of turning \[rad/s\].
+const RATE: f64 = 0.2;
+/// How far a robot must have gone whose position has not changed \[m\].
+const TRAVEL: f64 = 0.1;
+/// How far it must have turned if its heading has not \[rad\].
+const TURN: f64 = 0.1;
+
+/// What is wrong with what was measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SensorFault {
+    /// Pose or velocity is not a number.
+    NotFinite,
+    /// The position stands still although the velocity does not.
+    Position,
+    /// The heading stands still although the yaw rate does not.
+    Heading,
+    /// Everything stands still although the robot is driven.
+    Everything,
+}
+
+impl SensorFault {
+    /// In a person's words, short enough for a [`Health`](protocol::message::Health).
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::NotFinite => "the measured state is not a number: the robot brakes",
+            Self::Position => "the position has not changed for periods although the robot drives: a stuck sensor, the robot brakes",
+            Self::Heading => "the heading has not changed for periods although the robot turns: a stuck sensor, the robot brakes",
+            Self::Everything => "nothing measured has changed for periods although the robot is driven: stuck sensors, the robot brakes",
+        }
+    }
+}
+
+/// What the sensors said of one tick.
+#[derive(Debug, Clone, Copy)]
+struct Readings {
+    tick: u64,
+    pose: [f64; 3],
+    velocity: Velocity,
+    wheel_speed: [f64; 4],
+}
+
+/// What has been done to the robot in the past period.
+#[derive(Debug, Clone, Copy)]
+pub struct Driven {
+    /// The input that acted, as the driver says \[m/s, m/s, rad/s\].
+    pub acted: Velocity,
+    /// What was commanded, if the gate played it.
+    pub commanded: Option<Velocity>,
+}
+
+/// Something that may be stuck: for how long it has stood still against all likelihood, and how far it should have moved.
+#[derive(Debug, Clone, Copy, Default)]
+struct Still {
+    periods: u32,
+    moved: [f64; 2],
+    stuck: bool,
+}
+
+impl Still {
+    /// One more period. `by` is how far it should have moved in it, if that is beyond doubt.
+    fn update(&mut self, changed: bool, by: Option<[f64; 2]>, enough: impl Fn(u32, f64) -> bool) {
+        match by {
+            _ if changed => *self = Self::default(),
+            Some([x, y]) => {
+                self.periods = self.periods.saturating_add(1);
+                self.moved = [self.moved[0] + x, self.moved[1] + y];
+                self.stuck |= enough(self.periods, self.moved[0].hypot(self.moved[1]));
+            }
+            None => *self = Self { stuck: self.stuck, ..Self::default() },
+        }
+    }
+}
+
+/// Watches what is measured, from period to period. Does not allocate.
+#[derive(Debug)]
+pub struct Watch {
+    main: MainModel,
+    /// Largest |g| that is believable.
+    bound: Velocity,
+    last: Option<Readings>,
+    finite: bool,
+    position: Still,
+    heading: Still,
+    /// By what acted, and by what was commanded.
+    everything: [Still; 2],
+}
+
+impl Watch {
+    /// One that has seen nothing yet. A residual beyond `bound` is not believed.
+    pub fn new(main: MainModel, bound: Velocity) -> Self {
+        let still = Still::default();
+        Self { main, bound, last: None, finite: true, position: still, heading: still, everything: [still; 2] }
+    }
+
+    /// Forgets everything: another robot, or the same one put somewhere else.
+    pub fn reset(&mut self) {
+        let still = Still::default();
+        (self.last, self.finite, self.position, self.heading, self.everything) = (None, true, still, still, [still; 2]);
+    }
+
+    /// What is wrong now.
+    pub fn fault(&self) -> Option<SensorFault> {
+        let stuck = self.everything.iter().any(|still| still.stuck);
+        [
+            (!self.finite, SensorFault::NotFinite),
+            (stuck, SensorFault::Everything),
+            (self.position.stuck, SensorFault::Position),
+            (self.heading.stuck, SensorFault::Heading),
+        ]
+        .into_iter()
+        .find_map(|(is_so, fault)| is_so.then_some(fault))
+    }
+
+    /// Takes in what was measured at the end of a period in which the robot was `driven`.
+    pub fn look(&mut self, state: &PlantState, driven: &Driven) -> Option<SensorFault> {
+        let now = Readings { tick: state.stamp.tick, pose: state.pose, velocity: state.velocity, wheel_speed: state.wheel_speed };
+        self.finite = State { pose: now.pose, velocity: now.velocity, acted: [0.0; AXES] }.is_finite();
+        if self.finite {
+            if let Some(last) = self.last.filter(|last| last.tick + 1 == now.tick) {
+                self.compare(&last, &now, driven);
+            }
+            self.last = Some(now);
+        }
+        self.fault()
+    }
+
+    fn compare(&mut self, last: &Readings, now: &Readings, driven: &Driven) {
+        let period = self.main.period;
+        let [x, y, yaw] = last.pose;
+        let [forward, left, rate] = now.velocity;
+        let (sin, cos) = yaw.sin_cos();
+        let moved = !same(&[x, y], &now.pose[..2]);
+        let turned = !same(&[yaw], &now.pose[2..]);
+        let travel = [period * (cos * forward - sin * left), period * (sin * forward + cos * left)];
+        self.position.update(moved, (forward.hypot(left) > SPEED).then_some(travel), |periods, far| periods >= PERIODS && far > TRAVEL);
+        self.heading.update(turned, (rate.abs() > RATE).then_some([period * rate, 0.0]), |periods, far| periods >= PERIODS && far > TURN);
+
+        let changed = moved || turned || !same(&last.velocity, &now.velocity) || !same(&last.wheel_speed, &now.wheel_speed);
+        let (acted, commanded) = (Some(driven.acted), driven.commanded);
+        for (index, (input, least)) in [(acted, PERIODS), (commanded, COMMANDED_PERIODS)].into_iter().enumerate() {
+            let contradicts = input.is_some_and(|input| self.contradicts(last, now, &input));
+            self.everything[index].update(changed, contradicts.then_some([0.0; 2]), |periods, _| periods >= least);
+        }
+    }
+
+    /// Whether the velocity cannot have come about with this input, however wrong the main model is.
+    fn contradicts(&self, last: &Readings, now: &Readings, input: &Velocity) -> bool {
+        let residual = residual(&self.main, &last.velocity, input, &now.velocity);
+        residual.iter().zip(self.bound).any(|(value, bound)| value.abs() > bound)
+    }
+}
+
+/// Whether two readings have the same bits.
+fn same(a: &[f64], b: &[f64]) -> bool {
+    a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use model::residual::bound;
+    use model::robot::Robot;
+
+    const PERIOD: f64 = 0.1;
+
+    fn watch() -> Watch {
+        let main = MainModel::new(&Robot::example(), PERIOD);
+        Watch::new(main, bound(&main, &Robot::example()))
+    }
+
+    fn state(tick: u64, pose: [f64; 3], velocity: Velocity) -> PlantState {
+        let mut state = PlantState::zeroed();
+        (state.stamp.tick, state.pose, state.velocity) = (tick, pose, velocity);
+        state
+    }
+
+    fn driven(input: Velocity) -> Driven {
+        Driven { acted: input, commanded: Some(input) }
+    }
+
+    /// What is said of each of so many periods.
+    fn said(watch: &mut Watch, ticks: std::ops::Range<u64>, at: impl Fn(u64) -> (PlantState, Driven)) -> Vec<Option<SensorFault>> {
+        let look = |tick| {
+            let (state, driven) = at(tick);
+            watch.look(&state, &driven)
+        };
+        ticks.map(look).collect()
+    }
+
+    fn driving(tick: u64) -> (PlantState, Driven) {
+        let way = PERIOD * tick as f64;
+        (state(tick, [2.7 * way, 0.1 * way, 0.3 * way], [2.7, 0.1, 0.3]), driven([2.8, 0.1, 0.3]))
+    }
+
+    #[test]
+    fn a_pose_that_stands_still_while_the_robot_drives_is_named_after_three_periods_until_it_moves_again() {
+        let mut watch = watch();
+        let stuck_from = |first: u64| {
+            move |tick: u64| {
+                let (mut now, driven) = driving(tick);
+                now.pose = driving(tick.min(first)).0.pose;
+                (now, driven)
+            }
+        };
+        let said_of = said(&mut watch, 0..20, stuck_from(10));
+        assert_eq!(said_of[..13], [None; 13]);
+        assert_eq!(said_of[13..], [Some(SensorFault::Position); 7]);
+        let (mut standing, _) = stuck_from(10)(20);
+        standing.velocity = [0.0; 3];
+        assert_eq!(watch.look(&standing, &driven([0.0; 3])), Some(SensorFault::Position), "it has braked, and nothing has moved");
+        assert_eq!(watch.look(&driving(21).0, &driven([0.0; 3])), None);
+    }
+
+    #[test]
+    fn a_heading_that_stands_still_while_the_robot_turns_is_named() {
+        let turning = |tick: u64| (state(tick, [0.01 * tick as f64, 0.0, 1.0], [0.1, 0.0, -0.5]), driven([0.1, 0.0, -0.5]));
+        assert_eq!(
+            said(&mut watch(), 0..6, turning)[2..],
+            [None, Some(SensorFault::Heading), Some(SensorFault::Heading), Some(SensorFault::Heading)]
+        );
+    }
+
+    #[test]
+    fn a_robot_that_is_driven_hard_and_whose_readings_never_change_has_stuck_sensors() {
+        let frozen = |tick| (state(tick, [1.0, 2.0, 3.0], [0.0; 3]), driven([2.0, 0.0, 0.0]));
+        let said_of = said(&mut watch(), 0..6, frozen);
+        assert_eq!((said_of[2], said_of[3]), (None, Some(SensorFault::Everything)));
+        // What acted is told by the same stuck driver: it is the commands that give it away.
+        let silent = |tick| (frozen(tick).0, Driven { acted: [0.0; 3], commanded: Some([2.0, 0.0, 0.0]) });
+        let said_of = said(&mut watch(), 0..20, silent);
+        assert_eq!(said_of.iter().position(Option::is_some), Some(COMMANDED_PERIODS as usize));
+    }
+
+    #[test]
+    fn a_robot_that_stands_holds_a_point_or_sticks_to_the_floor_is_never_suspected() {
+        let mut watch = watch();
+        // Coarse and biased sensors, and an input that friction does not let through.
+        let standing = |tick| (state(tick, [1.0, 2.0, 3.0], [0.15, -0.05, 0.15]), driven([0.8, 0.3, -0.6]));
+        assert!(said(&mut watch, 0..10_000, standing).iter().all(Option::is_none));
+        // A pose in steps of a centimetre, at a control period of a tenth of what it takes to cover one.
+        let creeping = |tick: u64| (state(tick, [0.01 * (tick / 10) as f64, 0.0, 0.0], [0.19, 0.0, 0.0]), driven([0.2, 0.0, 0.0]));
+        assert!(said(&mut watch, 10_000..12_000, creeping).iter().all(Option::is_none));
+        assert!(said(&mut watch, 12_000..13_000, driving).iter().all(Option::is_none));
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_named_for_as_long_as_it_is_none() {
+        let mut watch = watch();
+        let (mut blind, driven) = driving(0);
+        blind.velocity[1] = f64::NAN;
+        assert_eq!(watch.look(&blind, &driven), Some(SensorFault::NotFinite));
+        assert_eq!(watch.look(&driving(1).0, &driven), None);
+    }
+}
