@@ -243,7 +243,7 @@ impl Controller {
             plant_epoch: state.stamp.epoch,
             tick: state.stamp.tick,
             age_nanos: Some(0),
-            accepted_tick: None,
+            accepted: None,
             writer: None,
             acting: self.knowledge.last_command(),
         };

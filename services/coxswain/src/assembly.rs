@@ -5,7 +5,7 @@ use crate::graph::Graph;
 use crate::options::Options;
 use crate::role::{START_ORDER, program};
 use crate::scenario::Scenario;
-use controller::settings::{LearnedSettings, SolverFaults};
+use controller::settings::LearnedSettings;
 use model::robot::Robot;
 use process::{Pace, Run};
 use protocol::message::Participant;
@@ -157,7 +157,7 @@ impl Assembly {
                 delay_ticks: learner.delay_ticks,
                 resumed: learner.resume.is_some(),
             },
-            solver_faults: SolverFaults::default(),
+            solver_faults: self.faults.of_solver(),
         }
     }
 
@@ -231,7 +231,7 @@ mod tests {
     fn the_example_of_faults_can_be_used() -> Result<(), SettingsError> {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/faults/example.toml");
         let faults = faults_of(&file, Pace::RealTime)?;
-        assert_eq!((faults.fault.len(), faults.process.len()), (3, 2));
+        assert_eq!((faults.fault.len(), faults.process.len(), faults.solver.len()), (3, 2, 1));
         Ok(())
     }
 

@@ -1,5 +1,6 @@
-//! The file of faults: what goes wrong on purpose, on the links and with the processes.
+//! The file of faults: what goes wrong on purpose, on the links, with the processes and in the optimiser.
 
+use controller::settings::{SolverFault, SolverFaults};
 use protocol::message::Participant;
 use protocol::port::{Fault, Faults};
 use serde::Deserialize;
@@ -26,6 +27,9 @@ pub struct FaultsFile {
     /// Of processes.
     #[serde(default)]
     pub process: Vec<ProcessFault>,
+    /// Of the controller's optimiser.
+    #[serde(default)]
+    pub solver: Vec<SolverFault>,
 }
 
 /// Something that happens to a process.
@@ -133,22 +137,28 @@ impl FaultsFile {
         Faults { seed: self.seed, process: None, fault: self.fault.clone() }
     }
 
+    /// What happens to the controller's optimiser.
+    pub fn of_solver(&self) -> SolverFaults {
+        SolverFaults { seed: self.seed, solver: self.solver.clone() }
+    }
+
     /// How many there are.
     pub fn count(&self) -> usize {
-        self.fault.len() + self.process.len()
+        self.fault.len() + self.process.len() + self.solver.len()
     }
 }
 
 impl From<Faults> for FaultsFile {
     /// Of messages alone.
     fn from(faults: Faults) -> Self {
-        Self { seed: faults.seed, fault: faults.fault, process: Vec::new() }
+        Self { seed: faults.seed, fault: faults.fault, ..Self::default() }
     }
 }
 
 impl Check for FaultsFile {
     fn check(&self) -> Result<(), Impossible> {
         self.of_messages().check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))?;
+        self.of_solver().check()?;
         let mut processes = self.process.iter().enumerate();
         processes.try_for_each(|(index, fault)| fault.check().map_err(|impossible| impossible.under(&format!("process.{index}"))))
     }

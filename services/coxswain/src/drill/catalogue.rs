@@ -56,10 +56,10 @@ pub struct Launch {
     pub faults: String,
     /// Whom the faults end or stop, who must be in use again.
     pub restarts: Option<Participant>,
+    /// Every period is answered by the controller, on whichever rung.
+    pub answered: bool,
     /// Nobody whom the robot needs is touched: it must drive on fresh plans alone.
     pub undisturbed: bool,
-    /// The run goes on without whom it does not need.
-    pub gives_up: bool,
 }
 
 /// One exercise.
@@ -100,6 +100,7 @@ pub fn exercises(extent: Extent) -> Vec<Exercise> {
     stops(extent, &mut all);
     all.extend(shared_fates(extent));
     messages(extent, &mut all);
+    solvers(extent, &mut all);
     worlds(extent, &mut all);
     machine(extent, &mut all);
     all
@@ -229,6 +230,17 @@ fn messages(extent: Extent, all: &mut Vec<Exercise>) {
     }
 }
 
+/// What the optimiser says, in lock step, in so many ticks in a row.
+fn solvers(extent: Extent, all: &mut Vec<Exercise>) {
+    for kind in ["infeasible", "out-of-iterations", "nan", "wrong"] {
+        let ticks = extent.pick(100, 1000);
+        let faults = format!("[[solver]]\nkind = {kind:?}\nfrom_tick = 100\nuntil_tick = {}\n", 100 + ticks);
+        let duration_s = f64::from(200 + ticks) * 0.02;
+        let launch = Launch { duration_s, lock_step: true, faults, answered: true, ..Launch::default() };
+        all.push(Exercise { fault: "solver", target: kind, carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
+    }
+}
+
 /// What the world does, in lock step: the robot drives on, and nothing unsafe comes of it.
 fn worlds(extent: Extent, all: &mut Vec<Exercise>) {
     for (fault, variant, change) in [
@@ -248,14 +260,14 @@ fn worlds(extent: Extent, all: &mut Vec<Exercise>) {
 
 /// What the machine does.
 fn machine(extent: Extent, all: &mut Vec<Exercise>) {
-    let mut of = |fault, target, faults, gives_up| {
-        let launch = Launch { duration_s: extent.pick(6.0, 30.0), faults, undisturbed: true, gives_up, ..Launch::default() };
+    let mut of = |fault, target, faults| {
+        let launch = Launch { duration_s: extent.pick(6.0, 30.0), faults, undisturbed: true, ..Launch::default() };
         all.push(Exercise { fault, target, carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
     };
     let hog = format!("[[process]]\nkind = \"hog\"\nfrom_s = 1.0\nmillis = {}\n", extent.pick(3000, 25_000));
-    of("busy machine", "everybody", hog, false);
-    of("no memory", "learner", process("memory", Learner, 1.0, 1.0, 1, "mebibytes = 1\n"), false);
-    of("full disk", "recorder", process("disk", Recorder, 1.0, 1.0, 1, "mebibytes = 1\n"), true);
+    of("busy machine", "everybody", hog);
+    of("no memory", "learner", process("memory", Learner, 1.0, 1.0, 1, "mebibytes = 1\n"));
+    of("full disk", "recorder", process("disk", Recorder, 1.0, 1.0, 1, "mebibytes = 1\n"));
     if extent == Extent::Whole {
         let faults = "[[process]]\nkind = \"hog\"\nfrom_s = 1.0\nmillis = 598000\n".to_owned();
         let launch = Launch { duration_s: 600.0, faults, undisturbed: true, ..Launch::default() };

@@ -40,7 +40,9 @@ pub fn measure(record: &Record, launch: &Launch, limits: &Limits, injected: &[In
     let worst_restart = launch.restarts.and_then(|who| judge_restarts(record, who, injected, &mut violations));
     let states = states(record);
     judge_driving(&states, launch, gaps, &mut violations);
-    Measured { injections: injected.len() as u64, violations, worst_reaction: worst_reaction(record, limits), worst_restart }
+    let fallen = states.iter().filter(|state| fell(state)).count() as u64;
+    let injections = if launch.answered { fallen } else { injected.len() as u64 };
+    Measured { injections, violations, worst_reaction: worst_reaction(record, limits), worst_restart }
 }
 
 /// Age of the oldest state whose answer acted \[T\].
@@ -53,6 +55,11 @@ pub fn worst_reaction(record: &Record, limits: &Limits) -> Option<f64> {
 fn states(record: &Record) -> Vec<&Message> {
     let mut seen = BTreeSet::new();
     record.of("state").filter(|state| seen.insert((state.stamp("epoch"), state.stamp("tick")))).collect()
+}
+
+/// Whether the period was answered by a controller whose optimiser had no plan.
+fn fell(state: &Message) -> bool {
+    matches!(state.word("rung"), "shifted plan" | "lqr")
 }
 
 /// The longest way back of `who`; a violation for each that was too long.
@@ -117,11 +124,15 @@ fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations:
     };
     let unexcused: Vec<usize> =
         (0..states.len()).filter(|&index| states.get(index).is_some_and(|state| below(state)) && !excused(index)).collect();
-    if launch.undisturbed {
-        for state in unexcused.iter().filter_map(|&index| states.get(index)) {
+    if launch.undisturbed || launch.answered {
+        for state in unexcused.iter().filter_map(|&index| states.get(index)).filter(|state| launch.undisturbed || !fell(state)) {
             let (tick, rung, reason) = (state.stamp("tick"), state.word("rung"), state.word("reason"));
-            violations
-                .push(format!("{rung} ({reason}) at tick {tick}, expected fresh plans alone: nobody was touched whom the robot needs"));
+            let expected = if launch.undisturbed {
+                "fresh plans alone: nobody was touched whom the robot needs"
+            } else {
+                "an answer of the controller"
+            };
+            violations.push(format!("{rung} ({reason}) at tick {tick}, expected {expected}"));
         }
     }
     match states.last() {
@@ -129,7 +140,9 @@ fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations:
         Some(_) if unexcused.last() == Some(&(states.len() - 1)) => violations.push("it does not drive at the end".to_owned()),
         Some(_) => {}
     }
-    judge_stretches(states, below, violations);
+    if !launch.lock_step {
+        judge_stretches(states, below, violations);
+    }
 }
 
 /// No time below a fresh plan is too long.
