@@ -245,7 +245,7 @@ impl Controller {
             age_nanos: Some(0),
             accepted: None,
             writer: None,
-            acting: self.knowledge.last_command(),
+            acting: self.mpc.limits().clamp(&self.knowledge.last_command()),
         };
         judge(&self.command, &situation, &self.bounds)
     }

@@ -1,8 +1,10 @@
-//! A model that is left and taken again, as the controller's Health tells it: with the real loop, over memory.
+//! What the controller's Health tells of models left and refused, of stuck sensors and of periods missed: with the real loop, over memory.
 
 use crate::control::Controller;
 use crate::control::tests::told;
 use crate::run::run;
+use crate::sensors::SensorFault;
+use crate::settings::Settings;
 use bytemuck::Zeroable;
 use model::Velocity;
 use model::gp::hyperparameters::Hyperparameters;
@@ -51,6 +53,8 @@ struct Robotic {
     commands: Source<Command>,
     health: Source<Health>,
     state: PlantState,
+    position_stuck: bool,
+    answer: Option<Command>,
     said: Option<Health>,
 }
 
@@ -60,21 +64,24 @@ impl Robotic {
         state.rung = Rung::FreshPlan.code();
         let main = MainModel::new(&Robot::example(), 0.1);
         let (states, commands, health) = (ports.sink()?, ports.source(Since::First)?, ports.source(Since::First)?);
-        Ok(Self { main, states, commands, health, state, said: None })
+        Ok(Self { main, states, commands, health, state, position_stuck: false, answer: None, said: None })
     }
 
-    /// Drives, with a residual of `gain` v forward, until the controller says that it is so with its model: (axes in use, times left).
-    fn drive_until(&mut self, gain: f64, expected: (u64, u64)) -> Result<(), Box<dyn Error>> {
+    /// Drives, with a residual of `gain` v forward, until the controller says what is `expected` of it.
+    fn drive_until(&mut self, gain: f64, expected: impl Fn(&Health) -> bool) -> Result<(), Box<dyn Error>> {
         let begin = Instant::now();
-        while self.said.is_none_or(|health| (health.learned_axes, health.models_left) != expected) {
+        while !self.said.as_ref().is_some_and(&expected) {
             if begin.elapsed() > GIVES_UP_AFTER {
-                return Err(
-                    format!("{expected:?} is never said: {:?}", self.said.map(|health| (health.learned_axes, health.models_left))).into()
-                );
+                return Err(format!("what is expected is never said, but {:?}", self.said).into());
             }
             self.drive_on(gain)?;
         }
         Ok(())
+    }
+
+    /// The same of its model: (axes in use, times left).
+    fn drive_until_model(&mut self, gain: f64, expected: (u64, u64)) -> Result<(), Box<dyn Error>> {
+        self.drive_until(gain, |health| (health.learned_axes, health.models_left) == expected)
     }
 
     fn drive_on(&mut self, gain: f64) -> Result<(), Box<dyn Error>> {
@@ -82,10 +89,13 @@ impl Robotic {
         let after = (0.8 * self.state.stamp.tick as f64).sin();
         self.state.input[0] = (after - (self.main.decay[0] + gain) * before) / self.main.gain[0];
         self.state.velocity[0] = after;
-        self.state.pose[0] += 0.1 * after;
+        self.state.pose[0] += if self.position_stuck { 0.0 } else { 0.1 * after };
         self.states.send(&mut self.state)?;
-        while self.commands.next()?.is_none_or(|command| command.stamp.tick != self.state.stamp.tick) {
+        let begin = Instant::now();
+        self.answer = None;
+        while self.answer.is_none() && begin.elapsed() < GIVES_UP_AFTER {
             self.commands.wait(Duration::from_millis(20))?;
+            self.answer = self.commands.next()?.filter(|command| command.stamp.tick == self.state.stamp.tick);
         }
         self.state.stamp.tick += 1;
         while let Some(health) = self.health.next()? {
@@ -95,29 +105,20 @@ impl Robotic {
     }
 }
 
-#[test]
-fn periods_whose_optimiser_had_to_be_stopped_are_counted_one_by_one() -> Result<(), Box<dyn Error>> {
-    const TICKS: u64 = 40;
+/// Runs a controller while `drive` is its robot, to the end of both; gives what the controller has said last of itself.
+fn beside_a_controller(
+    settings: &Settings,
+    drive: impl FnOnce(&Ports, &mut Robotic) -> Result<(), Box<dyn Error>>,
+) -> Result<Health, Box<dyn Error>> {
     let (exchange, stop) = (Exchange::new(false, Duration::from_secs(1)), Stop::new());
     let ports = Ports::in_memory(&exchange, Identity::new(7));
-    let mut settings = told();
-    settings.run.pace = Pace::RealTime;
-    // A period that nothing takes, of which the optimiser has next to nothing.
-    (settings.run.period_nanos, settings.mpc.budget_share) = (100_000_000_000, 1e-12);
-    settings.duration_s = 6000.0;
     let mut robot = Robotic::new(&ports)?;
     thread::scope(|scope| {
         let controller = scope.spawn(|| {
             let connect = |identity| Ok(Ports::in_memory(&exchange, identity));
-            run(&settings, connect, &stop).map_err(|error| error.to_string())
+            run(settings, connect, &stop).map_err(|error| error.to_string())
         });
-        let mut drive = || -> Result<(), Box<dyn Error>> {
-            for _ in 0..TICKS {
-                robot.drive_on(0.0)?;
-            }
-            Ok(())
-        };
-        let driven = drive();
+        let driven = drive(&ports, &mut robot);
         stop.request();
         controller.join().map_err(|_| "the controller has panicked")??;
         driven
@@ -125,77 +126,76 @@ fn periods_whose_optimiser_had_to_be_stopped_are_counted_one_by_one() -> Result<
     while let Some(health) = robot.health.next()? {
         robot.said = Some(health);
     }
-    let said = robot.said.ok_or("the controller has said nothing of itself")?;
+    robot.said.ok_or_else(|| "the controller has said nothing of itself".into())
+}
+
+#[test]
+fn periods_whose_optimiser_had_to_be_stopped_are_counted_one_by_one() -> Result<(), Box<dyn Error>> {
+    const TICKS: u64 = 40;
+    let mut settings = told();
+    settings.run.pace = Pace::RealTime;
+    // A period that nothing takes, of which the optimiser has next to nothing.
+    (settings.run.period_nanos, settings.mpc.budget_share) = (100_000_000_000, 1e-12);
+    settings.duration_s = 6000.0;
+    let said = beside_a_controller(&settings, |_, robot| {
+        for _ in 0..TICKS {
+            robot.drive_on(0.0)?;
+            assert_eq!(robot.answer.map(|answer| answer.rung()), Some(Rung::Lqr));
+        }
+        Ok(())
+    })?;
     assert_eq!((said.deadlines_missed, said.deadlines_met), (TICKS, 0));
     Ok(())
 }
 
 #[test]
 fn a_stuck_sensor_is_named() -> Result<(), Box<dyn Error>> {
-    let (exchange, stop) = (Exchange::new(false, Duration::from_secs(1)), Stop::new());
-    let ports = Ports::in_memory(&exchange, Identity::new(7));
     let mut settings = told();
     settings.run.pace = Pace::RealTime;
-    let (mut states, mut commands, mut health) =
-        (ports.sink::<PlantState>()?, ports.source::<Command>(Since::First)?, ports.source::<Health>(Since::First)?);
-    thread::scope(|scope| {
-        let controller = scope.spawn(|| {
-            let connect = |identity| Ok(Ports::in_memory(&exchange, identity));
-            run(&settings, connect, &stop).map_err(|error| error.to_string())
-        });
-        let mut drive = || -> Result<(), Box<dyn Error>> {
-            let mut state = PlantState::zeroed();
-            (state.rung, state.velocity) = (Rung::FreshPlan.code(), [1.0, 0.0, 0.0]);
-            for tick in 0..10 {
-                state.stamp.tick = tick;
-                states.send(&mut state)?;
-                let answer = loop {
-                    commands.wait(Duration::from_millis(20))?;
-                    if let Some(command) = commands.next()? {
-                        break command;
-                    }
-                };
-                assert_eq!(answer.rung() == Rung::Brake, tick >= 3, "{tick}");
-            }
-            Ok(())
-        };
-        let driven = drive();
-        stop.request();
-        controller.join().map_err(|_| "the controller has panicked")??;
-        driven
+    let said = beside_a_controller(&settings, |_, robot| {
+        robot.position_stuck = true;
+        robot.drive_until(0.0, |health| !health.last_error().is_empty())
     })?;
-    let mut said = None;
-    while let Some(health) = health.next()? {
-        said = Some(health);
-    }
-    assert_eq!(said.ok_or("nothing is said")?.last_error(), crate::sensors::SensorFault::Position.text());
+    assert_eq!(said.last_error(), SensorFault::Position.text());
+    Ok(())
+}
+
+#[test]
+fn snapshots_that_are_refused_are_counted_and_the_last_good_one_stays() -> Result<(), Box<dyn Error>> {
+    let damages: [fn(&mut SnapshotHead); 4] =
+        [|head| head.fingerprint ^= 1, |head| head.version = 0, |head| head.score_main[1] = f64::NAN, |head| head.noise_variance[2] = 1e9];
+    let mut settings = told();
+    settings.run.pace = Pace::RealTime;
+    let fingerprint = Controller::expected(&settings).fingerprint;
+    let said = beside_a_controller(&settings, |ports, robot| {
+        let mut snapshots = ports.sink::<ModelSnapshot>()?;
+        snapshots.send(&mut snapshot(fingerprint)?)?;
+        robot.drive_until(LEARNT, |health| health.model_version == 1)?;
+        for (damage, count) in damages.iter().zip(1..) {
+            let mut bad = snapshot(fingerprint)?;
+            bad.head.version = 2;
+            damage(&mut bad.head);
+            snapshots.send(&mut bad)?;
+            robot.drive_until(LEARNT, |health| health.snapshots_refused == count)?;
+        }
+        robot.drive_on(LEARNT)
+    })?;
+    assert_eq!((said.model_version, said.snapshots, said.snapshots_refused), (1, 1, damages.len() as u64));
     Ok(())
 }
 
 #[test]
 fn a_model_that_turns_worse_is_left_and_taken_again_and_health_says_so() -> Result<(), Box<dyn Error>> {
-    let (exchange, stop) = (Exchange::new(false, Duration::from_secs(1)), Stop::new());
-    let ports = Ports::in_memory(&exchange, Identity::new(7));
     let mut settings = told();
     settings.run.pace = Pace::RealTime;
     let fingerprint = Controller::expected(&settings).fingerprint;
-    let mut robot = Robotic::new(&ports)?;
-    let mut snapshots = ports.sink::<ModelSnapshot>()?;
-    thread::scope(|scope| {
-        let controller = scope.spawn(|| {
-            let connect = |identity| Ok(Ports::in_memory(&exchange, identity));
-            run(&settings, connect, &stop).map_err(|error| error.to_string())
-        });
-        let mut drive = || -> Result<(), Box<dyn Error>> {
-            robot.drive_until(LEARNT, (0, 0))?;
-            snapshots.send(&mut snapshot(fingerprint)?)?;
-            robot.drive_until(LEARNT, (1, 0))?;
-            robot.drive_until(-LEARNT, (0, 1))?;
-            robot.drive_until(LEARNT, (1, 1))
-        };
-        let driven = drive();
-        stop.request();
-        controller.join().map_err(|_| "the controller has panicked")??;
-        driven
-    })
+    beside_a_controller(&settings, |ports, robot| {
+        let mut snapshots = ports.sink::<ModelSnapshot>()?;
+        robot.drive_until_model(LEARNT, (0, 0))?;
+        snapshots.send(&mut snapshot(fingerprint)?)?;
+        robot.drive_until_model(LEARNT, (1, 0))?;
+        robot.drive_until_model(-LEARNT, (0, 1))?;
+        robot.drive_until_model(LEARNT, (1, 1))
+    })?;
+    Ok(())
 }

@@ -15,7 +15,7 @@ const WEIGHT_TOLERANCE: f64 = 1e-5;
 /// Most points of a model.
 pub(super) const POINTS_MAX: usize = 2_000;
 
-/// Length scales that are possible, over normalised inputs: ten times as short as the noise lets anybody see, to as good as straight.
+/// Length scales that are possible, over normalised inputs: from noise to as good as straight.
 const LENGTH_SCALE: RangeInclusive<f64> = 1e-2..=1e4;
 /// Deviations of function and noise that are possible, in multiples of the largest residual that physics allows.
 const DEVIATION: RangeInclusive<f64> = 1e-7..=10.0;

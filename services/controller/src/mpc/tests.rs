@@ -192,6 +192,28 @@ fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
 }
 
 #[test]
+fn an_optimiser_whose_time_is_used_up_stops_and_the_next_answer_is_as_if_nothing_had_been() -> Result<(), MpcError> {
+    let main = MainModel::new(&Robot::example(), 0.1);
+    let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    for solver in [SolverSetting::ActiveSet, SolverSetting::Clarabel] {
+        let settings = MpcSettings { solver, ..settings() };
+        let (mut stopped, mut other) = (Mpc::new(&settings, &Robot::example(), &main)?, Mpc::new(&settings, &Robot::example(), &main)?);
+        let state = State { pose: [0.4, -0.3, 0.1], velocity: [1.0, 0.0, 0.7], ..State::default() };
+        for mpc in [&mut stopped, &mut other] {
+            mpc.prepare(&circle(0, 7), &belief);
+        }
+        stopped.take_turn(Turn { tick: Some(0), until: Some(0) });
+        assert_eq!(stopped.iterate(&state, &[0.0; 3], &circle(0, 7), &belief).outcome.status, Status::OutOfTime, "{solver:?}");
+        stopped.take_turn(Turn { tick: Some(0), until: Some(u64::MAX - 1) });
+        for mpc in [&mut stopped, &mut other] {
+            assert_eq!(mpc.iterate(&state, &[0.0; 3], &circle(0, 7), &belief).outcome.status, Status::Solved, "{solver:?}");
+        }
+        assert_eq!(stopped.stages()[0].input, other.stages()[0].input, "{solver:?}");
+    }
+    Ok(())
+}
+
+#[test]
 fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
     use crate::fallback::Ladder;
     use protocol::message::Rung;
