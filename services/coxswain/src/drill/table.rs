@@ -11,7 +11,7 @@ pub(super) fn render(rows: &[Row]) -> String {
     let mut text = String::new();
     let _ = writeln!(
         text,
-        "{:<18} {:<11} {:<14} {:>10} {:>10} {:>14} {:>13} {:>9}",
+        "{:<18} {:<17} {:<14} {:>10} {:>10} {:>14} {:>13} {:>9}",
         "fault", "target", "carrier", "injections", "violations", "worst reaction", "worst restart", "95% bound"
     );
     for row in rows {
@@ -20,7 +20,7 @@ pub(super) fn render(rows: &[Row]) -> String {
         let bound = if row.violations == 0 && row.injections > 0 { percent(RULE_OF_THREE / row.injections as f64) } else { "-".to_owned() };
         let _ = writeln!(
             text,
-            "{:<18} {:<11} {:<14} {:>10} {:>10} {reaction:>14} {restart:>13} {bound:>9}",
+            "{:<18} {:<17} {:<14} {:>10} {:>10} {reaction:>14} {restart:>13} {bound:>9}",
             row.fault,
             row.target,
             row.carrier.name(),
