@@ -5,6 +5,9 @@ use model::robot::Robot;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 
+/// Longest delay that a link may be known to have \[ms\].
+pub const LINK_DELAY_MILLIS_MAX: u64 = 10_000;
+
 /// Everything the plant process is told.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -44,6 +47,14 @@ impl Check for Settings {
     fn check(&self) -> Result<(), Impossible> {
         self.robot.check().map_err(|e| Impossible { key: format!("robot.{}", e.key), expected: e.expected.into() })?;
         self.truth.check().map_err(|e| Impossible { key: format!("truth.{}", e.key), expected: e.expected })?;
+        for (key, values) in [("start.pose", self.start.pose), ("start.velocity", self.start.velocity)] {
+            if !values.iter().all(|value| value.is_finite()) {
+                return Err(Impossible::new(key, "three finite numbers"));
+            }
+        }
+        if self.link_delay_millis > LINK_DELAY_MILLIS_MAX {
+            return Err(Impossible::new("link_delay_millis", format!("at most {LINK_DELAY_MILLIS_MAX} ms")));
+        }
         if !(self.duration_s.is_finite() && self.duration_s > 0.0) {
             return Err(Impossible { key: "duration_s".into(), expected: "a finite number of seconds greater than 0".into() });
         }

@@ -12,7 +12,17 @@ use model::{Pose, Velocity, wrap};
 use path::Path;
 use serde::{Deserialize, Serialize};
 use settings::Impossible;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
+
+/// Farthest place from the world's origin \[m\], and largest yaw \[rad\].
+pub const PLACE_MAX: f64 = 1e6;
+
+// What a path may be made of: wide enough for every robot, and such that no number on it is infinite.
+const METRES: RangeInclusive<f64> = 1e-3..=PLACE_MAX;
+const METRES_PER_SECOND: RangeInclusive<f64> = 1e-3..=100.0;
+const METRES_PER_SECOND_SQUARED: RangeInclusive<f64> = 1e-3..=1e4;
+const SECONDS: RangeInclusive<f64> = 1e-3..=1e4;
 
 /// What to follow.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -135,43 +145,13 @@ impl ReferenceSettings {
     /// # Errors
     /// [`Impossible`] names the first setting that cannot be.
     pub fn check(&self) -> Result<(), Impossible> {
-        let (kind, numbers): (&str, Vec<(&str, f64)>) = match &self.path {
-            PathSettings::PaperCurve { speed_mps } => ("paper-curve", vec![("speed_mps", *speed_mps)]),
-            PathSettings::Circle { radius_m, speed_mps } => ("circle", vec![("radius_m", *radius_m), ("speed_mps", *speed_mps)]),
-            PathSettings::FigureEight { length_m, width_m, lap_s } => {
-                ("figure-eight", vec![("length_m", *length_m), ("width_m", *width_m), ("lap_s", *lap_s)])
-            }
-            PathSettings::Square { side_m, speed_mps } => ("square", vec![("side_m", *side_m), ("speed_mps", *speed_mps)]),
-            PathSettings::StopAndGo { stretch_m, speed_mps, acceleration_mps2, pause_s } => (
-                "stop-and-go",
-                vec![
-                    ("stretch_m", *stretch_m),
-                    ("speed_mps", *speed_mps),
-                    ("acceleration_mps2", *acceleration_mps2),
-                    ("pause_s", *pause_s),
-                ],
-            ),
-            PathSettings::PointToPoint { speed_mps, acceleration_mps2, .. } => {
-                ("point-to-point", vec![("speed_mps", *speed_mps), ("acceleration_mps2", *acceleration_mps2)])
-            }
-            PathSettings::Points { .. } => ("points", Vec::new()),
-        };
-        for (key, value) in numbers {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(Impossible { key: format!("path.{kind}.{key}"), expected: "a finite number greater than 0".into() });
-            }
-        }
-        if let PathSettings::PointToPoint { to, .. } = &self.path
-            && to.iter().any(|value| !value.is_finite())
-        {
-            return Err(Impossible { key: "path.point-to-point.to".into(), expected: "three finite numbers x, y, yaw".into() });
-        }
-        if !(self.ramp_s.is_finite() && self.ramp_s >= 0.0) {
-            return Err(Impossible { key: "ramp_s".into(), expected: "a finite number of seconds, 0 or more".into() });
+        self.path.check()?;
+        if !(0.0..=*SECONDS.end()).contains(&self.ramp_s) {
+            return Err(Impossible::new("ramp_s", format!("0 to {} s", SECONDS.end())));
         }
         match self.heading {
-            Heading::FixedRad(yaw) if !yaw.is_finite() => {
-                Err(Impossible { key: "heading.fixed-rad".into(), expected: "a finite angle in radians".into() })
+            Heading::FixedRad(yaw) if yaw.is_nan() || yaw.abs() > PLACE_MAX => {
+                Err(Impossible::new("heading.fixed-rad", format!("an angle in radians of at most {PLACE_MAX}, either way")))
             }
             Heading::Given if !matches!(self.path, PathSettings::Points { .. } | PathSettings::PointToPoint { .. }) => {
                 Err(Impossible { key: "heading".into(), expected: "\"tangent\" or { fixed-rad = … }: this path gives no heading".into() })
@@ -179,6 +159,45 @@ impl ReferenceSettings {
             _ => Ok(()),
         }
     }
+}
+
+impl PathSettings {
+    fn check(&self) -> Result<(), Impossible> {
+        let speed = |speed: f64| ("speed_mps", speed, METRES_PER_SECOND);
+        let acceleration = |acceleration: f64| ("acceleration_mps2", acceleration, METRES_PER_SECOND_SQUARED);
+        let (kind, numbers) = match *self {
+            Self::PaperCurve { speed_mps } => ("paper-curve", vec![speed(speed_mps)]),
+            Self::Circle { radius_m, speed_mps } => ("circle", vec![("radius_m", radius_m, METRES), speed(speed_mps)]),
+            Self::FigureEight { length_m, width_m, lap_s } => {
+                ("figure-eight", vec![("length_m", length_m, METRES), ("width_m", width_m, METRES), ("lap_s", lap_s, SECONDS)])
+            }
+            Self::Square { side_m, speed_mps } => ("square", vec![("side_m", side_m, METRES), speed(speed_mps)]),
+            Self::StopAndGo { stretch_m, speed_mps, acceleration_mps2, pause_s } => (
+                "stop-and-go",
+                vec![("stretch_m", stretch_m, METRES), speed(speed_mps), acceleration(acceleration_mps2), ("pause_s", pause_s, SECONDS)],
+            ),
+            Self::PointToPoint { speed_mps, acceleration_mps2, .. } => {
+                ("point-to-point", vec![speed(speed_mps), acceleration(acceleration_mps2)])
+            }
+            Self::Points { .. } => ("points", Vec::new()),
+        };
+        for (key, value, range) in numbers {
+            if !range.contains(&value) {
+                return Err(Impossible::new(format!("path.{kind}.{key}"), format!("a number from {} to {}", range.start(), range.end())));
+            }
+        }
+        match self {
+            Self::PointToPoint { to, .. } if !is_place(to) => {
+                Err(Impossible::new("path.point-to-point.to", format!("three numbers x, y, yaw of at most {PLACE_MAX}, either way")))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Whether a robot can be there.
+pub fn is_place(pose: &Pose) -> bool {
+    pose.iter().all(|value| value.abs() <= PLACE_MAX)
 }
 
 impl ReferenceSettings {
@@ -299,6 +318,17 @@ mod tests {
             assert!((point.lateral(&[x - 0.1, y + 0.7, yaw]) - 0.1).abs() < 1e-12, "{point:?}");
         }
         Ok(())
+    }
+
+    #[test]
+    fn a_path_whose_numbers_would_be_infinite_is_refused() {
+        let refused = |path| ReferenceSettings { path, heading: Heading::FixedRad(0.0), ramp_s: 0.0 }.check().err().map(|error| error.key);
+        // Its speed, where it took longer than the run to step along it.
+        assert_eq!(refused(PathSettings::PaperCurve { speed_mps: 1e300 }), Some("path.paper-curve.speed_mps".to_owned()));
+        assert_eq!(refused(PathSettings::Circle { radius_m: 1e-300, speed_mps: 1.0 }), Some("path.circle.radius_m".to_owned()));
+        let far = PathSettings::PointToPoint { to: [1e308, 1e308, 0.0], speed_mps: 1.0, acceleration_mps2: 1.0 };
+        assert_eq!(refused(far), Some("path.point-to-point.to".to_owned()));
+        assert_eq!(refused(PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }), None);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 mod solver_fault;
 
-use crate::reference::ReferenceSettings;
+use crate::reference::{PLACE_MAX, ReferenceSettings, is_place};
 use model::learned::Layout;
 use model::robot::Robot;
 use protocol::message::HORIZON_MAX;
@@ -13,6 +13,9 @@ pub use solver_fault::{SolverFault, SolverFaultKind, SolverFaults};
 
 /// Largest probability with which a bound can be asked to hold.
 const CHANCE_LEVEL_MAX: f64 = 0.999_999;
+
+/// Longest run \[periods\]: what a scenario may ask for at its shortest period.
+const PERIODS_MAX: f64 = 1e7;
 
 /// Everything the controller process is told.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -242,8 +245,15 @@ impl Check for Settings {
         self.reference.check().map_err(|e| e.under("reference"))?;
         self.mpc.check().map_err(|e| e.under("mpc"))?;
         self.solver_faults.check().map_err(|e| e.under("solver_faults"))?;
-        if !(self.duration_s.is_finite() && self.duration_s > 0.0) {
-            return Err(Impossible { key: "duration_s".into(), expected: "a finite number of seconds greater than 0".into() });
+        if !is_place(&self.start) {
+            return Err(Impossible::new("start", format!("three numbers x, y, yaw of at most {PLACE_MAX}, either way")));
+        }
+        let periods = self.duration_s * 1e9 / self.run.period_nanos as f64;
+        if !(periods > 0.0 && periods <= PERIODS_MAX) {
+            return Err(Impossible::new(
+                "duration_s",
+                format!("more than 0 s, and at most {PERIODS_MAX} periods, which the reference has room for"),
+            ));
         }
         if self.learned.every_ticks == 0 || self.learned.delay_ticks == 0 {
             return Err(Impossible { key: "learned.every_ticks".into(), expected: "every_ticks and delay_ticks of at least 1".into() });

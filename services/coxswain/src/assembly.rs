@@ -58,7 +58,7 @@ impl Assembly {
         let own_scenario = from(&options.graph, &graph.scenario);
         let robot_file = options.robot.clone().unwrap_or_else(|| from(&options.graph, &graph.robot));
         let (mut scenario, scenario_name) = scenario_of(options.scenario.as_deref(), &own_scenario)?;
-        let RobotFile(robot) = settings::read(&robot_file)?;
+        let robot = robot_of(&robot_file)?;
         graph.pace = options.pace.unwrap_or(graph.pace);
         graph.processes.learner.enabled = options.learner.unwrap_or(graph.processes.learner.enabled);
         if let Some(endpoint) = &options.listen {
@@ -172,7 +172,19 @@ impl Assembly {
     }
 }
 
-fn faults_of(file: &Path, pace: Pace) -> Result<FaultsFile, SettingsError> {
+/// Reads and checks a robot file.
+///
+/// # Errors
+/// [`SettingsError`] names the first thing that is wrong, and where.
+pub fn robot_of(file: &Path) -> Result<Robot, SettingsError> {
+    settings::read(file).map(|RobotFile(robot)| robot)
+}
+
+/// Reads and checks a file of faults for a run of this pace.
+///
+/// # Errors
+/// [`SettingsError`] names the first thing that is wrong, and where.
+pub fn faults_of(file: &Path, pace: Pace) -> Result<FaultsFile, SettingsError> {
     match pace {
         Pace::RealTime => settings::read(file),
         Pace::LockStep => settings::read(file).map(|LockStepFaultsFile(faults)| faults),

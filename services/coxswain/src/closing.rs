@@ -54,7 +54,11 @@ impl Display for Closing {
             writeln!(f, "  world stood still   {:.3} s, in which the machine kept the simulator from running", self.world_stalled_s)?;
         }
         writeln!(f, "  models              {} published, {} adopted", self.snapshots_published, self.snapshots_adopted)?;
-        let lost = self.losses.iter().map(|(topic, readers)| (topic, readers.values().sum::<u64>())).filter(|(_, lost)| *lost > 0);
+        let lost = self
+            .losses
+            .iter()
+            .map(|(topic, readers)| (topic, readers.values().copied().fold(0, u64::saturating_add)))
+            .filter(|(_, lost)| *lost > 0);
         write!(f, "  messages lost       {}", list(lost.map(|(topic, lost)| format!("{topic} {lost}"))))
     }
 }

@@ -1,9 +1,14 @@
 //! The highest epoch of each role, on disk, so that no restart ever speaks in an old one.
 
 use protocol::message::Participant;
+use serde::Deserialize;
+use settings::{Check, Impossible};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
+
+/// Highest epoch that still has a next one in TOML, whose numbers have a sign.
+const EPOCH_MAX: u64 = i64::MAX as u64 - 1;
 
 /// Highest epoch of each role that was given out or observed. Every change is on disk before it counts.
 #[derive(Debug)]
@@ -14,17 +19,25 @@ pub struct Epochs {
     highest: BTreeMap<String, u64>,
 }
 
+/// What the file holds, by role.
+#[derive(Debug, Default, Deserialize)]
+#[serde(transparent)]
+struct EpochsFile(BTreeMap<String, u64>);
+
+impl Check for EpochsFile {
+    fn check(&self) -> Result<(), Impossible> {
+        let last = self.0.iter().find(|&(_, &epoch)| epoch > EPOCH_MAX);
+        last.map_or(Ok(()), |(role, _)| Err(Impossible::new(role, format!("at most {EPOCH_MAX}, above which TOML has no next epoch"))))
+    }
+}
+
 impl Epochs {
     /// Those kept in `file`; `floor` if there is no such file, or where it says less.
     ///
     /// # Errors
     /// If the file is there but cannot be read.
     pub fn open(file: &Path, floor: u64) -> io::Result<Self> {
-        let highest = match fs::read_to_string(file) {
-            Ok(text) => toml::from_str(&text).map_err(io::Error::other)?,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => BTreeMap::new(),
-            Err(error) => return Err(error),
-        };
+        let EpochsFile(highest) = if file.try_exists()? { settings::read(file).map_err(io::Error::other)? } else { EpochsFile::default() };
         Ok(Self { file: file.to_path_buf(), floor, highest })
     }
 
@@ -84,6 +97,16 @@ mod tests {
         let file = folder.path().join("epochs.toml");
         assert_eq!(Epochs::open(&file, 1_000)?.give(Participant::Plant)?, 1_000);
         assert_eq!(Epochs::open(&file, 500)?.give(Participant::Plant)?, 1_001, "the clock has been set back");
+        Ok(())
+    }
+
+    #[test]
+    fn an_epoch_without_a_next_one_is_refused_with_its_line() -> io::Result<()> {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("epochs.toml");
+        fs::write(&file, "controller = 3\nplant = 9223372036854775807\n")?;
+        let refused = Epochs::open(&file, 0).map(drop).map_err(|error| error.to_string());
+        assert!(refused.is_err_and(|text| text.contains("epochs.toml:2: plant = 9223372036854775807: expected at most")));
         Ok(())
     }
 

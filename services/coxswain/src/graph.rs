@@ -3,6 +3,7 @@
 use crate::back_off::RestartPolicy;
 use crate::role::START_ORDER;
 use gateway::settings::{Rates, check_telemetry};
+use plant_sim::settings::LINK_DELAY_MILLIS_MAX;
 use process::Pace;
 use protocol::message::Participant;
 use protocol::port::{Carriers, is_graph_name};
@@ -76,6 +77,9 @@ impl Network {
         }
         if self.graph.as_deref().is_some_and(|name| !is_graph_name(name)) {
             return Err(Impossible::new("graph", "1 to 32 characters out of a-z, 0-9, _ and -"));
+        }
+        if self.delay_millis > LINK_DELAY_MILLIS_MAX {
+            return Err(Impossible::new("delay_millis", format!("at most {LINK_DELAY_MILLIS_MAX} ms")));
         }
         if !self.connect.is_empty() && self.graph.is_none() {
             return Err(Impossible::new("graph", "a name, the same for all launches that meet"));
@@ -245,6 +249,7 @@ mod tests {
         }
         assert!(refused("connect = [\"tcp/10.0.0.2:7447\"]").contains("network.graph"), "which of the launches there is meant?");
         assert!(refused("graph = \"A robot\"").contains("network.graph = \"A robot\""));
+        assert!(refused("delay_millis = 18446744073710").contains("network.delay_millis = 18446744073710: expected at most 10000 ms"));
         assert!(refused("listen = []").contains("at least one endpoint"));
     }
 

@@ -1,6 +1,6 @@
 //! The scenario file: what the robot shall follow, how it is controlled, and what is really the case.
 
-use controller::reference::{Reference, ReferenceSettings};
+use controller::reference::{PLACE_MAX, Reference, ReferenceSettings, is_place};
 use controller::settings::MpcSettings;
 use learner::settings::LearnerSettings;
 use plant_sim::truth::{Start, Truth};
@@ -124,8 +124,8 @@ impl Check for Scenario {
             return Err(Impossible::new("seed", "at most 9223372036854775807, the largest number of TOML"));
         }
         for (key, values) in [("start.pose", self.start.pose), ("start.velocity", self.start.velocity)] {
-            if !values.iter().all(|value| value.is_finite()) {
-                return Err(Impossible::new(key, "three finite numbers"));
+            if !is_place(&values) {
+                return Err(Impossible::new(key, format!("three numbers of at most {PLACE_MAX}, either way")));
             }
         }
         self.reference.check().map_err(|impossible| impossible.under("reference"))?;

@@ -95,7 +95,7 @@ pub fn load(file: &Path, fingerprint: u64) -> Result<ModelSnapshot, StoreError> 
 }
 
 /// Puts the data of a snapshot back into `dictionary`, and gives back the hyperparameters to go on with: its own, if they are of the kernel and
-/// the units of `outset`.
+/// the units of `outset`, and possible.
 pub fn resume<const D: usize>(snapshot: &ModelSnapshot, outset: &Outset<D>, dictionary: &mut Dictionary<D>) -> [Hyperparameters<D>; AXES] {
     let head = &snapshot.head;
     let entry = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(f64::NAN);
@@ -116,6 +116,8 @@ pub fn resume<const D: usize>(snapshot: &ModelSnapshot, outset: &Outset<D>, dict
             (asked, kept) if asked > 0.0 && kept > 0.0 => kept,
             (asked, _) => asked,
         };
-        plain.with_linear(linear_variance)
+        let kept = plain.with_linear(linear_variance);
+        // No fit could ever begin with what is no number, or not positive.
+        if kept.check().is_ok() { kept } else { first[axis] }
     })
 }

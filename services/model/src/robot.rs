@@ -8,6 +8,11 @@ pub use geometry::Geometry;
 
 use serde::{Deserialize, Serialize};
 
+/// Smallest parameter that has to be positive. With these two the main model of every robot is made of numbers.
+const SMALLEST: f64 = 1e-9;
+/// Largest parameter.
+const LARGEST: f64 = 1e9;
+
 /// One robot: what a robot file holds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -128,15 +133,15 @@ impl Robot {
             ("limits.yaw_brake_radps2", self.limits.yaw_brake_radps2),
         ];
         for (key, value) in positive {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(Impossible { key, expected: "a finite number greater than 0" });
+            if !(SMALLEST..=LARGEST).contains(&value) {
+                return Err(Impossible { key, expected: "a number greater than 0, from 1e-9 to 1e9" });
             }
         }
         let not_negative =
             [("body.wheel_inertia_kg_m2", self.body.wheel_inertia_kg_m2), ("body.axle_friction_nms", self.body.axle_friction_nms)];
         for (key, value) in not_negative {
-            if !(value.is_finite() && value >= 0.0) {
-                return Err(Impossible { key, expected: "a finite number of at least 0" });
+            if !(0.0..=LARGEST).contains(&value) {
+                return Err(Impossible { key, expected: "a number from 0 to 1e9" });
             }
         }
         Ok(())

@@ -22,6 +22,6 @@ pub use priority::{go_first, step_back};
 pub use pulse::Pulse;
 pub use run::{HasRun, Pace, Run};
 pub use seat::Seat;
-pub use start::main;
+pub use start::{main, read_settings};
 pub use stop::Stop;
 pub use witness::{Gap, Witness};

@@ -6,6 +6,9 @@ use settings::{Check, Impossible};
 use std::path::PathBuf;
 use tracing_subscriber::EnvFilter;
 
+/// Longest control period \[ns\]: 1000 s.
+const PERIOD_NANOS_MAX: u64 = 1_000_000_000_000;
+
 /// What the launcher tells every process: the table `[run]` of its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -44,8 +47,8 @@ pub trait HasRun {
 
 impl Check for Run {
     fn check(&self) -> Result<(), Impossible> {
-        if self.period_nanos == 0 {
-            return Err(Impossible::new("period_nanos", "a period of at least 1 ns"));
+        if !(1..=PERIOD_NANOS_MAX).contains(&self.period_nanos) {
+            return Err(Impossible::new("period_nanos", format!("a period of 1 to {PERIOD_NANOS_MAX} ns")));
         }
         if self.links.lock_step != (self.pace == Pace::LockStep) {
             return Err(Impossible::new("links.lock_step", "true in lock step, and only there"));

@@ -7,11 +7,11 @@ use protocol::message::Participant;
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use settings::{Check, Impossible};
+use settings::{Check, Impossible, SettingsError};
 use std::fmt::Display;
 use std::fs::File;
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
 use std::thread;
@@ -50,6 +50,14 @@ impl<S: Check + HasRun> Check for WithRun<S> {
     }
 }
 
+/// Reads and checks the settings of a process, the table `[run]` included.
+///
+/// # Errors
+/// [`SettingsError`] says what is wrong first, and where.
+pub fn read_settings<S: DeserializeOwned + Check + HasRun>(file: &Path) -> Result<S, SettingsError> {
+    settings::read(file).map(|WithRun(settings)| settings)
+}
+
 /// Main function of the process that plays `participant`: reads the settings that the arguments name, opens the log, lets signals ask for
 /// the end, and runs `body`.
 ///
@@ -65,8 +73,8 @@ where
         Ok(arguments) => arguments,
         Err(error) => error.exit(),
     };
-    let settings: S = match settings::read::<WithRun<S>>(&arguments.settings) {
-        Ok(WithRun(settings)) => settings,
+    let settings: S = match read_settings(&arguments.settings) {
+        Ok(settings) => settings,
         Err(error) => {
             say(name, &error);
             return ExitCode::from(REFUSED);
@@ -136,7 +144,6 @@ fn say(name: &str, what: impl Display) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::path::Path;
 
     #[derive(Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
@@ -192,6 +199,9 @@ carriers.default = "shared-memory"
             settings::parse::<WithRun<Plain>>(&format!("{GOOD}{late}"), Path::new("plant.toml")).err().map(|error| error.to_string()),
             Some("plant.toml:19: run.links.faults.fault.0.millis = 5: expected messages instead: in lock step time does not count".into())
         );
-        assert_eq!(refusal("100_000_000", "0").as_deref(), Some("plant.toml:7: run.period_nanos = 0: expected a period of at least 1 ns"));
+        assert_eq!(
+            refusal("100_000_000", "0").as_deref(),
+            Some("plant.toml:7: run.period_nanos = 0: expected a period of 1 to 1000000000000 ns")
+        );
     }
 }

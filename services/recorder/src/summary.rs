@@ -212,11 +212,12 @@ fn is_missed(rung: Rung) -> bool {
 }
 
 fn snapshots(rows: &Rows, participant: Participant) -> u64 {
-    rows.healths.values().filter(|health| health.participant == participant.text()).map(|health| health.snapshots).sum()
+    let of_it = rows.healths.values().filter(|health| health.participant == participant.text());
+    of_it.map(|health| health.snapshots).fold(0, u64::saturating_add)
 }
 
 fn stalled(rows: &Rows) -> f64 {
-    rows.healths.values().map(|health| health.stalled_nanos).sum::<u64>() as f64 / 1e9
+    rows.healths.values().map(|health| health.stalled_nanos).fold(0, u64::saturating_add) as f64 / 1e9
 }
 
 /// Losses by topic and who lost them. Of those who reported, only those who read the topic.
@@ -229,9 +230,10 @@ fn losses(rows: &Rows) -> BTreeMap<&'static str, BTreeMap<String, u64>> {
             of_topic.insert(recorder.to_owned(), rows.missing.get(topic.name()).copied().unwrap_or(0));
         }
         let counted = |counts: &BTreeMap<String, u64>| counts.get(topic.name()).copied().unwrap_or(0);
-        let readers = |health: &&HealthRow| health.participant != recorder && counted(&health.received) + counted(&health.lost) > 0;
+        let readers = |health: &&HealthRow| health.participant != recorder && (counted(&health.received) > 0 || counted(&health.lost) > 0);
         for health in rows.healths.values().filter(readers) {
-            *of_topic.entry(health.participant.clone()).or_default() += counted(&health.lost);
+            let lost = of_topic.entry(health.participant.clone()).or_default();
+            *lost = lost.saturating_add(counted(&health.lost));
         }
     }
     losses

@@ -34,7 +34,7 @@ impl<'i> Document<'i> {
 
     /// Line of a byte, from 1.
     pub(crate) fn line(&self, offset: usize) -> usize {
-        line(self.text, offset)
+        line(self.text.as_bytes(), offset)
     }
 
     /// The entry that an error at `span` is about: whose key or value stands exactly there, else the innermost around it.
@@ -79,8 +79,8 @@ impl<'i> Document<'i> {
 }
 
 /// Line of a byte of `text`, from 1.
-pub(crate) fn line(text: &str, offset: usize) -> usize {
-    1 + text.bytes().take(offset).filter(|&byte| byte == b'\n').count()
+pub(crate) fn line(text: &[u8], offset: usize) -> usize {
+    1 + text.iter().take(offset).filter(|&&byte| byte == b'\n').count()
 }
 
 fn visit_table(table: &DeTable<'_>, prefix: &str, entries: &mut Vec<Entry>) {

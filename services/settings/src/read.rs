@@ -14,9 +14,9 @@ use toml::de::{DeTable, Deserializer, Error};
 /// # Errors
 /// [`SettingsError`] says what is wrong first, and where.
 pub fn read<T: DeserializeOwned + Check>(file: &Path) -> Result<T, SettingsError> {
-    let text =
-        fs::read_to_string(file).map_err(|error| SettingsError::Unreadable { file: file.to_path_buf(), reason: error.to_string() })?;
-    parse(&text, file)
+    let bytes = fs::read(file).map_err(|error| SettingsError::Unreadable { file: file.to_path_buf(), reason: error.to_string() })?;
+    let text = std::str::from_utf8(&bytes).map_err(|error| not_text(&bytes, file, error.valid_up_to()))?;
+    parse(text, file)
 }
 
 /// Reads and checks settings that were read from `file`, whose name only serves to say where something is wrong.
@@ -40,8 +40,20 @@ pub fn write<T: Serialize>(file: &Path, settings: &T) -> Result<(), WriteError> 
     fs::write(file, text).map_err(|source| WriteError::Unwritable { file: file.to_path_buf(), source })
 }
 
+/// Bytes whose byte `place` is the first that is not UTF-8.
+fn not_text(bytes: &[u8], file: &Path, place: usize) -> SettingsError {
+    let text = String::from_utf8_lossy(bytes);
+    let line = place::line(bytes, place);
+    SettingsError::Syntax {
+        file: file.to_path_buf(),
+        line,
+        text: text.split('\n').nth(line - 1).unwrap_or_default().trim().to_owned(),
+        expected: "expected text in UTF-8".to_owned(),
+    }
+}
+
 fn syntax(text: &str, file: &Path, error: &Error) -> SettingsError {
-    let line = place::line(text, error.span().map_or(0, |span| span.start));
+    let line = place::line(text.as_bytes(), error.span().map_or(0, |span| span.start));
     SettingsError::Syntax {
         file: file.to_path_buf(),
         line,

@@ -128,6 +128,16 @@ fn a_missing_file_is_named() {
 }
 
 #[test]
+fn a_byte_that_is_no_text_is_shown_with_its_line() -> Result<(), Box<dyn std::error::Error>> {
+    let file = tempfile::NamedTempFile::new()?;
+    std::fs::write(file.path(), b"seed = 7\n# \xff of the crate\n")?;
+    let refused = settings::read::<Scenario>(file.path()).map_err(|error| error.to_string());
+    let told = format!("{}:2: `# \u{fffd} of the crate` is not TOML: expected text in UTF-8", file.path().display());
+    assert_eq!(refused, Err(told));
+    Ok(())
+}
+
+#[test]
 fn what_is_not_toml_is_shown_with_its_line() {
     assert_eq!(
         refusal_with("mass_kg = 22", "mass_kg = = 22"),

@@ -1,8 +1,12 @@
 //! A path through points of a CSV file.
 
+use super::PLACE_MAX;
 use super::path::Moment;
 use model::wrap;
 use std::path::{Path, PathBuf};
+
+/// Least time between two points \[s\].
+const STEP_MIN_S: f64 = 1e-6;
 
 /// A file of points that cannot be followed.
 #[derive(Debug, thiserror::Error)]
@@ -21,7 +25,7 @@ pub enum PointsError {
         /// The file.
         file: PathBuf,
         /// Line of the point.
-        line: usize,
+        line: u64,
         /// What was expected.
         what: &'static str,
     },
@@ -55,15 +59,18 @@ impl Points {
         let unreadable = |source| PointsError::Unreadable { file: file.to_owned(), source };
         let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(file).map_err(unreadable)?;
         let mut points: Vec<Point> = Vec::new();
-        for row in reader.deserialize() {
-            let point: Point = row.map_err(unreadable)?;
-            let line = points.len() + 2;
+        let columns = reader.headers().map_err(unreadable)?.clone();
+        for row in reader.records() {
+            let row = row.map_err(unreadable)?;
+            let point: Point = row.deserialize(Some(&columns)).map_err(unreadable)?;
+            // Of a point directly behind a blank line this is the blank one.
+            let line = row.position().map_or(0, csv::Position::line);
             let impossible = |what| PointsError::Impossible { file: file.to_owned(), line, what };
-            if ![point.time_s, point.x_m, point.y_m, point.yaw_rad].iter().all(|value| value.is_finite()) {
-                return Err(impossible("expected four finite numbers"));
+            if ![point.time_s, point.x_m, point.y_m, point.yaw_rad].iter().all(|value| value.abs() <= PLACE_MAX) {
+                return Err(impossible("expected four numbers of at most 1000000, either way"));
             }
-            if points.last().is_some_and(|before| before.time_s >= point.time_s) {
-                return Err(impossible("expected a greater time_s than in the line before"));
+            if points.last().is_some_and(|before| point.time_s < before.time_s + STEP_MIN_S) {
+                return Err(impossible("expected a time_s at least 0.000001 greater than in the line before"));
             }
             points.push(point);
         }
@@ -117,7 +124,24 @@ mod tests {
     fn time_that_does_not_grow_is_refused_with_its_line() -> Result<(), Box<dyn std::error::Error>> {
         let bad = file("time_s,x_m,y_m,yaw_rad\n0,0,0,0\n2,4,2,1\n2,5,2,1\n")?;
         let text = Points::read(bad.path()).map(drop).map_err(|e| e.to_string());
-        assert!(text.is_err_and(|text| text.contains(":4: expected a greater time_s")));
+        assert!(text.is_err_and(|text| text.contains(":4: expected a time_s at least 0.000001 greater")));
+        Ok(())
+    }
+
+    #[test]
+    fn a_blank_line_counts_as_a_line() -> Result<(), Box<dyn std::error::Error>> {
+        let bad = file("time_s,x_m,y_m,yaw_rad\n\n0,0,0,0\n1,inf,0,0\n")?;
+        let text = Points::read(bad.path()).map(drop).map_err(|e| e.to_string());
+        assert!(text.is_err_and(|text| text.contains(":4: expected four numbers")));
+        Ok(())
+    }
+
+    #[test]
+    fn points_between_which_no_speed_is_finite_are_refused() -> Result<(), Box<dyn std::error::Error>> {
+        for row in ["1e-300,1,0,0", "1,1e308,0,0"] {
+            let bad = file(&format!("time_s,x_m,y_m,yaw_rad\n0,0,0,0\n{row}\n"))?;
+            assert!(Points::read(bad.path()).is_err(), "{row}");
+        }
         Ok(())
     }
 }

@@ -120,6 +120,11 @@ pub(crate) fn factorise(
     }
     let diagonal = (0..samples).fold(0.0, |largest: f64, i| largest.max(covariance[(i, i)])) + noise_variance;
     let smallest_pivot = f64::EPSILON * samples as f64 * diagonal;
+    let first_jitter = FIRST_JITTER * diagonal;
+    // Of an infinite diagonal, or of none, no jitter is ever the largest one.
+    if !(first_jitter.is_normal() && first_jitter > 0.0) {
+        return Err(NotPositiveDefinite);
+    }
     let mut jitter = 0.0;
     loop {
         for (column, scale) in noise_scale.iter().enumerate().take(samples) {
@@ -136,9 +141,8 @@ pub(crate) fn factorise(
         if outcome.is_ok() && (0..samples).all(|i| factor[(i, i)] * factor[(i, i)] > smallest_pivot) {
             return Ok(jitter);
         }
-        jitter = if jitter > 0.0 { 10.0 * jitter } else { FIRST_JITTER * diagonal };
-        // Also true of NaN, which no jitter heals.
-        if jitter.is_nan() || jitter > LARGEST_JITTER * diagonal {
+        jitter = if jitter > 0.0 { 10.0 * jitter } else { first_jitter };
+        if jitter > LARGEST_JITTER * diagonal {
             return Err(NotPositiveDefinite);
         }
     }
@@ -146,7 +150,7 @@ pub(crate) fn factorise(
 
 #[cfg(test)]
 mod tests {
-    use super::{ScaledInputs, add_linear, factor_scratch, factorise, gram};
+    use super::{NotPositiveDefinite, ScaledInputs, add_linear, factor_scratch, factorise, gram};
     use crate::gp::kernel::Kernel;
     use crate::gp::split_mix::SplitMix64;
     use faer::Mat;
@@ -167,6 +171,16 @@ mod tests {
         let mut covariance = Mat::zeros(inputs.len(), inputs.len());
         add_linear(&local, KERNEL.linear_variance, &gram(inputs), &mut covariance);
         covariance
+    }
+
+    #[test]
+    fn a_diagonal_that_is_infinite_or_nothing_is_refused_at_once() {
+        for value in [f64::INFINITY, f64::NAN, 0.0, 1e-310] {
+            let covariance = Mat::from_fn(3, 3, |_, _| value);
+            let mut memory = MemBuffer::new(factor_scratch(3));
+            let refused = factorise(&covariance, 0.0, &[1.0; 3], &mut Mat::zeros(3, 3), &mut memory);
+            assert_eq!(refused, Err(NotPositiveDefinite), "{value}");
+        }
     }
 
     #[test]

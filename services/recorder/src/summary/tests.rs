@@ -242,3 +242,19 @@ fn the_file_has_every_figure_in_its_place_and_every_rung() {
     assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{json}");
     assert!(json.contains("\"arrival_s\": null"));
 }
+
+#[test]
+fn a_count_that_would_be_too_large_stays_at_the_largest_number() {
+    let mut rows = record(3, |_| (0.0, 0.0, 0.0));
+    for writer in 1..=2 {
+        let counts = BTreeMap::from([("plan".to_owned(), u64::MAX)]);
+        let participant = Participant::Learner.text().to_owned();
+        let stamp = Mark { writer, ..mark(1, 0) };
+        let health = HealthRow { stamp, participant, stalled_nanos: u64::MAX, snapshots: u64::MAX, received: counts.clone(), lost: counts };
+        rows.healths.insert(writer, health);
+    }
+    let summary = summary(&rows);
+    assert_eq!(summary.snapshots_published, u64::MAX);
+    assert_eq!(summary.losses["plan"][Participant::Learner.text()], u64::MAX);
+    assert!(summary.world_stalled_s > 1.8e10);
+}
