@@ -2,6 +2,7 @@
 //!
 //! Every launch has a temporary folder of its own for its files and its run, so that tests run side by side.
 
+pub mod decoders;
 mod hosts;
 mod python;
 mod reader;

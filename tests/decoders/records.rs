@@ -1,0 +1,58 @@
+//! The points of a reference, the record of a run, and its summary.
+
+use super::settings::finite_along;
+use super::{Fate, Verdict, as_file, either, promise, refused};
+use controller::reference::{Heading, PathSettings, Reference, ReferenceSettings};
+use coxswain::closing::Closing;
+use recorder::rows::Rows;
+use recorder::summary::Summary;
+
+/// A file of points is refused with its name, or every number of its reference is finite.
+pub(super) fn points(bytes: &[u8]) -> Verdict {
+    as_file(bytes, |file| {
+        let reference = |heading| {
+            let settings = ReferenceSettings { path: PathSettings::Points { file: file.to_owned() }, heading, ramp_s: 0.0 };
+            Reference::new(&settings, &[0.0; 3], 0.1, 30)
+        };
+        let mut fate = Fate::Refused;
+        for heading in [Heading::Given, Heading::Tangent] {
+            match reference(heading) {
+                Ok(reference) => {
+                    finite_along(&reference)?;
+                    fate = Fate::Used;
+                }
+                Err(error) => {
+                    let text = error.to_string();
+                    promise(text.starts_with(&file.display().to_string()), || format!("which file was meant? {text}"))?;
+                    fate = either(fate, refused(&text)?);
+                }
+            }
+        }
+        Ok(fate)
+    })
+}
+
+/// A record is read as far as it goes, and summed up; the summary can be shown.
+pub(super) fn record(bytes: &[u8]) -> Verdict {
+    as_file(bytes, |file| {
+        // Twice: what is there already is passed over.
+        let segments = [file.to_owned(), file.to_owned()];
+        let rows = Rows::read(&segments).map_err(|error| format!("a record cannot be read: {error}"))?;
+        let summed =
+            serde_json::to_vec(&Summary::of(&rows, 100_000_000)).map_err(|error| format!("a summary cannot be written: {error}"))?;
+        let closing: Closing = serde_json::from_slice(&summed).map_err(|error| format!("a summary cannot be read: {error}"))?;
+        promise(!closing.to_string().is_empty(), || "a summary says nothing".into())?;
+        Ok(if rows.states.is_empty() { Fate::Refused } else { Fate::Used })
+    })
+}
+
+/// A summary is refused, or can be shown.
+pub(super) fn summary(bytes: &[u8]) -> Verdict {
+    match serde_json::from_slice::<Closing>(bytes) {
+        Ok(closing) => {
+            promise(!closing.to_string().is_empty(), || "a summary says nothing".into())?;
+            Ok(Fate::Used)
+        }
+        Err(error) => refused(&error.to_string()),
+    }
+}
