@@ -3,7 +3,6 @@
 use mcap::io::MessageReader;
 use mcap::sans_io::LinearReaderOptions;
 use serde_json::Value;
-use std::error::Error;
 use std::fs::{self, File};
 use std::io::{self, BufReader};
 use std::path::Path;
@@ -52,7 +51,7 @@ impl Record {
     ///
     /// # Errors
     /// If there is none, or it is none.
-    pub fn read(folder: &Path) -> Result<Self, Box<dyn Error + Send + Sync>> {
+    pub fn read(folder: &Path) -> io::Result<Self> {
         let mut segments: Vec<_> = fs::read_dir(folder)?.flatten().map(|entry| entry.path()).collect();
         segments.retain(|path| path.extension().is_some_and(|extension| extension == "mcap"));
         segments.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
@@ -67,7 +66,7 @@ impl Record {
         let summary = match fs::read_to_string(folder.join("summary.json")) {
             Ok(text) => serde_json::from_str(&text)?,
             Err(error) if error.kind() == io::ErrorKind::NotFound => Value::Null,
-            Err(error) => return Err(error.into()),
+            Err(error) => return Err(error),
         };
         Ok(Self { messages, summary })
     }

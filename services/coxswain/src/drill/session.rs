@@ -154,7 +154,7 @@ impl Session {
     /// # Errors
     /// If there is none.
     pub(super) fn record(&self) -> Result<Record, Trouble> {
-        Record::read(&self.run)
+        Ok(Record::read(&self.run)?)
     }
 
     /// Name of the graph.
