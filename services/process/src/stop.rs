@@ -1,6 +1,6 @@
 //! The request to end, and who may make it: a signal, the launcher's death, or the process itself.
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::flag;
 use std::io::{self, Read};
 use std::sync::Arc;
@@ -43,6 +43,8 @@ impl Stop {
         for signal in [SIGINT, SIGTERM, SIGHUP] {
             flag::register(signal, Arc::clone(&self.requested))?;
         }
+        // A file that may not grow any more is an error where it is written, as on a full disk, and nobody's end.
+        flag::register(SIGXFSZ, Arc::default())?;
         Ok(())
     }
 

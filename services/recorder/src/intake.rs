@@ -2,7 +2,7 @@
 
 use crate::grant::Grant;
 use crate::run::RecorderError;
-use crate::segment::Segment;
+use crate::store::Store;
 
 use process::Pulse;
 use protocol::message::{Command, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth};
@@ -43,19 +43,19 @@ impl Intake {
     ///
     /// # Errors
     /// [`RecorderError`] if a topic cannot be read or the file not be written.
-    pub(crate) fn drain(&mut self, segment: &mut Segment, grant: &mut Grant) -> Result<usize, RecorderError> {
-        let mut written = drain(&mut self.healths, segment, |health| {
+    pub(crate) fn drain(&mut self, store: &mut Store, grant: &mut Grant) -> Result<usize, RecorderError> {
+        let mut written = drain(&mut self.healths, store, |health| {
             // A plant that starts has no state yet, but its clock wants credit.
             if health.participant() == Some(Participant::Plant) && health.phase() != Phase::Finished {
                 grant.note_health(health.stamp.epoch, health.stamp.tick);
             }
         })?;
-        written += drain(&mut self.states, segment, |state| grant.note_state(state.stamp.epoch, state.stamp.tick))?;
-        written += drain(&mut self.truths, segment, |_| ())?;
-        written += drain(&mut self.commands, segment, |_| ())?;
-        written += drain(&mut self.plans, segment, |_| ())?;
-        written += drain(&mut self.residuals, segment, |_| ())?;
-        written += drain(&mut self.snapshots, segment, |_| ())?;
+        written += drain(&mut self.states, store, |state| grant.note_state(state.stamp.epoch, state.stamp.tick))?;
+        written += drain(&mut self.truths, store, |_| ())?;
+        written += drain(&mut self.commands, store, |_| ())?;
+        written += drain(&mut self.plans, store, |_| ())?;
+        written += drain(&mut self.residuals, store, |_| ())?;
+        written += drain(&mut self.snapshots, store, |_| ())?;
         Ok(written)
     }
 
@@ -72,11 +72,11 @@ impl Intake {
 }
 
 /// Writes what waits on one topic, at most as much as can wait at a time, so that a busy topic does not starve the others.
-fn drain<T: Viewable>(source: &mut Source<T>, segment: &mut Segment, mut note: impl FnMut(&T)) -> Result<usize, RecorderError> {
+fn drain<T: Viewable>(source: &mut Source<T>, store: &mut Store, mut note: impl FnMut(&T)) -> Result<usize, RecorderError> {
     let most = <T as OnTopic>::TOPIC.quality(false).depth;
     for written in 0..most {
         let Some(message) = source.next()? else { return Ok(written) };
-        segment.write(&message)?;
+        store.write(&message)?;
         note(&message);
     }
     Ok(most)

@@ -4,6 +4,7 @@
 //! |--------------|-------------------------------------------------------------------------|
 //! | [`run`]      | the loop: drains every topic, grants credit, ends the record            |
 //! | [`settings`] | what a person may set                                                   |
+//! | `store`      | where the record goes while the disk is full: nowhere, and is counted   |
 //! | [`segment`]  | one MCAP file of the record, open for writing                           |
 //! | [`rows`]     | what the summary needs, read back from the files                        |
 //! | [`summary`]  | rows → the figures of `summary.json`                                    |
@@ -27,4 +28,5 @@ pub mod rows;
 pub mod run;
 pub mod segment;
 pub mod settings;
+mod store;
 pub mod summary;

@@ -5,6 +5,7 @@ use crate::intake::Intake;
 use crate::rows::{ReadError, Rows};
 use crate::segment::{self, RecordError, Segment};
 use crate::settings::Settings;
+use crate::store::Store;
 use crate::summary::{Summary, SummaryError};
 use process::{Pulse, Stop};
 use protocol::message::{Participant, Phase};
@@ -86,14 +87,19 @@ enum Round {
 struct Recorder<'a> {
     intake: Intake,
     grant: Grant,
-    segment: Segment,
+    store: Store,
     pulse: &'a mut Pulse,
 }
 
 impl<'a> Recorder<'a> {
     fn open(ports: &Ports, settings: &Settings, segment: Segment, pulse: &'a mut Pulse) -> Result<Self, RecorderError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
-        Ok(Self { intake: Intake::open(ports, since)?, grant: Grant::open(ports, settings.run.pace)?, segment, pulse })
+        Ok(Self {
+            intake: Intake::open(ports, since)?,
+            grant: Grant::open(ports, settings.run.pace)?,
+            store: Store::new(segment, &settings.run),
+            pulse,
+        })
     }
 
     /// Writes until the end, then ends the file and sums up all files of the run.
@@ -101,9 +107,9 @@ impl<'a> Recorder<'a> {
         self.pulse.phase(Phase::Ready);
         self.write_until(stop)?;
         self.hear_out()?;
-        self.segment.finish()?;
+        let unwritten = self.store.finish()?;
         let folder = &settings.run.folder;
-        let summary = Summary::of(&Rows::read(&segment::paths(folder))?, settings.run.period_nanos);
+        let summary = Summary::of(&Rows::read(&segment::paths(folder))?, settings.run.period_nanos).without(unwritten);
         summary.write(folder)?;
         Ok(summary)
     }
@@ -113,12 +119,15 @@ impl<'a> Recorder<'a> {
             self.grant();
             let woken = self.intake.states.wait(PATIENCE)?;
             self.round()?;
-            if woken {
+            if let Some(why) = self.store.closed() {
+                self.pulse.health().set_last_error(why);
+                self.pulse.phase(Phase::Degraded);
+            } else if woken {
                 self.pulse.phase(Phase::Running);
             } else if let Err(error) = self.grant.refresh() {
                 tracing::warn!(%error, "late joiners have no credit");
             }
-            self.intake.count(self.pulse);
+            self.count();
             self.grant.count(self.pulse);
             self.pulse.beat();
         }
@@ -135,18 +144,26 @@ impl<'a> Recorder<'a> {
                 heard = Instant::now();
             }
         }
-        self.intake.count(self.pulse);
+        self.count();
         // What was lost until the very end belongs into the record, and nothing is read any more.
         self.pulse.send_now();
-        self.segment.write(self.pulse.health())?;
+        self.store.write(self.pulse.health())?;
         Ok(())
     }
 
     /// Writes what waits, at most as many messages per topic as can wait at a time.
     fn round(&mut self) -> Result<Round, RecorderError> {
-        let written = self.intake.drain(&mut self.segment, &mut self.grant)?;
-        self.segment.flush_if_due()?;
+        let written = self.intake.drain(&mut self.store, &mut self.grant)?;
+        self.store.tend()?;
         Ok(if written == 0 { Round::Idle } else { Round::Wrote })
+    }
+
+    /// What did not come, and what came and could not be written, is lost to the record.
+    fn count(&mut self) {
+        self.intake.count(self.pulse);
+        for (lost, unwritten) in self.pulse.health().lost.iter_mut().zip(self.store.unwritten()) {
+            *lost += unwritten;
+        }
     }
 
     /// A plant that does not take its credit in is for the launcher to find; the record goes on.
@@ -161,17 +178,20 @@ impl<'a> Recorder<'a> {
 mod tests {
     use super::*;
     use process::{Pace, Run};
-    use protocol::message::Health;
+    use protocol::message::{Health, PlantState};
     use protocol::port::{Exchange, Identity, Links};
+    use protocol::topic::Topic;
+
+    fn settings(folder: &std::path::Path, pace: Pace) -> Settings {
+        let links = Links::on_this_machine("test", folder.to_owned(), false, 1000);
+        let (log, folder) = ("info".to_owned(), folder.to_owned());
+        Settings { run: Run { links, folder, log, epoch_floor: 1, restarted: false, period_nanos: 100_000_000, pace } }
+    }
 
     #[test]
-    fn a_full_disk_is_told_to_the_others_before_the_end() -> Result<(), Box<dyn Error>> {
+    fn in_lock_step_a_full_disk_is_told_to_the_others_before_the_end() -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
-        let root = folder.path().to_owned();
-        let links = Links::on_this_machine("test", root.clone(), false, 1000);
-        let (log, pace) = ("info".to_owned(), Pace::RealTime);
-        let settings =
-            Settings { run: Run { links, folder: root, log, epoch_floor: 1, restarted: false, period_nanos: 100_000_000, pace } };
+        let settings = settings(folder.path(), Pace::LockStep);
         let ports = Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(1));
         let mut healths = ports.source::<Health>(Since::First)?;
         let segment = segment::tests::without_room()?;
@@ -182,6 +202,45 @@ mod tests {
         let last = healths.latest()?.ok_or("no health")?;
         assert!(last.last_error().ends_with(": full/record.mcap cannot be written"), "{}", last.last_error());
         assert_eq!(last.phase(), Phase::Degraded);
+        Ok(())
+    }
+
+    #[test]
+    fn in_real_time_what_has_no_room_on_the_disk_is_counted_and_the_rest_is_recorded_once_there_is_room_again() -> Result<(), Box<dyn Error>>
+    {
+        let folder = tempfile::tempdir()?;
+        let settings = settings(folder.path(), Pace::RealTime);
+        let ports = Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(1));
+        let mut healths = ports.source::<Health>(Since::First)?;
+        let mut states = ports.sink::<PlantState>()?;
+        let mut pulse = Pulse::new(&ports, Participant::Recorder)?;
+        let mut recorder = Recorder::open(&ports, &settings, segment::tests::without_room()?, &mut pulse)?;
+        recorder.pulse.phase(Phase::Ready);
+        let stop = Stop::new();
+        let mut state: PlantState = bytemuck::Zeroable::zeroed();
+        for _ in 0..7 {
+            states.send(&mut state)?;
+        }
+        recorder.round()?;
+        std::thread::sleep(Duration::from_millis(250)); // a flush is due
+        recorder.round()?;
+        assert!(
+            recorder.store.closed().is_some_and(|why| why.contains("full/record.mcap cannot be written")),
+            "{:?}",
+            recorder.store.closed()
+        );
+        std::thread::sleep(Duration::from_millis(1100));
+        recorder.round()?; // there is room again, in another file
+        for _ in 0..5 {
+            states.send(&mut state)?;
+        }
+        recorder.round()?;
+        stop.request();
+        let summary = recorder.record(&settings, &stop)?;
+        assert_eq!(summary.unwritten.get("state"), Some(&7), "{:?}", summary.unwritten);
+        assert_eq!(healths.latest()?.ok_or("no health")?.lost[Topic::State.index()], 7);
+        let rows = Rows::read(&segment::paths(folder.path()))?;
+        assert_eq!(rows.states.len(), 5);
         Ok(())
     }
 }

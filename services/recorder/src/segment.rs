@@ -66,6 +66,12 @@ pub struct Segment {
     channels: [Option<u16>; TOPIC_COUNT],
     json: Vec<u8>,
     flushed_nanos: u64,
+    /// The same file, to cut it off where it is whole.
+    file: File,
+    /// Its length then \[bytes\].
+    whole_bytes: u64,
+    /// Messages since then, by topic.
+    since: [u64; TOPIC_COUNT],
 }
 
 impl Segment {
@@ -85,6 +91,7 @@ impl Segment {
 
     /// Begins an MCAP file in `file`.
     fn over(path: PathBuf, file: File) -> Result<Self, McapError> {
+        let kept = file.try_clone().map_err(McapError::Io)?;
         // Without seeking, a chunk is put together in memory and written whole: a killed recorder leaves whole chunks.
         let mut writer = WriteOptions::new()
             .compression(Some(Compression::Lz4))
@@ -99,7 +106,8 @@ impl Segment {
         add_channel::<Plan>(&mut writer, &mut channels)?;
         add_channel::<Health>(&mut writer, &mut channels)?;
         add_channel::<Truth>(&mut writer, &mut channels)?;
-        Ok(Self { path, writer, channels, json: Vec::new(), flushed_nanos: clock::monotonic_nanos() })
+        let (json, flushed_nanos) = (Vec::new(), clock::monotonic_nanos());
+        Ok(Self { path, writer, channels, json, flushed_nanos, file: kept, whole_bytes: 0, since: [0; TOPIC_COUNT] })
     }
 
     /// Appends `message`, under the time at which it was sent.
@@ -107,7 +115,11 @@ impl Segment {
     /// # Errors
     /// [`RecordError::Write`].
     pub fn write<T: Viewable>(&mut self, message: &T) -> Result<(), RecordError> {
-        self.append(message).map_err(|error| self.failed(error))
+        self.append(message).map_err(|error| self.failed(error))?;
+        if let Some(count) = self.since.get_mut(T::TOPIC.index()) {
+            *count += 1;
+        }
+        Ok(())
     }
 
     /// Hands to the operating system what has waited for 0.2 s.
@@ -140,8 +152,26 @@ impl Segment {
         attachments.iter().try_for_each(|attachment| self.writer.attach(attachment))
     }
 
-    fn flush(&mut self) -> Result<(), RecordError> {
-        self.writer.flush().map_err(|error| self.failed(error))
+    /// Hands everything to the operating system.
+    ///
+    /// # Errors
+    /// [`RecordError::Write`].
+    pub fn flush(&mut self) -> Result<(), RecordError> {
+        self.writer.flush().map_err(|error| self.failed(error))?;
+        let length = self.file.metadata().map_err(|error| self.failed(McapError::Io(error)))?.len();
+        (self.whole_bytes, self.since) = (length, [0; TOPIC_COUNT]);
+        Ok(())
+    }
+
+    /// Gives up a file that cannot be written: cuts it off where it was whole, and says how many messages of each topic are not in it.
+    pub fn abandon(self) -> [u64; TOPIC_COUNT] {
+        let Self { writer, file, whole_bytes, since, path, .. } = self;
+        // It tries to write what it still holds.
+        drop(writer);
+        if let Err(error) = file.set_len(whole_bytes) {
+            tracing::warn!(%error, path = %path.display(), "the end of the file is torn");
+        }
+        since
     }
 
     fn append<T: Viewable>(&mut self, message: &T) -> Result<(), McapError> {

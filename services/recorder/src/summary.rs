@@ -10,7 +10,7 @@ mod tests;
 use crate::rows::{HealthRow, PlanRow, Rows, StateRow};
 use figures::{Deviation, Window, largest, percentile, root_mean_square, settled_at};
 use protocol::message::{Participant, Rung};
-use protocol::topic::Topic;
+use protocol::topic::{TOPIC_COUNT, Topic};
 use serde::ser::{Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -65,6 +65,8 @@ pub struct Summary {
     /// Messages lost, by topic and who lost them: `recorder` is what was sent and is not in the record, though something later is;
     /// the others are what they reported in their health.
     pub losses: BTreeMap<&'static str, BTreeMap<String, u64>>,
+    /// Messages that came and could not be written, most often because the disk was full, by topic; those without any are left out.
+    pub unwritten: BTreeMap<&'static str, u64>,
     /// How many epochs of the plant are in the record. Beyond 1, the figures are over the last one.
     pub plant_epochs: usize,
     /// From how many epochs of the controller commands came.
@@ -93,6 +95,13 @@ impl Serialize for Rungs {
 }
 
 impl Summary {
+    /// The same, of a record that could not take in so many messages of each topic.
+    #[must_use]
+    pub fn without(self, unwritten: [u64; TOPIC_COUNT]) -> Self {
+        let named = Topic::ALL.into_iter().map(|topic| (topic.name(), unwritten.get(topic.index()).copied().unwrap_or(0)));
+        Self { unwritten: named.filter(|(_, count)| *count > 0).collect(), ..self }
+    }
+
     /// Sums up a record of a run with this control period \[ns\].
     pub fn of(rows: &Rows, period_nanos: u64) -> Self {
         let epochs = plant_epochs(rows);
@@ -118,6 +127,7 @@ impl Summary {
             snapshots_published: snapshots(rows, Participant::Learner),
             snapshots_adopted: snapshots(rows, Participant::Controller),
             losses: losses(rows),
+            unwritten: BTreeMap::new(),
             plant_epochs: epochs.len(),
             controller_epochs: rows.controller_epochs.len(),
             segments: rows.segments,

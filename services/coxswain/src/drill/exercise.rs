@@ -64,6 +64,9 @@ fn launch_with_faults(carrier: Carrier, launch: &Launch, deploy: &Path, seed: u6
         let mut session = home.launch("run", launch.duration_s)?;
         let status = session.wait(launch.duration_s, stop)?;
         let gaps = witness.end();
+        if !session.run().is_dir() {
+            return Err(format!("the launch ended with {status}: {}", last_line(&home.said("run"))).into());
+        }
         let injected = injected(session.run());
         let mut measured = measure(&session.record()?, launch, &home.limits()?, &injected, &gaps);
         measured.injections += on_links(session.run())?;

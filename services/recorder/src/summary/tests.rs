@@ -234,6 +234,7 @@ fn the_file_has_every_figure_in_its_place_and_every_rung() {
         "snapshots_published",
         "snapshots_adopted",
         "losses",
+        "unwritten",
         "plant_epochs",
         "controller_epochs",
         "segments",

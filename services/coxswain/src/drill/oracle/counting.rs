@@ -16,7 +16,8 @@ pub(super) fn judge(record: &Record, violations: &mut Vec<Violation>) {
         last_words.insert(health.stamp("writer"), health);
     }
     let recorders: Vec<&Message> = last_words.values().filter(|health| health.word("participant") == "recorder").copied().collect();
-    if record.summary["segments"].as_u64().is_some_and(|segments| segments > 1) {
+    let full_disk = record.summary["unwritten"].as_object().is_some_and(|unwritten| !unwritten.is_empty());
+    if record.summary["segments"].as_u64().is_some_and(|segments| segments > 1) && !full_disk {
         return; // what was said while the recorder was dead is nowhere
     }
     let [recorder] = recorders.as_slice() else {

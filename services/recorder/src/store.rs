@@ -1,0 +1,109 @@
+//! Where the record goes: into a file, or nowhere while there is no room, and then everything that comes is counted.
+
+use crate::segment::{RecordError, Segment};
+use process::{Pace, Run};
+use protocol::topic::TOPIC_COUNT;
+use protocol::view::Viewable;
+use std::error::Error;
+use std::fs;
+use std::time::{Duration, Instant};
+
+/// How long a disk without room is left alone before another file is tried.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// The record of a run, file after file.
+pub(crate) struct Store {
+    run: Run,
+    segment: Option<Segment>,
+    /// Why there is none.
+    closed: String,
+    retry_at: Instant,
+    /// Messages that came and are in no file, by topic.
+    unwritten: [u64; TOPIC_COUNT],
+}
+
+impl Store {
+    pub(crate) fn new(segment: Segment, run: &Run) -> Self {
+        Self { run: run.clone(), segment: Some(segment), closed: String::new(), retry_at: Instant::now(), unwritten: [0; TOPIC_COUNT] }
+    }
+
+    /// Appends `message`, or counts it.
+    ///
+    /// # Errors
+    /// [`RecordError`] in lock step, which loses nothing.
+    pub(crate) fn write<T: Viewable>(&mut self, message: &T) -> Result<(), RecordError> {
+        let written = self.segment.as_mut().map(|segment| segment.write(message));
+        if !matches!(written, Some(Ok(())))
+            && let Some(count) = self.unwritten.get_mut(T::TOPIC.index())
+        {
+            *count += 1;
+        }
+        written.map_or(Ok(()), |written| self.survive(written))
+    }
+
+    /// Hands to the operating system what has waited, or looks whether there is room again.
+    ///
+    /// # Errors
+    /// [`RecordError`] in lock step.
+    pub(crate) fn tend(&mut self) -> Result<(), RecordError> {
+        if let Some(segment) = &mut self.segment {
+            let flushed = segment.flush_if_due();
+            return self.survive(flushed);
+        }
+        if Instant::now() >= self.retry_at {
+            self.retry_at = Instant::now() + RETRY;
+            match Segment::create(&Run { restarted: true, ..self.run.clone() }) {
+                Ok(segment) => {
+                    tracing::warn!(unwritten = ?self.unwritten, "there is room again: the record goes on in another file");
+                    self.segment = Some(segment);
+                }
+                // What was begun of it holds nothing.
+                Err(RecordError::Write { path, .. }) => drop(fs::remove_file(path)),
+                Err(_) => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Why nothing is written at present.
+    pub(crate) fn closed(&self) -> Option<&str> {
+        self.segment.is_none().then_some(self.closed.as_str())
+    }
+
+    /// Messages that came and are in no file, by topic.
+    pub(crate) fn unwritten(&self) -> [u64; TOPIC_COUNT] {
+        self.unwritten
+    }
+
+    /// Ends the last file. Says what is in none.
+    ///
+    /// # Errors
+    /// [`RecordError`] in lock step.
+    pub(crate) fn finish(mut self) -> Result<[u64; TOPIC_COUNT], RecordError> {
+        if let Some(segment) = &mut self.segment {
+            let flushed = segment.flush();
+            self.survive(flushed)?;
+        }
+        if let Some(segment) = self.segment.take() {
+            segment.finish()?;
+        }
+        Ok(self.unwritten)
+    }
+
+    /// In real time a file that cannot be written is given up.
+    fn survive(&mut self, written: Result<(), RecordError>) -> Result<(), RecordError> {
+        let Err(error) = written else { return Ok(()) };
+        if self.run.pace == Pace::LockStep {
+            return Err(error);
+        }
+        self.closed = error.source().map_or_else(|| error.to_string(), |cause| format!("{cause}: {error}"));
+        tracing::error!("{}; what comes is counted until there is room again", self.closed);
+        if let Some(segment) = self.segment.take() {
+            for (unwritten, lost) in self.unwritten.iter_mut().zip(segment.abandon()) {
+                *unwritten += lost;
+            }
+        }
+        self.retry_at = Instant::now() + RETRY;
+        Ok(())
+    }
+}
