@@ -33,6 +33,16 @@ pub enum OpenError {
         /// Why not.
         reason: String,
     },
+    /// Shared memory is nearly used up, by this graph or by somebody else.
+    #[error("{} has {free} bytes left, expected at least {least}: whoever joins a graph there would end others", folder.display())]
+    NoRoom {
+        /// Where shared memory lies.
+        folder: PathBuf,
+        /// What is left \[bytes\].
+        free: u64,
+        /// What must be \[bytes\].
+        least: u64,
+    },
     /// Shared memory or the network is not to be had at all.
     #[error("graph {graph:?} cannot be joined: {reason}")]
     Join {

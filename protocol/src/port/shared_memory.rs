@@ -7,9 +7,11 @@
 mod alarm;
 mod inlet;
 mod outlet;
+mod room;
 mod service;
 mod sweep;
 
+pub use room::claim;
 pub use sweep::{SweepReport, sweep};
 
 use super::links::Links;
@@ -50,6 +52,7 @@ impl SharedMemory {
     pub(super) fn open(links: &Links) -> Result<Self, OpenError> {
         set_log_level(LogLevel::Fatal);
         let config = config(links)?;
+        Self::check_room()?;
         std::fs::create_dir_all(&links.root).map_err(|error| OpenError::Root { root: links.root.clone(), reason: error.to_string() })?;
         let node = NodeBuilder::new()
             .config(&config)

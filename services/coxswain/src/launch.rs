@@ -15,7 +15,7 @@ use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use process::{Pace, go_first};
 use protocol::message::Participant;
-use protocol::port::{OpenError, Router};
+use protocol::port::{OpenError, Router, claim};
 use settings::SettingsError;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -31,6 +31,8 @@ use tracing_subscriber::EnvFilter;
 
 /// How often the launcher looks after its processes.
 const ROUND: Duration = Duration::from_millis(20);
+/// How often shared memory that the processes have made since is claimed.
+const CLAIMS_EVERY: Duration = Duration::from_millis(200);
 /// How long a process may take to end when asked to.
 const ENDS_WITHIN: Duration = Duration::from_secs(5);
 /// How long the recorder may take, which has to read the whole record.
@@ -226,6 +228,8 @@ fn start(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Per
             }
             thread::sleep(ROUND / 4);
         }
+        // The robot starts last: where memory is short, it has not moved.
+        claim(&voyage.links)?;
     }
     Ok(None)
 }
@@ -243,6 +247,8 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
     let (period_nanos, duration_s) = (scenario.period_nanos(), scenario.duration_s);
     let faults = &voyage.assembly.faults;
     let mut saboteur = None;
+    let mut claimed = Instant::now();
+    let mut short = false;
     loop {
         if let Some(signal) = person.asks_to_end() {
             return Ok(Outcome::Signal(signal));
@@ -252,6 +258,17 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
             let period = Duration::from_nanos(period_nanos);
             let begun = Saboteur::begin(&faults.process, faults.seed, period, fleet.roster(), &voyage.folder);
             saboteur = Some(begun.map_err(|source| LaunchError::System { what: "the list of injected faults", source })?);
+        }
+        if now.saturating_duration_since(claimed) >= CLAIMS_EVERY {
+            claimed = now;
+            match claim(&voyage.links) {
+                Err(error) if !short => {
+                    tracing::error!("{error}");
+                    person.terminal.say(error);
+                    short = true;
+                }
+                outcome => short = outcome.is_err(),
+            }
         }
         for event in fleet.tend(&view, now)? {
             match event {

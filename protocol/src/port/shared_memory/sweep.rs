@@ -1,5 +1,6 @@
 //! Removes what dead processes left behind.
 
+use super::room::FOLDER;
 use super::{config, prefix};
 use crate::port::{Links, OpenError};
 use iceoryx2::node::{DeadNodeView, NodeCleanupFailure, NodeView};
@@ -8,9 +9,6 @@ use std::fs;
 use std::io;
 use std::path::Path;
 use std::time::Duration;
-
-/// Where POSIX shared memory lies on Linux.
-const SHARED_MEMORY_FOLDER: &str = "/dev/shm";
 
 /// How long another process may take that is removing the same remains.
 const CLEANUP_TIMEOUT: Duration = Duration::from_secs(5);
@@ -84,7 +82,7 @@ fn remove_dead(links: &Links, node: &DeadNodeView<ipc::Service>) -> Result<(), N
 /// Removes the files of a graph of which nobody lives, and its root if nothing else is in it.
 fn remove_files(links: &Links) -> io::Result<usize> {
     let prefix = prefix(links);
-    let mut removed = remove_prefixed(Path::new(SHARED_MEMORY_FOLDER), &prefix)?;
+    let mut removed = remove_prefixed(Path::new(FOLDER), &prefix)?;
     for folder in ["nodes", "services"] {
         removed += remove_folder(&links.root.join(folder))?;
     }

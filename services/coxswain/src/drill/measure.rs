@@ -122,8 +122,19 @@ fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations:
         let (begin, end) = (at(index.saturating_sub(2)), at(index));
         !launch.lock_step && gaps.iter().any(|gap| gap.from_nanos < end && begin < gap.to_nanos)
     };
-    let unexcused: Vec<usize> =
-        (0..states.len()).filter(|&index| states.get(index).is_some_and(|state| below(state)) && !excused(index)).collect();
+    let mut unexcused = Vec::new();
+    let mut before = false; // the period before was below a fresh plan, and excused
+    for (index, state) in states.iter().enumerate() {
+        if !below(state) {
+            before = false;
+            continue;
+        }
+        // Leaving a brake that is excused takes its periods.
+        before = excused(index) || before && state.word("reason") == "recovering";
+        if !before {
+            unexcused.push(index);
+        }
+    }
     if launch.undisturbed || launch.answered {
         for state in unexcused.iter().filter_map(|&index| states.get(index)).filter(|state| launch.undisturbed || !fell(state)) {
             let (tick, rung, reason) = (state.stamp("tick"), state.word("rung"), state.word("reason"));
