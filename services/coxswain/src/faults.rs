@@ -222,7 +222,8 @@ mod tests {
             mebibytes: None,
         };
         let period = Duration::from_millis(20);
-        let phases = kills.times(period, 7).zip(0..).map(|(at, time)| (at - Duration::from_secs(2 + time)).as_secs_f64() / 0.02);
+        let phases =
+            kills.times(period, 7).zip(0..).map(|(at, time)| at.saturating_sub(Duration::from_secs(2 + time)).as_secs_f64() / 0.02);
         let mut tenths = [0; 10];
         for phase in phases {
             assert!((0.0..1.0).contains(&phase), "{phase}");

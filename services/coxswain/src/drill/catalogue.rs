@@ -109,7 +109,7 @@ pub fn exercises(extent: Extent) -> Vec<Exercise> {
 /// SIGKILL, swept over the phase of the period, and every fifth time once more while the successor starts.
 fn kills(extent: Extent, all: &mut Vec<Exercise>) {
     for (participant, every_s) in [(Controller, 0.9), (Plant, 1.3), (Learner, 2.5), (Recorder, 1.0), (Gateway, 1.0)] {
-        let (quick, whole) = (if participant == Learner { 3 } else { 6 }, 200_u32);
+        let (quick, whole) = (if participant == Learner { 3 } else { 6 }, 210_u32);
         for carrier in [Carrier::SharedMemory, Carrier::Network] {
             if participant == Gateway && carrier == Carrier::Network
                 || extent == Extent::Quick && carrier == Carrier::Network && !needed(participant)

@@ -66,15 +66,15 @@ impl Home {
             if launch.lock_step { "lock-step" } else { "real-time" },
             if carrier == Carrier::Network { "network" } else { "shared-memory" },
         );
-        let mut text =
-            format!("name = \"drill\"\nrobot = {robot:?}\nscenario = \"scenario.toml\"\npace = {pace:?}\n[links]\ndefault = {link:?}\n");
-        for role in ["plant", "controller", "learner", "recorder"] {
-            text += &format!("[processes.{role}]\n{PATIENT}");
-        }
+        let mut text = format!(
+            "name = \"drill\"\nrobot = \"{}\"\nscenario = \"scenario.toml\"\npace = \"{pace}\"\n[links]\ndefault = \"{link}\"\n\
+             [telemetry]\nlisten = [\"tcp/127.0.0.1:0\"]\n",
+            robot.display()
+        );
         // A gateway reads shared memory.
-        if carrier == Carrier::SharedMemory {
-            text += &format!("[telemetry]\nlisten = [\"tcp/127.0.0.1:0\"]\n[processes.gateway]\n{PATIENT}");
-        }
+        let gateway = (carrier == Carrier::SharedMemory).then_some("gateway");
+        let roles = ["plant", "controller", "learner", "recorder"].into_iter().chain(gateway);
+        text.extend(roles.map(|role| format!("[processes.{role}]\n{PATIENT}")));
         let graph = folder.path().join("graph.toml");
         fs::write(&graph, text)?;
         Ok(Self { folder, graph })
