@@ -60,7 +60,7 @@ pub struct DrillOptions {
     #[arg(long, value_name = "DIR", default_value = "deploy")]
     pub deploy: PathBuf,
     /// How many exercises at a time.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=64))]
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u64).range(1..=64))]
     pub jobs: u64,
 }
 
