@@ -141,11 +141,6 @@ proptest! {
         let (mut ours, mut theirs) = (vec![0.0; program.variables()], vec![0.0; program.variables()]);
         let outcome = ActiveSet::new(&program).solve(&program, &mut ours, &Turn::default());
         let reference = Clarabel::new(&program).map_err(|e: SolverError| TestCaseError::fail(e.to_string()))?.solve(&program, &mut theirs, &Turn::default());
-        if outcome.status == Status::OutOfIterations {
-            // Some ill-conditioned program or other has more changes of rows than it gets: it says so, and the one behind it answers.
-            prop_assert!(reference.usable() && ours.iter().all(|&value| value == 0.0), "nobody answers, or half an answer is given");
-            return Ok(());
-        }
         prop_assert_eq!(outcome.status, Status::Solved);
         prop_assert!(program.satisfied_by(&ours, 1e-7));
         if reference.usable() {
@@ -153,18 +148,6 @@ proptest! {
             prop_assert!(ours < theirs + 1e-6 * (1.0 + theirs.abs()), "{} is more than {}", ours, theirs);
         }
     }
-}
-
-#[test]
-fn of_a_thousand_large_programs_nearly_all_are_solved_within_the_iterations() {
-    let mut numbers = Numbers(5);
-    let solved = (0..1000).filter(|_| {
-        let shape = Shape { dense: 6 + numbers.below(25), rows: 1 + numbers.below(119), slacks: numbers.below(8), decades: 5.0 };
-        let program = program(&mut numbers, shape, 0.0);
-        let mut x = vec![0.0; program.variables()];
-        ActiveSet::new(&program).solve(&program, &mut x, &Turn::default()).status == Status::Solved
-    });
-    assert!(solved.count() >= 990);
 }
 
 #[test]
