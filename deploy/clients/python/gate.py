@@ -68,7 +68,7 @@ class Gate:
         self.since = 0.0  # publication of the state that the stored command answers
         self.last_heard = 0.0  # of the present writer
         self.refused = 0
-        self.acting = NOTHING
+        self.acting = self.begun_with = NOTHING
         self.braking = self.latched = False
         self.good_periods = 0
         self.past = (WAITING, NO_COMMAND_YET)  # rung and reason of the past period
@@ -81,6 +81,7 @@ class Gate:
         self.published[tick] = now
         self.published.pop(tick - 8, None)
         self.worst, self.last_refusal = (WAITING, NONE), NONE
+        self.begun_with = self.acting
 
     def end(self) -> None:
         """A period is over: duties 8 and 9."""
@@ -131,7 +132,8 @@ class Gate:
         published = self.published.get(stamp.tick)
         if published is None or now - published > 1.5 * period + self.delay:
             return TOO_OLD
-        if not all(map(self.limits.allow_step, (self.acting, *inputs), inputs)):
+        steps = zip((self.begun_with, self.acting, *inputs), (command.input, *inputs))
+        if not all(self.limits.allow_step(*step) for step in steps):
             return RATE_TOO_HIGH
         return NONE
 

@@ -82,6 +82,13 @@ class Duties(unittest.TestCase):
                     self.gate.begin(0, 0.0)
                     self.assertEqual(self.reason(answer), expected, answer)
 
+    def test_3_a_step_of_the_tail_and_a_command_change_no_more_together_than_a_command_alone_may(self) -> None:
+        self.period(0, command(0, AHEAD, tail=((-1.0, 0.0, 0.0),)))
+        self.gate.begin(1, T)
+        self.gate.play(T, 0.01)  # the tail
+        self.assertEqual(self.reason(command(1, (-1.3, 0.0, 0.0), tail=()), T), gate.RATE_TOO_HIGH)
+        self.assertEqual(self.reason(command(1, (-1.2, 0.0, 0.0), tail=()), T), gate.NONE)
+
     def test_4_a_refused_command_shows_that_its_writer_lives(self) -> None:
         self.period(0, command(0))
         for tick in range(1, 6):

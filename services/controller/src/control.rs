@@ -239,13 +239,15 @@ impl Controller {
 
     /// What the gate will say of the command, as far as that can be known here.
     fn judged(&self, state: &PlantState) -> Result<(), Reason> {
+        let acting = self.mpc.limits().clamp(&self.knowledge.last_command());
         let situation = Situation {
             plant_epoch: state.stamp.epoch,
             tick: state.stamp.tick,
             age_nanos: Some(0),
             accepted: None,
             writer: None,
-            acting: self.mpc.limits().clamp(&self.knowledge.last_command()),
+            acting,
+            begun_with: acting,
         };
         judge(&self.command, &situation, &self.bounds)
     }

@@ -23,6 +23,8 @@ pub struct Situation {
     pub writer: Option<(u64, u64, u64)>,
     /// Input that acts at this moment.
     pub acting: [f64; 3],
+    /// Input that acted when the period began.
+    pub begun_with: [f64; 3],
 }
 
 /// Judges one command. Pure, does not allocate.
@@ -54,6 +56,10 @@ pub fn judge(command: &Command, situation: &Situation, bounds: &Bounds) -> Resul
     let oldest = bounds.period_nanos * AGE_LIMIT_HALF_PERIODS / 2 + bounds.link_delay_nanos;
     if situation.age_nanos.is_none_or(|age| age > oldest) {
         return Err(Reason::TooOld);
+    }
+    // A tail may have moved on since the period began: both changes together are one period's.
+    if !bounds.allow_change(&situation.begun_with, &command.input) {
+        return Err(Reason::TooFast);
     }
     let mut before = &situation.acting;
     for input in inputs() {

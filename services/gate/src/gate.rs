@@ -53,6 +53,8 @@ pub struct Gate {
     /// Highest epoch, its writer, and when it was last heard.
     writer: Option<(u64, u64, u64)>,
     input: Velocity,
+    /// What it was when the period began.
+    begun_with: Velocity,
     /// When `input` was last worked out.
     input_nanos: u64,
     latched: bool,
@@ -74,6 +76,7 @@ impl Gate {
             stored: None,
             writer: None,
             input: [0.0; 3],
+            begun_with: [0.0; 3],
             input_nanos: 0,
             latched: false,
             braking: false,
@@ -90,6 +93,7 @@ impl Gate {
             *slot = (tick, now);
         }
         self.refusal = Reason::None;
+        self.begun_with = self.input;
     }
 
     /// Takes in one command that came at `now`.
@@ -104,6 +108,7 @@ impl Gate {
             accepted: self.accepted(),
             writer: self.writer.map(|(epoch, writer, heard)| (epoch, writer, now.saturating_sub(heard))),
             acting: self.input,
+            begun_with: self.begun_with,
         };
         if let Err(reason) = judge(command, &situation, &self.bounds) {
             self.refuse(reason);
@@ -299,6 +304,26 @@ mod tests {
         assert_eq!(gate.offer(&command(1, 5, 0), 0), Ok(()));
         gate.begin_period(4, 4 * PERIOD);
         assert_eq!(gate.offer(&command(1, 6, 4), 4 * PERIOD), Ok(()));
+    }
+
+    #[test]
+    fn a_step_of_the_tail_and_a_command_together_change_no_more_than_a_command_alone_may() {
+        let most = 2.2 * 2.0; // of the rate in a period
+        let with = |input: f64, tail: f64, tick| {
+            let mut command = command(1, 5, tick);
+            (command.input[0], command.tail, command.tail_len) = (input, [[tail, 0.0, 0.0]; 4], 2);
+            command
+        };
+        let mut gate = gate();
+        gate.begin_period(0, 0);
+        assert_eq!(gate.offer(&with(1.0, -1.0, 0), 10), Ok(()));
+        assert_eq!(gate.decide(PERIOD - 1).input[0], 1.0);
+        gate.begin_period(1, PERIOD);
+        assert_eq!(gate.decide(PERIOD + 10).input[0], -1.0, "the tail has moved on");
+        let too_far = 1.0 - most - 0.1;
+        assert!((too_far - -1.0_f64).abs() < most, "from what acts it would be allowed");
+        assert_eq!(gate.offer(&with(too_far, too_far, 1), PERIOD + 20), Err(Reason::TooFast));
+        assert_eq!(gate.offer(&with(1.0 - most, -3.0, 1), PERIOD + 30), Ok(()));
     }
 
     #[test]
