@@ -129,8 +129,8 @@ pub struct Fleet<'a> {
     epochs: Epochs,
     members: BTreeMap<Participant, Member>,
     roster: Roster,
-    /// The round before.
-    tended: Option<Instant>,
+    /// When the round before was, and how often somebody had listened by then.
+    tended: Option<(Instant, u64)>,
 }
 
 /// One role, and who plays it.
@@ -248,7 +248,9 @@ impl<'a> Fleet<'a> {
     /// [`FleetError`] if the run cannot go on.
     pub fn tend(&mut self, view: &View, now: Instant) -> Result<Vec<Event>, FleetError> {
         let mut events = Vec::new();
-        let round = self.tended.replace(now).map_or(Duration::ZERO, |before| now.saturating_duration_since(before));
+        // Who does not listen hears no silence.
+        let listened = |&(before, rounds): &(Instant, u64)| (view.rounds() > rounds).then(|| now.saturating_duration_since(before));
+        let round = self.tended.replace((now, view.rounds())).as_ref().and_then(listened).unwrap_or_default();
         let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
         for (&role, member) in &mut self.members {
             if let Some(health) = view.health(role) {

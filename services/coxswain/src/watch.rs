@@ -20,6 +20,8 @@ const PATIENCE: Duration = Duration::from_millis(20);
 pub struct View {
     health: BTreeMap<Participant, HealthView>,
     plan: Option<PlanView>,
+    /// Rounds of listening.
+    rounds: u64,
 }
 
 /// What counts of a Health.
@@ -67,6 +69,16 @@ impl View {
     /// Last Plan.
     pub fn plan(&self) -> Option<PlanView> {
         self.plan
+    }
+
+    /// How often somebody has listened. Silence of others means nothing while this does not grow.
+    pub fn rounds(&self) -> u64 {
+        self.rounds
+    }
+
+    /// One more round of listening is over.
+    pub fn count_round(&mut self) {
+        self.rounds += 1;
     }
 
     /// Hears a Health.
@@ -166,6 +178,7 @@ impl Ears {
         while let Some(health) = self.health.next()? {
             lock(view).take_in(&health);
         }
+        lock(view).count_round();
         Ok(())
     }
 }

@@ -205,19 +205,23 @@ fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_l
     let first = pid().ok_or("nobody plays the controller")?;
     let mut view = View::default();
     let (round, mut now) = (Duration::from_millis(20), Instant::now());
-    let mut tend = |fleet: &mut Fleet<'_>, view: &View, passed: Duration| {
+    let mut tend = |fleet: &mut Fleet<'_>, view: &mut View, passed: Duration| {
         now += passed;
+        view.count_round();
         fleet.tend(view, now)
     };
     for sent in 0..50 {
         view.take_in(&health(Participant::Controller, u32::try_from(first)?, sent));
-        assert_eq!(tend(&mut fleet, &view, round)?, [], "it has spoken");
+        assert_eq!(tend(&mut fleet, &mut view, round)?, [], "it has spoken");
     }
-    assert_eq!(tend(&mut fleet, &view, Duration::from_mins(1))?, [], "the launcher was stopped for a minute, not the controller");
+    assert_eq!(tend(&mut fleet, &mut view, Duration::from_mins(1))?, [], "the launcher was stopped for a minute, not the controller");
+    for _ in 0..1000 {
+        assert_eq!(fleet.tend(&view, Instant::now())?, [], "who does not listen accuses nobody");
+    }
     let mut rounds = 0;
     let silence = loop {
         rounds += 1;
-        if let [Event::Hung { role: Participant::Controller, silence }] = tend(&mut fleet, &view, round)?[..] {
+        if let [Event::Hung { role: Participant::Controller, silence }] = tend(&mut fleet, &mut view, round)?[..] {
             break silence;
         }
         assert!(rounds < 100, "nobody noticed");
@@ -225,7 +229,7 @@ fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_l
     assert!((Duration::from_millis(400)..Duration::from_millis(450)).contains(&silence), "{silence:?}");
     while pid() == Some(first) || pid().is_none() {
         std::thread::sleep(Duration::from_millis(1));
-        tend(&mut fleet, &view, Duration::ZERO)?;
+        tend(&mut fleet, &mut view, Duration::ZERO)?;
     }
     assert!(fs::read_to_string(format!("/proc/{first}/stat")).is_err(), "it is dead and buried before its successor starts");
     fleet.end(|_| Duration::ZERO, || true);
