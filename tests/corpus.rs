@@ -83,7 +83,7 @@ fn every_decoder_has_a_corpus_and_a_fuzz_target_and_there_are_no_others() -> Out
     assert_eq!(names(&fuzz)?, decoders);
     let manifest = fs::read_to_string(corpus().with_file_name("Cargo.toml"))?;
     for name in decoders {
-        assert!(manifest.contains(&format!("path = \"fuzz_targets/{name}.rs\"")), "fuzz/Cargo.toml does not name {name}");
+        assert!(manifest.contains(&format!("path = \"fuzz_targets/{name}.rs\"")), "tests/fuzz/Cargo.toml does not name {name}");
         assert!(
             fs::read_to_string(fuzz.join(&name).with_extension("rs"))?.contains(&format!("\"{name}\"")),
             "{name} is given to another decoder"

@@ -1,7 +1,7 @@
 //! Bytes from outside → what reads them: one function per decoder, for the corpus, the property tests and the fuzzer alike.
 //!
 //! Each takes any bytes at all, never panics, and says which promise was broken, if one was. The corpus of a decoder, files that it is given
-//! in every run of the tests, is in `fuzz/corpus` in the folder of its name.
+//! in every run of the tests, is in `tests/fuzz/corpus` in the folder of its name.
 //!
 //! | module     | what it decodes                                            |
 //! |------------|------------------------------------------------------------|
@@ -62,7 +62,7 @@ pub fn named(name: &str) -> Option<Decoder> {
 
 /// The folder of all corpora.
 pub fn corpus() -> PathBuf {
-    crate::repository().join("fuzz/corpus")
+    crate::repository().join("tests/fuzz/corpus")
 }
 
 /// A promise that is kept if it `holds`.
