@@ -5,15 +5,17 @@
 //! | position                        | the measured velocity, which would have taken it 0.1 m away                          |
 //! | heading                         | the measured yaw rate, which would have turned it by 0.1 rad                         |
 //! | everything                      | the input, which makes more of a difference than the main model can be wrong by      |
+//! | velocity                        | an input that changed, and a position 0.1 m away from where this velocity leads      |
+//! | yaw rate                        | an input that changed, and a heading 0.1 rad away from where this rate leads         |
 //!
-//! for 3 periods at least. A robot that stands, or creeps at a speed that a biased or noisy sensor may report of one that stands, is never
+//! for 3 periods at least; a velocity, which may well be constant, for as many more as a command may be under way. A robot that stands, or creeps at a speed that a biased or noisy sensor may report of one that stands, is never
 //! suspected, however coarse its sensors are. What is stuck stays so until it moves again: the robot brakes, and then nothing but
 //! the sensor itself can tell that it is well.
 
 use model::delay::DELAY_MAX;
 use model::main_model::MainModel;
 use model::residual::residual;
-use model::{AXES, State, Velocity};
+use model::{AXES, State, Velocity, wrap};
 use protocol::message::PlantState;
 
 /// Periods without a change before anything is said to be stuck.
@@ -40,6 +42,10 @@ pub enum SensorFault {
     Heading,
     /// Everything stands still although the robot is driven.
     Everything,
+    /// The velocity stands still although the input does not, and the position goes elsewhere.
+    Velocity,
+    /// The yaw rate stands still although the input does not, and the heading goes elsewhere.
+    YawRate,
 }
 
 impl SensorFault {
@@ -50,6 +56,12 @@ impl SensorFault {
             Self::Position => "the position has not changed for periods although the robot drives: a stuck sensor, the robot brakes",
             Self::Heading => "the heading has not changed for periods although the robot turns: a stuck sensor, the robot brakes",
             Self::Everything => "nothing measured has changed for periods although the robot is driven: stuck sensors, the robot brakes",
+            Self::Velocity => {
+                "the velocity has not changed for periods, and the robot is elsewhere than it leads: a stuck sensor, the robot brakes"
+            }
+            Self::YawRate => {
+                "the yaw rate has not changed for periods, and the heading is not where it leads: a stuck sensor, the robot brakes"
+            }
         }
     }
 }
@@ -95,6 +107,35 @@ impl Still {
     }
 }
 
+/// A velocity that may be stuck: how far it has led astray since it last changed, and between which inputs.
+#[derive(Debug, Clone, Copy)]
+struct Frozen {
+    periods: u32,
+    astray: [f64; 2],
+    inputs: [(f64, f64); 2],
+    stuck: bool,
+}
+
+impl Frozen {
+    const NEVER: Self = Self { periods: 0, astray: [0.0; 2], inputs: [(f64::INFINITY, f64::NEG_INFINITY); 2], stuck: false };
+
+    /// One more period, in which `input` acted, and which ended away `from` where the velocity leads.
+    fn update(&mut self, changed: bool, from: [f64; 2], input: [f64; 2], change: f64, far: f64) {
+        if changed {
+            *self = Self::NEVER;
+            return;
+        }
+        self.periods = self.periods.saturating_add(1);
+        for axis in 0..2 {
+            self.astray[axis] += from[axis];
+            let (least, most) = &mut self.inputs[axis];
+            (*least, *most) = (least.min(input[axis]), most.max(input[axis]));
+        }
+        let driven = self.inputs.iter().any(|(least, most)| most - least > change);
+        self.stuck |= driven && self.periods >= COMMANDED_PERIODS && self.astray[0].hypot(self.astray[1]) > far;
+    }
+}
+
 /// Watches what is measured, from period to period. Does not allocate.
 #[derive(Debug)]
 pub struct Watch {
@@ -107,19 +148,21 @@ pub struct Watch {
     heading: Still,
     /// By what acted, and by what was commanded.
     everything: [Still; 2],
+    velocity: Frozen,
+    yaw_rate: Frozen,
 }
 
 impl Watch {
     /// One that has seen nothing yet. A residual beyond `bound` is not believed.
     pub fn new(main: MainModel, bound: Velocity) -> Self {
-        let still = Still::default();
-        Self { main, bound, last: None, finite: true, position: still, heading: still, everything: [still; 2] }
+        let (still, frozen) = (Still::default(), Frozen::NEVER);
+        let everything = [still; 2];
+        Self { main, bound, last: None, finite: true, position: still, heading: still, everything, velocity: frozen, yaw_rate: frozen }
     }
 
     /// Forgets everything: another robot, or the same one put somewhere else.
     pub fn reset(&mut self) {
-        let still = Still::default();
-        (self.last, self.finite, self.position, self.heading, self.everything) = (None, true, still, still, [still; 2]);
+        *self = Self::new(self.main, self.bound);
     }
 
     /// What is wrong now.
@@ -130,6 +173,8 @@ impl Watch {
             (stuck, SensorFault::Everything),
             (self.position.stuck, SensorFault::Position),
             (self.heading.stuck, SensorFault::Heading),
+            (self.velocity.stuck, SensorFault::Velocity),
+            (self.yaw_rate.stuck, SensorFault::YawRate),
         ]
         .into_iter()
         .find_map(|(is_so, fault)| is_so.then_some(fault))
@@ -158,6 +203,14 @@ impl Watch {
         let travel = [period * (cos * forward - sin * left), period * (sin * forward + cos * left)];
         self.position.update(moved, (forward.hypot(left) > SPEED).then_some(travel), |periods, far| periods >= PERIODS && far > TRAVEL);
         self.heading.update(turned, (rate.abs() > RATE).then_some([period * rate, 0.0]), |periods, far| periods >= PERIODS && far > TURN);
+
+        let frozen = |axes: std::ops::Range<usize>| same(&last.velocity[axes.clone()], &now.velocity[axes]);
+        let [along, across, about] = driven.acted;
+        // A pose that stands still says nothing: the robot may stand.
+        let astray = if moved { [now.pose[0] - x - travel[0], now.pose[1] - y - travel[1]] } else { [0.0; 2] };
+        let turned_astray = if turned { wrap(now.pose[2] - yaw) - period * rate } else { 0.0 };
+        self.velocity.update(!frozen(0..2), astray, [along, across], SPEED, TRAVEL);
+        self.yaw_rate.update(!frozen(2..3), [turned_astray, 0.0], [about, about], RATE, TURN);
 
         let changed = moved || turned || !same(&last.velocity, &now.velocity) || !same(&last.wheel_speed, &now.wheel_speed);
         let (acted, commanded) = (Some(driven.acted), driven.commanded);
@@ -266,6 +319,33 @@ mod tests {
         let creeping = |tick: u64| (state(tick, [0.01 * (tick / 10) as f64, 0.0, 0.0], [0.19, 0.0, 0.0]), driven([0.2, 0.0, 0.0]));
         assert!(said(&mut watch, 10_000..12_000, creeping).iter().all(Option::is_none));
         assert!(said(&mut watch, 12_000..13_000, driving).iter().all(Option::is_none));
+    }
+
+    #[test]
+    fn a_velocity_that_stands_still_while_the_input_changes_and_the_robot_goes_elsewhere_is_named() {
+        // Ten periods ahead, then to the left, then turning; the velocity of the first ten stays in the readings.
+        let way = |tick: u64| PERIOD * tick.min(10) as f64;
+        let after = |tick: u64| PERIOD * tick.saturating_sub(10) as f64;
+        let left = |tick: u64| {
+            let input = if tick < 10 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+            (state(tick, [way(tick), after(tick), 0.0], [1.0, 0.0, 0.0]), driven(input))
+        };
+        let said_of = said(&mut watch(), 0..30, left);
+        assert_eq!(said_of.iter().position(Option::is_some), Some(11), "{said_of:?}");
+        assert_eq!(said_of[11..], [Some(SensorFault::Velocity); 19]);
+        let turning = |tick: u64| {
+            let rate = if tick < 10 { 0.0 } else { 1.0 };
+            (state(tick, [0.3, 0.0, after(tick)], [0.0; 3]), driven([0.0, 0.0, rate]))
+        };
+        assert!(said(&mut watch(), 0..30, turning)[12..].iter().all(|said| *said == Some(SensorFault::YawRate)));
+    }
+
+    #[test]
+    fn a_constant_velocity_is_not_stuck_where_it_leads_to_or_where_the_input_is_constant() {
+        assert!(said(&mut watch(), 0..1000, driving).iter().all(Option::is_none));
+        // Wheels that slip, as coarse encoders see them: the robot is slower than they say.
+        let slipping = |tick: u64| (state(tick, [0.05 * tick as f64, 0.0, 0.0], [1.0, 0.0, 0.0]), driven([1.05, 0.0, 0.0]));
+        assert!(said(&mut watch(), 0..1000, slipping).iter().all(Option::is_none));
     }
 
     #[test]

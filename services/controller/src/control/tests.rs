@@ -219,3 +219,39 @@ fn stuck_sensors_are_answered_with_the_brake_until_they_move_again() -> Result<(
     assert_eq!(robot.drive(50).1.rung(), Rung::FreshPlan);
     Ok(())
 }
+
+/// A model of so many points in the inputs that a drive goes through, each with its own answer.
+fn learned(points: usize) -> Result<Box<Candidate>, Box<dyn std::error::Error>> {
+    let normalisation = Normalisation { mean: [0.0; INPUTS], scale: [1.0; INPUTS] };
+    let wave = |index: usize, axis: usize| (0.37 * index as f64 * (axis + 1) as f64).sin();
+    let inputs: Vec<[f64; INPUTS]> = (0..points).map(|index| std::array::from_fn(|axis| 2.0 * wave(index, axis))).collect();
+    let targets: Vec<[f64; 3]> = (0..points).map(|index| std::array::from_fn(|axis| 0.05 * wave(index, axis + 2))).collect();
+    let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([1.0; INPUTS], 0.05, 1e-2); 3])?;
+    let learned = Box::new(Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [1.0; 3], sample_variance: [1e-4; 3] });
+    Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(points) }))
+}
+
+#[test]
+fn from_a_state_to_its_command_nothing_is_allocated() -> Result<(), Box<dyn std::error::Error>> {
+    let mut robot = Robotic::new(&told())?;
+    robot.controller.adopt(learned(100)?);
+    let handover = Handover::default();
+    let mut fresh = 0;
+    for tick in 0..80 {
+        let mut measured = state(tick);
+        (measured.pose, measured.velocity, measured.input) = (robot.state.pose, robot.state.velocity, robot.input);
+        let heap = allocation_counter::measure(|| {
+            robot.controller.observe(&measured, &handover, 1);
+            let command = robot.controller.answer(&measured, &handover);
+            (robot.input, fresh) = (command.input, fresh + u32::from(command.rung() == Rung::FreshPlan));
+        });
+        let after = allocation_counter::measure(|| {
+            robot.controller.explain(0);
+            robot.controller.prepare_next();
+        });
+        assert_eq!((heap.count_total, after.count_total), (0, 0), "tick {tick}: {} and {} bytes", heap.bytes_total, after.bytes_total);
+        robot.state = robot.controller.knowledge().belief().predict(&robot.state, &robot.input);
+    }
+    assert_eq!(fresh, 80);
+    Ok(())
+}

@@ -1,0 +1,52 @@
+//! Promise: the gate has no heap after start.
+
+use gate::{Bounds, Gate};
+use model::robot::Robot;
+use protocol::message::{Command, Rung};
+
+const PERIOD: u64 = 20_000_000;
+
+/// Commands of every kind: good ones, and each way to be refused.
+fn offered(tick: u64) -> Command {
+    let mut command: Command = bytemuck::Zeroable::zeroed();
+    (command.stamp.epoch, command.stamp.writer, command.stamp.tick) = (2, 1, tick);
+    (command.plant_epoch, command.rung, command.tail_len) = (7, Rung::FreshPlan.code(), 4);
+    command.input = [1e-3 * (tick % 1000) as f64, 0.0, 0.0];
+    command.tail = [command.input; 4];
+    match tick % 13 {
+        1 => command.input[1] = f64::NAN,
+        2 => command.input[0] = 1e9,
+        3 => command.plant_epoch = 6,
+        4 => command.stamp.epoch = 1,
+        5 => command.stamp.writer = 2,
+        6 => command.stamp.tick += 1,
+        7 => command.tail[2][1] = -4.0,
+        8 => command.tail_len = u32::MAX,
+        9 => command.stamp.tick = tick.saturating_sub(5),
+        _ => {}
+    }
+    command
+}
+
+#[test]
+fn whatever_it_is_offered_the_gate_allocates_nothing() {
+    let mut gate = Gate::new(Bounds::new(&Robot::example(), PERIOD, 0), 7);
+    let mut rungs = [0; 8];
+    let heap = allocation_counter::measure(|| {
+        for tick in 0..10_000 {
+            let now = tick * PERIOD;
+            gate.begin_period(tick, now);
+            // Every 500 periods a second of silence: the tail, the brake, and the way back.
+            if tick % 500 > 50 {
+                let _ = gate.offer(&offered(tick), now + PERIOD / 4);
+            }
+            for part in 0..4 {
+                gate.decide(now + part * PERIOD / 4);
+            }
+            rungs[gate.end_period(now + PERIOD - 1).0.code() as usize] += 1;
+        }
+    });
+    assert_eq!((heap.count_total, heap.bytes_total), (0, 0));
+    assert!(rungs.iter().filter(|&&periods| periods > 0).count() >= 3, "fresh plans, tails and brakes: {rungs:?}");
+    assert!(gate.refused() > 1000, "{}", gate.refused());
+}
