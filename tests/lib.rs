@@ -3,13 +3,12 @@
 //! Every launch has a temporary folder of its own for its files and its run, so that tests run side by side.
 
 pub mod decoders;
-mod hosts;
 mod python;
 mod reader;
 
+pub use coxswain::drill::hosts::Hosts;
 pub use coxswain::drill::oracle;
 pub use coxswain::drill::record::{Message, Record};
-pub use hosts::Hosts;
 pub use python::{python, text_of};
 pub use reader::Reader;
 

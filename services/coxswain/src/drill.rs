@@ -4,7 +4,9 @@
 //! |-------------|------------------------------------------------------------------|
 //! | `catalogue` | the exercises: which faults, in whom, and what must hold         |
 //! | `exercise`  | one exercise, done and judged                                    |
+//! | `partition` | two hosts whose cable is pulled                                  |
 //! | `session`   | a graph that the drill launches                                  |
+//! | `hosts`     | two hosts and a cable                                            |
 //! | `damage`    | damaged messages at decoder and gate                             |
 //! | `record`    | what a run recorded                                              |
 //! | `oracle`    | record → what was unsafe                                         |
@@ -14,8 +16,10 @@
 pub mod catalogue;
 mod damage;
 mod exercise;
+pub mod hosts;
 pub mod measure;
 pub mod oracle;
+mod partition;
 pub mod record;
 mod session;
 mod table;
@@ -83,6 +87,10 @@ pub struct Row {
     pub worst_restart_s: Option<f64>,
     /// Seed that does the same again.
     pub seed: u64,
+    /// Periods below a fresh plan in which the machine let nobody run.
+    pub excused_periods: usize,
+    /// Why it cannot be done on this machine.
+    pub impossible: Option<&'static str>,
     /// What was violated.
     pub found: Vec<String>,
     /// Where everything of it is kept; only if anything was violated.
@@ -219,7 +227,7 @@ fn do_one(exercise: &Exercise, options: &DrillOptions, index: usize, stop: &Stop
     let kept = options.keep.join(name);
     let measured = exercise::run(exercise, &options.deploy, options.seed, &kept, stop);
     let failed = |trouble: Trouble| Measured { violations: vec![format!("it could not be done: {trouble}")], ..Measured::default() };
-    let Measured { injections, violations, worst_reaction, worst_restart } = measured.unwrap_or_else(failed);
+    let Measured { injections, violations, worst_reaction, worst_restart, excused, impossible } = measured.unwrap_or_else(failed);
     Row {
         fault: exercise.fault,
         target: exercise.target,
@@ -229,6 +237,8 @@ fn do_one(exercise: &Exercise, options: &DrillOptions, index: usize, stop: &Stop
         worst_reaction_periods: worst_reaction,
         worst_restart_s: worst_restart,
         seed: options.seed,
+        excused_periods: excused,
+        impossible,
         kept: (!violations.is_empty()).then_some(kept),
         found: violations,
     }

@@ -38,7 +38,7 @@ pub struct FaultsFile {
 pub struct ProcessFault {
     /// What.
     pub kind: ProcessFaultKind,
-    /// To whom; of `hog` to nobody.
+    /// To whom; of `hog` and `shared-memory` to nobody.
     #[serde(default)]
     pub participant: Option<Participant>,
     /// When for the first time, counted from the first plan \[s\].
@@ -49,10 +49,10 @@ pub struct ProcessFault {
     /// How often.
     #[serde(default = "once")]
     pub times: u32,
-    /// Of `stop` and `hog`: how long \[ms\].
+    /// Of `stop`, `hog` and `shared-memory`: how long \[ms\].
     #[serde(default)]
     pub millis: Option<u64>,
-    /// Of `memory` and `disk`: how much of it there is from then on \[MiB\].
+    /// Of `memory`, `disk` and `shared-memory`: how much of it there is left \[MiB\].
     #[serde(default)]
     pub mebibytes: Option<u64>,
 }
@@ -75,6 +75,8 @@ pub enum ProcessFaultKind {
     Memory,
     /// No file may grow beyond so much, as on a disk that is full.
     Disk,
+    /// Somebody else takes all of the machine's shared memory but so much, for a time.
+    SharedMemory,
 }
 
 impl ProcessFaultKind {
@@ -86,6 +88,7 @@ impl ProcessFaultKind {
             Self::Hog => "hog",
             Self::Memory => "memory",
             Self::Disk => "disk",
+            Self::SharedMemory => "shared-memory",
         }
     }
 }
@@ -114,11 +117,11 @@ impl ProcessFault {
             (false, true) => Err(Impossible::new(key, format!("it for {kind}: {what}"))),
             _ => Ok(()),
         };
-        let of_nobody = self.kind == ProcessFaultKind::Hog;
+        let of_nobody = matches!(self.kind, ProcessFaultKind::Hog | ProcessFaultKind::SharedMemory);
         given("participant", self.participant.is_some(), !of_nobody, "whose process")?;
-        let lasts = matches!(self.kind, ProcessFaultKind::Stop | ProcessFaultKind::Hog);
+        let lasts = of_nobody || self.kind == ProcessFaultKind::Stop;
         given("millis", self.millis.is_some(), lasts, "how long")?;
-        let limits = matches!(self.kind, ProcessFaultKind::Memory | ProcessFaultKind::Disk);
+        let limits = matches!(self.kind, ProcessFaultKind::Memory | ProcessFaultKind::Disk | ProcessFaultKind::SharedMemory);
         given("mebibytes", self.mebibytes.is_some(), limits, "how much there is")?;
         if self.times > 1 {
             given("every_s", self.every_s.is_some(), true, "how far apart, for more than once")?;
@@ -193,12 +196,15 @@ mod tests {
         assert_eq!(refused("kind = \"stop\"\nparticipant = \"plant\"\nmillis = 300\ntimes = 3\nevery_s = 1.5"), "");
         assert_eq!(refused("kind = \"hog\"\nmillis = 300"), "");
         assert_eq!(refused("kind = \"memory\"\nparticipant = \"learner\"\nmebibytes = 64"), "");
+        assert_eq!(refused("kind = \"shared-memory\"\nmebibytes = 0\nmillis = 300"), "");
         for (fault, key) in [
             ("kind = \"kill\"", "participant"),
             ("kind = \"kill\"\nparticipant = \"plant\"\nmillis = 5", "millis"),
             ("kind = \"stop\"\nparticipant = \"plant\"", "millis"),
             ("kind = \"disk\"\nparticipant = \"recorder\"", "mebibytes"),
             ("kind = \"hog\"\nmillis = 5\nparticipant = \"plant\"", "participant"),
+            ("kind = \"shared-memory\"\nmillis = 5", "mebibytes"),
+            ("kind = \"shared-memory\"\nmebibytes = 5", "millis"),
             ("kind = \"kill\"\nparticipant = \"plant\"\ntimes = 3", "every_s"),
             ("kind = \"kill\"\nparticipant = \"plant\"\ntimes = 0", "times"),
             ("kind = \"kill\"\nparticipant = \"plant\"\ntimes = 2\nevery_s = 0.0", "every_s"),

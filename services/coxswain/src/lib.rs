@@ -28,6 +28,7 @@
 
 pub mod assembly;
 pub mod back_off;
+mod ballast;
 pub mod berth;
 pub mod child;
 pub mod closing;

@@ -1,5 +1,6 @@
 //! Does to processes what the file of faults says, and writes down when it did.
 
+use crate::ballast::Ballast;
 use crate::faults::{ProcessFault, ProcessFaultKind};
 use crate::roster::Roster;
 use process::Stop;
@@ -105,8 +106,12 @@ impl Work {
 
     fn commit(&mut self, deed: &Deed) {
         let Some(participant) = deed.participant else {
-            self.note(deed, None);
-            self.hog(deed.lasts);
+            if deed.kind == ProcessFaultKind::SharedMemory {
+                self.take_shared_memory(deed);
+            } else {
+                self.note(deed, None);
+                self.hog(deed.lasts);
+            }
             return;
         };
         let deadline = Instant::now() + ABSENT;
@@ -149,9 +154,20 @@ impl Work {
             ProcessFaultKind::Stop => kill_process(victim, Signal::STOP),
             ProcessFaultKind::Memory => limit(Resource::As),
             ProcessFaultKind::Disk => limit(Resource::Fsize),
-            ProcessFaultKind::Hog => Ok(()),
+            ProcessFaultKind::Hog | ProcessFaultKind::SharedMemory => Ok(()),
         };
         Some(done.map(|()| victim))
+    }
+
+    /// Leaves so much of it for a time.
+    fn take_shared_memory(&mut self, deed: &Deed) {
+        match Ballast::taking_all_but(deed.bytes) {
+            Ok(_ballast) => {
+                self.note(deed, None);
+                self.sleep_until(Instant::now() + deed.lasts);
+            }
+            Err(error) => tracing::error!(kind = deed.kind.name(), %error, "a fault could not be injected"),
+        }
     }
 
     /// Keeps every processor busy.

@@ -9,7 +9,7 @@ use std::fmt::Write;
 pub enum Carrier {
     /// Every link over shared memory.
     SharedMemory,
-    /// Every link over the network, on the loopback.
+    /// Every link over the network, on the loopback or between two hosts.
     Network,
     /// No graph: what one function does.
     None,
@@ -37,6 +37,10 @@ pub enum Task {
     SecondController(u32),
     /// Two graphs of one user at once.
     SecondLauncher,
+    /// Plant and controller on two hosts, and the cable between them pulled for so long each \[ms\].
+    Partition(Vec<u64>),
+    /// Launches on machines with so much shared memory \[MiB\]: each drives as if there were no end of it, or is refused before the robot moves.
+    LittleSharedMemory(Vec<u64>),
     /// So many damaged messages are offered to decoder and gate.
     Damaged(u64),
 }
@@ -60,6 +64,8 @@ pub struct Launch {
     pub answered: bool,
     /// Nobody whom the robot needs is touched: it must drive on fresh plans alone.
     pub undisturbed: bool,
+    /// Of the machine, if it is not the one there is \[MiB\].
+    pub shared_memory_mebibytes: Option<u64>,
 }
 
 /// One exercise.
@@ -167,6 +173,13 @@ fn shared_fates(extent: Extent) -> Vec<Exercise> {
         of("kill all", "everybody", Carrier::SharedMemory, Task::KillAll(extent.pick(3, 100))),
         of("two controllers", "controller", Carrier::SharedMemory, Task::SecondController(extent.pick(3, 50))),
         of("two launchers", "launcher", Carrier::SharedMemory, Task::SecondLauncher),
+        of("partition", "cable", Carrier::Network, Task::Partition(extent.pick(vec![1000], partitions()))),
+        of(
+            "shared memory",
+            "launch",
+            Carrier::SharedMemory,
+            Task::LittleSharedMemory(extent.pick(vec![4, 64], (2..34).step_by(2).collect())),
+        ),
         of("damaged bytes", "gate", Carrier::None, Task::Damaged(extent.pick(100_000, 1_000_000))),
     ];
     if whole {
@@ -174,6 +187,11 @@ fn shared_fates(extent: Extent) -> Vec<Exercise> {
         all.push(of("two controllers", "controller", Carrier::Network, Task::SecondController(50)));
     }
     all
+}
+
+/// Ten of each length \[ms\].
+fn partitions() -> Vec<u64> {
+    [60, 300, 1000, 3000, 10_000].into_iter().cycle().take(50).collect()
 }
 
 /// What the links do, in real time but for the models: windows of it, and clean time behind each.
@@ -198,9 +216,7 @@ fn messages(extent: Extent, all: &mut Vec<Exercise>) {
             if extent == Extent::Quick && (carrier == Carrier::Network) != (topic == "command") {
                 continue;
             }
-            // Stuck commands break a promise now and then (docs/faults.md): whoever looks at that asks for the whole of it.
-            let quick = KINDS.iter().filter(|(fault, ..)| topic != "command" || *fault != "stuck").copied().collect();
-            let groups = extent.pick(vec![quick], KINDS.iter().map(|kind| vec![*kind]).collect());
+            let groups = extent.pick(vec![KINDS.to_vec()], KINDS.iter().map(|kind| vec![*kind]).collect());
             for kinds in groups {
                 let rounds = extent.pick(1, 10);
                 let (mut faults, mut from) = (String::new(), STRIDE);
@@ -270,6 +286,18 @@ fn machine(extent: Extent, all: &mut Vec<Exercise>) {
     of("busy machine", "everybody", hog);
     of("no memory", "learner", process("memory", Learner, 1.0, 1.0, 1, "mebibytes = 1\n"));
     of("full disk", "recorder", process("disk", Recorder, 1.0, 1.0, 1, "mebibytes = 1\n"));
+    // All of it taken by somebody else, and given back.
+    let rounds = extent.pick(1, 10);
+    let faults =
+        format!("[[process]]\nkind = \"shared-memory\"\nmebibytes = 0\nmillis = 2000\nfrom_s = 1.5\nevery_s = 4.0\ntimes = {rounds}\n");
+    let launch = Launch {
+        duration_s: 2.5 + 4.0 * f64::from(rounds),
+        faults,
+        undisturbed: true,
+        shared_memory_mebibytes: Some(64),
+        ..Launch::default()
+    };
+    all.push(Exercise { fault: "shared memory", target: "running graph", carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
     if extent == Extent::Whole {
         let faults = "[[process]]\nkind = \"hog\"\nfrom_s = 1.0\nmillis = 598000\n".to_owned();
         let launch = Launch { duration_s: 600.0, faults, undisturbed: true, ..Launch::default() };

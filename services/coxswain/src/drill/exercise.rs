@@ -4,8 +4,9 @@ use super::catalogue::{Carrier, Exercise, Launch, Task};
 use super::damage;
 use super::measure::{Measured, measure, worst_reaction};
 use super::oracle::{Limits, judge};
+use super::partition::partition;
 use super::record::Record;
-use super::session::{Home, Session, Trouble};
+use super::session::{Home, Session, Trouble, permits_little_shared_memory};
 use crate::saboteur::{Injected, LIST};
 use process::{Stop, Witness};
 use protocol::message::Participant;
@@ -20,7 +21,7 @@ use std::time::{Duration, Instant};
 /// Longest time from a launch to the first fresh plan after everything was killed \[s\].
 const DRIVING_WITHIN_S: f64 = 2.0;
 /// How long a graph drives before something is done to it.
-const SETTLED: Duration = Duration::from_millis(500);
+pub(super) const SETTLED: Duration = Duration::from_millis(500);
 /// Longest time that one who has been replaced may go on.
 const LEAVES_WITHIN: Duration = Duration::from_secs(5);
 
@@ -32,11 +33,16 @@ pub(super) fn run(exercise: &Exercise, deploy: &Path, seed: u64, kept: &Path, st
     let plain = Launch::default();
     match &exercise.task {
         Task::Damaged(count) => damage::run(*count, seed),
+        Task::Launch(Launch { shared_memory_mebibytes: Some(_), .. }) | Task::LittleSharedMemory(_) if !permits_little_shared_memory() => {
+            Ok(Measured { impossible: Some("unshare --mount and a tmpfs in it are not permitted"), ..Measured::default() })
+        }
         Task::Launch(launch) => launch_with_faults(exercise.carrier, launch, deploy, seed, kept, stop),
         Task::KillAll(times) => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| kill_all(home, *times, seed, stop)),
         Task::SecondController(times) => {
             in_home(exercise.carrier, &plain, deploy, seed, kept, |home| second_controller(home, *times, stop))
         }
+        Task::Partition(cuts) => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| partition(home, cuts, stop)),
+        Task::LittleSharedMemory(sizes) => little_shared_memory(exercise.carrier, sizes, deploy, seed, kept, stop),
         Task::SecondLauncher => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| second_launcher(home, stop)),
     }
 }
@@ -190,19 +196,54 @@ fn second_launcher(home: &Home, stop: &Stop) -> Result<Measured, Trouble> {
     Ok(measured)
 }
 
+/// Launches with less and less room: each is refused before the robot has moved, or drives as if there were no end of it.
+fn little_shared_memory(carrier: Carrier, sizes: &[u64], deploy: &Path, seed: u64, kept: &Path, stop: &Stop) -> Result<Measured, Trouble> {
+    let duration_s = 3.0;
+    let mut measured = Measured::default();
+    for &mebibytes in sizes {
+        let launch = Launch { undisturbed: true, shared_memory_mebibytes: Some(mebibytes), ..Launch::default() };
+        let one = in_home(carrier, &launch, deploy, seed, &kept.join(format!("{mebibytes}-MiB")), |home| {
+            let witness = Witness::begin();
+            let mut session = home.launch("run", duration_s)?;
+            let status = session.wait(duration_s, stop)?;
+            let gaps = witness.end();
+            let mut one = Measured::default();
+            if status.success() {
+                one = measure(&session.record()?, &launch, &home.limits()?, &[], &gaps);
+            } else {
+                let moved = session.record().is_ok_and(|record| record.of("truth").any(|truth| truth.count("acting_epoch") > 0));
+                let said = home.said("run");
+                if moved || !said.contains("/dev/shm") {
+                    one.violations.push(format!(
+                        "with {mebibytes} MiB it ended with {status}, the robot {}: {}",
+                        if moved { "had moved" } else { "stood" },
+                        last_line(&said)
+                    ));
+                }
+            }
+            Ok(one)
+        })?;
+        measured.injections += 1;
+        measured.violations.extend(one.violations);
+        measured.excused += one.excused;
+        measured.worst_reaction = worse(measured.worst_reaction, one.worst_reaction);
+    }
+    Ok(measured)
+}
+
 /// What the oracle says of the wheels. What a killed recorder had not yet written is nobody's violation.
-fn judge_wheels(record: &Record, limits: &Limits, measured: &mut Measured) {
+pub(super) fn judge_wheels(record: &Record, limits: &Limits, measured: &mut Measured) {
     let violations = judge(record, limits).into_iter().filter(|violation| violation.rule != super::oracle::Rule::Count);
     measured.violations.extend(violations.map(|violation| violation.to_string()));
     measured.worst_reaction = worse(measured.worst_reaction, worst_reaction(record, limits));
 }
 
 /// The greater one, of those there are.
-fn worse(one: Option<f64>, other: Option<f64>) -> Option<f64> {
+pub(super) fn worse(one: Option<f64>, other: Option<f64>) -> Option<f64> {
     one.into_iter().chain(other).reduce(f64::max)
 }
 
-fn left_behind(home: &Home, names: &[String]) -> Vec<String> {
+pub(super) fn left_behind(home: &Home, names: &[String]) -> Vec<String> {
     home.left_behind(names).into_iter().map(|file| format!("{file} was left behind")).collect()
 }
 

@@ -32,6 +32,10 @@ pub struct Measured {
     pub worst_reaction: Option<f64>,
     /// \[s\].
     pub worst_restart: Option<f64>,
+    /// Periods below a fresh plan in which the machine let nobody run.
+    pub excused: usize,
+    /// Why it cannot be done on this machine.
+    pub impossible: Option<&'static str>,
 }
 
 /// Judges a launch with faults. `gaps` are the times in which the machine let nobody run.
@@ -39,10 +43,10 @@ pub fn measure(record: &Record, launch: &Launch, limits: &Limits, injected: &[In
     let mut violations: Vec<String> = judge(record, limits).iter().map(ToString::to_string).collect();
     let worst_restart = launch.restarts.and_then(|who| judge_restarts(record, who, injected, &mut violations));
     let states = states(record);
-    judge_driving(&states, launch, gaps, &mut violations);
+    let excused = judge_driving(&states, launch, gaps, &mut violations);
     let fallen = states.iter().filter(|state| fell(state)).count() as u64;
     let injections = if launch.answered { fallen } else { injected.len() as u64 };
-    Measured { injections, violations, worst_reaction: worst_reaction(record, limits), worst_restart }
+    Measured { injections, violations, worst_reaction: worst_reaction(record, limits), worst_restart, excused, impossible: None }
 }
 
 /// Age of the oldest state whose answer acted \[T\].
@@ -113,8 +117,8 @@ fn comebacks(record: &Record, who: Participant) -> Vec<u64> {
     back
 }
 
-/// Whether it drove where it should have, and at the end.
-fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations: &mut Vec<String>) {
+/// Whether it drove where it should have, and at the end. How many periods below a fresh plan are excused.
+fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations: &mut Vec<String>) -> usize {
     let below = |state: &Message| !matches!(state.word("rung"), "fresh plan" | "waiting");
     // The state that says so comes after the period, which began with the state before; whoever should have answered it may have been late already.
     let excused = |index: usize| {
@@ -122,7 +126,7 @@ fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations:
         let (begin, end) = (at(index.saturating_sub(2)), at(index));
         !launch.lock_step && gaps.iter().any(|gap| gap.from_nanos < end && begin < gap.to_nanos)
     };
-    let mut unexcused = Vec::new();
+    let (mut unexcused, mut count) = (Vec::new(), 0);
     let mut before = false; // the period before was below a fresh plan, and excused
     for (index, state) in states.iter().enumerate() {
         if !below(state) {
@@ -131,7 +135,9 @@ fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations:
         }
         // Leaving a brake that is excused takes its periods.
         before = excused(index) || before && state.word("reason") == "recovering";
-        if !before {
+        if before {
+            count += 1;
+        } else {
             unexcused.push(index);
         }
     }
@@ -154,6 +160,7 @@ fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations:
     if !launch.lock_step {
         judge_stretches(states, below, violations);
     }
+    count
 }
 
 /// No time below a fresh plan is too long.

@@ -1,16 +1,20 @@
 //! A graph that the drill launches: as a person would, by this very program, in a home of its own.
 
 use super::catalogue::{Carrier, Launch};
+use super::hosts::Hosts;
 use super::oracle::Limits;
 use super::record::Record;
 use crate::assembly::Assembly;
 use crate::options::Options;
+use crate::role::START_ORDER;
 use crate::scenario::Scenario;
 use process::Stop;
 use protocol::clock::monotonic_nanos;
-use rustix::process::{Pid, Signal, kill_process};
+use protocol::message::Participant;
+use rustix::process::{Pid, Signal, geteuid, kill_process};
 use std::error::Error;
 use std::ffi::OsStr;
+use std::fmt::Write;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -33,11 +37,36 @@ const GIVES_UP_AFTER: Duration = Duration::from_mins(2);
 /// Processes that may die often: what is measured is how they come back, not how the launcher loses its patience.
 const PATIENT: &str = "restarts_per_minute = 1000000\nback_off_millis = 0\nback_off_max_millis = 0\n";
 
+/// Which part of a graph.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Place {
+    /// All of it.
+    Everybody,
+    /// Robot and recorder.
+    Plant,
+    /// Controller and learner.
+    Control,
+}
+
+impl Place {
+    const ALL: [Self; 3] = [Self::Everybody, Self::Plant, Self::Control];
+
+    const fn file(self) -> &'static str {
+        match self {
+            Self::Everybody => "graph.toml",
+            Self::Plant => "plant-host.toml",
+            Self::Control => "control-host.toml",
+        }
+    }
+}
+
 /// Where the graphs' files are made, and launched.
 #[derive(Debug)]
 pub(super) struct Home {
     folder: TempDir,
     graph: PathBuf,
+    /// What shared memory there is, if not all that there is \[MiB\].
+    shared_memory: Option<u64>,
 }
 
 /// A launched graph; it does not outlive this value.
@@ -66,18 +95,25 @@ impl Home {
             if launch.lock_step { "lock-step" } else { "real-time" },
             if carrier == Carrier::Network { "network" } else { "shared-memory" },
         );
-        let mut text = format!(
-            "name = \"drill\"\nrobot = \"{}\"\nscenario = \"scenario.toml\"\npace = \"{pace}\"\n[links]\ndefault = \"{link}\"\n\
-             [telemetry]\nlisten = [\"tcp/127.0.0.1:0\"]\n",
-            robot.display()
-        );
-        // A gateway reads shared memory.
-        let gateway = (carrier == Carrier::SharedMemory).then_some("gateway");
-        let roles = ["plant", "controller", "learner", "recorder"].into_iter().chain(gateway);
-        text.extend(roles.map(|role| format!("[processes.{role}]\n{PATIENT}")));
         let graph = folder.path().join("graph.toml");
-        fs::write(&graph, text)?;
-        Ok(Self { folder, graph })
+        for place in Place::ALL {
+            let mut text = format!(
+                "name = \"drill\"\nrobot = \"{}\"\nscenario = \"scenario.toml\"\npace = \"{pace}\"\n[links]\ndefault = \"{link}\"\n\
+                 [telemetry]\nlisten = [\"tcp/127.0.0.1:0\"]\n[network]\ngraph = \"drill\"\n",
+                robot.display()
+            );
+            for role in START_ORDER {
+                let enabled = match place {
+                    // A gateway reads shared memory.
+                    Place::Everybody => role != Participant::Gateway || carrier == Carrier::SharedMemory,
+                    Place::Plant => matches!(role, Participant::Plant | Participant::Recorder),
+                    Place::Control => matches!(role, Participant::Controller | Participant::Learner),
+                };
+                let _ = write!(text, "[processes.{}]\nenabled = {enabled}\n{PATIENT}", role.text());
+            }
+            fs::write(folder.path().join(place.file()), text)?;
+        }
+        Ok(Self { folder, graph, shared_memory: launch.shared_memory_mebibytes })
     }
 
     /// Limits of the robot and the period.
@@ -93,11 +129,42 @@ impl Home {
     /// # Errors
     /// If it cannot be started.
     pub(super) fn launch(&self, run: &str, duration_s: f64) -> Result<Session, Trouble> {
+        let command = self.command(Place::Everybody, run, duration_s)?;
+        self.begin(
+            run,
+            match self.shared_memory {
+                Some(mebibytes) => little_shared_memory(&command, mebibytes),
+                None => command,
+            },
+        )
+    }
+
+    /// Launches one host's part of the graph for `duration_s`, into the folder called `run`.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub(super) fn launch_on(&self, hosts: &Hosts, place: Place, run: &str, duration_s: f64) -> Result<Session, Trouble> {
+        let mut command = self.command(place, run, duration_s)?;
+        let far = place == Place::Control;
+        if far {
+            command.args(["--connect", &hosts.far_endpoint()]);
+        } else {
+            command.args(["--listen", &hosts.endpoint()]);
+        }
+        self.begin(run, hosts.on(usize::from(far), command))
+    }
+
+    fn command(&self, place: Place, run: &str, duration_s: f64) -> Result<Command, Trouble> {
+        let home = self.folder.path();
+        let mut command = Command::new(std::env::current_exe()?);
+        command.arg("launch").arg(home.join(place.file())).args(["--duration", &duration_s.to_string()]);
+        command.arg("--faults").arg(home.join("faults.toml")).arg("--out").arg(home.join(run));
+        Ok(command)
+    }
+
+    fn begin(&self, run: &str, mut command: Command) -> Result<Session, Trouble> {
         let home = self.folder.path();
         let said = File::create(home.join(format!("{run}.txt")))?;
-        let mut command = Command::new(std::env::current_exe()?);
-        command.arg("launch").arg(&self.graph).args(["--duration", &duration_s.to_string()]);
-        command.arg("--faults").arg(home.join("faults.toml")).arg("--out").arg(home.join(run));
         command.env("TMPDIR", home).stdin(Stdio::null()).stdout(said.try_clone()?).stderr(said);
         let begun_nanos = monotonic_nanos();
         Ok(Session { child: command.spawn()?, run: home.join(run), begun_nanos })
@@ -141,6 +208,31 @@ fn copy_all(from: &Path, to: &Path) -> Result<(), Trouble> {
         }
     }
     Ok(())
+}
+
+/// `command` on a machine with so much shared memory: in a mount namespace with a file system of its own there.
+fn little_shared_memory(command: &Command, mebibytes: u64) -> Command {
+    const MOUNT: &str = "mount -t tmpfs -o \"size=$1m\" tmpfs /dev/shm && shift && exec \"$@\"";
+    let mut there = unshared();
+    there.args(["sh", "-c", MOUNT, "sh", &mebibytes.to_string()]).arg(command.get_program()).args(command.get_args());
+    there
+}
+
+/// What begins a command in a mount namespace, with the rights that there are.
+fn unshared() -> Command {
+    let mut unshare = Command::new("unshare");
+    if !geteuid().is_root() {
+        unshare.arg("--map-root-user");
+    }
+    unshare.arg("--mount");
+    unshare
+}
+
+/// Whether the system permits machines with little shared memory.
+pub(super) fn permits_little_shared_memory() -> bool {
+    let mut look = unshared();
+    look.args(["mount", "-t", "tmpfs", "tmpfs", "/dev/shm"]).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    look.status().is_ok_and(|status| status.success())
 }
 
 impl Session {

@@ -30,6 +30,16 @@ pub(super) fn render(rows: &[Row]) -> String {
     }
     let (injections, violations): (u64, usize) = rows.iter().fold((0, 0), |sum, row| (sum.0 + row.injections, sum.1 + row.violations));
     let _ = write!(text, "\n{} exercises, {injections} injections, {violations} violations", rows.len());
+    let excused: usize = rows.iter().map(|row| row.excused_periods).sum();
+    if excused > 0 {
+        let _ = write!(
+            text,
+            "\n{excused} periods below a fresh plan are excused: the machine let nobody run, not even a witness of the highest priority"
+        );
+    }
+    for (row, why) in rows.iter().filter_map(|row| Some((row, row.impossible?))) {
+        let _ = write!(text, "\nnot done: {} of {}: {why}", row.fault, row.target);
+    }
     for kept in rows.iter().filter_map(|row| row.kept.as_ref()) {
         let _ = write!(text, "\nkept: {}", kept.display());
     }
@@ -58,11 +68,14 @@ mod tests {
             worst_reaction_periods: Some(2.5),
             worst_restart_s: Some(0.14),
             seed: 1,
+            excused_periods: 3,
+            impossible: None,
             found: Vec::new(),
             kept: None,
         };
         let bad = Row { violations: 2, kept: Some(PathBuf::from("runs/drill/x")), ..good.clone() };
         let text = render(&[good, bad]);
+        assert!(text.contains("6 periods below a fresh plan are excused"), "{text}");
         let lines: Vec<&str> = text.lines().collect();
         assert!(lines[1].contains("2.50 T") && lines[1].contains("0.14 s") && lines[1].ends_with("1 %"), "{text}");
         assert!(lines[2].ends_with('-'), "{text}");

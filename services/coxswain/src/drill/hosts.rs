@@ -1,7 +1,6 @@
 //! Two hosts and a cable: network namespaces where the system permits them, else a relay on the loopback that falls silent.
 
-use std::error::Error;
-use std::io::{Read, Write};
+use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
@@ -15,10 +14,12 @@ const PORT: u16 = 7447;
 const LOOK: Duration = Duration::from_millis(10);
 
 /// Two hosts that a cable connects.
+#[derive(Debug)]
 pub struct Hosts {
     place: Place,
 }
 
+#[derive(Debug)]
 enum Place {
     /// Names of the two namespaces.
     Namespaces([String; 2]),
@@ -31,7 +32,7 @@ impl Hosts {
     ///
     /// # Errors
     /// If not even the loopback has free ports.
-    pub fn new() -> Result<Self, Box<dyn Error>> {
+    pub fn new() -> io::Result<Self> {
         static NUMBER: AtomicU32 = AtomicU32::new(0);
         let id = format!("cx{}-{}", std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
         let names = [format!("{id}a"), format!("{id}b")];
@@ -62,8 +63,9 @@ impl Hosts {
     /// `command`, to be run on host 0 or 1.
     pub fn on(&self, host: usize, command: Command) -> Command {
         let Place::Namespaces(names) = &self.place else { return command };
+        let Some(name) = names.get(host) else { return command };
         let mut there = Command::new("ip");
-        there.args(["netns", "exec"]).arg(&names[host]).arg(command.get_program()).args(command.get_args());
+        there.args(["netns", "exec"]).arg(name).arg(command.get_program()).args(command.get_args());
         there
     }
 
@@ -71,7 +73,7 @@ impl Hosts {
     ///
     /// # Errors
     /// If the system refuses.
-    pub fn pull_cable(&self) -> Result<(), Box<dyn Error>> {
+    pub fn pull_cable(&self) -> io::Result<()> {
         self.cable("down", true)
     }
 
@@ -79,16 +81,15 @@ impl Hosts {
     ///
     /// # Errors
     /// If the system refuses.
-    pub fn plug_cable(&self) -> Result<(), Box<dyn Error>> {
+    pub fn plug_cable(&self) -> io::Result<()> {
         self.cable("up", false)
     }
 
-    fn cable(&self, state: &str, is_silent: bool) -> Result<(), Box<dyn Error>> {
+    fn cable(&self, state: &str, is_silent: bool) -> io::Result<()> {
         match &self.place {
             // The far end alone goes down: the near one keeps its address, as a host whose neighbour's cable is pulled does.
-            Place::Namespaces([near, far]) => {
-                ip(&["-n", far, "link", "set", "cable", state]).ok_or("the cable does not move")?;
-                let _ = (near, is_silent);
+            Place::Namespaces([_, far]) => {
+                ip(&["-n", far, "link", "set", "cable", state]).ok_or_else(|| io::Error::other("the cable does not move"))?;
             }
             Place::Loopback { silent, .. } => silent.store(is_silent, Ordering::Relaxed),
         }
@@ -129,7 +130,7 @@ fn ip(arguments: &[&str]) -> Option<()> {
 }
 
 /// A relay before a free port.
-fn relay() -> Result<Place, Box<dyn Error>> {
+fn relay() -> io::Result<Place> {
     let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let relay = listener.local_addr()?.port();
@@ -173,7 +174,7 @@ fn carry(mut from: TcpStream, mut to: TcpStream, silent: &AtomicBool, closed: &A
                     break;
                 }
             }
-            Err(error) if matches!(error.kind(), std::io::ErrorKind::WouldBlock | std::io::ErrorKind::TimedOut) => {}
+            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {}
             Err(_) => break,
         }
     }
