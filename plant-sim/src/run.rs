@@ -14,7 +14,7 @@ use std::time::Duration;
 
 /// How long a wait in lock step lasts before stop signals are looked at.
 const PATIENCE: Duration = Duration::from_millis(20);
-/// A wake-up that is later than this is the machine's doing, not the world's \[ns\].
+/// A look at the clock that is later than this is the machine's doing, not the world's \[ns\].
 const STALL_NANOS: u64 = 5_000_000;
 
 /// What a wait is counted in, unless it is shorter \[ns\].
@@ -56,6 +56,30 @@ fn nap(left: u64) -> u64 {
     if left < MILLISECOND { left } else { (left - left % MILLISECOND).min(SLICE_NANOS) }
 }
 
+/// The world's clock: the monotonic one, but for the times in which the machine kept this process from running.
+#[derive(Debug)]
+struct Clock {
+    origin: u64,
+    /// Last look, on the monotonic clock.
+    looked: u64,
+}
+
+impl Clock {
+    fn begin() -> Self {
+        let now = monotonic_nanos();
+        Self { origin: now, looked: now }
+    }
+
+    /// Time of the world at `now` on the monotonic clock, and what of the time since the last look was taken out of it: what goes beyond `waited`, if
+    /// that is too much for work \[ns\].
+    fn look(&mut self, now: u64, waited: u64) -> (u64, u64) {
+        let beyond = now.saturating_sub(self.looked + waited);
+        let stalled = if beyond > STALL_NANOS { beyond } else { 0 };
+        (self.origin, self.looked) = (self.origin + stalled, now);
+        (now - self.origin, stalled)
+    }
+}
+
 struct Plant<'a> {
     settings: &'a Settings,
     robot: Robot,
@@ -91,7 +115,7 @@ impl<'a> Plant<'a> {
 
     fn run_real_time(&mut self, stop: &Stop) -> Result<(), RunError> {
         let period = self.settings.run.period_nanos;
-        let mut origin = monotonic_nanos();
+        let mut clock = Clock::begin();
         for tick in 0..=self.settings.ticks() {
             let (begin, end) = (tick * period, (tick + 1) * period);
             self.publish(tick, begin)?;
@@ -99,26 +123,29 @@ impl<'a> Plant<'a> {
                 break;
             }
             loop {
-                let now = monotonic_nanos() - origin;
+                let now = self.look(&mut clock, 0, tick);
                 if now >= end {
                     break;
                 }
                 let nap = nap(end - now);
                 self.commands.wait(Duration::from_nanos(nap))?;
-                let woken = monotonic_nanos() - origin;
-                let stalled = woken.saturating_sub(now + nap);
-                if stalled > STALL_NANOS {
-                    origin += stalled;
-                    self.pulse.health().stalled_nanos += stalled;
-                    tracing::warn!(tick, micros = stalled / 1000, "the machine kept the simulator from running; its world stood still");
-                }
-                let now = (monotonic_nanos() - origin).min(end);
+                let now = self.look(&mut clock, nap, tick).min(end);
                 self.take_commands(now)?;
                 self.robot.advance(now);
             }
             self.end_period(end);
         }
         Ok(())
+    }
+
+    /// Time of the world now, when nothing was to be done since the last look but to wait for `waited` \[ns\].
+    fn look(&mut self, clock: &mut Clock, waited: u64, tick: u64) -> u64 {
+        let (now, stalled) = clock.look(monotonic_nanos(), waited);
+        if stalled > 0 {
+            self.pulse.health().stalled_nanos += stalled;
+            tracing::warn!(tick, micros = stalled / 1000, "the machine kept the simulator from running; its world stood still");
+        }
+        now
     }
 
     fn run_lock_step(&mut self, stop: &Stop) -> Result<(), RunError> {
@@ -214,5 +241,21 @@ impl<'a> Plant<'a> {
         self.pulse.count_sink(&self.states);
         self.pulse.count_sink(&self.truths);
         self.pulse.beat();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_world_stands_still_while_its_process_does_whether_it_waited_or_worked() {
+        const MS: u64 = 1_000_000;
+        let mut clock = Clock { origin: 100 * MS, looked: 100 * MS };
+        assert_eq!(clock.look(102 * MS, 2 * MS), (2 * MS, 0));
+        assert_eq!(clock.look(106 * MS, 0), (6 * MS, 0), "work that takes its time");
+        assert_eq!(clock.look(190 * MS, 2 * MS), (8 * MS, 82 * MS), "a wait of 2 ms that took 84");
+        assert_eq!(clock.look(260 * MS, 0), (8 * MS, 70 * MS), "no wait at all, and 70 ms gone");
+        assert_eq!(clock.look(261 * MS, MS), (9 * MS, 0));
     }
 }
