@@ -49,7 +49,7 @@ pub use links::{Carrier, Carriers, GRAPH_NAME_MAX, Links, is_graph_name};
 pub use memory::Exchange;
 pub use network::Router;
 pub use sequence::Since;
-pub use shared_memory::{SweepReport, claim, sweep};
+pub use shared_memory::{HalfMade, SweepReport, claim, sweep};
 pub use sink::{RawSink, Sink};
 pub use source::{Source, Tally};
 

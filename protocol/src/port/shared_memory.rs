@@ -5,12 +5,14 @@
 //! two versions refuse each other when they open a port, and not when they misread a robot.
 
 mod alarm;
+mod half_made;
 mod inlet;
 mod outlet;
 mod room;
 mod service;
 mod sweep;
 
+pub use half_made::HalfMade;
 pub use room::claim;
 pub use sweep::{SweepReport, sweep};
 
@@ -53,6 +55,7 @@ impl SharedMemory {
         set_log_level(LogLevel::Fatal);
         let config = config(links)?;
         Self::check_room()?;
+        HalfMade::new(links).clear();
         std::fs::create_dir_all(&links.root).map_err(|error| OpenError::Root { root: links.root.clone(), reason: error.to_string() })?;
         let node = NodeBuilder::new()
             .config(&config)

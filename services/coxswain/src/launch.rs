@@ -15,7 +15,7 @@ use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use process::{Pace, go_first};
 use protocol::message::Participant;
-use protocol::port::{OpenError, Router, claim};
+use protocol::port::{HalfMade, OpenError, Router, claim};
 use settings::SettingsError;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -249,7 +249,9 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
     let mut saboteur = None;
     let mut claimed = Instant::now();
     let mut short = false;
+    let mut half_made = HalfMade::new(&voyage.links);
     loop {
+        half_made.remove();
         if let Some(signal) = person.asks_to_end() {
             return Ok(Outcome::Signal(signal));
         }

@@ -1,5 +1,6 @@
 //! Removes what dead processes left behind.
 
+use super::half_made::HalfMade;
 use super::room::FOLDER;
 use super::{config, prefix};
 use crate::port::{Links, OpenError};
@@ -33,6 +34,7 @@ pub struct SweepReport {
 pub fn sweep(links: &Links) -> Result<SweepReport, OpenError> {
     set_log_level(LogLevel::Fatal);
     let config = config(links)?;
+    HalfMade::new(links).clear();
     let failed = |reason: String| OpenError::Sweep { graph: links.graph.clone(), reason };
     let mut report = SweepReport::default();
     let mut dead = Vec::new();
