@@ -93,7 +93,6 @@ class Gate:
             rung, why = self.stored.rung, OWN_REASONS[self.stored.rung]
         self.past = (rung, self.last_refusal or why)
         self.good_periods = self.good_periods + 1 if answered and self.braking else 0
-        self.braking = self.braking and self.good_periods < 3
 
     def latch(self) -> None:
         """Duty 10: brakes for good."""
@@ -106,6 +105,7 @@ class Gate:
             self.last_heard = now
         if reason == NONE:
             self.stored, self.since, self.last_heard = command, self.published[command.stamp.tick], now
+            self.braking = self.braking and (self.good_periods < 3 or command.stamp.tick != self.tick)
         else:
             self.refused, self.last_refusal = self.refused + 1, reason
         return reason
@@ -132,7 +132,9 @@ class Gate:
         published = self.published.get(stamp.tick)
         if published is None or now - published > 1.5 * period + self.delay:
             return TOO_OLD
-        steps = zip((self.begun_with, self.acting, *inputs), (command.input, *inputs))
+        age = int((now - published) / period + 1e-9)
+        first = inputs[age : age + 1]  # what acts first, if anything does
+        steps = [*zip(inputs, command.tail), *((before, after) for before in (self.begun_with, self.acting) for after in first)]
         if not all(self.limits.allow_step(*step) for step in steps):
             return RATE_TOO_HIGH
         return NONE

@@ -54,19 +54,16 @@ pub fn judge(command: &Command, situation: &Situation, bounds: &Bounds) -> Resul
         return Err(Reason::NotNewer);
     }
     let oldest = bounds.period_nanos * AGE_LIMIT_HALF_PERIODS / 2 + bounds.link_delay_nanos;
-    if situation.age_nanos.is_none_or(|age| age > oldest) {
-        return Err(Reason::TooOld);
-    }
-    // A tail may have moved on since the period began: both changes together are one period's.
-    if !bounds.allow_change(&situation.begun_with, &command.input) {
+    let Some(age) = situation.age_nanos.filter(|&age| age <= oldest) else { return Err(Reason::TooOld) };
+    // By its age, it may be the tail that acts first. And a tail may have moved on since the period began: both changes together are one period's.
+    let first = inputs().nth((age / bounds.period_nanos) as usize);
+    let leaps = |from: &[f64; 3]| first.is_some_and(|first| !bounds.allow_change(from, first));
+    let steps = inputs().zip(command.tail());
+    if leaps(&situation.acting)
+        || leaps(&situation.begun_with)
+        || !steps.into_iter().all(|(before, after)| bounds.allow_change(before, after))
+    {
         return Err(Reason::TooFast);
-    }
-    let mut before = &situation.acting;
-    for input in inputs() {
-        if !bounds.allow_change(before, input) {
-            return Err(Reason::TooFast);
-        }
-        before = input;
     }
     Ok(())
 }

@@ -122,6 +122,8 @@ impl Gate {
         self.writer = Some((command.stamp.epoch, command.stamp.writer, now));
         let answered_nanos = self.published_at(command.stamp.tick).unwrap_or(now);
         self.stored = Some(Stored { command: *command, answered_nanos });
+        // The brake is left by an answer to the period itself, which was judged by where the wheels are now, not by a tail that was not.
+        self.braking &= self.good_periods < RECOVERY_PERIODS || command.stamp.tick != self.tick;
         Ok(())
     }
 
@@ -161,9 +163,6 @@ impl Gate {
         let answered = self.stored.map(|stored| stored.command).filter(|command| command.stamp.tick == self.tick);
         if self.braking {
             self.good_periods = if answered.is_some() { self.good_periods + 1 } else { 0 };
-            if self.good_periods >= RECOVERY_PERIODS {
-                self.braking = false;
-            }
             let recovering = if answered.is_some() { Reason::Recovering } else { Reason::Missing };
             return (if self.latched { Rung::LatchedStop } else { Rung::Brake }, self.explain(recovering));
         }
@@ -324,6 +323,53 @@ mod tests {
         assert!((too_far - -1.0_f64).abs() < most, "from what acts it would be allowed");
         assert_eq!(gate.offer(&with(too_far, too_far, 1), PERIOD + 20), Err(Reason::TooFast));
         assert_eq!(gate.offer(&with(1.0 - most, -3.0, 1), PERIOD + 30), Ok(()));
+    }
+
+    #[test]
+    fn a_late_command_is_judged_by_the_entry_of_its_tail_that_acts_first() {
+        let most = 2.2 * 2.0;
+        let late = |tail: f64| {
+            let mut command = command(1, 5, 1);
+            (command.input[0], command.tail, command.tail_len) = (4.0, [[tail, 0.0, 0.0]; 4], 4);
+            command
+        };
+        let mut gate = gate();
+        gate.begin_period(0, 0);
+        let mut first = command(1, 5, 0);
+        (first.input[0], first.tail) = (0.0, [[0.0; 3]; 4]);
+        assert_eq!(gate.offer(&first, 10), Ok(()));
+        gate.begin_period(1, PERIOD);
+        gate.begin_period(2, 2 * PERIOD);
+        assert_eq!(gate.decide(2 * PERIOD).input[0], 0.0);
+        let now = 2 * PERIOD + PERIOD / 4;
+        assert_eq!(gate.offer(&late(most + 0.1), now), Err(Reason::TooFast), "of its input it would be a small step");
+        assert_eq!(gate.offer(&late(most - 0.1), now), Ok(()));
+        assert_eq!(gate.decide(now).input[0], most - 0.1);
+    }
+
+    #[test]
+    fn the_brake_is_left_by_the_periods_own_answer_and_not_by_a_tail() {
+        let mut gate = gate();
+        gate.begin_period(0, 0);
+        assert_eq!(gate.offer(&command(1, 5, 0), 0), Ok(()));
+        for tick in 1..5 {
+            gate.begin_period(tick, tick * PERIOD);
+            gate.decide(tick * PERIOD);
+            gate.end_period((tick + 1) * PERIOD - 1);
+        }
+        for tick in 5..8 {
+            let now = tick * PERIOD;
+            gate.begin_period(tick, now);
+            assert_eq!(gate.offer(&command(1, 5, tick), now + 10), Ok(()));
+            assert_eq!(gate.decide(now + 20).input, [0.0; 3]);
+            assert_eq!(gate.end_period(now + PERIOD - 1), (Rung::Brake, Reason::Recovering));
+        }
+        let now = 8 * PERIOD;
+        gate.begin_period(8, now);
+        assert_eq!(gate.decide(now + 5).input, [0.0; 3], "three good periods are over, and nobody has answered this one");
+        assert_eq!(gate.offer(&command(1, 5, 8), now + 10), Ok(()));
+        assert_eq!(gate.decide(now + 20).input, [1.0, 0.0, 0.0]);
+        assert_eq!(gate.end_period(now + PERIOD - 1), (Rung::FreshPlan, Reason::None));
     }
 
     #[test]
