@@ -14,10 +14,14 @@ use std::ffi::OsStr;
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
-use std::{env, fs};
+use std::time::{Duration, Instant};
+use std::{env, fs, thread};
 
 /// How many low bits of a mode say what others than the owner may do.
 const GROUP_AND_OTHERS_BITS: u32 = 6;
+
+/// How long members of a graph whose launcher is gone may take to die.
+const DYING: Duration = Duration::from_millis(500);
 
 /// A place for a graph cannot be had.
 #[derive(Debug, thiserror::Error)]
@@ -139,7 +143,14 @@ pub fn sweep_stale(base: &Path) -> (usize, Vec<String>) {
     let mut removed = 0;
     let mut complaints = Vec::new();
     for berth in stale(base) {
-        match berth.clear() {
+        // Who has been killed may take a moment to die.
+        let begin = Instant::now();
+        let mut cleared = berth.clear();
+        while cleared.is_err() && begin.elapsed() < DYING {
+            thread::sleep(DYING / 20);
+            cleared = berth.clear();
+        }
+        match cleared {
             Ok(()) => removed += 1,
             Err(complaint) => complaints.push(complaint),
         }

@@ -101,12 +101,14 @@ pub struct Row {
 #[derive(Debug, thiserror::Error)]
 pub enum DrillError {
     /// There is no such fault.
-    #[error("--fault {name}: expected one of {}", known.join(", "))]
+    #[error("--fault {name:?}: expected one of {known:?}{}", if *quick { ", of which some are parts of \"bad link\" with --quick" } else { "" })]
     Unknown {
         /// What was asked for.
         name: String,
         /// All there are.
         known: Vec<&'static str>,
+        /// Whether some are taken together.
+        quick: bool,
     },
     /// No robots and scenarios.
     #[error("--deploy {}: expected the folder deploy of the sources, with robots/ and scenarios/", folder.display())]
@@ -167,7 +169,10 @@ pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
                 while let Some((index, exercise)) =
                     Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|index| Some((index, chosen.get(index)?)))
                 {
-                    if stop.requested() || done.send((index, do_one(exercise, options, index, stop))).is_err() {
+                    let row = (!stop.requested()).then(|| do_one(exercise, options, index, stop));
+                    // What was cut short says nothing.
+                    let Some(row) = row.filter(|_| !stop.requested()) else { return };
+                    if done.send((index, row)).is_err() {
                         return;
                     }
                 }
@@ -201,7 +206,7 @@ fn chosen(options: &DrillOptions) -> Result<Vec<Exercise>, DrillError> {
     let all = exercises(if options.quick { Extent::Quick } else { Extent::Whole });
     let known: BTreeSet<&'static str> = all.iter().map(|exercise| exercise.fault).collect();
     if let Some(name) = options.faults.iter().find(|name| !known.contains(name.as_str())) {
-        return Err(DrillError::Unknown { name: name.clone(), known: known.into_iter().collect() });
+        return Err(DrillError::Unknown { name: name.clone(), known: known.into_iter().collect(), quick: options.quick });
     }
     let wanted = |exercise: &Exercise| options.faults.is_empty() || options.faults.iter().any(|name| name == exercise.fault);
     Ok(all.into_iter().filter(wanted).collect())

@@ -18,7 +18,7 @@ mod start;
 mod stop;
 mod witness;
 
-pub use priority::{go_first, step_back};
+pub use priority::{give_way, go_first, step_back};
 pub use pulse::Pulse;
 pub use run::{HasRun, Pace, Run};
 pub use seat::Seat;

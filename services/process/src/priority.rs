@@ -42,6 +42,13 @@ pub fn step_back() {
     }
 }
 
+/// The calling thread runs only when nobody else wants to, and is stopped by whoever does (`SCHED_IDLE`): for work beside a graph that it must not disturb.
+pub fn give_way() {
+    if let Err(error) = set(0, ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle)) {
+        tracing::debug!(%error, "runs among all others");
+    }
+}
+
 fn set(priority: u8, policy: ThreadSchedulePolicy) -> Result<(), Error> {
     let priority = ThreadPriorityValue::try_from(priority).map_err(|_| Error::Priority("not from 0 to 99"))?;
     set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(priority), policy)
@@ -52,6 +59,15 @@ mod tests {
     use super::*;
     use rustix::process::getpriority_process;
     use std::thread;
+
+    #[test]
+    fn who_gives_way_is_scheduled_as_idle() {
+        let policy = thread::spawn(|| {
+            give_way();
+            thread_schedule_policy().ok()
+        });
+        assert_eq!(policy.join().ok().flatten(), Some(ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle)));
+    }
 
     #[test]
     fn what_a_thread_that_goes_first_starts_goes_first_until_it_steps_back() {

@@ -60,8 +60,8 @@ pub struct Launch {
     pub faults: String,
     /// Whom the faults end or stop, who must be in use again.
     pub restarts: Option<Participant>,
-    /// Every period is answered by the controller, on whichever rung.
-    pub answered: bool,
+    /// In so many periods the optimiser has no plan, and every period is answered by the controller, on whichever rung.
+    pub answered: Option<u64>,
     /// Nobody whom the robot needs is touched: it must drive on fresh plans alone.
     pub undisturbed: bool,
     /// Of the machine, if it is not the one there is \[MiB\].
@@ -251,10 +251,10 @@ fn messages(extent: Extent, all: &mut Vec<Exercise>) {
 /// What the optimiser says, in lock step, in so many ticks in a row.
 fn solvers(extent: Extent, all: &mut Vec<Exercise>) {
     for kind in ["infeasible", "out-of-iterations", "nan", "wrong"] {
-        let ticks = extent.pick(100, 1000);
+        let ticks: u32 = extent.pick(100, 1000);
         let faults = format!("[[solver]]\nkind = {kind:?}\nfrom_tick = 100\nuntil_tick = {}\n", 100 + ticks);
         let duration_s = f64::from(200 + ticks) * 0.02;
-        let launch = Launch { duration_s, lock_step: true, faults, answered: true, ..Launch::default() };
+        let launch = Launch { duration_s, lock_step: true, faults, answered: Some(u64::from(ticks)), ..Launch::default() };
         all.push(Exercise { fault: "solver", target: kind, carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
     }
 }

@@ -18,6 +18,8 @@ use std::collections::BTreeSet;
 const NEEDED_BACK_WITHIN_S: f64 = 1.0;
 /// Longest way back of others \[s\].
 const BACK_WITHIN_S: f64 = 5.0;
+/// A process that is ended so soon after its predecessor is on its way back: how long that takes counts from its own end \[ns\].
+const EARLY_NANOS: u64 = 200_000_000;
 /// Longest time below a fresh plan that a fault of at most half a second may cause \[s\].
 const BELOW_AT_MOST_S: f64 = 2.5;
 
@@ -45,7 +47,13 @@ pub fn measure(record: &Record, launch: &Launch, limits: &Limits, injected: &[In
     let states = states(record);
     let excused = judge_driving(&states, launch, gaps, &mut violations);
     let fallen = states.iter().filter(|state| fell(state)).count() as u64;
-    let injections = if launch.answered { fallen } else { injected.len() as u64 };
+    if let Some(asked) = launch.answered.filter(|&asked| asked != fallen) {
+        violations.push(format!("{fallen} periods were answered without the optimiser, expected {asked}"));
+    }
+    if launch.undisturbed {
+        judge_instances(&states, &mut violations);
+    }
+    let injections = if launch.answered.is_some() { fallen } else { injected.len() as u64 };
     Measured { injections, violations, worst_reaction: worst_reaction(record, limits), worst_restart, excused, impossible: None }
 }
 
@@ -61,6 +69,17 @@ fn states(record: &Record) -> Vec<&Message> {
     record.of("state").filter(|state| seen.insert((state.stamp("epoch"), state.stamp("tick")))).collect()
 }
 
+/// Nobody whom the robot needs was started again, unless somebody was told to end it.
+fn judge_instances(states: &[&Message], violations: &mut Vec<String>) {
+    let plants: BTreeSet<u64> = states.iter().map(|state| state.stamp("epoch")).collect();
+    let controllers: BTreeSet<u64> = states.iter().map(|state| state.count("accepted_epoch")).filter(|&epoch| epoch > 0).collect();
+    for (who, count) in [("plants", plants.len()), ("controllers", controllers.len())] {
+        if count > 1 {
+            violations.push(format!("{count} {who} one after the other, expected one: nobody was touched whom the robot needs"));
+        }
+    }
+}
+
 /// Whether the period was answered by a controller whose optimiser had no plan.
 fn fell(state: &Message) -> bool {
     matches!(state.word("rung"), "shifted plan" | "lqr")
@@ -73,12 +92,15 @@ fn judge_restarts(record: &Record, who: Participant, injected: &[Injected], viol
     let ended: Vec<u64> = injected.iter().filter(ends).map(|fault| fault.nanos).collect();
     let back = comebacks(record, who);
     let limit = if is_needed(who) { NEEDED_BACK_WITHIN_S } else { BACK_WITHIN_S };
-    let mut worst = None;
+    let (mut worst, mut since) = (None, None);
     for (index, &at) in ended.iter().enumerate() {
         let next = back.iter().copied().find(|&back| back > at);
-        if ended.get(index + 1).is_some_and(|&again| next.is_none_or(|next| next > again)) {
-            continue; // it ended once more on its way back
+        if let Some(&again) = ended.get(index + 1).filter(|&&again| next.is_none_or(|next| next > again)) {
+            // It ended once more on its way back: on purpose, or because it was not back yet when it should have been.
+            since = (again - at > EARLY_NANOS).then(|| since.unwrap_or(at));
+            continue;
         }
+        let at = since.take().unwrap_or(at);
         let Some(next) = next else {
             violations.push(format!("{who} was never in use again after fault {index}"));
             continue;
@@ -141,7 +163,7 @@ fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations:
             unexcused.push(index);
         }
     }
-    if launch.undisturbed || launch.answered {
+    if launch.undisturbed || launch.answered.is_some() {
         for state in unexcused.iter().filter_map(|&index| states.get(index)).filter(|state| launch.undisturbed || !fell(state)) {
             let (tick, rung, reason) = (state.stamp("tick"), state.word("rung"), state.word("reason"));
             let expected = if launch.undisturbed {
@@ -154,6 +176,7 @@ fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations:
     }
     match states.last() {
         None => violations.push("nothing is in the record".to_owned()),
+        Some(_) if states.iter().all(|state| state.word("rung") == "waiting") => violations.push("it never drove".to_owned()),
         Some(_) if unexcused.last() == Some(&(states.len() - 1)) => violations.push("it does not drive at the end".to_owned()),
         Some(_) => {}
     }
@@ -180,5 +203,43 @@ fn judge_stretches(states: &[&Message], below: impl Fn(&Message) -> bool, violat
             ));
             return;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    const MS: u64 = 1_000_000;
+
+    /// A record of a controller that was in use from these times on \[ms\], and ends of controllers \[ms\].
+    fn judged(used: &[u64], ends: &[u64]) -> (Option<f64>, Vec<String>) {
+        let state = |(epoch, at): (usize, &u64)| Message {
+            topic: "state".to_owned(),
+            says: json!({"stamp": {"epoch": 1, "sent_nanos": at * MS}, "accepted_epoch": epoch + 1, "rung": "fresh plan"}),
+        };
+        let record = Record::of_messages(used.iter().enumerate().map(state).collect());
+        let end = |at: &u64| Injected {
+            kind: "kill".into(),
+            participant: Some(Participant::Controller),
+            pid: None,
+            nanos: at * MS,
+            millis: None,
+        };
+        let ends: Vec<Injected> = ends.iter().map(end).collect();
+        let mut violations = Vec::new();
+        let worst = judge_restarts(&record, Participant::Controller, &ends, &mut violations);
+        (worst, violations)
+    }
+
+    #[test]
+    fn a_way_back_counts_from_the_first_end_that_was_not_made_good() {
+        assert_eq!(judged(&[0, 1300, 2400], &[1000, 2000]), (Some(0.4), Vec::new()));
+        let (worst, violations) = judged(&[0, 3200], &[1000, 1900, 2800]);
+        assert_eq!((worst, violations.len()), (Some(2.2), 1), "nobody was in use when it was ended again: {violations:?}");
+        assert_eq!(judged(&[0, 1500], &[1000, 1060]), (Some(0.44), Vec::new()), "ended on purpose on its way back");
+        let (_, violations) = judged(&[0], &[1000, 1900]);
+        assert!(violations.iter().any(|found| found.contains("never in use again")), "{violations:?}");
     }
 }

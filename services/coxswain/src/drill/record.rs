@@ -2,6 +2,7 @@
 
 use mcap::io::MessageReader;
 use mcap::sans_io::LinearReaderOptions;
+use protocol::topic::Topic;
 use serde_json::Value;
 use std::fs::{self, File};
 use std::io::{self, BufReader};
@@ -52,6 +53,23 @@ impl Record {
     /// # Errors
     /// If there is none, or it is none.
     pub fn read(folder: &Path) -> io::Result<Self> {
+        Self::read_as(folder, |_, _| true)
+    }
+
+    /// Reads it without predictions, data points and drawings: long runs fit into memory then.
+    ///
+    /// # Errors
+    /// If there is none, or it is none.
+    pub fn read_without_rows(folder: &Path) -> io::Result<Self> {
+        Self::read_as(folder, |topic, says| {
+            let fields = says.as_object_mut().into_iter();
+            fields.for_each(|fields| fields.retain(|_, value| !value.as_array().is_some_and(|rows| rows.iter().any(Value::is_array))));
+            Topic::ALL.iter().any(|known| known.name() == topic)
+        })
+    }
+
+    /// Reads what `keep` wants, after it has changed it.
+    fn read_as(folder: &Path, keep: impl Fn(&str, &mut Value) -> bool) -> io::Result<Self> {
         let mut segments: Vec<_> = fs::read_dir(folder)?.flatten().map(|entry| entry.path()).collect();
         segments.retain(|path| path.extension().is_some_and(|extension| extension == "mcap"));
         segments.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
@@ -60,7 +78,10 @@ impl Record {
             let options = LinearReaderOptions::default().with_skip_end_magic(true);
             for message in MessageReader::new_with_options(BufReader::new(File::open(segment)?), options) {
                 let Ok(message) = message else { break };
-                messages.push(Message { topic: message.channel.topic.clone(), says: serde_json::from_slice(&message.data)? });
+                let (topic, mut says) = (message.channel.topic.clone(), serde_json::from_slice(&message.data)?);
+                if keep(&topic, &mut says) {
+                    messages.push(Message { topic, says });
+                }
             }
         }
         let summary = match fs::read_to_string(folder.join("summary.json")) {

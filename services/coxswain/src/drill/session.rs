@@ -8,7 +8,7 @@ use crate::assembly::Assembly;
 use crate::options::Options;
 use crate::role::START_ORDER;
 use crate::scenario::Scenario;
-use process::Stop;
+use process::{Stop, give_way};
 use protocol::clock::monotonic_nanos;
 use protocol::message::Participant;
 use rustix::process::{Pid, Signal, geteuid, kill_process};
@@ -16,6 +16,8 @@ use std::error::Error;
 use std::ffi::OsStr;
 use std::fmt::Write;
 use std::fs::{self, File};
+use std::os::unix::process::CommandExt;
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread;
@@ -165,7 +167,8 @@ impl Home {
     fn begin(&self, run: &str, mut command: Command) -> Result<Session, Trouble> {
         let home = self.folder.path();
         let said = File::create(home.join(format!("{run}.txt")))?;
-        command.env("TMPDIR", home).stdin(Stdio::null()).stdout(said.try_clone()?).stderr(said);
+        // A person's Ctrl-C is for the drill, which ends its launches in order.
+        command.env("TMPDIR", home).process_group(0).stdin(Stdio::null()).stdout(said.try_clone()?).stderr(said);
         let begun_nanos = monotonic_nanos();
         Ok(Session { child: command.spawn()?, run: home.join(run), begun_nanos })
     }
@@ -241,12 +244,16 @@ impl Session {
         &self.run
     }
 
-    /// Its record.
+    /// Its record, read in times when no exercise needs the machine.
     ///
     /// # Errors
     /// If there is none.
     pub(super) fn record(&self) -> Result<Record, Trouble> {
-        Ok(Record::read(&self.run)?)
+        let read = || {
+            give_way();
+            Record::read_without_rows(&self.run)
+        };
+        Ok(thread::scope(|scope| scope.spawn(read).join()).unwrap_or_else(|panic| resume_unwind(panic))?)
     }
 
     /// Name of the graph.
