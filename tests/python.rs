@@ -1,4 +1,4 @@
-//! The clients' Python, with the packages that they require.
+//! Python, with the packages that clients and tests require.
 
 use crate::{binaries, repository};
 use std::error::Error;
@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// The Python of a virtual environment with the clients' requirements, made once per target folder and list of requirements.
+/// The Python of a virtual environment with the requirements of clients and tests, made once per target folder and list of requirements.
 ///
 /// # Errors
 /// A sentence, if it cannot be made.
@@ -17,8 +17,8 @@ pub fn python() -> Result<PathBuf, Box<dyn Error>> {
 }
 
 fn make() -> Result<PathBuf, Box<dyn Error>> {
-    let requirements = repository().join("deploy/clients/python/requirements.txt");
-    let wanted = fs::read_to_string(&requirements)?;
+    let requirements = repository().join("tests/python/requirements.txt");
+    let wanted = fs::read_to_string(&requirements)? + &fs::read_to_string(repository().join("deploy/clients/python/requirements.txt"))?;
     let folder = binaries()?.join("python-clients");
     let (python, installed) = (folder.join("bin/python"), folder.join("installed.txt"));
     if !fs::read_to_string(&installed).is_ok_and(|found| found == wanted) {

@@ -2,8 +2,9 @@
 
 use crate::grant::Grant;
 use crate::run::RecorderError;
+use crate::segment::RecordError;
 use crate::store::Store;
-
+use crate::visual::Easel;
 use process::Pulse;
 use protocol::message::{Command, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth};
 use protocol::port::{OpenError, Ports, Since, Source};
@@ -20,14 +21,15 @@ pub(crate) struct Intake {
     residuals: Source<ResidualSample>,
     snapshots: Source<ModelSnapshot>,
     healths: Source<Health>,
+    easel: Easel,
 }
 
 impl Intake {
-    /// Opens all of them.
+    /// Opens all of them, for a robot with this control period \[ns\].
     ///
     /// # Errors
     /// [`OpenError`].
-    pub(crate) fn open(ports: &Ports, since: Since) -> Result<Self, OpenError> {
+    pub(crate) fn open(ports: &Ports, since: Since, period_nanos: u64) -> Result<Self, OpenError> {
         Ok(Self {
             states: ports.source(since)?,
             truths: ports.source(since)?,
@@ -36,6 +38,7 @@ impl Intake {
             residuals: ports.source(since)?,
             snapshots: ports.source(since)?,
             healths: ports.source(since)?,
+            easel: Easel::new(period_nanos),
         })
     }
 
@@ -44,18 +47,23 @@ impl Intake {
     /// # Errors
     /// [`RecorderError`] if a topic cannot be read or the file not be written.
     pub(crate) fn drain(&mut self, store: &mut Store, grant: &mut Grant) -> Result<usize, RecorderError> {
-        let mut written = drain(&mut self.healths, store, |health| {
+        let mut written = drain(&mut self.healths, store, |health, _| {
             // A plant that starts has no state yet, but its clock wants credit.
             if health.participant() == Some(Participant::Plant) && health.phase() != Phase::Finished {
                 grant.note_health(health.stamp.epoch, health.stamp.tick);
             }
+            Ok(())
         })?;
-        written += drain(&mut self.states, store, |state| grant.note_state(state.stamp.epoch, state.stamp.tick))?;
-        written += drain(&mut self.truths, store, |_| ())?;
-        written += drain(&mut self.commands, store, |_| ())?;
-        written += drain(&mut self.plans, store, |_| ())?;
-        written += drain(&mut self.residuals, store, |_| ())?;
-        written += drain(&mut self.snapshots, store, |_| ())?;
+        let easel = &mut self.easel;
+        written += drain(&mut self.states, store, |state, store| {
+            grant.note_state(state.stamp.epoch, state.stamp.tick);
+            store.draw(&easel.draw_state(state), state.stamp.sent_nanos)
+        })?;
+        written += drain(&mut self.truths, store, |_, _| Ok(()))?;
+        written += drain(&mut self.commands, store, |_, _| Ok(()))?;
+        written += drain(&mut self.plans, store, |plan, store| store.draw(&easel.draw_plan(plan), plan.stamp.sent_nanos))?;
+        written += drain(&mut self.residuals, store, |_, _| Ok(()))?;
+        written += drain(&mut self.snapshots, store, |_, _| Ok(()))?;
         Ok(written)
     }
 
@@ -71,13 +79,17 @@ impl Intake {
     }
 }
 
-/// Writes what waits on one topic, at most as much as can wait at a time, so that a busy topic does not starve the others.
-fn drain<T: Viewable>(source: &mut Source<T>, store: &mut Store, mut note: impl FnMut(&T)) -> Result<usize, RecorderError> {
+/// Writes what waits on one topic, at most as much as can wait at a time, so that a busy topic does not starve the others, and does `more` with each.
+fn drain<T: Viewable>(
+    source: &mut Source<T>,
+    store: &mut Store,
+    mut more: impl FnMut(&T, &mut Store) -> Result<(), RecordError>,
+) -> Result<usize, RecorderError> {
     let most = <T as OnTopic>::TOPIC.quality(false).depth;
     for written in 0..most {
         let Some(message) = source.next()? else { return Ok(written) };
         store.write(&message)?;
-        note(&message);
+        more(&message, store)?;
     }
     Ok(most)
 }

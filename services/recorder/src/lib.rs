@@ -10,6 +10,7 @@
 //! | [`summary`]  | rows → the figures of `summary.json`                                    |
 //! | `grant`      | how far the plant's clock may run ahead of the record, in lock step     |
 //! | `intake`     | a reader for each topic                                                 |
+//! | [`visual`]   | states and plans → what public viewers draw                             |
 //!
 //! ```
 //! use recorder::{rows::Rows, segment, summary::Summary};
@@ -30,3 +31,4 @@ pub mod segment;
 pub mod settings;
 mod store;
 pub mod summary;
+pub mod visual;

@@ -95,7 +95,7 @@ impl<'a> Recorder<'a> {
     fn open(ports: &Ports, settings: &Settings, segment: Segment, pulse: &'a mut Pulse) -> Result<Self, RecorderError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
         Ok(Self {
-            intake: Intake::open(ports, since)?,
+            intake: Intake::open(ports, since, settings.run.period_nanos)?,
             grant: Grant::open(ports, settings.run.pace)?,
             store: Store::new(segment, &settings.run),
             pulse,

@@ -1,8 +1,9 @@
-//! messages → one MCAP file: chunks compressed with LZ4, a JSON Schema per topic, the run's settings attached.
+//! messages → one MCAP file: chunks compressed with LZ4, a JSON Schema per topic, what viewers draw, the run's settings attached.
 //!
 //! A run's first file is `record.mcap`; a recorder that is started again in the same run goes on in `record-2.mcap`, and so on. No file is ever
 //! written over. What was written more than 0.2 s ago is with the operating system and survives a kill -9.
 
+use crate::visual::{Drawing, Shown};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use process::{Pace, Run};
@@ -64,6 +65,8 @@ pub struct Segment {
     writer: Writer<BufWriter<File>>,
     /// By topic; none for a topic that is not recorded.
     channels: [Option<u16>; TOPIC_COUNT],
+    /// Of what is drawn, and how often that was, in the order of [`Shown::ALL`].
+    drawings: [(u16, u32); Shown::ALL.len()],
     json: Vec<u8>,
     flushed_nanos: u64,
     /// The same file, to cut it off where it is whole.
@@ -106,8 +109,13 @@ impl Segment {
         add_channel::<Plan>(&mut writer, &mut channels)?;
         add_channel::<Health>(&mut writer, &mut channels)?;
         add_channel::<Truth>(&mut writer, &mut channels)?;
+        let mut drawings = [(0, 0); Shown::ALL.len()];
+        for (shown, (channel, _)) in Shown::ALL.into_iter().zip(&mut drawings) {
+            let schema = writer.add_schema(shown.kind(), "jsonschema", shown.schema().to_string().as_bytes())?;
+            *channel = writer.add_channel(schema, shown.channel(), "json", &BTreeMap::new())?;
+        }
         let (json, flushed_nanos) = (Vec::new(), clock::monotonic_nanos());
-        Ok(Self { path, writer, channels, json, flushed_nanos, file: kept, whole_bytes: 0, since: [0; TOPIC_COUNT] })
+        Ok(Self { path, writer, channels, drawings, json, flushed_nanos, file: kept, whole_bytes: 0, since: [0; TOPIC_COUNT] })
     }
 
     /// Appends `message`, under the time at which it was sent.
@@ -120,6 +128,19 @@ impl Segment {
             *count += 1;
         }
         Ok(())
+    }
+
+    /// Appends what is drawn, under the time of what it was drawn from.
+    ///
+    /// # Errors
+    /// [`RecordError::Write`].
+    pub(crate) fn draw(&mut self, shown: Shown, drawing: &Drawing, log_time: u64) -> Result<(), RecordError> {
+        let Some((channel_id, count)) = self.drawings.get_mut(shown as usize) else { return Ok(()) };
+        *count += 1;
+        let header = MessageHeader { channel_id: *channel_id, sequence: *count, log_time, publish_time: log_time };
+        self.json.clear();
+        let written = serde_json::to_writer(&mut self.json, drawing).map_err(|error| McapError::Io(error.into()));
+        written.and_then(|()| self.writer.write_to_known_channel(&header, &self.json)).map_err(|error| self.failed(error))
     }
 
     /// Hands to the operating system what has waited for 0.2 s.

@@ -1,6 +1,7 @@
 //! Where the record goes: into a file, or nowhere while there is no room, and then everything that comes is counted.
 
 use crate::segment::{RecordError, Segment};
+use crate::visual::{Drawing, Shown};
 use process::{Pace, Run};
 use protocol::topic::TOPIC_COUNT;
 use protocol::view::Viewable;
@@ -39,6 +40,18 @@ impl Store {
             *count += 1;
         }
         written.map_or(Ok(()), |written| self.survive(written))
+    }
+
+    /// Appends what is drawn at `log_time` \[ns\], if there is a file.
+    ///
+    /// # Errors
+    /// [`RecordError`] in lock step.
+    pub(crate) fn draw(&mut self, drawn: &[(Shown, Drawing)], log_time: u64) -> Result<(), RecordError> {
+        for (shown, drawing) in drawn {
+            let written = self.segment.as_mut().map_or(Ok(()), |segment| segment.draw(*shown, drawing, log_time));
+            self.survive(written)?;
+        }
+        Ok(())
     }
 
     /// Hands to the operating system what has waited, or looks whether there is room again.
