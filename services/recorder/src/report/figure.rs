@@ -67,7 +67,7 @@ impl Figure {
 
 /// All records, and what their figures have in common.
 pub(super) struct Records<'a> {
-    records: &'a [Record],
+    each: &'a [Record],
     pub(super) detail: Detail,
     /// Of all of them.
     pub(super) time: Axis,
@@ -77,21 +77,21 @@ impl<'a> Records<'a> {
     pub(super) fn new(records: &'a [Record]) -> Self {
         let end = Extent::of(records.iter().map(Record::end)).high;
         let end = if end > 0.0 { end } else { 1.0 };
-        Self { records, detail: Detail::for_records(records.len()), time: Axis::linear(Extent { low: 0.0, high: end }) }
+        Self { each: records, detail: Detail::for_records(records.len()), time: Axis::linear(Extent { low: 0.0, high: end }) }
     }
 
     /// Each with its colour.
     pub(super) fn coloured(&self) -> impl Iterator<Item = (String, &'a Record)> + use<'a> {
-        self.records.iter().enumerate().map(|(index, record)| (colour(index), record))
+        self.each.iter().enumerate().map(|(index, record)| (colour(index), record))
     }
 
     pub(super) fn all(&self) -> &'a [Record] {
-        self.records
+        self.each
     }
 
     /// Names of all of them, for those who hear the page read.
     pub(super) fn names(&self) -> String {
-        self.records.iter().map(|record| record.name.as_str()).collect::<Vec<_>>().join(", ")
+        self.each.iter().map(|record| record.name.as_str()).collect::<Vec<_>>().join(", ")
     }
 
     /// A key per record in which `drawn` holds.
@@ -102,7 +102,7 @@ impl<'a> Records<'a> {
 
     /// A sentence for each record that has no message of `topic`.
     pub(super) fn without(&self, topic: Topic) -> Vec<String> {
-        let without = self.records.iter().filter(|record| !record.topics.contains(&topic));
+        let without = self.each.iter().filter(|record| !record.topics.contains(&topic));
         without.map(|record| format!("{}: topic {:?} is not in this record", record.name, topic.name())).collect()
     }
 }

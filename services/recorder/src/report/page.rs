@@ -103,7 +103,9 @@ fn write_figure(html: &mut String, figure: &Figure) {
             let _ = write!(html, "<li><span class=\"key {} {colour}\"></span>{}</li>", look.class(), escape(label));
         }
         let _ = write!(html, "</ul><div class=\"panels{}\">", if *wide || panels.len() == 1 { " wide" } else { "" });
-        panels.iter().for_each(|panel| html.push_str(panel));
+        for panel in panels {
+            html.push_str(panel);
+        }
         html.push_str("</div>");
     }
     html.push_str("</figure>");
