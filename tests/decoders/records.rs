@@ -6,6 +6,7 @@ use controller::reference::{Heading, PathSettings, Reference, ReferenceSettings}
 use coxswain::closing::Closing;
 use recorder::rows::Rows;
 use recorder::summary::Summary;
+use recorder::{export, report};
 
 /// A file of points is refused with its name, or every number of its reference is finite.
 pub(super) fn points(bytes: &[u8]) -> Verdict {
@@ -32,7 +33,7 @@ pub(super) fn points(bytes: &[u8]) -> Verdict {
     })
 }
 
-/// A record is read as far as it goes, and summed up; the summary can be shown.
+/// A record is read as far as it goes, and summed up; the summary can be shown. Its page and its tables are made, or refused.
 pub(super) fn record(bytes: &[u8]) -> Verdict {
     as_file(bytes, |file| {
         // Twice: what is there already is passed over.
@@ -42,6 +43,21 @@ pub(super) fn record(bytes: &[u8]) -> Verdict {
             serde_json::to_vec(&Summary::of(&rows, 100_000_000)).map_err(|error| format!("a summary cannot be written: {error}"))?;
         let closing: Closing = serde_json::from_slice(&summed).map_err(|error| format!("a summary cannot be read: {error}"))?;
         promise(!closing.to_string().is_empty(), || "a summary says nothing".into())?;
+        match report::page(&[file.to_owned()]) {
+            Ok(page) => promise(page.ends_with("</html>\n"), || "half a page".into())?,
+            Err(error) => {
+                refused(&error.to_string())?;
+            }
+        }
+        let home = tempfile::tempdir().map_err(|error| format!("no folder: {error}"))?;
+        let tables = home.path().join("tables");
+        match export::write(file, &tables) {
+            Ok(_) => promise(tables.is_dir(), || "no tables".into())?,
+            Err(error) => {
+                refused(&error.to_string())?;
+                promise(!tables.exists(), || "half of the tables".into())?;
+            }
+        }
         Ok(if rows.states.is_empty() { Fate::Refused } else { Fate::Used })
     })
 }

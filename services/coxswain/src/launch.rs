@@ -16,6 +16,7 @@ use crate::watch::Watch;
 use process::{Pace, go_first};
 use protocol::message::Participant;
 use protocol::port::{HalfMade, OpenError, Router, claim};
+use recorder::report;
 use settings::SettingsError;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -26,7 +27,7 @@ use std::process::ExitCode;
 use std::sync::Mutex;
 use std::thread;
 use std::time::{Duration, Instant};
-use std::{env, io};
+use std::{env, io, slice};
 use tracing_subscriber::EnvFilter;
 
 /// How often the launcher looks after its processes.
@@ -307,6 +308,11 @@ fn conclude(voyage: &Voyage, terminal: &mut Terminal) {
     match Closing::read(&voyage.folder) {
         Ok(closing) => terminal::print(closing),
         Err(error) => terminal.say(format_args!("there is no summary: {error}")),
+    }
+    let page = report::beside(&voyage.folder);
+    match report::write(slice::from_ref(&voyage.folder), &page) {
+        Ok(()) => terminal.say(format_args!("report: {}", page.display())),
+        Err(error) => terminal.say(format_args!("there is no report: {error}")),
     }
 }
 

@@ -22,6 +22,7 @@
 //! | [`launch`]   | one run from reading to sweeping                                                     |
 //! | [`progress`] | the live line                                                                        |
 //! | [`closing`]  | `summary.json` → the table at the end                                                |
+//! | [`records`]  | `coxswain report`, `coxswain export`: what is made from records                      |
 //! | [`experiment`] | controllers compared in scenarios                                                    |
 //! | [`in_process`] | the whole graph in one process, in lock step                                          |
 //! | [`terminal`] | everything that is printed                                                           |
@@ -44,6 +45,7 @@ pub mod launch;
 pub mod lookout;
 pub mod options;
 pub mod progress;
+pub mod records;
 pub mod role;
 pub mod roster;
 pub mod saboteur;

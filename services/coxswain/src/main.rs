@@ -6,6 +6,7 @@ use coxswain::drill::{self, DrillOptions};
 use coxswain::experiment::{self, CompareOptions};
 use coxswain::lookout::{self, WatchOptions};
 use coxswain::options::Options;
+use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
 use coxswain::terminal::Terminal;
 use process::Stop;
 use std::io;
@@ -34,6 +35,14 @@ enum Command {
     ///
     /// Exit code 0 if no promise was broken, 1 if one was or the drill could not be done, 2 if what was said cannot be.
     Drill(DrillOptions),
+    /// Make one page with every figure of a run, or of several in the same figures.
+    ///
+    /// Exit code 2 if there is no record to read, 1 if the page cannot be written.
+    Report(ReportOptions),
+    /// Write a record as tables: one CSV file per topic.
+    ///
+    /// Exit code 2 if there is no record to read or the folder is not empty, 1 if a table cannot be written.
+    Export(ExportOptions),
     /// Compare controllers in closed loops, in lock step and in one process.
     #[command(subcommand)]
     Experiment(Experiment),
@@ -50,7 +59,19 @@ fn main() -> ExitCode {
         Command::Launch(options) => launch(&options),
         Command::Watch(options) => watch(&options),
         Command::Drill(options) => drill(&options),
+        Command::Report(options) => made(records::report(&options)),
+        Command::Export(options) => made(records::export(&options)),
         Command::Experiment(Experiment::Compare(options)) => compare(&options),
+    }
+}
+
+fn made(outcome: Result<(), RecordsError>) -> ExitCode {
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Every topic to an MCAP file, and the summary made from it.
+//! Every topic to an MCAP file, and what is made from it: the summary, the report, tables.
 //!
 //! | module       | what it holds                                                           |
 //! |--------------|-------------------------------------------------------------------------|
@@ -6,8 +6,12 @@
 //! | [`settings`] | what a person may set                                                   |
 //! | `store`      | where the record goes while the disk is full: nowhere, and is counted   |
 //! | [`segment`]  | one MCAP file of the record, open for writing                           |
+//! | [`reader`]   | MCAP files → messages                                                   |
 //! | [`rows`]     | what the summary needs, read back from the files                        |
 //! | [`summary`]  | rows → the figures of `summary.json`                                    |
+//! | [`report`]   | records → one page with every figure                                    |
+//! | [`export`]   | a record → one table (CSV) per topic                                    |
+//! | `whole`      | bytes → a file that is there whole, or not at all                       |
 //! | `grant`      | how far the plant's clock may run ahead of the record, in lock step     |
 //! | `intake`     | a reader for each topic                                                 |
 //! | [`visual`]   | states and plans → what public viewers draw                             |
@@ -23,8 +27,11 @@
 //! # Ok::<(), recorder::rows::ReadError>(())
 //! ```
 
+pub mod export;
 mod grant;
 mod intake;
+pub mod reader;
+pub mod report;
 pub mod rows;
 pub mod run;
 pub mod segment;
@@ -32,3 +39,4 @@ pub mod settings;
 mod store;
 pub mod summary;
 pub mod visual;
+mod whole;

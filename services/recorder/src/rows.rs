@@ -2,20 +2,14 @@
 //!
 //! A segment that was cut off by a kill -9 gives what is there.
 
-use mcap::io::MessageReader;
-use mcap::sans_io::LinearReaderOptions;
+use crate::reader;
 use protocol::message::{Plan, PlantState, Rung, Stamp, Truth};
 use protocol::topic::Topic;
 use protocol::view::words;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::fs::File;
-use std::io::BufReader;
 use std::path::{Path, PathBuf};
-
-/// Longest part of a segment that is taken for one: far beyond every chunk, and what a damaged length cannot make this process reserve.
-const RECORD_BYTES_MAX: usize = 1 << 26;
 
 /// A segment cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -163,21 +157,13 @@ impl Rows {
     }
 
     fn read_segment(&mut self, path: &Path) -> std::io::Result<()> {
-        let options = LinearReaderOptions::default().with_skip_end_magic(true).with_record_length_limit(RECORD_BYTES_MAX);
-        for message in MessageReader::new_with_options(BufReader::new(File::open(path)?), options) {
-            match message {
-                Ok(message) => {
-                    if let Err(error) = self.add(&message.channel.topic, &message.data) {
-                        tracing::warn!(path = %path.display(), topic = message.channel.topic, %error, "message passed over");
-                    }
-                }
-                Err(error) => {
-                    tracing::warn!(path = %path.display(), %error, "the segment ends early");
-                    break;
-                }
+        reader::messages(path, |message| {
+            if let Err(error) = self.add(&message.channel.topic, &message.data) {
+                tracing::warn!(path = %path.display(), topic = message.channel.topic, %error, "message passed over");
             }
-        }
-        Ok(())
+            Ok(())
+        })
+        .map(drop)
     }
 
     /// Adds one recorded message, unless it is there already. A restarted recorder gets the last message of some topics once more.
@@ -187,34 +173,20 @@ impl Rows {
         };
         match topic {
             Topic::State => {
-                let row: StateRow = serde_json::from_slice(json)?;
-                if self.count(topic, row.stamp) {
-                    self.states.push(row);
-                }
+                self.add_state(serde_json::from_slice(json)?);
             }
             Topic::Truth => {
-                let row: TruthRow = serde_json::from_slice(json)?;
-                if self.count(topic, row.stamp) {
-                    self.truths.push(row);
-                }
+                self.add_truth(serde_json::from_slice(json)?);
             }
             Topic::Plan => {
-                let row: PlanRow = serde_json::from_slice(json)?;
-                if self.count(topic, row.stamp) {
-                    self.plans.push(row);
-                }
+                self.add_plan(serde_json::from_slice(json)?);
             }
             Topic::Health => {
-                let row: HealthRow = serde_json::from_slice(json)?;
-                if self.count(topic, row.stamp) {
-                    self.healths.insert(row.stamp.writer, row);
-                }
+                self.add_health(serde_json::from_slice(json)?);
             }
             Topic::Command => {
                 let Stamped { stamp } = serde_json::from_slice(json)?;
-                if self.count(topic, stamp) {
-                    self.controller_epochs.insert(stamp.epoch);
-                }
+                self.add_command(stamp);
             }
             Topic::Residual | Topic::Snapshot | Topic::Credit => {
                 let Stamped { stamp } = serde_json::from_slice(json)?;
@@ -224,8 +196,53 @@ impl Rows {
         Ok(())
     }
 
+    /// Adds a recorded state. False if it is there already.
+    pub(crate) fn add_state(&mut self, row: StateRow) -> bool {
+        let new = self.count(Topic::State, row.stamp);
+        if new {
+            self.states.push(row);
+        }
+        new
+    }
+
+    /// Adds a recorded truth. False if it is there already.
+    pub(crate) fn add_truth(&mut self, row: TruthRow) -> bool {
+        let new = self.count(Topic::Truth, row.stamp);
+        if new {
+            self.truths.push(row);
+        }
+        new
+    }
+
+    /// Adds a recorded plan. False if it is there already.
+    pub(crate) fn add_plan(&mut self, row: PlanRow) -> bool {
+        let new = self.count(Topic::Plan, row.stamp);
+        if new {
+            self.plans.push(row);
+        }
+        new
+    }
+
+    /// Adds a recorded Health. False if it is there already.
+    pub(crate) fn add_health(&mut self, row: HealthRow) -> bool {
+        let new = self.count(Topic::Health, row.stamp);
+        if new {
+            self.healths.insert(row.stamp.writer, row);
+        }
+        new
+    }
+
+    /// Adds the stamp of a recorded command. False if it is there already.
+    pub(crate) fn add_command(&mut self, stamp: Mark) -> bool {
+        let new = self.count(Topic::Command, stamp);
+        if new {
+            self.controller_epochs.insert(stamp.epoch);
+        }
+        new
+    }
+
     /// Counts what is missing before this message. False if the message is not new.
-    fn count(&mut self, topic: Topic, stamp: Mark) -> bool {
+    pub(crate) fn count(&mut self, topic: Topic, stamp: Mark) -> bool {
         let last = self.last.entry((topic, stamp.writer, stamp.epoch)).or_default();
         if stamp.sequence <= *last {
             return false;
@@ -243,16 +260,22 @@ fn number(value: Option<f64>) -> f64 {
     value.unwrap_or(f64::NAN)
 }
 
-fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 3], D::Error> {
-    <[Option<f64>; 3]>::deserialize(deserializer).map(|values| values.map(number))
+pub(crate) fn numbers<'de, D: Deserializer<'de>, const N: usize>(deserializer: D) -> Result<[f64; N], D::Error>
+where
+    [Option<f64>; N]: Deserialize<'de>,
+{
+    <[Option<f64>; N]>::deserialize(deserializer).map(|values| values.map(number))
 }
 
-fn first_row<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 6], D::Error> {
-    let rows = Vec::<[Option<f64>; 6]>::deserialize(deserializer)?;
-    rows.first().map(|row| row.map(number)).ok_or_else(|| D::Error::custom("no reference"))
+pub(crate) fn first_row<'de, D: Deserializer<'de>, const N: usize>(deserializer: D) -> Result<[f64; N], D::Error>
+where
+    [Option<f64>; N]: Deserialize<'de>,
+{
+    let rows = Vec::<[Option<f64>; N]>::deserialize(deserializer)?;
+    rows.first().map(|row| row.map(number)).ok_or_else(|| D::Error::custom("no row"))
 }
 
-fn rung<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Rung, D::Error> {
+pub(crate) fn rung<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Rung, D::Error> {
     let word = String::deserialize(deserializer)?;
     words::rung(&word).ok_or_else(|| D::Error::custom(format_args!("{word:?} is no rung")))
 }

@@ -8,14 +8,15 @@ mod figures;
 mod tests;
 
 use crate::rows::{HealthRow, PlanRow, Rows, StateRow};
-use figures::{Deviation, Window, largest, percentile, root_mean_square, settled_at};
+use crate::whole;
+pub(crate) use figures::root_mean_square;
+use figures::{Deviation, Window, largest, percentile, settled_at};
 use protocol::message::{Participant, Rung};
 use protocol::topic::{TOPIC_COUNT, Topic};
 use serde::ser::{Serialize, Serializer};
 use std::collections::BTreeMap;
-use std::io::Write;
+use std::io;
 use std::path::{Path, PathBuf};
-use std::{fs, io};
 
 /// Within this distance of the reference the robot has arrived \[m\].
 pub const ARRIVAL_BAND_M: f64 = 0.10;
@@ -140,14 +141,10 @@ impl Summary {
     /// [`SummaryError`].
     pub fn write(&self, folder: &Path) -> Result<(), SummaryError> {
         let path = folder.join("summary.json");
-        let half = folder.join("summary.json.tmp");
         let write = || -> io::Result<()> {
             let mut json = serde_json::to_vec_pretty(self)?;
             json.push(b'\n');
-            let mut file = fs::File::create(&half)?;
-            file.write_all(&json)?;
-            file.sync_all()?;
-            fs::rename(&half, &path)
+            whole::write(&path, &json)
         };
         write().map_err(|source| SummaryError { path: path.clone(), source })
     }

@@ -1,12 +1,10 @@
-//! What a run recorded, read with nothing but the public reader.
+//! What a run recorded, message by message.
 
-use mcap::io::MessageReader;
-use mcap::sans_io::LinearReaderOptions;
 use protocol::topic::Topic;
+use recorder::reader;
 use serde_json::Value;
-use std::fs::{self, File};
-use std::io::{self, BufReader};
 use std::path::Path;
+use std::{fs, io};
 
 /// One recorded message.
 #[derive(Debug, Clone)]
@@ -75,14 +73,13 @@ impl Record {
         segments.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
         let mut messages = Vec::new();
         for segment in segments {
-            let options = LinearReaderOptions::default().with_skip_end_magic(true);
-            for message in MessageReader::new_with_options(BufReader::new(File::open(segment)?), options) {
-                let Ok(message) = message else { break };
+            reader::messages(&segment, |message| {
                 let (topic, mut says) = (message.channel.topic.clone(), serde_json::from_slice(&message.data)?);
                 if keep(&topic, &mut says) {
                     messages.push(Message { topic, says });
                 }
-            }
+                Ok(())
+            })?;
         }
         let summary = match fs::read_to_string(folder.join("summary.json")) {
             Ok(text) => serde_json::from_str(&text)?,

@@ -71,7 +71,7 @@ pub(super) fn largest(values: impl Iterator<Item = f64>) -> Option<f64> {
 }
 
 /// √(Σ x² / n).
-pub(super) fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
+pub(crate) fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (count, sum) = values.fold((0_u64, 0.0), |(count, sum), value| (count + 1, sum + value * value));
     let mean = sum / count as f64;
     mean.is_finite().then(|| mean.sqrt())

@@ -1,0 +1,78 @@
+//! `coxswain report`, `coxswain export`: what is made from records.
+
+use crate::terminal::{self, Terminal};
+use clap::Args;
+use recorder::export::{self, ExportError};
+use recorder::report::{self, ReportError};
+use std::path::PathBuf;
+
+/// Which records, and where the page goes.
+#[derive(Debug, Clone, Args)]
+pub struct ReportOptions {
+    /// Records, or folders of runs; several are drawn in the same figures.
+    #[arg(required = true, value_name = "RUN")]
+    pub records: Vec<PathBuf>,
+    /// The page; by default report.html beside the first record.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
+/// Which record, and where the tables go.
+#[derive(Debug, Clone, Args)]
+pub struct ExportOptions {
+    /// A record, or the folder of a run.
+    #[arg(value_name = "RUN")]
+    pub record: PathBuf,
+    /// Folder of the tables, new or empty.
+    #[arg(long, value_name = "DIR")]
+    pub csv: PathBuf,
+}
+
+/// Nothing was made.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordsError {
+    /// No page.
+    #[error(transparent)]
+    Report(#[from] ReportError),
+    /// No tables.
+    #[error(transparent)]
+    Export(#[from] ExportError),
+}
+
+impl RecordsError {
+    /// 1 if the system did not let it be written, 2 if what was said cannot be.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Report(ReportError::Write { .. }) | Self::Export(ExportError::Write { .. }) => 1,
+            Self::Report(_) | Self::Export(_) => 2,
+        }
+    }
+}
+
+/// Makes the page, and prints where it is.
+///
+/// # Errors
+/// [`RecordsError`].
+pub fn report(options: &ReportOptions) -> Result<(), RecordsError> {
+    let beside = options.records.first().map(|record| report::beside(record)).unwrap_or_default();
+    let out = options.out.clone().unwrap_or(beside);
+    report::write(&options.records, &out)?;
+    terminal::print(out.display());
+    Ok(())
+}
+
+/// Writes the tables, and prints each with its rows.
+///
+/// # Errors
+/// [`RecordsError`].
+pub fn export(options: &ExportOptions) -> Result<(), RecordsError> {
+    let exported = export::write(&options.record, &options.csv)?;
+    for (topic, rows) in &exported.rows {
+        let file = options.csv.join(topic.name()).with_extension("csv");
+        terminal::print(format_args!("{}: {rows} rows", file.display()));
+    }
+    for file in &exported.ended_early {
+        Terminal::new().say(format_args!("{} ends early, and was read as far as it goes", file.display()));
+    }
+    Ok(())
+}

@@ -1,0 +1,171 @@
+//! MCAP files → messages, one after another, and what is said of the run at their head.
+//!
+//! A file that was cut off by a kill -9 gives what is there.
+
+use crate::segment;
+use mcap::io::MessageReader;
+use mcap::records::{Metadata, Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{MAGIC, McapError, Message};
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// Longest part of a file that is taken for one: far beyond every chunk, and what a damaged length cannot make this process reserve.
+const RECORD_BYTES_MAX: usize = 1 << 26;
+
+/// How a file ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// With its end mark.
+    Whole,
+    /// Before it: cut off, damaged, or still being written.
+    Early,
+    /// It does not even begin as an MCAP file.
+    Foreign,
+}
+
+/// What is said of the run at the head of a file.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Head {
+    /// Name of its graph.
+    pub graph: String,
+    /// Whose time it is.
+    pub pace: String,
+    /// Control period, if the file says one \[ns\].
+    pub period_nanos: Option<u64>,
+}
+
+/// There is no record to read.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceError {
+    /// A folder without a record.
+    #[error("{}: expected a record, or the folder of a run with record.mcap in it", path.display())]
+    NoFiles {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A file of another kind.
+    #[error("{}: expected a record (MCAP); this is none", path.display())]
+    NoRecord {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A file cannot be read.
+    #[error("{} cannot be read: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+}
+
+/// The files of the record at `path`: a file, or the folder of a run.
+///
+/// # Errors
+/// [`SourceError::NoFiles`] if it is a folder without a record.
+pub fn files(path: &Path) -> Result<Vec<PathBuf>, SourceError> {
+    if !path.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let files = segment::paths(path);
+    if files.is_empty() { Err(SourceError::NoFiles { path: path.to_owned() }) } else { Ok(files) }
+}
+
+/// Hands each message of `files` to `take`, file after file. Returns those that end early.
+///
+/// # Errors
+/// [`SourceError`], or what `take` says.
+pub fn all_messages<E: From<SourceError>>(
+    files: &[PathBuf],
+    mut take: impl FnMut(&Message<'_>) -> Result<(), E>,
+) -> Result<Vec<PathBuf>, E> {
+    let mut ended_early = Vec::new();
+    for file in files {
+        let mut refused = None;
+        let read = messages(file, |message| {
+            take(message).map_err(|error| {
+                refused = Some(error);
+                io::Error::other("refused")
+            })
+        });
+        if let Some(error) = refused {
+            return Err(error);
+        }
+        match read.map_err(|source| SourceError::Read { path: file.clone(), source })? {
+            Ending::Whole => {}
+            Ending::Early => ended_early.push(file.clone()),
+            Ending::Foreign => return Err(SourceError::NoRecord { path: file.clone() }.into()),
+        }
+    }
+    Ok(ended_early)
+}
+
+/// Hands each message of the file at `path` to `take`, in the order of the file, as far as it goes.
+///
+/// # Errors
+/// If it cannot be opened, or `take` refuses.
+pub fn messages(path: &Path, mut take: impl FnMut(&Message<'_>) -> io::Result<()>) -> io::Result<Ending> {
+    let mut file = File::open(path)?;
+    for message in MessageReader::new_with_options(BufReader::new(&file), options()) {
+        match message {
+            Ok(message) => take(&message)?,
+            Err(McapError::BadMagic) => return Ok(Ending::Foreign),
+            Err(error) => {
+                tracing::warn!(path = %path.display(), %error, "the segment ends early");
+                return Ok(Ending::Early);
+            }
+        }
+    }
+    Ok(if ends_whole(&mut file)? { Ending::Whole } else { Ending::Early })
+}
+
+/// What the file at `path` says of its run; nothing where it does not say it.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn head(path: &Path) -> io::Result<Head> {
+    let mut file = BufReader::new(File::open(path)?);
+    let mut reader = LinearReader::new_with_options(options());
+    while let Some(Ok(event)) = reader.next_event() {
+        match event {
+            LinearReadEvent::ReadRequest(need) => {
+                let read = file.read(reader.insert(need))?;
+                reader.notify_read(read);
+            }
+            LinearReadEvent::Record { opcode: op::METADATA, data } => {
+                if let Ok(Record::Metadata(said)) = mcap::parse_record(op::METADATA, data)
+                    && said.name == "coxswain"
+                {
+                    return Ok(Head::of(&said));
+                }
+            }
+            // It is said before the first message.
+            LinearReadEvent::Record { opcode: op::MESSAGE, .. } => break,
+            LinearReadEvent::Record { .. } => {}
+        }
+    }
+    Ok(Head::default())
+}
+
+impl Head {
+    fn of(said: &Metadata) -> Self {
+        let word = |key: &str| said.metadata.get(key).cloned().unwrap_or_default();
+        Self { graph: word("graph"), pace: word("pace"), period_nanos: word("period_nanos").parse().ok().filter(|&nanos| nanos > 0) }
+    }
+}
+
+fn options() -> LinearReaderOptions {
+    LinearReaderOptions::default().with_skip_end_magic(true).with_record_length_limit(RECORD_BYTES_MAX)
+}
+
+fn ends_whole(file: &mut File) -> io::Result<bool> {
+    if file.metadata()?.len() < 2 * MAGIC.len() as u64 {
+        return Ok(false);
+    }
+    file.seek(SeekFrom::End(-8))?;
+    let mut end = [0; 8];
+    file.read_exact(&mut end)?;
+    Ok(end == MAGIC)
+}

@@ -1,0 +1,126 @@
+//! records → `report.html`: one page with the figures of the paper's section 6 and ours, that needs nothing else.
+//!
+//! | module     | what it holds                                                                  |
+//! |------------|--------------------------------------------------------------------------------|
+//! | `record`   | the files of one run → what its figures need                                   |
+//! | `heard`    | recorded JSON → what they need of each message                                 |
+//! | `events`   | what happened, and when                                                        |
+//! | `coverage` | residuals against the interval that the learned model gave for them            |
+//! | `tracking` | path and tracking errors (the paper's figures 3 and 4)                         |
+//! | `motion`   | velocities and wheel speeds (5 and 6)                                          |
+//! | `learning` | residual before and after, models, variance band                               |
+//! | `running`  | tick times, rungs and faults                                                   |
+//! | `table`    | the summary table                                                              |
+//! | `figure`   | one figure: panels, legend, what is missing                                    |
+//! | `panel`    | axes, lines, bands and marks → SVG                                             |
+//! | `axis`     | numbers → places, with ticks                                                   |
+//! | `thin`     | many points → as many as can be seen                                           |
+//! | `page`     | figures and table → HTML                                                       |
+//!
+//! A record is read once, message by message; what is kept of each period is about half a kilobyte. The page has at most so many points per line as
+//! it has columns, whatever the length of the run.
+
+mod axis;
+mod coverage;
+mod events;
+mod figure;
+mod heard;
+mod learning;
+mod motion;
+mod page;
+mod panel;
+mod record;
+mod running;
+mod table;
+mod thin;
+mod tracking;
+
+use crate::reader::SourceError;
+use crate::whole;
+use record::Record;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// There is no report.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// Nothing to read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// Nothing to draw.
+    #[error("{}: expected a record with at least one message of topic \"state\"; this has none", path.display())]
+    NoStates {
+        /// The record.
+        path: PathBuf,
+    },
+    /// Ticks without a period have no time.
+    #[error("{}: expected a record that says its control period (metadata \"coxswain\", \"period_nanos\", up to one hour)", path.display())]
+    NoPeriod {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The page would take a record's place.
+    #[error("{}: expected another file to write to: this is one of the records", path.display())]
+    OverRecord {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The page cannot be written.
+    #[error("{} cannot be written: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+}
+
+/// Writes one page about `records`, files or folders of runs, to `out`: whole, or not at all.
+///
+/// # Errors
+/// [`ReportError`].
+pub fn write(records: &[PathBuf], out: &Path) -> Result<(), ReportError> {
+    let records = read(records)?;
+    let place = out.canonicalize().ok();
+    if records.iter().flat_map(|record| &record.files).any(|file| place.is_some() && file.canonicalize().ok() == place) {
+        return Err(ReportError::OverRecord { path: out.to_owned() });
+    }
+    let page = page::page(&records);
+    whole::write(out, page.as_bytes()).map_err(|source| ReportError::Write { path: out.to_owned(), source })
+}
+
+/// The page about `records` as HTML.
+///
+/// # Errors
+/// [`ReportError`].
+pub fn page(records: &[PathBuf]) -> Result<String, ReportError> {
+    Ok(page::page(&read(records)?))
+}
+
+fn read(records: &[PathBuf]) -> Result<Vec<Record>, ReportError> {
+    Ok(named_apart(records.iter().map(|path| Record::read(path)).collect::<Result<Vec<_>, _>>()?))
+}
+
+/// Where the report of the record at `path` goes unless somebody says otherwise: beside it.
+pub fn beside(path: &Path) -> PathBuf {
+    if path.is_dir() { path.join("report.html") } else { path.with_file_name("report.html") }
+}
+
+/// The same records, with names that tell several of them apart.
+fn named_apart(mut records: Vec<Record>) -> Vec<Record> {
+    if records.len() > 1 {
+        for index in 0..records.len() {
+            let (before, rest) = records.split_at_mut(index);
+            let Some(record) = rest.first_mut() else { continue };
+            let plain = record.name.clone();
+            let controller = if record.learned() { "learned MPC" } else { "MPC" };
+            record.name = format!("{plain} ({controller})");
+            let mut number = 2;
+            while before.iter().any(|other| other.name == record.name) {
+                record.name = format!("{plain} {number} ({controller})");
+                number += 1;
+            }
+        }
+    }
+    records
+}

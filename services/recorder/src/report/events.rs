@@ -1,0 +1,169 @@
+//! gate, health and list of injected faults → what happened, and when.
+
+use super::heard::{GateWords, Health};
+use protocol::message::Rung;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+/// So many events are kept; more are only counted.
+const EVENTS_MAX: usize = 500;
+
+/// The same thing within so many ticks is one event.
+const SAME_WITHIN_TICKS: u64 = 20;
+
+/// One thing that happened, perhaps several times in a row.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Event {
+    /// When it happened first.
+    pub(super) tick: u64,
+    /// And last.
+    pub(super) until: u64,
+    /// What.
+    pub(super) what: String,
+    /// How often.
+    pub(super) count: u64,
+}
+
+/// Notes them in the order of the record.
+#[derive(Debug, Default)]
+pub(super) struct Log {
+    events: Vec<Event>,
+    more: u64,
+    rung: Option<Rung>,
+    refused: Option<u64>,
+    /// By participant: its process instance and what it had counted.
+    roles: BTreeMap<String, Role>,
+    /// The last one that was heard of.
+    tick: u64,
+}
+
+#[derive(Debug, Default)]
+struct Role {
+    writer: u64,
+    models_left: u64,
+    snapshots_refused: u64,
+    lost: u64,
+    last_error: String,
+}
+
+/// One line of `injected.jsonl`.
+#[derive(Debug, Deserialize)]
+struct Injected {
+    kind: String,
+    participant: Option<String>,
+    nanos: u64,
+    millis: Option<u64>,
+}
+
+impl Log {
+    /// Forgets the run of an earlier plant, but not who was there.
+    pub(super) fn start_over(&mut self) {
+        (self.events, self.more) = (Vec::new(), 0);
+        (self.rung, self.refused, self.tick) = (None, None, 0);
+    }
+
+    /// Hears what the gate did in a period.
+    pub(super) fn hear_gate(&mut self, words: &GateWords) {
+        self.tick = self.tick.max(words.tick);
+        let reason = if words.reason == "-" { String::new() } else { format!(" ({})", words.reason) };
+        if self.rung.replace(words.rung) != Some(words.rung) && !matches!(words.rung, Rung::FreshPlan | Rung::Waiting) {
+            self.note(words.tick, format!("rung: {}{reason}", words.rung));
+        }
+        let refused = self.refused.replace(words.refused);
+        if refused.is_some_and(|before| words.refused > before) {
+            self.note(words.tick, format!("the gate refused a command{reason}"));
+        }
+    }
+
+    /// Hears how a process is.
+    pub(super) fn hear_health(&mut self, health: &Health) {
+        let (tick, who, lost) = (self.tick, &health.participant, health.lost());
+        let mut told = Vec::new();
+        let role = self.roles.entry(who.clone()).or_insert_with(|| Role { writer: health.stamp.writer, ..Role::default() });
+        if role.writer != health.stamp.writer {
+            *role = Role { writer: health.stamp.writer, ..Role::default() };
+            told.push(format!("{who}: another process has taken its place"));
+        }
+        if health.models_left > role.models_left {
+            told.push(format!("{who}: left a model on an axis, where it had turned worse than none"));
+        }
+        if health.snapshots_refused > role.snapshots_refused {
+            told.push(format!("{who}: refused a model"));
+        }
+        if lost > role.lost {
+            told.push(format!("{who}: messages lost on the way to it"));
+        }
+        if health.last_error != role.last_error && !health.last_error.is_empty() {
+            told.push(format!("{who}: {}", health.last_error));
+        }
+        (role.models_left, role.snapshots_refused, role.lost) = (health.models_left, health.snapshots_refused, lost);
+        role.last_error.clone_from(&health.last_error);
+        for what in told {
+            self.note(tick, what);
+        }
+    }
+
+    /// Reads the list of faults that were injected into processes, if there is one in `folder`. `tick_at` finds the tick of a moment.
+    pub(super) fn read_injected(&mut self, folder: &Path, tick_at: impl Fn(u64) -> Option<u64>) {
+        let list = fs::read_to_string(folder.join("injected.jsonl")).unwrap_or_default();
+        for injected in list.lines().filter_map(|line| serde_json::from_str::<Injected>(line).ok()) {
+            let Some(tick) = tick_at(injected.nanos) else { continue };
+            let whom = injected.participant.map_or_else(String::new, |participant| format!(" {participant}"));
+            let lasts = injected.millis.map_or_else(String::new, |millis| format!(" for {millis} ms"));
+            self.note(tick, format!("injected: {}{whom}{lasts}", injected.kind));
+        }
+    }
+
+    fn note(&mut self, tick: u64, what: String) {
+        let mut recent = self.events.iter_mut().rev().take(8);
+        let same = recent.find(|event| event.what == what && tick.saturating_sub(event.until) <= SAME_WITHIN_TICKS);
+        if let Some(event) = same {
+            (event.until, event.count) = (event.until.max(tick), event.count + 1);
+        } else if self.events.len() < EVENTS_MAX {
+            self.events.push(Event { tick, until: tick, what, count: 1 });
+        } else {
+            self.more += 1;
+        }
+    }
+
+    /// In the order of time, and how many more there were.
+    pub(super) fn finish(mut self) -> (Vec<Event>, u64) {
+        self.events.sort_by_key(|event| event.tick);
+        (self.events, self.more)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gate(tick: u64, rung: Rung, refused: u64) -> GateWords {
+        GateWords { epoch: 1, tick, rung, reason: "too old".into(), refused }
+    }
+
+    #[test]
+    fn what_happens_again_and_again_is_one_event_that_says_how_often() {
+        let mut log = Log::default();
+        for tick in 0..100 {
+            log.hear_gate(&gate(tick, Rung::FreshPlan, tick));
+        }
+        log.hear_gate(&gate(300, Rung::FreshPlan, 100));
+        let (events, more) = log.finish();
+        assert_eq!((events.len(), more), (2, 0), "{events:?}");
+        assert_eq!((events[0].tick, events[0].until, events[0].count), (1, 99, 99));
+        assert_eq!((events[1].tick, events[1].count), (300, 1));
+    }
+
+    #[test]
+    fn leaving_fresh_plans_is_told_and_coming_back_is_not() {
+        let mut log = Log::default();
+        for (tick, rung) in [(0, Rung::Waiting), (1, Rung::FreshPlan), (2, Rung::StoredTail), (3, Rung::Brake), (60, Rung::FreshPlan)] {
+            log.hear_gate(&gate(tick, rung, 0));
+        }
+        let (events, _) = log.finish();
+        let told: Vec<_> = events.iter().map(|event| event.what.as_str()).collect();
+        assert_eq!(told, ["rung: stored tail (too old)", "rung: brake (too old)"]);
+    }
+}

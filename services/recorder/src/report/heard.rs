@@ -1,0 +1,157 @@
+//! recorded JSON → what the figures need of each message, beside the rows of the summary.
+
+use crate::rows::{HealthRow, Mark, PlanRow, StateRow, first_row, numbers, rung};
+use protocol::message::Rung;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// A PlantState.
+#[derive(Debug, Deserialize)]
+pub(super) struct State {
+    stamp: Mark,
+    accepted_epoch: u64,
+    #[serde(deserialize_with = "rung")]
+    rung: Rung,
+    reason: String,
+    refused: u64,
+    #[serde(deserialize_with = "numbers")]
+    pose: [f64; 3],
+    #[serde(deserialize_with = "numbers")]
+    velocity: [f64; 3],
+    #[serde(deserialize_with = "numbers")]
+    wheel_speed: [f64; 4],
+}
+
+/// What was measured at one tick, and what the gate did in the period before.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct StateTick {
+    pub(super) tick: u64,
+    /// x, y, yaw \[m, m, rad\].
+    pub(super) pose: [f64; 3],
+    /// Forward, left, yaw \[m/s, m/s, rad/s\].
+    pub(super) velocity: [f64; 3],
+    /// Front-right, front-left, rear-left, rear-right \[rad/s\].
+    pub(super) wheel_speed: [f64; 4],
+    pub(super) rung: Rung,
+}
+
+/// What the gate said of a period.
+#[derive(Debug)]
+pub(super) struct GateWords {
+    pub(super) epoch: u64,
+    pub(super) tick: u64,
+    pub(super) rung: Rung,
+    pub(super) reason: String,
+    /// Commands refused so far.
+    pub(super) refused: u64,
+}
+
+impl State {
+    pub(super) fn parts(self) -> (StateRow, StateTick, GateWords) {
+        let Self { stamp, accepted_epoch, rung, reason, refused, pose, velocity, wheel_speed } = self;
+        (
+            StateRow { stamp, accepted_epoch, rung },
+            StateTick { tick: stamp.tick, pose, velocity, wheel_speed, rung },
+            GateWords { epoch: stamp.epoch, tick: stamp.tick, rung, reason, refused },
+        )
+    }
+}
+
+/// A Plan.
+#[derive(Debug, Deserialize)]
+pub(super) struct Plan {
+    stamp: Mark,
+    plant_epoch: u64,
+    tick_nanos: u64,
+    model_version: u64,
+    learned_axes: u32,
+    #[serde(deserialize_with = "first_row")]
+    reference: [f64; 6],
+    #[serde(deserialize_with = "numbers")]
+    residual: [f64; 3],
+    #[serde(deserialize_with = "numbers")]
+    innovation: [f64; 3],
+    #[serde(deserialize_with = "numbers")]
+    disturbance: [f64; 3],
+    #[serde(deserialize_with = "first_row")]
+    variance: [f64; 3],
+}
+
+/// What the controller believed at one tick.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct PlanTick {
+    pub(super) tick: u64,
+    /// State received to command sent \[ns\].
+    pub(super) tick_nanos: u64,
+    /// Version of the learned model in use; 0 is the main model alone.
+    pub(super) version: u64,
+    /// Axes on which it is used: 1 forward, 2 left, 4 yaw, added up.
+    pub(super) learned_axes: u32,
+    /// x, y, yaw, forward, left and yaw velocity \[m, m, rad, m/s, m/s, rad/s\].
+    pub(super) reference: [f64; 6],
+    /// One-step error of the main model in the period before \[m/s, m/s, rad/s\].
+    pub(super) residual: [f64; 3],
+    /// The same of the whole model.
+    pub(super) innovation: [f64; 3],
+    /// Part of it that the observer has said.
+    pub(super) disturbance: [f64; 3],
+    /// Variance of the learned residual of the period that begins \[(m/s)², (m/s)², (rad/s)²\].
+    pub(super) variance: [f64; 3],
+}
+
+impl Plan {
+    pub(super) fn parts(self) -> (PlanRow, PlanTick) {
+        let Self { stamp, plant_epoch, tick_nanos, model_version: version, learned_axes, reference, .. } = self;
+        let Self { residual, innovation, disturbance, variance, .. } = self;
+        let tick = PlanTick { tick: stamp.tick, tick_nanos, version, learned_axes, reference, residual, innovation, disturbance, variance };
+        (PlanRow { stamp, plant_epoch, tick_nanos, reference }, tick)
+    }
+}
+
+/// A ResidualSample.
+#[derive(Debug, Deserialize)]
+pub(super) struct Sample {
+    pub(super) stamp: Mark,
+    pub(super) plant_epoch: u64,
+    pub(super) usable: u32,
+}
+
+/// A ModelSnapshot.
+#[derive(Debug, Deserialize)]
+pub(super) struct Snapshot {
+    pub(super) stamp: Mark,
+    pub(super) version: u64,
+    /// Of a new sample beyond that of the function; records of the first versions have none.
+    #[serde(default)]
+    pub(super) sample_variance: Option<[Option<f64>; 3]>,
+}
+
+/// A Health.
+#[derive(Debug, Deserialize)]
+pub(super) struct Health {
+    pub(super) stamp: Mark,
+    pub(super) participant: String,
+    stalled_nanos: u64,
+    snapshots: u64,
+    received: BTreeMap<String, u64>,
+    lost: BTreeMap<String, u64>,
+    #[serde(default)]
+    pub(super) models_left: u64,
+    #[serde(default)]
+    pub(super) snapshots_refused: u64,
+    #[serde(default)]
+    pub(super) last_error: String,
+}
+
+impl Health {
+    pub(super) fn row(&self) -> HealthRow {
+        let Self { stamp, participant, stalled_nanos, snapshots, received, lost, .. } = self;
+        let (participant, received, lost) = (participant.clone(), received.clone(), lost.clone());
+        HealthRow { stamp: *stamp, participant, stalled_nanos: *stalled_nanos, snapshots: *snapshots, received, lost }
+    }
+
+    /// Messages lost on the way to it, on all topics.
+    pub(super) fn lost(&self) -> u64 {
+        self.lost.values().copied().fold(0, u64::saturating_add)
+    }
+}
