@@ -67,6 +67,16 @@ fn both_draw_the_error_of_the_record_and_end_on_ctrl_c() -> Outcome {
 }
 
 #[test]
+fn both_say_what_they_need() -> Outcome {
+    for mut program in programs()? {
+        let output = program.output()?;
+        assert_eq!(output.status.code(), Some(2));
+        assert!(String::from_utf8_lossy(&output.stderr).contains("error_live"));
+    }
+    Ok(())
+}
+
+#[test]
 fn both_say_so_when_nobody_answers() -> Outcome {
     for mut program in programs()? {
         let output = program.arg("tcp/127.0.0.1:1").output()?;

@@ -13,9 +13,13 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 /// How often its reader looks whether it is still wanted.
 const PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 20_000_000 };
+
+/// A picture is drawn within much less, and the next begins after more.
+const MOMENT: Duration = Duration::from_millis(30);
 
 /// The program and its terminal; it does not outlive this value.
 pub struct Screen {
@@ -104,6 +108,20 @@ impl Screen {
     /// As [`wait`](Self::wait).
     pub fn wait_for(&mut self, words: &[&str]) -> Result<String, Box<dyn Error>> {
         self.wait(&format!("{words:?}"), |text| words.iter().all(|word| text.contains(word)))
+    }
+
+    /// The text on the screen, not in the middle of a change.
+    ///
+    /// # Errors
+    /// If it never stands still for a moment.
+    pub fn settled(&self) -> Result<String, Box<dyn Error>> {
+        let mut text = self.text();
+        wait_until("a moment without a change", || {
+            thread::sleep(MOMENT);
+            let before = std::mem::replace(&mut text, self.text());
+            before == text
+        })?;
+        Ok(text)
     }
 
     /// Types.

@@ -36,11 +36,11 @@ def main() -> None:
     config.insert_json5("transport/shared_memory/enabled", "false")  # else a killed client leaves a file in /dev/shm
     plans = queue.Queue()
     try:
-        with zenoh.open(config) as session:
-            session.declare_subscriber(f"coxswain/{robot}/plan/json", lambda sample: plans.put(sample.payload.to_string()))
+        key = f"coxswain/{robot}/plan/json"
+        with zenoh.open(config) as session, session.declare_subscriber(key, lambda sample: plans.put(sample.payload.to_string())):
             draw(plans)
-    except zenoh.ZError as error:
-        sys.exit(f"nobody answers at {endpoint}: {error}")
+    except zenoh.ZError:
+        sys.exit(f"nobody answers at {endpoint}")
     except queue.Empty:
         sys.exit(f"no word from a robot at {endpoint} for {SILENCE_S:.0f} s")
     except KeyboardInterrupt:

@@ -5,6 +5,7 @@ use process::Stop;
 use protocol::telemetry::{Heard, Watcher};
 use std::env;
 use std::io::{self, ErrorKind, Write};
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 /// After so long nobody is there.
@@ -15,10 +16,12 @@ const PATIENCE: Duration = Duration::from_millis(100);
 const ENDS_M: [f64; 2] = [1e-4, 10.0];
 const BAR: f64 = 40.0;
 
-fn main() -> anyhow::Result<()> {
+fn main() -> anyhow::Result<ExitCode> {
     let mut arguments = env::args().skip(1);
-    let endpoint = arguments.next().context("where? Say an endpoint, as in error_live tcp/127.0.0.1:7448 [robot]")?;
-    let robot = arguments.next();
+    let (Some(endpoint), robot) = (arguments.next(), arguments.next()) else {
+        writeln!(io::stderr(), "where? Say an endpoint, as in error_live tcp/127.0.0.1:7448 [robot]")?;
+        return Ok(ExitCode::from(2));
+    };
     let stop = Stop::new();
     stop.on_signals()?;
     let mut watcher = Watcher::open(&endpoint, robot.as_deref()).context("nobody answers")?;
@@ -29,7 +32,7 @@ fn main() -> anyhow::Result<()> {
             heard = Instant::now();
             let error = plan.position_error();
             match writeln!(io::stdout(), "tick {:6}  error {error:8.4} m  {}", plan.stamp.tick, bar(error)) {
-                Err(error) if error.kind() == ErrorKind::BrokenPipe => return Ok(()),
+                Err(error) if error.kind() == ErrorKind::BrokenPipe => return Ok(ExitCode::SUCCESS),
                 written => written?,
             }
         }
@@ -37,7 +40,7 @@ fn main() -> anyhow::Result<()> {
             bail!("no word from a robot at {endpoint} for {} s", SILENCE.as_secs());
         }
     }
-    Ok(())
+    Ok(ExitCode::SUCCESS)
 }
 
 fn bar(error: f64) -> String {
