@@ -108,7 +108,10 @@ fn a_person_sees_the_robot_drive_at_both_sizes_and_the_keys_do_what_help_says() 
     view.wait_for(&["What happened", "with what is learned", "last error", "Tick [ms]"])?;
     view.wait_for(&DRIVING)?;
     let large = view.settled()?;
-    assert!(large.lines().count() == usize::from(LARGE.1) && large.lines().any(|line| line.chars().count() == usize::from(LARGE.0)), "{large}");
+    assert!(
+        large.lines().count() == usize::from(LARGE.1) && large.lines().any(|line| line.chars().count() == usize::from(LARGE.0)),
+        "{large}"
+    );
     view.resize((20, 5))?;
     view.wait("figures alone", |shown| shown.contains("error ") && !shown.contains("Map"))?;
     view.resize(SMALL)?;

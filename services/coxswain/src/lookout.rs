@@ -2,8 +2,8 @@
 //!
 //! Of the lines: the robot may go and come back: that is said once each time, on the standard error.
 
-use crate::{berth, dashboard};
 use crate::terminal::Terminal;
+use crate::{berth, dashboard};
 use clap::Args;
 use process::Stop;
 use protocol::message::{Plan, PlantState};
@@ -64,7 +64,9 @@ impl WatchError {
     /// 2 if what a person said cannot be, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Telemetry(TelemetryError::Robot { .. } | TelemetryError::Endpoint { .. }) | Self::SeveralRun { .. } | Self::NoTerminal => 2,
+            Self::Telemetry(TelemetryError::Robot { .. } | TelemetryError::Endpoint { .. })
+            | Self::SeveralRun { .. }
+            | Self::NoTerminal => 2,
             _ => 1,
         }
     }

@@ -370,7 +370,8 @@ mod tests {
         let mut picture = Picture::new("");
         picture.hear(state, Instant::now());
         picture.hear(plan, Instant::now());
-        let points = [picture.path.all().count(), picture.reference.all().count(), picture.error.all().count(), picture.one_step.all().count()];
+        let points =
+            [picture.path.all().count(), picture.reference.all().count(), picture.error.all().count(), picture.one_step.all().count()];
         assert_eq!(points, [0; 4]);
     }
 }

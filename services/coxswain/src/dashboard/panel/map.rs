@@ -130,7 +130,8 @@ mod tests {
 
     #[test]
     fn the_arrow_points_where_the_robot_does() {
-        for (yaw, sign) in [(0.0, "→"), (0.3, "→"), (PI / 2.0, "↑"), (-PI / 2.0, "↓"), (PI, "←"), (-3.0 * PI, "←"), (20.0 * PI + 0.8, "↗")] {
+        for (yaw, sign) in [(0.0, "→"), (0.3, "→"), (PI / 2.0, "↑"), (-PI / 2.0, "↓"), (PI, "←"), (-3.0 * PI, "←"), (20.0 * PI + 0.8, "↗")]
+        {
             assert_eq!(arrow(yaw), sign, "{yaw}");
         }
     }
