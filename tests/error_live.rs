@@ -39,7 +39,7 @@ fn both_draw_the_error_of_the_record_and_end_on_ctrl_c() -> Outcome {
     let script = repository().join("deploy/clients/python/error_live.py");
     assert!(fs::read_to_string(script)?.lines().count() <= 60);
     let programs = programs()?;
-    let launched = Launched::new(&["--duration", "12"])?;
+    let launched = Launched::new(&["--duration", "20"])?;
     let endpoint = launched.gateway_endpoint()?;
     let mut drawn = Vec::new();
     for mut program in programs {

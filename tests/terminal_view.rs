@@ -56,7 +56,7 @@ const DRIVING: [&str; 12] = [
     "Tracking error",
     "fresh plan",
     "of 100 ms",
-    "missed 0 of",
+    "missed ",
     "One-step error: main → learned",
     "Processes",
     "gateway",
