@@ -2,7 +2,7 @@
 //!
 //! | terminal          | what is shown                                                                   |
 //! |-------------------|---------------------------------------------------------------------------------|
-//! | from 120×40       | everything, with the errors' and ticks' curves and what happened                |
+//! | from 120×48       | everything, with the errors' and ticks' curves and what happened                |
 //! | from 80×24        | map and tracking error; controller, one-step errors, processes and losses       |
 //! | smaller           | the figures, as many as there is room for                                       |
 
@@ -44,7 +44,7 @@ pub fn draw(frame: &mut Frame<'_>, desk: &Desk, look: Look, now: Instant) {
     let (picture, shown_at) = desk.shown(now);
     let scene = Scene { picture, look, now: shown_at };
     match (frame.area().width, frame.area().height) {
-        (120.., 40..) => draw_large(frame, body, scene, desk),
+        (120.., 48..) => draw_large(frame, body, scene, desk),
         (80.., 24..) => draw_small(frame, body, scene, desk),
         _ => figures::draw(frame, body, scene),
     }

@@ -192,7 +192,7 @@ impl Picture {
             && (before.stamp.epoch, before.stamp.writer) != (state.stamp.epoch, state.stamp.writer)
         {
             self.begin_anew();
-            self.note(format!("the plant has started anew, epoch {}", state.stamp.epoch));
+            self.note(format!("plant has started anew, epoch {}", state.stamp.epoch));
         }
         if std::mem::take(&mut self.lost) {
             self.back = Some(now);
@@ -237,12 +237,12 @@ impl Picture {
         let before = self.processes.insert(who, Process { health, heard: now }).map(|process| process.health);
         let started = before.as_ref().is_some_and(|before| before.stamp.writer != writer);
         if started {
-            self.note(format!("the {who} has started anew, epoch {epoch}"));
+            self.note(format!("{who} has started anew, epoch {epoch}"));
         } else if before.as_ref().is_some_and(|before| before.phase() != phase) {
-            self.note(format!("the {who} is {phase}"));
+            self.note(format!("{who} is {phase}"));
         }
         if !error.is_empty() && before.is_none_or(|before| before.last_error() != error) {
-            self.note(format!("the {who}: {error}"));
+            self.note(format!("{who}: {error}"));
         }
     }
 
@@ -351,7 +351,7 @@ mod tests {
         }
         picture.hear(first, begin);
         assert_eq!((picture.path.all().count(), picture.error.all().count(), picture.plan.is_none()), (1, 0, true));
-        assert!(picture.events.iter().any(|(_, what)| what == "the plant has started anew, epoch 2"), "{:?}", picture.events);
+        assert!(picture.events.iter().any(|(_, what)| what == "plant has started anew, epoch 2"), "{:?}", picture.events);
     }
 
     #[test]
