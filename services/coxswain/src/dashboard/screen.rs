@@ -6,6 +6,7 @@ use ratatui::crossterm::execute;
 use ratatui::crossterm::terminal::{EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode};
 use ratatui::{Frame, Terminal};
 use std::io::{self, Stdout};
+use std::mem::ManuallyDrop;
 use std::panic;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -16,7 +17,8 @@ static TAKEN: AtomicBool = AtomicBool::new(false);
 /// The terminal of this process.
 #[derive(Debug)]
 pub struct Screen {
-    terminal: Terminal<CrosstermBackend<Stdout>>,
+    /// Never dropped: it would complain on the standard error that a terminal which has gone cannot be given back, and panic as that has gone, too.
+    terminal: ManuallyDrop<Terminal<CrosstermBackend<Stdout>>>,
 }
 
 impl Screen {
@@ -30,7 +32,7 @@ impl Screen {
         enable_raw_mode()?;
         TAKEN.store(true, Ordering::Release);
         // From here on whatever happens gives it back.
-        let screen = Self { terminal };
+        let screen = Self { terminal: ManuallyDrop::new(terminal) };
         execute!(io::stdout(), EnterAlternateScreen, Hide)?;
         Ok(screen)
     }

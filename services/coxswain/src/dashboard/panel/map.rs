@@ -69,20 +69,22 @@ fn paint(context: &mut Context<'_>, scene: Scene<'_>, extent: Extent) {
         }
     }
     context.layer();
+    // A sign stands in the cell that is nearest; without this it would be the one above or to the left.
+    let [right, down] = DOTS.map(|dots| dots * extent.dot_m / 2.0);
     if let Some(plan) = &picture.plan {
         let rows = plan.horizon as usize + 1;
         for row in plan.reference.iter().take(rows).filter(|row| is_finite(row.as_slice())) {
-            context.print(row[0], row[1], Span::styled("·", look.strong().fg(look.reference())));
+            context.print(row[0] + right, row[1] - down, Span::styled("·", look.strong().fg(look.reference())));
         }
         for row in plan.predicted.iter().take(rows).skip(1).filter(|row| is_finite(row.as_slice())) {
-            context.print(row[0], row[1], Span::styled("o", look.strong().fg(look.good())));
+            context.print(row[0] + right, row[1] - down, Span::styled("o", look.strong().fg(look.good())));
         }
     }
     if let Some(state) = picture.state.as_ref().filter(|state| is_finite(&state.pose)) {
         let [x, y, yaw] = state.pose;
         let ahead = HEADING_DOTS * extent.dot_m;
         context.draw(&stroke([x, y], [x + ahead * yaw.cos(), y + ahead * yaw.sin()], Color::Reset));
-        context.print(x, y, Span::styled(arrow(yaw), look.strong()));
+        context.print(x + right, y - down, Span::styled(arrow(yaw), look.strong()));
     }
 }
 
