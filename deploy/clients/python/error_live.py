@@ -3,6 +3,7 @@ import json
 import math
 import os
 import queue
+import signal
 import sys
 import zenoh
 
@@ -27,6 +28,7 @@ def main() -> None:
     if len(sys.argv) not in (2, 3):
         print(__doc__, file=sys.stderr)
         sys.exit(2)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # also where a shell without a terminal has started this with &
     endpoint, robot = sys.argv[1], sys.argv[2] if len(sys.argv) > 2 else "*"
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
