@@ -45,16 +45,15 @@ fn listen(telescope: &Telescope, mut watcher: Watcher, events: &SyncSender<Event
         let passed_on = match watcher.next(PATIENCE) {
             Ok(Some(word)) => events.send(Event::Said(word)),
             // A session that has failed is opened again.
-            _ if !watcher.is_connected() => match telescope.open() {
-                Ok((again, endpoint)) => {
+            _ if !watcher.is_connected() => {
+                if let Ok((again, endpoint)) = telescope.open() {
                     watcher = again;
                     events.send(Event::At(endpoint))
-                }
-                Err(_) => {
+                } else {
                     thread::sleep(RETRY);
                     Ok(())
                 }
-            },
+            }
             Ok(None) => Ok(()),
             Err(_) => {
                 thread::sleep(RETRY);
