@@ -198,7 +198,7 @@ fn window(columns: u16, rows: u16) -> Winsize {
 
 /// Shows what comes until it is no longer wanted or the terminal has gone.
 fn read(output: &mut File, emulator: &Mutex<vt100::Parser>, done: &AtomicBool, dry: &AtomicBool) {
-    let mut bytes = [0; 65536];
+    let mut bytes = [0; 4096];
     while !done.load(Ordering::Acquire) {
         if poll(&mut [PollFd::new(output, PollFlags::IN)], Some(&PATIENCE)) == Ok(0) {
             dry.store(true, Ordering::Release);
