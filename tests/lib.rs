@@ -5,12 +5,14 @@
 pub mod decoders;
 mod python;
 mod reader;
+mod screen;
 
 pub use coxswain::drill::hosts::Hosts;
 pub use coxswain::drill::oracle;
 pub use coxswain::drill::record::{Message, Record};
 pub use python::{python, text_of};
 pub use reader::Reader;
+pub use screen::Screen;
 
 use rustix::process::{Pid, Signal, kill_process};
 use std::error::Error;
@@ -50,7 +52,7 @@ fn build() -> io::Result<PathBuf> {
     let folder = test.parent().and_then(Path::parent).ok_or(io::ErrorKind::NotFound)?;
     let mut cargo = Command::new(env!("CARGO"));
     // With the tests, which are there already, the libraries have the same features as theirs, and are not built once more without.
-    cargo.args(["build", "--quiet", "--workspace", "--bins", "--tests"]).current_dir(repository());
+    cargo.args(["build", "--quiet", "--workspace", "--bins", "--tests", "--examples"]).current_dir(repository());
     cargo.env("CARGO_TARGET_DIR", folder.parent().unwrap_or(folder));
     if folder.ends_with("release") {
         cargo.arg("--release");

@@ -12,7 +12,8 @@
 //! | [`epochs`]   | the highest epoch of each role, on disk                                              |
 //! | [`back_off`] | when to start again what has died                                                    |
 //! | [`child`]    | one process: start, signal, how it ended                                             |
-//! | [`lookout`]  | `coxswain watch`: telemetry → one line per period                                    |
+//! | [`lookout`]  | `coxswain watch`: telemetry → one line per period, or                                |
+//! | [`dashboard`] | the view on a terminal                                                              |
 //! | [`watch`]    | `Health` and `Plan` → what the launcher knows                                        |
 //! | [`drill`]    | `coxswain drill`: faults in everything, on purpose                                   |
 //! | [`faults`]   | the file of faults: what goes wrong on purpose                                       |
@@ -33,6 +34,7 @@ mod ballast;
 pub mod berth;
 pub mod child;
 pub mod closing;
+pub mod dashboard;
 pub mod drill;
 pub mod epochs;
 pub mod experiment;

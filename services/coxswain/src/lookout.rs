@@ -1,15 +1,15 @@
-//! `coxswain watch`: telemetry → one line per period.
+//! `coxswain watch`: telemetry → the view on a terminal, or one line per period.
 //!
-//! The robot may go and come back: that is said once each time, on the standard error.
+//! Of the lines: the robot may go and come back: that is said once each time, on the standard error.
 
-use crate::berth;
 use crate::terminal::Terminal;
+use crate::{berth, dashboard};
 use clap::Args;
 use process::Stop;
 use protocol::message::{Plan, PlantState};
 use protocol::telemetry::{Heard, TelemetryError, Watcher, Word};
-use std::io::{self, Write};
-use std::path::Path;
+use std::io::{self, IsTerminal, Write};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// How often the request to end is looked at.
@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_millis(100);
 const SILENCE: Duration = Duration::from_secs(1);
 
 /// Wait before the next attempt to reach a robot that is gone.
-const RETRY: Duration = Duration::from_millis(200);
+pub(crate) const RETRY: Duration = Duration::from_millis(200);
 
 /// What to watch.
 #[derive(Debug, Clone, Args)]
@@ -29,8 +29,8 @@ pub struct WatchOptions {
     /// Only the robot of this name.
     #[arg(long, value_name = "NAME")]
     pub robot: Option<String>,
-    /// Print one line per period.
-    #[arg(long, required = true)]
+    /// Print one line per period, for scripts, in place of the view on a terminal.
+    #[arg(long)]
     pub plain: bool,
 }
 
@@ -49,6 +49,12 @@ pub enum WatchError {
         /// Where they can be watched.
         endpoints: Vec<String>,
     },
+    /// The view would go into a file or a pipe, or to a terminal that cannot show it.
+    #[error("the output is no terminal that could show the view; `coxswain watch --plain` prints one line per period")]
+    NoTerminal,
+    /// The terminal cannot be taken, drawn on or listened to.
+    #[error("the terminal cannot be used: {0}; `coxswain watch --plain` prints one line per period")]
+    Terminal(#[source] io::Error),
     /// The lines cannot be printed.
     #[error("the lines cannot be printed: {0}")]
     Print(#[from] io::Error),
@@ -58,22 +64,56 @@ impl WatchError {
     /// 2 if what a person said cannot be, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Telemetry(TelemetryError::Robot { .. } | TelemetryError::Endpoint { .. }) | Self::SeveralRun { .. } => 2,
+            Self::Telemetry(TelemetryError::Robot { .. } | TelemetryError::Endpoint { .. })
+            | Self::SeveralRun { .. }
+            | Self::NoTerminal => 2,
             _ => 1,
         }
     }
 }
 
-/// Prints what is heard on `out` until `stop` is requested or nobody reads any more.
+/// What is to be watched: an endpoint, or whatever graph runs on this machine.
+#[derive(Debug, Clone)]
+pub struct Telescope {
+    endpoint: Option<String>,
+    robot: Option<String>,
+    base: PathBuf,
+}
+
+impl Telescope {
+    /// What `options` say, with the graphs of this machine in `base`.
+    pub fn new(options: &WatchOptions, base: &Path) -> Self {
+        Self { endpoint: options.endpoint.clone(), robot: options.robot.clone(), base: base.to_owned() }
+    }
+
+    /// Reaches it; with the endpoint that it was found at.
+    ///
+    /// # Errors
+    /// [`WatchError`] if there is nothing to watch.
+    pub fn open(&self) -> Result<(Watcher, String), WatchError> {
+        let endpoint = self.endpoint.clone().map_or_else(|| find(&self.base), Ok)?;
+        Ok((Watcher::open(&endpoint, self.robot.as_deref())?, endpoint))
+    }
+}
+
+/// Shows what is heard on the terminal, or prints it as lines, until `stop` is requested or nobody looks any more.
 ///
 /// # Errors
 /// [`WatchError`] if there is nothing to watch at the start. A robot that goes later is waited for.
-pub fn run(options: &WatchOptions, base: &Path, out: &mut impl Write, terminal: &mut Terminal, stop: &Stop) -> Result<(), WatchError> {
-    let open = || {
-        let endpoint = options.endpoint.clone().map_or_else(|| find(base), Ok)?;
-        Ok::<_, WatchError>((Watcher::open(&endpoint, options.robot.as_deref())?, endpoint))
-    };
-    let (mut watcher, mut endpoint) = open()?;
+pub fn run(options: &WatchOptions, base: &Path, terminal: &mut Terminal, stop: &Stop) -> Result<(), WatchError> {
+    let telescope = Telescope::new(options, base);
+    if options.plain {
+        return print(&telescope, &mut io::stdout(), terminal, stop);
+    }
+    if !io::stdout().is_terminal() || std::env::var_os("TERM").is_some_and(|kind| kind == "dumb") {
+        return Err(WatchError::NoTerminal);
+    }
+    dashboard::run(telescope, stop)
+}
+
+/// Prints what is heard on `out`.
+fn print(telescope: &Telescope, out: &mut impl Write, terminal: &mut Terminal, stop: &Stop) -> Result<(), WatchError> {
+    let (mut watcher, mut endpoint) = telescope.open()?;
     let mut lines = Lines::default();
     let mut contact = Contact::new(Instant::now());
     while !stop.requested() {
@@ -94,7 +134,7 @@ pub fn run(options: &WatchOptions, base: &Path, out: &mut impl Write, terminal: 
             terminal.say(format_args!("no word from the robot at {endpoint}; waiting for it"));
         }
         if !watcher.is_connected() {
-            match open() {
+            match telescope.open() {
                 Ok(again) => (watcher, endpoint) = again,
                 Err(_) => std::thread::sleep(RETRY),
             }
@@ -243,8 +283,8 @@ mod tests {
     }
 
     #[test]
-    fn the_kind_of_view_has_to_be_said() {
-        assert!(Arguments::try_parse_from(["watch"]).is_err());
+    fn lines_have_to_be_asked_for() {
+        assert!(Arguments::try_parse_from(["watch"]).is_ok_and(|arguments| !arguments.options.plain));
         assert!(Arguments::try_parse_from(["watch", "--plain"]).is_ok_and(|arguments| arguments.options.plain));
     }
 

@@ -9,7 +9,6 @@ use coxswain::options::Options;
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
 use coxswain::terminal::Terminal;
 use process::Stop;
-use std::io;
 use std::process::ExitCode;
 
 /// Learning model predictive control for omnidirectional robots, as a graph of processes.
@@ -27,9 +26,9 @@ enum Command {
     /// Exit code 0 if the run has come to its end, 128 and the signal's number if it was ended by one, 2 if something that was set is
     /// impossible and nothing was started, 1 if anything failed.
     Launch(Options),
-    /// Print what a running robot does, from anywhere. Takes no part: nothing that it does reaches the robot.
+    /// Show what a running robot does, from anywhere. Takes no part: nothing that it does reaches the robot.
     ///
-    /// Exit code 0 if it was ended by a signal or its output was closed, 2 if what was said cannot be, 1 if there is nothing to watch.
+    /// Exit code 0 if it was ended by a key or signal or its output was closed, 2 if what was said cannot be, 1 if there is nothing to watch.
     Watch(WatchOptions),
     /// Inject faults into everything, for real, and print what came of them at the wheels.
     ///
@@ -109,7 +108,7 @@ fn launch(options: &Options) -> ExitCode {
 fn watch(options: &WatchOptions) -> ExitCode {
     let (stop, mut terminal) = (Stop::new(), Terminal::new());
     let watched = stop.on_signals().map_err(lookout::WatchError::from);
-    let watched = watched.and_then(|()| lookout::run(options, &berth::base(), &mut io::stdout(), &mut terminal, &stop));
+    let watched = watched.and_then(|()| lookout::run(options, &berth::base(), &mut terminal, &stop));
     match watched {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -1,0 +1,198 @@
+//! Keys → what a person wants to see: the live picture or one that is held, help, and which part of the map.
+
+use super::picture::{Contact, Picture};
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use std::time::Instant;
+
+/// What keys do, as the help says it: the only list of them.
+pub const KEYS: [(&str, &str); 6] = [
+    ("q  Esc  Ctrl-C", "end watching; the robot does not notice"),
+    ("space", "hold the picture, and let it go on"),
+    ("+  -", "zoom the map in and out"),
+    ("f", "follow the robot, or show the whole path"),
+    ("0", "the map as it was at first"),
+    ("?  h", "this help, and back"),
+];
+
+/// Metres across the map at first.
+const ACROSS_M: f64 = 10.0;
+/// How far one may go in and out \[m\].
+const ACROSS_LIMITS_M: [f64; 2] = [0.5, 5000.0];
+/// One step of the zoom.
+const ZOOM: f64 = std::f64::consts::SQRT_2;
+
+/// Which part of the world the map shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum MapWindow {
+    /// So many metres across, with the robot in the middle.
+    Follow {
+        /// Width of the map \[m\].
+        across_m: f64,
+    },
+    /// The whole path.
+    Whole,
+}
+
+/// Whether to go on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wish {
+    /// Go on showing.
+    Watch,
+    /// End.
+    Quit,
+}
+
+/// The picture, and what a person has chosen of it.
+#[derive(Debug, Clone)]
+pub struct Desk {
+    live: Picture,
+    held: Option<(Box<Picture>, Instant)>,
+    help: bool,
+    map: MapWindow,
+    across_m: f64,
+}
+
+impl Desk {
+    /// The live picture, followed.
+    pub fn new(picture: Picture) -> Self {
+        Self { live: picture, held: None, help: false, map: MapWindow::Follow { across_m: ACROSS_M }, across_m: ACROSS_M }
+    }
+
+    /// The picture that grows.
+    pub fn live(&mut self) -> &mut Picture {
+        &mut self.live
+    }
+
+    /// The picture to show at `now`, and the moment that it shows.
+    pub fn shown(&self, now: Instant) -> (&Picture, Instant) {
+        self.held.as_ref().map_or((&self.live, now), |(picture, since)| (picture, *since))
+    }
+
+    /// Whether the robot is there at `now`, whatever is shown.
+    pub fn contact(&self, now: Instant) -> Contact {
+        self.live.contact(now)
+    }
+
+    /// Whether the picture is held.
+    pub fn is_held(&self) -> bool {
+        self.held.is_some()
+    }
+
+    /// Whether help is shown.
+    pub fn shows_help(&self) -> bool {
+        self.help
+    }
+
+    /// Which part of the world the map shows.
+    pub fn map(&self) -> MapWindow {
+        self.map
+    }
+
+    /// Does what help says of a key that was pressed at `now`. Other keys do nothing.
+    pub fn press(&mut self, key: KeyEvent, now: Instant) -> Wish {
+        if key.kind == KeyEventKind::Release {
+            return Wish::Watch;
+        }
+        let control = key.modifiers.contains(KeyModifiers::CONTROL);
+        match key.code {
+            KeyCode::Char('c' | 'C') if control => return Wish::Quit,
+            _ if control => {}
+            KeyCode::Char('q' | 'Q') | KeyCode::Esc => return Wish::Quit,
+            KeyCode::Char(' ') => self.hold(now),
+            KeyCode::Char('?' | 'h' | 'H') => self.help = !self.help,
+            KeyCode::Char('+' | '=') => self.zoom(1.0 / ZOOM),
+            KeyCode::Char('-' | '_') => self.zoom(ZOOM),
+            KeyCode::Char('0') => self.follow(ACROSS_M),
+            KeyCode::Char('f' | 'F') => match self.map {
+                MapWindow::Whole => self.follow(self.across_m),
+                MapWindow::Follow { .. } => self.map = MapWindow::Whole,
+            },
+            _ => {}
+        }
+        Wish::Watch
+    }
+
+    fn hold(&mut self, now: Instant) {
+        self.held = match self.held {
+            Some(_) => None,
+            None => Some((Box::new(self.live.clone()), now)),
+        };
+    }
+
+    /// Who zooms follows the robot.
+    fn zoom(&mut self, factor: f64) {
+        let [closest, widest] = ACROSS_LIMITS_M;
+        self.follow((self.across_m * factor).clamp(closest, widest));
+    }
+
+    fn follow(&mut self, across_m: f64) {
+        self.across_m = across_m;
+        self.map = MapWindow::Follow { across_m };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::specimen;
+    use super::*;
+
+    fn press(desk: &mut Desk, keys: &str) -> Wish {
+        let keys = keys.chars().map(|key| KeyEvent::new(KeyCode::Char(key), KeyModifiers::NONE));
+        keys.map(|key| desk.press(key, Instant::now())).last().unwrap_or(Wish::Watch)
+    }
+
+    #[test]
+    fn every_way_out_ends_and_no_other_key_does() {
+        let mut desk = Desk::new(Picture::new(""));
+        let now = Instant::now();
+        assert_eq!(desk.press(KeyEvent::new(KeyCode::Esc, KeyModifiers::NONE), now), Wish::Quit);
+        assert_eq!(desk.press(KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL), now), Wish::Quit);
+        assert_eq!(press(&mut desk, "q"), Wish::Quit);
+        assert_eq!(press(&mut desk, "c"), Wish::Watch);
+        assert_eq!(press(&mut desk, " ?h+-f0x1"), Wish::Watch);
+        assert_eq!(desk.press(KeyEvent::new_with_kind(KeyCode::Esc, KeyModifiers::NONE, KeyEventKind::Release), now), Wish::Watch);
+    }
+
+    #[test]
+    fn a_held_picture_stands_still_while_the_live_one_goes_on() {
+        let begin = Instant::now();
+        let mut desk = Desk::new(Picture::new(""));
+        desk.live().hear(specimen::state(1), begin);
+        desk.press(KeyEvent::new(KeyCode::Char(' '), KeyModifiers::NONE), begin);
+        desk.live().hear(specimen::state(2), begin);
+        let tick = |desk: &Desk| desk.shown(Instant::now()).0.state.as_ref().map(|state| state.stamp.tick);
+        assert_eq!((desk.is_held(), tick(&desk), desk.shown(Instant::now()).1), (true, Some(1), begin));
+        press(&mut desk, " ");
+        assert_eq!((desk.is_held(), tick(&desk)), (false, Some(2)));
+    }
+
+    #[test]
+    fn the_map_is_zoomed_and_comes_back() {
+        let mut desk = Desk::new(Picture::new(""));
+        let across = |desk: &Desk| match desk.map() {
+            MapWindow::Follow { across_m } => Some(across_m),
+            MapWindow::Whole => None,
+        };
+        press(&mut desk, "++");
+        assert!(across(&desk).is_some_and(|across| (across - ACROSS_M / 2.0).abs() < 1e-9));
+        press(&mut desk, "f");
+        assert_eq!(across(&desk), None);
+        press(&mut desk, "f-");
+        assert!(across(&desk).is_some_and(|across| (across - ACROSS_M / ZOOM).abs() < 1e-9));
+        press(&mut desk, &"-".repeat(100));
+        assert_eq!(across(&desk), Some(ACROSS_LIMITS_M[1]));
+        press(&mut desk, &"+".repeat(100));
+        assert_eq!(across(&desk), Some(ACROSS_LIMITS_M[0]));
+        press(&mut desk, "0");
+        assert_eq!(across(&desk), Some(ACROSS_M));
+    }
+
+    #[test]
+    fn help_comes_and_goes() {
+        let mut desk = Desk::new(Picture::new(""));
+        press(&mut desk, "?");
+        assert!(desk.shows_help());
+        press(&mut desk, "h");
+        assert!(!desk.shows_help());
+    }
+}

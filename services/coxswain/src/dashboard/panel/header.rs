@@ -1,0 +1,28 @@
+//! Whom is watched, the time of the run, and whether the robot is there.
+
+use super::super::picture::Contact;
+use super::Scene;
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Modifier, Style};
+use ratatui::text::Line;
+
+pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, contact: Contact, held: bool) {
+    let (word, style) = match contact {
+        Contact::Awaited => ("waiting for the robot".to_owned(), Style::new()),
+        Contact::Live => ("live".to_owned(), scene.look.strong().fg(scene.look.good())),
+        Contact::Back => ("live: the robot is back".to_owned(), scene.look.strong().fg(scene.look.good())),
+        Contact::Lost(silent) => (format!("LOST for {:.0} s, waiting for it", silent.as_secs_f64()), scene.look.alarm()),
+    };
+    let (word, style) = if held { (format!("HELD, space goes on; {word}"), style.add_modifier(Modifier::REVERSED)) } else { (word, style) };
+    let word = Line::styled(word, style).right_aligned();
+    let picture = scene.picture;
+    let who = format!("{} at {}", picture.robot.as_deref().unwrap_or("no robot yet"), picture.endpoint);
+    let when = picture.state.as_ref().map_or_else(String::new, |state| format!("{:.1} s, tick {}", picture.seconds(), state.stamp.tick));
+    let room = usize::from(area.width).saturating_sub(word.width() + 2);
+    // What there is no room for is left out, the endpoint first.
+    let said = [format!("{who}   {when}"), when].into_iter().find(|said| said.chars().count() <= room).unwrap_or_default();
+    let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Length(word.width() as u16)]).areas(area);
+    frame.render_widget(Line::styled(said, scene.look.strong()), left);
+    frame.render_widget(word, right);
+}

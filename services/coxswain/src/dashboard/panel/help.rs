@@ -1,0 +1,28 @@
+//! The keys, and what the panels mean, over everything else.
+
+use super::super::desk::KEYS;
+use super::super::look::Look;
+use super::block;
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Rect};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Clear, Paragraph};
+
+/// What is not said in the panels themselves.
+const MEANING: [&str; 7] = [
+    "Map: world frame, x to the right, y up.",
+    "Tracking error: position against reference, scale by tens.",
+    "One-step error: velocity after one period, measured minus",
+    "predicted, by the main model alone and with what is learned;",
+    "the figures are root mean squares of the last 5 s.",
+    "Tick: from a state to its command; must be within the period.",
+    "Watching takes no part: nothing reaches the robot from here.",
+];
+
+pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, look: Look) {
+    let keys = KEYS.iter().map(|(keys, what)| Line::from(vec![Span::styled(format!(" {keys:<16}"), look.strong()), Span::raw(*what)]));
+    let lines: Vec<Line<'_>> = keys.chain([Line::default()]).chain(MEANING.map(|line| Line::from(format!(" {line}")))).collect();
+    let place = area.centered(Constraint::Max(66), Constraint::Max(lines.len() as u16 + 2));
+    frame.render_widget(Clear, place);
+    frame.render_widget(Paragraph::new(lines).block(block(" Help ", look)), place);
+}

@@ -1,0 +1,70 @@
+//! How each process is: its phase, since when it is silent, and what went wrong last.
+
+use super::super::picture::Process;
+use super::{Scene, block};
+use protocol::message::{Participant, Phase};
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Rect};
+use ratatui::style::Style;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Paragraph, Row, Table};
+use std::time::Duration;
+
+/// Height with one row per process.
+pub(super) const SMALL_ROWS: u16 = 7;
+/// Height with a heading as well.
+pub(super) const LARGE_ROWS: u16 = 8;
+/// Processes say how they are ten times a second; this is long after that.
+const SILENT: Duration = Duration::from_secs(1);
+
+pub(super) fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
+    let lines: Vec<Line<'_>> = Participant::ALL
+        .iter()
+        .map(|who| {
+            let Some(process) = scene.picture.processes.get(who) else { return Line::from(format!("{who:<10} not heard")) };
+            let (silent, style) = silence(scene, process);
+            let epoch = process.health.stamp.epoch;
+            Line::from(vec![
+                Span::raw(format!("{who:<10} ")),
+                phase(scene, process),
+                Span::styled(format!(" {silent:>8}"), style),
+                Span::raw(if epoch > 1 { format!("  #{epoch}") } else { String::new() }),
+            ])
+        })
+        .collect();
+    frame.render_widget(Paragraph::new(lines).block(block(" Processes: phase, silent since ", scene.look)), area);
+}
+
+pub(super) fn draw_large(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
+    let rows = Participant::ALL.iter().map(|who| {
+        let Some(process) = scene.picture.processes.get(who) else { return Row::new([who.to_string(), "not heard".to_owned()]) };
+        let (silent, style) = silence(scene, process);
+        let health = &process.health;
+        Row::new([
+            Line::from(who.text()),
+            Line::from(phase(scene, process)),
+            Line::styled(silent, style).right_aligned(),
+            Line::from(health.stamp.epoch.to_string()).right_aligned(),
+            Line::from(health.pid.to_string()).right_aligned(),
+            Line::from(health.deadlines_missed.to_string()).right_aligned(),
+            Line::styled(health.last_error().to_owned(), scene.look.alarm()),
+        ])
+    });
+    let widths = [10, 8, 8, 5, 8, 6].map(Constraint::Length).into_iter().chain([Constraint::Fill(1)]);
+    let heading = Row::new(["process", "phase", "  silent", "epoch", "     pid", "missed", "last error"]);
+    let table = Table::new(rows, widths).header(heading).block(block(" Processes ", scene.look));
+    frame.render_widget(table, area);
+}
+
+fn phase(scene: Scene<'_>, process: &Process) -> Span<'static> {
+    let phase = process.health.phase();
+    let style = if phase == Phase::Degraded { scene.look.alarm() } else { Style::new().fg(scene.look.good()) };
+    Span::styled(format!("{phase:<8}"), style)
+}
+
+/// For how long it has said nothing, and how loud to say so.
+fn silence(scene: Scene<'_>, process: &Process) -> (String, Style) {
+    let silent = scene.now.saturating_duration_since(process.heard);
+    let style = if silent > SILENT && process.health.phase() != Phase::Finished { scene.look.alarm() } else { Style::new() };
+    (format!("{:.1} s", silent.as_secs_f64()), style)
+}

@@ -1,0 +1,377 @@
+//! What was heard → what is shown. Nothing here knows a terminal or a clock: times are given.
+
+use super::trail::Trail;
+use protocol::message::{Health, Participant, Plan, PlantState, Reason, Rung};
+use protocol::telemetry::{Heard, Word};
+use protocol::topic::Topic;
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+/// Silence after which the robot counts as gone, unless its period is longer.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// How long its return is told.
+const WELCOME: Duration = Duration::from_secs(5);
+
+/// Over how much of the run the one-step errors are averaged \[s\].
+pub const RECENT_S: f64 = 5.0;
+
+/// Most events that are kept.
+const EVENTS_MAX: usize = 50;
+
+/// Whether the robot is there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Contact {
+    /// Nothing of it has been heard yet.
+    Awaited,
+    /// It speaks.
+    Live,
+    /// It speaks again, since a moment ago.
+    Back,
+    /// It has been silent for so long.
+    Lost(Duration),
+}
+
+/// One process, as it said last.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Process {
+    /// What it said.
+    pub health: Box<Health>,
+    /// When it was heard.
+    pub heard: Instant,
+}
+
+/// One-step errors of the velocity \[m/s, m/s, rad/s\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OneStep {
+    /// Of the main model alone: before learning.
+    pub main: [f64; 3],
+    /// Of the whole model: after learning.
+    pub whole: [f64; 3],
+}
+
+/// Messages that did not arrive, of all that the processes have told.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Losses {
+    /// Lost on the way.
+    pub lost: u64,
+    /// Refused as malformed.
+    pub refused: u64,
+    /// Gave way in a queue to the network.
+    pub dropped: u64,
+}
+
+/// Everything that is known of one robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Where it is watched.
+    pub endpoint: String,
+    /// Its name.
+    pub robot: Option<String>,
+    /// Control period \[ns\]; 0 if it was not told.
+    pub period_nanos: u64,
+    /// Newest state.
+    pub state: Option<Box<PlantState>>,
+    /// Newest plan.
+    pub plan: Option<Box<Plan>>,
+    /// Where it has been \[m\].
+    pub path: Trail<[f64; 2]>,
+    /// Where it should have been \[m\].
+    pub reference: Trail<[f64; 2]>,
+    /// Distance from the reference \[m\].
+    pub error: Trail<f64>,
+    /// One-step errors.
+    pub one_step: Trail<OneStep>,
+    /// State received to command sent \[ns\].
+    pub tick_nanos: Trail<u64>,
+    /// Its processes.
+    pub processes: BTreeMap<Participant, Process>,
+    /// What happened, with the time of the run \[s\]; oldest first.
+    pub events: Vec<(f64, String)>,
+    heard: Option<Instant>,
+    silence: Duration,
+    lost: bool,
+    back: Option<Instant>,
+}
+
+impl Picture {
+    /// Nothing heard yet of whom is watched at `endpoint`.
+    pub fn new(endpoint: &str) -> Self {
+        Self {
+            endpoint: endpoint.to_owned(),
+            robot: None,
+            period_nanos: 0,
+            state: None,
+            plan: None,
+            path: Trail::default(),
+            reference: Trail::default(),
+            error: Trail::default(),
+            one_step: Trail::default(),
+            tick_nanos: Trail::default(),
+            processes: BTreeMap::new(),
+            events: Vec::new(),
+            heard: None,
+            silence: SILENCE,
+            lost: false,
+            back: None,
+        }
+    }
+
+    /// Takes in what was heard at `now`. Of several robots the first is shown.
+    pub fn hear(&mut self, word: Word, now: Instant) {
+        if *self.robot.get_or_insert_with(|| word.robot.clone()) != word.robot {
+            return;
+        }
+        self.period_nanos = word.period_nanos;
+        match word.said {
+            Heard::State(state) => self.hear_state(state, now),
+            Heard::Plan(plan) => self.hear_plan(plan),
+            Heard::Health(health) => self.hear_health(health, now),
+        }
+    }
+
+    /// Lets time pass: who has been silent for too long is lost.
+    pub fn look(&mut self, now: Instant) {
+        if !self.lost && self.heard.is_some_and(|heard| now.saturating_duration_since(heard) > self.silence) {
+            self.lost = true;
+            self.note("lost: no word from the robot".to_owned());
+        }
+    }
+
+    /// Whether the robot is there at `now`.
+    pub fn contact(&self, now: Instant) -> Contact {
+        match self.heard {
+            None => Contact::Awaited,
+            Some(heard) if self.lost => Contact::Lost(now.saturating_duration_since(heard)),
+            Some(_) if self.back.is_some_and(|back| now.saturating_duration_since(back) < WELCOME) => Contact::Back,
+            Some(_) => Contact::Live,
+        }
+    }
+
+    /// Time of the run \[s\].
+    pub fn seconds(&self) -> f64 {
+        self.state.as_ref().map_or(0.0, |state| self.seconds_of(state.stamp.tick))
+    }
+
+    /// Root mean square of the recent one-step errors, per axis; none before the first.
+    pub fn recent_one_step(&self) -> Option<OneStep> {
+        let (mut main, mut whole, mut count) = ([0.0; 3], [0.0; 3], 0.0);
+        for (_, errors) in self.one_step.newest(RECENT_S) {
+            count += 1.0;
+            for axis in 0..3 {
+                main[axis] += errors.main[axis].powi(2);
+                whole[axis] += errors.whole[axis].powi(2);
+            }
+        }
+        let mean = |sum: f64| (sum / count).sqrt();
+        (count > 0.0).then(|| OneStep { main: main.map(mean), whole: whole.map(mean) })
+    }
+
+    /// Longest of the recent ticks \[ns\].
+    pub fn longest_tick_nanos(&self) -> u64 {
+        self.tick_nanos.newest(RECENT_S).map(|(_, nanos)| nanos).max().unwrap_or(0)
+    }
+
+    /// What was lost of a topic.
+    pub fn losses_of(&self, topic: Topic) -> Losses {
+        let sum = |count: &dyn Fn(&Health) -> [u64; protocol::topic::TOPIC_COUNT]| {
+            let of_topic = self.processes.values().filter_map(|process| count(&process.health).get(topic.index()).copied());
+            of_topic.fold(0, u64::saturating_add)
+        };
+        Losses { lost: sum(&|health| health.lost), refused: sum(&|health| health.refused), dropped: sum(&|health| health.dropped) }
+    }
+
+    fn seconds_of(&self, tick: u64) -> f64 {
+        tick as f64 * self.period_nanos as f64 * 1e-9
+    }
+
+    fn hear_state(&mut self, state: Box<PlantState>, now: Instant) {
+        self.heard = Some(now);
+        self.silence = SILENCE.max(Duration::from_nanos(self.period_nanos).saturating_mul(3));
+        if let Some(before) = &self.state
+            && (before.stamp.epoch, before.stamp.writer) != (state.stamp.epoch, state.stamp.writer)
+        {
+            self.begin_anew();
+            self.note(format!("plant has started anew, epoch {}", state.stamp.epoch));
+        }
+        if std::mem::take(&mut self.lost) {
+            self.back = Some(now);
+            self.note_at(self.seconds_of(state.stamp.tick), "the robot is back".to_owned());
+        }
+        let before = self.state.as_ref().map(|before| (before.rung(), before.reason()));
+        let seconds = self.seconds_of(state.stamp.tick);
+        if before.is_some_and(|before| before != (state.rung(), state.reason())) {
+            self.note_at(seconds, rung_and_reason(state.rung(), state.reason()));
+        }
+        let [x, y, _] = state.pose;
+        if x.is_finite() && y.is_finite() {
+            self.path.push(seconds, [x, y]);
+        }
+        self.state = Some(state);
+    }
+
+    fn hear_plan(&mut self, plan: Box<Plan>) {
+        let seconds = self.seconds_of(plan.stamp.tick);
+        if self.error.last().is_some_and(|(last, _)| seconds < last) {
+            // The answer to a state of a plant that is gone, or the first answers to a new one.
+            self.begin_anew();
+        }
+        let [now, ..] = plan.reference;
+        if now.iter().all(|number| number.is_finite()) {
+            self.reference.push(seconds, [now[0], now[1]]);
+        }
+        if plan.position_error().is_finite() {
+            self.error.push(seconds, plan.position_error());
+        }
+        if plan.residual.iter().chain(&plan.innovation).all(|number| number.is_finite()) {
+            self.one_step.push(seconds, OneStep { main: plan.residual, whole: plan.innovation });
+        }
+        self.tick_nanos.push(seconds, plan.tick_nanos);
+        self.plan = Some(plan);
+    }
+
+    fn hear_health(&mut self, health: Box<Health>, now: Instant) {
+        let Some(who) = health.participant() else { return };
+        let (phase, error, epoch) = (health.phase(), health.last_error().to_owned(), health.stamp.epoch);
+        let writer = health.stamp.writer;
+        let before = self.processes.insert(who, Process { health, heard: now }).map(|process| process.health);
+        let started = before.as_ref().is_some_and(|before| before.stamp.writer != writer);
+        if started {
+            self.note(format!("{who} has started anew, epoch {epoch}"));
+        } else if before.as_ref().is_some_and(|before| before.phase() != phase) {
+            self.note(format!("{who} is {phase}"));
+        }
+        if !error.is_empty() && before.is_none_or(|before| before.last_error() != error) {
+            self.note(format!("{who}: {error}"));
+        }
+    }
+
+    /// Forgets the run: another has begun.
+    fn begin_anew(&mut self) {
+        self.path.clear();
+        self.reference.clear();
+        self.error.clear();
+        self.one_step.clear();
+        self.tick_nanos.clear();
+        self.plan = None;
+    }
+
+    fn note(&mut self, what: String) {
+        self.note_at(self.seconds(), what);
+    }
+
+    fn note_at(&mut self, seconds: f64, what: String) {
+        if self.events.len() == EVENTS_MAX {
+            self.events.remove(0);
+        }
+        self.events.push((seconds, what));
+    }
+}
+
+/// In a person's words.
+pub fn rung_and_reason(rung: Rung, reason: Reason) -> String {
+    match reason {
+        Reason::None => rung.to_string(),
+        reason => format!("{rung}: {reason}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::specimen;
+    use super::*;
+
+    fn at(begin: Instant, millis: u64) -> Instant {
+        begin + Duration::from_millis(millis)
+    }
+
+    #[test]
+    fn the_robot_is_awaited_then_live_then_lost_then_back() {
+        let begin = Instant::now();
+        let mut picture = Picture::new("tcp/127.0.0.1:1");
+        picture.look(at(begin, 9000));
+        assert_eq!(picture.contact(at(begin, 9000)), Contact::Awaited);
+        picture.hear(specimen::state(1), at(begin, 10_000));
+        picture.look(at(begin, 10_900));
+        assert_eq!(picture.contact(at(begin, 10_900)), Contact::Live);
+        picture.look(at(begin, 12_000));
+        assert_eq!(picture.contact(at(begin, 12_500)), Contact::Lost(Duration::from_millis(2500)));
+        picture.hear(specimen::health(Participant::Gateway), at(begin, 12_600));
+        assert!(matches!(picture.contact(at(begin, 12_600)), Contact::Lost(_)), "a process is not the robot");
+        picture.hear(specimen::state(2), at(begin, 13_000));
+        assert_eq!(picture.contact(at(begin, 13_100)), Contact::Back);
+        assert_eq!(picture.contact(at(begin, 19_000)), Contact::Live);
+        let told: Vec<&str> = picture.events.iter().map(|(_, what)| what.as_str()).collect();
+        assert_eq!(told, ["lost: no word from the robot", "the robot is back"]);
+    }
+
+    #[test]
+    fn of_a_slow_robot_three_periods_of_silence_are_none() {
+        let begin = Instant::now();
+        let mut picture = Picture::new("");
+        picture.hear(Word { period_nanos: 1_000_000_000, ..specimen::state(1) }, begin);
+        picture.look(at(begin, 2900));
+        assert_eq!(picture.contact(at(begin, 2900)), Contact::Live);
+    }
+
+    #[test]
+    fn the_first_robot_is_shown_and_no_other() {
+        let begin = Instant::now();
+        let mut picture = Picture::new("");
+        picture.hear(specimen::state(1), begin);
+        picture.hear(Word { robot: "another".into(), ..specimen::state(70) }, begin);
+        assert_eq!(picture.state.map(|state| state.stamp.tick), Some(1));
+        assert_eq!(picture.robot.as_deref(), Some(specimen::ROBOT));
+    }
+
+    #[test]
+    fn errors_before_and_after_learning_are_averaged_over_the_recent_past() -> Result<(), &'static str> {
+        let mut picture = Picture::new("");
+        picture.period_nanos = 100_000_000;
+        assert_eq!(picture.recent_one_step(), None);
+        for tick in 0..200 {
+            picture.hear(specimen::plan(tick), Instant::now());
+        }
+        let recent = picture.recent_one_step().ok_or("nothing was averaged")?;
+        for axis in 0..3 {
+            assert!((recent.main[axis] - specimen::RESIDUAL[axis].abs()).abs() < 1e-12);
+            assert!((recent.whole[axis] - specimen::INNOVATION[axis].abs()).abs() < 1e-12);
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn a_new_run_begins_with_an_empty_map() {
+        let begin = Instant::now();
+        let mut picture = specimen::picture(begin);
+        assert!(picture.path.all().count() > 100);
+        let mut first = specimen::state(0);
+        if let Heard::State(state) = &mut first.said {
+            (state.stamp.epoch, state.stamp.writer) = (2, 99);
+        }
+        picture.hear(first, begin);
+        assert_eq!((picture.path.all().count(), picture.error.all().count(), picture.plan.is_none()), (1, 0, true));
+        assert!(picture.events.iter().any(|(_, what)| what == "plant has started anew, epoch 2"), "{:?}", picture.events);
+    }
+
+    #[test]
+    fn losses_are_summed_over_the_processes() {
+        let picture = specimen::picture(Instant::now());
+        assert_eq!(picture.losses_of(Topic::State), Losses { lost: 2 * specimen::LOST, refused: 0, dropped: 0 });
+        assert_eq!(picture.losses_of(Topic::Plan), Losses::default());
+    }
+
+    #[test]
+    fn numbers_that_are_none_reach_no_chart() {
+        let (mut state, mut plan) = (specimen::state(1), specimen::plan(1));
+        if let (Heard::State(state), Heard::Plan(plan)) = (&mut state.said, &mut plan.said) {
+            (state.pose[0], plan.predicted[0][0], plan.reference[0][1], plan.residual[2]) = (f64::NAN, f64::NAN, f64::INFINITY, f64::NAN);
+        }
+        let mut picture = Picture::new("");
+        picture.hear(state, Instant::now());
+        picture.hear(plan, Instant::now());
+        let points =
+            [picture.path.all().count(), picture.reference.all().count(), picture.error.all().count(), picture.one_step.all().count()];
+        assert_eq!(points, [0; 4]);
+    }
+}

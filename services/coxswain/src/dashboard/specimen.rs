@@ -1,0 +1,73 @@
+//! A robot to be shown in tests: it drives a circle of 2 m.
+
+use super::picture::Picture;
+use protocol::message::{Health, Participant, Phase, Plan, PlantState, Rung};
+use protocol::telemetry::{Heard, Word};
+use protocol::topic::Topic;
+use std::time::Instant;
+
+/// Its name.
+pub(crate) const ROBOT: &str = "specimen";
+/// One-step error of its main model.
+pub(crate) const RESIDUAL: [f64; 3] = [0.08, -0.06, 0.03];
+/// One-step error of its whole model.
+pub(crate) const INNOVATION: [f64; 3] = [0.008, -0.004, 0.002];
+/// States that its controller and its recorder have lost, each.
+pub(crate) const LOST: u64 = 3;
+/// Its control period \[ns\].
+const PERIOD_NANOS: u64 = 100_000_000;
+
+fn word(said: Heard) -> Word {
+    Word { robot: ROBOT.into(), period_nanos: PERIOD_NANOS, said }
+}
+
+/// Its pose at a tick.
+fn pose(tick: u64) -> [f64; 3] {
+    let angle = tick as f64 * 0.05;
+    [2.0 * angle.cos(), 2.0 * angle.sin(), angle + std::f64::consts::FRAC_PI_2]
+}
+
+pub(crate) fn state(tick: u64) -> Word {
+    let mut state: PlantState = bytemuck::Zeroable::zeroed();
+    (state.stamp.tick, state.stamp.epoch, state.rung, state.pose) = (tick, 1, Rung::FreshPlan.code(), pose(tick));
+    word(Heard::State(Box::new(state)))
+}
+
+pub(crate) fn plan(tick: u64) -> Word {
+    let mut plan: Box<Plan> = Box::new(bytemuck::Zeroable::zeroed());
+    (plan.stamp.tick, plan.plant_epoch, plan.horizon, plan.rung) = (tick, 1, 10, Rung::FreshPlan.code());
+    (plan.tick_nanos, plan.model_version, plan.learned_axes, plan.status) = (412_300, 7, 7, 1);
+    (plan.residual, plan.innovation) = (RESIDUAL, INNOVATION);
+    for (ahead, (predicted, reference)) in plan.predicted.iter_mut().zip(&mut plan.reference).enumerate() {
+        let [x, y, yaw] = pose(tick + ahead as u64);
+        *reference = [x, y, yaw, 1.0, 0.0, 0.5];
+        *predicted = [x, y + 0.0321, yaw, 1.0, 0.0, 0.5];
+    }
+    word(Heard::Plan(plan))
+}
+
+pub(crate) fn health(who: Participant) -> Word {
+    let mut health: Box<Health> = Box::new(bytemuck::Zeroable::zeroed());
+    (health.participant, health.phase, health.pid) = (who.code(), Phase::Running.code(), 4000 + who.code());
+    (health.stamp.epoch, health.deadlines_met, health.model_version) = (1, 1234, 7);
+    if matches!(who, Participant::Controller | Participant::Recorder) {
+        health.lost[Topic::State.index()] = LOST;
+    }
+    if who == Participant::Learner {
+        health.set_last_error("the fit was given up");
+    }
+    word(Heard::Health(health))
+}
+
+/// What is known of it after 12.3 s, at `now`.
+pub(crate) fn picture(now: Instant) -> Picture {
+    let mut picture = Picture::new("tcp/127.0.0.1:7448");
+    for tick in 0..=123 {
+        picture.hear(state(tick), now);
+        picture.hear(plan(tick), now);
+    }
+    for &who in Participant::ALL {
+        picture.hear(health(who), now);
+    }
+    picture
+}

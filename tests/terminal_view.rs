@@ -1,0 +1,251 @@
+//! Promise: on a terminal a person sees the robot drive, be lost and come back, and gets the terminal back as it was.
+
+use coxswain::dashboard::desk::KEYS;
+use coxswain::dashboard::screen;
+use promises::{Launched, Outcome, Screen, binaries, repository, signal, wait_until};
+use rustix::process::Signal;
+use std::env;
+use std::error::Error;
+use std::fmt::Write;
+use std::fs;
+use std::process::Command;
+use std::thread;
+use std::time::Duration;
+
+const SMALL: (u16, u16) = (80, 24);
+const LARGE: (u16, u16) = (200, 60);
+
+/// Says that the captures in `docs/watch.md` are to be made anew.
+const CAPTURES: &str = "COXSWAIN_CAPTURES";
+/// From this tick on the captures are taken: what was learned in between is to be seen.
+const CAPTURED_FROM: u64 = 150;
+/// Says that a test is the program that panics.
+const PANICS: &str = "COXSWAIN_TEST_PANICS";
+
+/// `coxswain watch ARGUMENTS…` on a terminal, which looks for graphs in the home of `launched`.
+fn command(launched: &Launched, arguments: &[&str]) -> Result<Command, Box<dyn Error>> {
+    let mut command = Command::new(binaries()?.join("coxswain"));
+    command.arg("watch").args(arguments).env("TMPDIR", launched.home()).env("TERM", "xterm-256color").env_remove("NO_COLOR");
+    Ok(command)
+}
+
+/// A robot that drives until it is given up, and can be watched.
+fn launch() -> Result<Launched, Box<dyn Error>> {
+    let launched = Launched::new(&["--duration", "110"])?;
+    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    Ok(launched)
+}
+
+/// The tick that is shown.
+fn tick(shown: &str) -> Option<u64> {
+    let (_, rest) = shown.split_once(" s, tick ")?;
+    rest.split_whitespace().next()?.parse().ok()
+}
+
+/// How far the whole path goes, as the map says \[m\].
+fn whole_path(shown: &str) -> Option<f64> {
+    let (_, rest) = shown.split_once("whole path, ")?;
+    rest.split_whitespace().next()?.parse().ok()
+}
+
+/// What must be on the screen of a robot that drives.
+const DRIVING: [&str; 12] = [
+    "mecanum at tcp/127.0.0.1:",
+    " live",
+    "robot in the middle, 10 m across",
+    "Tracking error",
+    "fresh plan",
+    "of 100 ms",
+    "missed ",
+    "One-step error: main → learned",
+    "Processes",
+    "gateway",
+    "Messages lost",
+    "? help",
+];
+
+/// Waits until the robot has been driving with a learned model for a while; with the screen.
+fn see_it_drive(view: &mut Screen) -> Result<String, Box<dyn Error>> {
+    view.wait_for(&DRIVING)?;
+    let shown = view.wait("all processes at work, and a model", |shown| {
+        shown.matches("running").count() == 5 && shown.contains("model ") && !shown.contains("main model alone")
+    })?;
+    let before = tick(&shown).ok_or("no tick")?;
+    let from = if env::var_os(CAPTURES).is_some() { CAPTURED_FROM } else { before + 5 };
+    view.wait("time to pass", |shown| tick(shown).is_some_and(|tick| tick >= from))?;
+    view.settled()
+}
+
+#[test]
+fn a_person_sees_the_robot_drive_at_both_sizes_and_the_keys_do_what_help_says() -> Outcome {
+    let launched = launch()?;
+    let mut view = Screen::start(&command(&launched, &[])?, SMALL)?;
+    let small = see_it_drive(&mut view)?;
+
+    view.press("f")?;
+    let went = whole_path(&view.wait_for(&["whole path, "])?).ok_or("no path")?;
+    view.wait("the robot to go on", |shown| whole_path(shown).is_some_and(|goes| goes > went))?;
+    view.press("0-")?;
+    view.wait_for(&["robot in the middle, 14 m across"])?;
+    view.press("+")?;
+    view.wait_for(&["robot in the middle, 10 m across"])?;
+
+    view.press(" ")?;
+    view.wait_for(&["HELD, space goes on"])?;
+    let held = view.settled()?;
+    thread::sleep(Duration::from_secs(1));
+    assert_eq!(view.text(), held, "a held picture stands still");
+    view.press(" ")?;
+    view.wait("the picture to go on", |shown| !shown.contains("HELD") && tick(shown) > tick(&held))?;
+
+    view.press("?")?;
+    let help: Vec<&str> = KEYS.iter().flat_map(|(keys, what)| [*keys, *what]).collect();
+    view.wait_for(&help)?;
+    view.press("h")?;
+    view.wait("help to go", |shown| !shown.contains(" Help "))?;
+
+    view.resize(LARGE)?;
+    view.wait_for(&["What happened", "with what is learned", "last error", "Tick [ms]"])?;
+    view.wait_for(&DRIVING)?;
+    let large = view.settled()?;
+    assert!(
+        large.lines().count() == usize::from(LARGE.1) && large.lines().any(|line| line.chars().count() == usize::from(LARGE.0)),
+        "{large}"
+    );
+    view.resize((20, 5))?;
+    view.wait("figures alone", |shown| shown.contains("error ") && !shown.contains("Map"))?;
+    view.resize(SMALL)?;
+    view.wait_for(&DRIVING)?;
+
+    view.press("q")?;
+    assert_eq!(view.end()?.code(), Some(0), "{}", view.text());
+    view.wait_until_restored()?;
+    assert_eq!(view.text().trim(), "", "nothing is left on the first screen");
+    if env::var_os(CAPTURES).is_some() {
+        capture(&small, &large)?;
+    }
+    Ok(())
+}
+
+/// Writes the screens down.
+fn capture(small: &str, large: &str) -> Outcome {
+    let mut text = String::from(
+        "# The view on a terminal\n\n`coxswain watch` beside `./deploy/launch`, as text; on a terminal it has colours. Made by\n\n\
+         ```sh\nCOXSWAIN_CAPTURES=1 cargo test --workspace --locked --test terminal_view a_person_sees\n```\n",
+    );
+    for (size, shown) in [("80×24", small), ("200×60", large)] {
+        let shown: Vec<&str> = shown.lines().map(str::trim_end).collect();
+        write!(text, "\n## {size}\n\n```\n{}\n```\n", shown.join("\n"))?;
+    }
+    Ok(fs::write(repository().join("docs/watch.md"), text)?)
+}
+
+#[test]
+fn a_robot_that_goes_is_greyed_and_one_that_comes_back_is_welcomed() -> Outcome {
+    let launched = launch()?;
+    let mut view = Screen::start(&command(&launched, &[])?, SMALL)?;
+    view.wait_for(&DRIVING)?;
+    let is_grey = |screen: &vt100::Screen| {
+        let cells = (1..23).flat_map(|row| (0..80).filter_map(move |column| screen.cell(row, column)));
+        cells.filter(|cell| !cell.contents().trim().is_empty()).all(vt100::Cell::dim)
+    };
+    assert!(!view.with(is_grey));
+    let killed = launched.process("gateway", None)?;
+    signal(killed, Signal::KILL)?;
+    let gateway = launched.process("gateway", Some(killed))?;
+    let second = |line: &str| line.contains("gateway ") && line.contains("#2");
+    view.wait("the second gateway", |shown| shown.contains(" live") && shown.lines().any(second))?;
+
+    signal(gateway, Signal::STOP)?;
+    let lost = view.wait_for(&["LOST for ", "waiting for it", "Tracking error", "fresh plan"])?;
+    wait_until("a grey picture", || view.with(is_grey))?;
+    // Keys are heard meanwhile.
+    view.press("?")?;
+    view.wait_for(&[" Help "])?;
+    view.press("?")?;
+    // The launcher may have done so already.
+    let _ = signal(gateway, Signal::KILL);
+    let back = view.wait_for(&["live: the robot is back"])?;
+    assert!(tick(&back) > tick(&lost), "{back}");
+    wait_until("colours", || !view.with(is_grey))?;
+    view.press("\x1b")?;
+    assert_eq!(view.end()?.code(), Some(0));
+    view.wait_until_restored()
+}
+
+#[test]
+fn the_terminal_is_given_back_however_the_view_ends() -> Outcome {
+    let launched = launch()?;
+    for way in ["q", "\x1b", "\x03", "INT", "TERM", "HUP"] {
+        let mut view = Screen::start(&command(&launched, &[])?, SMALL)?;
+        view.wait_for(&[" live"])?;
+        assert!(view.with(|screen| screen.alternate_screen() && screen.hide_cursor()));
+        match way {
+            "INT" => signal(view.pid(), Signal::INT)?,
+            "TERM" => signal(view.pid(), Signal::TERM)?,
+            "HUP" => signal(view.pid(), Signal::HUP)?,
+            keys => view.press(keys)?,
+        }
+        assert_eq!(view.end()?.code(), Some(0), "{way:?}: {}", view.text());
+        view.wait_until_restored().map_err(|error| format!("{way:?}: {error}"))?;
+    }
+    // A terminal that is closed leaves nobody behind.
+    let mut view = Screen::start(&command(&launched, &[])?, SMALL)?;
+    view.wait_for(&[" live"])?;
+    view.unplug();
+    assert_eq!(view.end()?.code(), Some(0));
+    Ok(())
+}
+
+#[test]
+#[expect(clippy::panic, reason = "it is about a panic")]
+fn a_panic_gives_the_terminal_back_and_is_told() -> Outcome {
+    if env::var_os(PANICS).is_some() {
+        let mut screen = screen::Screen::take()?;
+        screen.draw(|frame| frame.render_widget("a picture", frame.area()))?;
+        panic!("told after the picture");
+    }
+    let mut command = Command::new(env::current_exe()?);
+    command.args(["--exact", "a_panic_gives_the_terminal_back_and_is_told", "--nocapture"]).env(PANICS, "1").env("RUST_BACKTRACE", "0");
+    let mut view = Screen::start(&command, SMALL)?;
+    assert_eq!(view.end()?.code(), Some(101));
+    view.wait_until_restored()?;
+    let told = view.wait_for(&["told after the picture"])?;
+    assert!(!told.contains("a picture\n"), "{told}");
+    Ok(())
+}
+
+#[test]
+fn no_color_is_respected() -> Outcome {
+    let launched = launch()?;
+    let is_coloured = |screen: &vt100::Screen| {
+        let mut cells = (0..24).flat_map(|row| (0..80).filter_map(move |column| screen.cell(row, column)));
+        cells.any(|cell| (cell.fgcolor(), cell.bgcolor()) != (vt100::Color::Default, vt100::Color::Default))
+    };
+    for (no_color, coloured) in [("", true), ("1", false)] {
+        let mut view = Screen::start(command(&launched, &[])?.env("NO_COLOR", no_color), SMALL)?;
+        view.wait_for(&DRIVING)?;
+        assert_eq!(view.with(is_coloured), coloured, "NO_COLOR={no_color}: {}", view.text());
+    }
+    Ok(())
+}
+
+#[test]
+fn without_a_robot_the_terminal_is_left_alone() -> Outcome {
+    let home = tempfile::tempdir()?;
+    for (arguments, kind, code, told) in [
+        (&[][..], "xterm", 1, "no graph with a gateway runs on this machine"),
+        (&["tcp/127.0.0.1:1"], "xterm", 1, "nothing to watch at tcp/127.0.0.1:1"),
+        (&["mailbox"], "xterm", 2, "endpoint \"mailbox\" is none"),
+        (&["tcp/127.0.0.1:1"], "dumb", 2, "--plain"),
+    ] {
+        let mut command = Command::new(binaries()?.join("coxswain"));
+        command.arg("watch").args(arguments).env("TMPDIR", home.path()).env("TERM", kind);
+        let mut view = Screen::start(&command, SMALL)?;
+        assert_eq!(view.end()?.code(), Some(code), "{arguments:?}: {}", view.text());
+        // Lines are as long as the terminal is wide.
+        view.wait(told, |shown| shown.replace('\n', "").contains(told))?;
+        view.wait_until_restored()?;
+    }
+    Ok(())
+}
