@@ -23,6 +23,7 @@
 //! | [`progress`] | the live line                                                                        |
 //! | [`closing`]  | `summary.json` → the table at the end                                                |
 //! | [`experiment`] | controllers compared in scenarios                                                    |
+//! | [`without_learning`] | the same run without learning, for the live page to show beside it                |
 //! | [`in_process`] | the whole graph in one process, in lock step                                          |
 //! | [`terminal`] | everything that is printed                                                           |
 
@@ -50,3 +51,4 @@ pub mod saboteur;
 pub mod scenario;
 pub mod terminal;
 pub mod watch;
+pub mod without_learning;
