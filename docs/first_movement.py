@@ -1,4 +1,4 @@
-"""From ./deploy/launch, built, to the first moving robot in an open browser: python3 docs/first_movement.py [ROUNDS]"""
+"""From ./deploy/launch, built, or another COMMAND, to the first moving robot in an open browser: python3 docs/first_movement.py [ROUNDS [COMMAND…]]"""
 
 import json
 import re
@@ -55,10 +55,10 @@ class Browser:
         self.process.wait()
 
 
-def seconds(out, profile):
+def seconds(command, out, profile):
     browser = Browser(profile)
     begin = time.monotonic()
-    launch = subprocess.Popen(["./deploy/launch", "--duration", "20", "--out", out], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    launch = subprocess.Popen([*command, "--duration", "20", "--out", out], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     address = None
     for line in launch.stdout:
         if address := re.search(rb"live page: (\S+)", line):
@@ -78,9 +78,10 @@ def seconds(out, profile):
 
 
 rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 5
+command = sys.argv[2:] or ["./deploy/launch"]
 taken = []
 for number in range(rounds):
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        taken.append(seconds(f"{folder}/run", f"{folder}/profile"))
+        taken.append(seconds(command, f"{folder}/run", f"{folder}/profile"))
         print(f"{taken[-1]:.2f} s", flush=True)
 print(f"median {statistics.median(taken):.2f} s, longest {max(taken):.2f} s")

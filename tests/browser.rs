@@ -79,6 +79,7 @@ impl Browser {
         for domain in ["Page", "Runtime", "Network", "Log"] {
             browser.call(&format!("{domain}.enable"), &json!({}))?;
         }
+        browser.call("Emulation.setFocusEmulationEnabled", &json!({"enabled": true}))?;
         Ok(browser)
     }
 
@@ -124,14 +125,9 @@ impl Browser {
             "Space" => (" ", 32, " "),
             other => return Err(format!("which key is {other}?").into()),
         };
-        for kind in ["keyDown", "keyUp"] {
-            let mut event = json!({"type": kind, "key": key, "windowsVirtualKeyCode": code});
-            if kind == "keyDown" && !text.is_empty() {
-                event["text"] = json!(text);
-            }
-            self.call("Input.dispatchKeyEvent", &event)?;
-        }
-        Ok(())
+        let down = if text.is_empty() { "rawKeyDown" } else { "keyDown" };
+        self.call("Input.dispatchKeyEvent", &json!({"type": down, "key": key, "windowsVirtualKeyCode": code, "text": text}))?;
+        self.call("Input.dispatchKeyEvent", &json!({"type": "keyUp", "key": key, "windowsVirtualKeyCode": code})).map(drop)
     }
 
     /// What `expression` comes to on the page.

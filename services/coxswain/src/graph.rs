@@ -40,7 +40,7 @@ pub struct Graph {
     /// How often the gateway shows each topic \[Hz\].
     #[serde(default)]
     pub rates: Rates,
-    /// Where the gateway serves the live page.
+    /// Where the gateway serves the live page; without this table it serves none.
     #[serde(default)]
     pub page: PageSettings,
     /// Its processes.
@@ -260,6 +260,7 @@ mod tests {
     #[test]
     fn a_page_at_no_address_is_refused() {
         assert_eq!(refusal(&format!("{GOOD}[page]\nlisten = \"off\"\n")), None);
+        assert!(refusal(&format!("{GOOD}[page]\n")).is_some_and(|told| told.contains("page.listen is missing")));
         assert_eq!(
             refusal(&format!("{GOOD}[page]\nlisten = \"8080\"\n")).as_deref(),
             Some("g.toml:8: page.listen = \"8080\": expected an address and a port such as 127.0.0.1:8080, or off")

@@ -29,9 +29,9 @@ pub struct Settings {
     pub about: About,
 }
 
-/// Where the live page is served.
+/// Where the live page is served; nowhere unless somebody says so.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(default, deny_unknown_fields)]
+#[serde(deny_unknown_fields)]
 pub struct PageSettings {
     /// Address and port, as `127.0.0.1:8080`, or `off`. Port 0 is any that is free.
     pub listen: String,
@@ -39,7 +39,7 @@ pub struct PageSettings {
 
 impl Default for PageSettings {
     fn default() -> Self {
-        Self { listen: "127.0.0.1:0".to_owned() }
+        Self { listen: "off".to_owned() }
     }
 }
 
@@ -189,8 +189,8 @@ mod tests {
     #[test]
     fn a_page_is_served_at_an_address_or_not_at_all() {
         let address = |listen: &str| PageSettings { listen: listen.to_owned() }.address().map_err(|impossible| impossible.key);
-        assert_eq!(PageSettings::default().address(), Ok(Some(SocketAddr::from(([127, 0, 0, 1], 0)))));
-        assert_eq!(address("off"), Ok(None));
+        assert_eq!(address("127.0.0.1:0"), Ok(Some(SocketAddr::from(([127, 0, 0, 1], 0)))));
+        assert_eq!((address("off"), PageSettings::default().address()), (Ok(None), Ok(None)));
         assert!(matches!(address("[::1]:8080"), Ok(Some(_))));
         for wrong in ["", "8080", "127.0.0.1", "localhost:8080", "127.0.0.1:99999", "http://127.0.0.1:80", "tcp/127.0.0.1:80", "Off"] {
             assert_eq!(address(wrong), Err("listen".to_owned()), "{wrong}");

@@ -23,7 +23,7 @@ fn settings(folder: &Path, rates: Rates) -> Settings {
     let (log, pace, folder) = ("info".to_owned(), Pace::LockStep, folder.to_owned());
     let run = Run { links, folder, log, epoch_floor: 0, restarted: false, period_nanos: 100_000_000, pace };
     let telemetry = TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "test".into() };
-    Settings { run, telemetry, rates, page: PageSettings::default(), about: About::default() }
+    Settings { run, telemetry, rates, page: PageSettings { listen: "127.0.0.1:0".into() }, about: About::default() }
 }
 
 /// A gateway on a thread of its own, in lock step over memory.

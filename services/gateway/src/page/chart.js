@@ -115,7 +115,7 @@ function drawCharts(canvases, { window: seconds, axis }) {
     label: (value) => (value < 1000 ? `${value} µs` : `${value / 1000} ms`),
     level: hello ? hello.period * 1e6 : 0,
     least: 1,
-    series: [{ points: curve(P.tick), colour: colours.with, width: 1.5 }],
+    series: [{ points: curve(P.tick), colour: colours.with, width: 2 }],
   });
 }
 

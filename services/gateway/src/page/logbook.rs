@@ -1,6 +1,6 @@
 //! Health, PlantState → one line for everything that goes wrong or is well again.
 
-use protocol::message::{Health, Participant, Phase, PlantState, Rung};
+use protocol::message::{Health, Participant, Phase, PlantState, Reason, Rung};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -154,7 +154,8 @@ pub(super) fn gate_change(before: &PlantState, state: &PlantState) -> Option<(So
         _ if from < to => Sort::Fault,
         _ => Sort::Note,
     };
-    let why = if to == Rung::FreshPlan { String::new() } else { format!(" ({})", state.reason()) };
+    let untold = to == Rung::FreshPlan || state.reason() == Reason::None;
+    let why = if untold { String::new() } else { format!(" ({})", state.reason()) };
     Some((sort, format!("{from} → {to}{why}")))
 }
 
@@ -162,7 +163,6 @@ pub(super) fn gate_change(before: &PlantState, state: &PlantState) -> Option<(So
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use protocol::message::Reason;
 
     fn health(pid: u32, phase: Phase, error: &str) -> Health {
         let mut health = Health { pid, phase: phase.code(), ..Health::zeroed() };

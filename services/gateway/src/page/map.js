@@ -153,7 +153,7 @@ function drawMap(canvas, view, still) {
   for (const offset of [left, right && -right].filter((room) => room)) {
     line(pen, beside(reference, offset).map(eye.to), colours.bad, 1.5);
   }
-  line(pen, reference.map(eye.to), colours.reference, 2.5, [3, 5]);
+  line(pen, reference.map(eye.to), colours.reference, 9);
   drawWithout(pen, eye);
   line(pen, [...store.path.map(eye.to), eye.to(pose)], colours.with, 2.5);
   let spread = "";

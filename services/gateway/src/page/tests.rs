@@ -24,7 +24,7 @@ fn settings(folder: &Path, without_learning: Option<&Path>) -> Settings {
         run: Run { links, folder, log, epoch_floor: 0, restarted: false, period_nanos: 100_000_000, pace },
         telemetry: TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "</script><b>".into() },
         rates: Rates::default(),
-        page: PageSettings::default(),
+        page: PageSettings { listen: "127.0.0.1:0".into() },
         about: About { scenario: "paper".into(), without_learning: without_learning.map(Path::to_owned), ..About::default() },
     }
 }
@@ -129,7 +129,7 @@ fn another_life_of_the_plant_begins_a_new_path_and_what_happened_is_told() -> Ou
     let (_, hello) = tab.event()?;
     assert_eq!((length(&hello["states"]), hello["run"].as_str()), (1, Some("2-2")));
     let said: Vec<&str> = hello["entries"].as_array().into_iter().flatten().filter_map(|entry| entry["text"].as_str()).collect();
-    assert_eq!(said, ["fresh plan → brake (-)", "started again, as process 2", "brake → waiting (-)", "is silent"]);
+    assert_eq!(said, ["fresh plan → brake", "started again, as process 2", "brake → waiting", "is silent"]);
     assert_eq!(hello["processes"][0]["silent"], serde_json::json!(true));
     Ok(())
 }

@@ -12,7 +12,14 @@ const EVENTS_MAX: usize = 64;
 /// Everybody who looks on.
 #[derive(Debug, Default)]
 pub(super) struct Viewers {
-    present: Mutex<Vec<Arc<Viewer>>>,
+    present: Mutex<Present>,
+}
+
+#[derive(Debug, Default)]
+struct Present {
+    viewers: Vec<Arc<Viewer>>,
+    /// Nobody is let in any more.
+    closed: bool,
 }
 
 /// One open page.
@@ -37,29 +44,29 @@ impl Viewers {
     /// A place for one more; none if all are taken.
     pub(super) fn join(&self, stream: TcpStream) -> Option<Arc<Viewer>> {
         let mut present = lock(&self.present);
-        if present.len() >= VIEWERS_MAX {
+        if present.closed || present.viewers.len() >= VIEWERS_MAX {
             return None;
         }
         let queue = Queue { events: VecDeque::new(), unaware: true, gone: false };
         let viewer = Arc::new(Viewer { queue: Mutex::new(queue), bell: Condvar::new(), stream });
-        present.push(Arc::clone(&viewer));
+        present.viewers.push(Arc::clone(&viewer));
         Some(viewer)
     }
 
     /// Its place is free again.
     pub(super) fn leave(&self, viewer: &Arc<Viewer>) {
-        lock(&self.present).retain(|other| !Arc::ptr_eq(other, viewer));
+        lock(&self.present).viewers.retain(|other| !Arc::ptr_eq(other, viewer));
     }
 
     /// Whether nobody looks on.
     pub(super) fn is_empty(&self) -> bool {
-        lock(&self.present).is_empty()
+        lock(&self.present).viewers.is_empty()
     }
 
     /// Tells `news` to everybody, and to whoever has just come or has fallen behind how things stand instead. Waits for nobody.
     pub(super) fn tell(&self, news: Option<&Arc<str>>, mut greeting: impl FnMut() -> Arc<str>) {
         let mut greeting_said: Option<Arc<str>> = None;
-        for viewer in lock(&self.present).iter() {
+        for viewer in &lock(&self.present).viewers {
             let mut queue = lock(&viewer.queue);
             if queue.unaware {
                 queue.unaware = false;
@@ -77,9 +84,11 @@ impl Viewers {
         }
     }
 
-    /// Sends everybody away.
+    /// Sends everybody away, for good.
     pub(super) fn close(&self) {
-        for viewer in lock(&self.present).iter() {
+        let mut present = lock(&self.present);
+        present.closed = true;
+        for viewer in &present.viewers {
             lock(&viewer.queue).gone = true;
             viewer.bell.notify_one();
             // One that is gone already is as well.
