@@ -47,6 +47,8 @@ pub fn read(file: &Path) -> Result<Vec<Row>, csv::Error> {
 /// How far both runs have been off so far.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Standing {
+    /// First period that was compared: later than the run's if the gateway came later.
+    since: u64,
     /// RMS position error of this run over the periods that both have \[m\].
     with: f64,
     /// The same without learning \[m\].
@@ -58,6 +60,7 @@ pub(crate) struct Standing {
 pub(crate) struct Comparison {
     rows: Vec<Row>,
     periods: u64,
+    since: u64,
     sum: f64,
     sum_without: f64,
 }
@@ -85,6 +88,9 @@ impl Comparison {
             && error.is_finite()
             && row.error_m.is_finite()
         {
+            if self.periods == 0 {
+                self.since = tick;
+            }
             self.periods += 1;
             self.sum += error * error;
             self.sum_without += row.error_m * row.error_m;
@@ -94,7 +100,7 @@ impl Comparison {
     /// Nothing before the first period that both have.
     pub(crate) fn standing(&self) -> Option<Standing> {
         let rms = |sum: f64| (sum / self.periods as f64).sqrt();
-        (self.periods > 0).then(|| Standing { with: rms(self.sum), without: rms(self.sum_without) })
+        (self.periods > 0).then(|| Standing { since: self.since, with: rms(self.sum), without: rms(self.sum_without) })
     }
 }
 
@@ -126,7 +132,7 @@ mod tests {
             comparison.take_in(tick, error);
         }
         assert!(comparison.standing().is_some_and(|standing| {
-            (standing.with - 0.125_f64.sqrt()).abs() < 1e-12 && (standing.without - 12.5_f64.sqrt()).abs() < 1e-12
+            standing.since == 1 && (standing.with - 0.125_f64.sqrt()).abs() < 1e-12 && (standing.without - 12.5_f64.sqrt()).abs() < 1e-12
         }));
         comparison.start_again();
         assert_eq!(comparison.standing(), None);

@@ -42,7 +42,8 @@ function showCompared(since) {
   const both = plans.filter((row) => row[P.t] <= end + 1e-6);
   const [ours, theirs] = [rms(both, P.error, since), rms(without.filter((row) => row[0] <= now() + 1e-6), 3, since)];
   const ratio = (one, other) => (one > 0 ? other / one : null);
-  const soFar = `RMS so far ${metres(compared.with)}, without ${metres(compared.without)}`;
+  const start = compared.since * store.hello.period;
+  const soFar = `RMS ${start < 1 ? "so far" : `since ${start.toFixed(0)} s`} ${metres(compared.with)}, without ${metres(compared.without)}`;
   const [short, whole] = [ours !== null && theirs !== null ? ratio(ours, theirs) : null, ratio(compared.with, compared.without)];
   const best = short === null ? whole : short;
   const tell = best === null ? "–" : best >= 1 ? `${times(best)} × less error` : `${times(1 / best)} × more error`;

@@ -146,7 +146,8 @@ function drawMap(canvas, view, still) {
   const pose = poseNow(still);
   const eye = camera(view, pose, width, height);
   grid(pen, eye, width, height);
-  const { horizon } = store;
+  // An old plan, of a controller that is gone, is none.
+  const horizon = store.horizon && now() - store.horizon.t < 3 * store.hello.period ? store.horizon : null;
   const past = store.plans.map((row) => [row[P.rx], row[P.ry]]);
   const reference = horizon ? past.concat(horizon.reference) : past;
   const { corridor_left_m: left, corridor_right_m: right } = store.hello.about;

@@ -99,7 +99,7 @@ fn who_comes_late_sees_the_path_so_far_and_then_what_is_new() -> Outcome {
     assert_eq!((name.as_str(), length(&hello["states"]), length(&hello["plans"])), ("hello", 50, 50));
     assert_eq!((hello["robot"].as_str(), hello["about"]["scenario"].as_str()), (Some("</script><b>"), Some("paper")));
     assert_eq!(hello["without"][2], serde_json::json!([0.2, 0.0, 1.0, 2.0]));
-    assert_eq!(hello["compared"], serde_json::json!({"with": 1.0, "without": 2.0}));
+    assert_eq!(hello["compared"], serde_json::json!({"since": 0, "with": 1.0, "without": 2.0}));
     assert!(!hello.to_string().contains("without.csv"), "no path of this machine is told");
     page.feed().hear_state(&state(51, 1, Rung::FreshPlan));
     page.feed().hear_plan(&plan(51, 1, 0.5));
