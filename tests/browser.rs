@@ -219,7 +219,9 @@ impl Browser {
         match told["method"].as_str() {
             Some("Network.requestWillBeSent") => self.requested.extend(parameters["request"]["url"].as_str().map(str::to_owned)),
             Some("Runtime.exceptionThrown") => self.complaints.push(parameters["exceptionDetails"].to_string()),
-            Some("Log.entryAdded") => self.complaints.push(parameters["entry"]["text"].to_string()),
+            Some("Log.entryAdded") if parameters["entry"]["level"] == "error" => {
+                self.complaints.push(parameters["entry"]["text"].to_string())
+            }
             _ => {}
         }
     }

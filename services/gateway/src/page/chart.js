@@ -1,6 +1,6 @@
 // Curves over time on a logarithmic scale.
 
-const MARGIN = { left: 46, right: 10, top: 8, bottom: 20 };
+const MARGIN = { left: 58, right: 10, top: 8, bottom: 20 };
 const SMOOTH_S = 2;
 
 // Running RMS of a column over the last seconds.
@@ -80,7 +80,7 @@ function drawChart(canvas, { series, seconds, label, level = 0, least = 1e-5, ma
   if (level) line(pen, [[MARGIN.left, up(level)], [width, up(level)]], colours.bad, 1.5, [6, 4]);
   for (const { points, colour, width: weight, dash, alpha = 1 } of series) {
     pen.globalAlpha = alpha;
-    line(pen, points.map(([t, value]) => [across(t), value === null ? null : up(value)]), colour, weight, dash);
+    line(pen, points.map(([t, value]) => [across(t), value === null || value <= 0 ? null : up(value)]), colour, weight, dash);
   }
   pen.restore();
 }

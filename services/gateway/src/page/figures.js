@@ -71,7 +71,7 @@ function showFigures() {
   if (model) {
     const plane = (score) => Math.hypot(score[0] || 0, score[1] || 0);
     const scored = model.samples ? `held out: ${small(plane(model.learned))} instead of ${small(plane(model.main))} m/s` : "not yet scored";
-    show("model-more", `${scored}; ${model.points} points, version ${model.version} published`);
+    show("model-more", `${scored}; ${model.points} points`);
   }
   const period = hello.period * 1e6;
   const worst = Math.max(...plans.map((row) => row[P.tick]));

@@ -75,13 +75,18 @@ pub(super) struct Process {
 }
 
 /// Counters of a Health whose growth is told, and how.
-type Counter = (fn(&Health) -> u64, &'static str, &'static str);
+type Counter = (fn(&Health) -> u64, Sort, &'static str, &'static str);
 const COUNTED: [Counter; 5] = [
-    (|health| health.lost.iter().sum(), "message lost on the way to it", "messages lost on the way to it"),
-    (|health| health.refused.iter().sum(), "malformed message refused", "malformed messages refused"),
-    (|health| health.deadlines_missed, "period missed", "periods missed"),
-    (|health| health.snapshots_refused, "learned model refused", "learned models refused"),
-    (|health| health.models_left, "axis left by the learned model, which had turned worse than none", "axes left by the learned model"),
+    (|health| health.lost.iter().sum(), Sort::Fault, "message lost on the way to it", "messages lost on the way to it"),
+    (|health| health.refused.iter().sum(), Sort::Fault, "malformed message refused", "malformed messages refused"),
+    (|health| health.deadlines_missed, Sort::Fault, "period missed", "periods missed"),
+    (|health| health.snapshots_refused, Sort::Fault, "learned model refused", "learned models refused"),
+    (
+        |health| health.models_left,
+        Sort::Note,
+        "axis left by the learned model, which had turned worse than none",
+        "axes left by the learned model",
+    ),
 ];
 
 impl Process {
@@ -119,12 +124,12 @@ impl Process {
     }
 
     fn tell_counts(&mut self, now: Instant, mut tell: impl FnMut(Sort, String)) {
-        for ((count, one, many), told) in COUNTED.iter().zip(&mut self.counted) {
+        for ((count, sort, one, many), told) in COUNTED.iter().zip(&mut self.counted) {
             let newest = count(&self.health);
             let more = newest.saturating_sub(*told);
             *told = newest;
             if more > 0 {
-                tell(Sort::Fault, format!("{more} {}", if more == 1 { one } else { many }));
+                tell(*sort, format!("{more} {}", if more == 1 { one } else { many }));
                 self.counts_next = now + COUNTS_EVERY;
             }
         }
