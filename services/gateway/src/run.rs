@@ -131,9 +131,15 @@ impl Relay {
         let snapshot = self.snapshots.pass(now, publisher)?;
         self.truths.pass(now, publisher)?;
         if let Some(page) = page {
-            state.iter().for_each(|state| page.hear_state(state));
-            plan.iter().for_each(|plan| page.hear_plan(plan));
-            snapshot.iter().for_each(|snapshot| page.hear_snapshot(snapshot));
+            if let Some(state) = &state {
+                page.hear_state(state);
+            }
+            if let Some(plan) = &plan {
+                page.hear_plan(plan);
+            }
+            if let Some(snapshot) = &snapshot {
+                page.hear_snapshot(snapshot);
+            }
         }
         Ok(())
     }

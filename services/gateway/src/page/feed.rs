@@ -198,8 +198,8 @@ impl Feed {
         let Some(place) = self.processes.get_mut(health.participant as usize) else { return };
         let logbook = &mut self.logbook;
         match place {
-            Some(process) => process.take_in(*health, now, |sort, text| logbook.write(seconds, who, sort, text)),
-            None => *place = Some(Process::new(*health, now)),
+            Some(process) => process.take_in(health, now, |sort, text| logbook.write(seconds, who, sort, text)),
+            None => *place = Some(Process::new(health, now)),
         }
     }
 

@@ -91,13 +91,13 @@ const COUNTED: [Counter; 5] = [
 
 impl Process {
     /// Somebody who is heard for the first time.
-    pub(super) fn new(health: Health, now: Instant) -> Self {
-        Self { health, heard: now, starts: 1, silent: false, counted: COUNTED.map(|(count, ..)| count(&health)), counts_next: now }
+    pub(super) fn new(health: &Health, now: Instant) -> Self {
+        Self { health: *health, heard: now, starts: 1, silent: false, counted: COUNTED.map(|(count, ..)| count(health)), counts_next: now }
     }
 
     /// Takes in what it says now, and tells what is otherwise than before.
-    pub(super) fn take_in(&mut self, health: Health, now: Instant, mut tell: impl FnMut(Sort, String)) {
-        let before = std::mem::replace(&mut self.health, health);
+    pub(super) fn take_in(&mut self, health: &Health, now: Instant, mut tell: impl FnMut(Sort, String)) {
+        let before = std::mem::replace(&mut self.health, *health);
         self.heard = now;
         let another = before.pid != health.pid;
         if another {
@@ -179,20 +179,20 @@ mod tests {
     fn a_restart_an_error_silence_and_a_loss_are_told_once_each() {
         let begin = Instant::now();
         let after = |millis| begin + Duration::from_millis(millis);
-        let mut process = Process::new(health(1, Phase::Running, ""), begin);
+        let mut process = Process::new(&health(1, Phase::Running, ""), begin);
         let mut told = Vec::new();
-        let mut hear = |process: &mut Process, health, millis| {
+        let mut hear = |process: &mut Process, health: &Health, millis| {
             process.take_in(health, after(millis), |sort, text| told.push((sort, text)));
         };
         for millis in [100, 200] {
-            hear(&mut process, health(1, Phase::Degraded, "no disk"), millis);
+            hear(&mut process, &health(1, Phase::Degraded, "no disk"), millis);
         }
-        hear(&mut process, health(1, Phase::Running, ""), 300);
+        hear(&mut process, &health(1, Phase::Running, ""), 300);
         assert!(!process.falls_silent(after(1200)) && process.falls_silent(after(1400)) && !process.falls_silent(after(1500)));
         let mut again = health(2, Phase::Running, "");
         for (lost, millis) in [(0, 1600), (3, 1700), (4, 1800), (5, 1900), (5, 2900)] {
             again.lost[0] = lost;
-            hear(&mut process, again, millis);
+            hear(&mut process, &again, millis);
         }
         assert_eq!(process.starts, 2);
         let texts: Vec<&str> = told.iter().map(|(_, text)| text.as_str()).collect();
