@@ -220,7 +220,7 @@ impl Browser {
             Some("Network.requestWillBeSent") => self.requested.extend(parameters["request"]["url"].as_str().map(str::to_owned)),
             Some("Runtime.exceptionThrown") => self.complaints.push(parameters["exceptionDetails"].to_string()),
             Some("Log.entryAdded") if parameters["entry"]["level"] == "error" => {
-                self.complaints.push(parameters["entry"]["text"].to_string())
+                self.complaints.push(parameters["entry"]["text"].to_string());
             }
             _ => {}
         }

@@ -35,7 +35,7 @@ fn pixels_within(canvas: &str, colour: &str, width: &str) -> String {
 fn open(launched: &Launched) -> Result<(Browser, String), Box<dyn Error>> {
     let address = launched.page_address()?;
     let mut browser = Browser::start()?;
-    browser.open(&address, 1280, 1100)?;
+    browser.open(&address, 1280, 1120)?;
     browser.wait_for("document.getElementById('status').innerText === 'live'")?;
     Ok((browser, address))
 }
