@@ -70,7 +70,9 @@ mod tests {
     fn the_spread_is_that_of_a_sum_of_independent_errors() {
         let (period, variances): (f64, [f64; 4]) = (0.1, [0.01, 0.04, 0.0, 0.02]);
         let mut spread = Spread::default();
-        variances.iter().for_each(|&variance| spread.pass(variance, period));
+        for variance in variances {
+            spread.pass(variance, period);
+        }
         // The error of period j lasts for the half of its own and for all later ones.
         let lasts = |period_before: usize| period * (variances.len() - period_before) as f64 - period / 2.0;
         let sum: f64 = variances.iter().enumerate().map(|(before, variance)| variance * lasts(before).powi(2)).sum();
