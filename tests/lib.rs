@@ -2,11 +2,13 @@
 //!
 //! Every launch has a temporary folder of its own for its files and its run, so that tests run side by side.
 
+mod browser;
 pub mod decoders;
 mod python;
 mod reader;
 mod screen;
 
+pub use browser::Browser;
 pub use coxswain::drill::hosts::Hosts;
 pub use coxswain::drill::oracle;
 pub use coxswain::drill::record::{Message, Record};
@@ -194,6 +196,17 @@ impl Launched {
         let log = fs::read_to_string(self.folder().join("gateway.log"))?;
         let told = log.lines().find_map(|line| line.split_once("endpoints=")).ok_or("no endpoint was told")?;
         Ok(told.1.trim().to_owned())
+    }
+
+    /// Where the live page is, once it is served.
+    ///
+    /// # Errors
+    /// If it never is.
+    pub fn page_address(&self) -> Result<String, Box<dyn Error>> {
+        self.wait_for_log("gateway", "the live page is served", 1)?;
+        let log = fs::read_to_string(self.folder().join("gateway.log"))?;
+        let told = log.lines().find_map(|line| line.split_once("address=")).ok_or("no address was told")?;
+        Ok(format!("http://{}/", told.1.trim()))
     }
 
     /// Waits until `condition` holds, as long as the launch goes on.

@@ -6,6 +6,7 @@ use crate::options::Options;
 use crate::role::{START_ORDER, program};
 use crate::scenario::Scenario;
 use controller::settings::LearnedSettings;
+use gateway::settings::About;
 use model::robot::Robot;
 use process::{Pace, Run};
 use protocol::message::Participant;
@@ -29,6 +30,8 @@ pub struct Assembly {
     pub log: String,
     /// What goes wrong on purpose.
     pub faults: FaultsFile,
+    /// File with the same run without learning, once there is one.
+    pub without_learning: Option<PathBuf>,
 }
 
 /// A robot file.
@@ -80,7 +83,7 @@ impl Assembly {
         scenario.duration_s = options.duration.unwrap_or(scenario.duration_s);
         scenario.seed = options.seed.unwrap_or(scenario.seed);
         let faults = options.faults.as_deref().map_or_else(|| Ok(FaultsFile::default()), |file| faults_of(file, graph.pace))?;
-        Ok(Self { graph, scenario, scenario_name, robot, log: options.log.clone(), faults })
+        Ok(Self { graph, scenario, scenario_name, robot, log: options.log.clone(), faults, without_learning: None })
     }
 
     /// Its processes, in the order in which they start.
@@ -163,7 +166,20 @@ impl Assembly {
 
     /// What the gateway is told.
     pub fn gateway(&self, run: Run) -> gateway::settings::Settings {
-        gateway::settings::Settings { run, telemetry: self.graph.telemetry.clone(), rates: self.graph.rates }
+        let Scenario { description, duration_s, mpc, .. } = &self.scenario;
+        let limits = &mpc.state_limits;
+        let about = About {
+            scenario: self.scenario_name.clone(),
+            description: description.clone(),
+            duration_s: *duration_s,
+            heading_rad: limits.heading_rad,
+            speed_mps: limits.speed_mps,
+            corridor_left_m: limits.corridor_left_m,
+            corridor_right_m: limits.corridor_right_m,
+            without_learning: self.without_learning.clone(),
+        };
+        let Graph { telemetry, rates, page, .. } = self.graph.clone();
+        gateway::settings::Settings { run, telemetry, rates, page, about }
     }
 
     /// What the learner is told.

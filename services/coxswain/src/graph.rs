@@ -2,7 +2,7 @@
 
 use crate::back_off::RestartPolicy;
 use crate::role::START_ORDER;
-use gateway::settings::{Rates, check_telemetry};
+use gateway::settings::{PageSettings, Rates, check_telemetry};
 use plant_sim::settings::LINK_DELAY_MILLIS_MAX;
 use process::Pace;
 use protocol::message::Participant;
@@ -40,6 +40,9 @@ pub struct Graph {
     /// How often the gateway shows each topic \[Hz\].
     #[serde(default)]
     pub rates: Rates,
+    /// Where the gateway serves the live page; without this table it serves none.
+    #[serde(default)]
+    pub page: PageSettings,
     /// Its processes.
     #[serde(default)]
     pub processes: Processes,
@@ -205,7 +208,8 @@ impl Check for Graph {
             return Err(Impossible::new("lock_step_patience_millis", "at least 1 ms"));
         }
         check_telemetry(&self.telemetry).map_err(|impossible| impossible.under("telemetry"))?;
-        self.rates.check().map_err(|impossible| impossible.under("rates"))
+        self.rates.check().map_err(|impossible| impossible.under("rates"))?;
+        self.page.check().map_err(|impossible| impossible.under("page"))
     }
 }
 
@@ -251,6 +255,16 @@ mod tests {
         assert!(refused("graph = \"A robot\"").contains("network.graph = \"A robot\""));
         assert!(refused("delay_millis = 18446744073710").contains("network.delay_millis = 18446744073710: expected at most 10000 ms"));
         assert!(refused("listen = []").contains("at least one endpoint"));
+    }
+
+    #[test]
+    fn a_page_at_no_address_is_refused() {
+        assert_eq!(refusal(&format!("{GOOD}[page]\nlisten = \"off\"\n")), None);
+        assert!(refusal(&format!("{GOOD}[page]\n")).is_some_and(|told| told.contains("page.listen is missing")));
+        assert_eq!(
+            refusal(&format!("{GOOD}[page]\nlisten = \"8080\"\n")).as_deref(),
+            Some("g.toml:8: page.listen = \"8080\": expected an address and a port such as 127.0.0.1:8080, or off")
+        );
     }
 
     #[test]

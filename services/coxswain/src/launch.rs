@@ -13,6 +13,7 @@ use crate::progress;
 use crate::saboteur::Saboteur;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
+use crate::without_learning;
 use process::{Pace, go_first};
 use protocol::message::Participant;
 use protocol::port::{HalfMade, OpenError, Router, claim};
@@ -164,10 +165,23 @@ struct Ended {
 }
 
 /// The run, from its folder to its last process, in a place that exists.
-fn run_at(berth: &Berth, assembly: Assembly, programs: PathBuf, out: Option<&Path>, person: &mut Person) -> Result<Outcome, LaunchError> {
+fn run_at(
+    berth: &Berth,
+    mut assembly: Assembly,
+    programs: PathBuf,
+    out: Option<&Path>,
+    person: &mut Person,
+) -> Result<Outcome, LaunchError> {
     let folder = folder::create(out, &assembly.scenario_name, berth.id())?;
-    open_log(&folder, &assembly.log)?;
     person.terminal.say(heading(&assembly));
+    // Before there is a log: it is that of the run itself.
+    if without_learning::is_wanted(&assembly) {
+        match without_learning::run(&assembly, &folder) {
+            Ok(file) => assembly.without_learning = Some(file),
+            Err(error) => person.terminal.say(format_args!("the live page shows no run without learning: {error}")),
+        }
+    }
+    open_log(&folder, &assembly.log)?;
     tracing::info!(graph = berth.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
     let router = assembly.networked().then(|| open_router(&assembly)).transpose()?;
     let endpoints = router.as_ref().map(|router| router.endpoints().to_vec()).unwrap_or_default();
@@ -237,6 +251,9 @@ fn start(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Per
 
 /// Says how the run can be watched, if it can.
 fn invite(voyage: &Voyage, terminal: &mut Terminal) {
+    if let Some(address) = gateway::berth::page(&voyage.links.root) {
+        terminal.say(format_args!("live page: http://{address}/"));
+    }
     for endpoint in gateway::berth::endpoints(&voyage.links.root) {
         terminal.say(format_args!("watch with: coxswain watch {endpoint} --plain"));
     }

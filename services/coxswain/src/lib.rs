@@ -25,6 +25,7 @@
 //! | [`closing`]  | `summary.json` → the table at the end                                                |
 //! | [`records`]  | `coxswain report`, `coxswain export`: what is made from records                      |
 //! | [`experiment`] | controllers compared in scenarios                                                    |
+//! | [`without_learning`] | the same run without learning, for the live page to show beside it                |
 //! | [`in_process`] | the whole graph in one process, in lock step                                          |
 //! | [`terminal`] | everything that is printed                                                           |
 
@@ -54,3 +55,4 @@ pub mod saboteur;
 pub mod scenario;
 pub mod terminal;
 pub mod watch;
+pub mod without_learning;

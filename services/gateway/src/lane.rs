@@ -21,16 +21,17 @@ impl<T: OnTopic + Viewable> Lane<T> {
         Ok(Self { source: ports.watcher()?, turn: Turn::new(Rates::interval(rate)) })
     }
 
-    /// Shows the newest message, if there is one and it is time.
-    pub(crate) fn pass(&mut self, now: Instant, publisher: &mut Publisher) -> Result<(), GatewayError> {
+    /// Shows the newest message, if there is one and it is time. Gives what was shown.
+    pub(crate) fn pass(&mut self, now: Instant, publisher: &mut Publisher) -> Result<Option<T>, GatewayError> {
         if !self.turn.has_come(now) {
-            return Ok(());
+            return Ok(None);
         }
-        if let Some(message) = self.source.latest()? {
-            publisher.publish(&message)?;
+        let message = self.source.latest()?;
+        if let Some(message) = &message {
+            publisher.publish(message)?;
             self.turn.taken(now);
         }
-        Ok(())
+        Ok(message)
     }
 
     pub(crate) fn tally(&self) -> Tally {
@@ -51,14 +52,17 @@ impl HealthLane {
         Ok(Self { source: ports.watcher()?, turn: Turn::new(Rates::interval(rate)), newest: [None; Participant::ALL.len()] })
     }
 
-    /// Takes in what was said, and shows the newest of each process if it is time.
-    pub(crate) fn pass(&mut self, now: Instant, publisher: &mut Publisher) -> Result<(), GatewayError> {
+    /// Takes in what was said, and shows the newest of each process if it is time. `shown` hears what was.
+    pub(crate) fn pass(&mut self, now: Instant, publisher: &mut Publisher, mut shown: impl FnMut(&Health)) -> Result<(), GatewayError> {
         self.take_in()?;
         if !self.turn.has_come(now) || self.newest.iter().all(Option::is_none) {
             return Ok(());
         }
         self.turn.taken(now);
-        self.newest.iter_mut().filter_map(Option::take).try_for_each(|health| Ok(publisher.publish(&health)?))
+        self.newest.iter_mut().filter_map(Option::take).try_for_each(|health| {
+            shown(&health);
+            Ok(publisher.publish(&health)?)
+        })
     }
 
     fn take_in(&mut self) -> Result<(), ReceiveError> {

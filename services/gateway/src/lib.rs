@@ -2,9 +2,11 @@
 //!
 //! | module       | what it holds                                                         |
 //! |--------------|-----------------------------------------------------------------------|
-//! | [`run`]      | the loop: newest messages of every topic → telemetry                  |
-//! | [`settings`] | what a person may set: endpoints, robot, rates                        |
-//! | [`berth`]    | where those on the same machine find the endpoints                    |
+//! | [`run`]      | the loop: newest messages of every topic → telemetry, and the live page |
+//! | [`settings`] | what a person may set: endpoints, robot, rates, the page              |
+//! | [`berth`]    | where those on the same machine find the endpoints and the page       |
+//! | [`comparison`] | the same run without learning, which the page shows beside this one |
+//! | [`page`]     | the live page: what browsers are told, and how                        |
 //! | `lane`       | one topic on its way to the watchers, at its rate                     |
 //!
 //! Nobody waits for the gateway, and it takes nothing in: it reads as one who only looks on, and no word of a watcher reaches the graph.
@@ -19,6 +21,8 @@
 //! ```
 
 pub mod berth;
+pub mod comparison;
 mod lane;
+pub mod page;
 pub mod run;
 pub mod settings;

@@ -1,7 +1,8 @@
-//! every topic → watchers.
+//! every topic → watchers, near and far.
 
 use crate::berth;
 use crate::lane::{HealthLane, Lane};
+use crate::page::{Feed, Page, PageError};
 use crate::settings::{Rates, Settings};
 use process::{Pulse, Stop};
 use protocol::message::{ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth};
@@ -26,6 +27,9 @@ pub enum GatewayError {
     /// No way to the watchers.
     #[error(transparent)]
     Telemetry(#[from] TelemetryError),
+    /// No way to browsers.
+    #[error(transparent)]
+    Page(#[from] PageError),
 }
 
 /// Shows what is said until `stop` is requested.
@@ -36,13 +40,17 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
     let mut pulse = Pulse::new(ports, Participant::Gateway)?;
     let mut relay = Relay::open(ports, &settings.rates)?;
     let mut publisher = publisher(settings)?;
+    let mut page = page(settings)?;
     pulse.phase(Phase::Ready);
     let breath = settings.rates.shortest_interval() / 2;
     while !stop.requested() {
         if relay.plans.source.wait(PATIENCE)? {
             pulse.phase(Phase::Running);
         }
-        relay.pass(&mut publisher)?;
+        relay.pass(&mut publisher, page.as_mut().map(Page::feed))?;
+        if let Some(page) = &mut page {
+            page.turn(Instant::now());
+        }
         relay.count(&mut pulse);
         pulse.beat();
         // Whatever comes meanwhile is looked at together.
@@ -72,6 +80,20 @@ fn publisher(settings: &Settings) -> Result<Publisher, GatewayError> {
     Ok(publisher)
 }
 
+/// Serves the live page where this role served it before, if it has been restarted, so that open pages come back; else where the settings say.
+fn page(settings: &Settings) -> Result<Option<Page>, PageError> {
+    let root = &settings.run.links.root;
+    let page = Page::open(settings, berth::page(root))?;
+    if let Some(page) = &page {
+        let address = page.address();
+        tracing::info!(%address, "the live page is served");
+        if let Err(error) = berth::note_page(root, address) {
+            tracing::warn!(%error, "the address of the live page could not be noted");
+        }
+    }
+    Ok(page)
+}
+
 /// All topics on their way to the watchers.
 struct Relay {
     states: Lane<PlantState>,
@@ -96,14 +118,30 @@ impl Relay {
     }
 
     /// The state goes before the plan that answers it.
-    fn pass(&mut self, publisher: &mut Publisher) -> Result<(), GatewayError> {
+    fn pass(&mut self, publisher: &mut Publisher, mut page: Option<&mut Feed>) -> Result<(), GatewayError> {
         let now = Instant::now();
-        self.states.pass(now, publisher)?;
-        self.plans.pass(now, publisher)?;
-        self.healths.pass(now, publisher)?;
+        let state = self.states.pass(now, publisher)?;
+        let plan = self.plans.pass(now, publisher)?;
+        self.healths.pass(now, publisher, |health| {
+            if let Some(page) = &mut page {
+                page.hear_health(health, now);
+            }
+        })?;
         self.residuals.pass(now, publisher)?;
-        self.snapshots.pass(now, publisher)?;
-        self.truths.pass(now, publisher)
+        let snapshot = self.snapshots.pass(now, publisher)?;
+        self.truths.pass(now, publisher)?;
+        if let Some(page) = page {
+            if let Some(state) = &state {
+                page.hear_state(state);
+            }
+            if let Some(plan) = &plan {
+                page.hear_plan(plan);
+            }
+            if let Some(snapshot) = &snapshot {
+                page.hear_snapshot(snapshot);
+            }
+        }
+        Ok(())
     }
 
     /// What one who only looks on has passed over is no loss.

@@ -1,9 +1,11 @@
-//! What a person may set: where watchers connect, and how often each topic is shown.
+//! What a person may set: where watchers connect, where the live page is served, and how often each topic is shown.
 
 use process::{HasRun, Run};
 use protocol::telemetry::{TelemetryError, TelemetrySettings};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
+use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// Highest rate of a topic \[Hz\].
@@ -19,6 +21,83 @@ pub struct Settings {
     pub telemetry: TelemetrySettings,
     /// How often each topic is shown at most.
     pub rates: Rates,
+    /// Where the live page is served.
+    #[serde(default)]
+    pub page: PageSettings,
+    /// What the page tells of the run.
+    #[serde(default)]
+    pub about: About,
+}
+
+/// Where the live page is served; nowhere unless somebody says so.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct PageSettings {
+    /// Address and port, as `127.0.0.1:8080`, or `off`. Port 0 is any that is free.
+    pub listen: String,
+}
+
+impl Default for PageSettings {
+    fn default() -> Self {
+        Self { listen: "off".to_owned() }
+    }
+}
+
+impl PageSettings {
+    /// Where to listen; nowhere if there shall be no page.
+    ///
+    /// # Errors
+    /// [`Impossible`] if it is neither an address with a port nor `off`.
+    pub fn address(&self) -> Result<Option<SocketAddr>, Impossible> {
+        if self.listen == "off" {
+            return Ok(None);
+        }
+        let expected = "an address and a port such as 127.0.0.1:8080, or off";
+        self.listen.parse().map(Some).map_err(|_| Impossible::new("listen", expected))
+    }
+}
+
+impl Check for PageSettings {
+    fn check(&self) -> Result<(), Impossible> {
+        self.address().map(drop)
+    }
+}
+
+/// What the page tells of the run beside its messages; the launcher says it.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct About {
+    /// Name of the scenario.
+    pub scenario: String,
+    /// The same in one sentence.
+    pub description: String,
+    /// Length of the run; 0 if nobody knows \[s\].
+    pub duration_s: f64,
+    /// Largest heading, either way \[rad\].
+    pub heading_rad: Option<f64>,
+    /// Largest speed \[m/s\].
+    pub speed_mps: Option<f64>,
+    /// Room on the left of the reference \[m\].
+    pub corridor_left_m: Option<f64>,
+    /// Room on its right \[m\].
+    pub corridor_right_m: Option<f64>,
+    /// File with the same run without learning, see [`comparison`](crate::comparison).
+    pub without_learning: Option<PathBuf>,
+}
+
+impl Check for About {
+    fn check(&self) -> Result<(), Impossible> {
+        let Self { duration_s, heading_rad, speed_mps, corridor_left_m, corridor_right_m, .. } = *self;
+        let limits = [
+            ("duration_s", Some(duration_s)),
+            ("heading_rad", heading_rad),
+            ("speed_mps", speed_mps),
+            ("corridor_left_m", corridor_left_m),
+            ("corridor_right_m", corridor_right_m),
+        ];
+        let impossible = limits.into_iter().find(|(_, value)| value.is_some_and(|value| !(value.is_finite() && value >= 0.0)));
+        impossible.map_or(Ok(()), |(key, _)| Err(Impossible::new(key, "a finite number of at least 0")))
+    }
 }
 
 /// How often each topic is shown at most \[Hz\]; 0 is never.
@@ -82,7 +161,9 @@ pub fn check_telemetry(telemetry: &TelemetrySettings) -> Result<(), Impossible> 
 impl Check for Settings {
     fn check(&self) -> Result<(), Impossible> {
         check_telemetry(&self.telemetry).map_err(|impossible| impossible.under("telemetry"))?;
-        self.rates.check().map_err(|impossible| impossible.under("rates"))
+        self.rates.check().map_err(|impossible| impossible.under("rates"))?;
+        self.page.check().map_err(|impossible| impossible.under("page"))?;
+        self.about.check().map_err(|impossible| impossible.under("about"))
     }
 }
 
@@ -103,6 +184,19 @@ mod tests {
             assert_eq!(refused, Err(Impossible::new("plan", "0 to 1000 Hz")));
         }
         assert_eq!(Rates { plan: 0.0, ..Rates::default() }.check(), Ok(()));
+    }
+
+    #[test]
+    fn a_page_is_served_at_an_address_or_not_at_all() {
+        let address = |listen: &str| PageSettings { listen: listen.to_owned() }.address().map_err(|impossible| impossible.key);
+        assert_eq!(address("127.0.0.1:0"), Ok(Some(SocketAddr::from(([127, 0, 0, 1], 0)))));
+        assert_eq!((address("off"), PageSettings::default().address()), (Ok(None), Ok(None)));
+        assert!(matches!(address("[::1]:8080"), Ok(Some(_))));
+        for wrong in ["", "8080", "127.0.0.1", "localhost:8080", "127.0.0.1:99999", "http://127.0.0.1:80", "tcp/127.0.0.1:80", "Off"] {
+            assert_eq!(address(wrong), Err("listen".to_owned()), "{wrong}");
+        }
+        let endless = About { duration_s: f64::INFINITY, ..About::default() };
+        assert_eq!(endless.check().map_err(|impossible| impossible.key), Err("duration_s".to_owned()));
     }
 
     #[test]

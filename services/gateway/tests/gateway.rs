@@ -3,7 +3,7 @@
 use bytemuck::Zeroable;
 use gateway::berth;
 use gateway::run::GatewayError;
-use gateway::settings::{Rates, Settings};
+use gateway::settings::{About, PageSettings, Rates, Settings};
 use process::{Pace, Run, Stop};
 use protocol::message::{Health, Participant, Phase, PlantState};
 use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
@@ -22,7 +22,8 @@ fn settings(folder: &Path, rates: Rates) -> Settings {
     let links = Links::on_this_machine("test", folder, true, 1000);
     let (log, pace, folder) = ("info".to_owned(), Pace::LockStep, folder.to_owned());
     let run = Run { links, folder, log, epoch_floor: 0, restarted: false, period_nanos: 100_000_000, pace };
-    Settings { run, telemetry: TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "test".into() }, rates }
+    let telemetry = TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "test".into() };
+    Settings { run, telemetry, rates, page: PageSettings { listen: "127.0.0.1:0".into() }, about: About::default() }
 }
 
 /// A gateway on a thread of its own, in lock step over memory.
@@ -100,8 +101,9 @@ fn what_the_plant_says_is_shown() -> Outcome {
 fn a_gateway_that_comes_back_is_found_where_it_was() -> Outcome {
     let folder = tempfile::tempdir()?;
     Fixture::start(folder.path(), Rates::default())?.end()?;
-    let before = berth::endpoints(folder.path());
+    let before = (berth::endpoints(folder.path()), berth::page(folder.path()));
+    assert!(before.1.is_some(), "the page was not noted");
     let fixture = Fixture::start(folder.path(), Rates::default())?;
-    assert_eq!(berth::endpoints(folder.path()), before);
+    assert_eq!((berth::endpoints(folder.path()), berth::page(folder.path())), before);
     fixture.end()
 }

@@ -1,0 +1,55 @@
+// What all drawings share: sharp pixels, the colours of the style, numbers for people.
+
+const dark = matchMedia("(prefers-color-scheme: dark)");
+let colours = {};
+
+function readColours() {
+  const style = getComputedStyle(document.documentElement);
+  for (const name of ["card", "ink", "quiet", "line", "grid", "with", "without", "reference", "horizon", "good", "bad"]) {
+    colours[name] = style.getPropertyValue(`--${name}`).trim();
+  }
+}
+
+// A context in CSS pixels, cleared.
+function sheet(canvas) {
+  const ratio = window.devicePixelRatio || 1;
+  const width = canvas.clientWidth;
+  const height = canvas.clientHeight;
+  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+  }
+  const pen = canvas.getContext("2d");
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.clearRect(0, 0, width, height);
+  pen.font = "12px system-ui, sans-serif";
+  pen.lineJoin = "round";
+  return { pen, width, height };
+}
+
+// A line through points that may have gaps.
+function line(pen, points, colour, width, dash = []) {
+  pen.strokeStyle = colour;
+  pen.lineWidth = width;
+  pen.setLineDash(dash);
+  pen.beginPath();
+  let drawing = false;
+  for (const [x, y] of points) {
+    if (x === null || y === null) {
+      drawing = false;
+    } else if (drawing) {
+      pen.lineTo(x, y);
+    } else {
+      pen.moveTo(x, y);
+      drawing = true;
+    }
+  }
+  pen.stroke();
+  pen.setLineDash([]);
+}
+
+const metres = (value) => (value === null ? "–" : value < 0.0995 ? `${(value * 1000).toFixed(value < 0.00995 ? 1 : 0)} mm` : `${value.toFixed(2)} m`);
+const small = (value) => (value === null ? "–" : value < 0.1 ? value.toFixed(3) : value.toFixed(2));
+const duration = (micros) => (micros < 1000 ? `${micros.toFixed(0)} µs` : `${(micros / 1000).toFixed(micros < 10000 ? 1 : 0)} ms`);
+const times = (ratio) => (ratio >= 10 ? ratio.toFixed(0) : ratio.toFixed(1));
+

@@ -1,0 +1,293 @@
+//! messages → what an open page is told: how things stand when it comes, and then what is new.
+
+use super::answer::event;
+use super::horizon::Horizon;
+use super::logbook::{Entry, Logbook, Process, Sort, gate_change};
+use super::round;
+use super::rows::{History, PlanRow, StateRow};
+use crate::comparison::{Comparison, Row, Standing};
+use crate::settings::{About, Settings};
+use protocol::message::{Health, ModelSnapshot, Participant, Plan, PlantState, Reason, Rung};
+use serde::Serialize;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How often the page hears how each process is.
+const PROCESSES_EVERY: Duration = Duration::from_millis(500);
+/// Most points of the path without learning that are drawn.
+const POINTS_MAX: usize = 750;
+
+/// What the page is told. Everything in it is bounded.
+#[derive(Debug)]
+pub(crate) struct Feed {
+    robot: String,
+    period_s: f64,
+    about: About,
+    state: Option<PlantState>,
+    states: History<StateRow>,
+    plans: History<PlanRow>,
+    model: Option<Model>,
+    processes: [Option<Process>; Participant::ALL.len()],
+    logbook: Logbook,
+    comparison: Comparison,
+    news: Gathered,
+}
+
+/// What has come since the page was told last.
+#[derive(Debug, Default)]
+struct Gathered {
+    states: Vec<StateRow>,
+    plans: Vec<PlanRow>,
+    horizon: Option<Horizon>,
+    model: bool,
+    entries_told: u64,
+    processes_told: Option<Instant>,
+}
+
+/// The model that was published last.
+#[derive(Debug, Clone, Serialize)]
+struct Model {
+    version: u64,
+    points: u32,
+    samples: u32,
+    /// RMS one-step error on samples that it had not seen \[m/s, m/s, rad/s\].
+    learned: [f64; 3],
+    /// The same of the main model alone.
+    main: [f64; 3],
+}
+
+/// How one process is.
+#[derive(Debug, Serialize)]
+struct ProcessRow<'a> {
+    who: &'static str,
+    phase: &'static str,
+    text: &'a str,
+    pid: u32,
+    starts: u32,
+    silent: bool,
+    /// Since when nothing was heard of it \[s\].
+    silence: f64,
+    lost: u64,
+    refused: u64,
+    missed: u64,
+    met: u64,
+}
+
+#[derive(Serialize)]
+struct Greeting<'a> {
+    gateway: u32,
+    robot: &'a str,
+    period: f64,
+    about: &'a About,
+    rungs: Vec<&'static str>,
+    reasons: Vec<&'static str>,
+    without: Vec<[f64; 4]>,
+    states: &'a History<StateRow>,
+    plans: &'a History<PlanRow>,
+    #[serde(flatten)]
+    standing: Stands<'a>,
+}
+
+#[derive(Serialize)]
+struct News<'a> {
+    states: &'a [StateRow],
+    plans: &'a [PlanRow],
+    #[serde(flatten)]
+    standing: Stands<'a>,
+}
+
+/// What is the same in both.
+#[derive(Serialize)]
+struct Stands<'a> {
+    /// One life of the plant.
+    run: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    horizon: Option<&'a Horizon>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    model: Option<&'a Model>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    processes: Vec<ProcessRow<'a>>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    entries: Vec<&'a Entry>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    compared: Option<Standing>,
+}
+
+impl Feed {
+    /// Nothing heard yet. `without` is the same run without learning.
+    pub(super) fn new(settings: &Settings, without: Vec<Row>) -> Self {
+        Self {
+            robot: settings.telemetry.robot.clone(),
+            period_s: settings.run.period_nanos as f64 * 1e-9,
+            about: About { without_learning: None, ..settings.about.clone() },
+            state: None,
+            states: History::new(),
+            plans: History::new(),
+            model: None,
+            processes: Default::default(),
+            logbook: Logbook::default(),
+            comparison: Comparison::new(without),
+            news: Gathered::default(),
+        }
+    }
+
+    fn seconds(&self, tick: u64) -> f64 {
+        tick as f64 * self.period_s
+    }
+
+    fn now_s(&self) -> f64 {
+        self.state.map_or(0.0, |state| self.seconds(state.stamp.tick))
+    }
+
+    /// Hears what was measured.
+    pub(crate) fn hear_state(&mut self, state: &PlantState) {
+        let before = self.state.replace(*state);
+        let seconds = self.now_s();
+        let another = before.is_some_and(|before| (before.stamp.writer, before.stamp.epoch) != (state.stamp.writer, state.stamp.epoch));
+        if another {
+            self.states.clear();
+            self.plans.clear();
+            self.comparison.start_again();
+            self.news = Gathered { model: self.news.model, entries_told: self.news.entries_told, ..Gathered::default() };
+        }
+        if let Some(before) = before {
+            if let Some((sort, text)) = gate_change(&before, state) {
+                self.logbook.write(seconds, Participant::Plant, sort, text);
+            } else if state.refused > before.refused && !another {
+                let text = format!("the gate refused a command ({})", state.reason());
+                self.logbook.write(seconds, Participant::Plant, Sort::Fault, text);
+            }
+        }
+        let row = StateRow::new(state, seconds);
+        self.states.push(row);
+        self.news.states.push(row);
+    }
+
+    /// Hears how it was answered.
+    pub(crate) fn hear_plan(&mut self, plan: &Plan) {
+        // The answer to another life of the plant is no part of this one.
+        if self.state.is_none_or(|state| state.stamp.epoch != plan.plant_epoch) {
+            return;
+        }
+        let seconds = self.seconds(plan.stamp.tick);
+        let row = PlanRow::new(plan, seconds);
+        self.comparison.take_in(plan.stamp.tick, row.error);
+        self.plans.push(row);
+        self.news.plans.push(row);
+        self.news.horizon = Some(Horizon::new(plan, seconds, self.period_s));
+    }
+
+    /// Hears of a better model.
+    pub(crate) fn hear_snapshot(&mut self, snapshot: &ModelSnapshot) {
+        let head = &snapshot.head;
+        let rounded = |score: [f64; 3]| score.map(round);
+        self.news.model = true;
+        self.model = Some(Model {
+            version: head.version,
+            points: head.points,
+            samples: head.score_samples,
+            learned: rounded(head.score_learned),
+            main: rounded(head.score_main),
+        });
+    }
+
+    /// Hears how a process is.
+    pub(crate) fn hear_health(&mut self, health: &Health, now: Instant) {
+        let seconds = self.now_s();
+        let Some(who) = health.participant() else { return };
+        let Some(place) = self.processes.get_mut(health.participant as usize) else { return };
+        let logbook = &mut self.logbook;
+        match place {
+            Some(process) => process.take_in(health, now, |sort, text| logbook.write(seconds, who, sort, text)),
+            None => *place = Some(Process::new(health, now)),
+        }
+    }
+
+    /// Notices who has fallen silent.
+    pub(super) fn look_around(&mut self, now: Instant) {
+        let seconds = self.now_s();
+        for process in self.processes.iter_mut().flatten() {
+            if process.falls_silent(now)
+                && let Some(who) = process.health.participant()
+            {
+                self.logbook.write(seconds, who, Sort::Fault, "is silent".to_owned());
+            }
+        }
+    }
+
+    /// How things stand, with the last minute, for whoever has just come.
+    pub(super) fn greeting(&self, now: Instant) -> Arc<str> {
+        let step = self.comparison.rows().len().div_ceil(POINTS_MAX).max(1);
+        let without = self.comparison.rows().iter().step_by(step);
+        let greeting = Greeting {
+            gateway: std::process::id(),
+            robot: &self.robot,
+            period: self.period_s,
+            about: &self.about,
+            rungs: Rung::ALL.iter().map(|rung| rung.text()).collect(),
+            reasons: Reason::ALL.iter().map(|reason| reason.text()).collect(),
+            without: without.map(|row| [self.seconds(row.tick), row.x_m, row.y_m, row.error_m].map(round)).collect(),
+            states: &self.states,
+            plans: &self.plans,
+            standing: self.stands(now, true, 0),
+        };
+        said("hello", &greeting)
+    }
+
+    /// What is new, if anything; forgets it.
+    pub(super) fn news(&mut self, now: Instant) -> Option<Arc<str>> {
+        let news = std::mem::take(&mut self.news);
+        let entries_told = self.logbook.written();
+        let processes = news.processes_told.is_none_or(|told| now.saturating_duration_since(told) >= PROCESSES_EVERY);
+        self.news.entries_told = entries_told;
+        self.news.processes_told = if processes { Some(now) } else { news.processes_told };
+        let nothing = news.states.is_empty() && news.plans.is_empty() && !news.model && entries_told == news.entries_told;
+        if nothing && !processes {
+            return None;
+        }
+        let mut standing = self.stands(now, processes, news.entries_told);
+        standing.horizon = news.horizon.as_ref();
+        standing.model = standing.model.filter(|_| news.model);
+        Some(said("news", &News { states: &news.states, plans: &news.plans, standing }))
+    }
+
+    /// Forgets what is new: nobody looks on.
+    pub(super) fn forget_news(&mut self) {
+        let entries_told = self.logbook.written();
+        self.news = Gathered { entries_told, ..Gathered::default() };
+    }
+
+    fn stands(&self, now: Instant, processes: bool, entries_told: u64) -> Stands<'_> {
+        let everybody = self.processes.iter().flatten().map(|process| process_row(process, now));
+        Stands {
+            run: self.state.map(|state| format!("{:x}-{}", state.stamp.writer, state.stamp.epoch)),
+            horizon: self.news.horizon.as_ref(),
+            model: self.model.as_ref(),
+            processes: if processes { everybody.collect() } else { Vec::new() },
+            entries: self.logbook.since(entries_told),
+            compared: self.comparison.standing(),
+        }
+    }
+}
+
+fn process_row(process: &Process, now: Instant) -> ProcessRow<'_> {
+    let health = &process.health;
+    ProcessRow {
+        who: health.participant().map_or("?", Participant::text),
+        phase: health.phase().text(),
+        text: health.last_error(),
+        pid: health.pid,
+        starts: process.starts,
+        silent: process.is_silent(),
+        silence: (now.saturating_duration_since(process.heard).as_secs_f64() * 10.0).round() / 10.0,
+        lost: health.lost.iter().sum(),
+        refused: health.refused.iter().sum(),
+        missed: health.deadlines_missed,
+        met: health.deadlines_met,
+    }
+}
+
+/// JSON can say everything that is said here: numbers that are not finite become null.
+fn said(name: &str, what: &impl Serialize) -> Arc<str> {
+    event(name, &serde_json::to_string(what).unwrap_or_else(|_| "{}".to_owned())).into()
+}

@@ -1,0 +1,175 @@
+// The robot on its path, seen from above: x to the right, y up.
+
+// How much of the world is seen across the shorter side [m].
+const SPANS = { follow: 4, close: 1 };
+// Nominal outline of the robot [m].
+const BODY = { length: 0.36, width: 0.3, wheel: 0.1 };
+const SIGMAS = 2;
+const MAGNIFIED = [1, 2, 5, 10, 20, 50, 100];
+const LARGE_PX = 9;
+
+// Where the robot is meanwhile: between two states, along its own prediction.
+function poseNow(still) {
+  const state = latest(store.states);
+  const measured = [state[S.x], state[S.y], state[S.yaw]];
+  const { horizon, hello } = store;
+  if (still || !horizon || Math.abs(horizon.t - state[S.t]) > 1e-6 || horizon.predicted.length < 2) return measured;
+  const share = Math.min(1, (performance.now() - store.arrived) / 1000 / hello.period);
+  const [from, to] = horizon.predicted;
+  return measured.map((value, index) => value + share * (to[index] - from[index]));
+}
+
+function bounds(points) {
+  const box = [Infinity, Infinity, -Infinity, -Infinity];
+  for (const [x, y] of points) {
+    if (x === null || y === null) continue;
+    box[0] = Math.min(box[0], x);
+    box[1] = Math.min(box[1], y);
+    box[2] = Math.max(box[2], x);
+    box[3] = Math.max(box[3], y);
+  }
+  return box;
+}
+
+function camera(view, pose, width, height) {
+  let centre = pose;
+  let scale = Math.min(width, height) / (SPANS[view] || 4);
+  if (view === "whole") {
+    const references = store.plans.map((row) => [row[P.rx], row[P.ry]]);
+    const [left, bottom, right, top] = bounds([...store.path, ...references, pose]);
+    centre = [(left + right) / 2, (bottom + top) / 2];
+    scale = Math.min(width / (right - left + 2), height / (top - bottom + 2));
+  }
+  return { scale, to: ([x, y]) => [width / 2 + (x - centre[0]) * scale, height / 2 - (y - centre[1]) * scale], centre };
+}
+
+// 1, 2 or 5 times a power of ten, at least `least`.
+function roundStep(least) {
+  const power = 10 ** Math.floor(Math.log10(least));
+  return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= least * 0.999);
+}
+
+function grid(pen, eye, width, height) {
+  const step = roundStep(60 / eye.scale);
+  const [cx, cy] = eye.centre;
+  const across = width / 2 / eye.scale;
+  const up = height / 2 / eye.scale;
+  for (let x = Math.ceil((cx - across) / step) * step; x < cx + across; x += step) {
+    const [px] = eye.to([x, cy]);
+    line(pen, [[px, 0], [px, height]], colours.grid, 1);
+  }
+  for (let y = Math.ceil((cy - up) / step) * step; y < cy + up; y += step) {
+    const [, py] = eye.to([cx, y]);
+    line(pen, [[0, py], [width, py]], colours.grid, 1);
+  }
+  line(pen, [[12, height - 12], [12 + step * eye.scale, height - 12]], colours.ink, 2);
+  pen.fillStyle = colours.ink;
+  pen.fillText(step >= 1 ? `${step} m` : `${Math.round(step * 1000)} mm`, 12, height - 18);
+}
+
+// The reference moved to the left by `offset`.
+function beside(points, offset) {
+  return points.map(([x, y], index) => {
+    const [x0, y0] = points[Math.max(0, index - 1)];
+    const [x1, y1] = points[Math.min(points.length - 1, index + 1)];
+    const length = Math.hypot(x1 - x0, y1 - y0) || 1;
+    return [x - (offset * (y1 - y0)) / length, y + (offset * (x1 - x0)) / length];
+  });
+}
+
+function ellipses(pen, eye, horizon) {
+  const largest = Math.max(...horizon.deviation.map((axes) => Math.max(axes[0], axes[1])));
+  const size = SIGMAS * largest * eye.scale;
+  const factor = largest > 0 ? MAGNIFIED.find((m) => m * size >= LARGE_PX) || 100 : 1;
+  horizon.deviation.forEach(([ahead, aside], index) => {
+    const [x, y, yaw] = horizon.predicted[index];
+    if (!(ahead > 0 && aside > 0)) return;
+    const [px, py] = eye.to([x, y]);
+    pen.beginPath();
+    pen.ellipse(px, py, factor * SIGMAS * ahead * eye.scale, factor * SIGMAS * aside * eye.scale, -yaw, 0, 2 * Math.PI);
+    pen.globalAlpha = 0.22;
+    pen.fillStyle = colours.horizon;
+    pen.fill();
+    pen.globalAlpha = 1;
+  });
+  return largest > 0 ? `± 2σ${factor > 1 ? ` (× ${factor})` : ""}` : "";
+}
+
+function robot(pen, eye, [x, y, yaw], colour) {
+  const scale = Math.max(eye.scale, 60);
+  const [px, py] = eye.to([x, y]);
+  pen.save();
+  pen.translate(px, py);
+  pen.rotate(-yaw);
+  pen.scale(scale, scale);
+  pen.fillStyle = colours.ink;
+  for (const ahead of [-1, 1]) {
+    for (const aside of [-1, 1]) {
+      pen.fillRect((ahead * BODY.length) / 3.2 - BODY.wheel / 2, (aside * BODY.width) / 2 - BODY.wheel / 4, BODY.wheel, BODY.wheel / 2);
+    }
+  }
+  pen.fillStyle = colour;
+  pen.fillRect(-BODY.length / 2, -BODY.width / 2 + BODY.wheel / 4, BODY.length, BODY.width - BODY.wheel / 2);
+  pen.fillStyle = colours.card;
+  pen.beginPath();
+  pen.moveTo(BODY.length * 0.36, 0);
+  pen.lineTo(-BODY.length * 0.12, BODY.width * 0.26);
+  pen.lineTo(-BODY.length * 0.12, -BODY.width * 0.26);
+  pen.fill();
+  pen.restore();
+}
+
+// Where the robot without learning is at this time, and its way there.
+function drawWithout(pen, eye) {
+  const time = now();
+  const way = store.without.filter((row) => row[0] <= time + 1e-6);
+  if (!way.length) return;
+  line(pen, way.map((row) => eye.to([row[1], row[2]])), colours.without, 2, [6, 5]);
+  if (way.length === store.without.length) return;
+  const [, x, y] = latest(way);
+  const [px, py] = eye.to([x, y]);
+  pen.strokeStyle = colours.without;
+  pen.lineWidth = 2.5;
+  pen.beginPath();
+  pen.arc(px, py, 6, 0, 2 * Math.PI);
+  pen.stroke();
+}
+
+// Draws everything; says how the uncertainty is drawn.
+function drawMap(canvas, view, still) {
+  const { pen, width, height } = sheet(canvas);
+  if (!store.states.length) {
+    pen.fillStyle = colours.quiet;
+    pen.fillText("waiting for the robot", 12, 22);
+    return "";
+  }
+  const pose = poseNow(still);
+  const eye = camera(view, pose, width, height);
+  grid(pen, eye, width, height);
+  // An old plan, of a controller that is gone, is none.
+  const horizon = store.horizon && now() - store.horizon.t < 3 * store.hello.period ? store.horizon : null;
+  const past = store.plans.map((row) => [row[P.rx], row[P.ry]]);
+  const reference = horizon ? past.concat(horizon.reference) : past;
+  const { corridor_left_m: left, corridor_right_m: right } = store.hello.about;
+  for (const offset of [left, right && -right].filter((room) => room)) {
+    line(pen, beside(reference, offset).map(eye.to), colours.bad, 1.5);
+  }
+  line(pen, reference.map(eye.to), colours.reference, 9);
+  drawWithout(pen, eye);
+  line(pen, [...store.path.map(eye.to), eye.to(pose)], colours.with, 2.5);
+  let spread = "";
+  if (horizon) {
+    spread = ellipses(pen, eye, horizon);
+    const ahead = horizon.predicted.map(eye.to);
+    line(pen, ahead, colours.horizon, 2.5);
+    pen.fillStyle = colours.horizon;
+    for (const [x, y] of ahead) {
+      pen.beginPath();
+      pen.arc(x, y, 3, 0, 2 * Math.PI);
+      pen.fill();
+    }
+  }
+  robot(pen, eye, pose, colours.with);
+  return spread;
+}
+

@@ -1,0 +1,188 @@
+//! bytes → what a browser asks for, or why it gets nothing.
+
+use std::io::{self, Read};
+use std::net::IpAddr;
+use std::time::{Duration, Instant};
+
+/// Longest request \[bytes\].
+pub(super) const BYTES_MAX: usize = 8 * 1024;
+/// Most headers of a request.
+const HEADERS_MAX: usize = 64;
+/// How long a request may take to arrive.
+const ARRIVES_WITHIN: Duration = Duration::from_secs(5);
+
+/// What can be had.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Asked {
+    /// The page.
+    Document,
+    /// What the page draws, as it happens.
+    Events,
+}
+
+/// Why a request is not answered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Refusal {
+    /// Not HTTP, or without a host.
+    Malformed,
+    /// A name that is not ours, or another site's script.
+    Foreign,
+    /// There is no such thing.
+    Nowhere,
+    /// Nobody can send anything here.
+    Method,
+    /// It does not arrive.
+    TooSlow,
+    /// Longer than any browser's.
+    TooLong,
+    /// All places are taken.
+    Full,
+}
+
+impl Refusal {
+    /// Status line without the version.
+    pub(super) fn status(self) -> &'static str {
+        match self {
+            Self::Malformed => "400 Bad Request",
+            Self::Foreign => "403 Forbidden",
+            Self::Nowhere => "404 Not Found",
+            Self::Method => "405 Method Not Allowed",
+            Self::TooSlow => "408 Request Timeout",
+            Self::TooLong => "431 Request Header Fields Too Large",
+            Self::Full => "503 Service Unavailable",
+        }
+    }
+}
+
+/// Reads one request that came to `listening`, from a stream whose reads give up by themselves.
+pub(super) fn read(stream: &mut impl Read, listening: IpAddr) -> Result<Asked, Refusal> {
+    let begin = Instant::now();
+    let mut bytes = Vec::with_capacity(1024);
+    let mut part = [0; 1024];
+    while begin.elapsed() < ARRIVES_WITHIN {
+        let count = match stream.read(&mut part) {
+            Ok(0) => return Err(Refusal::Malformed),
+            Ok(count) => count,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            Err(_) => return Err(Refusal::TooSlow),
+        };
+        bytes.extend_from_slice(part.get(..count).unwrap_or_default());
+        if let Some(asked) = parse(&bytes, listening)? {
+            return Ok(asked);
+        }
+        if bytes.len() > BYTES_MAX {
+            return Err(Refusal::TooLong);
+        }
+    }
+    Err(Refusal::TooSlow)
+}
+
+/// Nothing while the request is not yet whole.
+fn parse(bytes: &[u8], listening: IpAddr) -> Result<Option<Asked>, Refusal> {
+    let mut headers = [httparse::EMPTY_HEADER; HEADERS_MAX];
+    let mut request = httparse::Request::new(&mut headers);
+    match request.parse(bytes) {
+        Ok(httparse::Status::Complete(_)) => {}
+        Ok(httparse::Status::Partial) => return Ok(None),
+        Err(httparse::Error::TooManyHeaders) => return Err(Refusal::TooLong),
+        Err(_) => return Err(Refusal::Malformed),
+    }
+    let header = |name: &str| {
+        let mut values = request.headers.iter().filter(|header| header.name.eq_ignore_ascii_case(name));
+        let value = values.next().map(|header| std::str::from_utf8(header.value).unwrap_or("?").trim());
+        if values.next().is_some() { Err(Refusal::Malformed) } else { Ok(value) }
+    };
+    let host = header("host")?.ok_or(Refusal::Malformed)?;
+    // A page of another site whose name has come to mean this machine asks for that name: it gets nothing.
+    if !is_ours(host, listening) {
+        return Err(Refusal::Foreign);
+    }
+    if request.method != Some("GET") {
+        return Err(Refusal::Method);
+    }
+    let path = request.path.and_then(|path| path.split('?').next());
+    let asked = match path {
+        Some("/") => Asked::Document,
+        Some("/events") => Asked::Events,
+        _ => return Err(Refusal::Nowhere),
+    };
+    let own_site = header("sec-fetch-site")?.is_none_or(|site| matches!(site, "same-origin" | "none"));
+    let own_origin = header("origin")?.is_none_or(|origin| origin.strip_prefix("http://") == Some(host));
+    if asked == Asked::Events && !(own_site && own_origin) {
+        return Err(Refusal::Foreign);
+    }
+    Ok(Some(asked))
+}
+
+/// Whether `host` can only mean the machine that was asked: an address of it, or `localhost`. Any port will do: it may have been forwarded.
+fn is_ours(host: &str, listening: IpAddr) -> bool {
+    let name = match host.strip_prefix('[') {
+        Some(rest) => rest.split(']').next(),
+        None => host.split(':').next(),
+    };
+    let Some(name) = name else { return false };
+    let address = name.parse::<IpAddr>().ok();
+    // Who listens on all addresses does not know them; an address, unlike a name, cannot be made to mean another machine.
+    let own = |address: IpAddr| address.is_loopback() || address == listening || listening.is_unspecified();
+    name.eq_ignore_ascii_case("localhost") || address.is_some_and(own)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::Ipv4Addr;
+
+    const LOOPBACK: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
+
+    fn asked(text: &str) -> Result<Asked, Refusal> {
+        read(&mut io::Cursor::new(text.as_bytes()), LOOPBACK)
+    }
+
+    #[test]
+    fn only_the_page_and_its_events_can_be_had_and_only_by_get() {
+        assert_eq!(asked("GET / HTTP/1.1\r\nHost: 127.0.0.1:8080\r\n\r\n"), Ok(Asked::Document));
+        assert_eq!(asked("GET /?again HTTP/1.1\r\nhost: LOCALHOST\r\n\r\n"), Ok(Asked::Document));
+        assert_eq!(asked("GET /events HTTP/1.1\r\nHost: [::1]:8080\r\nSec-Fetch-Site: same-origin\r\n\r\n"), Ok(Asked::Events));
+        for path in ["/favicon.ico", "/events/", "/../etc/passwd", "//", "http://127.0.0.1/", "*"] {
+            assert_eq!(asked(&format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n")), Err(Refusal::Nowhere), "{path}");
+        }
+        for method in ["POST", "HEAD", "PUT", "DELETE", "OPTIONS", "get"] {
+            assert_eq!(asked(&format!("{method} / HTTP/1.1\r\nHost: localhost\r\n\r\n")), Err(Refusal::Method), "{method}");
+        }
+    }
+
+    #[test]
+    fn a_name_that_somebody_else_gives_out_is_refused() {
+        for host in ["evil.example", "evil.example:8080", "localhost.evil.example", "127.0.0.1.evil.example", "10.0.0.1", "", "["] {
+            assert_eq!(asked(&format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n")), Err(Refusal::Foreign), "{host}");
+        }
+        assert_eq!(asked("GET / HTTP/1.1\r\n\r\n"), Err(Refusal::Malformed), "no host");
+        assert_eq!(asked("GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n"), Err(Refusal::Malformed), "two hosts");
+        let everywhere = IpAddr::V4(Ipv4Addr::UNSPECIFIED);
+        assert!(is_ours("10.0.0.1:80", everywhere) && !is_ours("evil.example:80", everywhere));
+    }
+
+    #[test]
+    fn another_sites_script_gets_no_events() {
+        for foreign in ["Sec-Fetch-Site: cross-site", "Sec-Fetch-Site: same-site", "Origin: http://evil.example", "Origin: null"] {
+            assert_eq!(
+                asked(&format!("GET /events HTTP/1.1\r\nHost: localhost:1\r\n{foreign}\r\n\r\n")),
+                Err(Refusal::Foreign),
+                "{foreign}"
+            );
+        }
+        assert_eq!(asked("GET /events HTTP/1.1\r\nHost: localhost:1\r\nOrigin: http://localhost:1\r\n\r\n"), Ok(Asked::Events));
+        assert_eq!(asked("GET / HTTP/1.1\r\nHost: localhost:1\r\nSec-Fetch-Site: cross-site\r\n\r\n"), Ok(Asked::Document), "a link");
+    }
+
+    #[test]
+    fn what_is_no_request_is_refused_and_what_is_endless_too() {
+        for text in ["", "GET", "\0\0\0\0\r\n\r\n", "GET / HTTP/9\r\n\r\n", "nonsense\r\n\r\n"] {
+            assert_eq!(asked(text), Err(Refusal::Malformed), "{text:?}");
+        }
+        let long = format!("GET / HTTP/1.1\r\nHost: localhost\r\nX: {}", "x".repeat(2 * BYTES_MAX));
+        assert_eq!(asked(&long), Err(Refusal::TooLong));
+        let many = format!("GET / HTTP/1.1\r\n{}\r\n", "A: b\r\n".repeat(HEADERS_MAX + 1));
+        assert_eq!(asked(&many), Err(Refusal::TooLong));
+    }
+}

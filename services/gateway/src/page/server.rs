@@ -1,0 +1,255 @@
+//! browsers ⇄ page: one thread that lets them in, and one for each of them.
+
+use super::answer;
+use super::request::{self, Asked, Refusal};
+use super::viewers::{VIEWERS_MAX, Viewers};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::io::{self, Write};
+use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+/// Most connections at a time: viewers, and as many that fetch the page.
+const CONNECTIONS_MAX: usize = 2 * VIEWERS_MAX;
+/// How long a browser may say nothing of its request.
+const READS_WITHIN: Duration = Duration::from_secs(2);
+/// How long a browser may take nothing before it is sent away.
+const WRITES_WITHIN: Duration = Duration::from_secs(10);
+/// How often the request to end is looked at.
+const PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
+
+/// Serves the page until it is dropped.
+#[derive(Debug)]
+pub(super) struct Server {
+    address: SocketAddr,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    viewers: Viewers,
+    connections: AtomicUsize,
+    closing: AtomicBool,
+}
+
+impl Server {
+    /// Listens at `address`.
+    pub(super) fn open(address: SocketAddr) -> io::Result<Self> {
+        let listener = TcpListener::bind(address)?;
+        // One that has gone between the poll and here is not waited for.
+        listener.set_nonblocking(true)?;
+        let (address, shared) = (listener.local_addr()?, Arc::<Shared>::default());
+        let thread = {
+            let shared = Arc::clone(&shared);
+            thread::Builder::new().name("page".into()).spawn(move || let_in(&listener, address.ip(), &shared))?
+        };
+        Ok(Self { address, shared, thread: Some(thread) })
+    }
+
+    /// Where it listens, with the true port.
+    pub(super) fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Who looks on.
+    pub(super) fn viewers(&self) -> &Viewers {
+        &self.shared.viewers
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.shared.closing.store(true, Ordering::Release);
+        self.shared.viewers.close();
+        if let Some(thread) = self.thread.take() {
+            // A panic of that thread is in the log.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// A connection that is counted while this lives.
+struct Counted(Arc<Shared>);
+
+impl Drop for Counted {
+    fn drop(&mut self) {
+        self.0.connections.fetch_sub(1, Ordering::AcqRel);
+    }
+}
+
+fn let_in(listener: &TcpListener, ip: IpAddr, shared: &Arc<Shared>) {
+    while !shared.closing.load(Ordering::Acquire) {
+        // Whatever it says, the next round looks again.
+        let _ = poll(&mut [PollFd::new(listener, PollFlags::IN)], Some(&PATIENCE));
+        match listener.accept() {
+            Ok((stream, _)) => welcome(stream, ip, shared),
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+            // Too many open files, for instance: it passes, and until then the poll does not wait.
+            Err(_) => thread::sleep(Duration::from_millis(100)),
+        }
+    }
+}
+
+/// Gives a connection a thread of its own, if there is room.
+fn welcome(mut stream: TcpStream, ip: IpAddr, shared: &Arc<Shared>) {
+    let prepared = stream.set_nonblocking(false).and_then(|()| stream.set_nodelay(true));
+    let prepared = prepared.and_then(|()| stream.set_read_timeout(Some(READS_WITHIN)));
+    if prepared.and_then(|()| stream.set_write_timeout(Some(WRITES_WITHIN))).is_err() {
+        return;
+    }
+    let counted = Counted(Arc::clone(shared));
+    if shared.connections.fetch_add(1, Ordering::AcqRel) >= CONNECTIONS_MAX {
+        // Little enough to fit into any socket's buffer.
+        let _ = stream.write_all(answer::refusal(Refusal::Full).as_bytes());
+        return;
+    }
+    let serve = move || {
+        let counted = counted;
+        // A browser that has gone is no failure.
+        let _ = serve(stream, ip, &counted.0);
+    };
+    if let Err(error) = thread::Builder::new().name("viewer".into()).spawn(serve) {
+        tracing::warn!(%error, "a viewer of the page was not served");
+    }
+}
+
+fn serve(mut stream: TcpStream, ip: IpAddr, shared: &Shared) -> io::Result<()> {
+    let refuse = |mut stream: TcpStream, refusal| stream.write_all(answer::refusal(refusal).as_bytes());
+    match request::read(&mut stream, ip) {
+        Ok(Asked::Document) => stream.write_all(answer::document(&answer::nonce()).as_bytes()),
+        Ok(Asked::Events) => {
+            let Some(viewer) = shared.viewers.join(stream.try_clone()?) else { return refuse(stream, Refusal::Full) };
+            let served = stream.write_all(answer::events().as_bytes()).and_then(|()| {
+                while let Some(event) = viewer.next() {
+                    stream.write_all(event.as_bytes())?;
+                }
+                Ok(())
+            });
+            shared.viewers.leave(&viewer);
+            served
+        }
+        Err(refusal) => refuse(stream, refusal),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{BufRead, BufReader, Read};
+    use std::time::Instant;
+
+    const PATIENCE: Duration = Duration::from_mins(1);
+
+    fn open() -> io::Result<Server> {
+        Server::open(SocketAddr::from(([127, 0, 0, 1], 0)))
+    }
+
+    fn ask(server: &Server, text: &str) -> io::Result<TcpStream> {
+        let mut stream = TcpStream::connect(server.address())?;
+        stream.set_read_timeout(Some(PATIENCE))?;
+        stream.write_all(text.as_bytes())?;
+        Ok(stream)
+    }
+
+    fn answer_to(server: &Server, text: &str) -> io::Result<String> {
+        let mut answer = String::new();
+        ask(server, text)?.read_to_string(&mut answer)?;
+        Ok(answer)
+    }
+
+    /// An open page that has been let in, and told nothing yet.
+    fn viewer(server: &Server) -> io::Result<BufReader<TcpStream>> {
+        let mut stream = BufReader::new(ask(server, "GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")?);
+        let mut line = String::new();
+        while !line.starts_with("retry: ") {
+            line.clear();
+            if stream.read_line(&mut line)? == 0 || line.contains("503") {
+                return Err(io::Error::other("not let in"));
+            }
+        }
+        Ok(stream)
+    }
+
+    #[test]
+    fn the_page_is_served_and_everything_else_refused() -> io::Result<()> {
+        let server = open()?;
+        let page = answer_to(&server, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")?;
+        assert!(page.starts_with("HTTP/1.1 200 OK\r\n") && page.ends_with("</html>\n"), "{}", page.len());
+        assert!(!page.to_ascii_lowercase().contains("access-control-allow"), "other sites may not read it");
+        for (text, status) in [
+            ("GET /secret HTTP/1.1\r\nHost: localhost\r\n\r\n", "404"),
+            ("POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3\r\n\r\nabc", "405"),
+            ("GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n", "403"),
+            ("hello\r\n\r\n", "400"),
+        ] {
+            let answer = answer_to(&server, text)?;
+            assert!(answer.starts_with(&format!("HTTP/1.1 {status} ")), "{text}: {answer}");
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn a_viewer_that_takes_nothing_holds_up_neither_the_gateway_nor_the_others() -> io::Result<()> {
+        let server = open()?;
+        let blocked = viewer(&server)?;
+        let mut quick = viewer(&server)?;
+        // Far more than sockets hold.
+        let news: Arc<str> = answer::event("news", &"x".repeat(1_000_000)).into();
+        let mut received = 0_usize;
+        let mut bytes = vec![0; 1_000_000];
+        while received < 30_000_000 {
+            server.viewers().tell(Some(&news), || Arc::clone(&news));
+            let count = quick.read(&mut bytes)?;
+            assert!(count > 0, "the quick one was sent away");
+            received += count;
+        }
+        drop(blocked);
+        Ok(())
+    }
+
+    #[test]
+    fn one_viewer_too_many_is_refused_and_the_others_go_on() -> io::Result<()> {
+        let server = open()?;
+        let mut present = (0..VIEWERS_MAX).map(|_| viewer(&server)).collect::<io::Result<Vec<_>>>()?;
+        assert!(viewer(&server).is_err());
+        assert!(answer_to(&server, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")?.starts_with("HTTP/1.1 200"), "the page itself is served");
+        server.viewers().tell(None, || "event: hello\n\n".into());
+        for stream in &mut present {
+            let mut line = String::new();
+            while line.trim().is_empty() {
+                line.clear();
+                stream.read_line(&mut line)?;
+            }
+            assert_eq!(line, "event: hello\n");
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn who_has_gone_makes_room() -> io::Result<()> {
+        let server = open()?;
+        drop((0..VIEWERS_MAX).map(|_| viewer(&server)).collect::<io::Result<Vec<_>>>()?);
+        let begin = Instant::now();
+        let news: Arc<str> = "event: news\n\n".into();
+        while viewer(&server).is_err() {
+            assert!(begin.elapsed() < PATIENCE, "no place was free again");
+            server.viewers().tell(Some(&news), || Arc::clone(&news));
+            thread::sleep(Duration::from_millis(5));
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn a_page_that_is_served_again_can_be_served_at_the_same_address() -> io::Result<()> {
+        let server = open()?;
+        let (address, open_page) = (server.address(), viewer(&server)?);
+        drop(server);
+        let again = Server::open(address)?;
+        assert_eq!(again.address(), address);
+        drop(open_page);
+        viewer(&again).map(drop)
+    }
+}

@@ -1,0 +1,148 @@
+//! What an open page is told, from messages to JSON.
+
+use super::Page;
+use crate::comparison::{self, Row};
+use crate::settings::{About, PageSettings, Rates, Settings};
+use bytemuck::Zeroable;
+use process::{Pace, Run};
+use protocol::message::{Health, Participant, Phase, Plan, PlantState, Rung};
+use protocol::port::Links;
+use protocol::telemetry::TelemetrySettings;
+use serde_json::Value;
+use std::error::Error;
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+type Outcome = Result<(), Box<dyn Error>>;
+
+fn settings(folder: &Path, without_learning: Option<&Path>) -> Settings {
+    let links = Links::on_this_machine("test", folder, true, 1000);
+    let (log, pace, folder) = ("info".to_owned(), Pace::LockStep, folder.to_owned());
+    Settings {
+        run: Run { links, folder, log, epoch_floor: 0, restarted: false, period_nanos: 100_000_000, pace },
+        telemetry: TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "</script><b>".into() },
+        rates: Rates::default(),
+        page: PageSettings { listen: "127.0.0.1:0".into() },
+        about: About { scenario: "paper".into(), without_learning: without_learning.map(Path::to_owned), ..About::default() },
+    }
+}
+
+/// A browser without a window.
+struct Tab {
+    stream: BufReader<TcpStream>,
+}
+
+impl Tab {
+    fn open(page: &Page) -> Result<Self, Box<dyn Error>> {
+        let mut stream = TcpStream::connect(page.address())?;
+        stream.set_read_timeout(Some(Duration::from_mins(1)))?;
+        write!(stream, "GET /events HTTP/1.1\r\nHost: {}\r\n\r\n", page.address())?;
+        let mut tab = Self { stream: BufReader::new(stream) };
+        while !tab.line()?.starts_with("retry:") {}
+        Ok(tab)
+    }
+
+    fn line(&mut self) -> Result<String, Box<dyn Error>> {
+        let mut line = String::new();
+        if self.stream.read_line(&mut line)? == 0 {
+            return Err("the stream has ended".into());
+        }
+        Ok(line.trim_end().to_owned())
+    }
+
+    /// Name and content of the next event.
+    fn event(&mut self) -> Result<(String, Value), Box<dyn Error>> {
+        loop {
+            if let Some(name) = self.line()?.strip_prefix("event: ") {
+                let data = self.line()?;
+                return Ok((name.to_owned(), serde_json::from_str(data.strip_prefix("data: ").ok_or("no data")?)?));
+            }
+        }
+    }
+}
+
+fn state(tick: u64, epoch: u64, rung: Rung) -> PlantState {
+    let mut state = PlantState { rung: rung.code(), pose: [tick as f64, 0.0, 0.0], ..PlantState::zeroed() };
+    (state.stamp.tick, state.stamp.epoch, state.stamp.writer) = (tick, epoch, epoch);
+    state
+}
+
+fn plan(tick: u64, plant_epoch: u64, error: f64) -> Box<Plan> {
+    let mut plan: Box<Plan> = Box::new(Plan { plant_epoch, horizon: 5, model_version: 7, ..Plan::zeroed() });
+    plan.stamp.tick = tick;
+    plan.predicted[0][0] = error;
+    plan
+}
+
+fn length(value: &Value) -> usize {
+    value.as_array().map_or(0, Vec::len)
+}
+
+#[test]
+fn who_comes_late_sees_the_path_so_far_and_then_what_is_new() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let file = folder.path().join("without.csv");
+    comparison::write(&file, &[0, 1, 2].map(|tick| Row { tick, x_m: 0.0, y_m: 1.0, error_m: 2.0 }))?;
+    let mut page = Page::open(&settings(folder.path(), Some(&file)), None)?.ok_or("no page")?;
+    let begin = Instant::now();
+    let after = |tick: u64| begin + Duration::from_millis(100 * (tick + 1));
+    for tick in 0..50 {
+        page.feed().hear_state(&state(tick, 1, Rung::FreshPlan));
+        page.feed().hear_plan(&plan(tick, 1, 1.0));
+        page.turn(after(tick));
+    }
+    let mut tab = Tab::open(&page)?;
+    page.turn(after(50));
+    let (name, hello) = tab.event()?;
+    assert_eq!((name.as_str(), length(&hello["states"]), length(&hello["plans"])), ("hello", 50, 50));
+    assert_eq!((hello["robot"].as_str(), hello["about"]["scenario"].as_str()), (Some("</script><b>"), Some("paper")));
+    assert_eq!(hello["without"][2], serde_json::json!([0.2, 0.0, 1.0, 2.0]));
+    assert_eq!(hello["compared"], serde_json::json!({"since": 0, "with": 1.0, "without": 2.0}));
+    assert!(!hello.to_string().contains("without.csv"), "no path of this machine is told");
+    page.feed().hear_state(&state(51, 1, Rung::FreshPlan));
+    page.feed().hear_plan(&plan(51, 1, 0.5));
+    page.feed().hear_plan(&plan(9, 0, 9.0));
+    page.turn(after(51));
+    let (name, news) = tab.event()?;
+    assert_eq!((name.as_str(), length(&news["states"]), length(&news["plans"])), ("news", 1, 1), "{news}");
+    assert_eq!((&news["plans"][0][3], length(&news["horizon"]["predicted"])), (&serde_json::json!(0.5), 6));
+    Ok(())
+}
+
+#[test]
+fn another_life_of_the_plant_begins_a_new_path_and_what_happened_is_told() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let mut page = Page::open(&settings(folder.path(), None), None)?.ok_or("no page")?;
+    let begin = Instant::now();
+    let mut health = Health { participant: Participant::Plant.code(), phase: Phase::Running.code(), pid: 1, ..Health::zeroed() };
+    page.feed().hear_health(&health, begin);
+    for tick in 0..10 {
+        page.feed().hear_state(&state(tick, 1, if tick < 5 { Rung::FreshPlan } else { Rung::Brake }));
+    }
+    health.pid = 2;
+    page.feed().hear_health(&health, begin);
+    page.feed().hear_state(&state(0, 2, Rung::Waiting));
+    let mut tab = Tab::open(&page)?;
+    page.turn(begin + Duration::from_secs(2));
+    let (_, hello) = tab.event()?;
+    assert_eq!((length(&hello["states"]), hello["run"].as_str()), (1, Some("2-2")));
+    let said: Vec<&str> = hello["entries"].as_array().into_iter().flatten().filter_map(|entry| entry["text"].as_str()).collect();
+    assert_eq!(said, ["fresh plan → brake", "started again, as process 2", "brake → waiting", "is silent"]);
+    assert_eq!(hello["processes"][0]["silent"], serde_json::json!(true));
+    Ok(())
+}
+
+#[test]
+fn a_page_that_is_off_is_not_served_and_one_that_cannot_be_served_says_where() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let mut settings = settings(folder.path(), None);
+    let page = Page::open(&settings, None)?.ok_or("no page")?;
+    settings.page.listen = page.address().to_string();
+    let told = Page::open(&settings, None).err().ok_or("two pages at one address")?.to_string();
+    assert!(told.starts_with(&format!("the live page cannot be served at {}: ", page.address())), "{told}");
+    settings.page.listen = "off".into();
+    assert!(Page::open(&settings, None)?.is_none());
+    Ok(())
+}

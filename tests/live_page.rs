@@ -1,0 +1,145 @@
+//! Promise: a browser shows the robot live while it learns, on any screen, and comes back by itself.
+//!
+//! With `COXSWAIN_PICTURE=1` in the environment it also takes the picture of the README, `docs/images/live.png`.
+
+use promises::{Browser, Launched, Outcome, repository, signal};
+use rustix::process::Signal;
+use std::collections::BTreeSet;
+use std::error::Error;
+use std::fs;
+
+/// Pixels of `canvas` in the colour of the style that is called `colour`.
+fn pixels(canvas: &str, colour: &str) -> String {
+    pixels_within(canvas, colour, "canvas.width")
+}
+
+/// The same of its left part, so wide.
+fn pixels_within(canvas: &str, colour: &str, width: &str) -> String {
+    format!(
+        "(() => {{
+            const canvas = document.getElementById('{canvas}');
+            const probe = document.createElement('canvas').getContext('2d');
+            probe.fillStyle = getComputedStyle(document.documentElement).getPropertyValue('--{colour}').trim();
+            probe.fillRect(0, 0, 1, 1);
+            const wanted = probe.getImageData(0, 0, 1, 1).data;
+            const {{data}} = canvas.getContext('2d').getImageData(0, 0, {width}, canvas.height);
+            let count = 0;
+            for (let at = 0; at < data.length; at += 4) {{
+                count += data[at + 3] > 200 && [0, 1, 2].every((part) => Math.abs(data[at + part] - wanted[part]) < 12);
+            }}
+            return count;
+        }})()"
+    )
+}
+
+fn open(launched: &Launched) -> Result<(Browser, String), Box<dyn Error>> {
+    let address = launched.page_address()?;
+    let mut browser = Browser::start()?;
+    browser.open(&address, 1280, 1120)?;
+    browser.wait_for("document.getElementById('status').innerText === 'live'")?;
+    Ok((browser, address))
+}
+
+/// The robot is elsewhere than just now.
+fn wait_for_movement(browser: &mut Browser) -> Outcome {
+    let place = browser.text("place")?;
+    browser.wait_for(&format!("document.getElementById('place').innerText !== {place:?}"))?;
+    let place = browser.text("place")?;
+    browser.wait_for(&format!("document.getElementById('place').innerText !== {place:?}"))
+}
+
+/// Nothing that the browser asked for was anywhere else, and it had nothing to complain of but lost connections.
+fn is_self_contained(browser: &Browser, address: &str) {
+    let elsewhere = |url: &&String| !url.starts_with(address) && !url.starts_with("data:");
+    assert_eq!(browser.requested().iter().find(elsewhere), None);
+    assert!(browser.requested().iter().any(|url| url.ends_with("/events")), "{:?}", browser.requested());
+    let serious: Vec<&String> = browser.complaints().iter().filter(|complaint| !complaint.contains("net::ERR_")).collect();
+    assert!(serious.is_empty(), "{serious:?}");
+}
+
+#[test]
+fn a_browser_sees_the_robot_move_and_learn_on_any_screen_in_any_light_and_by_keyboard() -> Outcome {
+    let launched = Launched::new(&["--duration", "100"])?;
+    let (mut browser, address) = open(&launched)?;
+    wait_for_movement(&mut browser)?;
+    for (chart, colour) in [("map", "with"), ("map", "horizon"), ("map", "reference"), ("map", "without")] {
+        browser.wait_for(&format!("{} > 20", pixels(chart, colour)))?;
+    }
+    for chart in ["error-chart", "residual-chart", "tick-chart"] {
+        let filled = browser.ask(&pixels(chart, "with"))?.as_u64().unwrap_or(0);
+        browser.wait_for(&format!("{} > {}", pixels(chart, "with"), filled + 20))?;
+    }
+    browser.wait_for("/^version [1-9]/.test(document.getElementById('model').innerText)")?;
+    browser.wait_for("/held out: .* m.s/.test(document.getElementById('model-more').innerText)")?;
+    browser.wait_for("/× less error/.test(document.getElementById('compared').innerText)")?;
+    browser.wait_for("/^fresh plan/.test(document.getElementById('rung').innerText)")?;
+    let processes = browser.text("processes")?;
+    for who in ["plant", "controller", "learner", "recorder", "gateway"] {
+        assert!(processes.contains(who), "{who} is not in {processes}");
+    }
+
+    browser.prefer("light")?;
+    let light = browser.ask("getComputedStyle(document.body).backgroundColor")?;
+    if std::env::var_os("COXSWAIN_PICTURE").is_some() {
+        browser.wait_for("parseFloat(document.getElementById('time').innerText) > 16")?;
+        fs::create_dir_all(repository().join("docs/images"))?;
+        fs::write(repository().join("docs/images/live.png"), browser.picture()?)?;
+    }
+    browser.prefer("dark")?;
+    let dark = browser.ask("getComputedStyle(document.body).backgroundColor")?;
+    assert_ne!(light, dark);
+    browser.wait_for(&format!("{} > 20", pixels("error-chart", "with")))?;
+
+    let mut reached = BTreeSet::new();
+    for _ in 0..12 {
+        browser.press("Tab")?;
+        let focus = "(({dataset, id}) => dataset.value || id)(document.activeElement)";
+        let name = browser.ask(focus)?.as_str().unwrap_or_default().to_owned();
+        if name == "whole" {
+            browser.press("Space")?;
+            browser.wait_for("document.activeElement.getAttribute('aria-pressed') === 'true'")?;
+            let outline = browser.ask("getComputedStyle(document.activeElement).outlineStyle")?;
+            assert_eq!(outline, "solid", "the focus is not seen");
+        }
+        reached.insert(name);
+    }
+    for control in ["follow", "close", "whole", "15", "60", "plane", "yaw", "pause", "log"] {
+        assert!(reached.contains(control), "{control} is not in {reached:?}");
+    }
+
+    browser.resize(390, 844, true)?;
+    browser.wait_for("innerWidth === 390")?;
+    assert_eq!(browser.ask("document.documentElement.scrollWidth")?, 390, "the page is wider than a phone");
+    wait_for_movement(&mut browser)?;
+    is_self_contained(&browser, &address);
+    drop(browser);
+    signal(launched.pid(), Signal::TERM)?;
+    let (ended, _home) = launched.end()?;
+    assert!(ended.text.contains(&format!("live page: {address}")), "{}", ended.text);
+    Ok(())
+}
+
+#[test]
+fn an_open_page_outlives_a_killed_gateway() -> Outcome {
+    let launched = Launched::new(&["--duration", "100"])?;
+    let (mut browser, address) = open(&launched)?;
+    browser.wait_for(&format!("{} > 100", pixels("error-chart", "with")))?;
+    let gateway = launched.process("gateway", None)?;
+    signal(gateway, Signal::KILL)?;
+    browser.wait_for("/connection is lost/.test(document.getElementById('log').innerText)")?;
+    browser.wait_for("/connected again/.test(document.getElementById('log').innerText)")?;
+    browser.wait_for("document.getElementById('status').innerText === 'live'")?;
+    wait_for_movement(&mut browser)?;
+    // The new gateway knows nothing of the first seconds; the page still does.
+    let first = pixels_within("error-chart", "with", "72");
+    browser.wait_for(&format!("parseFloat(document.getElementById('time').innerText) > 50 || {first} > 5"))?;
+    let controller = launched.process("controller", None)?;
+    signal(controller, Signal::KILL)?;
+    browser.wait_for("/controller\\s+started again/.test(document.getElementById('log').innerText)")?;
+    browser.wait_for("/→ fresh plan/.test(document.getElementById('log').innerText)")?;
+    is_self_contained(&browser, &address);
+    drop(browser);
+    signal(launched.pid(), Signal::TERM)?;
+    launched.end()?;
+    Ok(())
+}
