@@ -106,7 +106,7 @@ const NEEDED_HUNG_AFTER_MILLIS: u64 = 400;
 /// Two heartbeats may be late \[ms\].
 const HUNG_AFTER_LEAST_MILLIS: u64 = 300;
 /// Silence of others \[ms\].
-const HUNG_AFTER_MILLIS: u64 = 3000;
+const HUNG_AFTER_MILLIS: u64 = 2500;
 
 /// Whether the robot cannot be driven without `role`.
 pub fn is_needed(role: Participant) -> bool {
@@ -149,7 +149,7 @@ pub struct Treatment {
     pub back_off_millis: u64,
     /// Longest wait before a restart \[ms\].
     pub back_off_max_millis: u64,
-    /// In real time: silence after which it is taken to hang, and is killed \[ms\]. By default 400 of whom the robot needs, and 3000 of others.
+    /// In real time: silence after which it is taken to hang, and is killed \[ms\]. By default 400 of whom the robot needs, and 2500 of others.
     pub hung_after_millis: Option<u64>,
 }
 

@@ -234,8 +234,16 @@ fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
 
 /// Starts everybody, each when the one before is ready. An outcome only if the run is over before it began.
 fn start(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Person) -> Result<Option<Outcome>, LaunchError> {
-    for role in voyage.assembly.roles() {
+    // A gateway only looks on: in real time it starts beside the others, and is waited for when the robot drives.
+    let real_time = voyage.assembly.graph.pace == Pace::RealTime;
+    let (beside, waited): (Vec<_>, Vec<_>) = voyage.assembly.roles().partition(|&role| real_time && role == Participant::Gateway);
+    for &role in &beside {
         fleet.start(role)?;
+    }
+    for role in waited.into_iter().chain(beside.iter().copied()) {
+        if !beside.contains(&role) {
+            fleet.start(role)?;
+        }
         let since = Instant::now();
         while !fleet.is_ready(role, since, &watch.view())? {
             if let Some(signal) = person.asks_to_end() {
