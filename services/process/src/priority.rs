@@ -1,5 +1,6 @@
 //! Who goes first when processors are short.
 
+use rustix::process::setpriority_process;
 use thread_priority::unix::{set_thread_priority_and_policy, thread_native_id, thread_schedule_policy};
 use thread_priority::{
     Error, NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
@@ -10,6 +11,9 @@ const PRIORITY: u8 = 10;
 
 /// Real-time threads of the same priority take no turns: each runs until it waits.
 const FIFO: ThreadSchedulePolicy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+
+/// The greatest niceness.
+const LAST: i32 = 19;
 
 /// What the crate makes niceness 0 of.
 const NICE_0: u8 = 48;
@@ -42,11 +46,10 @@ pub fn step_back() {
     }
 }
 
-/// The calling thread runs only when nobody else wants to, and is stopped by whoever does (`SCHED_IDLE`): for work beside a graph that it must not disturb.
+/// The calling thread is served last of all that have no real-time priority: for work beside a graph that it must not disturb.
 pub fn give_way() {
-    if let Err(error) = set(0, ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle)) {
-        tracing::debug!(%error, "runs among all others");
-    }
+    // On Linux a niceness is a thread's own. Whoever may not even step back stays where it is.
+    let _ = setpriority_process(None, LAST);
 }
 
 fn set(priority: u8, policy: ThreadSchedulePolicy) -> Result<(), Error> {
@@ -61,12 +64,14 @@ mod tests {
     use std::thread;
 
     #[test]
-    fn who_gives_way_is_scheduled_as_idle() {
-        let policy = thread::spawn(|| {
+    fn who_gives_way_is_served_last_and_nobody_else_is() {
+        let now = || getpriority_process(None).ok();
+        let before = now();
+        let given = thread::spawn(move || {
             give_way();
-            thread_schedule_policy().ok()
+            now()
         });
-        assert_eq!(policy.join().ok().flatten(), Some(ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle)));
+        assert_eq!((given.join().ok().flatten(), now()), (Some(LAST), before));
     }
 
     #[test]

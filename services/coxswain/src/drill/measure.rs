@@ -34,7 +34,7 @@ pub struct Measured {
     pub worst_reaction: Option<f64>,
     /// \[s\].
     pub worst_restart: Option<f64>,
-    /// Periods below a fresh plan in which the machine let nobody run.
+    /// Where nobody was touched whom the robot needs: periods below a fresh plan in which the machine let nobody run.
     pub excused: usize,
     /// Why it cannot be done on this machine.
     pub impossible: Option<&'static str>,
@@ -46,6 +46,7 @@ pub fn measure(record: &Record, launch: &Launch, limits: &Limits, injected: &[In
     let worst_restart = launch.restarts.and_then(|who| judge_restarts(record, who, injected, &mut violations));
     let states = states(record);
     let excused = judge_driving(&states, launch, gaps, &mut violations);
+    let excused = if launch.undisturbed { excused } else { 0 };
     let fallen = states.iter().filter(|state| fell(state)).count() as u64;
     if let Some(asked) = launch.answered.filter(|&asked| asked != fallen) {
         violations.push(format!("{fallen} periods were answered without the optimiser, expected {asked}"));
