@@ -275,7 +275,7 @@ impl Easel {
     /// Another plant stands somewhere else: its path begins there.
     fn lengthen_path(&mut self, plant_epoch: u64, pose: Pose) {
         if plant_epoch != self.plant_epoch {
-            (self.plant_epoch, self.path) = (plant_epoch, Vec::new());
+            (self.plant_epoch, self.path, self.path_at) = (plant_epoch, Vec::new(), None);
         }
         let apart = |last: &Pose| (pose.position.x - last.position.x).hypot(pose.position.y - last.position.y);
         if self.path.last().is_none_or(|last| apart(last) >= PATH_STEP) {
