@@ -8,8 +8,10 @@
 //! | `messages` | messages in memory and on the network, snapshots on disk   |
 //! | `settings` | every TOML file                                            |
 //! | `records`  | points of a reference, records, summaries                  |
+//! | `others`   | what browsers ask for, who launched a graph                |
 
 mod messages;
+mod others;
 mod records;
 mod settings;
 
@@ -35,7 +37,7 @@ pub type Verdict = Result<Fate, String>;
 pub type Decoder = fn(&[u8]) -> Verdict;
 
 /// Every decoder, by name.
-pub const ALL: [(&str, Decoder); 17] = [
+pub const ALL: [(&str, Decoder); 19] = [
     ("frame", messages::frame),
     ("wire", messages::wire),
     ("snapshot_file", messages::snapshot_file),
@@ -53,6 +55,8 @@ pub const ALL: [(&str, Decoder); 17] = [
     ("points", records::points),
     ("record", records::record),
     ("summary", records::summary),
+    ("request", others::request),
+    ("launcher", others::launcher),
 ];
 
 /// The decoder that is called `name`.

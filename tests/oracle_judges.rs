@@ -23,6 +23,30 @@ fn good_run() -> Result<(Record, Limits), Box<dyn Error>> {
     Ok((Record::read(&run)?, Limits::of(&assembly)))
 }
 
+/// The record in which the tail of the answer to tick 49 acted in the period that began with tick 50, as it was said, or as `said` changes it.
+fn bridged(record: &Record, said: impl Fn(&mut Value)) -> Vec<Message> {
+    let mut messages = record.messages().to_vec();
+    let answer =
+        messages.iter().find(|message| message.topic == "truth" && message.stamp("tick") == 50).map(|message| message.says.clone());
+    for message in &mut messages {
+        match (message.topic.as_str(), message.stamp("tick")) {
+            // The wheels keep what they had, so that is what the tail must have been.
+            ("command", 49) => {
+                message.says["tail"][0] = message.says["input"].clone();
+                said(&mut message.says["tail"][0]);
+            }
+            ("truth", 51) => {
+                for field in ["wheel_command", "acting_tick"] {
+                    message.says[field] = answer.as_ref().map_or(Value::Null, |truth| truth[field].clone());
+                }
+                (message.says["rung"], message.says["reason"]) = (json!("stored tail"), json!("command missing"));
+            }
+            _ => {}
+        }
+    }
+    messages
+}
+
 /// The rules that `record` violates once `change` was made to the messages of `topic` at `tick`.
 fn violated(record: &Record, limits: &Limits, (topic, tick): (&str, u64), change: impl Fn(&mut Value)) -> BTreeSet<Rule> {
     let mut messages = record.messages().to_vec();
@@ -46,7 +70,7 @@ fn braked(record: &Record, limits: &Limits, until: u64, answered_from: u64) -> V
         message.says["rung"] = json!("brake");
         message.says["reason"] = json!("command missing");
         if message.topic == "state" && tick < answered_from {
-            message.says["accepted_tick"] = json!(46);
+            message.says["accepted_tick"] = json!(48);
         }
         if message.topic == "truth" {
             wheel = (wheel - ramp).max(0.0);
@@ -73,9 +97,15 @@ fn a_good_run_is_acquitted_and_each_bad_one_is_found_out_for_what_is_bad() -> Ou
     assert_eq!(found(("truth", 60), &|truth| truth["wheel_peak"][2] = Value::Null), [Rule::Finite]);
     assert_eq!(found(("truth", 60), &|truth| truth["wheel_command"][0] = Value::Null), [Rule::Finite]);
     assert_eq!(found(("truth", 60), &|truth| truth["wheel_peak"][1] = json!(120.1)), [Rule::Bounds]);
-    assert_eq!(found(("truth", 60), &|truth| truth["wheel_command"] = json!(vec![-60.0; 4])), [Rule::Rate]);
+    assert_eq!(found(("truth", 60), &|truth| truth["wheel_command"] = json!(vec![-60.0; 4])), [Rule::Rate, Rule::Said]);
+    let another = |truth: &mut Value| truth["wheel_command"][0] = json!(truth["wheel_command"][0].as_f64().unwrap_or(0.0) + 0.001);
+    assert_eq!(found(("truth", 60), &another), [Rule::Said]);
+    assert_eq!(found(("command", 59), &|command| command["input"] = json!([0.0, 0.0, 0.0])), [Rule::Said]);
     assert_eq!(found(("truth", 60), &|truth| truth["acting_age_nanos"] = json!(301_000_000)), [Rule::Age]);
-    assert_eq!(found(("truth", 60), &|truth| truth["acting_tick"] = json!(56)), [Rule::Age]);
+    assert_eq!(found(("truth", 60), &|truth| truth["acting_tick"] = json!(56)), [Rule::Age, Rule::Said]);
+    assert_eq!(found(("truth", 60), &|truth| truth["acting_writer"] = json!(5)), [Rule::Epoch], "two writers of one epoch");
+    let late = |state: &mut Value| state["accepted_tick"] = json!(57);
+    assert_eq!(found(("state", 60), &late), [Rule::Age], "of a state 2 T old");
     assert_eq!(found(("truth", 60), &|truth| truth["acting_tick"] = json!(61)), [Rule::Age]);
     assert_eq!(found(("truth", 60), &|truth| truth["takeovers"] = json!(2)), [Rule::Epoch]);
     assert_eq!(found(("truth", 60), &|truth| truth["takeovers_back"] = json!(1)), [Rule::Epoch]);
@@ -98,6 +128,32 @@ fn a_brake_is_a_ramp_to_rest_that_is_left_after_three_good_periods() -> Outcome 
         message.says["wheel_command"] = json!(vec![54.0; 4]);
     }
     assert_eq!(rules(messages, &limits), [Rule::Ramp]);
+    Ok(())
+}
+
+#[test]
+fn what_bridges_a_gap_is_the_tail_that_was_said() -> Outcome {
+    let (record, limits) = good_run()?;
+    assert_eq!(rules(bridged(&record, |_| ()), &limits), []);
+    assert_eq!(rules(bridged(&record, |entry| entry[0] = json!(0.5)), &limits), [Rule::Said]);
+    Ok(())
+}
+
+#[test]
+fn the_wheels_do_not_leap_into_the_brake_nor_out_of_it() -> Outcome {
+    let (record, limits) = good_run()?;
+    let at = |tick: u64, wheels: f64| {
+        let mut messages = braked(&record, &limits, 60, 57);
+        for message in messages.iter_mut().filter(|message| message.topic == "truth" && message.stamp("tick") == tick) {
+            message.says["wheel_command"] = json!(vec![wheels; 4]);
+        }
+        rules(messages, &limits)
+    };
+    let most = limits.rate[0] * limits.period_s / limits.wheel_radius_m;
+    let first = 54.0 - limits.brake[0] * limits.period_s / limits.wheel_radius_m;
+    assert!(!at(50, first - 0.5 * most).contains(&Rule::Rate), "a step of the tail, then the ramp");
+    assert!(at(50, -100.0).contains(&Rule::Rate), "a leap into the brake");
+    assert!(at(60, -100.0).contains(&Rule::Rate), "a leap out of it");
     Ok(())
 }
 

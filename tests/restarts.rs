@@ -78,3 +78,29 @@ fn over_shared_memory_both_ends_can_be_killed_again_and_again() -> Outcome {
 fn over_the_network_both_ends_can_be_killed_again_and_again() -> Outcome {
     kill_both_ends_often("network")
 }
+
+#[test]
+fn who_is_killed_or_stopped_while_it_starts_is_started_again_and_the_robot_drives() -> Outcome {
+    for sent in [Signal::KILL, Signal::STOP] {
+        let launched = Launched::new(&["--duration", "1000"])?;
+        let mut struck = Vec::new();
+        // In the order in which they are waited for.
+        for program in ["recorder", "learner", "controller", "plant-sim"] {
+            let pid = launched.process(program, None)?;
+            signal(pid, sent)?;
+            struck.push((program, pid));
+            launched.process(program, Some(pid))?;
+        }
+        launched.wait_for_log("controller", "answering a plant", 1)?;
+        thread::sleep(Duration::from_secs(2));
+        signal(launched.pid(), Signal::TERM)?;
+        let (ended, home) = launched.end()?;
+        assert_eq!(ended.status.code(), Some(128 + 15), "{}", ended.text);
+        let record = Record::read(&home.path().join("run"))?;
+        assert_eq!(record.of("state").next_back().map(|state| state.word("rung")), Some("fresh plan"), "{}", ended.text);
+        let log = fs::read_to_string(home.path().join("run/coxswain.log"))?;
+        let early = log.matches("ended before it was ready").count();
+        assert!(early > 0, "{sent:?}: nobody of {struck:?} was met before it was ready\n{log}");
+    }
+    Ok(())
+}

@@ -21,8 +21,10 @@ pub struct Robot {
     at: u64,
     period_nanos: u64,
     witnessed: Witnessed,
-    /// Controller epoch that acted last; 0 before the first.
-    acted_last: u64,
+    /// Who acted in the last slice.
+    acting: Acting,
+    /// Controller that acted last, of whatever did since; none before the first.
+    acted_last: Option<(u64, u64)>,
 }
 
 /// What the wheels got in the past period, for the truth.
@@ -49,7 +51,8 @@ impl Robot {
             at: 0,
             period_nanos: settings.run.period_nanos,
             witnessed: Witnessed::default(),
-            acted_last: 0,
+            acting: Acting::default(),
+            acted_last: None,
         }
     }
 
@@ -90,16 +93,16 @@ impl Robot {
             // Written so that NaN stays.
             *peak = if wheel.is_finite() && wheel.abs() <= *peak { *peak } else { wheel.abs() + 0.0 * *peak };
         }
-        let Acting { epoch, tick, .. } = self.decision.acting;
+        self.acting = self.decision.acting;
+        let Acting { epoch, writer, tick } = self.acting;
         if epoch == 0 {
             return;
         }
         witnessed.acting_age_nanos = witnessed.acting_age_nanos.max(self.at.saturating_sub(tick * self.period_nanos));
-        if self.acted_last != 0 && epoch != self.acted_last {
+        if let Some(before) = self.acted_last.replace((epoch, writer)).filter(|&before| before != (epoch, writer)) {
             witnessed.takeovers += 1;
-            witnessed.takeovers_back += u32::from(epoch < self.acted_last);
+            witnessed.takeovers_back += u32::from(epoch < before.0);
         }
-        self.acted_last = epoch;
     }
 
     /// Lets the world run until the end of the period at `now`, and says on which rung it was.
@@ -132,7 +135,7 @@ impl Robot {
     fn tell_truth(&mut self, tick: u64) -> Truth {
         let witnessed = std::mem::take(&mut self.witnessed);
         let now = self.world.state();
-        let Acting { epoch, writer, tick: acting_tick } = self.decision.acting;
+        let Acting { epoch, writer, tick: acting_tick } = self.acting;
         let mut truth: Truth = bytemuck::Zeroable::zeroed();
         truth.stamp.tick = tick;
         truth.pose = now.pose;

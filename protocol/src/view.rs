@@ -165,8 +165,8 @@ recorded!(Truth, "plant-sim → recorder: what is really the case.", |truth| {
     "acting_writer": Shape::Integer, "writer of that command" => truth.acting_writer;
     "acting_tick": Shape::Integer, "tick that it answered" => truth.acting_tick;
     "acting_age_nanos": Shape::Integer, "greatest age of an answered state whose command acted in the past period [ns]" => truth.acting_age_nanos;
-    "takeovers": Shape::Integer, "how often another controller epoch took over in the past period" => truth.takeovers;
-    "takeovers_back": Shape::Integer, "how many of those went to a lower epoch" => truth.takeovers_back;
+    "takeovers": Shape::Integer, "how often another controller took over in the past period" => truth.takeovers;
+    "takeovers_back": Shape::Integer, "how many of those went to a smaller epoch" => truth.takeovers_back;
     "rung": Shape::Word(words::rungs), "rung of the past period" => words::of_rung(truth.rung);
     "reason": Shape::Word(words::reasons), "reason of that rung" => words::of_reason(truth.reason);
 });

@@ -21,7 +21,7 @@ pub struct Truth {
     pub wheel_command: [f64; 4],
     /// Largest magnitude of each wheel's command in the past period; NaN if one was not finite \[rad/s\].
     pub wheel_peak: [f64; 4],
-    /// Epoch of the controller whose command acts; 0 if none does.
+    /// Epoch of the controller whose command makes `wheel_command`; 0 if none does.
     pub acting_epoch: u64,
     /// Writer of that command.
     pub acting_writer: u64,
@@ -29,9 +29,9 @@ pub struct Truth {
     pub acting_tick: u64,
     /// Greatest age of an answered state whose command acted in the past period; 0 if none acted \[ns\].
     pub acting_age_nanos: u64,
-    /// How often, in the past period, a command of another controller epoch took over from the one that had acted before it.
+    /// How often, in the past period, a command of another controller (epoch or writer) took over from the one that had acted before it.
     pub takeovers: u32,
-    /// How many of those went to a lower epoch.
+    /// How many of those went to a smaller epoch.
     pub takeovers_back: u32,
     /// [`Rung`] of the past period.
     pub rung: u32,

@@ -135,12 +135,17 @@ impl Assembly {
             run,
             duration_s: self.scenario.duration_s,
             seed: self.scenario.seed,
-            link_delay_millis: if self.networked() { self.graph.network.delay_millis } else { 0 },
+            link_delay_millis: self.link_delay_millis(),
             recorded: self.graph.processes.recorder.enabled,
             start: self.scenario.start,
             robot: self.robot,
             truth: self.scenario.truth.clone(),
         }
+    }
+
+    /// Delay that its links are known to have \[ms\].
+    pub fn link_delay_millis(&self) -> u64 {
+        if self.networked() { self.graph.network.delay_millis } else { 0 }
     }
 
     /// What the controller is told.

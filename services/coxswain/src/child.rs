@@ -74,6 +74,13 @@ impl Child {
         self.system.wait().map(Ending)
     }
 
+    /// Whether it was stopped by a signal or by who traces it, so that it does nothing at all.
+    pub fn is_stopped(&self) -> bool {
+        let status = fs::read_to_string(format!("/proc/{}/stat", self.pid())).unwrap_or_default();
+        // The name before it is in brackets, and may hold anything.
+        status.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with(['T', 't']))
+    }
+
     /// Asks it to end. A stopped process is woken, else it would not hear.
     pub fn ask_to_end(&self) {
         self.signal(Signal::TERM);
@@ -103,6 +110,11 @@ impl Ending {
     /// Whether it ended as it should: by itself, or by our request before it could take it in.
     pub fn is_clean(self) -> bool {
         self.0.success() || self.0.signal() == Some(Signal::TERM.as_raw())
+    }
+
+    /// Whether somebody killed it.
+    pub fn is_kill(self) -> bool {
+        self.0.signal() == Some(Signal::KILL.as_raw())
     }
 
     /// Whether it has done what it was to do.

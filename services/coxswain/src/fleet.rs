@@ -7,7 +7,7 @@ use crate::epochs::Epochs;
 use crate::graph::is_needed;
 use crate::role::END_ORDER;
 use crate::roster::Roster;
-use crate::watch::{HealthView, View};
+use crate::watch::View;
 use process::{Pace, Run};
 use protocol::message::{Participant, Phase};
 use protocol::port::Links;
@@ -156,19 +156,22 @@ struct Silence {
     /// When the last Health was sent; none before the first.
     heard: Option<u64>,
     lasted: Duration,
+    /// It was killed for it, and dies as soon as the system lets it.
+    punished: bool,
 }
 
 impl Silence {
-    /// How long it lasts, once that is longer than `patience`; before the first word longer than the start may take.
-    fn broken_by(&mut self, pid: u32, health: Option<HealthView>, round: Duration, patience: Duration) -> Option<Duration> {
-        let said = health.filter(|health| health.pid == pid).map(|health| health.sent_nanos);
+    /// How long it lasts, once that is longer than `patience`: once, since nobody is killed twice. Before the first word it may last as long as
+    /// a start may take, but not of one that is `stopped`: that does not start.
+    fn broken_by(&mut self, said: Option<u64>, round: Duration, patience: Duration, stopped: impl FnOnce() -> bool) -> Option<Duration> {
         if said != self.heard {
-            *self = Self { heard: said, lasted: Duration::ZERO };
+            *self = Self { heard: said, lasted: Duration::ZERO, punished: self.punished };
             return None;
         }
         self.lasted += round.min(ROUND_MOST);
-        let patience = if self.heard.is_none() { STARTS_WITHIN } else { patience };
-        (self.lasted > patience).then(|| std::mem::take(&mut self.lasted))
+        let broken = !self.punished && self.lasted > patience && (self.heard.is_some() || self.lasted > STARTS_WITHIN || stopped());
+        self.punished |= broken;
+        broken.then_some(self.lasted)
     }
 }
 
@@ -233,9 +236,21 @@ impl<'a> Fleet<'a> {
         let State::Running(child) = &mut member.state else { return Ok(false) };
         if let Some(ending) = bury(&self.roster, child)? {
             member.state = State::Ended;
+            // One that ended by itself cannot; one that was killed may be able to.
+            let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
+            if ending.is_kill() && member.restarts.after_death(&policy, Instant::now()).is_some() {
+                tracing::warn!(%role, %ending, "ended before it was ready, and is started again");
+                self.start(role)?;
+                return Ok(false);
+            }
             return Err(FleetError::NeverReady { role, ending, last_words: last_words(&self.voyage.folder, role) });
         }
         let ready = view.health(role).is_some_and(|health| health.pid == child.pid() && health.phase != Phase::Starting);
+        let processes = &self.voyage.assembly.graph.processes;
+        let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
+        if !ready && real_time && since.elapsed() > processes.hung_after(role) && child.is_stopped() {
+            child.kill();
+        }
         if !ready && since.elapsed() > READY_WITHIN {
             return Err(FleetError::TooSlow { role, last_words: last_words(&self.voyage.folder, role) });
         }
@@ -260,7 +275,8 @@ impl<'a> Fleet<'a> {
             let Some(ending) = bury(&self.roster, child)? else {
                 // In lock step whoever waits is silent, and its patience ends the run.
                 let patience = self.voyage.assembly.graph.processes.hung_after(role);
-                if real_time && let Some(silence) = member.silence.broken_by(child.pid(), view.health(role), round, patience) {
+                let said = view.health(role).filter(|health| health.pid == child.pid()).map(|health| health.sent_nanos);
+                if real_time && let Some(silence) = member.silence.broken_by(said, round, patience, || child.is_stopped()) {
                     child.kill();
                     events.push(Event::Hung { role, silence });
                 }
@@ -368,5 +384,34 @@ fn end_by_force(mut child: Child) -> String {
     match child.wait() {
         Ok(_) => complaint,
         Err(error) => format!("{complaint}; {error}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROUND: Duration = Duration::from_millis(20);
+    const PATIENCE: Duration = Duration::from_millis(400);
+
+    /// Rounds until the silence is broken, if it is within 20 s.
+    fn rounds(silence: &mut Silence, said: Option<u64>, stopped: bool) -> Option<u32> {
+        (1..1000).find(|_| silence.broken_by(said, ROUND, PATIENCE, || stopped).is_some())
+    }
+
+    #[test]
+    fn one_that_starts_may_be_silent_for_longer_unless_it_is_stopped() {
+        assert_eq!(rounds(&mut Silence::default(), None, false), Some(501));
+        assert_eq!(rounds(&mut Silence::default(), None, true), Some(21));
+        let mut silence = Silence::default();
+        assert_eq!(silence.broken_by(Some(1), ROUND, PATIENCE, || false), None);
+        assert_eq!(rounds(&mut silence, Some(1), false), Some(21));
+    }
+
+    #[test]
+    fn nobody_is_killed_twice_for_one_silence() {
+        let mut silence = Silence::default();
+        assert_eq!(rounds(&mut silence, None, true), Some(21));
+        assert_eq!(rounds(&mut silence, None, true), None, "the system takes its time to let it die");
     }
 }

@@ -104,6 +104,28 @@ mod tests {
     }
 
     #[test]
+    fn whoever_brakes_goes_on_braking_until_told_otherwise_and_a_command_in_its_own_period_acts() {
+        for situation in every_situation().filter(|situation| !situation.latched) {
+            let Some(accepted) = situation.accepted else { continue };
+            let (choice, rung, _) = decide(&situation);
+            if situation.braking {
+                assert_eq!((choice, rung), (Choice::Brake, Rung::Brake), "{situation:?}");
+            } else if accepted.age_periods == 0 {
+                assert_eq!((choice, rung), (Choice::Command, accepted.rung), "{situation:?}");
+            } else if accepted.age_periods <= accepted.tail && accepted.age_periods < BRAKE_FROM_PERIODS {
+                assert_eq!((choice, rung), (Choice::Tail(accepted.age_periods as usize - 1), Rung::StoredTail), "{situation:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn before_the_first_command_the_wheels_stand() {
+        for situation in every_situation().filter(|situation| situation.accepted.is_none() && !situation.latched) {
+            assert_eq!(decide(&situation).0, Choice::Stand, "{situation:?}");
+        }
+    }
+
+    #[test]
     fn a_latched_stop_never_drives() {
         for situation in every_situation().filter(|situation| situation.latched) {
             assert_eq!(decide(&situation).1, Rung::LatchedStop);

@@ -31,7 +31,7 @@ use crate::comparison;
 use crate::settings::Settings;
 use server::Server;
 use std::io;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::time::{Duration, Instant};
 
 /// Pages hear something this often at most.
@@ -45,6 +45,18 @@ pub struct PageError {
     address: SocketAddr,
     /// What the system said.
     source: io::Error,
+}
+
+/// What a browser asks for that sends `bytes` to a page at the address `listening`: `"document"` or `"events"`.
+///
+/// # Errors
+/// Status line of the refusal.
+pub fn asked(mut bytes: &[u8], listening: IpAddr) -> Result<&'static str, &'static str> {
+    match request::read(&mut bytes, listening) {
+        Ok(request::Asked::Document) => Ok("document"),
+        Ok(request::Asked::Events) => Ok("events"),
+        Err(refusal) => Err(refusal.status()),
+    }
 }
 
 /// The live page.

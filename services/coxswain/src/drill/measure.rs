@@ -51,11 +51,21 @@ pub fn measure(record: &Record, launch: &Launch, limits: &Limits, injected: &[In
     if let Some(asked) = launch.answered.filter(|&asked| asked != fallen) {
         violations.push(format!("{fallen} periods were answered without the optimiser, expected {asked}"));
     }
-    if launch.undisturbed {
+    let in_the_dark = if launch.undisturbed {
         judge_instances(&states, &mut violations);
-    }
+        judge_unrecorded(record, &states, gaps, &mut violations)
+    } else {
+        0
+    };
     let injections = if launch.answered.is_some() { fallen } else { injected.len() as u64 };
-    Measured { injections, violations, worst_reaction: worst_reaction(record, limits), worst_restart, excused, impossible: None }
+    Measured {
+        injections,
+        violations,
+        worst_reaction: worst_reaction(record, limits),
+        worst_restart,
+        excused: excused + in_the_dark,
+        impossible: None,
+    }
 }
 
 /// Age of the oldest state whose answer acted \[T\].
@@ -79,6 +89,29 @@ fn judge_instances(states: &[&Message], violations: &mut Vec<String>) {
             violations.push(format!("{count} {who} one after the other, expected one: nobody was touched whom the robot needs"));
         }
     }
+}
+
+/// Nothing was missed while no recorder was there to see it: the plant counts its periods whoever listens. How many of those are excused.
+fn judge_unrecorded(record: &Record, states: &[&Message], gaps: &[Gap], violations: &mut Vec<String>) -> usize {
+    let missed = record.health_of("plant").next_back().map_or(0, |health| health.count("deadlines_missed"));
+    let seen = states.iter().filter(|state| is_missed(state)).count() as u64;
+    let unseen = missed.saturating_sub(seen);
+    let mut darkness = states.windows(2).filter_map(|pair| match pair {
+        [before, after] if before.stamp("tick") + 1 < after.stamp("tick") => Some((before.stamp("sent_nanos"), after.stamp("sent_nanos"))),
+        _ => None,
+    });
+    let excused = darkness.any(|(begin, end)| gaps.iter().any(|gap| gap.from_nanos < end && begin < gap.to_nanos));
+    if unseen > 0 && !excused {
+        violations.push(format!(
+            "{unseen} periods were missed that are not in the record, expected none: nobody was touched whom the robot needs"
+        ));
+    }
+    if excused { unseen as usize } else { 0 }
+}
+
+/// Whether nobody answered the period in time.
+fn is_missed(state: &Message) -> bool {
+    matches!(state.word("rung"), "stored tail" | "brake" | "latched stop")
 }
 
 /// Whether the period was answered by a controller whose optimiser had no plan.
@@ -232,6 +265,23 @@ mod tests {
         let mut violations = Vec::new();
         let worst = judge_restarts(&record, Participant::Controller, &ends, &mut violations);
         (worst, violations)
+    }
+
+    #[test]
+    fn what_was_missed_while_nobody_recorded_is_missed_all_the_same() {
+        let state = |tick: u64, rung: &str| Message {
+            topic: "state".to_owned(),
+            says: json!({"stamp": {"epoch": 1, "tick": tick, "sent_nanos": tick * 20 * MS}, "rung": rung}),
+        };
+        let health = Message { topic: "health".to_owned(), says: json!({"participant": "plant", "deadlines_missed": 2}) };
+        let record = Record::of_messages(vec![state(1, "fresh plan"), state(2, "stored tail"), state(9, "fresh plan"), health]);
+        let judged = |gaps: &[Gap]| {
+            let mut violations = Vec::new();
+            (judge_unrecorded(&record, &states(&record), gaps, &mut violations), violations.len())
+        };
+        assert_eq!(judged(&[]), (0, 1));
+        assert_eq!(judged(&[Gap { from_nanos: 100 * MS, to_nanos: 104 * MS }]), (1, 0));
+        assert_eq!(judged(&[Gap { from_nanos: 10 * MS, to_nanos: 14 * MS }]), (0, 1), "the machine was late at another time");
     }
 
     #[test]

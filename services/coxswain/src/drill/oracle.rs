@@ -2,27 +2,34 @@
 //!
 //! | rule | what must hold                                                                                                        |
 //! |------|-----------------------------------------------------------------------------------------------------------------------|
-//! | a    | every wheel command is finite, within the wheels' speed, and changes no faster than the robot may, but when braking    |
-//! | b    | no command acts that answers a state older than 3 T                                                                    |
-//! | c    | of two controller epochs the greater takes over from the smaller, once in a period at most, and never the other way    |
+//! | a    | every wheel command is finite, within the wheels' speed, and changes no faster than the robot may; on a way into the   |
+//! |      | brake, no faster than that and the ramp together                                                                       |
+//! | b    | no command acts that answers a state older than 3 T, and none is accepted that answers one older than 1.5 T            |
+//! | c    | of two controller epochs the greater takes over from the smaller, once in a period at most, and never the other way;   |
+//! |      | of two writers of one epoch another is heard when the first has been silent                                            |
 //! | d    | when nothing acts, from 3 T after the last good command on at the latest, the wheels slow down along the ramp to rest  |
 //! | e    | every change of rung has its reason; the gate's brake is left after 3 good periods                                     |
 //! | f    | what was sent is in the record or was counted as lost by it, for every topic and writer                                |
+//! | g    | what acts is what its controller said for this moment: the input, or the entry of its tail for a state so old          |
 //!
 //! A takeover in the midst of a period is lawful: the tail of the dead controller acts until the first answer of its successor. What is
 //! judged of the wheels is what the plant says in its Truth; rule f cannot be judged across the death of a recorder, which counts nothing
 //! while it is dead.
 
 mod counting;
+mod said;
 mod wheels;
 
 use super::record::{Message, Record};
 use crate::assembly::Assembly;
+use said::Said;
 use std::collections::BTreeMap;
 use std::fmt;
 
 /// What is promised of the age of what acts, and of the brake \[periods\].
 const OLDEST_PERIODS: f64 = 3.0;
+/// Ticks between a state and the end of the period in which an answer to it may still be accepted, when that is 1.5 T old at most.
+const ACCEPTED_WITHIN_TICKS: u64 = 2;
 /// Good periods that leaving the brake takes.
 const GOOD_PERIODS: u64 = 3;
 
@@ -41,6 +48,10 @@ pub struct Limits {
     pub rate: [f64; 3],
     /// Ramp of the brake \[m/s², m/s², rad/s²\].
     pub brake: [f64; 3],
+    /// What the links may take beyond 1.5 T \[periods, rounded up\].
+    pub link_delay_periods: u64,
+    /// Whether the wheels get what the gate lets through at once, and not after a dead time of the drive's own.
+    pub at_once: bool,
 }
 
 impl Limits {
@@ -54,6 +65,8 @@ impl Limits {
             wheel_radps: robot.drive.wheel_speed_limit_radps,
             rate: [robot.limits.input_rate_mps2, robot.limits.input_rate_mps2, robot.limits.yaw_input_rate_radps2],
             brake: [robot.limits.brake_mps2, robot.limits.brake_mps2, robot.limits.yaw_brake_radps2],
+            link_delay_periods: (assembly.link_delay_millis() as f64 / assembly.scenario.period_millis).ceil() as u64,
+            at_once: assembly.scenario.truth.command_delay_s == 0.0,
         }
     }
 }
@@ -67,9 +80,9 @@ pub enum Rule {
     Bounds,
     /// Within the rate of change.
     Rate,
-    /// Nothing older than 3 T.
+    /// Nothing older than 3 T acts, and nothing older than 1.5 T is accepted.
     Age,
-    /// One controller epoch.
+    /// One controller epoch, and one writer of it.
     Epoch,
     /// The ramp of the brake.
     Ramp,
@@ -79,6 +92,8 @@ pub enum Rule {
     Recovery,
     /// Sent = stored + lost.
     Count,
+    /// What acts was said.
+    Said,
 }
 
 /// One thing that went wrong.
@@ -107,12 +122,17 @@ impl fmt::Display for Violation {
 pub fn judge(record: &Record, limits: &Limits) -> Vec<Violation> {
     let mut violations = Vec::new();
     let truths = by_epoch(record, "truth");
+    let said = Said::of(record);
     for (&epoch, ticks) in &truths {
         wheels::judge(epoch, ticks, limits, &mut violations);
+        if limits.at_once {
+            said.judge(epoch, ticks, limits, &mut violations);
+        }
     }
     for (&epoch, ticks) in &by_epoch(record, "state") {
         let none = BTreeMap::new();
         judge_rungs(epoch, ticks, truths.get(&epoch).unwrap_or(&none), &mut violations);
+        judge_accepted(epoch, ticks, limits, &mut violations);
     }
     counting::judge(record, &mut violations);
     violations
@@ -136,6 +156,21 @@ fn by_epoch<'a>(record: &'a Record, topic: &'a str) -> BTreeMap<u64, Ticks<'a>> 
         epochs.entry(message.stamp("epoch")).or_default().insert(message.stamp("tick"), message);
     }
     epochs
+}
+
+/// Rule b, of what was accepted in one plant epoch.
+fn judge_accepted(epoch: u64, states: &Ticks<'_>, limits: &Limits, violations: &mut Vec<Violation>) {
+    let accepted = |state: &Message| (state.count("accepted_epoch"), state.count("accepted_tick"));
+    for (&tick, state) in states {
+        let Some(before) = tick.checked_sub(1).and_then(|before| states.get(&before)) else { continue };
+        let within = ACCEPTED_WITHIN_TICKS + limits.link_delay_periods;
+        let (_, answered) = accepted(state);
+        if accepted(before) != accepted(state) && answered.saturating_add(within) < tick {
+            let (found, expected) =
+                (format!("an answer to tick {answered} was accepted"), format!("none to a tick before {}", tick - within));
+            violations.push(Violation { rule: Rule::Age, epoch, tick, found, expected });
+        }
+    }
 }
 
 /// Rule e, of one plant epoch.

@@ -54,14 +54,15 @@ impl Record {
         Self::read_as(folder, |_, _| true)
     }
 
-    /// Reads it without predictions, data points and drawings: long runs fit into memory then.
+    /// Reads it without predictions, data points and drawings, but with the tails of commands: long runs fit into memory then.
     ///
     /// # Errors
     /// If there is none, or it is none.
     pub fn read_without_rows(folder: &Path) -> io::Result<Self> {
         Self::read_as(folder, |topic, says| {
             let fields = says.as_object_mut().into_iter();
-            fields.for_each(|fields| fields.retain(|_, value| !value.as_array().is_some_and(|rows| rows.iter().any(Value::is_array))));
+            let kept = |name: &str, value: &Value| name == "tail" || !value.as_array().is_some_and(|rows| rows.iter().any(Value::is_array));
+            fields.for_each(|fields| fields.retain(|name, value| kept(name, value)));
             Topic::ALL.iter().any(|known| known.name() == topic)
         })
     }

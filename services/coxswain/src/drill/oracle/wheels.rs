@@ -11,8 +11,11 @@ const STEPS: f64 = 2.2;
 /// Grain of the ramp in time: the gate of the simulator decides every 2 ms, and a look may fall before or behind it \[s\].
 const GRAIN_S: f64 = 0.005;
 
+/// Ticks at least between the answers of two writers of one epoch.
+const SILENT_TICKS: u64 = 2;
+
 pub(super) fn judge(epoch: u64, truths: &Ticks<'_>, limits: &Limits, violations: &mut Vec<Violation>) {
-    let mut highest = 0;
+    let (mut highest, mut last) = (0, None);
     for (&tick, truth) in truths {
         let mut violate = |rule, found: String, expected: String| violations.push(Violation { rule, epoch, tick, found, expected });
         judge_values(truth, limits, &mut violate);
@@ -38,6 +41,21 @@ pub(super) fn judge(epoch: u64, truths: &Ticks<'_>, limits: &Limits, violations:
             violate(Rule::Epoch, format!("epoch {acting} acts after {highest}"), "never a smaller one".to_owned());
         }
         highest = highest.max(acting);
+        // Before another writer of the same epoch is heard, the first was silent for 3 T; its answer may be to a state that is 1.5 T old.
+        if let Some((epoch, writer, before)) = last.filter(|_| acting > 0)
+            && epoch == acting
+            && writer != truth.count("acting_writer")
+            && answered < before + SILENT_TICKS
+        {
+            violate(
+                Rule::Epoch,
+                format!("of epoch {epoch}, writer {writer} acted until tick {before}, and another from tick {answered} on"),
+                "another one only after a silence of 3 T".to_owned(),
+            );
+        }
+        if acting > 0 {
+            last = Some((acting, truth.count("acting_writer"), answered));
+        }
         if let Some(before) = tick.checked_sub(1).and_then(|before| truths.get(&before)) {
             judge_change(before, truth, limits, &mut violate);
         }
@@ -62,7 +80,6 @@ fn judge_values(truth: &Message, limits: &Limits, violate: &mut impl FnMut(Rule,
 fn judge_change(before: &Message, now: &Message, limits: &Limits, violate: &mut impl FnMut(Rule, String, String)) {
     let (Some(from), Some(to)) = (body(before, limits), body(now, limits)) else { return };
     let by_itself = |truth: &Message| truth.count("acting_epoch") == 0;
-    let brakes = |truth: &Message| matches!(truth.word("rung"), "brake" | "latched stop" | "waiting");
     for axis in 0..3 {
         let (from, to) = (from[axis], to[axis]);
         if by_itself(before) && by_itself(now) && now.count("acting_age_nanos") == 0 {
@@ -75,8 +92,10 @@ fn judge_change(before: &Message, now: &Message, limits: &Limits, violate: &mut 
                     format!("{left:.3} at most while nothing acts"),
                 );
             }
-        } else if !brakes(before) && !brakes(now) && !by_itself(before) && !by_itself(now) {
-            let most = limits.rate[axis] * limits.period_s * STEPS;
+        } else {
+            // Of a period that ends on the brake, a part may have been a command's.
+            let ramp = if by_itself(now) { limits.brake[axis] * (limits.period_s + GRAIN_S) } else { 0.0 };
+            let most = limits.rate[axis] * limits.period_s * STEPS + ramp;
             if (to - from).abs() > most * (1.0 + TOLERANCE) {
                 violate(Rule::Rate, format!("axis {axis} commanded {from:.3}, then {to:.3}"), format!("a change of {most:.3} at most"));
             }
@@ -85,7 +104,7 @@ fn judge_change(before: &Message, now: &Message, limits: &Limits, violate: &mut 
 }
 
 /// Body velocity of the wheels' command, r J⁺ ω: forward, left, yaw \[m/s, m/s, rad/s\]. Wheels: front-right, front-left, rear-left, rear-right.
-fn body(truth: &Message, limits: &Limits) -> Option<[f64; 3]> {
+pub(super) fn body(truth: &Message, limits: &Limits) -> Option<[f64; 3]> {
     let wheels = truth.numbers("wheel_command");
     let &[front_right, front_left, rear_left, rear_right] = wheels.as_slice() else { return None };
     let quarter = limits.wheel_radius_m / 4.0;
