@@ -116,7 +116,7 @@ fn what_comes_behind_later_ones_is_stale_and_was_counted_as_lost() -> Outcome {
 #[test]
 fn every_damaged_message_is_refused_and_counted() -> Outcome {
     for at in BOTH {
-        for kind in [Kind::Corrupt, Kind::Truncate] {
+        for kind in [Kind::Corrupt, Kind::Truncate, Kind::Version] {
             let (received, tally, injected) = run(fault(at, kind))?;
             assert_eq!(ticks(&received), [0, 1, 2, 3, 4, 10, 11, 12, 13, 14]);
             assert_eq!((tally, injected), (Tally { received: 10, lost: 5, refused: 5, stale: 0 }, 5));
@@ -126,8 +126,8 @@ fn every_damaged_message_is_refused_and_counted() -> Outcome {
 }
 
 #[test]
-fn a_thousand_flipped_bits_and_a_thousand_cuts_are_all_refused() -> Outcome {
-    for kind in [Kind::Corrupt, Kind::Truncate] {
+fn a_thousand_flipped_bits_cuts_and_other_versions_are_all_refused() -> Outcome {
+    for kind in [Kind::Corrupt, Kind::Truncate, Kind::Version] {
         let mut link = Link::new(false, &faults(vec![Fault { from_tick: 0, until_tick: None, ..fault(End::Reader, kind) }]))?;
         for tick in 0..1000 {
             link.send(tick)?;
@@ -218,6 +218,7 @@ fn in_lock_step_what_was_withheld_comes_after_all_when_the_reader_has_waited_in_
         (Kind::Drop, None),
         (Kind::Corrupt, None),
         (Kind::Truncate, None),
+        (Kind::Version, None),
         (Kind::Reorder, None),
         (Kind::Delay, Some(3)),
         (Kind::Jitter, Some(3)),

@@ -136,6 +136,8 @@ pub enum Kind {
     Flip,
     /// The numbers of a field are off by a random amount each, sealed as valid.
     Outlier,
+    /// Another protocol version, sealed as valid.
+    Version,
 }
 
 impl Kind {
@@ -154,6 +156,7 @@ impl Kind {
             Self::Nan => "nan",
             Self::Flip => "flip",
             Self::Outlier => "outlier",
+            Self::Version => "version",
         }
     }
 
@@ -164,7 +167,7 @@ impl Kind {
 
     /// Whether the message itself is missing where it should be, for a while or for good.
     const fn withholds(self) -> bool {
-        matches!(self, Self::Drop | Self::Delay | Self::Jitter | Self::Reorder | Self::Corrupt | Self::Truncate)
+        matches!(self, Self::Drop | Self::Delay | Self::Jitter | Self::Reorder | Self::Corrupt | Self::Truncate | Self::Version)
     }
 }
 

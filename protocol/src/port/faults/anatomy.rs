@@ -18,11 +18,19 @@ pub(super) struct Anatomy {
     numbers: fn(Encoding, &[u8]) -> Option<Vec<f64>>,
     with_numbers: fn(Encoding, &[u8], &[f64]) -> Changed,
     with_field: fn(Encoding, &[u8], &str, Change<'_>) -> Changed,
+    with_version: fn(Encoding, &[u8], u16) -> Changed,
 }
 
 impl Anatomy {
     pub(super) fn of<T: Message>(encoding: Encoding) -> Self {
-        Self { encoding, tick: tick::<T>, numbers: numbers::<T>, with_numbers: with_numbers::<T>, with_field: with_field::<T> }
+        Self {
+            encoding,
+            tick: tick::<T>,
+            numbers: numbers::<T>,
+            with_numbers: with_numbers::<T>,
+            with_field: with_field::<T>,
+            with_version: with_version::<T>,
+        }
     }
 
     /// Tick of its stamp; none if it is no valid message.
@@ -43,6 +51,11 @@ impl Anatomy {
     /// The same message with the numbers of `field` changed; none if it is no valid message, or has no number there.
     pub(super) fn with_field(&self, bytes: &[u8], field: &str, change: Change<'_>) -> Option<Vec<u8>> {
         (self.with_field)(self.encoding, bytes, field, change)
+    }
+
+    /// The same message as a program of another `version` would say it; none if it is no valid message.
+    pub(super) fn with_version(&self, bytes: &[u8], version: u16) -> Option<Vec<u8>> {
+        (self.with_version)(self.encoding, bytes, version)
     }
 }
 
@@ -104,4 +117,10 @@ fn with_field<T: Message>(encoding: Encoding, bytes: &[u8], field: &str, change:
         }
     });
     found.then(|| sealed(encoding, &message))
+}
+
+fn with_version<T: Message>(encoding: Encoding, bytes: &[u8], version: u16) -> Option<Vec<u8>> {
+    let mut message: T = opened(encoding, bytes)?;
+    message.stamp_mut().version = version;
+    Some(sealed(encoding, &message))
 }

@@ -3,6 +3,7 @@
 use super::anatomy::Anatomy;
 use super::random::SplitMix64;
 use super::{Fault, HELD_MAX, Kind};
+use crate::VERSION;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
@@ -138,6 +139,15 @@ impl Stage {
             }
             Kind::Nan | Kind::Flip | Kind::Outlier => {
                 let altered = self.with_altered_field(&bytes, anatomy);
+                self.push_altered(bytes, altered, before, out);
+            }
+            Kind::Version => {
+                // Any but ours.
+                let version = VERSION.wrapping_add(1 + self.random.below(u64::from(u16::MAX)) as u16);
+                let altered = anatomy.with_version(&bytes, version);
+                if altered.is_some() {
+                    self.withhold(bytes.clone());
+                }
                 self.push_altered(bytes, altered, before, out);
             }
             Kind::Replay => {
