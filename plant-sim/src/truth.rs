@@ -40,7 +40,7 @@ mod sensors;
 mod world;
 
 pub use check::Impossible;
-pub use parameters::{Fault, Patch, Payload, Push, RandomForce, Sensor, Slope, Truth, Wheel, WheelSlip};
+pub use parameters::{Fault, Patch, Payload, Push, RandomForce, Sensor, Slippery, Slope, Stuck, StuckSensor, Truth, Wheel, WheelSlip};
 pub use preview::Preview;
 pub use sensors::Measurement;
 pub use world::{Start, TrueState, World};

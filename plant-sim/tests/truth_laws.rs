@@ -142,7 +142,7 @@ fn a_weak_motor_turns_the_robot_towards_its_side() {
 
 #[test]
 fn a_motor_that_dies_turns_the_robot_from_then_on() {
-    let fault = Fault { wheel: Wheel::FrontRight, gain: 0.0, at_s: 1.0 };
+    let fault = Fault { wheel: Wheel::FrontRight, gain: 0.0, at_s: 1.0, until_s: None };
     let mut world = World::new(&Truth { faults: vec![fault], ..Truth::default() }, Start::default(), 1);
     world.advance(SECOND, [1.0, 0.0, 0.0]);
     assert!(world.state().pose[2].abs() < 1e-12);
@@ -152,7 +152,7 @@ fn a_motor_that_dies_turns_the_robot_from_then_on() {
 
 #[test]
 fn a_payload_makes_the_robot_slower_to_start() {
-    let payload = Payload { mass_kg: 15.0, yaw_inertia_kg_m2: 0.2, offset_m: [0.0; 2], at_s: 0.0 };
+    let payload = Payload { mass_kg: 15.0, yaw_inertia_kg_m2: 0.2, offset_m: [0.0; 2], at_s: 0.0, until_s: None };
     let speed_after_start = |truth: &Truth| {
         let mut world = World::new(truth, Start::default(), 1);
         world.advance(SECOND / 10, [1.0, 0.0, 0.0]);

@@ -10,7 +10,7 @@ fn eventful() -> Truth {
         random_force: Some(RandomForce { bound_n: 3.0, bound_nm: 0.3, correlation_s: 0.02 }),
         wheel_slip: Some(WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 }),
         push: Some(Push { force_n: [2.0, 1.0], torque_nm: 0.1, from_s: 0.013, until_s: Some(0.05) }),
-        faults: vec![Fault { wheel: Wheel::RearRight, gain: 0.5, at_s: 0.0305 }],
+        faults: vec![Fault { wheel: Wheel::RearRight, gain: 0.5, at_s: 0.0305, until_s: None }],
         command_delay_s: 0.0071,
         current_lag_s: 0.003,
         sensor: Sensor { position_noise_m: 0.01, current_noise_a: 0.1, ..Sensor::default() },

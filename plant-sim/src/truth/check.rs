@@ -125,18 +125,29 @@ impl Truth {
             not_negative("payload.mass_kg", payload.mass_kg)?;
             not_negative("payload.yaw_inertia_kg_m2", payload.yaw_inertia_kg_m2)?;
             not_negative("payload.at_s", payload.at_s)?;
+            later("payload.until_s", payload.until_s, payload.at_s)?;
             let [forward, left] = payload.offset_m.map(f64::abs);
             require(forward < self.half_wheelbase_m && left < self.half_track_m, "payload.offset_m", "a place between the wheels")?;
         }
         if let Some(push) = self.push {
             not_negative("push.from_s", push.from_s)?;
-            if let Some(until) = push.until_s {
-                require(until.is_finite() && until > push.from_s, "push.until_s", "finite, and after from_s")?;
-            }
+            later("push.until_s", push.until_s, push.from_s)?;
         }
         for (index, fault) in self.faults.iter().enumerate() {
             motor_gain(&format!("faults.{index}.gain"), fault.gain)?;
             not_negative(&format!("faults.{index}.at_s"), fault.at_s)?;
+            later(&format!("faults.{index}.until_s"), fault.until_s, fault.at_s)?;
+        }
+        for (index, slippery) in self.slippery.iter().enumerate() {
+            let key = |name: &str| format!("slippery.{index}.{name}");
+            require((0.0..=1.0).contains(&slippery.grip_factor), &key("grip_factor"), "between 0 and 1")?;
+            require(self.wheel_slip.is_some(), &key("grip_factor"), "the table wheel_slip beside it: without that wheels never slip")?;
+            not_negative(&key("from_s"), slippery.from_s)?;
+            later(&key("until_s"), slippery.until_s, slippery.from_s)?;
+        }
+        for (index, stuck) in self.stuck.iter().enumerate() {
+            not_negative(&format!("stuck.{index}.from_s"), stuck.from_s)?;
+            later(&format!("stuck.{index}.until_s"), stuck.until_s, stuck.from_s)?;
         }
         Ok(())
     }
@@ -205,6 +216,10 @@ fn positive(key: &str, value: f64) -> Verdict {
 
 fn not_negative(key: &str, value: f64) -> Verdict {
     require(value.is_finite() && value >= 0.0, key, "finite and not negative")
+}
+
+fn later(key: &str, until_s: Option<f64>, from_s: f64) -> Verdict {
+    require(until_s.is_none_or(|until| until.is_finite() && until > from_s), key, "finite, and after its beginning")
 }
 
 fn motor_gain(key: &str, value: f64) -> Verdict {

@@ -143,7 +143,7 @@ impl Dynamics {
         let (velocity, wheel_speed) = match &truth.wheel_slip {
             None => self.rolling(&torque, &force, given),
             Some(slip) => {
-                let traction = self.traction(state, &(floor.grip.component_mul(&load_n) * slip.grip), slip);
+                let traction = self.traction(state, &(floor.grip.component_mul(&load_n) * slip.grip * given.grip), slip);
                 self.slipping(&torque, &traction, &force, given)
             }
         };

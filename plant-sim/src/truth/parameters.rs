@@ -78,6 +78,12 @@ pub struct Truth {
     /// Motors that change in the course of the run.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<Fault>,
+    /// When the whole floor is slippery; needs `wheel_slip`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub slippery: Vec<Slippery>,
+    /// When sensors stand still.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub stuck: Vec<Stuck>,
     /// What the sensors add to the truth.
     pub sensor: Sensor,
 }
@@ -114,6 +120,8 @@ impl Default for Truth {
             wheel_slip: None,
             patches: Vec::new(),
             faults: Vec::new(),
+            slippery: Vec::new(),
+            stuck: Vec::new(),
             sensor: Sensor::default(),
         }
     }
@@ -172,6 +180,9 @@ pub struct Payload {
     /// When it comes on \[s\].
     #[serde(default)]
     pub at_s: f64,
+    /// When it is taken off \[s\]; absent is never.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until_s: Option<f64>,
 }
 
 /// Wheels that push the floor only as hard as they grip it.
@@ -209,7 +220,7 @@ fn unchanged() -> f64 {
     1.0
 }
 
-/// A motor's gain from some time on, until another fault of the same wheel.
+/// A motor's gain from some time on, until that is over or another fault of the same wheel begins.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
@@ -219,6 +230,47 @@ pub struct Fault {
     pub gain: f64,
     /// From when on \[s\].
     pub at_s: f64,
+    /// When it is over \[s\]; absent is never.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until_s: Option<f64>,
+}
+
+/// A floor that is slippery everywhere for a time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Slippery {
+    /// Grip, as a multiple of that at other times, at most 1.
+    pub grip_factor: f64,
+    /// From when on \[s\].
+    pub from_s: f64,
+    /// Until when \[s\]; absent is for ever.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until_s: Option<f64>,
+}
+
+/// A sensor that shows for a time what it showed when that began.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stuck {
+    /// Which one.
+    pub sensor: StuckSensor,
+    /// From when on \[s\].
+    pub from_s: f64,
+    /// Until when \[s\]; absent is for ever.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until_s: Option<f64>,
+}
+
+/// What stands still.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StuckSensor {
+    /// x, y and heading in the world.
+    Pose,
+    /// Velocity forward and left, and yaw rate.
+    Velocity,
+    /// Everything that is measured.
+    Everything,
 }
 
 /// A wheel by name.

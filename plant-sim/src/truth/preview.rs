@@ -88,7 +88,7 @@ mod tests {
             motor_gain: [0.6, 1.0, 1.0, 1.0],
             slope: Some(Slope { angle_rad: 0.1, direction_rad: 0.8 }),
             push: Some(Push { force_n: [0.0, 20.0], ..Push::default() }),
-            payload: Some(Payload { mass_kg: 8.0, yaw_inertia_kg_m2: 0.1, offset_m: [0.08, 0.1], at_s: 1.0 }),
+            payload: Some(Payload { mass_kg: 8.0, yaw_inertia_kg_m2: 0.1, offset_m: [0.08, 0.1], at_s: 1.0, until_s: None }),
             ..Truth::default()
         };
         for at_s in [1, 2] {
@@ -100,7 +100,7 @@ mod tests {
 
     #[test]
     fn a_payload_is_known_from_its_time_on_and_not_before() {
-        let payload = Payload { mass_kg: 20.0, yaw_inertia_kg_m2: 0.0, offset_m: [0.0; 2], at_s: 1.0 };
+        let payload = Payload { mass_kg: 20.0, yaw_inertia_kg_m2: 0.0, offset_m: [0.0; 2], at_s: 1.0, until_s: None };
         let mut preview = Preview::new(&Truth { payload: Some(payload), ..Truth::default() });
         let mut speed = |at| {
             preview.look(at);

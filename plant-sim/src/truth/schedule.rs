@@ -1,8 +1,10 @@
 //! What changes in the course of a run: payload, faults and push, by simulated time.
 
+use core::ops::Range;
+
 use nalgebra::{Vector2, Vector3, Vector4};
 
-use super::parameters::{Payload, Push, Truth};
+use super::parameters::{Fault, Payload, Push, Truth};
 
 /// What the equations of motion take as given for one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,6 +21,8 @@ pub(super) struct Conditions {
     pub(super) push_in_world: Vector3<f64>,
     /// Random force in the body frame \[N, N, N m\].
     pub(super) random_force: Vector3<f64>,
+    /// Grip of the floor, as a multiple of that at other times.
+    pub(super) grip: f64,
     /// Body velocity that the speed loops are asked for \[m/s, m/s, rad/s\].
     pub(super) command: Vector3<f64>,
 }
@@ -29,24 +33,28 @@ pub(super) struct Schedule {
     mass_kg: f64,
     yaw_inertia_kg_m2: f64,
     motor_gain: Vector4<f64>,
-    payload: Option<(u64, Payload)>,
-    push: Option<(u64, u64, Push)>,
-    /// When, which wheel and its new gain; in order of time.
-    faults: Vec<(u64, usize, f64)>,
+    payload: Option<(Range<u64>, Payload)>,
+    push: Option<(Range<u64>, Push)>,
+    /// When, which wheel and its new gain; in the order in which they begin.
+    faults: Vec<(Range<u64>, usize, f64)>,
+    /// When, and the floor's grip then.
+    slippery: Vec<(Range<u64>, f64)>,
 }
 
 impl Schedule {
     /// The timetable that the settings name. Allocates, here only.
     pub(super) fn new(truth: &Truth) -> Self {
-        let mut faults: Vec<_> = truth.faults.iter().map(|fault| (nanos(fault.at_s), fault.wheel.index(), fault.gain)).collect();
-        faults.sort_by_key(|&(at, ..)| at);
+        let fault = |fault: &Fault| (window(fault.at_s, fault.until_s), fault.wheel.index(), fault.gain);
+        let mut faults: Vec<_> = truth.faults.iter().map(fault).collect();
+        faults.sort_by_key(|(window, ..)| window.start);
         Self {
             mass_kg: truth.mass_kg,
             yaw_inertia_kg_m2: truth.yaw_inertia_kg_m2,
             motor_gain: Vector4::from(truth.motor_gain),
-            payload: truth.payload.map(|payload| (nanos(payload.at_s), payload)),
-            push: truth.push.map(|push| (nanos(push.from_s), push.until_s.map_or(u64::MAX, nanos), push)),
+            payload: truth.payload.map(|payload| (window(payload.at_s, payload.until_s), payload)),
+            push: truth.push.map(|push| (window(push.from_s, push.until_s), push)),
             faults,
+            slippery: truth.slippery.iter().map(|slippery| (window(slippery.from_s, slippery.until_s), slippery.grip_factor)).collect(),
         }
     }
 
@@ -59,29 +67,38 @@ impl Schedule {
             motor_gain: self.motor_gain,
             push_in_world: Vector3::zeros(),
             random_force,
+            grip: 1.0,
             command,
         };
-        if let Some((at, payload)) = self.payload
-            && now_nanos >= at
+        if let Some((window, payload)) = &self.payload
+            && window.contains(&now_nanos)
         {
             conditions.mass_kg += payload.mass_kg;
             let offset = Vector2::from(payload.offset_m);
             conditions.yaw_inertia_kg_m2 += payload.yaw_inertia_kg_m2 + payload.mass_kg * offset.norm_squared();
             conditions.mass_moment = payload.mass_kg * offset;
         }
-        if let Some((from, until, push)) = self.push
-            && (from..until).contains(&now_nanos)
+        if let Some((window, push)) = &self.push
+            && window.contains(&now_nanos)
         {
             let [x, y] = push.force_n;
             conditions.push_in_world = Vector3::new(x, y, push.torque_nm);
         }
-        for &(at, wheel, gain) in &self.faults {
-            if now_nanos >= at {
-                conditions.motor_gain[wheel] = gain;
+        for (window, wheel, gain) in &self.faults {
+            if window.contains(&now_nanos) {
+                conditions.motor_gain[*wheel] = *gain;
             }
+        }
+        for (_, grip) in self.slippery.iter().filter(|(window, _)| window.contains(&now_nanos)) {
+            conditions.grip *= grip;
         }
         conditions
     }
+}
+
+/// From one time to another \[s\], or for ever.
+pub(super) fn window(from_s: f64, until_s: Option<f64>) -> Range<u64> {
+    nanos(from_s)..until_s.map_or(u64::MAX, nanos)
 }
 
 /// Seconds as nanoseconds, to the nearest; what is before the start is the start.
@@ -92,28 +109,38 @@ pub(super) fn nanos(seconds: f64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::truth::{Fault, Wheel};
+    use crate::truth::{Slippery, Wheel};
 
     fn at(truth: &Truth, seconds: f64) -> Conditions {
         Schedule::new(truth).at(nanos(seconds), Vector3::zeros(), Vector3::zeros())
     }
 
     #[test]
-    fn a_payload_weighs_from_its_time_on() {
-        let payload = Payload { mass_kg: 5.0, yaw_inertia_kg_m2: 0.1, offset_m: [0.0; 2], at_s: 2.0 };
+    fn a_payload_weighs_while_it_is_on() {
+        let payload = Payload { mass_kg: 5.0, yaw_inertia_kg_m2: 0.1, offset_m: [0.0; 2], at_s: 2.0, until_s: Some(3.0) };
         let truth = Truth { payload: Some(payload), ..Truth::default() };
         assert!((at(&truth, 1.999_9).mass_kg - 15.0).abs() < 1e-12);
         assert!((at(&truth, 2.0).mass_kg - 20.0).abs() < 1e-12);
         assert!((at(&truth, 2.0).yaw_inertia_kg_m2 - 0.7).abs() < 1e-12);
+        assert!((at(&truth, 3.0).mass_kg - 15.0).abs() < 1e-12);
     }
 
     #[test]
     fn the_latest_fault_of_a_wheel_counts_in_whatever_order_they_are_named() {
-        let fault = |gain, at_s| Fault { wheel: Wheel::RearLeft, gain, at_s };
+        let fault = |gain, at_s| Fault { wheel: Wheel::RearLeft, gain, at_s, until_s: None };
         let truth = Truth { faults: vec![fault(1.0, 3.0), fault(0.0, 1.0)], ..Truth::default() };
         assert_eq!(at(&truth, 0.9).motor_gain, Vector4::repeat(1.0));
         assert_eq!(at(&truth, 1.0).motor_gain, Vector4::new(1.0, 1.0, 0.0, 1.0));
         assert_eq!(at(&truth, 3.0).motor_gain, Vector4::repeat(1.0));
+    }
+
+    #[test]
+    fn a_motor_is_well_again_and_a_floor_dry_when_its_fault_is_over() {
+        let fault = Fault { wheel: Wheel::RearLeft, gain: 0.0, at_s: 1.0, until_s: Some(2.0) };
+        let slippery = Slippery { grip_factor: 0.2, from_s: 1.0, until_s: Some(2.0) };
+        let truth = Truth { faults: vec![fault], slippery: vec![slippery], ..Truth::default() };
+        assert_eq!((at(&truth, 1.5).motor_gain[2], at(&truth, 1.5).grip), (0.0, 0.2));
+        assert_eq!((at(&truth, 2.0).motor_gain[2], at(&truth, 2.0).grip), (1.0, 1.0));
     }
 
     #[test]

@@ -1,10 +1,13 @@
-//! What the sensors make of the truth: seeded noise, then rounding to a step.
+//! What the sensors make of the truth: seeded noise, then rounding to a step; and what stands still for a time.
+
+use core::ops::Range;
 
 use rand::{Rng, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64Mcg;
 
-use super::parameters::Sensor;
+use super::parameters::{Sensor, Stuck, StuckSensor};
+use super::schedule::window;
 use super::world::TrueState;
 
 /// What the sensors saw.
@@ -25,17 +28,42 @@ pub struct Measurement {
 pub(super) struct Sensors {
     settings: Sensor,
     generator: Pcg64Mcg,
+    stuck: Vec<Standstill>,
+}
+
+/// A sensor that stands still for a time, and what it shows then, once it was looked at.
+#[derive(Debug, Clone)]
+struct Standstill {
+    window: Range<u64>,
+    sensor: StuckSensor,
+    shows: Option<Measurement>,
+}
+
+impl Standstill {
+    /// Puts what stands still into what was `seen` now. Does not allocate.
+    fn hold(&mut self, now_nanos: u64, seen: &mut Measurement) {
+        if !self.window.contains(&now_nanos) {
+            return;
+        }
+        let shows = *self.shows.get_or_insert(*seen);
+        match self.sensor {
+            StuckSensor::Pose => seen.pose = shows.pose,
+            StuckSensor::Velocity => seen.velocity = shows.velocity,
+            StuckSensor::Everything => *seen = shows,
+        }
+    }
 }
 
 impl Sensors {
     /// Sensors whose noise the seed determines.
-    pub(super) fn new(settings: Sensor, seed: u64) -> Self {
-        Self { settings, generator: Pcg64Mcg::seed_from_u64(seed) }
+    pub(super) fn new(settings: Sensor, stuck: &[Stuck], seed: u64) -> Self {
+        let standstill = |stuck: &Stuck| Standstill { window: window(stuck.from_s, stuck.until_s), sensor: stuck.sensor, shows: None };
+        Self { settings, generator: Pcg64Mcg::seed_from_u64(seed), stuck: stuck.iter().map(standstill).collect() }
     }
 
-    /// One look at the truth. It draws equally often whatever is off, so that turning one noise on leaves the others
+    /// One look at the truth at this time. It draws equally often whatever is off, so that turning one noise on leaves the others
     /// alone. Does not allocate.
-    pub(super) fn measure(&mut self, truth: &TrueState) -> Measurement {
+    pub(super) fn measure(&mut self, truth: &TrueState, now_nanos: u64) -> Measurement {
         let s = self.settings;
         let mut see = |truth: f64, noise: f64, step: f64| {
             let draw: f64 = self.generator.sample(StandardNormal);
@@ -43,7 +71,7 @@ impl Sensors {
         };
         let [x, y, heading] = truth.pose;
         let [forward, left, yaw] = truth.velocity;
-        Measurement {
+        let mut seen = Measurement {
             pose: [
                 see(x, s.position_noise_m, s.position_step_m),
                 see(y, s.position_noise_m, s.position_step_m),
@@ -56,7 +84,9 @@ impl Sensors {
             ],
             wheel_speed: truth.wheel_speed.map(|w| see(w, s.wheel_speed_noise_radps, s.wheel_speed_step_radps)),
             current: truth.current.map(|i| see(i, s.current_noise_a, s.current_step_a)),
-        }
+        };
+        self.stuck.iter_mut().for_each(|standstill| standstill.hold(now_nanos, &mut seen));
+        seen
     }
 }
 
@@ -81,7 +111,7 @@ mod tests {
 
     #[test]
     fn ideal_sensors_tell_the_truth() {
-        let seen = Sensors::new(Sensor::default(), 1).measure(&truth());
+        let seen = Sensors::new(Sensor::default(), &[], 1).measure(&truth(), 0);
         let TrueState { pose, velocity, wheel_speed, current, .. } = truth();
         assert_eq!(seen, Measurement { pose, velocity, wheel_speed, current });
     }
@@ -89,7 +119,7 @@ mod tests {
     #[test]
     fn a_step_leaves_at_most_half_a_step() {
         let settings = Sensor { position_step_m: 0.1, wheel_speed_step_radps: 0.7, ..Sensor::default() };
-        let seen = Sensors::new(settings, 1).measure(&truth());
+        let seen = Sensors::new(settings, &[], 1).measure(&truth(), 0);
         assert!((seen.pose[0] - 1.2).abs() < 1e-12 && (seen.pose[1] + 0.6).abs() < 1e-12);
         for (seen, truth) in seen.wheel_speed.iter().zip(truth().wheel_speed) {
             assert!((seen - truth).abs() <= 0.35 + 1e-12);
@@ -98,19 +128,33 @@ mod tests {
 
     #[test]
     fn noise_has_the_deviation_that_was_asked_for() {
-        let mut sensors = Sensors::new(Sensor { velocity_noise_mps: 0.02, ..Sensor::default() }, 3);
+        let mut sensors = Sensors::new(Sensor { velocity_noise_mps: 0.02, ..Sensor::default() }, &[], 3);
         let looks = 20_000;
-        let squares: f64 = (0..looks).map(|_| (sensors.measure(&truth()).velocity[0] - 2.7).powi(2)).sum();
+        let squares: f64 = (0..looks).map(|_| (sensors.measure(&truth(), 0).velocity[0] - 2.7).powi(2)).sum();
         let deviation = (squares / f64::from(looks)).sqrt();
         assert!((deviation - 0.02).abs() < 0.001, "{deviation}");
+    }
+
+    #[test]
+    fn what_is_stuck_shows_what_it_showed_when_that_began_and_the_rest_goes_on() {
+        let stuck = Stuck { sensor: StuckSensor::Velocity, from_s: 1e-6, until_s: Some(3e-6) };
+        let mut sensors = Sensors::new(Sensor::default(), &[stuck], 1);
+        let mut look = |now_nanos: u64| {
+            let mut truth = truth();
+            (truth.pose[0], truth.velocity[0]) = (now_nanos as f64, now_nanos as f64);
+            let seen = sensors.measure(&truth, now_nanos);
+            (seen.pose[0], seen.velocity[0])
+        };
+        let seen = [500, 1500, 2500, 3500].map(&mut look);
+        assert_eq!(seen, [(500.0, 500.0), (1500.0, 1500.0), (2500.0, 1500.0), (3500.0, 3500.0)]);
     }
 
     #[test]
     fn one_noise_leaves_the_others_alone() {
         let one = Sensor { current_noise_a: 0.1, ..Sensor::default() };
         let two = Sensor { position_noise_m: 0.1, ..one };
-        let (mut one, mut two) = (Sensors::new(one, 5), Sensors::new(two, 5));
-        let (alone, beside) = (one.measure(&truth()), two.measure(&truth()));
+        let (mut one, mut two) = (Sensors::new(one, &[], 5), Sensors::new(two, &[], 5));
+        let (alone, beside) = (one.measure(&truth(), 0), two.measure(&truth(), 0));
         assert_eq!(alone.current.map(f64::to_bits), beside.current.map(f64::to_bits));
     }
 }

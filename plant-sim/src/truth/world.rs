@@ -106,7 +106,7 @@ impl World {
             schedule,
             disturbance,
             delay: DelayLine::new(delay_steps as usize),
-            sensors: Sensors::new(truth.sensor, seed ^ SENSOR_STREAM),
+            sensors: Sensors::new(truth.sensor, &truth.stuck, seed ^ SENSOR_STREAM),
             conditions,
             steps: 0,
             owed_nanos: 0,
@@ -144,7 +144,7 @@ impl World {
 
     /// What the sensors make of it; each look has noise of its own. Does not allocate.
     pub fn measure(&mut self) -> Measurement {
-        self.sensors.measure(&self.state())
+        self.sensors.measure(&self.state(), self.time_nanos())
     }
 
     /// The body-velocity command that the speed loops followed in the last step: what was given a delay ago.

@@ -16,7 +16,7 @@ fn the_plain_robot_is_possible() {
 fn an_impossible_setting_is_named_by_its_path() {
     let patch = Patch { from_m: [0.0; 2], to_m: [1.0; 2], friction_factor: 1.0, grip_factor: 0.5 };
     let push = Push { force_n: [0.0, f64::NAN], ..Push::default() };
-    let fault = Fault { wheel: Wheel::RearLeft, gain: -1.0, at_s: 0.0 };
+    let fault = Fault { wheel: Wheel::RearLeft, gain: -1.0, at_s: 0.0, until_s: None };
     let plain = Truth::default;
     let cases = [
         ("mass_kg", Truth { mass_kg: 0.0, ..plain() }),

@@ -80,7 +80,7 @@ fn the_turning_frame_does_no_work() {
 
 #[test]
 fn a_load_beside_the_centre_obeys_newton_and_euler() {
-    let payload = crate::truth::Payload { mass_kg: 11.0, yaw_inertia_kg_m2: 0.1, offset_m: [0.1, -0.05], at_s: 0.0 };
+    let payload = crate::truth::Payload { mass_kg: 11.0, yaw_inertia_kg_m2: 0.1, offset_m: [0.1, -0.05], at_s: 0.0, until_s: None };
     let truth = Truth { payload: Some(payload), ..Truth::default() };
     let given = conditions(&truth, Vector3::zeros());
     let (mass, turn, moment) = (26.0, 0.6 + 0.1 + 11.0 * 0.0125, Vector2::new(1.1, -0.55));

@@ -173,7 +173,7 @@ mod tests {
 
     #[test]
     fn only_a_change_in_mid_run_can_be_recovered_from() {
-        let payload = |at_s| plant_sim::truth::Payload { mass_kg: 1.0, yaw_inertia_kg_m2: 0.0, offset_m: [0.0; 2], at_s };
+        let payload = |at_s| plant_sim::truth::Payload { mass_kg: 1.0, yaw_inertia_kg_m2: 0.0, offset_m: [0.0; 2], at_s, until_s: None };
         let changes = |at_s| changes_at(&Truth { payload: Some(payload(at_s)), ..Truth::default() });
         assert_eq!((changes(0.0), changes(15.0)), (None, Some(15_000_000_000)));
     }
