@@ -10,6 +10,7 @@
 
 use crate::fit::{FailedFit, FittedModel, Outset};
 use crate::held_out::HeldOut;
+use crate::liar::Liar;
 use crate::settings::{LearnerSettings, Settings};
 use crate::snapshot::{self, Label};
 use crate::store;
@@ -180,6 +181,7 @@ struct Learner<'a, const D: usize> {
     on_trial: bool,
     /// Whether the next fit begins from the outset.
     anew: bool,
+    liar: Liar,
 }
 
 impl<'a, const D: usize> Learner<'a, D> {
@@ -218,6 +220,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             on_trial: resumed.is_some(),
             last: resumed,
             anew: false,
+            liar: Liar::new(settings.snapshot_faults.clone()),
         })
     }
 
@@ -366,7 +369,8 @@ impl<'a, const D: usize> Learner<'a, D> {
             effective_tick: cut + self.settings.learner.delay_ticks,
         };
         let mut snapshot = snapshot::write(&fitted, &label, &newer)?;
-        self.snapshots.send(&mut snapshot)?;
+        let mut bad = self.liar.in_place_of(&snapshot, cut);
+        self.snapshots.send(bad.as_mut().unwrap_or(&mut snapshot))?;
         if let Err(error) = store::save(&store::file_of(self.settings), &snapshot) {
             tracing::warn!("{error}");
             self.pulse.health().set_last_error("the snapshot could not be saved; the log says why");

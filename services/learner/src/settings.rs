@@ -1,10 +1,14 @@
 //! What a person may set of the learner.
 
+mod snapshot_fault;
+
 use model::learned::Layout;
 use model::robot::Robot;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 use std::path::PathBuf;
+
+pub use snapshot_fault::{SnapshotFault, SnapshotFaultKind, SnapshotFaults};
 
 /// Most data points that a snapshot may carry.
 const POINTS_MAX: usize = 2_000;
@@ -19,6 +23,9 @@ pub struct Settings {
     pub robot: Robot,
     /// How to learn.
     pub learner: LearnerSettings,
+    /// Which bad snapshots it sends on purpose.
+    #[serde(default, skip_serializing_if = "SnapshotFaults::is_empty")]
+    pub snapshot_faults: SnapshotFaults,
 }
 
 /// What the Gaussian processes take for likely before they have seen anything.
@@ -85,6 +92,7 @@ impl process::HasRun for Settings {
 impl Check for Settings {
     fn check(&self) -> Result<(), Impossible> {
         self.robot.check().map_err(|e| Impossible { key: format!("robot.{}", e.key), expected: e.expected.into() })?;
-        self.learner.check().map_err(|e| e.under("learner"))
+        self.learner.check().map_err(|e| e.under("learner"))?;
+        self.snapshot_faults.check().map_err(|e| e.under("snapshot_faults"))
     }
 }

@@ -1,6 +1,6 @@
 //! A learner that begins with what an earlier run has learnt.
 
-use learner::settings::{KernelChoice, LearnerSettings};
+use learner::settings::{KernelChoice, LearnerSettings, SnapshotFaults};
 use learner::{Settings, run};
 use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
@@ -38,6 +38,7 @@ fn settings(folder: &Path, resume: Option<PathBuf>) -> Settings {
             evaluations_max: 15,
             resume,
         },
+        snapshot_faults: SnapshotFaults::default(),
     }
 }
 

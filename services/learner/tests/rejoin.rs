@@ -1,6 +1,6 @@
 //! A learner that is started again while the clock of lock step stands.
 
-use learner::settings::{KernelChoice, LearnerSettings};
+use learner::settings::{KernelChoice, LearnerSettings, SnapshotFaults};
 use learner::{Settings, run};
 use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
@@ -37,6 +37,7 @@ fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected:
             evaluations_max: 5,
             resume: None,
         },
+        snapshot_faults: SnapshotFaults::default(),
     };
     let ports = Ports::in_memory(&exchange, Identity::new(1));
     let mut snapshots: Source<ModelSnapshot> = ports.source(Since::First)?;
