@@ -34,7 +34,12 @@ pub fn create(out: Option<&Path>, scenario: &str, id: &str) -> Result<PathBuf, F
     let folder = out.map_or_else(|| Path::new(RUNS).join(format!("{}-{scenario}-{id}", utc(SystemTime::now()))), Path::to_path_buf);
     let unusable = |source| FolderError::Unusable { folder: folder.clone(), source };
     check_empty(&folder)?;
-    fs::create_dir_all(folder.join("settings")).map_err(unusable)?;
+    fs::create_dir_all(&folder).map_err(unusable)?;
+    // Of two that begin at the same moment, both find it empty, and one makes this.
+    fs::create_dir(folder.join("settings")).map_err(|source| match source.kind() {
+        io::ErrorKind::AlreadyExists => FolderError::NotEmpty { folder: folder.clone() },
+        _ => unusable(source),
+    })?;
     folder.canonicalize().map_err(unusable)
 }
 
@@ -54,7 +59,7 @@ pub fn check_empty(folder: &Path) -> Result<(), FolderError> {
 }
 
 /// A time as in `20261121T083303Z`, which sorts.
-fn utc(time: SystemTime) -> String {
+pub(crate) fn utc(time: SystemTime) -> String {
     let seconds = time.duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let (year, month, day) = civil_date(seconds / 86_400);
     let of_day = seconds % 86_400;
@@ -88,6 +93,24 @@ mod tests {
         assert_eq!(at(951_782_399), "20000228T235959Z");
         assert_eq!(at(951_782_400), "20000229T000000Z");
         assert_eq!(at(1_795_250_000), "20261121T083320Z");
+    }
+
+    #[test]
+    fn of_many_runs_that_begin_at_the_same_moment_one_gets_the_folder() -> Result<(), Box<dyn std::error::Error>> {
+        for _ in 0..20 {
+            let parent = tempfile::tempdir()?;
+            let (out, start) = (parent.path().join("run"), std::sync::Barrier::new(8));
+            let begin = || {
+                start.wait();
+                create(Some(&out), "paper", "a").is_ok()
+            };
+            let got = std::thread::scope(|scope| {
+                let beginners: Vec<_> = (0..8).map(|_| scope.spawn(begin)).collect();
+                beginners.into_iter().filter_map(|beginner| beginner.join().ok()).filter(|&got| got).count()
+            });
+            assert_eq!(got, 1);
+        }
+        Ok(())
     }
 
     #[test]
