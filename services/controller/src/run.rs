@@ -50,6 +50,12 @@ pub enum RunError {
         /// Highest epoch that the gate has accepted.
         theirs: u64,
     },
+    /// Nobody could ever take over from a controller that has the last epoch.
+    #[error("epoch {highest} is the last one there is: no controller can take over from whoever has it; start the plant anew")]
+    NoEpochLeft {
+        /// Highest epoch so far.
+        highest: u64,
+    },
     /// The attendant thread ended with a panic.
     #[error("the thread that prepares models has died")]
     Attendant,
@@ -170,7 +176,7 @@ impl<'a> Loop<'a> {
         if let Some(ours) = self.epoch.filter(|&ours| ours < state.controller_epoch) {
             return Err(RunError::Replaced { ours, theirs: state.controller_epoch });
         }
-        let epoch = self.claim_epoch(state);
+        let epoch = self.claim_epoch(state)?;
         let mut sample = self.controller.observe(state, self.handover, epoch);
         self.commands.send(self.controller.answer(state, self.handover))?;
         let nanos = monotonic_nanos() - begin;
@@ -224,18 +230,19 @@ impl<'a> Loop<'a> {
     }
 
     /// One more than every epoch that has been: of those the gate has seen, and of those the launcher has given out.
-    fn claim_epoch(&mut self, state: &PlantState) -> u64 {
+    fn claim_epoch(&mut self, state: &PlantState) -> Result<u64, RunError> {
         if let Some(epoch) = self.epoch {
-            return epoch;
+            return Ok(epoch);
         }
-        let epoch = state.controller_epoch.max(self.settings.run.epoch_floor) + 1;
+        let highest = state.controller_epoch.max(self.settings.run.epoch_floor);
+        let epoch = highest.checked_add(1).ok_or(RunError::NoEpochLeft { highest })?;
         self.commands.set_epoch(epoch);
         self.residuals.set_epoch(epoch);
         self.plans.set_epoch(epoch);
         self.pulse.set_epoch(epoch);
         self.pulse.phase(Phase::Running);
         self.epoch = Some(epoch);
-        epoch
+        Ok(epoch)
     }
 
     /// Without the attendant no model comes any more: in lock step that is the end, in real time the robot drives on with what it has.
@@ -362,6 +369,25 @@ mod tests {
             }
         }
         Err("no command comes".into())
+    }
+
+    #[test]
+    fn above_the_last_epoch_there_is_none_to_claim() -> Result<(), Box<dyn Error>> {
+        let (exchange, stop) = (Exchange::new(false, Duration::from_secs(1)), Stop::new());
+        let mut states = Ports::in_memory(&exchange, Identity::new(7)).sink::<PlantState>()?;
+        let ended = thread::scope(|scope| {
+            let controller = scope.spawn(|| run(&told(), |identity| Ok(Ports::in_memory(&exchange, identity)), &stop));
+            let mut state = PlantState::zeroed();
+            state.controller_epoch = u64::MAX;
+            while !controller.is_finished() {
+                state.stamp.tick += 1;
+                states.send(&mut state).map_err(|error| error.to_string())?;
+                thread::sleep(PATIENCE);
+            }
+            controller.join().map_err(|_| "the controller has panicked".to_owned())
+        })?;
+        assert!(matches!(ended, Err(RunError::NoEpochLeft { highest: u64::MAX })), "{ended:?}");
+        Ok(())
     }
 
     #[test]

@@ -47,7 +47,8 @@ impl Epochs {
     /// If it cannot be kept.
     pub fn give(&mut self, role: Participant) -> io::Result<u64> {
         let floor = self.highest(role);
-        self.keep(role, floor + 1)?;
+        let next = floor.checked_add(1).ok_or_else(|| too_great(role, floor))?;
+        self.keep(role, next)?;
         Ok(floor)
     }
 
@@ -65,12 +66,19 @@ impl Epochs {
     }
 
     fn keep(&mut self, role: Participant, epoch: u64) -> io::Result<()> {
+        if epoch > EPOCH_MAX {
+            return Err(too_great(role, epoch));
+        }
         self.highest.insert(role.text().to_owned(), epoch);
         let text = toml::to_string(&self.highest).map_err(io::Error::other)?;
         let half = self.file.with_extension("toml.half");
         fs::write(&half, text)?;
         fs::rename(&half, &self.file)
     }
+}
+
+fn too_great(role: Participant, epoch: u64) -> io::Error {
+    io::Error::other(format!("epoch {epoch} of the {role}: expected at most {EPOCH_MAX}, above which there is no next one to be kept"))
 }
 
 #[cfg(test)]
@@ -107,6 +115,21 @@ mod tests {
         fs::write(&file, "controller = 3\nplant = 9223372036854775807\n")?;
         let refused = Epochs::open(&file, 0).map(drop).map_err(|error| error.to_string());
         assert!(refused.is_err_and(|text| text.contains("epochs.toml:2: plant = 9223372036854775807: expected at most")));
+        Ok(())
+    }
+
+    #[test]
+    fn there_is_none_above_the_greatest_and_none_is_given_twice() -> io::Result<()> {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("epochs.toml");
+        let mut epochs = Epochs::open(&file, 0)?;
+        let refused = epochs.observe(Participant::Controller, u64::MAX).map_err(|error| error.to_string());
+        assert!(refused.is_err_and(|text| text.contains("epoch 18446744073709551615 of the controller: expected at most")));
+        assert_eq!(epochs.give(Participant::Controller)?, 0, "what cannot be is not remembered");
+        epochs.observe(Participant::Controller, EPOCH_MAX)?;
+        assert!(epochs.give(Participant::Controller).is_err());
+        assert_eq!(Epochs::open(&file, 0)?.highest(Participant::Controller), EPOCH_MAX);
+        assert!(Epochs::open(&file, u64::MAX)?.give(Participant::Plant).is_err());
         Ok(())
     }
 
