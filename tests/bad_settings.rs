@@ -54,7 +54,8 @@ fn an_impossible_fault_is_named_with_its_file_and_line_and_nothing_is_started() 
         ("probability = 0.3", "probability = 1.3", "real-time", ["faults.toml:16", "1.3", "at most 1"]),
         ("field = \"velocity\"", "field = \"speed\"", "real-time", ["faults.toml:23", "speed", "velocity"]),
         ("seed = 7", "seed = 7\nprocesses = 1", "real-time", ["faults.toml:6", "processes", "solver"]),
-        ("every_s = 4.0", "", "real-time", ["faults.toml:48", "every_s", "kill"]),
+        ("every_s = 4.0", "", "real-time", ["faults.toml:49", "every_s", "kill"]),
+        ("sensor = \"velocity\"", "sensor = \"smell\"", "real-time", ["faults.toml:91", "smell", "everything"]),
         ("seed = 7", "seed = 7", "lock-step", ["faults.toml:12", "millis", "messages"]),
     ] {
         let home = tempfile::tempdir_in("/tmp")?;

@@ -83,6 +83,10 @@ impl Assembly {
         scenario.duration_s = options.duration.unwrap_or(scenario.duration_s);
         scenario.seed = options.seed.unwrap_or(scenario.seed);
         let faults = options.faults.as_deref().map_or_else(|| Ok(FaultsFile::default()), |file| faults_of(file, graph.pace))?;
+        if let (Some(file), Err(impossible)) = (&options.faults, faults.in_world(&scenario.truth)) {
+            let Impossible { key, expected } = impossible;
+            return Err(SettingsError::Value { file: file.clone(), line: None, key, value: None, expected });
+        }
         Ok(Self { graph, scenario, scenario_name, robot, log: options.log.clone(), faults, without_learning: None })
     }
 
@@ -131,6 +135,8 @@ impl Assembly {
 
     /// What the plant is told.
     pub fn plant(&self, run: Run) -> plant_sim::Settings {
+        // That they fit together was checked when they were read; a scenario that was changed since comes before faults.
+        let truth = self.faults.in_world(&self.scenario.truth).unwrap_or_else(|_| self.scenario.truth.clone());
         plant_sim::Settings {
             run,
             duration_s: self.scenario.duration_s,
@@ -139,7 +145,7 @@ impl Assembly {
             recorded: self.graph.processes.recorder.enabled,
             start: self.scenario.start,
             robot: self.robot,
-            truth: self.scenario.truth.clone(),
+            truth,
         }
     }
 
@@ -189,7 +195,8 @@ impl Assembly {
 
     /// What the learner is told.
     pub fn learner(&self, run: Run) -> learner::Settings {
-        learner::Settings { run, robot: self.robot, learner: self.scenario.learner.clone() }
+        let snapshot_faults = self.faults.of_snapshots();
+        learner::Settings { run, robot: self.robot, learner: self.scenario.learner.clone(), snapshot_faults }
     }
 }
 
@@ -265,6 +272,7 @@ mod tests {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/faults/example.toml");
         let faults = faults_of(&file, Pace::RealTime)?;
         assert_eq!((faults.fault.len(), faults.process.len(), faults.solver.len()), (3, 2, 1));
+        assert_eq!((faults.snapshot.len(), faults.plant.len()), (1, 2));
         Ok(())
     }
 

@@ -1,11 +1,17 @@
-//! The file of faults: what goes wrong on purpose, on the links, with the processes and in the optimiser.
+//! The file of faults: what goes wrong on purpose, on the links, with the processes, in optimiser and learner, and with the robot itself.
+
+mod plant;
 
 use controller::settings::{SolverFault, SolverFaults};
+use learner::settings::{SnapshotFault, SnapshotFaults};
+use plant_sim::truth::Truth;
 use protocol::message::Participant;
 use protocol::port::{Fault, Faults};
 use serde::Deserialize;
 use settings::{Check, Impossible};
 use std::time::Duration;
+
+pub use plant::{PlantFault, PlantFaultKind};
 
 /// Most times that one fault can be asked for.
 const TIMES_MAX: u32 = 100_000;
@@ -30,6 +36,12 @@ pub struct FaultsFile {
     /// Of the controller's optimiser.
     #[serde(default)]
     pub solver: Vec<SolverFault>,
+    /// Of what the learner sends.
+    #[serde(default)]
+    pub snapshot: Vec<SnapshotFault>,
+    /// Of the robot, and of the floor that it stands on.
+    #[serde(default)]
+    pub plant: Vec<PlantFault>,
 }
 
 /// Something that happens to a process.
@@ -145,9 +157,27 @@ impl FaultsFile {
         SolverFaults { seed: self.seed, solver: self.solver.clone() }
     }
 
+    /// What happens to the learner's snapshots.
+    pub fn of_snapshots(&self) -> SnapshotFaults {
+        SnapshotFaults { seed: self.seed, snapshot: self.snapshot.clone() }
+    }
+
+    /// The world of `truth`, in which what happens to the robot happens beside what happens there anyway.
+    ///
+    /// # Errors
+    /// [`Impossible`] if both cannot be in one world.
+    pub fn in_world(&self, truth: &Truth) -> Result<Truth, Impossible> {
+        let mut world = truth.clone();
+        for (index, fault) in self.plant.iter().enumerate() {
+            fault.happen_in(&mut world).map_err(|impossible| impossible.under(&format!("plant.{index}")))?;
+        }
+        world.check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected).under("plant"))?;
+        Ok(world)
+    }
+
     /// How many there are.
     pub fn count(&self) -> usize {
-        self.fault.len() + self.process.len() + self.solver.len()
+        self.fault.len() + self.process.len() + self.solver.len() + self.snapshot.len() + self.plant.len()
     }
 }
 
@@ -162,6 +192,9 @@ impl Check for FaultsFile {
     fn check(&self) -> Result<(), Impossible> {
         self.of_messages().check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))?;
         self.of_solver().check()?;
+        self.of_snapshots().check()?;
+        let mut plants = self.plant.iter().enumerate();
+        plants.try_for_each(|(index, fault)| fault.check().map_err(|impossible| impossible.under(&format!("plant.{index}"))))?;
         let mut processes = self.process.iter().enumerate();
         processes.try_for_each(|(index, fault)| fault.check().map_err(|impossible| impossible.under(&format!("process.{index}"))))
     }

@@ -1,0 +1,181 @@
+//! What happens to the robot itself, and to the floor that it stands on: changes of the world that a scenario describes.
+
+use plant_sim::truth::{Fault, Payload, Slippery, Stuck, StuckSensor, Truth, Wheel, WheelSlip};
+use serde::Deserialize;
+use settings::Impossible;
+
+/// Grip of a floor on which wheels never slip as far as the scenario goes: that of rubber on a clean one \[1\].
+const DRY_GRIP: f64 = 0.8;
+/// Rim speed against it at which the force has reached tanh(1) of its most \[m/s\].
+const SLIP_SPEED_SCALE_MPS: f64 = 0.05;
+
+/// Something that happens to the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlantFault {
+    /// What.
+    pub kind: PlantFaultKind,
+    /// When it begins, counted from the plant's start in its own time \[s\].
+    pub from_s: f64,
+    /// How long it lasts; to the end if not given \[ms\].
+    #[serde(default)]
+    pub millis: Option<u64>,
+    /// Of `weak-motor` and `dead-motor`: whose.
+    #[serde(default)]
+    pub wheel: Option<Wheel>,
+    /// Of `weak-motor`: the part of its torque that it still gives.
+    #[serde(default)]
+    pub gain: Option<f64>,
+    /// Of `slip`: the part of its grip that the floor still gives.
+    #[serde(default)]
+    pub grip: Option<f64>,
+    /// Of `payload` \[kg\].
+    #[serde(default)]
+    pub mass_kg: Option<f64>,
+    /// Of `stuck-sensor`: which one.
+    #[serde(default)]
+    pub sensor: Option<StuckSensor>,
+}
+
+/// What can happen to a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlantFaultKind {
+    /// A motor gives only a part of its torque.
+    WeakMotor,
+    /// A motor gives none.
+    DeadMotor,
+    /// The floor is slippery, wherever it stands.
+    Slip,
+    /// It carries something, in the middle between its wheels.
+    Payload,
+    /// A sensor stands still.
+    StuckSensor,
+}
+
+impl PlantFaultKind {
+    /// Name in files and logs.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::WeakMotor => "weak-motor",
+            Self::DeadMotor => "dead-motor",
+            Self::Slip => "slip",
+            Self::Payload => "payload",
+            Self::StuckSensor => "stuck-sensor",
+        }
+    }
+}
+
+impl PlantFault {
+    /// Makes it happen in `world`, as a scenario would say it.
+    ///
+    /// # Errors
+    /// [`Impossible`] names the key that does not go with what happens there anyway.
+    pub(super) fn happen_in(&self, world: &mut Truth) -> Result<(), Impossible> {
+        let (from_s, until_s) = (self.from_s, self.millis.map(|millis| self.from_s + millis as f64 * 1e-3));
+        let needed = |key: &str| Impossible::new(key, format!("it for {}", self.kind.name()));
+        match self.kind {
+            PlantFaultKind::WeakMotor | PlantFaultKind::DeadMotor => {
+                let gain = if self.kind == PlantFaultKind::DeadMotor { 0.0 } else { self.gain.ok_or_else(|| needed("gain"))? };
+                let wheel = self.wheel.ok_or_else(|| needed("wheel"))?;
+                world.faults.push(Fault { wheel, gain, at_s: from_s, until_s });
+            }
+            PlantFaultKind::Slip => {
+                let grip_factor = self.grip.ok_or_else(|| needed("grip"))?;
+                world.wheel_slip.get_or_insert(WheelSlip { grip: DRY_GRIP, slip_speed_scale_mps: SLIP_SPEED_SCALE_MPS });
+                world.slippery.push(Slippery { grip_factor, from_s, until_s });
+            }
+            PlantFaultKind::Payload => {
+                if world.payload.is_some() {
+                    return Err(Impossible::new("kind", "no payload where the scenario, or a fault before, has one already"));
+                }
+                let mass_kg = self.mass_kg.ok_or_else(|| needed("mass_kg"))?;
+                world.payload = Some(Payload { mass_kg, yaw_inertia_kg_m2: 0.0, offset_m: [0.0; 2], at_s: from_s, until_s });
+            }
+            PlantFaultKind::StuckSensor => {
+                let sensor = self.sensor.ok_or_else(|| needed("sensor"))?;
+                world.stuck.push(Stuck { sensor, from_s, until_s });
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether there can be such a fault in some world.
+    pub(super) fn check(&self) -> Result<(), Impossible> {
+        let kind = self.kind;
+        let motor = matches!(kind, PlantFaultKind::WeakMotor | PlantFaultKind::DeadMotor);
+        for (key, is, wanted) in [
+            ("wheel", self.wheel.is_some(), motor),
+            ("gain", self.gain.is_some(), kind == PlantFaultKind::WeakMotor),
+            ("grip", self.grip.is_some(), kind == PlantFaultKind::Slip),
+            ("mass_kg", self.mass_kg.is_some(), kind == PlantFaultKind::Payload),
+            ("sensor", self.sensor.is_some(), kind == PlantFaultKind::StuckSensor),
+        ] {
+            match (is, wanted) {
+                (true, false) => return Err(Impossible::new(key, format!("no such key for {}", kind.name()))),
+                (false, true) => return Err(Impossible::new(key, format!("it for {}", kind.name()))),
+                _ => {}
+            }
+        }
+        for (key, share) in [("gain", self.gain), ("grip", self.grip)] {
+            if share.is_some_and(|share| !(0.0..=1.0).contains(&share)) {
+                return Err(Impossible::new(key, "a part of what is there otherwise, from 0 to 1"));
+            }
+        }
+        if self.mass_kg.is_some_and(|mass| !(mass.is_finite() && mass >= 0.0)) {
+            return Err(Impossible::new("mass_kg", "a finite mass that is not negative"));
+        }
+        if !(self.from_s.is_finite() && self.from_s >= 0.0) {
+            return Err(Impossible::new("from_s", "a finite time that is not negative"));
+        }
+        if self.millis == Some(0) {
+            return Err(Impossible::new("millis", "at least 1 ms, or nothing for ever"));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::FaultsFile;
+    use super::*;
+    use std::path::Path;
+
+    fn read(text: &str) -> Result<FaultsFile, String> {
+        settings::parse::<FaultsFile>(text, Path::new("f.toml")).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_fault_of_the_robot_is_what_a_scenario_would_say() -> Result<(), String> {
+        let world = |text: &str| read(text)?.in_world(&Truth::default()).map_err(|impossible| impossible.key);
+        let dead = world("[[plant]]\nkind = \"dead-motor\"\nwheel = \"rear-left\"\nfrom_s = 2.0\nmillis = 500\n")?;
+        let fault = Fault { wheel: Wheel::RearLeft, gain: 0.0, at_s: 2.0, until_s: Some(2.5) };
+        assert_eq!(dead, Truth { faults: vec![fault], ..Truth::default() });
+        let slippery = world("[[plant]]\nkind = \"slip\"\ngrip = 0.3\nfrom_s = 2.0\n")?;
+        assert_eq!((slippery.slippery.len(), slippery.wheel_slip.is_some()), (1, true));
+        let load = "[[plant]]\nkind = \"payload\"\nmass_kg = 5.0\nfrom_s = 2.0\n";
+        assert_eq!(world(load)?.payload.map(|payload| payload.mass_kg), Some(5.0));
+        assert_eq!(world(&format!("{load}{load}")), Err("plant.1.kind".to_owned()));
+        Ok(())
+    }
+
+    #[test]
+    fn a_fault_of_the_robot_says_what_it_needs_and_nothing_else() {
+        for (keys, key) in [
+            ("kind = \"weak-motor\"\nwheel = \"rear-left\"", "gain"),
+            ("kind = \"weak-motor\"\nwheel = \"rear-left\"\ngain = 1.5", "gain"),
+            ("kind = \"dead-motor\"\nwheel = \"rear-left\"\ngain = 0.5", "gain"),
+            ("kind = \"dead-motor\"", "wheel"),
+            ("kind = \"slip\"\ngrip = nan", "grip"),
+            ("kind = \"payload\"\nmass_kg = -1.0", "mass_kg"),
+            ("kind = \"stuck-sensor\"", "sensor"),
+            ("kind = \"stuck-sensor\"\nsensor = \"pose\"\nmillis = 0", "millis"),
+            ("kind = \"stuck-sensor\"\nsensor = \"pose\"\ngrip = 0.5", "grip"),
+        ] {
+            let said = read(&format!("[[plant]]\nfrom_s = 1.0\n{keys}\n")).err().unwrap_or_default();
+            assert!(said.contains(&format!("plant.0.{key}")), "{keys}: {said}");
+        }
+        let said = read("[[plant]]\nfrom_s = -1.0\nkind = \"slip\"\ngrip = 0.5\n").err().unwrap_or_default();
+        assert!(said.contains("plant.0.from_s"), "{said}");
+    }
+}
