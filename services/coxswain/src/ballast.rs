@@ -1,9 +1,9 @@
 //! All of the machine's shared memory but some, taken for as long as it is held.
 
-use rustix::fs::{FallocateFlags, fallocate, statvfs};
-use std::fs::{self, File};
+use rustix::fs::{FallocateFlags, OFlags, fallocate, statvfs};
+use std::fs::File;
 use std::io;
-use std::path::PathBuf;
+use std::os::unix::fs::OpenOptionsExt;
 
 /// Where POSIX shared memory lies on Linux.
 const FOLDER: &str = "/dev/shm";
@@ -24,11 +24,9 @@ pub(crate) enum BallastError {
     File(#[from] io::Error),
 }
 
-/// A file in shared memory that fills it; goes when dropped.
+/// A file in shared memory that fills it, without a name, so that it goes when this is dropped or its process ends, however that happens.
 #[derive(Debug)]
-pub(crate) struct Ballast {
-    path: PathBuf,
-}
+pub(crate) struct Ballast(#[expect(dead_code, reason = "held, not used")] File);
 
 impl Ballast {
     /// Takes what there is but for `left` bytes.
@@ -41,19 +39,12 @@ impl Ballast {
         if size > LARGEST {
             return Err(BallastError::TooLarge { size });
         }
-        let path = PathBuf::from(FOLDER).join(format!("coxswain-ballast-{}", std::process::id()));
-        let file = File::create(&path)?;
-        let ballast = Self { path };
+        // Nobody else can have laid a link there, or a file of that name.
+        let file = File::options().write(true).custom_flags(OFlags::TMPFILE.bits().cast_signed()).open(FOLDER)?;
         let length = (found.f_bavail * found.f_frsize).saturating_sub(left);
         if length > 0 {
             fallocate(&file, FallocateFlags::empty(), 0, length).map_err(io::Error::from)?;
         }
-        Ok(ballast)
-    }
-}
-
-impl Drop for Ballast {
-    fn drop(&mut self) {
-        let _ = fs::remove_file(&self.path);
+        Ok(Self(file))
     }
 }
