@@ -4,34 +4,42 @@
 //! |-------------|------------------------------------------------------------------|
 //! | `catalogue` | the exercises: which faults, in whom, and what must hold         |
 //! | `exercise`  | one exercise, done and judged                                    |
+//! | `rivals`    | two controllers of one robot                                     |
+//! | `launchers` | two launches of one robot                                        |
 //! | `partition` | two hosts whose cable is pulled                                  |
 //! | `session`   | a graph that the drill launches                                  |
 //! | `hosts`     | two hosts and a cable                                            |
-//! | `damage`    | damaged messages at decoder and gate                             |
+//! | `damage`    | damaged messages at the readers of all topics and the gate       |
 //! | `record`    | what a run recorded                                              |
 //! | `oracle`    | record → what was unsafe                                         |
+//! | `refusals`  | what was injected ↔ what was refused                             |
 //! | `measure`   | record → reactions, ways back, and what else was violated        |
 //! | `table`     | rows → the table that is printed                                 |
 
 pub mod catalogue;
-mod damage;
+pub mod damage;
 mod exercise;
 pub mod hosts;
+mod launchers;
 pub mod measure;
 pub mod oracle;
 mod partition;
 pub mod record;
+mod refusals;
+mod rivals;
 mod session;
 mod table;
 
 use crate::assembly::missing_programs;
+use crate::folder::utc;
 use crate::role::START_ORDER;
 use crate::terminal::{self, Terminal};
 use catalogue::{Carrier, Exercise, Extent, exercises};
+use clap::builder::PossibleValuesParser;
 use measure::Measured;
 use process::Stop;
 use serde::Serialize;
-use session::{INTERRUPTED, Trouble};
+use session::INTERRUPTED;
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, Write};
@@ -40,7 +48,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 use std::thread;
-use std::time::Instant;
+use std::time::{Instant, SystemTime};
 
 /// What to do.
 #[derive(Debug, Clone, clap::Args)]
@@ -49,7 +57,7 @@ pub struct DrillOptions {
     #[arg(long)]
     pub quick: bool,
     /// Only exercises of this fault; may be said again.
-    #[arg(long = "fault", value_name = "NAME")]
+    #[arg(long = "fault", value_name = "NAME", value_parser = PossibleValuesParser::new(known()))]
     pub faults: Vec<String>,
     /// Seed of phases, choices and damages: the same one does the same again.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=i64::MAX as u64))]
@@ -57,7 +65,7 @@ pub struct DrillOptions {
     /// One JSON row per exercise goes here.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Where everything of an exercise that found a violation is kept.
+    /// Where everything of an exercise that found a violation is kept, in a folder of its own for each drill.
     #[arg(long, value_name = "DIR", default_value = "runs/drill")]
     pub keep: PathBuf,
     /// Folder with robots and scenarios.
@@ -91,6 +99,8 @@ pub struct Row {
     pub excused_periods: usize,
     /// Why it cannot be done on this machine.
     pub impossible: Option<&'static str>,
+    /// What else was measured, a sentence each.
+    pub notes: Vec<String>,
     /// What was violated.
     pub found: Vec<String>,
     /// Where everything of it is kept; only if anything was violated.
@@ -100,15 +110,21 @@ pub struct Row {
 /// The drill could not be done.
 #[derive(Debug, thiserror::Error)]
 pub enum DrillError {
-    /// There is no such fault.
-    #[error("--fault {name:?}: expected one of {known:?}{}", if *quick { ", of which some are parts of \"bad link\" with --quick" } else { "" })]
-    Unknown {
+    /// This fault has no part that is short, or none that is long.
+    #[error("--fault {name:?} is only in the {} drill: expected it {} --quick", if *quick { "whole" } else { "quick" }, if *quick { "without" } else { "with" })]
+    Elsewhere {
         /// What was asked for.
         name: String,
-        /// All there are.
-        known: Vec<&'static str>,
-        /// Whether some are taken together.
+        /// Whether in the quick one.
         quick: bool,
+    },
+    /// The rows cannot be written where they should be.
+    #[error("--json {}: {source}", path.display())]
+    Json {
+        /// Where.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
     },
     /// No robots and scenarios.
     #[error("--deploy {}: expected the folder deploy of the sources, with robots/ and scenarios/", folder.display())]
@@ -141,7 +157,7 @@ impl DrillError {
     /// 2 if nothing was started because of what a person set, else 1.
     pub fn exit_code(&self) -> ExitCode {
         match self {
-            Self::Unknown { .. } | Self::NoDeploy { .. } => ExitCode::from(2),
+            Self::Elsewhere { .. } | Self::Json { .. } | Self::NoDeploy { .. } => ExitCode::from(2),
             _ => ExitCode::FAILURE,
         }
     }
@@ -158,18 +174,19 @@ pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
     let stop = Stop::new();
     stop.on_signals().map_err(|source| DrillError::File { path: "signals".into(), source })?;
     let mut terminal = Terminal::new();
+    let kept = options.keep.join(format!("{}-seed-{}", utc(SystemTime::now()), options.seed));
     let mut rows = Vec::new();
     let begin = Instant::now();
     let next = AtomicUsize::new(0);
     thread::scope(|scope| {
         let (done, finished) = mpsc::channel();
         for _ in 0..options.jobs {
-            let (done, next, chosen, stop) = (done.clone(), &next, &chosen, &stop);
+            let (done, next, chosen, kept, stop) = (done.clone(), &next, &chosen, &kept, &stop);
             scope.spawn(move || {
                 while let Some((index, exercise)) =
                     Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|index| Some((index, chosen.get(index)?)))
                 {
-                    let row = (!stop.requested()).then(|| do_one(exercise, options, index, stop));
+                    let row = (!stop.requested()).then(|| do_one(exercise, options, kept, index, stop));
                     // What was cut short says nothing.
                     let Some(row) = row.filter(|_| !stop.requested()) else { return };
                     if done.send((index, row)).is_err() {
@@ -203,13 +220,27 @@ pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
 }
 
 fn chosen(options: &DrillOptions) -> Result<Vec<Exercise>, DrillError> {
-    let all = exercises(if options.quick { Extent::Quick } else { Extent::Whole });
-    let known: BTreeSet<&'static str> = all.iter().map(|exercise| exercise.fault).collect();
-    if let Some(name) = options.faults.iter().find(|name| !known.contains(name.as_str())) {
-        return Err(DrillError::Unknown { name: name.clone(), known: known.into_iter().collect(), quick: options.quick });
+    let extent = if options.quick { Extent::Quick } else { Extent::Whole };
+    let together = exercises(extent, false);
+    if options.faults.is_empty() {
+        return Ok(together);
     }
-    let wanted = |exercise: &Exercise| options.faults.is_empty() || options.faults.iter().any(|name| name == exercise.fault);
-    Ok(all.into_iter().filter(wanted).collect())
+    let mut chosen: Vec<Exercise> = Vec::new();
+    for exercise in together.into_iter().chain(exercises(extent, true)) {
+        if options.faults.iter().any(|name| name == exercise.fault) && !chosen.contains(&exercise) {
+            chosen.push(exercise);
+        }
+    }
+    match options.faults.iter().find(|name| chosen.iter().all(|exercise| exercise.fault != name.as_str())) {
+        Some(name) => Err(DrillError::Elsewhere { name: name.clone(), quick: options.quick }),
+        None => Ok(chosen),
+    }
+}
+
+/// The names of all faults.
+fn known() -> BTreeSet<&'static str> {
+    let all = [Extent::Quick, Extent::Whole].into_iter().flat_map(|extent| exercises(extent, false));
+    all.map(|exercise| exercise.fault).collect()
 }
 
 /// Everything that an exercise needs is there.
@@ -224,15 +255,15 @@ fn check(deploy: &Path) -> Result<(), DrillError> {
 }
 
 fn create(path: &Path) -> Result<File, DrillError> {
-    File::create(path).map_err(|source| DrillError::File { path: path.to_path_buf(), source })
+    File::create(path).map_err(|source| DrillError::Json { path: path.to_path_buf(), source })
 }
 
-fn do_one(exercise: &Exercise, options: &DrillOptions, index: usize, stop: &Stop) -> Row {
-    let name = format!("{:02}-{}-{}-seed-{}", index, exercise.fault.replace(' ', "-"), exercise.target, options.seed);
-    let kept = options.keep.join(name);
+fn do_one(exercise: &Exercise, options: &DrillOptions, kept: &Path, index: usize, stop: &Stop) -> Row {
+    let name = format!("{index:02} {} {} {}", exercise.fault, exercise.target, exercise.carrier.name());
+    let kept = kept.join(name.replace(' ', "-"));
     let measured = exercise::run(exercise, &options.deploy, options.seed, &kept, stop);
-    let failed = |trouble: Trouble| Measured { violations: vec![format!("it could not be done: {trouble}")], ..Measured::default() };
-    let Measured { injections, violations, worst_reaction, worst_restart, excused, impossible } = measured.unwrap_or_else(failed);
+    let Measured { injections, violations, worst_reaction, worst_restart, excused, impossible, notes } =
+        measured.unwrap_or_else(Measured::not_done);
     Row {
         fault: exercise.fault,
         target: exercise.target,
@@ -244,7 +275,8 @@ fn do_one(exercise: &Exercise, options: &DrillOptions, index: usize, stop: &Stop
         seed: options.seed,
         excused_periods: excused,
         impossible,
-        kept: (!violations.is_empty()).then_some(kept),
+        notes,
+        kept: (!violations.is_empty()).then_some(kept).filter(|kept| kept.is_dir()),
         found: violations,
     }
 }

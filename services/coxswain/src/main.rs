@@ -2,14 +2,18 @@
 
 use clap::{Parser, Subcommand};
 use coxswain::berth;
+use coxswain::drill::damage::OfferOptions;
 use coxswain::drill::{self, DrillOptions};
 use coxswain::experiment::{self, CompareOptions};
+use coxswain::launch::LaunchError;
 use coxswain::lookout::{self, WatchOptions};
 use coxswain::options::Options;
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
 use coxswain::terminal::Terminal;
 use process::Stop;
+use rustix::process::{Signal, getpid, kill_process, set_parent_process_death_signal};
 use std::process::ExitCode;
+use std::{io, thread};
 
 /// Learning model predictive control for omnidirectional robots, as a graph of processes.
 #[derive(Debug, Parser)]
@@ -34,6 +38,9 @@ enum Command {
     ///
     /// Exit code 0 if no promise was broken, 1 if one was or the drill could not be done, 2 if what was said cannot be.
     Drill(DrillOptions),
+    /// Offer damaged messages to decoders and gate, and print what came of it and of this process's memory: a part of the drill.
+    #[command(hide = true)]
+    Offer(OfferOptions),
     /// Make one page with every figure of a run, or of several in the same figures.
     ///
     /// Exit code 2 if there is no record to read, 1 if the page cannot be written.
@@ -58,6 +65,7 @@ fn main() -> ExitCode {
         Command::Launch(options) => launch(&options),
         Command::Watch(options) => watch(&options),
         Command::Drill(options) => drill(&options),
+        Command::Offer(options) => offer(&options),
         Command::Report(options) => made(records::report(&options)),
         Command::Export(options) => made(records::export(&options)),
         Command::Experiment(Experiment::Compare(options)) => compare(&options),
@@ -84,6 +92,16 @@ fn compare(options: &CompareOptions) -> ExitCode {
     }
 }
 
+fn offer(options: &OfferOptions) -> ExitCode {
+    match drill::damage::print(options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::FAILURE
+        }
+    }
+}
+
 fn drill(options: &DrillOptions) -> ExitCode {
     match drill::run(options) {
         Ok(true) => ExitCode::SUCCESS,
@@ -96,13 +114,27 @@ fn drill(options: &DrillOptions) -> ExitCode {
 }
 
 fn launch(options: &Options) -> ExitCode {
-    match coxswain::launch::run(options) {
+    let watched = if options.stop_with_stdin { end_with_stdin() } else { Ok(()) };
+    let outcome =
+        watched.map_err(|source| LaunchError::System { what: "the standard input", source }).and_then(|()| coxswain::launch::run(options));
+    match outcome {
         Ok(outcome) => outcome.exit_code(),
         Err(error) => {
             Terminal::new().say(format_args!("coxswain: {error}"));
             error.exit_code()
         }
     }
+}
+
+/// Asks this process to end when its standard input ends, as a signal would.
+fn end_with_stdin() -> io::Result<()> {
+    // One that is stopped would not see its input end: the death of whoever started it wakes it.
+    set_parent_process_death_signal(Some(Signal::CONT))?;
+    let watch = || {
+        let _ = io::copy(&mut io::stdin().lock(), &mut io::sink());
+        let _ = kill_process(getpid(), Signal::TERM);
+    };
+    thread::Builder::new().name("stdin".into()).spawn(watch).map(drop)
 }
 
 fn watch(options: &WatchOptions) -> ExitCode {

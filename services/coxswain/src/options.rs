@@ -45,6 +45,9 @@ pub struct Options {
     /// Faults to inject on the links, as deploy/faults/example.toml shows them.
     #[arg(long, value_name = "FILE")]
     pub faults: Option<PathBuf>,
+    /// End when the standard input ends, as it does when whoever launched it dies.
+    #[arg(long, hide = true)]
+    pub stop_with_stdin: bool,
 }
 
 impl Options {
@@ -63,6 +66,7 @@ impl Options {
             log: "info".into(),
             seed: None,
             faults: None,
+            stop_with_stdin: false,
         }
     }
 }

@@ -1,5 +1,7 @@
 //! The exercises: which faults, in whom, over what, and what must hold.
 
+mod messages;
+
 use protocol::message::Participant::{self, Controller, Gateway, Learner, Plant, Recorder};
 use std::fmt::Write;
 
@@ -33,16 +35,65 @@ pub enum Task {
     Launch(Launch),
     /// Everything is killed at once, and launched again, so often.
     KillAll(u32),
-    /// A second controller joins a graph that has one, so often.
-    SecondController(u32),
-    /// Two graphs of one user at once.
-    SecondLauncher,
+    /// A second controller beside the launcher's, so often.
+    Rivals(Rivalry, u32),
+    /// Two launches that cannot both have what they want, so often.
+    Compete(Prize, u32),
+    /// Two launches of one user that have nothing to do with each other.
+    SideBySide,
     /// Plant and controller on two hosts, and the cable between them pulled for so long each \[ms\].
     Partition(Vec<u64>),
     /// Launches on machines with so much shared memory \[MiB\]: each drives as if there were no end of it, or is refused before the robot moves.
     LittleSharedMemory(Vec<u64>),
-    /// So many damaged messages are offered to decoder and gate.
+    /// So many damaged messages are offered to the readers of all topics and to the gate.
     Damaged(u64),
+}
+
+/// What is between two controllers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rivalry {
+    /// The second one's epoch is greater.
+    GreaterEpoch,
+    /// Both have claimed the same one.
+    EqualEpochs,
+    /// The second one's epoch is over when it is woken.
+    OldEpoch,
+}
+
+/// What two launches want, and one gets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Prize {
+    /// The folder of the run.
+    Folder,
+    /// The address at which the robot's machine is to be found.
+    Address,
+}
+
+impl Prize {
+    /// Of whoever does not get it: 2 where a person said so, 1 where the system did.
+    pub const fn exit_code(self) -> i32 {
+        match self {
+            Self::Folder => 2,
+            Self::Address => 1,
+        }
+    }
+
+    /// What that one says.
+    pub const fn message(self) -> &'static str {
+        match self {
+            Self::Folder => "expected a new or empty folder",
+            Self::Address => "a router at",
+        }
+    }
+}
+
+/// What must have been refused one for one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refused {
+    /// Every message that was none any more, by whoever read it.
+    Messages,
+    /// Every bad snapshot, by the controller, which keeps the last good one.
+    Snapshots,
 }
 
 /// A launch with faults.
@@ -52,14 +103,12 @@ pub struct Launch {
     pub duration_s: f64,
     /// In lock step, so that time does not count.
     pub lock_step: bool,
-    /// Variants of the scenario, with a plus in front of each.
-    pub variant: &'static str,
-    /// A change of the scenario.
-    pub change: &'static str,
     /// The file of faults but for its seed.
     pub faults: String,
     /// Whom the faults end or stop, who must be in use again.
     pub restarts: Option<Participant>,
+    /// What is compared with what was injected.
+    pub refused: Option<Refused>,
     /// In so many periods the optimiser has no plan, and every period is answered by the controller, on whichever rung.
     pub answered: Option<u64>,
     /// Nobody whom the robot needs is touched: it must drive on fresh plans alone.
@@ -99,13 +148,16 @@ impl Extent {
     }
 }
 
-/// All exercises of an extent, in the order of the table.
-pub fn exercises(extent: Extent) -> Vec<Exercise> {
+/// All exercises of an extent, in the order of the table. Of faults of messages, a quick drill does all those of one link in one launch, unless they
+/// are wanted `apart`.
+pub fn exercises(extent: Extent, apart: bool) -> Vec<Exercise> {
     let mut all = Vec::new();
     kills(extent, &mut all);
     stops(extent, &mut all);
     all.extend(shared_fates(extent));
-    messages(extent, &mut all);
+    messages::on_control_links(extent, apart, &mut all);
+    messages::of_other_versions(extent, &mut all);
+    messages::snapshots(extent, &mut all);
     solvers(extent, &mut all);
     worlds(extent, &mut all);
     machine(extent, &mut all);
@@ -117,9 +169,7 @@ fn kills(extent: Extent, all: &mut Vec<Exercise>) {
     for (participant, every_s) in [(Controller, 0.9), (Plant, 1.3), (Learner, 2.5), (Recorder, 1.0), (Gateway, 1.0)] {
         let (quick, whole) = (if participant == Learner { 3 } else { 6 }, 210_u32);
         for carrier in [Carrier::SharedMemory, Carrier::Network] {
-            if participant == Gateway && carrier == Carrier::Network
-                || extent == Extent::Quick && carrier == Carrier::Network && !needed(participant)
-            {
+            if extent == Extent::Quick && carrier == Carrier::Network && !needed(participant) {
                 continue;
             }
             let regular = extent.pick(quick, whole - whole / 5);
@@ -143,7 +193,7 @@ fn needed(participant: Participant) -> bool {
 fn stops(extent: Extent, all: &mut Vec<Exercise>) {
     for participant in [Controller, Plant, Learner, Recorder, Gateway] {
         for carrier in [Carrier::SharedMemory, Carrier::Network] {
-            if carrier == Carrier::Network && (participant == Gateway || extent == Extent::Quick) {
+            if carrier == Carrier::Network && extent == Extent::Quick {
                 continue;
             }
             let millis: &[u64] = extent.pick(&[20, 60, 1000], &[20, 40, 60, 100, 200, 350, 500, 1000, 4000, 10_000]);
@@ -171,8 +221,12 @@ fn shared_fates(extent: Extent) -> Vec<Exercise> {
     let of = |fault, target, carrier, task| Exercise { fault, target, carrier, task };
     let mut all = vec![
         of("kill all", "everybody", Carrier::SharedMemory, Task::KillAll(extent.pick(3, 100))),
-        of("two controllers", "controller", Carrier::SharedMemory, Task::SecondController(extent.pick(3, 50))),
-        of("two launchers", "launcher", Carrier::SharedMemory, Task::SecondLauncher),
+        of("two controllers", "greater epoch", Carrier::SharedMemory, Task::Rivals(Rivalry::GreaterEpoch, extent.pick(3, 50))),
+        of("two controllers", "equal epochs", Carrier::SharedMemory, Task::Rivals(Rivalry::EqualEpochs, extent.pick(2, 20))),
+        of("two controllers", "old epoch", Carrier::SharedMemory, Task::Rivals(Rivalry::OldEpoch, extent.pick(3, 50))),
+        of("two launchers", "one folder", Carrier::SharedMemory, Task::Compete(Prize::Folder, extent.pick(2, 20))),
+        of("two launchers", "one address", Carrier::Network, Task::Compete(Prize::Address, extent.pick(2, 20))),
+        of("two launchers", "side by side", Carrier::SharedMemory, Task::SideBySide),
         of("partition", "cable", Carrier::Network, Task::Partition(extent.pick(vec![1000], partitions()))),
         of(
             "shared memory",
@@ -180,11 +234,12 @@ fn shared_fates(extent: Extent) -> Vec<Exercise> {
             Carrier::SharedMemory,
             Task::LittleSharedMemory(extent.pick(vec![4, 64], (2..34).step_by(2).collect())),
         ),
-        of("damaged bytes", "gate", Carrier::None, Task::Damaged(extent.pick(100_000, 1_000_000))),
+        of("damaged bytes", "all readers", Carrier::None, Task::Damaged(extent.pick(100_000, 1_000_000))),
     ];
     if whole {
         all.push(of("kill all", "everybody", Carrier::Network, Task::KillAll(100)));
-        all.push(of("two controllers", "controller", Carrier::Network, Task::SecondController(50)));
+        all.push(of("two controllers", "greater epoch", Carrier::Network, Task::Rivals(Rivalry::GreaterEpoch, 50)));
+        all.push(of("two controllers", "old epoch", Carrier::Network, Task::Rivals(Rivalry::OldEpoch, 50)));
     }
     all
 }
@@ -192,60 +247,6 @@ fn shared_fates(extent: Extent) -> Vec<Exercise> {
 /// Ten of each length \[ms\].
 fn partitions() -> Vec<u64> {
     [60, 300, 1000, 3000, 10_000].into_iter().cycle().take(50).collect()
-}
-
-/// What the links do, in real time but for the models: windows of it, and clean time behind each.
-fn messages(extent: Extent, all: &mut Vec<Exercise>) {
-    const KINDS: [(&str, &str, &[&str]); 10] = [
-        ("loss", "drop", &["probability = 0.01\n", "probability = 0.05\n", "probability = 0.2\n", "probability = 0.5\n"]),
-        ("duplicates", "duplicate", &["probability = 0.5\n"]),
-        ("reordering", "reorder", &["probability = 0.3\n", "messages = 3\nprobability = 0.3\n"]),
-        ("delay", "delay", &["millis = 20\n", "millis = 60\n", "millis = 100\n"]),
-        ("jitter", "jitter", &["millis = 100\nprobability = 0.5\n"]),
-        ("corruption", "corrupt", &["probability = 0.5\n"]),
-        ("truncation", "truncate", &["probability = 0.5\n"]),
-        ("stale burst", "replay", &["messages = 20\nprobability = 0.5\n"]),
-        ("nan", "nan", &["probability = 0.3\n"]),
-        ("stuck", "freeze", &[""]),
-    ];
-    // From window to window, and the length of one [ticks of 20 ms].
-    const STRIDE: u64 = 75;
-    const WINDOW: u64 = 25;
-    for (topic, participant, field) in [("command", Plant, "input"), ("state", Controller, "velocity")] {
-        for carrier in [Carrier::SharedMemory, Carrier::Network] {
-            if extent == Extent::Quick && (carrier == Carrier::Network) != (topic == "command") {
-                continue;
-            }
-            let groups = extent.pick(vec![KINDS.to_vec()], KINDS.iter().map(|kind| vec![*kind]).collect());
-            for kinds in groups {
-                let rounds = extent.pick(1, 10);
-                let (mut faults, mut from) = (String::new(), STRIDE);
-                for (_, kind, levels) in &kinds {
-                    for level in extent.pick(levels.get(levels.len() - 1..).unwrap_or_default(), levels) {
-                        for _ in 0..rounds {
-                            let named = if *kind == "nan" { format!("field = {field:?}\n") } else { String::new() };
-                            faults += &message(topic, participant, kind, from, from + extent.pick(12, WINDOW), &format!("{level}{named}"));
-                            from += extent.pick(STRIDE / 2, STRIDE);
-                        }
-                    }
-                }
-                let fault = if let [(only, ..)] = kinds.as_slice() { *only } else { "bad link" };
-                let launch = Launch { duration_s: from as f64 * 0.02 + 2.0, faults, ..Launch::default() };
-                all.push(Exercise { fault, target: topic, carrier, task: Task::Launch(launch) });
-            }
-        }
-    }
-    // In lock step, where models come often.
-    for (fault, kind, keys) in [
-        ("bad snapshot", "corrupt", "probability = 0.5\n"),
-        ("bad snapshot", "truncate", "probability = 0.5\n"),
-        ("bad snapshot", "nan", "field = \"points\"\nprobability = 0.5\n"),
-        ("stale snapshot", "replay", "messages = 3\nprobability = 0.5\n"),
-    ] {
-        let faults = message("snapshot", Controller, kind, 50, 1_000_000, keys);
-        let launch = Launch { duration_s: extent.pick(20.0, 400.0), lock_step: true, faults, undisturbed: true, ..Launch::default() };
-        all.push(Exercise { fault, target: kind, carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
-    }
 }
 
 /// What the optimiser says, in lock step, in so many ticks in a row.
@@ -259,21 +260,35 @@ fn solvers(extent: Extent, all: &mut Vec<Exercise>) {
     }
 }
 
-/// What the world does, in lock step: the robot drives on, and nothing unsafe comes of it.
+/// What happens to the robot itself, in lock step, in windows of it: it drives on, but where it is blind, and nothing unsafe comes of it.
 fn worlds(extent: Extent, all: &mut Vec<Exercise>) {
-    for (fault, variant, change) in [
-        ("weak motor", "+weak-motor", ""),
-        ("dead motor", "", "truth.faults=[{ wheel = \"front-right\", gain = 0.0, at_s = 5.0 }]"),
-        ("slip", "+patch", ""),
-        ("payload", "+payload", ""),
+    const WHEELS: [&str; 4] = ["front-right", "front-left", "rear-left", "rear-right"];
+    const SENSORS: [&str; 3] = ["pose", "velocity", "everything"];
+    for (fault, kind) in [
+        ("weak motor", "weak-motor"),
+        ("dead motor", "dead-motor"),
+        ("slip", "slip"),
+        ("payload", "payload"),
+        ("stuck sensor", "stuck-sensor"),
     ] {
-        let launch =
-            Launch { duration_s: extent.pick(20.0, 120.0), lock_step: true, variant, change, undisturbed: true, ..Launch::default() };
-        all.push(Exercise { fault, target: "world", carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
+        // A robot carries one load at most.
+        let windows = if kind == "payload" { 1 } else { extent.pick(4, 24) };
+        let mut faults = String::new();
+        for window in 0..windows {
+            let (wheel, sensor) = (WHEELS[window % WHEELS.len()], SENSORS[window % SENSORS.len()]);
+            let keys = match kind {
+                "weak-motor" => format!("wheel = {wheel:?}\ngain = 0.5\n"),
+                "dead-motor" => format!("wheel = {wheel:?}\n"),
+                "slip" => "grip = 0.4\n".to_owned(),
+                "payload" => "mass_kg = 11.0\n".to_owned(),
+                _ => format!("sensor = {sensor:?}\n"),
+            };
+            let _ = write!(faults, "[[plant]]\nkind = {kind:?}\nfrom_s = {}.0\nmillis = 2000\n{keys}", 3 + 4 * window);
+        }
+        let (duration_s, undisturbed) = (6.0 + 4.0 * windows as f64, kind != "stuck-sensor");
+        let launch = Launch { duration_s, lock_step: true, faults, undisturbed, ..Launch::default() };
+        all.push(Exercise { fault, target: "robot", carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
     }
-    let stuck = message("state", Controller, "freeze", 200, 250, "");
-    let launch = Launch { duration_s: 10.0, lock_step: true, faults: stuck, ..Launch::default() };
-    all.push(Exercise { fault: "stuck sensor", target: "world", carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
 }
 
 /// What the machine does.
@@ -313,11 +328,4 @@ fn process(kind: &str, participant: Participant, from_s: f64, every_s: f64, time
         "[[process]]\nkind = {kind:?}\nparticipant = {name:?}\nfrom_s = {from_s:.3}\nevery_s = {every_s:.3}\ntimes = {times}\n{keys}"
     );
     text
-}
-
-fn message(topic: &str, participant: Participant, kind: &str, from: u64, until: u64, keys: &str) -> String {
-    let name = participant.text();
-    format!(
-        "[[fault]]\ntopic = {topic:?}\nat = \"reader\"\nparticipant = {name:?}\nkind = {kind:?}\nfrom_tick = {from}\nuntil_tick = {until}\n{keys}"
-    )
 }

@@ -1,4 +1,6 @@
-//! Damaged messages, offered to the decoder and, where it takes them, to the gate.
+//! Damaged messages, offered to the readers of every topic and, as commands, to the gate.
+//!
+//! It is done in a process of its own, [`print()`]: so a panic would be seen, and what it does to the memory.
 
 use super::measure::Measured;
 use super::session::Trouble;
@@ -6,103 +8,239 @@ use gate::{Bounds, Gate};
 use model::robot::Robot;
 use protocol::VERSION;
 use protocol::frame;
-use protocol::message::{Command, Message, Reason, Rung};
+use protocol::message::{
+    Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, Reason, ResidualSample, Rung, SnapshotHead, Stamp, TAIL_MAX, Truth,
+};
+use protocol::port::{Exchange, Identity, Ports, Since, Source};
+use protocol::topic::OnTopic;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::process::Command as Process;
+use std::time::Duration;
 
 /// T \[ns\].
 const PERIOD: u64 = 20_000_000;
 /// The plant's own epoch.
 const EPOCH: u64 = 7;
+/// Epoch and writer of the controller that the gate obeys.
+const CONTROLLER: (u64, u64) = (3, 5);
+/// The tick that is to be answered.
+const TICK: u64 = 1;
 /// What no number of a command may be.
 const BAD: [f64; 5] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, -1e300];
+/// Most that all of it may add to the memory in use, beyond what the first tenth needed \[KiB\].
+const GROWTH_KIBIBYTES: u64 = 512;
 
-/// Offers `count` commands, each damaged in one way; none may be accepted.
-///
-/// # Errors
-/// If the undamaged one is refused.
-pub(super) fn run(count: u64, seed: u64) -> Result<Measured, Trouble> {
-    let mut random = Pcg64Mcg::seed_from_u64(seed);
-    let bounds = Bounds::new(&Robot::example(), PERIOD, 0);
-    let good = sealed(good());
-    accepted(&good, &bounds).map_err(|reason| format!("the undamaged command was refused: {reason}"))?;
-    let mut violations = Vec::new();
-    for index in 0..count {
-        let bytes = damaged(&good, &mut random);
-        if accepted(&bytes, &bounds).is_ok() {
-            violations.push(format!("damaged command {index} of seed {seed} was accepted"));
-        }
-    }
-    Ok(Measured { injections: count, violations, ..Measured::default() })
+/// How much to offer.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct OfferOptions {
+    /// Damaged messages.
+    pub count: u64,
+    /// Seed of the damages.
+    pub seed: u64,
 }
 
-/// What a controller would answer to the state of tick 0.
+/// What came of it.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+struct Offered {
+    /// Damaged messages.
+    injections: u64,
+    /// What was accepted, a line each.
+    violations: Vec<String>,
+    /// Memory in use when a tenth had been offered, and in the end \[KiB\].
+    kibibytes: [u64; 2],
+}
+
+/// Offers damaged messages, and says on the standard output what came of it.
+///
+/// # Errors
+/// If an undamaged one is refused.
+pub fn print(options: &OfferOptions) -> Result<(), Trouble> {
+    crate::terminal::print(serde_json::to_string(&offer(options.count, options.seed)?)?);
+    Ok(())
+}
+
+/// Has `count` damaged messages offered by a process of its own; none may be accepted, nothing may panic, and the memory may not grow.
+///
+/// # Errors
+/// If it could not be done.
+pub(super) fn run(count: u64, seed: u64) -> Result<Measured, Trouble> {
+    let output = Process::new(std::env::current_exe()?).arg("offer").args([count.to_string(), seed.to_string()]).output()?;
+    if !output.status.success() {
+        let violations = vec![format!("it ended with {}: {}", output.status, String::from_utf8_lossy(&output.stderr).trim())];
+        return Ok(Measured { injections: count, violations, ..Measured::default() });
+    }
+    let Offered { injections, mut violations, kibibytes: [before, after] } = serde_json::from_slice(&output.stdout)?;
+    if after > before + GROWTH_KIBIBYTES {
+        violations.push(format!("{after} KiB of memory in use, expected {before} and {GROWTH_KIBIBYTES} more at most"));
+    }
+    let notes = vec![format!("memory in use: {before} KiB when a tenth had been offered, {after} KiB in the end")];
+    Ok(Measured { injections, violations, notes, ..Measured::default() })
+}
+
+/// Nine of ten are commands for the gate, the others go to the readers of all topics.
+fn offer(count: u64, seed: u64) -> Result<Offered, Trouble> {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let mut offered = Offered::default();
+    for tenth in 0..10 {
+        let share = count / 10 + u64::from(tenth < count % 10);
+        let to_readers = share / 10;
+        offer_to_gate(share - to_readers, &mut random, &mut offered)?;
+        offer_to_readers(to_readers, &mut random, &mut offered)?;
+        offered.kibibytes[usize::from(tenth > 0)] = resident_kibibytes()?;
+    }
+    Ok(offered)
+}
+
+/// Memory in use by this process.
+fn resident_kibibytes() -> Result<u64, Trouble> {
+    let status = fs::read_to_string("/proc/self/status")?;
+    let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.split_whitespace().next()?.parse().ok());
+    Ok(resident.ok_or("the system does not say how much memory is in use")?)
+}
+
+fn offer_to_gate(count: u64, random: &mut Pcg64Mcg, offered: &mut Offered) -> Result<(), Trouble> {
+    let gate = obeying()?;
+    let sealed_good = sealed(good());
+    accepted(&sealed_good, &gate).map_err(|reason| format!("the undamaged command was refused: {reason}"))?;
+    for _ in 0..count {
+        let bytes = damaged(&sealed_good, random);
+        if accepted(&bytes, &gate).is_ok() {
+            offered.violations.push(format!("damaged command {} was accepted", offered.injections));
+        }
+        offered.injections += 1;
+    }
+    Ok(())
+}
+
+/// The gate of a robot that has obeyed a controller in its first period, and has just published the state of the second.
+fn obeying() -> Result<Gate, Trouble> {
+    let mut gate = Gate::new(Bounds::new(&Robot::example(), PERIOD, 0), EPOCH);
+    gate.begin_period(0, 0);
+    let mut first = good();
+    first.stamp.tick = 0;
+    gate.offer(&first, PERIOD / 4).map_err(|reason: Reason| format!("the first command was refused: {reason}"))?;
+    gate.decide(PERIOD / 4);
+    gate.begin_period(TICK, PERIOD);
+    Ok(gate)
+}
+
+/// What its controller would answer.
 fn good() -> Command {
     let mut command: Command = bytemuck::Zeroable::zeroed();
-    (command.stamp.epoch, command.stamp.writer) = (3, 5);
+    (command.stamp.epoch, command.stamp.writer) = CONTROLLER;
+    command.stamp.tick = TICK;
     command.plant_epoch = EPOCH;
     command.rung = Rung::FreshPlan.code();
     command.input = [0.1, 0.0, 0.0];
-    command.tail_len = 2;
+    command.tail_len = TAIL_MAX as u32;
     command
 }
 
-fn sealed(mut command: Command) -> Vec<u8> {
-    command.stamp_mut().version = VERSION;
-    command.stamp_mut().kind = Command::KIND;
-    let mut bytes = vec![0; command.byte_len()];
-    frame::encode(&command, &mut bytes);
+/// As a program of this version says it.
+fn sealed<T: Message>(message: T) -> Vec<u8> {
+    sealed_as(message, VERSION, T::KIND)
+}
+
+fn sealed_as<T: Message>(mut message: T, version: u16, kind: u16) -> Vec<u8> {
+    *message.stamp_mut() = Stamp { version, kind, ..*message.stamp() };
+    let mut bytes = vec![0; message.byte_len()];
+    frame::encode(&message, &mut bytes);
     bytes
 }
 
-/// Damaged on the way (bits, length), or by a writer that has gone mad and seals what it says.
-fn damaged(good: &[u8], random: &mut Pcg64Mcg) -> Vec<u8> {
-    let mut bytes = good.to_vec();
-    match random.random_range(0..4_u8) {
-        0 => {
-            for _ in 0..random.random_range(1..=8_u8) {
-                let place = random.random_range(0..bytes.len());
-                let bit = 1 << random.random_range(0..8_u8);
-                // Twice the same bit would be no damage.
-                if let (Some(byte), Some(good)) = (bytes.get_mut(place), good.get(place)) {
-                    *byte = good ^ bit;
-                }
-            }
-            bytes
-        }
-        1 => {
-            bytes.truncate(random.random_range(0..good.len()));
-            bytes
-        }
-        2 => {
-            let mut command = self::good();
-            let bad = BAD[random.random_range(0..BAD.len())];
-            let axis = random.random_range(0..3_usize);
-            match random.random_range(0..3_usize) {
-                0 => command.input[axis] = bad,
-                entry => command.tail[entry - 1][axis] = bad,
-            }
-            sealed(command)
-        }
-        _ => {
-            let mut command = self::good();
-            match random.random_range(0..4_u8) {
-                0 => command.plant_epoch = EPOCH + random.random_range(1..u64::MAX - EPOCH),
-                1 => command.stamp.tick = random.random_range(1..u64::MAX),
-                2 => command.tail_len = random.random_range(5..u32::MAX),
-                _ => command.rung = random.random_range(7..u32::MAX),
-            }
-            sealed(command)
-        }
-    }
+/// Another number than this one.
+fn other_than(one: u16, random: &mut Pcg64Mcg) -> u16 {
+    one.wrapping_add(random.random_range(1..=u16::MAX))
 }
 
-/// What decoder and gate of a robot that has just published its first state say of it.
-fn accepted(bytes: &[u8], bounds: &Bounds) -> Result<(), String> {
+/// Damaged on the way (bits, length), or by a writer that has gone mad, or is of another version, and seals what it says.
+fn damaged(good: &[u8], random: &mut Pcg64Mcg) -> Vec<u8> {
+    let mut command = self::good();
+    match random.random_range(0..5_u8) {
+        0 => return with_other_bits(good, random),
+        1 => return good.get(..random.random_range(0..good.len())).unwrap_or_default().to_vec(),
+        2 => return sealed_as(command, other_than(VERSION, random), Command::KIND),
+        3 => {
+            // Every number of it in turn: the input, and the tail to its last entry.
+            let bad = BAD[random.random_range(0..BAD.len())];
+            let mut numbers = command.input.iter_mut().chain(command.tail.as_flattened_mut());
+            if let Some(number) = numbers.nth(random.random_range(0..3 * (1 + TAIL_MAX))) {
+                *number = bad;
+            }
+        }
+        _ => match random.random_range(0..7_u8) {
+            0 => command.plant_epoch = EPOCH.wrapping_add(random.random_range(1..u64::MAX)),
+            1 => command.stamp.tick = TICK.wrapping_add(random.random_range(1..u64::MAX)),
+            2 => command.tail_len = random.random_range(1 + TAIL_MAX as u32..=u32::MAX),
+            3 => command.rung = random.random_range(7..=u32::MAX),
+            4 => command.stamp.epoch = random.random_range(0..CONTROLLER.0),
+            5 => command.stamp.writer = CONTROLLER.1.wrapping_add(random.random_range(1..u64::MAX)),
+            _ => return sealed_as(command, VERSION, other_than(Command::KIND, random)),
+        },
+    }
+    sealed(command)
+}
+
+fn with_other_bits(good: &[u8], random: &mut Pcg64Mcg) -> Vec<u8> {
+    let mut bytes = good.to_vec();
+    for _ in 0..random.random_range(1..=8_u8) {
+        let place = random.random_range(0..bytes.len());
+        let bit = 1 << random.random_range(0..8_u8);
+        // Twice the same bit would be no damage.
+        if let (Some(byte), Some(good)) = (bytes.get_mut(place), good.get(place)) {
+            *byte = good ^ bit;
+        }
+    }
+    bytes
+}
+
+/// What decoder and gate say of it.
+fn accepted(bytes: &[u8], gate: &Gate) -> Result<(), String> {
     let command = frame::decode::<Command>(bytes).map_err(|error| error.to_string())?;
-    let mut gate = Gate::new(*bounds, EPOCH);
-    gate.begin_period(0, 0);
-    gate.offer(&command, PERIOD / 4).map_err(|reason: Reason| reason.to_string())
+    gate.clone().offer(&command, PERIOD + PERIOD / 4).map_err(|reason: Reason| reason.to_string())
+}
+
+/// To the reader of each topic in turn: it takes in none, and counts every one.
+fn offer_to_readers(count: u64, random: &mut Pcg64Mcg, offered: &mut Offered) -> Result<(), Trouble> {
+    let each = count / 8;
+    let snapshot = ModelSnapshot::new(SnapshotHead { inputs: 6, ..bytemuck::Zeroable::zeroed() });
+    offer_to_reader::<PlantState>(&bytemuck::Zeroable::zeroed(), count - 7 * each, random, offered)?;
+    offer_to_reader::<Command>(&bytemuck::Zeroable::zeroed(), each, random, offered)?;
+    offer_to_reader::<ResidualSample>(&bytemuck::Zeroable::zeroed(), each, random, offered)?;
+    offer_to_reader::<ModelSnapshot>(&snapshot, each, random, offered)?;
+    offer_to_reader::<Plan>(&bytemuck::Zeroable::zeroed(), each, random, offered)?;
+    offer_to_reader::<Health>(&bytemuck::Zeroable::zeroed(), each, random, offered)?;
+    offer_to_reader::<Truth>(&bytemuck::Zeroable::zeroed(), each, random, offered)?;
+    offer_to_reader::<Credit>(&bytemuck::Zeroable::zeroed(), each, random, offered)
+}
+
+fn offer_to_reader<T: OnTopic + Clone>(good: &T, count: u64, random: &mut Pcg64Mcg, offered: &mut Offered) -> Result<(), Trouble> {
+    let ports = Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(1));
+    let (mut source, mut sink): (Source<T>, _) = (ports.source(Since::First)?, ports.raw_sink(T::TOPIC)?);
+    let sealed_good = sealed(good.clone());
+    frame::decode::<T>(&sealed_good)?;
+    for _ in 0..count {
+        let bytes = match random.random_range(0..4_u8) {
+            0 => with_other_bits(&sealed_good, random),
+            // Carriers may move whole words.
+            1 => sealed_good.get(..8 * random.random_range(1..sealed_good.len() / 8)).unwrap_or_default().to_vec(),
+            2 => sealed_as(good.clone(), other_than(VERSION, random), T::KIND),
+            _ => sealed_as(good.clone(), VERSION, other_than(T::KIND, random)),
+        };
+        sink.send_raw(&bytes)?;
+        if source.next()?.is_some() {
+            offered.violations.push(format!("damaged {} {} was taken in", T::NAME, offered.injections));
+        }
+        offered.injections += 1;
+    }
+    let refused = source.tally().refused;
+    if refused != count {
+        offered.violations.push(format!("{refused} of {count} damaged messages on topic {} were counted", T::TOPIC.name()));
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -110,9 +248,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_many_damaged_commands_none_is_accepted() -> Result<(), Trouble> {
-        let measured = run(20_000, 1)?;
-        assert_eq!((measured.injections, measured.violations), (20_000, Vec::new()));
+    fn of_many_damaged_messages_none_is_accepted_and_all_are_counted() -> Result<(), Trouble> {
+        let offered = offer(20_000, 1)?;
+        assert_eq!((offered.injections, offered.violations), (20_000, Vec::new()));
         Ok(())
     }
 }

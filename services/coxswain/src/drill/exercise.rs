@@ -1,29 +1,25 @@
 //! One exercise: done for real, and judged.
 
-use super::catalogue::{Carrier, Exercise, Launch, Task};
-use super::damage;
+use super::catalogue::{Carrier, Exercise, Launch, Refused, Rivalry, Task};
 use super::measure::{Measured, measure, worst_reaction};
 use super::oracle::{Limits, judge};
 use super::partition::partition;
 use super::record::Record;
-use super::session::{Home, Session, Trouble, permits_little_shared_memory};
+use super::session::{Home, Trouble, permits_little_shared_memory};
+use super::{damage, launchers, refusals, rivals};
 use crate::saboteur::{Injected, LIST};
 use process::{Stop, Witness};
-use protocol::message::Participant;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::fs;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Longest time from a launch to the first fresh plan after everything was killed \[s\].
 const DRIVING_WITHIN_S: f64 = 2.0;
 /// How long a graph drives before something is done to it.
 pub(super) const SETTLED: Duration = Duration::from_millis(500);
-/// Longest time that one who has been replaced may go on.
-const LEAVES_WITHIN: Duration = Duration::from_secs(5);
 
 /// Does it. What it leaves is in `kept` if anything was violated.
 ///
@@ -38,12 +34,17 @@ pub(super) fn run(exercise: &Exercise, deploy: &Path, seed: u64, kept: &Path, st
         }
         Task::Launch(launch) => launch_with_faults(exercise.carrier, launch, deploy, seed, kept, stop),
         Task::KillAll(times) => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| kill_all(home, *times, seed, stop)),
-        Task::SecondController(times) => {
-            in_home(exercise.carrier, &plain, deploy, seed, kept, |home| second_controller(home, *times, stop))
+        Task::Rivals(rivalry, times) => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| match rivalry {
+            Rivalry::GreaterEpoch => rivals::greater_epoch(home, *times, stop),
+            Rivalry::EqualEpochs => rivals::equal_epochs(home, *times, stop),
+            Rivalry::OldEpoch => rivals::old_epoch(home, *times, seed, stop),
+        }),
+        Task::Compete(prize, times) => {
+            in_home(exercise.carrier, &plain, deploy, seed, kept, |home| launchers::compete(home, *prize, *times, seed, stop))
         }
         Task::Partition(cuts) => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| partition(home, cuts, stop)),
         Task::LittleSharedMemory(sizes) => little_shared_memory(exercise.carrier, sizes, deploy, seed, kept, stop),
-        Task::SecondLauncher => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| second_launcher(home, stop)),
+        Task::SideBySide => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| launchers::side_by_side(home, stop)),
     }
 }
 
@@ -57,11 +58,14 @@ fn in_home(
     work: impl FnOnce(&Home) -> Result<Measured, Trouble>,
 ) -> Result<Measured, Trouble> {
     let home = Home::new(deploy, carrier, launch, seed)?;
-    let measured = work(&home);
-    if !measured.as_ref().is_ok_and(|measured| measured.violations.is_empty()) {
-        home.keep(kept)?;
+    // What could not be done is a violation as well, and to be looked at.
+    let mut measured = work(&home).unwrap_or_else(Measured::not_done);
+    if !measured.violations.is_empty()
+        && let Err(trouble) = home.keep(kept)
+    {
+        measured.notes.push(format!("it is not in {}: {trouble}", kept.display()));
     }
-    measured
+    Ok(measured)
 }
 
 fn launch_with_faults(carrier: Carrier, launch: &Launch, deploy: &Path, seed: u64, kept: &Path, stop: &Stop) -> Result<Measured, Trouble> {
@@ -74,10 +78,20 @@ fn launch_with_faults(carrier: Carrier, launch: &Launch, deploy: &Path, seed: u6
             return Err(format!("the launch ended with {status}: {}", last_line(&home.said("run"))).into());
         }
         let injected = injected(session.run());
-        let mut measured = measure(&session.record()?, launch, &home.limits()?, &injected, &gaps);
-        measured.injections += on_links(session.run())?;
-        if launch.faults.is_empty() {
-            measured.injections = 1; // the world itself
+        let record = session.record()?;
+        let mut measured = measure(&record, launch, &home.limits()?, &injected, &gaps);
+        let on_links = refusals::on_links(session.run())?;
+        measured.injections += on_links.iter().map(|fault| fault.count).sum::<u64>();
+        // The world knows no chance: all of it happens, once it has come so far.
+        measured.injections += launch.faults.matches("[[plant]]").count() as u64;
+        match launch.refused {
+            Some(Refused::Messages) => measured.violations.extend(refusals::judge_messages(&on_links, &record)),
+            Some(Refused::Snapshots) => {
+                let (sent, violations) = refusals::judge_snapshots(session.run(), &record)?;
+                measured.injections += sent;
+                measured.violations.extend(violations);
+            }
+            None => {}
         }
         if measured.injections == 0 {
             measured.violations.push("nothing was injected".to_owned());
@@ -120,77 +134,6 @@ fn kill_all(home: &Home, times: u32, seed: u64, stop: &Stop) -> Result<Measured,
             None => measured.violations.push(format!("launch {round} never drove")),
         }
         judge_wheels(&record, &limits, &mut measured);
-    }
-    measured.violations.extend(left_behind(home, &names));
-    Ok(measured)
-}
-
-/// A second controller with the first one's settings. The later one of two takes a higher epoch, and the first goes; its successor, which the launcher
-/// starts, then takes over in the same way.
-fn second_controller(home: &Home, times: u32, stop: &Stop) -> Result<Measured, Trouble> {
-    let mut measured = Measured::default();
-    let mut session = home.launch("run", 1000.0)?;
-    for round in 0..times {
-        session.wait_for_log("controller", "answering a plant", 1 + 2 * round as usize)?;
-        thread::sleep(SETTLED);
-        if stop.requested() {
-            break;
-        }
-        let mut second = start_second(&session)?;
-        measured.injections += 1;
-        // It answers, is replaced by the first one's successor, and ends by itself.
-        let begin = Instant::now();
-        let left = loop {
-            if second.try_wait()?.is_some() {
-                break true;
-            }
-            if begin.elapsed() > LEAVES_WITHIN {
-                break false;
-            }
-            thread::sleep(Duration::from_millis(5));
-        };
-        if !left {
-            measured.violations.push(format!("round {round}: of two controllers none has left after {LEAVES_WITHIN:?}"));
-            second.kill()?;
-            second.wait()?;
-        }
-    }
-    thread::sleep(2 * SETTLED);
-    session.end()?;
-    let record = session.record()?;
-    if record.of("state").next_back().is_none_or(|state| state.word("rung") != "fresh plan") {
-        measured.violations.push("it does not drive at the end".to_owned());
-    }
-    judge_wheels(&record, &home.limits()?, &mut measured);
-    measured.violations.extend(left_behind(home, &[session.graph_name()?]));
-    Ok(measured)
-}
-
-fn start_second(session: &Session) -> Result<Child, Trouble> {
-    let program = std::env::current_exe()?.with_file_name(crate::role::program(Participant::Controller));
-    let settings = session.run().join("settings/controller.toml");
-    Ok(Command::new(program).arg("--settings").arg(settings).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn()?)
-}
-
-fn second_launcher(home: &Home, stop: &Stop) -> Result<Measured, Trouble> {
-    let duration_s = 4.0;
-    let witness = Witness::begin();
-    let mut sessions = [home.launch("first", duration_s)?, home.launch("second", duration_s)?];
-    let mut measured = Measured { injections: 1, ..Measured::default() };
-    let mut names = Vec::new();
-    for session in &mut sessions {
-        let status = session.wait(duration_s, stop)?;
-        if !status.success() {
-            measured.violations.push(format!("a launch ended with {status}"));
-        }
-        names.push(session.graph_name()?);
-    }
-    let gaps = witness.end();
-    let launch = Launch { undisturbed: true, ..Launch::default() };
-    for session in &sessions {
-        let one = measure(&session.record()?, &launch, &home.limits()?, &[], &gaps);
-        measured.violations.extend(one.violations);
-        measured.worst_reaction = worse(measured.worst_reaction, one.worst_reaction);
     }
     measured.violations.extend(left_behind(home, &names));
     Ok(measured)
@@ -251,22 +194,6 @@ pub(super) fn left_behind(home: &Home, names: &[String]) -> Vec<String> {
 fn injected(run: &Path) -> Vec<Injected> {
     let text = fs::read_to_string(run.join(LIST)).unwrap_or_default();
     text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
-}
-
-/// Faults of messages that the processes have counted in their logs.
-fn on_links(run: &Path) -> Result<u64, Trouble> {
-    let mut count = 0;
-    for entry in fs::read_dir(run)? {
-        let path = entry?.path();
-        if path.extension().is_some_and(|extension| extension == "log") {
-            let text = fs::read_to_string(path)?;
-            let lines = text.lines().filter(|line| line.contains("faults were injected"));
-            count += lines
-                .filter_map(|line| line.split_whitespace().find_map(|word| word.strip_prefix("injected=")?.parse::<u64>().ok()))
-                .sum::<u64>();
-        }
-    }
-    Ok(count)
 }
 
 fn last_line(text: &str) -> &str {

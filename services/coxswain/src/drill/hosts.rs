@@ -1,17 +1,22 @@
 //! Two hosts and a cable: network namespaces where the system permits them, else a relay on the loopback that falls silent.
+//!
+//! The namespaces have no name. Each lives as long as somebody is in it: at first a process that waits for the end of its input, which comes when
+//! whoever made it ends, however that happens.
 
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::thread;
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use std::{fs, thread};
 
 /// Port of the router on the first host, in its own namespace.
 const PORT: u16 = 7447;
 /// How often a relay looks whether its cable is in.
 const LOOK: Duration = Duration::from_millis(10);
+/// Far longer than it takes to make a namespace.
+const MADE_WITHIN: Duration = Duration::from_secs(10);
 
 /// Two hosts that a cable connects.
 #[derive(Debug)]
@@ -19,10 +24,14 @@ pub struct Hosts {
     place: Place,
 }
 
+/// A network of its own, and the process that is there first. It ends with this value.
+#[derive(Debug)]
+struct Namespace(Child);
+
 #[derive(Debug)]
 enum Place {
-    /// Names of the two namespaces.
-    Namespaces([String; 2]),
+    /// Two namespaces.
+    Namespaces([Namespace; 2]),
     /// Ports of the first host and of the relay before it.
     Loopback { port: u16, relay: u16, silent: Arc<AtomicBool>, closed: Arc<AtomicBool> },
 }
@@ -33,15 +42,19 @@ impl Hosts {
     /// # Errors
     /// If not even the loopback has free ports.
     pub fn new() -> io::Result<Self> {
-        static NUMBER: AtomicU32 = AtomicU32::new(0);
-        let id = format!("cx{}-{}", std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
-        let names = [format!("{id}a"), format!("{id}b")];
-        let hosts = Self { place: Place::Namespaces(names) };
-        if hosts.lay_cable().is_some() {
-            return Ok(hosts);
+        let place = match Namespace::connected() {
+            Some(both) => Place::Namespaces(both),
+            None => relay()?,
+        };
+        Ok(Self { place })
+    }
+
+    /// What they are, in a person's words.
+    pub fn kind(&self) -> &'static str {
+        match &self.place {
+            Place::Namespaces(_) => "two network namespaces and a cable between them",
+            Place::Loopback { .. } => "a relay on the loopback, which falls silent: network namespaces are not permitted",
         }
-        drop(hosts);
-        Ok(Self { place: relay()? })
     }
 
     /// Where the first host listens.
@@ -62,10 +75,10 @@ impl Hosts {
 
     /// `command`, to be run on host 0 or 1.
     pub fn on(&self, host: usize, command: Command) -> Command {
-        let Place::Namespaces(names) = &self.place else { return command };
-        let Some(name) = names.get(host) else { return command };
-        let mut there = Command::new("ip");
-        there.args(["netns", "exec"]).arg(name).arg(command.get_program()).args(command.get_args());
+        let Place::Namespaces(both) = &self.place else { return command };
+        let Some(namespace) = both.get(host) else { return command };
+        let mut there = namespace.enter();
+        there.arg(command.get_program()).args(command.get_args());
         there
     }
 
@@ -89,44 +102,71 @@ impl Hosts {
         match &self.place {
             // The far end alone goes down: the near one keeps its address, as a host whose neighbour's cable is pulled does.
             Place::Namespaces([_, far]) => {
-                ip(&["-n", far, "link", "set", "cable", state]).ok_or_else(|| io::Error::other("the cable does not move"))?;
+                far.ip(&["link", "set", "cable", state]).ok_or_else(|| io::Error::other("the cable does not move"))?;
             }
             Place::Loopback { silent, .. } => silent.store(is_silent, Ordering::Relaxed),
         }
         Ok(())
     }
-
-    /// None if the system does not permit it.
-    fn lay_cable(&self) -> Option<()> {
-        let Place::Namespaces([near, far]) = &self.place else { return None };
-        ip(&["netns", "add", near])?;
-        ip(&["netns", "add", far])?;
-        ip(&["-n", near, "link", "add", "cable", "type", "veth", "peer", "name", "cable", "netns", far])?;
-        for (name, address) in [(near, "10.99.0.1/24"), (far, "10.99.0.2/24")] {
-            ip(&["-n", name, "address", "add", address, "dev", "cable"])?;
-            ip(&["-n", name, "link", "set", "cable", "up"])?;
-            ip(&["-n", name, "link", "set", "lo", "up"])?;
-        }
-        Some(())
-    }
 }
 
 impl Drop for Hosts {
     fn drop(&mut self) {
-        match &self.place {
-            Place::Namespaces(names) => {
-                for name in names {
-                    let _ = ip(&["netns", "delete", name]);
-                }
-            }
-            Place::Loopback { closed, .. } => closed.store(true, Ordering::Relaxed),
+        if let Place::Loopback { closed, .. } = &self.place {
+            closed.store(true, Ordering::Relaxed);
         }
     }
 }
 
-fn ip(arguments: &[&str]) -> Option<()> {
-    let status = Command::new("ip").args(arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).status().ok()?;
-    status.success().then_some(())
+impl Namespace {
+    /// Two of them, with a cable; none if the system does not permit it.
+    fn connected() -> Option<[Self; 2]> {
+        let (near, far) = (Self::new()?, Self::new()?);
+        let there = far.0.id().to_string();
+        near.ip(&["link", "add", "cable", "type", "veth", "peer", "name", "cable", "netns", &there])?;
+        for (host, address) in [(&near, "10.99.0.1/24"), (&far, "10.99.0.2/24")] {
+            host.ip(&["address", "add", address, "dev", "cable"])?;
+            host.ip(&["link", "set", "cable", "up"])?;
+            host.ip(&["link", "set", "lo", "up"])?;
+        }
+        Some([near, far])
+    }
+
+    fn new() -> Option<Self> {
+        let network = |process: &str| fs::read_link(format!("/proc/{process}/ns/net")).ok();
+        let ours = network("self")?;
+        let mut first = Command::new("unshare");
+        first.args(["--net", "cat"]).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut namespace = Self(first.spawn().ok()?);
+        let begin = Instant::now();
+        while network(&namespace.0.id().to_string())? == ours {
+            if begin.elapsed() > MADE_WITHIN || !matches!(namespace.0.try_wait(), Ok(None)) {
+                return None;
+            }
+            thread::sleep(Duration::from_millis(1));
+        }
+        Some(namespace)
+    }
+
+    /// What begins a command there.
+    fn enter(&self) -> Command {
+        let mut there = Command::new("nsenter");
+        there.arg(format!("--net=/proc/{}/ns/net", self.0.id()));
+        there
+    }
+
+    fn ip(&self, arguments: &[&str]) -> Option<()> {
+        let mut there = self.enter();
+        there.arg("ip").args(arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        there.status().ok()?.success().then_some(())
+    }
+}
+
+impl Drop for Namespace {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }
 
 /// A relay before a free port.

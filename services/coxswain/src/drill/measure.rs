@@ -13,6 +13,7 @@ use crate::saboteur::Injected;
 use process::Gap;
 use protocol::message::Participant;
 use std::collections::BTreeSet;
+use std::fmt;
 
 /// Longest way back of whom the robot needs \[s\].
 const NEEDED_BACK_WITHIN_S: f64 = 1.0;
@@ -38,6 +39,15 @@ pub struct Measured {
     pub excused: usize,
     /// Why it cannot be done on this machine.
     pub impossible: Option<&'static str>,
+    /// What else was measured, a sentence each.
+    pub notes: Vec<String>,
+}
+
+impl Measured {
+    /// Of an exercise that could not be done.
+    pub fn not_done(trouble: impl fmt::Display) -> Self {
+        Self { violations: vec![format!("it could not be done: {trouble}")], ..Self::default() }
+    }
 }
 
 /// Judges a launch with faults. `gaps` are the times in which the machine let nobody run.
@@ -58,14 +68,8 @@ pub fn measure(record: &Record, launch: &Launch, limits: &Limits, injected: &[In
         0
     };
     let injections = if launch.answered.is_some() { fallen } else { injected.len() as u64 };
-    Measured {
-        injections,
-        violations,
-        worst_reaction: worst_reaction(record, limits),
-        worst_restart,
-        excused: excused + in_the_dark,
-        impossible: None,
-    }
+    let excused = excused + in_the_dark;
+    Measured { injections, violations, worst_reaction: worst_reaction(record, limits), worst_restart, excused, ..Measured::default() }
 }
 
 /// Age of the oldest state whose answer acted \[T\].

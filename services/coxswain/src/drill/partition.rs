@@ -3,6 +3,7 @@
 use super::exercise::{SETTLED, judge_wheels, left_behind, worse};
 use super::hosts::Hosts;
 use super::measure::Measured;
+use super::record::Record;
 use super::session::{Home, Place, Trouble};
 use process::Stop;
 use protocol::clock::monotonic_nanos;
@@ -27,8 +28,9 @@ pub(super) fn partition(home: &Home, cuts: &[u64], stop: &Stop) -> Result<Measur
     let mut plant = home.launch_on(&hosts, Place::Plant, "plant", DURATION_S)?;
     control.wait_for_log("controller", "answering a plant", 1)?;
     thread::sleep(SETTLED);
-    let mut healed = Vec::new();
+    let (mut pulled, mut healed) = (Vec::new(), Vec::new());
     for &millis in cuts {
+        pulled.push(monotonic_nanos());
         hosts.pull_cable()?;
         wait(Duration::from_millis(millis), stop);
         hosts.plug_cable()?;
@@ -42,10 +44,20 @@ pub(super) fn partition(home: &Home, cuts: &[u64], stop: &Stop) -> Result<Measur
     control.end()?;
 
     let record = plant.record()?;
+    let limits = home.limits()?;
     let fresh: Vec<u64> =
         record.of("state").filter(|state| state.word("rung") == "fresh plan").map(|state| state.stamp("sent_nanos")).collect();
-    let mut measured = Measured { injections: healed.len() as u64, ..Measured::default() };
-    for (index, (&at, millis)) in healed.iter().zip(cuts).enumerate() {
+    let notes = vec![format!("the two hosts are {}", hosts.kind())];
+    let mut measured = Measured { injections: healed.len() as u64, notes, ..Measured::default() };
+    for (index, ((&cut, &at), millis)) in pulled.iter().zip(&healed).zip(cuts).enumerate() {
+        // What was under way arrives, and the cut may begin and end in the midst of a period.
+        let expected = (((at - cut) as f64 * 1e-9 / limits.period_s) as usize).saturating_sub(2).max(1);
+        let felt = periods_without_an_answer(&record, cut, at);
+        if felt < expected {
+            measured.violations.push(format!(
+                "cut {index}, of {millis} ms: {felt} periods without an answer, expected {expected} at least: it was no cut"
+            ));
+        }
         let took = fresh.iter().find(|&&fresh| fresh > at).map(|&fresh| (fresh - at) as f64 * 1e-9);
         if took.is_none_or(|took| took > BACK_WITHIN_S) {
             let back = took.map_or("never".to_owned(), |took| format!("after {took:.2} s"));
@@ -53,9 +65,15 @@ pub(super) fn partition(home: &Home, cuts: &[u64], stop: &Stop) -> Result<Measur
         }
         measured.worst_restart = worse(measured.worst_restart, took);
     }
-    judge_wheels(&record, &home.limits()?, &mut measured);
+    judge_wheels(&record, &limits, &mut measured);
     measured.violations.extend(left_behind(home, &[control.graph_name()?, plant.graph_name()?]));
     Ok(measured)
+}
+
+/// Periods between two moments \[ns\] in which no answer to their own state came.
+fn periods_without_an_answer(record: &Record, from: u64, until: u64) -> usize {
+    let within = record.of("state").filter(|state| (from..until).contains(&state.stamp("sent_nanos")));
+    within.filter(|state| state.count("accepted_tick").checked_add(1) != Some(state.stamp("tick"))).count()
 }
 
 fn wait(time: Duration, stop: &Stop) {

@@ -6,7 +6,7 @@ use super::oracle::Limits;
 use super::record::Record;
 use crate::assembly::Assembly;
 use crate::options::Options;
-use crate::role::START_ORDER;
+use crate::role::{START_ORDER, program};
 use crate::scenario::Scenario;
 use process::{Stop, give_way};
 use protocol::clock::monotonic_nanos;
@@ -87,9 +87,7 @@ impl Home {
     /// A sentence.
     pub(super) fn new(deploy: &Path, carrier: Carrier, launch: &Launch, seed: u64) -> Result<Self, Trouble> {
         let folder = tempfile::Builder::new().prefix("cx").tempdir()?;
-        let changes: Vec<String> = Some(launch.change.to_owned()).filter(|change| !change.is_empty()).into_iter().collect();
-        let name = format!("{SCENARIO}{}", launch.variant);
-        let scenario = Scenario::merged(&deploy.join("scenarios"), &name, Some(PROFILE), &changes)?;
+        let scenario = Scenario::merged(&deploy.join("scenarios"), SCENARIO, Some(PROFILE), &[])?;
         fs::write(folder.path().join("scenario.toml"), scenario)?;
         fs::write(folder.path().join("faults.toml"), format!("seed = {seed}\n{}", launch.faults))?;
         let robot = deploy.join("robots/mecanum.toml").canonicalize()?;
@@ -106,8 +104,8 @@ impl Home {
             );
             for role in START_ORDER {
                 let enabled = match place {
-                    // A gateway reads shared memory.
-                    Place::Everybody => role != Participant::Gateway || carrier == Carrier::SharedMemory,
+                    // Over the network there is one only where it is what the exercise is about.
+                    Place::Everybody => role != Participant::Gateway || carrier == Carrier::SharedMemory || launch.restarts == Some(role),
                     Place::Plant => matches!(role, Participant::Plant | Participant::Recorder),
                     Place::Control => matches!(role, Participant::Controller | Participant::Learner),
                 };
@@ -134,11 +132,25 @@ impl Home {
         let command = self.command(Place::Everybody, run, duration_s)?;
         self.begin(
             run,
+            run,
             match self.shared_memory {
                 Some(mebibytes) => little_shared_memory(&command, mebibytes),
                 None => command,
             },
         )
+    }
+
+    /// Launches the graph for `duration_s` as one of several: `name` says to itself what it has to say, and its run goes into the folder called
+    /// `run`, which another one may want as well. It listens at `endpoint`, if there is one, under the name that all graphs of the drill have.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub(super) fn launch_beside(&self, name: &str, run: &str, endpoint: Option<&str>, duration_s: f64) -> Result<Session, Trouble> {
+        let mut command = self.command(Place::Everybody, run, duration_s)?;
+        if let Some(endpoint) = endpoint {
+            command.args(["--listen", endpoint]);
+        }
+        self.begin(name, run, command)
     }
 
     /// Launches one host's part of the graph for `duration_s`, into the folder called `run`.
@@ -153,29 +165,29 @@ impl Home {
         } else {
             command.args(["--listen", &hosts.endpoint()]);
         }
-        self.begin(run, hosts.on(usize::from(far), command))
+        self.begin(run, run, hosts.on(usize::from(far), command))
     }
 
     fn command(&self, place: Place, run: &str, duration_s: f64) -> Result<Command, Trouble> {
         let home = self.folder.path();
         let mut command = Command::new(std::env::current_exe()?);
         command.arg("launch").arg(home.join(place.file())).args(["--duration", &duration_s.to_string()]);
-        command.arg("--faults").arg(home.join("faults.toml")).arg("--out").arg(home.join(run));
+        command.arg("--faults").arg(home.join("faults.toml")).arg("--out").arg(home.join(run)).arg("--stop-with-stdin");
         Ok(command)
     }
 
-    fn begin(&self, run: &str, mut command: Command) -> Result<Session, Trouble> {
+    fn begin(&self, name: &str, run: &str, mut command: Command) -> Result<Session, Trouble> {
         let home = self.folder.path();
-        let said = File::create(home.join(format!("{run}.txt")))?;
-        // A person's Ctrl-C is for the drill, which ends its launches in order.
-        command.env("TMPDIR", home).process_group(0).stdin(Stdio::null()).stdout(said.try_clone()?).stderr(said);
+        let said = File::create(home.join(format!("{name}.txt")))?;
+        // A person's Ctrl-C is for the drill, which ends its launches in order; a drill that is killed ends them by the end of their input.
+        command.env("TMPDIR", home).process_group(0).stdin(Stdio::piped()).stdout(said.try_clone()?).stderr(said);
         let begun_nanos = monotonic_nanos();
         Ok(Session { child: command.spawn()?, run: home.join(run), begun_nanos })
     }
 
     /// What a launch told a person.
-    pub(super) fn said(&self, run: &str) -> String {
-        fs::read_to_string(self.folder.path().join(format!("{run}.txt"))).unwrap_or_default()
+    pub(super) fn said(&self, name: &str) -> String {
+        fs::read_to_string(self.folder.path().join(format!("{name}.txt"))).unwrap_or_default()
     }
 
     /// What is left of graphs that have ended: files of this home's graphs, and shared memory of those called `names`.
@@ -271,15 +283,33 @@ impl Session {
     /// # Errors
     /// If it never does.
     pub(super) fn wait_for_log(&mut self, process: &str, text: &str, times: usize) -> Result<(), Trouble> {
-        let file = self.run.join(process).with_extension("log");
+        wait_for_text(&mut self.child, &self.run.join(process).with_extension("log"), text, times).map(drop)
+    }
+
+    /// Process id of `role`, once the launcher has started it, and before anybody who starts behind it: the launcher is stopped meanwhile, and goes
+    /// on when `work` is done.
+    ///
+    /// # Errors
+    /// If it never starts it, or what `work` says.
+    pub(super) fn pausing_at<T>(&mut self, role: Participant, work: impl FnOnce(&Self) -> Result<T, Trouble>) -> Result<T, Trouble> {
         let begin = Instant::now();
-        while fs::read_to_string(&file).unwrap_or_default().matches(text).count() < times {
+        while self.pid_of(role).is_none() {
             if begin.elapsed() > GIVES_UP_AFTER || self.child.try_wait()?.is_some() {
-                return Err(format!("{text:?} was not to be found in {}", file.display()).into());
+                return Err(format!("the launcher never started the {role}").into());
             }
-            thread::sleep(Duration::from_millis(5));
+            thread::sleep(Duration::from_micros(500));
         }
-        Ok(())
+        let launcher = Pid::from_child(&self.child);
+        kill_process(launcher, Signal::STOP)?;
+        let outcome = work(self);
+        kill_process(launcher, Signal::CONT)?;
+        outcome
+    }
+
+    /// The process of the launcher's that plays `role`.
+    pub(super) fn pid_of(&self, role: Participant) -> Option<Pid> {
+        let plays = |pid: &i32| fs::read_to_string(format!("/proc/{pid}/comm")).is_ok_and(|name| name.trim_end() == program(role));
+        children(self.child.id()).into_iter().find(plays).and_then(Pid::from_raw)
     }
 
     /// Waits until it has ended by itself, at most for `duration_s` and what ending takes.
@@ -341,6 +371,25 @@ impl Drop for Session {
             let _ = kill_process(Pid::from_child(&self.child), Signal::TERM);
             let _ = self.child.wait();
         }
+    }
+}
+
+/// Waits until `file` says `text` so often, and gives all that it says then.
+///
+/// # Errors
+/// If `writer` ends before, or it never does.
+pub(super) fn wait_for_text(writer: &mut Child, file: &Path, text: &str, times: usize) -> Result<String, Trouble> {
+    let begin = Instant::now();
+    loop {
+        let over = begin.elapsed() > GIVES_UP_AFTER || writer.try_wait()?.is_some();
+        let said = fs::read_to_string(file).unwrap_or_default();
+        if said.matches(text).count() >= times {
+            return Ok(said);
+        }
+        if over {
+            return Err(format!("{text:?} was not to be found in {}", file.display()).into());
+        }
+        thread::sleep(Duration::from_millis(5));
     }
 }
 

@@ -40,6 +40,9 @@ pub(super) fn render(rows: &[Row]) -> String {
     for (row, why) in rows.iter().filter_map(|row| Some((row, row.impossible?))) {
         let _ = write!(text, "\nnot done: {} of {}: {why}", row.fault, row.target);
     }
+    for (row, note) in rows.iter().flat_map(|row| row.notes.iter().map(move |note| (row, note))) {
+        let _ = write!(text, "\n{} of {} over {}: {note}", row.fault, row.target, row.carrier.name());
+    }
     for kept in rows.iter().filter_map(|row| row.kept.as_ref()) {
         let _ = write!(text, "\nkept: {}", kept.display());
     }
@@ -70,11 +73,13 @@ mod tests {
             seed: 1,
             excused_periods: 3,
             impossible: None,
+            notes: vec!["two network namespaces".to_owned()],
             found: Vec::new(),
             kept: None,
         };
         let bad = Row { violations: 2, kept: Some(PathBuf::from("runs/drill/x")), ..good.clone() };
         let text = render(&[good, bad]);
+        assert!(text.contains("kill of plant over network: two network namespaces"), "{text}");
         assert!(text.contains("6 periods below a fresh plan are excused"), "{text}");
         let lines: Vec<&str> = text.lines().collect();
         assert!(lines[1].contains("2.50 T") && lines[1].contains("0.14 s") && lines[1].ends_with("1 %"), "{text}");

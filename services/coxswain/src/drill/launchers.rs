@@ -1,0 +1,103 @@
+//! Several launches of one robot at once: one drives, and the others say why they do not.
+
+use super::catalogue::{Launch, Prize};
+use super::exercise::{left_behind, worse};
+use super::measure::{Measured, measure};
+use super::session::{Home, Trouble};
+use process::{Stop, Witness};
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::net::TcpListener;
+use std::thread;
+use std::time::Duration;
+
+/// Length of a run \[s\].
+const DURATION_S: f64 = 2.0;
+/// Every other pair starts at the same instant, the others up to so far apart \[µs\].
+const APART_MICROS: u64 = 50_000;
+
+/// Two launches that cannot both have what they want, so often.
+///
+/// # Errors
+/// If it could not be done.
+pub(super) fn compete(home: &Home, prize: Prize, times: u32, seed: u64, stop: &Stop) -> Result<Measured, Trouble> {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let mut measured = Measured::default();
+    let mut names = Vec::new();
+    for round in 0..times {
+        if stop.requested() {
+            break;
+        }
+        let witness = Witness::begin();
+        let apart = Duration::from_micros(if round % 2 == 0 { 0 } else { random.random_range(0..APART_MICROS) });
+        let endpoint = match prize {
+            Prize::Folder => None,
+            Prize::Address => Some(format!("tcp/{}", TcpListener::bind("127.0.0.1:0")?.local_addr()?)),
+        };
+        let mut sessions = Vec::new();
+        for place in ["one", "other"] {
+            let name = format!("{place}-{round}");
+            let run = if prize == Prize::Folder { format!("run-{round}") } else { format!("run-{name}") };
+            sessions.push((home.launch_beside(&name, &run, endpoint.as_deref(), DURATION_S)?, name));
+            thread::sleep(apart);
+        }
+        measured.injections += 1;
+        let mut drove = Vec::new();
+        for (session, name) in &mut sessions {
+            let status = session.wait(DURATION_S, stop)?;
+            let said = home.said(name);
+            if status.success() {
+                drove.push(&*session);
+            } else if status.code() != Some(prize.exit_code()) || !said.contains(prize.message()) {
+                measured.violations.push(format!(
+                    "round {round}: {name} ended with {status}: {}; expected exit code {} and {:?}",
+                    said.lines().next_back().unwrap_or_default(),
+                    prize.exit_code(),
+                    prize.message()
+                ));
+            }
+        }
+        let gaps = witness.end();
+        if drove.len() != 1 {
+            measured.violations.push(format!("round {round}: {} of two launches drove, expected one", drove.len()));
+        }
+        for session in drove {
+            let launch = Launch { undisturbed: true, ..Launch::default() };
+            let one = measure(&session.record()?, &launch, &home.limits()?, &[], &gaps);
+            measured.violations.extend(one.violations.into_iter().map(|found| format!("round {round}: {found}")));
+            measured.excused += one.excused;
+            measured.worst_reaction = worse(measured.worst_reaction, one.worst_reaction);
+            names.push(session.graph_name()?);
+        }
+    }
+    measured.violations.extend(left_behind(home, &names));
+    Ok(measured)
+}
+
+/// Two launches that have nothing to do with each other: both drive, as if they were alone.
+///
+/// # Errors
+/// If it could not be done.
+pub(super) fn side_by_side(home: &Home, stop: &Stop) -> Result<Measured, Trouble> {
+    let witness = Witness::begin();
+    let mut sessions = [home.launch("first", 2.0 * DURATION_S)?, home.launch("second", 2.0 * DURATION_S)?];
+    let mut measured = Measured { injections: 1, ..Measured::default() };
+    let mut names = Vec::new();
+    for session in &mut sessions {
+        let status = session.wait(2.0 * DURATION_S, stop)?;
+        if !status.success() {
+            measured.violations.push(format!("a launch ended with {status}"));
+        }
+        names.push(session.graph_name()?);
+    }
+    let gaps = witness.end();
+    let launch = Launch { undisturbed: true, ..Launch::default() };
+    for session in &sessions {
+        let one = measure(&session.record()?, &launch, &home.limits()?, &[], &gaps);
+        measured.violations.extend(one.violations);
+        measured.excused += one.excused;
+        measured.worst_reaction = worse(measured.worst_reaction, one.worst_reaction);
+    }
+    measured.violations.extend(left_behind(home, &names));
+    Ok(measured)
+}
