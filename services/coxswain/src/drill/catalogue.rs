@@ -107,6 +107,8 @@ pub struct Launch {
     pub faults: String,
     /// Whom the faults end or stop, who must be in use again.
     pub restarts: Option<Participant>,
+    /// A link gives the gate other numbers than the controller said, sealed as valid, so that what acts is not what was said.
+    pub misquoted: bool,
     /// What is compared with what was injected.
     pub refused: Option<Refused>,
     /// In so many periods the optimiser has no plan, and every period is answered by the controller, on whichever rung.

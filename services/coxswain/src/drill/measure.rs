@@ -6,7 +6,7 @@
 //! | worst restart  | from the end of a process to its successor in use: a fresh plan of new epochs acted, a snapshot was published, or it said that it is ready |
 
 use super::catalogue::Launch;
-use super::oracle::{Limits, judge};
+use super::oracle::{Limits, Rule, Violation, judge};
 use super::record::{Message, Record};
 use crate::graph::{Processes, is_needed};
 use crate::saboteur::Injected;
@@ -52,7 +52,8 @@ impl Measured {
 
 /// Judges a launch with faults. `gaps` are the times in which the machine let nobody run.
 pub fn measure(record: &Record, launch: &Launch, limits: &Limits, injected: &[Injected], gaps: &[Gap]) -> Measured {
-    let mut violations: Vec<String> = judge(record, limits).iter().map(ToString::to_string).collect();
+    let known = |violation: &Violation| launch.misquoted && violation.rule == Rule::Said;
+    let mut violations: Vec<String> = judge(record, limits).iter().filter(|found| !known(found)).map(ToString::to_string).collect();
     let worst_restart = launch.restarts.and_then(|who| judge_restarts(record, who, injected, &mut violations));
     let states = states(record);
     let excused = judge_driving(&states, launch, gaps, &mut violations);

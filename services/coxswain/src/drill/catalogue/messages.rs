@@ -48,7 +48,9 @@ pub(super) fn on_control_links(extent: Extent, apart: bool, all: &mut Vec<Exerci
                     }
                 }
                 let fault = if let [(only, ..)] = kinds.as_slice() { *only } else { "bad link" };
-                let launch = Launch { duration_s: from as f64 * 0.02 + 2.0, faults, refused: Some(Refused::Messages), ..Launch::default() };
+                let misquoted = topic == "command" && kinds.iter().any(|(_, kind, _)| *kind == "freeze");
+                let duration_s = from as f64 * 0.02 + 2.0;
+                let launch = Launch { duration_s, faults, misquoted, refused: Some(Refused::Messages), ..Launch::default() };
                 all.push(Exercise { fault, target: topic, carrier, task: Task::Launch(launch) });
             }
         }
