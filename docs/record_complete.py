@@ -34,7 +34,7 @@ for file in files:
 
 wrong = []
 gaps: Counter[str] = Counter()
-print(f"{'topic':<9} {'writer':<11} {'sent':>8} {'stored':>8} {'lost':>5}")
+print(f"{'topic':<9} {'writer':<11} {'epoch':>5} {'sent':>8} {'stored':>8} {'lost':>5}")
 for key in sorted(stored):
     topic, writer, epoch = key
     who = healths.get(writer, {"participant": "unknown", "sent": {}, "stamp": {"epoch": None}})
@@ -43,7 +43,7 @@ for key in sorted(stored):
     sent = last[key] if topic == "health" or told is None else told
     lost = last[key] - stored[key]
     gaps[topic] += lost
-    print(f"{topic:<9} {who['participant']:<11} {sent:>8} {stored[key]:>8} {lost:>5}")
+    print(f"{topic:<9} {who['participant']:<11} {epoch:>5} {sent:>8} {stored[key]:>8} {lost:>5}")
     if sent != stored[key] + lost:
         wrong.append(f"{who['participant']} sent {sent} of {topic}, {stored[key]} are stored and {lost} lost")
     if topic == "health" and told is not None and last[key] - told not in (0, 1):

@@ -2,7 +2,8 @@
 
 python3 docs/watcher_pairs.py VIEWER [--rounds N] [--seconds S] [--rows FILE] [LAUNCH OPTIONS…], where VIEWER is `page`, a Chromium on the live
 page, or `watch`, `coxswain watch --plain`. Each run is the local graph in real time; a round has one of each kind, another one first every
-time. With --rows, rounds are kept in a file and the medians are of all of them, so that a long series can be taken in parts.
+time. After a quarter of the run the stopped one is stopped and the killed one killed, which comes back at half of it. With --rows, rounds are
+kept in a file and the medians are of all of them, so that a long series can be taken in parts.
 """
 
 import argparse
@@ -95,18 +96,19 @@ def run(kind):
         for line in launch.stdout:
             if address := re.search(rb"live page: (\S+)", line):
                 break
-        begin, part = time.monotonic(), arguments.seconds / 5
+        begin = time.monotonic()
+        until = lambda share: time.sleep(max(0.0, begin + share * arguments.seconds - time.monotonic()))
         if viewer:
             viewer.look(address[1].decode())
-            for number in range(1, 4):
-                time.sleep(max(0.0, begin + number * part - time.monotonic()))
-                if number == 1 and not viewer.saw():
-                    raise SystemExit(f"the viewer saw nothing within {part} s")
-                if kind == "stopped" and number == 1:
-                    viewer.signal(signal.SIGSTOP)
-                if kind == "killed":
-                    viewer.signal(signal.SIGKILL)
-                    viewer.come_back()
+            until(0.25)
+            if not viewer.saw():
+                raise SystemExit("the viewer saw nothing in a quarter of the run")
+            if kind == "stopped":
+                viewer.signal(signal.SIGSTOP)
+            if kind == "killed":
+                viewer.signal(signal.SIGKILL)
+                until(0.5)
+                viewer.come_back()
         launch.communicate()
         if viewer:
             viewer.close()
