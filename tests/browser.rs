@@ -1,10 +1,12 @@
 //! A real Chromium without a window, spoken to in its DevTools protocol through a pipe.
 
 use crate::{Outcome, wait_until};
+use rustix::process::{Pid, Signal, kill_process_group};
 use serde_json::{Value, json};
 use std::error::Error;
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
+use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{self, Receiver};
@@ -57,7 +59,9 @@ impl Browser {
         command.args(["-c", WITH_PIPE]).arg(profile.path().join("complaints.log")).arg(&program).args(ARGUMENTS);
         command.arg(format!("--user-data-dir={}", profile.path().join("profile").display()));
         command.env("HOME", profile.path()).env("TMPDIR", profile.path());
-        let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;
+        // A group of its own, which a test may stop or kill.
+        command.process_group(0).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = command.spawn()?;
         let input = child.stdin.take().ok_or("no input")?;
         let mut output = BufReader::new(child.stdout.take().ok_or("no output")?);
         let (heard, answers) = mpsc::channel();
@@ -180,6 +184,47 @@ impl Browser {
     pub fn picture(&mut self) -> Result<Vec<u8>, Box<dyn Error>> {
         let picture = self.call("Page.captureScreenshot", &json!({"format": "png"}))?;
         decoded(picture["data"].as_str().ok_or("no picture")?).ok_or_else(|| "not base64".into())
+    }
+
+    /// So many pixels of the element that `selector` finds are seen in the colour that the page's style calls `colour`.
+    ///
+    /// # Errors
+    /// If there is no such element or colour, or no picture can be taken.
+    pub fn seen(&mut self, selector: &str, colour: &str) -> Result<u64, Box<dyn Error>> {
+        let place = self.ask(&format!(
+            "(({{x, y, width, height}}) => ({{x: x + scrollX, y: y + scrollY, width, height, scale: 1}}))
+                (document.querySelector({selector:?}).getBoundingClientRect())"
+        ))?;
+        let picture = self.call("Page.captureScreenshot", &json!({"format": "png", "clip": place, "captureBeyondViewport": true}))?;
+        let count = self.ask(&format!(
+            "(async () => {{
+                const wanted = getComputedStyle(document.documentElement).getPropertyValue('--{colour}').trim();
+                if (!CSS.supports('color', wanted)) throw new Error('no colour {colour}');
+                const image = new Image();
+                image.src = 'data:image/png;base64,' + {};
+                await image.decode();
+                const pen = new OffscreenCanvas(image.width, image.height + 1).getContext('2d');
+                pen.drawImage(image, 0, 1);
+                pen.fillStyle = wanted;
+                pen.fillRect(0, 0, 1, 1);
+                const probe = pen.getImageData(0, 0, 1, 1).data;
+                const {{data}} = pen.getImageData(0, 1, image.width, image.height);
+                let count = 0;
+                for (let at = 0; at < data.length; at += 4) count += [0, 1, 2].every((part) => Math.abs(data[at + part] - probe[part]) < 12);
+                return count;
+            }})()",
+            picture["data"]
+        ))?;
+        count.as_u64().ok_or_else(|| format!("{count} is no number of pixels").into())
+    }
+
+    /// Sends a signal to all of its processes.
+    ///
+    /// # Errors
+    /// If they are gone.
+    pub fn signal(&self, signal: Signal) -> Outcome {
+        let group = Pid::from_raw(i32::try_from(self.child.id())?).ok_or("no such group")?;
+        Ok(kill_process_group(group, signal)?)
     }
 
     /// Every address that was asked for so far.

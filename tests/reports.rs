@@ -5,7 +5,7 @@ use coxswain::assembly::Assembly;
 use coxswain::in_process;
 use coxswain::options::Options;
 use process::{Pace, Run};
-use promises::{Launched, Outcome, binaries, repository};
+use promises::{Browser, Launched, Outcome, binaries, repository};
 use protocol::message::{Plan, PlantState, ResidualSample, Rung, Truth};
 use protocol::port::Links;
 use recorder::segment::Segment;
@@ -112,6 +112,42 @@ fn a_launch_leaves_a_page_with_every_figure_and_the_numbers_of_its_summary() -> 
         assert!((0.5..=1.0).contains(&share), "axis {axis}: {share}");
     }
     needs_nothing_else(&page);
+    Ok(())
+}
+
+#[test]
+fn in_a_browser_every_figure_is_seen_in_the_light_and_in_the_dark_and_nothing_else_is_asked_for() -> Outcome {
+    let home = tempfile::tempdir()?;
+    let (on, off, out) = (run(&home, "on", 8.0, true)?, run(&home, "off", 8.0, false)?, home.path().join("both.html"));
+    let both = report(&[&on, &off], &out)?;
+    assert!(both.status.success(), "{both:?}");
+    let alone = report(&[&on], &on.join("report.html"))?;
+    assert!(alone.status.success(), "{alone:?}");
+    // Those of the second record that the first one does not have a part in.
+    let shared = ["path", "errors", "velocities", "wheels", "residual", "ticks", "rungs"];
+    for (page, second) in [(on.join("report.html"), &[][..]), (out, &shared[..])] {
+        let address = format!("file://{}", page.canonicalize()?.display());
+        let mut browser = Browser::start()?;
+        browser.open(&address, 1280, 900)?;
+        let mut grounds = Vec::new();
+        for scheme in ["light", "dark"] {
+            browser.prefer(scheme)?;
+            grounds.push(browser.ask("getComputedStyle(document.body).backgroundColor")?);
+            for (figures, colour) in [(&FIGURES[..], "c0"), (second, "c1")] {
+                for id in figures {
+                    let seen = browser.seen(&format!("#{id} .panels"), colour)?;
+                    assert!(seen > 50, "{address}: {seen} pixels of {colour} in figure {id}, {scheme}");
+                }
+            }
+        }
+        assert_ne!(grounds.first(), grounds.last(), "light and dark are the same");
+        browser.resize(390, 844, true)?;
+        browser.wait_for("innerWidth === 390")?;
+        assert_eq!(browser.ask("document.documentElement.scrollWidth")?, 390, "the page is wider than a phone");
+        let elsewhere = |url: &&String| **url != address && !url.starts_with("data:");
+        assert_eq!(browser.requested().iter().find(elsewhere), None);
+        assert!(browser.complaints().is_empty(), "{:?}", browser.complaints());
+    }
     Ok(())
 }
 

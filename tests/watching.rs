@@ -1,6 +1,6 @@
 //! Promise: anyone can watch, through losses and returns, and nobody who watches costs the robot anything.
 
-use promises::{Launched, Outcome, Reader, Record, binaries, python, repository, signal, wait_until};
+use promises::{Browser, Launched, Outcome, Reader, Record, binaries, python, repository, signal, wait_until};
 use rustix::process::Signal;
 use std::error::Error;
 use std::process::{Command, Stdio};
@@ -73,13 +73,28 @@ enum Beside {
     KilledWatcher,
     StoppedGateway,
     Stranger,
+    Browser,
+    StoppedBrowser,
+    KilledBrowser,
 }
+
+/// Length of the runs in lock step \[s\].
+const LENGTH_S: f64 = 100.0;
 
 /// Everything that a run in lock step commands while this happens beside it.
 fn commands_beside(beside: Beside) -> Result<Vec<String>, Box<dyn Error>> {
-    let launched = Launched::new(&["--pace", "lock-step", "--duration", "100"])?;
+    let looks = matches!(beside, Beside::Browser | Beside::StoppedBrowser | Beside::KilledBrowser);
+    let mut browser = if looks { Some(Browser::start()?) } else { None };
+    let launched = Launched::new(&["--pace", "lock-step", "--duration", &LENGTH_S.to_string()])?;
     let mut watcher = None;
-    if !matches!(beside, Beside::Nothing) {
+    if let Some(browser) = &mut browser {
+        let seen = look_on(browser, &launched)?;
+        match beside {
+            Beside::StoppedBrowser => browser.signal(Signal::STOP)?,
+            Beside::KilledBrowser => browser.signal(Signal::KILL)?,
+            _ => browser.wait_for(&format!("parseFloat(document.getElementById('time').innerText) > {seen}"))?,
+        }
+    } else if !matches!(beside, Beside::Nothing) {
         launched.gateway_endpoint()?;
         let watcher = watcher.insert(match beside {
             Beside::Stranger => stranger(&launched)?,
@@ -91,7 +106,7 @@ fn commands_beside(beside: Beside) -> Result<Vec<String>, Box<dyn Error>> {
             Beside::StoppedWatcher => signal(watcher.pid(), Signal::STOP)?,
             Beside::KilledWatcher => signal(watcher.pid(), Signal::KILL)?,
             Beside::StoppedGateway => signal(launched.process("gateway", None)?, Signal::STOP)?,
-            Beside::Nothing | Beside::Watcher | Beside::Stranger => {}
+            _ => {}
         }
     }
     let (ended, home) = launched.end()?;
@@ -99,7 +114,19 @@ fn commands_beside(beside: Beside) -> Result<Vec<String>, Box<dyn Error>> {
     if let (Beside::Stranger, Some(stranger)) = (beside, watcher) {
         assert!(!stranger.errors().contains("is heard"), "{}", stranger.errors());
     }
+    if let (Beside::StoppedBrowser, Some(browser)) = (beside, browser) {
+        browser.signal(Signal::CONT)?;
+    }
     Ok(commands(&Record::read(&home.path().join("run"))?))
+}
+
+/// Opens the live page of a run that goes on. Returns up to when the browser has seen it \[s\].
+fn look_on(browser: &mut Browser, launched: &Launched) -> Result<f64, Box<dyn Error>> {
+    browser.open(&launched.page_address()?, 1280, 1120)?;
+    browser.wait_for("parseFloat(document.getElementById('time').innerText) > 0")?;
+    let seen = browser.ask("parseFloat(document.getElementById('time').innerText)")?.as_f64().ok_or("no time")?;
+    assert!(seen < LENGTH_S, "the run was over before anybody looked");
+    Ok(seen)
 }
 
 /// Says on every key of the gateway what a process of the graph could say there.
@@ -109,11 +136,11 @@ fn stranger(launched: &Launched) -> Result<Reader, Box<dyn Error>> {
     Reader::start(command.arg(launched.gateway_endpoint()?).arg(repository().join("protocol/vectors")))
 }
 
-#[test]
-fn in_lock_step_no_watcher_no_stranger_and_no_stopped_gateway_holds_anybody_up_or_changes_a_bit() -> Outcome {
+/// Whatever happens beside a run in lock step, every command is that of a run beside which nothing does.
+fn nothing_changes_beside(others: &[Beside]) -> Outcome {
     let unwatched = commands_beside(Beside::Nothing)?;
     assert_eq!(unwatched.len(), 1001);
-    for beside in [Beside::Watcher, Beside::StoppedWatcher, Beside::KilledWatcher, Beside::StoppedGateway, Beside::Stranger] {
+    for &beside in others {
         let watched = commands_beside(beside)?;
         for (ours, theirs) in unwatched.iter().zip(&watched) {
             assert_eq!(ours, theirs, "{beside:?}");
@@ -121,6 +148,17 @@ fn in_lock_step_no_watcher_no_stranger_and_no_stopped_gateway_holds_anybody_up_o
         assert_eq!(watched.len(), unwatched.len(), "{beside:?}");
     }
     Ok(())
+}
+
+#[test]
+fn in_lock_step_no_watcher_no_stranger_and_no_stopped_gateway_holds_anybody_up_or_changes_a_bit() -> Outcome {
+    use Beside::{KilledWatcher, StoppedGateway, StoppedWatcher, Stranger, Watcher};
+    nothing_changes_beside(&[Watcher, StoppedWatcher, KilledWatcher, StoppedGateway, Stranger])
+}
+
+#[test]
+fn in_lock_step_no_browser_that_looks_on_is_stopped_or_is_killed_holds_anybody_up_or_changes_a_bit() -> Outcome {
+    nothing_changes_beside(&[Beside::Browser, Beside::StoppedBrowser, Beside::KilledBrowser])
 }
 
 #[test]

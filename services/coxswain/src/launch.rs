@@ -263,7 +263,7 @@ fn invite(voyage: &Voyage, terminal: &mut Terminal) {
         terminal.say(format_args!("live page: http://{address}/"));
     }
     for endpoint in gateway::berth::endpoints(&voyage.links.root) {
-        terminal.say(format_args!("watch with: coxswain watch {endpoint} --plain"));
+        terminal.say(format_args!("watch with: coxswain watch {endpoint}"));
     }
 }
 

@@ -102,7 +102,12 @@ fn write_figure(html: &mut String, figure: &Figure) {
         for Key { colour, look, label } in legend {
             let _ = write!(html, "<li><span class=\"key {} {colour}\"></span>{}</li>", look.class(), escape(label));
         }
-        let _ = write!(html, "</ul><div class=\"panels{}\">", if *wide || panels.len() == 1 { " wide" } else { "" });
+        let shape = match (wide, panels.len()) {
+            (true, _) | (_, 1) => " wide",
+            (_, 4) => " pairs",
+            _ => "",
+        };
+        let _ = write!(html, "</ul><div class=\"panels{shape}\">");
         for panel in panels {
             html.push_str(panel);
         }

@@ -19,6 +19,9 @@ const BOTTOM: f64 = 30.0;
 /// Room for the names of lanes \[units\].
 const LEFT_OF_LANES: f64 = 78.0;
 
+/// Width of a digit, at most \[units\].
+const DIGIT: f64 = 6.6;
+
 /// Height of the axes unless a panel has reasons for another \[units\].
 pub(super) const HEIGHT: f64 = 130.0;
 
@@ -256,9 +259,11 @@ impl Panel {
         let (width, bottom) = (self.width(), TOP + self.height);
         let (mut grid, mut words) = (String::new(), String::new());
         for tick in self.x.ticks(5) {
-            let right = short(self.left + width * self.x.share(tick.value));
-            let _ = write!(grid, "M{right} {}V{}", short(TOP), short(bottom));
-            let _ = write!(words, "<text x=\"{right}\" y=\"{}\" text-anchor=\"middle\">{}</text>", short(bottom + 13.0), tick.label);
+            let right = self.left + width * self.x.share(tick.value);
+            let _ = write!(grid, "M{} {}V{}", short(right), short(TOP), short(bottom));
+            // The last one would be cut off at the edge.
+            let middle = short(right.min(WIDTH - 0.5 * DIGIT * tick.label.len() as f64));
+            let _ = write!(words, "<text x=\"{middle}\" y=\"{}\" text-anchor=\"middle\">{}</text>", short(bottom + 13.0), tick.label);
         }
         let edge = short(self.left - 4.0);
         let lane = self.height / self.lanes.len().max(1) as f64;
@@ -328,6 +333,21 @@ mod tests {
         );
         let svg = panel().finish("</title><script>");
         assert!(!svg.contains("<script>"), "{svg}");
+    }
+
+    #[test]
+    fn the_last_number_of_an_axis_is_within_the_picture() -> Result<(), Box<dyn std::error::Error>> {
+        let axis = |high| Axis::linear(Extent { low: 0.0, high });
+        let svg = Panel::new("height [m]", axis(3600.0), axis(1.0), Detail::for_records(1)).finish("a test");
+        let (before, _) = svg.split_once(">3000</text>").ok_or("no 3000")?;
+        let (_, place) = before.rsplit_once("<text x=\"").ok_or("no text")?;
+        assert!(place.starts_with("301.3\""), "not at the edge, it stands below its line: {place}");
+        let svg = Panel::new("height [m]", axis(3000.0), axis(1.0), Detail::for_records(1)).finish("a test");
+        let (before, _) = svg.split_once(">3000</text>").ok_or("no 3000")?;
+        let (_, place) = before.rsplit_once("<text x=\"").ok_or("no text")?;
+        let middle: f64 = place.split_once('"').ok_or("no place")?.0.parse()?;
+        assert!(middle + 0.5 * 4.0 * DIGIT <= WIDTH && middle > WIDTH - 5.0 * DIGIT, "{middle}");
+        Ok(())
     }
 
     #[test]

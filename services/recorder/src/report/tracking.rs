@@ -26,8 +26,11 @@ pub(super) fn path(records: &Records<'_>) -> Figure {
     for record in records.all() {
         panel.track("reference", record.plans.iter().map(|plan| (plan.reference[0], plan.reference[1])));
     }
-    for (colour, record) in records.coloured() {
-        panel.track(&colour, record.motion().map(|(_, pose, _)| (pose[0], pose[1])));
+    let last = records.all().len().saturating_sub(1);
+    for (index, (colour, record)) in records.coloured().enumerate() {
+        // Paths that are nearly the same are still both seen: the upper one is thinner.
+        let class = if index < last { format!("{colour} under") } else { colour };
+        panel.track(&class, record.motion().map(|(_, pose, _)| (pose[0], pose[1])));
     }
     figure.panels.push(panel.finish(&format!("Path in the plane: {}", records.names())));
     figure.legend = records.legend(Look::Line, "", |_| true);
