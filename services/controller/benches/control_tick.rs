@@ -5,7 +5,7 @@
 use controller::adopt::{Candidate, Handover};
 use controller::control::Controller;
 use controller::settings::{
-    DelaySetting, LearnedSettings, Method, MpcSettings, Settings, SolverFaults, SolverSetting, StateLimits, Weights,
+    DelaySetting, LearnedSettings, Linearise, Method, MpcSettings, Settings, SolverFaults, SolverSetting, StateLimits, Weights,
 };
 use criterion::{Criterion, criterion_group, criterion_main};
 use model::gp::hyperparameters::Hyperparameters;
@@ -57,6 +57,7 @@ fn settings() -> Settings {
             method: Method::Mpc,
             delay: DelaySetting::Estimated,
             no_harm: true,
+            linearise: Linearise::Measured,
             solver: SolverSetting::ActiveSet,
             budget_share: 0.5,
         },

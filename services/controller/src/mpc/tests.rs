@@ -1,5 +1,5 @@
 use super::*;
-use crate::settings::{DelaySetting, Method, SolverSetting, StateLimits, Weights};
+use crate::settings::{DelaySetting, Linearise, Method, SolverSetting, StateLimits, Weights};
 use model::learned::{Moment, Residual, Response};
 use proptest::prelude::*;
 
@@ -21,6 +21,7 @@ pub(crate) fn settings() -> MpcSettings {
         method: Method::Mpc,
         delay: DelaySetting::Estimated,
         no_harm: true,
+        linearise: Linearise::Measured,
         solver: SolverSetting::ActiveSet,
         budget_share: 0.5,
     }
