@@ -27,6 +27,7 @@ mod cost;
 mod expected;
 pub mod interior_point;
 pub mod qp;
+pub mod rows;
 pub mod solver;
 mod target;
 

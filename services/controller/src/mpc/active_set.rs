@@ -151,7 +151,7 @@ impl ActiveSet {
     /// J for the slacks' rows alone.
     fn invert(&mut self, program: &QuadraticProgram) {
         let (dense, slacks) = (self.factor.ncols(), program.slack_rows().len());
-        self.basis.fill(0.0);
+        self.basis.as_mut_slice().fill(0.0);
         for slack in 0..slacks {
             let unknown = dense + slack;
             self.basis[(unknown, slack)] = 1.0 / program.hessian[(unknown, unknown)].sqrt();
@@ -198,14 +198,11 @@ impl ActiveSet {
 
     /// The row that is violated most, if one is.
     fn most_violated(&mut self, program: &QuadraticProgram) -> Option<usize> {
-        self.distance.copy_from_slice(&program.bounds);
-        for (value, column) in self.x.iter().zip(program.rows.column_iter()).filter(|(value, _)| **value != 0.0) {
-            self.distance.axpy(-value, &column, 1.0);
-        }
         let (mut worst, mut least) = (None, -VIOLATION);
-        for (row, (&distance, active)) in self.distance.iter().zip(&self.is_active).enumerate() {
-            if distance < least && !active {
-                (worst, least) = (Some(row), distance);
+        for (row, (distance, active)) in self.distance.iter_mut().zip(&self.is_active).enumerate() {
+            *distance = program.rows.taken_off(row, self.x.as_slice(), program.bounds[row]);
+            if *distance < least && !active {
+                (worst, least) = (Some(row), *distance);
             }
         }
         worst
@@ -214,8 +211,9 @@ impl ActiveSet {
     /// Goes towards the bound of `row`, whose multiplier so far is `multiplier`.
     fn approach(&mut self, program: &QuadraticProgram, row: usize, multiplier: &mut f64) -> Step {
         let (unknowns, held) = (self.x.len(), self.active.len());
-        for (normal, coefficient) in self.normal.iter_mut().zip(program.rows.row(row).iter()) {
-            *normal = -coefficient;
+        self.normal.fill(0.0);
+        for (column, coefficient) in program.rows.row(row) {
+            self.normal[column] = -coefficient;
         }
         self.image.gemv_tr(1.0, &self.basis, &self.normal, 0.0);
         let free = self.image.rows(held, unknowns - held);

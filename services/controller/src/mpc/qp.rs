@@ -11,6 +11,7 @@
 //! h = h₀ + P s      b = b₀ − Q s
 //! ```
 
+use super::rows::Rows;
 use nalgebra::{DMatrix, SMatrix, SVector};
 
 /// The program's numbers and the places that may be other than zero.
@@ -20,7 +21,7 @@ pub struct QuadraticProgram {
     /// h.
     pub gradient: Vec<f64>,
     /// G.
-    pub rows: DMatrix<f64>,
+    pub rows: Rows,
     /// b.
     pub bounds: Vec<f64>,
     /// Places of G that may be other than zero (row, column), column by column.
@@ -39,7 +40,7 @@ impl QuadraticProgram {
         Self {
             hessian: DMatrix::zeros(variables, variables),
             gradient: vec![0.0; variables],
-            rows: DMatrix::zeros(rows, variables),
+            rows: Rows::zeros(rows, variables),
             bounds: vec![0.0; rows],
             structure: Vec::new(),
             slack_rows: Vec::new(),
@@ -52,11 +53,6 @@ impl QuadraticProgram {
     pub fn expect_surprise(&mut self, numbers: usize) {
         self.gradient_by_surprise = DMatrix::zeros(self.variables(), numbers);
         self.rows_by_surprise = DMatrix::zeros(self.bounds.len(), numbers);
-    }
-
-    /// How many numbers of surprise it depends on.
-    pub fn surprises(&self) -> usize {
-        self.gradient_by_surprise.ncols()
     }
 
     /// Number of unknowns.
@@ -73,6 +69,7 @@ impl QuadraticProgram {
     pub fn set_structure(&mut self, mut places: Vec<(usize, usize)>) {
         places.sort_unstable_by_key(|&(row, column)| (column, row));
         places.dedup();
+        self.rows.set_structure(&places);
         self.structure = places;
     }
 
@@ -88,12 +85,12 @@ impl QuadraticProgram {
 
     /// Sets all numbers to zero.
     pub fn clear(&mut self) {
-        self.hessian.fill(0.0);
+        self.hessian.as_mut_slice().fill(0.0);
         self.gradient.fill(0.0);
-        self.rows.fill(0.0);
+        self.rows.clear();
         self.bounds.fill(0.0);
-        self.gradient_by_surprise.fill(0.0);
-        self.rows_by_surprise.fill(0.0);
+        self.gradient_by_surprise.as_mut_slice().fill(0.0);
+        self.rows_by_surprise.as_mut_slice().fill(0.0);
     }
 
     /// What was still to come has come: h and b are now what they are for this surprise.
@@ -159,9 +156,6 @@ impl QuadraticProgram {
         if x.len() != self.variables() || x.iter().any(|value| !value.is_finite()) {
             return false;
         }
-        self.bounds.iter().enumerate().all(|(row, bound)| {
-            let left: f64 = self.rows.row(row).iter().zip(x).map(|(coefficient, value)| coefficient * value).sum();
-            left <= bound + tolerance * (1.0 + bound.abs())
-        })
+        self.bounds.iter().enumerate().all(|(row, &bound)| self.rows.taken_off(row, x, bound) >= -tolerance * (1.0 + bound.abs()))
     }
 }
