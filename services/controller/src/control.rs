@@ -405,8 +405,8 @@ impl Controller {
         let plan = &mut self.plan;
         plan.status = solved.map_or(SolverStatus::NotRun, |solved| solved.outcome.code()).code();
         plan.iterations = solved.map_or(0, |solved| solved.outcome.iterations);
-        plan.linearise_nanos = solved.map_or(0, |solved| solved.linearise_nanos);
-        plan.solve_nanos = solved.map_or(0, |solved| solved.solve_nanos);
+        plan.linearise_nanos = solved.map_or(0, |solved| solved.since.linearise_nanos);
+        plan.solve_nanos = solved.map_or(0, |solved| solved.since.solve_nanos);
     }
 
     fn write_prediction(&mut self) {

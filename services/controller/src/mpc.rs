@@ -90,9 +90,18 @@ pub struct Stage {
 pub struct Solved {
     /// What the solver said, and whether its answer withstood the check.
     pub outcome: Outcome,
-    /// Prediction and linearisation, whether before or after the state came \[ns\].
+    /// What was done of it before the state came.
+    pub ahead: Spent,
+    /// What was done of it after the state had come.
+    pub since: Spent,
+}
+
+/// Time.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Spent {
+    /// Prediction and linearisation \[ns\].
     pub linearise_nanos: u64,
-    /// Quadratic program, written and solved, whether before or after \[ns\].
+    /// Quadratic program, written and solved \[ns\].
     pub solve_nanos: u64,
 }
 
@@ -312,7 +321,8 @@ impl Mpc {
         if !self.predictable() {
             self.reset();
             let outcome = Outcome { status: Status::Unpredictable, iterations: 0 };
-            return Solved { outcome, linearise_nanos: monotonic_nanos() - begin, solve_nanos: 0 };
+            let since = Spent { linearise_nanos: monotonic_nanos() - begin, solve_nanos: 0 };
+            return Solved { outcome, ahead: Spent::default(), since };
         }
         self.condensed.propagate(&self.steps, belief.carry);
         self.beware(reference, belief);
@@ -325,7 +335,8 @@ impl Mpc {
         if outcome.usable() {
             self.apply();
         }
-        Solved { outcome, linearise_nanos: linearised - begin, solve_nanos: monotonic_nanos() - linearised }
+        let since = Spent { linearise_nanos: linearised - begin, solve_nanos: monotonic_nanos() - linearised };
+        Solved { outcome, ahead: Spent::default(), since }
     }
 
     /// Input that holds `point` by the main model and a disturbance alone, for a robot that looks along `yaw`.

@@ -15,7 +15,7 @@
 
 use super::condense::Surprise;
 use super::solver::Turn;
-use super::{Mpc, ReferencePoint, Solved, Status};
+use super::{Mpc, ReferencePoint, Solved, Spent, Status};
 use crate::settings::Linearise;
 use model::linearise::linearise;
 use model::predict::Belief;
@@ -31,8 +31,7 @@ pub(super) struct Expectation {
     last_input: Velocity,
     disturbance: Velocity,
     carry: f64,
-    linearise_nanos: u64,
-    solve_nanos: u64,
+    spent: Spent,
 }
 
 impl Expectation {
@@ -80,8 +79,7 @@ impl Mpc {
             last_input: *last_input,
             disturbance: belief.disturbance,
             carry: belief.carry,
-            linearise_nanos: linearised - begin,
-            solve_nanos: monotonic_nanos() - linearised,
+            spent: Spent { linearise_nanos: linearised - begin, solve_nanos: monotonic_nanos() - linearised },
         });
     }
 
@@ -121,8 +119,8 @@ impl Mpc {
             self.reset();
             outcome.status = Status::Unpredictable;
         }
-        let solve_nanos = expected.solve_nanos + (monotonic_nanos() - begin);
-        Some(Solved { outcome, linearise_nanos: expected.linearise_nanos, solve_nanos })
+        let since = Spent { linearise_nanos: 0, solve_nanos: monotonic_nanos() - begin };
+        Some(Solved { outcome, ahead: expected.spent, since })
     }
 
     /// Inputs of the present plan, and the Jacobians along its states.

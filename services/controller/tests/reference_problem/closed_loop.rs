@@ -65,7 +65,8 @@ pub(crate) fn drive(points: usize, horizon: usize) -> Result<Figures, Box<dyn Er
         if !solved.outcome.usable() {
             return Err(format!("period {period}: {:?}", solved.outcome).into());
         }
-        let [linearise, solve] = [solved.linearise_nanos, solved.solve_nanos].map(Duration::from_nanos);
+        let linearise = Duration::from_nanos(solved.ahead.linearise_nanos + solved.since.linearise_nanos);
+        let solve = Duration::from_nanos(solved.ahead.solve_nanos + solved.since.solve_nanos);
         for (times, time) in times.iter_mut().zip([end - begin, processes.take_time(), linearise, solve, end - comes]) {
             times.push(time);
         }
