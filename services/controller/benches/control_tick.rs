@@ -1,24 +1,32 @@
-//! One control tick of the paper's scenario: observe, answer, explain; with the main model alone and with a learned one of 120 points.
+//! One control tick of the paper's scenario: observe, answer, explain; with the main model alone and with a learned one of 120 points. Then a
+//! million ticks on a circle, pushed off it every forty, with what the heap saw of them.
 //!
 //! `cargo bench -p controller --bench control_tick`
+#![expect(clippy::print_stdout, reason = "figures are what a bench is for")]
 
 use controller::adopt::{Candidate, Handover};
 use controller::control::Controller;
 use controller::settings::{
-    DelaySetting, LearnedSettings, Method, MpcSettings, Settings, SolverFaults, SolverSetting, StateLimits, Weights,
+    DelaySetting, LearnedSettings, Linearise, Method, MpcSettings, Settings, SolverFaults, SolverSetting, StateLimits, Weights,
 };
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{Criterion, criterion_group};
+use model::State;
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, PosteriorError, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
 use model::robot::Robot;
 use process::{Pace, Run};
+use protocol::clock::monotonic_nanos;
 use protocol::message::{PlantState, Rung};
 use protocol::port::Links;
+use std::error::Error;
 use std::hint::black_box;
 
 const POINTS: usize = 120;
+const TICKS: u64 = 1_000_000;
+/// Of them, those that are not watched.
+const WARM_UP: u64 = 100;
 
 fn settings() -> Settings {
     let links = Links::on_this_machine("bench", "/tmp", true, 0);
@@ -57,6 +65,7 @@ fn settings() -> Settings {
             method: Method::Mpc,
             delay: DelaySetting::Estimated,
             no_harm: true,
+            linearise: Linearise::Measured,
             solver: SolverSetting::ActiveSet,
             budget_share: 0.5,
         },
@@ -66,23 +75,23 @@ fn settings() -> Settings {
 }
 
 /// A learned model of so many points along a drive at the scenario's speed.
-fn candidate() -> Result<Box<Candidate>, PosteriorError> {
+fn candidate(points: usize) -> Result<Box<Candidate>, PosteriorError> {
     let normalisation = Normalisation { mean: [0.0; INPUTS], scale: [0.5; INPUTS] };
     let wave = |i: usize, k: f64| (k * i as f64).sin();
     let inputs: Vec<[f64; INPUTS]> =
-        (0..POINTS).map(|i| [2.7 + 0.3 * wave(i, 0.7), 0.2 * wave(i, 1.1), 0.2 * wave(i, 0.3), 0.3, 0.0, 0.1 * wave(i, 1.9)]).collect();
+        (0..points).map(|i| [2.7 + 0.3 * wave(i, 0.7), 0.2 * wave(i, 1.1), 0.2 * wave(i, 0.3), 0.3, 0.0, 0.1 * wave(i, 1.9)]).collect();
     let inputs: Vec<[f64; INPUTS]> = inputs.iter().map(|input| normalisation.apply(input)).collect();
-    let targets: Vec<[f64; 3]> = (0..POINTS).map(|i| [-0.09 + 0.01 * wave(i, 0.9), 0.02 * wave(i, 1.3), 0.02 * wave(i, 0.2)]).collect();
+    let targets: Vec<[f64; 3]> = (0..points).map(|i| [-0.09 + 0.01 * wave(i, 0.9), 0.02 * wave(i, 1.3), 0.02 * wave(i, 0.2)]).collect();
     let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([4.0; INPUTS], 0.01, 1e-5); 3])?;
     let learned = Box::new(Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [0.5; 3], sample_variance: [0.0; 3] });
-    Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(POINTS) }))
+    Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(points) }))
 }
 
 fn control_tick(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("control tick");
     for learned in [false, true] {
         let Ok(mut controller) = Controller::new(&settings()) else { return };
-        if learned && let Ok(candidate) = candidate() {
+        if learned && let Ok(candidate) = candidate(POINTS) {
             drop(controller.adopt(candidate));
         }
         let handover = Handover::default();
@@ -103,5 +112,51 @@ fn control_tick(criterion: &mut Criterion) {
     group.finish();
 }
 
+/// Whether the heap stays as it is for a million ticks, the optimiser with its limits included; and their times.
+fn million_ticks() -> Result<(), Box<dyn Error>> {
+    let mut told = settings();
+    told.duration_s = 1e-9 * (TICKS * told.run.period_nanos) as f64;
+    told.reference.path = controller::reference::PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 };
+    let mut controller = Controller::new(&told)?;
+    drop(controller.adopt(candidate(16)?));
+    let handover = Handover::default();
+    let mut measured: PlantState = bytemuck::Zeroable::zeroed();
+    measured.stamp.epoch = 1;
+    let (mut robot, mut fresh, mut times) = (State::default(), 0_u64, vec![0; TICKS as usize]);
+    let mut drive = |ticks: std::ops::Range<u64>| {
+        for tick in ticks {
+            if tick.is_multiple_of(40) {
+                robot.pose[1] += 0.5;
+            }
+            (measured.stamp.tick, measured.rung) = (tick, Rung::FreshPlan.code());
+            (measured.pose, measured.velocity, measured.input) = (robot.pose, robot.velocity, robot.acted);
+            let begin = monotonic_nanos();
+            controller.observe(&measured, &handover, 1);
+            let command = controller.answer(&measured, &handover);
+            let (input, is_fresh) = (command.input, command.rung() == Rung::FreshPlan);
+            times[tick as usize] = monotonic_nanos() - begin;
+            fresh += u64::from(is_fresh);
+            black_box(controller.explain(0));
+            controller.prepare_next();
+            robot = controller.knowledge().belief().predict(&robot, &input);
+        }
+    };
+    drive(0..WARM_UP);
+    let heap = allocation_counter::measure(|| drive(WARM_UP..TICKS));
+    times.sort_unstable();
+    let micros = |share: f64| 1e-3 * times[(share * (TICKS - 1) as f64) as usize] as f64;
+    let [p50, p99, p9999] = [0.5, 0.99, 0.9999].map(micros);
+    println!(
+        r#"{{"ticks":{TICKS},"fresh_plans":{fresh},"allocations":{},"answer_p50_us":{p50},"answer_p99_us":{p99},"answer_p9999_us":{p9999}}}"#,
+        heap.count_total
+    );
+    if heap.count_total > 0 { Err(format!("{} bytes were allocated", heap.bytes_total).into()) } else { Ok(()) }
+}
+
 criterion_group!(benches, control_tick);
-criterion_main!(benches);
+
+fn main() -> Result<(), Box<dyn Error>> {
+    benches();
+    Criterion::default().configure_from_args().final_summary();
+    million_ticks()
+}

@@ -76,6 +76,8 @@ pub struct Controller {
     before: Option<Before>,
     /// Tick that plan and targets are ready for.
     prepared_for: Option<u64>,
+    /// Axes on which a learned model was used then.
+    prepared_with: u32,
     /// Input of the last answer.
     commanded: Velocity,
     rung: Rung,
@@ -120,6 +122,7 @@ impl Controller {
             plant_epoch: None,
             before: None,
             prepared_for: None,
+            prepared_with: 0,
             commanded: [0.0; 3],
             rung: Rung::Waiting,
             out_of_time: false,
@@ -297,6 +300,10 @@ impl Controller {
     pub fn prepare_next(&mut self) {
         if let (Some(before), Some(_)) = (self.before, self.prepared_for) {
             self.prepare(before.tick + 1, &before.state);
+            if self.method == Method::Mpc {
+                self.mpc.expect(&self.commanded, planned(&self.points, &self.knowledge), &self.knowledge.belief());
+                self.prepared_with = self.knowledge.learned_axes();
+            }
         }
     }
 
@@ -332,6 +339,9 @@ impl Controller {
         self.knowledge.look(tick);
         let (belief, last, begin) = (self.knowledge.belief(), self.knowledge.last_command(), self.knowledge.ahead(measured));
         let points = planned(&self.points, &self.knowledge);
+        if self.prepared_with != self.knowledge.learned_axes() {
+            self.mpc.forget_expectation();
+        }
         let mut solved = self.mpc.iterate(&begin, &last, points, &belief);
         if self.knowledge.foresees() {
             for _ in 1..FORESEEING_ITERATIONS {
@@ -395,8 +405,8 @@ impl Controller {
         let plan = &mut self.plan;
         plan.status = solved.map_or(SolverStatus::NotRun, |solved| solved.outcome.code()).code();
         plan.iterations = solved.map_or(0, |solved| solved.outcome.iterations);
-        plan.linearise_nanos = solved.map_or(0, |solved| solved.linearise_nanos);
-        plan.solve_nanos = solved.map_or(0, |solved| solved.solve_nanos);
+        plan.linearise_nanos = solved.map_or(0, |solved| solved.since.linearise_nanos);
+        plan.solve_nanos = solved.map_or(0, |solved| solved.since.solve_nanos);
     }
 
     fn write_prediction(&mut self) {

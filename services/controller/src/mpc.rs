@@ -24,16 +24,19 @@ mod caution;
 mod condense;
 pub mod constraint;
 mod cost;
+mod expected;
 pub mod interior_point;
 pub mod qp;
+pub mod rows;
 pub mod solver;
 mod target;
 
 use crate::reference::ReferencePoint;
-use crate::settings::{MpcSettings, SolverFaults};
+use crate::settings::{Linearise, MpcSettings, SolverFaults};
 use caution::Caution;
-use condense::Condensed;
-use constraint::Limits;
+use condense::{Block, Condensed};
+use constraint::{InputLimits, Limits};
+use expected::Expectation;
 use interior_point::SolverError;
 use model::learned::Moment;
 use model::linearise::{Linearised, linearise};
@@ -60,6 +63,17 @@ pub enum MpcError {
     Solver(#[from] SolverError),
 }
 
+/// How the tracking problem is written down.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Formulation {
+    /// As the module's head has it: e in the reference's frame, t holds the reference.
+    #[default]
+    Holding,
+    /// As most toolboxes have it, for comparisons with them: the differences between state and reference as they are, t the reference's
+    /// velocity.
+    Plain,
+}
+
 /// One predicted period.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Stage {
@@ -76,9 +90,18 @@ pub struct Stage {
 pub struct Solved {
     /// What the solver said, and whether its answer withstood the check.
     pub outcome: Outcome,
+    /// What was done of it before the state came.
+    pub ahead: Spent,
+    /// What was done of it after the state had come.
+    pub since: Spent,
+}
+
+/// Time.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Spent {
     /// Prediction and linearisation \[ns\].
     pub linearise_nanos: u64,
-    /// Quadratic program \[ns\].
+    /// Quadratic program, written and solved \[ns\].
     pub solve_nanos: u64,
 }
 
@@ -105,19 +128,27 @@ impl Outlook<'_> {
 pub struct Mpc {
     horizon: usize,
     blocks: usize,
+    formulation: Formulation,
+    linearise: Linearise,
     cost: Cost,
     limits: Limits,
     stages: Vec<Stage>,
     steps: Vec<Linearised>,
     /// The horizon's last state.
     terminal: State,
+    /// Whether these states are a plan's.
+    planned: bool,
     /// u − t of each free period.
     deviation: Vec<Velocity>,
     /// Disturbance that the targets have been worked out for.
     target_disturbance: Velocity,
     condensed: Condensed,
     caution: Option<Caution>,
+    /// Memory of [`Cost::write`].
+    rows: Vec<Block>,
     program: QuadraticProgram,
+    /// What `program` was made ready for, before the state has come.
+    expectation: Option<Expectation>,
     solver: Solver,
     solution: Vec<f64>,
     turn: Turn,
@@ -129,10 +160,22 @@ impl Mpc {
     /// # Errors
     /// [`MpcError`] if the weights are ill-posed or the solver refuses.
     pub fn new(settings: &MpcSettings, robot: &Robot, main: &MainModel) -> Result<Self, MpcError> {
+        Self::formulated(Formulation::Holding, settings, &InputLimits::of(robot, main.period), main)
+    }
+
+    /// The same for a problem that is written down otherwise, or whose inputs are held to something else than a robot's limits.
+    ///
+    /// # Errors
+    /// [`MpcError`] if the weights are ill-posed or the solver refuses.
+    pub fn formulated(formulation: Formulation, settings: &MpcSettings, inputs: &InputLimits, main: &MainModel) -> Result<Self, MpcError> {
         let (horizon, blocks) = (settings.horizon_steps, settings.control_horizon_steps);
-        let limits = Limits::new(robot, &settings.state_limits, main.period, horizon, blocks);
+        let limits = Limits::new(inputs, &settings.state_limits, horizon, blocks);
+        let mut condensed = Condensed::new(horizon, blocks);
         let mut program = QuadraticProgram::new(3 * blocks + limits.slacks(), limits.rows());
         limits.mark_structure(&mut program);
+        if settings.linearise == Linearise::Expected {
+            program.expect_surprise(condensed.expect_surprise());
+        }
         let solver = Solver::new(settings.solver, &program)?;
         let still = Linearised {
             next: State::default(),
@@ -143,17 +186,22 @@ impl Mpc {
         Ok(Self {
             horizon,
             blocks,
-            cost: Cost::new(settings, main)?,
+            formulation,
+            linearise: settings.linearise,
+            cost: Cost::new(settings, formulation, main)?,
             limits,
             stages: vec![Stage::default(); horizon],
             steps: vec![still; horizon],
             terminal: State::default(),
+            planned: false,
             deviation: vec![[0.0; 3]; blocks],
             target_disturbance: [0.0; 3],
-            condensed: Condensed::new(horizon, blocks),
+            condensed,
             caution: Caution::at(settings.state_limits.chance_level, horizon),
             solution: vec![0.0; program.variables()],
+            rows: vec![Block::zeros(); blocks],
             program,
+            expectation: None,
             solver,
             turn: Turn::default(),
         })
@@ -173,6 +221,7 @@ impl Mpc {
     pub fn reset(&mut self) {
         self.deviation.fill([0.0; 3]);
         self.stages.fill(Stage::default());
+        (self.planned, self.expectation) = (false, None);
     }
 
     /// Expects the robot to look where it looks in `state`, before there is a plan.
@@ -181,6 +230,7 @@ impl Mpc {
             stage.state = *state;
         }
         self.terminal = *state;
+        (self.planned, self.expectation) = (false, None);
     }
 
     /// N.
@@ -211,10 +261,10 @@ impl Mpc {
     /// What can be done before the next state comes: moves the last plan on by one period, so that its second input becomes the first,
     /// and works its targets out anew. `reference` begins at the tick that comes next. Does not allocate.
     pub fn prepare(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
+        self.expectation = None;
         self.shift();
         for (stage, point) in self.stages.iter_mut().zip(reference) {
-            let held = State { velocity: target::velocity_to_hold(point, stage.state.pose[2]), ..stage.state };
-            stage.target = self.limits.clamp(&target::improve(belief, &held, &stage.target));
+            stage.target = self.limits.clamp(&target::of(self.formulation, belief, point, &stage.state, &stage.target));
         }
         self.target_disturbance = belief.disturbance;
     }
@@ -222,6 +272,9 @@ impl Mpc {
     /// Does one whole iteration on the state that the plan expects, and leaves the plan as it is: what the coming iteration needs, which
     /// other work has pushed out of the processor's caches since the last one, is there again. Called after [`prepare`](Self::prepare).
     pub fn rehearse(&mut self, last_input: &Velocity, reference: &[ReferencePoint], belief: &Belief<'_>) {
+        if self.rehearse_expected() {
+            return;
+        }
         let Some(expected) = self.stages.first().map(|stage| stage.state) else { return };
         self.roll_out(&expected, last_input, belief);
         if self.predictable() {
@@ -253,18 +306,23 @@ impl Mpc {
         }
     }
 
-    /// One iteration from the measured `state`: predicts with the present plan, improves it, and predicts again to first order.
+    /// One iteration from the measured `state`: predicts with the present plan, improves it, and predicts again to first order. Where a program
+    /// is ready that the state was [expected](Self::expect) for, only that is solved.
     ///
     /// [`prepare`](Self::prepare) has been called for the same `reference`, which holds the points of the present tick and the N after
     /// it; `last_input` is what was commanded last.
     /// If the outcome is not usable, the plan stays the shifted one.
     pub fn iterate(&mut self, state: &State, last_input: &Velocity, reference: &[ReferencePoint], belief: &Belief<'_>) -> Solved {
+        if let Some(solved) = self.iterate_expected(state, last_input, belief) {
+            return solved;
+        }
         let begin = monotonic_nanos();
         self.roll_out(state, last_input, belief);
         if !self.predictable() {
             self.reset();
             let outcome = Outcome { status: Status::Unpredictable, iterations: 0 };
-            return Solved { outcome, linearise_nanos: monotonic_nanos() - begin, solve_nanos: 0 };
+            let since = Spent { linearise_nanos: monotonic_nanos() - begin, solve_nanos: 0 };
+            return Solved { outcome, ahead: Spent::default(), since };
         }
         self.condensed.propagate(&self.steps, belief.carry);
         self.beware(reference, belief);
@@ -277,7 +335,8 @@ impl Mpc {
         if outcome.usable() {
             self.apply();
         }
-        Solved { outcome, linearise_nanos: linearised - begin, solve_nanos: monotonic_nanos() - linearised }
+        let since = Spent { linearise_nanos: linearised - begin, solve_nanos: monotonic_nanos() - linearised };
+        Solved { outcome, ahead: Spent::default(), since }
     }
 
     /// Input that holds `point` by the main model and a disturbance alone, for a robot that looks along `yaw`.
@@ -294,35 +353,48 @@ impl Mpc {
     /// Inputs and states along the present plan, and the Jacobians there.
     fn roll_out(&mut self, state: &State, last_input: &Velocity, belief: &Belief<'_>) {
         let (mut at, mut before) = (*state, *last_input);
-        let (last_block, stages) = (self.blocks - 1, self.stages.iter_mut().zip(&mut self.steps));
-        for (k, (stage, step)) in stages.enumerate() {
-            // The holding input is linear in the disturbance, which has been corrected since the targets were worked out.
-            let corrected = std::array::from_fn(|axis| {
-                stage.target[axis] + (self.target_disturbance[axis] - belief.disturbance[axis]) / belief.main.gain[axis]
-            });
-            stage.target = self.limits.clamp(&corrected);
-            let deviation = self.deviation.get_mut(k.min(last_block));
-            let mut input = stage.target;
-            if let Some(deviation) = deviation {
-                let wished = std::array::from_fn(|axis| stage.target[axis] + deviation[axis]);
-                input = self.limits.clamp(&wished);
-                if k <= last_block {
-                    *deviation = std::array::from_fn(|axis| input[axis] - stage.target[axis]);
-                }
-            }
+        for k in 0..self.horizon {
+            self.settle_input(k, belief);
+            let (Some(stage), Some(step)) = (self.stages.get_mut(k), self.steps.get_mut(k)) else { return };
             stage.state = at;
-            stage.input = input;
-            *step = linearise(belief, &at, &belief.acting(&before, &input));
-            (at, before) = (step.next, input);
+            *step = linearise(belief, &at, &belief.acting(&before, &stage.input));
+            (at, before) = (step.next, stage.input);
         }
         self.terminal = at;
+        self.planned = true;
+    }
+
+    /// Target and input of period `k` of the present plan.
+    fn settle_input(&mut self, k: usize, belief: &Belief<'_>) {
+        let (target, last_block) = (self.corrected_target(k, belief), self.blocks - 1);
+        let Some(stage) = self.stages.get_mut(k) else { return };
+        stage.target = target;
+        stage.input = target;
+        if let Some(deviation) = self.deviation.get_mut(k.min(last_block)) {
+            let wished = std::array::from_fn(|axis| target[axis] + deviation[axis]);
+            stage.input = self.limits.clamp(&wished);
+            if k <= last_block {
+                *deviation = std::array::from_fn(|axis| stage.input[axis] - target[axis]);
+            }
+        }
+    }
+
+    /// The holding input is linear in the disturbance, which has been corrected since the targets were worked out.
+    fn corrected_target(&self, k: usize, belief: &Belief<'_>) -> Velocity {
+        let target = self.stages.get(k).map_or([0.0; 3], |stage| stage.target);
+        if self.formulation == Formulation::Plain {
+            return target;
+        }
+        let corrected =
+            std::array::from_fn(|axis| target[axis] + (self.target_disturbance[axis] - belief.disturbance[axis]) / belief.main.gain[axis]);
+        self.limits.clamp(&corrected)
     }
 
     fn build(&mut self, last_input: &Velocity, reference: &[ReferencePoint]) {
         self.program.clear();
         let (stages, terminal, condensed) = (&self.stages, &self.terminal, &self.condensed);
         let outlook = Outlook { stages, terminal, last_input, reference, condensed, caution: self.caution.as_ref() };
-        self.cost.write(&outlook, &mut self.program);
+        self.cost.write(&outlook, &mut self.rows, &mut self.program);
         self.limits.write(&outlook, &mut self.program);
     }
 

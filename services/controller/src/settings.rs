@@ -78,6 +78,9 @@ pub struct MpcSettings {
     /// What is done about the time that a command takes to the wheels.
     #[serde(default)]
     pub delay: DelaySetting,
+    /// About what the prediction is linearised.
+    #[serde(default)]
+    pub linearise: Linearise,
     /// Who solves the quadratic program.
     #[serde(default)]
     pub solver: SolverSetting,
@@ -112,6 +115,17 @@ pub enum Method {
     FeedforwardP,
     /// Model predictive control with the plant's own dynamics as model, which `coxswain experiment` hands out and nobody else.
     Oracle,
+}
+
+/// About what the prediction of each period is linearised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Linearise {
+    /// The prediction from the measured state.
+    #[default]
+    Measured,
+    /// The plan itself, before the state comes: from a state to its command only what the state changes is worked out.
+    Expected,
 }
 
 /// Who solves the quadratic program of each period.
@@ -166,6 +180,8 @@ pub struct StateLimits {
     pub heading_rad: Option<f64>,
     /// Largest forward and left speed \[m/s\].
     pub speed_mps: Option<f64>,
+    /// Largest |yaw rate| \[rad/s\].
+    pub yaw_rate_radps: Option<f64>,
     /// Farthest to the left of the reference, across its course \[m\].
     pub corridor_left_m: Option<f64>,
     /// Farthest to the right of it \[m\].
@@ -208,6 +224,7 @@ impl MpcSettings {
         for (key, limit) in [
             ("state_limits.heading_rad", limits.heading_rad),
             ("state_limits.speed_mps", limits.speed_mps),
+            ("state_limits.yaw_rate_radps", limits.yaw_rate_radps),
             ("state_limits.corridor_left_m", limits.corridor_left_m),
             ("state_limits.corridor_right_m", limits.corridor_right_m),
         ] {

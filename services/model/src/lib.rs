@@ -6,6 +6,7 @@
 //! | [`main_model`] | f: the exact discretisation of the believed dynamics, one axis at a time       |
 //! | [`lqr`]        | the gain K of u = −K x^f (eq. 23) and its cost-to-go                            |
 //! | [`residual`]   | g: what was measured minus what f said (eqs. 27–29)                            |
+//! | [`runge_kutta`] | one period of the pose as most toolboxes have it                              |
 //! | [`gp`]         | Gaussian-process regression of g                                               |
 //! | [`learned`]    | g as the controller uses it: layout of the inputs, normalisation, bound        |
 //! | [`least_squares`] | g as a linear function, by recursive least squares                          |
@@ -33,6 +34,7 @@ pub mod observer;
 pub mod predict;
 pub mod residual;
 pub mod robot;
+pub mod runge_kutta;
 
 /// Velocity axes of the body: forward, left, yaw.
 pub const AXES: usize = 3;

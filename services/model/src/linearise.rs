@@ -7,10 +7,11 @@
 //! ∂v⁺/∂u = B + ∂g/∂u          ∂θ⁺/∂· = ∂θ/∂· + T W_ω
 //! ∂v⁺/∂u₋ = ∂g/∂u₋
 //! ```
+//! The pose of a main model with a [`Motion`] of its own varies as that says.
 
 use crate::foresight;
 use crate::learned::Moment;
-use crate::main_model::MainModel;
+use crate::main_model::{MainModel, Motion};
 use crate::predict::{Belief, advance};
 use crate::{State, Velocity};
 use nalgebra::{Matrix3, RowVector3, SMatrix, Vector3};
@@ -40,33 +41,54 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
         Matrix3::from_fn(|row, column| response.by_velocity[row][column] + if row == column { belief.main.decay[row] } else { 0.0 });
     let velocity_by_input =
         Matrix3::from_fn(|row, column| response.by_input[row][column] + if row == column { belief.main.gain[row] } else { 0.0 });
+    let velocity_by_acted = Matrix3::from_fn(|row, column| response.by_before[row][column]);
+    if let Motion::RungeKutta(nodes) = &belief.main.motion {
+        let moved = nodes.displace(state, input);
+        return Linearised {
+            next,
+            by_state: of_state(&moved.by_heading, &moved.by_velocity, &velocity_by_velocity),
+            by_input: of_input(&moved.by_input, &velocity_by_input),
+            by_acted: of_input(&Matrix3::zeros(), &velocity_by_acted),
+        };
+    }
     let mean = belief.main.mean_velocity(&state.velocity, &next.velocity);
     let share = Matrix3::from_diagonal(&Vector3::from(belief.main.end_share));
     let mean_by_velocity = Matrix3::identity() - share + share * velocity_by_velocity;
-    let velocity_by_acted = Matrix3::from_fn(|row, column| response.by_before[row][column]);
-
     let (pose_by_mean, by_heading) = displacement(belief.main.period, state, &mean);
+    let driven = |velocity: &Matrix3<f64>| of_input(&(pose_by_mean * (share * velocity)), velocity);
+    Linearised {
+        next,
+        by_state: of_state(&by_heading, &(pose_by_mean * mean_by_velocity), &velocity_by_velocity),
+        by_input: driven(&velocity_by_input),
+        by_acted: driven(&velocity_by_acted),
+    }
+}
+
+/// ∂x⁺/∂x of its parts; the pose goes on from where it was.
+fn of_state(pose_by_heading: &Vector3<f64>, pose_by_velocity: &Matrix3<f64>, velocity_by_velocity: &Matrix3<f64>) -> SMatrix<f64, 6, 6> {
     let mut by_state = SMatrix::<f64, 6, 6>::identity();
     let mut heading_column = by_state.fixed_view_mut::<3, 1>(0, 2);
-    heading_column += by_heading;
-    by_state.fixed_view_mut::<3, 3>(0, 3).copy_from(&(pose_by_mean * mean_by_velocity));
-    by_state.fixed_view_mut::<3, 3>(3, 3).copy_from(&velocity_by_velocity);
-    let driven = |velocity: &Matrix3<f64>| {
-        let mut by = SMatrix::<f64, 6, 3>::zeros();
-        by.fixed_view_mut::<3, 3>(0, 0).copy_from(&(pose_by_mean * (share * velocity)));
-        by.fixed_view_mut::<3, 3>(3, 0).copy_from(velocity);
-        by
-    };
-    Linearised { next, by_state, by_input: driven(&velocity_by_input), by_acted: driven(&velocity_by_acted) }
+    heading_column += pose_by_heading;
+    by_state.fixed_view_mut::<3, 3>(0, 3).copy_from(pose_by_velocity);
+    by_state.fixed_view_mut::<3, 3>(3, 3).copy_from(velocity_by_velocity);
+    by_state
+}
+
+/// ∂x⁺ of its parts, by an input.
+fn of_input(pose: &Matrix3<f64>, velocity: &Matrix3<f64>) -> SMatrix<f64, 6, 3> {
+    let mut by = SMatrix::<f64, 6, 3>::zeros();
+    by.fixed_view_mut::<3, 3>(0, 0).copy_from(pose);
+    by.fixed_view_mut::<3, 3>(3, 0).copy_from(velocity);
+    by
 }
 
 /// ∂x⁺/∂g: how a residual of one step moves its end. Does not allocate.
 pub fn by_residual(main: &MainModel, state: &State, next: &State) -> SMatrix<f64, 6, 3> {
+    if main.motion != Motion::MeanVelocity {
+        return of_input(&Matrix3::zeros(), &Matrix3::identity());
+    }
     let (pose_by_mean, _) = displacement(main.period, state, &main.mean_velocity(&state.velocity, &next.velocity));
-    let mut by_residual = SMatrix::<f64, 6, 3>::zeros();
-    by_residual.fixed_view_mut::<3, 3>(0, 0).copy_from(&(pose_by_mean * Matrix3::from_diagonal(&Vector3::from(main.end_share))));
-    by_residual.fixed_view_mut::<3, 3>(3, 0).copy_from(&Matrix3::identity());
-    by_residual
+    of_input(&(pose_by_mean * Matrix3::from_diagonal(&Vector3::from(main.end_share))), &Matrix3::identity())
 }
 
 /// The world displacement and turn per mean velocity, row by row, and the same per mid-step heading.
@@ -84,7 +106,6 @@ mod tests {
     use crate::gp::normalisation::Normalisation;
     use crate::gp::posterior::{Posterior, PosteriorError};
     use crate::learned::{INPUTS, INPUTS_WITH_HISTORY, Layout, Learned, Residual};
-    use crate::main_model::MainModel;
     use crate::robot::Robot;
     use proptest::prelude::*;
 
@@ -110,9 +131,10 @@ mod tests {
         #[test]
         fn jacobians_match_finite_differences(
             pose in prop::array::uniform3(-3.0..3.0), velocity in prop::array::uniform3(-2.0..2.0),
-            input in prop::array::uniform3(-2.0..2.0), acted in prop::array::uniform3(-2.0..2.0), layout in 0..3_usize
+            input in prop::array::uniform3(-2.0..2.0), acted in prop::array::uniform3(-2.0..2.0), layout in 0..3_usize,
+            lagging in any::<bool>()
         ) {
-            let main = MainModel::new(&Robot::example(), 0.1);
+            let main = if lagging { MainModel::lagging(&[0.25, 0.3, 0.2], 0.1) } else { MainModel::new(&Robot::example(), 0.1) };
             let (input_alone, slip) = (learned::<INPUTS>(Layout::VelocityInput), learned::<INPUTS>(Layout::VelocitySlip));
             let history = learned::<INPUTS_WITH_HISTORY>(Layout::VelocitySlipHistory);
             let (Ok(input_alone), Ok(slip), Ok(history)) = (input_alone, slip, history) else {

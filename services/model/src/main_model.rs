@@ -8,6 +8,7 @@
 
 use crate::Velocity;
 use crate::robot::{Robot, dynamics};
+use crate::runge_kutta::RungeKutta;
 
 /// f for one robot and one period. Constant.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,6 +21,17 @@ pub struct MainModel {
     pub end_share: Velocity,
     /// T \[s\].
     pub period: f64,
+    /// How the pose follows.
+    pub motion: Motion,
+}
+
+/// How the pose of a period follows from its velocity.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Motion {
+    /// By its mean velocity, what is learnt included, at its mid-step heading.
+    MeanVelocity,
+    /// By the main model alone.
+    RungeKutta(RungeKutta),
 }
 
 impl MainModel {
@@ -29,7 +41,15 @@ impl MainModel {
         let loss = stiffness + robot.body.axle_friction_nms;
         let decay = dynamics::axis_inertia(robot).map(|inertia| (-loss * period / inertia).exp());
         let gain = decay.map(|a| stiffness / loss * (1.0 - a));
-        Self { decay, gain, end_share: decay.map(end_share), period }
+        Self { decay, gain, end_share: decay.map(end_share), period, motion: Motion::MeanVelocity }
+    }
+
+    /// A base of which nothing is known but that each axis follows its input with a time constant \[s\], discretised by Runge–Kutta.
+    pub fn lagging(time_constant: &Velocity, period: f64) -> Self {
+        let nodes = RungeKutta::new(time_constant, period);
+        let gain = nodes.gain(time_constant);
+        let decay = gain.map(|gain| 1.0 - gain);
+        Self { decay, gain, end_share: decay.map(end_share), period, motion: Motion::RungeKutta(nodes) }
     }
 
     /// Mean velocity of a period that began with `velocity` and ended with `next`, v̄ = (1 − w) v + w v⁺ \[m/s, m/s, rad/s\].

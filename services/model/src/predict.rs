@@ -6,12 +6,12 @@
 //! θ⁺ = θ + T ω̄
 //! p⁺ = p + T R(θ + T ω̄/2) v̄
 //! ```
-//! that is, the mean velocity of the period at its mid-step heading, with w of the main model. Unlike section 4.1 of the paper, which iterates the main model
+//! that is, unless the main model has a [`Motion`] of its own, the mean velocity of the period at its mid-step heading, with w of the main model. Unlike section 4.1 of the paper, which iterates the main model
 //! alone and adds g afterwards, g is fed back into the prediction, as its eq. 32 has it.
 
 use crate::foresight::{self, Foresight};
 use crate::learned::{Moment, Residual, Response};
-use crate::main_model::MainModel;
+use crate::main_model::{MainModel, Motion};
 use crate::residual::residual;
 use crate::{AXES, State, Velocity};
 
@@ -73,6 +73,9 @@ impl Belief<'_> {
 pub(crate) fn advance(belief: &Belief<'_>, state: &State, input: &Velocity, residual: &Velocity) -> State {
     let expected = belief.main.next_velocity(&state.velocity, input);
     let velocity: Velocity = std::array::from_fn(|axis| expected[axis] + residual[axis] + belief.disturbance[axis]);
+    if let Motion::RungeKutta(nodes) = &belief.main.motion {
+        return State { pose: nodes.displace(state, input).pose, velocity, acted: *input };
+    }
     let mean = belief.main.mean_velocity(&state.velocity, &velocity);
     let period = belief.main.period;
     let [x, y, yaw] = state.pose;

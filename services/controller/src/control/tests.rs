@@ -1,7 +1,7 @@
 use super::*;
 use crate::mpc::tests::settings;
 use crate::reference::{Heading, PathSettings, ReferenceSettings};
-use crate::settings::{LearnedSettings, SolverFault, SolverFaultKind, SolverFaults};
+use crate::settings::{LearnedSettings, Linearise, SolverFault, SolverFaultKind, SolverFaults};
 use gate::Gate;
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
@@ -233,11 +233,24 @@ fn learned(points: usize) -> Result<Box<Candidate>, Box<dyn std::error::Error>> 
 
 #[test]
 fn from_a_state_to_its_command_nothing_is_allocated() -> Result<(), Box<dyn std::error::Error>> {
-    let mut robot = Robotic::new(&told())?;
+    for linearise in [Linearise::Measured, Linearise::Expected] {
+        let mut settings = told();
+        settings.mpc.linearise = linearise;
+        nothing_is_allocated(&settings)?;
+    }
+    Ok(())
+}
+
+fn nothing_is_allocated(settings: &Settings) -> Result<(), Box<dyn std::error::Error>> {
+    let mut robot = Robotic::new(settings)?;
     robot.controller.adopt(learned(100)?);
     let handover = Handover::default();
     let mut fresh = 0;
     for tick in 0..80 {
+        if tick % 20 == 10 {
+            // Now limits bind.
+            robot.state.pose[1] += 0.8;
+        }
         let mut measured = state(tick);
         (measured.pose, measured.velocity, measured.input) = (robot.state.pose, robot.state.velocity, robot.input);
         let heap = allocation_counter::measure(|| {

@@ -33,6 +33,8 @@ pub struct ActiveSet {
     factor: DMatrix<f64>,
     /// J, the active rows' part first.
     basis: DMatrix<f64>,
+    /// Whether U and J are those of a program that has not been solved yet.
+    prepared: bool,
     /// R.
     triangle: DMatrix<f64>,
     /// Active rows, in the order of R's columns, and their multipliers.
@@ -67,6 +69,7 @@ impl ActiveSet {
         Self {
             factor: DMatrix::zeros(dense, dense),
             basis: DMatrix::zeros(unknowns, unknowns),
+            prepared: false,
             triangle: DMatrix::zeros(unknowns, unknowns),
             active: Vec::with_capacity(unknowns),
             multipliers: Vec::with_capacity(unknowns),
@@ -82,6 +85,20 @@ impl ActiveSet {
 
     /// Solves `program`, and writes the answer to `solution` if there is one. Does not allocate.
     pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
+        self.prepare(program);
+        self.finish(program, solution, turn)
+    }
+
+    /// What there is to do before gradient and bounds are known. Does not allocate.
+    pub fn prepare(&mut self, program: &QuadraticProgram) {
+        self.prepared = self.factorise(program);
+        if self.prepared {
+            self.invert(program);
+        }
+    }
+
+    /// Solves the program that was [prepared](Self::prepare), as often as that. Does not allocate.
+    pub fn finish(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
         let mut iterations = 0;
         let status = if turn.is_over() { Status::OutOfTime } else { self.climb(program, turn, &mut iterations) };
         if status == Status::Solved {
@@ -92,7 +109,7 @@ impl ActiveSet {
 
     /// Takes in what is violated, row by row, until nothing is.
     fn climb(&mut self, program: &QuadraticProgram, turn: &Turn, iterations: &mut u32) -> Status {
-        if !(self.factorise(program) && self.begin(program)) {
+        if !(std::mem::take(&mut self.prepared) && self.begin(program)) {
             return Status::Failed;
         }
         while let Some(row) = self.most_violated(program) {
@@ -131,10 +148,28 @@ impl ActiveSet {
         true
     }
 
+    /// J for the slacks' rows alone.
+    fn invert(&mut self, program: &QuadraticProgram) {
+        let (dense, slacks) = (self.factor.ncols(), program.slack_rows().len());
+        self.basis.as_mut_slice().fill(0.0);
+        for slack in 0..slacks {
+            let unknown = dense + slack;
+            self.basis[(unknown, slack)] = 1.0 / program.hessian[(unknown, unknown)].sqrt();
+        }
+        for column in 0..dense {
+            let mut inverse = self.basis.column_mut(slacks + column);
+            inverse[column] = 1.0;
+            for row in (0..=column).rev() {
+                inverse[row] /= self.factor[(row, row)];
+                let value = inverse[row];
+                inverse.rows_mut(0, row).axpy(-value, &self.factor.column(row).rows(0, row), 1.0);
+            }
+        }
+    }
+
     /// The minimum without rows, but with every slack at its bound. `false` if a slack costs nothing.
     fn begin(&mut self, program: &QuadraticProgram) -> bool {
         let (dense, slacks) = (self.factor.ncols(), program.slack_rows().len());
-        self.basis.fill(0.0);
         self.active.clear();
         self.multipliers.clear();
         self.is_active.fill(false);
@@ -146,21 +181,11 @@ impl ActiveSet {
             if !(curvature > 0.0 && multiplier >= 0.0) {
                 return false;
             }
-            self.basis[(unknown, slack)] = 1.0 / curvature.sqrt();
             self.triangle.column_mut(slack).fill(0.0);
             self.triangle[(slack, slack)] = inwards / curvature.sqrt();
             self.active.push(row);
             self.multipliers.push(multiplier);
             self.is_active[row] = true;
-        }
-        for column in 0..dense {
-            let mut inverse = self.basis.column_mut(slacks + column);
-            inverse[column] = 1.0;
-            for row in (0..=column).rev() {
-                inverse[row] /= self.factor[(row, row)];
-                let value = inverse[row];
-                inverse.rows_mut(0, row).axpy(-value, &self.factor.column(row).rows(0, row), 1.0);
-            }
         }
         let inverse = self.basis.view((0, slacks), (dense, dense));
         let mut image = self.image.rows_mut(0, dense);
@@ -173,14 +198,11 @@ impl ActiveSet {
 
     /// The row that is violated most, if one is.
     fn most_violated(&mut self, program: &QuadraticProgram) -> Option<usize> {
-        self.distance.copy_from_slice(&program.bounds);
-        for (value, column) in self.x.iter().zip(program.rows.column_iter()).filter(|(value, _)| **value != 0.0) {
-            self.distance.axpy(-value, &column, 1.0);
-        }
         let (mut worst, mut least) = (None, -VIOLATION);
-        for (row, (&distance, active)) in self.distance.iter().zip(&self.is_active).enumerate() {
-            if distance < least && !active {
-                (worst, least) = (Some(row), distance);
+        for (row, (distance, active)) in self.distance.iter_mut().zip(&self.is_active).enumerate() {
+            *distance = program.rows.taken_off(row, self.x.as_slice(), program.bounds[row]);
+            if *distance < least && !active {
+                (worst, least) = (Some(row), *distance);
             }
         }
         worst
@@ -189,8 +211,9 @@ impl ActiveSet {
     /// Goes towards the bound of `row`, whose multiplier so far is `multiplier`.
     fn approach(&mut self, program: &QuadraticProgram, row: usize, multiplier: &mut f64) -> Step {
         let (unknowns, held) = (self.x.len(), self.active.len());
-        for (normal, coefficient) in self.normal.iter_mut().zip(program.rows.row(row).iter()) {
-            *normal = -coefficient;
+        self.normal.fill(0.0);
+        for (column, coefficient) in program.rows.row(row) {
+            self.normal[column] = -coefficient;
         }
         self.image.gemv_tr(1.0, &self.basis, &self.normal, 0.0);
         let free = self.image.rows(held, unknowns - held);

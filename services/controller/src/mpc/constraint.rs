@@ -10,7 +10,7 @@
 //! Under caution the bounds on the state are drawn in, at most to where the two sides meet.
 
 use super::Outlook;
-use super::condense::Condensed;
+use super::condense::{Block, Condensed};
 use super::qp::QuadraticProgram;
 use crate::settings::StateLimits;
 use model::Velocity;
@@ -35,7 +35,7 @@ enum Kind {
     Current(usize),
     /// |θ|/`θ_max`; soft.
     Heading,
-    /// |v|/`v_max`, forward or left; soft.
+    /// |v|/`v_max` of one axis; soft.
     Speed(usize),
     /// Distance across the reference's course over the width to the left, or to the right where the sign is −1; soft.
     Corridor,
@@ -51,15 +51,41 @@ struct Row {
     sign: f64,
 }
 
+/// What inputs are held to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InputLimits {
+    /// Rows that are multiplied by u, each at most 1 either way: J/(r `ω_max`).
+    pub wheel: [Velocity; 4],
+    /// Rows that are multiplied by u − v, each at most 1 either way: `k_p` J/(r `i_max`), if the currents are limited.
+    pub current: Option<[Velocity; 4]>,
+    /// `u_max` \[m/s, m/s, rad/s\].
+    pub input: Velocity,
+    /// Largest change in one period, if there is one \[m/s, m/s, rad/s\].
+    pub change: Option<Velocity>,
+}
+
+impl InputLimits {
+    /// Those of `robot` for a period of `period` \[s\].
+    pub fn of(robot: &Robot, period: f64) -> Self {
+        let jacobian = kinematics::jacobian(&robot.geometry);
+        let radius = robot.geometry.wheel_radius_m;
+        let scaled = |by: f64| jacobian.map(|row| row.map(|value| value * by));
+        let limits = &robot.limits;
+        Self {
+            wheel: scaled(1.0 / (radius * robot.drive.wheel_speed_limit_radps)),
+            current: Some(scaled(robot.drive.speed_loop_gain_a_s_per_rad / (radius * robot.drive.current_limit_a))),
+            input: [limits.input_mps, limits.input_mps, limits.yaw_input_radps],
+            change: Some([limits.input_rate_mps2, limits.input_rate_mps2, limits.yaw_input_rate_radps2].map(|rate| rate * period)),
+        }
+    }
+}
+
 /// What the wheels can do and the state may be. Constant.
 pub struct Limits {
-    wheel: [Velocity; 4],
-    current: [Velocity; 4],
-    input: Velocity,
-    /// Largest change in one period.
-    change: Velocity,
+    inputs: InputLimits,
     heading: Option<f64>,
-    speed: Option<f64>,
+    /// Per axis.
+    speed: [Option<f64>; 3],
     /// Width to the left and to the right.
     corridor: [Option<f64>; 2],
     horizon: usize,
@@ -68,19 +94,12 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// The limits of `robot` for a period of `period` \[s\], a horizon of `horizon` periods of which `blocks` have free inputs.
-    pub fn new(robot: &Robot, state: &StateLimits, period: f64, horizon: usize, blocks: usize) -> Self {
-        let jacobian = kinematics::jacobian(&robot.geometry);
-        let radius = robot.geometry.wheel_radius_m;
-        let scaled = |by: f64| jacobian.map(|row| row.map(|value| value * by));
-        let limits = &robot.limits;
+    /// The limits for a horizon of `horizon` periods of which `blocks` have free inputs.
+    pub fn new(inputs: &InputLimits, state: &StateLimits, horizon: usize, blocks: usize) -> Self {
         let mut this = Self {
-            wheel: scaled(1.0 / (radius * robot.drive.wheel_speed_limit_radps)),
-            current: scaled(robot.drive.speed_loop_gain_a_s_per_rad / (radius * robot.drive.current_limit_a)),
-            input: [limits.input_mps, limits.input_mps, limits.yaw_input_radps],
-            change: [limits.input_rate_mps2, limits.input_rate_mps2, limits.yaw_input_rate_radps2].map(|rate| rate * period),
+            inputs: *inputs,
             heading: state.heading_rad,
-            speed: state.speed_mps,
+            speed: [state.speed_mps, state.speed_mps, state.yaw_rate_radps],
             corridor: [state.corridor_left_m, state.corridor_right_m],
             horizon,
             blocks,
@@ -116,16 +135,18 @@ impl Limits {
         for period in 0..self.blocks {
             (0..4).for_each(|wheel| both(Kind::WheelSpeed(wheel), period));
             (0..3).for_each(|axis| both(Kind::Input(axis), period));
-            (0..3).for_each(|axis| both(Kind::Change(axis), period));
-            (0..4).for_each(|wheel| both(Kind::Current(wheel), period));
+            if self.inputs.change.is_some() {
+                (0..3).for_each(|axis| both(Kind::Change(axis), period));
+            }
+            if self.inputs.current.is_some() {
+                (0..4).for_each(|wheel| both(Kind::Current(wheel), period));
+            }
         }
         for period in 0..self.horizon {
             if self.heading.is_some() {
                 both(Kind::Heading, period);
             }
-            if self.speed.is_some() {
-                (0..2).for_each(|axis| both(Kind::Speed(axis), period));
-            }
+            (0..3).filter(|&axis| self.speed[axis].is_some()).for_each(|axis| both(Kind::Speed(axis), period));
         }
         let slacks = |corridor| (0..self.horizon).map(move |period| Row { kind: Kind::Slack { corridor }, period, sign: -1.0 });
         rows.extend(slacks(false));
@@ -141,16 +162,17 @@ impl Limits {
     pub fn clamp(&self, input: &Velocity) -> Velocity {
         let boxed: Velocity = std::array::from_fn(|axis| {
             let wished = if input[axis].is_nan() { 0.0 } else { input[axis] };
-            wished.clamp(-self.input[axis], self.input[axis])
+            wished.clamp(-self.inputs.input[axis], self.inputs.input[axis])
         });
-        let load = self.wheel.iter().map(|row| dot(row, &boxed).abs()).fold(1.0, f64::max);
+        let load = self.inputs.wheel.iter().map(|row| dot(row, &boxed).abs()).fold(1.0, f64::max);
         boxed.map(|value| value / load)
     }
 
     /// The nearest input to `wished` that can be reached from `last` in one period.
     pub fn reach(&self, wished: &Velocity, last: &Velocity) -> Velocity {
         let (wished, last) = (self.clamp(wished), self.clamp(last));
-        let near: Velocity = std::array::from_fn(|axis| wished[axis].clamp(last[axis] - self.change[axis], last[axis] + self.change[axis]));
+        let Some(change) = self.inputs.change else { return wished };
+        let near: Velocity = std::array::from_fn(|axis| wished[axis].clamp(last[axis] - change[axis], last[axis] + change[axis]));
         self.clamp(&near)
     }
 
@@ -178,23 +200,25 @@ impl Limits {
     /// Writes every row and the price of the slacks, about the present plan. Does not allocate.
     pub(super) fn write(&self, outlook: &Outlook<'_>, program: &mut QuadraticProgram) {
         let Outlook { stages, condensed, last_input, .. } = *outlook;
+        let InputLimits { wheel: of_wheel, current, input: largest, change } = &self.inputs;
+        let (current, change) = (current.unwrap_or_default(), change.unwrap_or([f64::INFINITY; 3]));
         for (index, row) in self.rows.iter().enumerate() {
             let slack = self.slack(row);
             let Some(stage) = stages.get(row.period) else { continue };
             let after = outlook.state(row.period + 1);
             let used = match row.kind {
-                Kind::WheelSpeed(wheel) => on_input(program, index, row, &self.wheel[wheel], &stage.input),
-                Kind::Input(axis) => on_input(program, index, row, &unit(axis, self.input[axis]), &stage.input),
+                Kind::WheelSpeed(wheel) => on_input(program, index, row, &of_wheel[wheel], &stage.input),
+                Kind::Input(axis) => on_input(program, index, row, &unit(axis, largest[axis]), &stage.input),
                 Kind::Change(axis) => {
                     let before = row.period.checked_sub(1).and_then(|k| stages.get(k)).map_or(last_input, |stage| &stage.input);
-                    let coefficients = unit(axis, self.change[axis]);
+                    let coefficients = unit(axis, change[axis]);
                     if row.period > 0 {
                         put(program, index, 3 * (row.period - 1), &coefficients.map(|value| -row.sign * value));
                     }
                     on_input(program, index, row, &coefficients, &stage.input) - row.sign * dot(&coefficients, before)
                 }
                 Kind::Current(wheel) => {
-                    let coefficients = self.current[wheel];
+                    let coefficients = current[wheel];
                     on_state(program, index, row.period, &coefficients.map(|value| -row.sign * value), 3, condensed);
                     program.rows[(index, slack)] = -1.0;
                     on_input(program, index, row, &coefficients, &stage.input) - row.sign * dot(&coefficients, &stage.state.velocity)
@@ -206,7 +230,7 @@ impl Limits {
                     dot(&coefficients, &after.pose) + drawn_in(outlook, row, &coefficients, 0, 1.0)
                 }
                 Kind::Speed(axis) => {
-                    let coefficients = unit(axis, self.speed.unwrap_or(f64::INFINITY)).map(|value| row.sign * value);
+                    let coefficients = unit(axis, self.speed[axis].unwrap_or(f64::INFINITY)).map(|value| row.sign * value);
                     on_state(program, index, row.period + 1, &coefficients, 3, condensed);
                     program.rows[(index, slack)] = -1.0;
                     dot(&coefficients, &after.velocity) + drawn_in(outlook, row, &coefficients, 3, 1.0)
@@ -271,10 +295,13 @@ fn on_input(program: &mut QuadraticProgram, index: usize, row: &Row, coefficient
 
 /// A row on three entries of state `k`, from entry `first` on.
 fn on_state(program: &mut QuadraticProgram, index: usize, k: usize, coefficients: &Velocity, first: usize, condensed: &Condensed) {
+    let through = |sensitivity: &Block| -> Velocity {
+        std::array::from_fn(|column| (0..3).map(|entry| coefficients[entry] * sensitivity[(first + entry, column)]).sum())
+    };
     for block in 0..condensed.reach(k) {
-        let sensitivity = condensed.block(k, block);
-        let row: Velocity =
-            std::array::from_fn(|column| (0..3).map(|entry| coefficients[entry] * sensitivity[(first + entry, column)]).sum());
-        put(program, index, 3 * block, &row);
+        put(program, index, 3 * block, &through(&condensed.block(k, block)));
+    }
+    for (place, block) in condensed.by_surprise(k).iter().enumerate() {
+        program.put_row_by_surprise(index, 3 * place, &through(block));
     }
 }

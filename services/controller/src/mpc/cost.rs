@@ -5,11 +5,12 @@
 //! ```text
 //! e = (Rᵀ(θ_r) (p − p_r),  θ − θ_r,  R(θ − θ_r) v_xy − v_r,  ω − ω_r)
 //! ```
-//! in which the linearised axes separate, so that the LQR of [`model::lqr`] belongs to the same error.
+//! in which the linearised axes separate, so that the LQR of [`model::lqr`] belongs to the same error. Other controllers take v − v_r of
+//! the body's frame as it is ([`Formulation::Plain`]).
 
-use super::condense::Condensed;
+use super::condense::Block;
 use super::qp::QuadraticProgram;
-use super::{Outlook, Stage};
+use super::{Formulation, Outlook, Stage};
 use crate::reference::ReferencePoint;
 use crate::settings::MpcSettings;
 use model::covariance::Feedback;
@@ -29,6 +30,7 @@ pub struct Cost {
     /// S, per axis.
     change: f64,
     gains: [AxisGain; 3],
+    formulation: Formulation,
 }
 
 /// Error of a state against the reference: x, y, yaw, forward, left, yaw rate in the reference's frame.
@@ -61,15 +63,31 @@ impl TrackingError {
         Self { value, reference, turned, velocity: state.velocity }
     }
 
-    /// ∂e/∂x.
-    fn jacobian(&self) -> SMatrix<f64, 6, 6> {
-        let ((sr, cr), (st, ct)) = (self.reference, self.turned);
-        let [forward, left, _] = self.velocity;
+    /// e with v − v_r of the body's frame, whatever the heading error, and its Jacobian.
+    fn plain(state: &State, point: &ReferencePoint) -> (SVector<f64, 6>, SMatrix<f64, 6, 6>) {
+        let mut error = Self::new(state, point);
+        for axis in 0..2 {
+            error.value[axis + 3] = state.velocity[axis] - point.velocity[axis];
+        }
+        (error.value, error.pose_jacobian())
+    }
+
+    /// ∂e/∂x, of the pose; the identity in all else.
+    fn pose_jacobian(&self) -> SMatrix<f64, 6, 6> {
+        let (sr, cr) = self.reference;
         let mut jacobian = SMatrix::<f64, 6, 6>::identity();
         jacobian[(0, 0)] = cr;
         jacobian[(0, 1)] = sr;
         jacobian[(1, 0)] = -sr;
         jacobian[(1, 1)] = cr;
+        jacobian
+    }
+
+    /// ∂e/∂x.
+    fn jacobian(&self) -> SMatrix<f64, 6, 6> {
+        let (st, ct) = self.turned;
+        let [forward, left, _] = self.velocity;
+        let mut jacobian = self.pose_jacobian();
         jacobian[(3, 2)] = -st * forward - ct * left;
         jacobian[(4, 2)] = ct * forward - st * left;
         jacobian[(3, 3)] = ct;
@@ -81,7 +99,7 @@ impl TrackingError {
 }
 
 impl Cost {
-    pub(super) fn new(settings: &MpcSettings, main: &MainModel) -> Result<Self, NoGain> {
+    pub(super) fn new(settings: &MpcSettings, formulation: Formulation, main: &MainModel) -> Result<Self, NoGain> {
         let w = &settings.weights;
         let planar = AxisCost { position: w.position, velocity: w.velocity, input: w.input };
         let yaw = AxisCost { position: w.heading, velocity: w.yaw_rate, input: w.input };
@@ -91,6 +109,7 @@ impl Cost {
             input: w.input,
             change: w.input_change,
             gains: gains(main, &[planar, planar, yaw])?,
+            formulation,
         })
     }
 
@@ -117,17 +136,42 @@ impl Cost {
         into_body * by_error * error.jacobian()
     }
 
-    /// Adds the cost of the present plan, to second order in the free inputs, to `program`.
-    pub(super) fn write(&self, outlook: &Outlook<'_>, program: &mut QuadraticProgram) {
+    /// Adds the cost of the present plan, to second order in the free inputs, to `program`. `rows` is memory for a block of errors per block
+    /// of inputs. Does not allocate.
+    pub(super) fn write(&self, outlook: &Outlook<'_>, rows: &mut [Block], program: &mut QuadraticProgram) {
         let Outlook { condensed, stages, .. } = *outlook;
         let horizon = stages.len();
         for (k, point) in outlook.reference.iter().enumerate().take(horizon + 1).skip(1) {
             let state = outlook.state(k);
             let factor = if k == horizon { self.terminal_factor } else { 1.0 };
             let weights = SVector::<f64, 6>::from(self.stage) * factor;
-            write_state(k, state, point, &weights, condensed, program);
+            let (error, jacobian) = match self.formulation {
+                Formulation::Holding => {
+                    let error = TrackingError::new(state, point);
+                    (error.value, error.jacobian())
+                }
+                Formulation::Plain => TrackingError::plain(state, point),
+            };
+            let rows = rows.get_mut(..condensed.reach(k)).unwrap_or_default();
+            for (row, slot) in rows.iter_mut().enumerate() {
+                *slot = jacobian * condensed.block(k, row);
+            }
+            write_state(rows, &weights, &error, program);
+            for (place, block) in condensed.by_surprise(k).iter().enumerate() {
+                let weighted = weigh(&weights, &(jacobian * block));
+                for (row, of_row) in rows.iter().enumerate() {
+                    program.add_gradient_by_surprise(3 * row, 3 * place, &(of_row.transpose() * weighted));
+                }
+            }
         }
         self.write_inputs(stages, outlook.last_input, condensed.blocks(), program);
+    }
+
+    /// The target of a period whose input is the block from `at` on has moved.
+    pub(super) fn move_target(&self, at: usize, from: &Velocity, to: &Velocity, program: &mut QuadraticProgram) {
+        for axis in 0..3 {
+            program.add_linear(at + axis, self.input * (from[axis] - to[axis]));
+        }
     }
 
     /// R on the distance from the target, S on the change.
@@ -151,25 +195,18 @@ impl Cost {
     }
 }
 
-/// Adds |e(x_k)|² of one predicted state, to second order.
-fn write_state(
-    k: usize,
-    state: &State,
-    point: &ReferencePoint,
-    weights: &SVector<f64, 6>,
-    condensed: &Condensed,
-    program: &mut QuadraticProgram,
-) {
-    let error = TrackingError::new(state, point);
-    let jacobian = error.jacobian();
-    let weighted = weights.component_mul(&error.value);
-    for column in 0..condensed.reach(k) {
-        let of_column = jacobian * condensed.block(k, column);
+/// Adds |e|² of one predicted state, to second order: `rows` are the error's Jacobians by the blocks of inputs.
+fn write_state(rows: &[Block], weights: &SVector<f64, 6>, error: &SVector<f64, 6>, program: &mut QuadraticProgram) {
+    let weighted = weights.component_mul(error);
+    for (column, of_column) in rows.iter().enumerate() {
         program.add_gradient(3 * column, &(of_column.transpose() * weighted));
-        let weighted_column = SMatrix::<f64, 6, 3>::from_fn(|row, c| weights[row] * of_column[(row, c)]);
-        for row in 0..=column {
-            let of_row = jacobian * condensed.block(k, row);
+        let weighted_column = weigh(weights, of_column);
+        for (row, of_row) in rows.iter().enumerate().take(column + 1) {
             program.add_hessian(3 * row, 3 * column, &(of_row.transpose() * weighted_column));
         }
     }
+}
+
+fn weigh(weights: &SVector<f64, 6>, block: &Block) -> Block {
+    Block::from_fn(|row, column| weights[row] * block[(row, column)])
 }

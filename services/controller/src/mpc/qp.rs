@@ -4,7 +4,14 @@
 //! min ½ xᵀ H x + hᵀ x    subject to   G x ≤ b
 //! ```
 //! x holds the changes of the free inputs first, then one slack per period. H is kept as its upper triangle.
+//!
+//! A program may be written before all is known that it depends on. h and b are then linear in what is still to come, the surprise s:
+//!
+//! ```text
+//! h = h₀ + P s      b = b₀ − Q s
+//! ```
 
+use super::rows::Rows;
 use nalgebra::{DMatrix, SMatrix, SVector};
 
 /// The program's numbers and the places that may be other than zero.
@@ -14,13 +21,17 @@ pub struct QuadraticProgram {
     /// h.
     pub gradient: Vec<f64>,
     /// G.
-    pub rows: DMatrix<f64>,
+    pub rows: Rows,
     /// b.
     pub bounds: Vec<f64>,
     /// Places of G that may be other than zero (row, column), column by column.
     structure: Vec<(usize, usize)>,
     /// Rows that are the lower bounds of the slacks, in the order of these.
     slack_rows: Vec<usize>,
+    /// P.
+    gradient_by_surprise: DMatrix<f64>,
+    /// Q.
+    rows_by_surprise: DMatrix<f64>,
 }
 
 impl QuadraticProgram {
@@ -29,11 +40,19 @@ impl QuadraticProgram {
         Self {
             hessian: DMatrix::zeros(variables, variables),
             gradient: vec![0.0; variables],
-            rows: DMatrix::zeros(rows, variables),
+            rows: Rows::zeros(rows, variables),
             bounds: vec![0.0; rows],
             structure: Vec::new(),
             slack_rows: Vec::new(),
+            gradient_by_surprise: DMatrix::zeros(variables, 0),
+            rows_by_surprise: DMatrix::zeros(rows, 0),
         }
+    }
+
+    /// Makes room for a surprise of so many numbers.
+    pub fn expect_surprise(&mut self, numbers: usize) {
+        self.gradient_by_surprise = DMatrix::zeros(self.variables(), numbers);
+        self.rows_by_surprise = DMatrix::zeros(self.bounds.len(), numbers);
     }
 
     /// Number of unknowns.
@@ -50,6 +69,7 @@ impl QuadraticProgram {
     pub fn set_structure(&mut self, mut places: Vec<(usize, usize)>) {
         places.sort_unstable_by_key(|&(row, column)| (column, row));
         places.dedup();
+        self.rows.set_structure(&places);
         self.structure = places;
     }
 
@@ -65,16 +85,43 @@ impl QuadraticProgram {
 
     /// Sets all numbers to zero.
     pub fn clear(&mut self) {
-        self.hessian.fill(0.0);
+        self.hessian.as_mut_slice().fill(0.0);
         self.gradient.fill(0.0);
-        self.rows.fill(0.0);
+        self.rows.clear();
         self.bounds.fill(0.0);
+        self.gradient_by_surprise.as_mut_slice().fill(0.0);
+        self.rows_by_surprise.as_mut_slice().fill(0.0);
+    }
+
+    /// What was still to come has come: h and b are now what they are for this surprise.
+    pub fn take_in(&mut self, surprise: &[f64]) {
+        for (at, &number) in surprise.iter().enumerate().filter(|(_, number)| **number != 0.0) {
+            for (slope, by) in self.gradient.iter_mut().zip(self.gradient_by_surprise.column(at).iter()) {
+                *slope += by * number;
+            }
+            for (bound, by) in self.bounds.iter_mut().zip(self.rows_by_surprise.column(at).iter()) {
+                *bound -= by * number;
+            }
+        }
     }
 
     /// Adds a block to the upper triangle of H, `row` ≤ `column`.
     pub fn add_hessian(&mut self, row: usize, column: usize, block: &SMatrix<f64, 3, 3>) {
         let mut place = self.hessian.fixed_view_mut::<3, 3>(row, column);
         place += block;
+    }
+
+    /// Adds a block to P.
+    pub fn add_gradient_by_surprise(&mut self, row: usize, number: usize, block: &SMatrix<f64, 3, 3>) {
+        let mut place = self.gradient_by_surprise.fixed_view_mut::<3, 3>(row, number);
+        place += block;
+    }
+
+    /// Adds three coefficients to a row of Q.
+    pub fn put_row_by_surprise(&mut self, row: usize, number: usize, coefficients: &[f64; 3]) {
+        for (offset, value) in coefficients.iter().enumerate() {
+            self.rows_by_surprise[(row, number + offset)] += value;
+        }
     }
 
     /// Adds three entries to h.
@@ -109,9 +156,6 @@ impl QuadraticProgram {
         if x.len() != self.variables() || x.iter().any(|value| !value.is_finite()) {
             return false;
         }
-        self.bounds.iter().enumerate().all(|(row, bound)| {
-            let left: f64 = self.rows.row(row).iter().zip(x).map(|(coefficient, value)| coefficient * value).sum();
-            left <= bound + tolerance * (1.0 + bound.abs())
-        })
+        self.bounds.iter().enumerate().all(|(row, &bound)| self.rows.taken_off(row, x, bound) >= -tolerance * (1.0 + bound.abs()))
     }
 }

@@ -99,10 +99,23 @@ impl Solver {
 
     /// Solves `program`, and writes the answer to `solution` if there is a usable one.
     pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
+        self.prepare(program);
+        self.finish(program, solution, turn)
+    }
+
+    /// What there is to do before gradient and bounds of `program` are known.
+    pub fn prepare(&mut self, program: &QuadraticProgram) {
+        if let Some(method) = &mut self.active_set {
+            method.prepare(program);
+        }
+    }
+
+    /// Solves the program that was [prepared](Self::prepare).
+    pub fn finish(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
         if let Some((kind, random)) = turn.tick.and_then(|tick| self.faults.strike(tick)) {
             return go_wrong(kind, random, solution);
         }
-        let answer = self.active_set.as_mut().map(|method| method.solve(program, solution, turn));
+        let answer = self.active_set.as_mut().map(|method| method.finish(program, solution, turn));
         match answer {
             Some(outcome) if outcome.usable() || outcome.status == Status::OutOfTime => outcome,
             _ => self.clarabel.solve(program, solution, turn),

@@ -4,6 +4,7 @@
 //! A steady-state target: v = A v + B t + g(v, t) + d for the reference velocity v, seen from the heading that is predicted. It does
 //! not spike where the reference has a corner, as inverting the dynamics would.
 
+use super::Formulation;
 use crate::reference::ReferencePoint;
 use model::predict::Belief;
 use model::{State, Velocity};
@@ -15,8 +16,20 @@ pub(super) fn velocity_to_hold(point: &ReferencePoint, yaw: f64) -> Velocity {
     [cos * forward - sin * left, sin * forward + cos * left, rate]
 }
 
+/// Input that the reference is weighed against at its `point`: to hold it, the one Newton step better than `before`; or its velocity itself.
+/// Does not allocate.
+pub(super) fn of(formulation: Formulation, belief: &Belief<'_>, point: &ReferencePoint, expected: &State, before: &Velocity) -> Velocity {
+    match formulation {
+        Formulation::Holding => {
+            let held = State { velocity: velocity_to_hold(point, expected.pose[2]), ..*expected };
+            improve(belief, &held, before)
+        }
+        Formulation::Plain => point.velocity,
+    }
+}
+
 /// One Newton step per axis towards the input that holds the velocity of `held`, from the one before. Does not allocate.
-pub(super) fn improve(belief: &Belief<'_>, held: &State, before: &Velocity) -> Velocity {
+fn improve(belief: &Belief<'_>, held: &State, before: &Velocity) -> Velocity {
     let (main, velocity) = (belief.main, &held.velocity);
     let guess = if before.iter().all(|&value| value == 0.0) { main.holding_input(velocity, &belief.disturbance) } else { *before };
     let (next, gain) = belief.velocity_and_gain(held, &guess);

@@ -1,5 +1,5 @@
 use super::*;
-use crate::settings::{DelaySetting, Method, SolverSetting, StateLimits, Weights};
+use crate::settings::{DelaySetting, Linearise, Method, SolverSetting, StateLimits, Weights};
 use model::learned::{Moment, Residual, Response};
 use proptest::prelude::*;
 
@@ -21,6 +21,7 @@ pub(crate) fn settings() -> MpcSettings {
         method: Method::Mpc,
         delay: DelaySetting::Estimated,
         no_harm: true,
+        linearise: Linearise::Measured,
         solver: SolverSetting::ActiveSet,
         budget_share: 0.5,
     }
@@ -130,6 +131,79 @@ proptest! {
             prop_assert!((value - before).abs() <= change + 1e-4);
         }
     }
+}
+
+/// Points on a straight line at 1.5 m/s.
+fn line(from: u64, count: usize) -> Vec<ReferencePoint> {
+    let at = |tick: u64| ReferencePoint { pose: [0.15 * tick as f64, 0.0, 0.0], velocity: [1.5, 0.0, 0.0], course: 0.0 };
+    (from..).take(count).map(at).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// As long as nobody turns, prediction and error are linear, and it does not matter about what they are linearised.
+    #[test]
+    fn on_a_straight_line_a_surprise_is_answered_as_if_it_had_been_known(
+        place in prop::array::uniform2(-0.5..0.5_f64), velocity in prop::array::uniform2(-0.6..0.6_f64), acted in prop::array::uniform2(-0.5..0.5_f64),
+        push in prop::array::uniform2(-0.05..0.05_f64), carry in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
+    ) {
+        let main = MainModel::new(&Robot::example(), 0.1);
+        let learned = echoes.then_some(&Echo as &dyn Residual);
+        let belief = Belief { main: &main, learned, foresight: None, disturbance: [0.01, -0.02, 0.0], carry };
+        let surprised = Belief { disturbance: [push[0], push[1], 0.0], ..belief };
+        let start = State { pose: [0.0, 0.1, 0.0], velocity: [1.4, 0.0, 0.0], acted: [1.5, 0.0, 0.0] };
+        let mut plans = Vec::new();
+        for linearise in [Linearise::Measured, Linearise::Expected] {
+            let settings = MpcSettings { linearise, ..settings() };
+            let mut mpc = Mpc::new(&settings, &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
+            mpc.begin_at(&start);
+            mpc.prepare(&line(0, 7), &belief);
+            let last = [1.5, 0.0, 0.0];
+            mpc.iterate(&start, &last, &line(0, 7), &belief);
+            let last = mpc.stages()[0].input;
+            mpc.prepare(&line(1, 7), &belief);
+            mpc.expect(&last, &line(1, 7), &belief);
+            prop_assert_eq!(mpc.expectation.is_some(), linearise == Linearise::Expected);
+            mpc.rehearse(&last, &line(1, 7), &belief);
+            let seen = State {
+                pose: [0.15 + place[0], 0.1 + place[1], 0.0],
+                velocity: [1.4 + velocity[0], velocity[1], 0.0],
+                acted: [1.5 + acted[0], acted[1], 0.0],
+            };
+            let solved = mpc.iterate(&seen, &last, &line(1, 7), &surprised);
+            prop_assert!(solved.outcome.usable(), "{:?}", solved.outcome);
+            let states = mpc.stages().iter().map(|stage| stage.state).chain([mpc.terminal]);
+            let numbers = states.flat_map(|state| state.to_array()).chain(mpc.stages().iter().flat_map(|stage| stage.input));
+            plans.push(numbers.collect::<Vec<f64>>());
+        }
+        for (measured, expected) in plans[0].iter().zip(&plans[1]) {
+            prop_assert!((measured - expected).abs() < 1e-6, "{} is not {}", expected, measured);
+        }
+    }
+}
+
+#[test]
+fn what_was_not_expected_is_answered_from_the_measured_state() -> Result<(), MpcError> {
+    let main = MainModel::new(&Robot::example(), 0.1);
+    let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let settings = MpcSettings { linearise: Linearise::Expected, ..settings() };
+    let start = State { velocity: [1.5, 0.0, 0.75], ..State::default() };
+    let turned = State { pose: [0.0, 0.0, 0.075 - std::f64::consts::TAU], ..start };
+    for (state, last) in [(turned, [1.5, 0.0, 0.75]), (start, [1.0, 0.0, 0.0])] {
+        let (mut ready, mut other) = (Mpc::new(&settings, &Robot::example(), &main)?, Mpc::new(&settings, &Robot::example(), &main)?);
+        for mpc in [&mut ready, &mut other] {
+            mpc.begin_on(&circle(0, 7));
+            mpc.prepare(&circle(0, 7), &belief);
+        }
+        ready.expect(&[1.5, 0.0, 0.75], &circle(0, 7), &belief);
+        for mpc in [&mut ready, &mut other] {
+            mpc.iterate(&state, &last, &circle(0, 7), &belief);
+        }
+        assert_eq!(ready.stages()[0].input, other.stages()[0].input);
+        assert_eq!(ready.stages()[0].state, state);
+    }
+    Ok(())
 }
 
 #[test]

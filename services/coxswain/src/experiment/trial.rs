@@ -140,6 +140,7 @@ pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, St
     let outside = |truth: &Truth| {
         limits.heading_rad.is_some_and(|limit| truth.pose[2].abs() > limit)
             || limits.speed_mps.is_some_and(|limit| truth.velocity[0].abs().max(truth.velocity[1].abs()) > limit)
+            || limits.yaw_rate_radps.is_some_and(|limit| truth.velocity[2].abs() > limit)
             || corridor.as_ref().is_some_and(|corridor| corridor.is_left_by(truth))
     };
     let witnessed = in_process::drive(assembly, folder, |ports, run, stop| {

@@ -7,7 +7,7 @@ const SPREAD: [f64; 3] = [0.6, 0.6, 0.3];
 const NOISE: f64 = 0.05;
 
 /// Unmodelled acceleration at body velocity `v` under input `u`.
-fn residual([vx, vy, w]: [f64; 3], [ux, uy, uw]: [f64; 3]) -> [f64; 3] {
+pub(crate) fn residual([vx, vy, w]: [f64; 3], [ux, uy, uw]: [f64; 3]) -> [f64; 3] {
     [
         -0.6 * (1.5 * vx).tanh() - 0.15 * vx + 0.25 * vy * w - 0.2 * (ux - vx).sin(),
         -(1.5 * vy).tanh() - 0.25 * vy - 0.25 * vx * w - 0.12 * uy * vx.sin(),

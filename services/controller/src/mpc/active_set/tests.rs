@@ -155,7 +155,9 @@ fn what_cannot_be_answered_is_said() {
     let shape = Shape { dense: 2, rows: 2, slacks: 0, decades: 0.0 };
     let mut numbers = Numbers(3);
     let mut contradictory = program(&mut numbers, shape, 0.0);
-    contradictory.rows.copy_from(&DMatrix::from_row_slice(2, 2, &[1.0, 0.0, -1.0, 0.0]));
+    for (row, sign) in [(0, 1.0), (1, -1.0)] {
+        (contradictory.rows[(row, 0)], contradictory.rows[(row, 1)]) = (sign, 0.0);
+    }
     contradictory.bounds.copy_from_slice(&[-1.0, -1.0]);
     let mut flat = program(&mut numbers, shape, 0.0);
     flat.hessian.fill(0.0);

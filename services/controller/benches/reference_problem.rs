@@ -1,0 +1,29 @@
+//! The problem that peers are measured on, over points of data and horizons: one JSON line each.
+//!
+//! `taskset -c 1 cargo bench -p controller --bench reference_problem`, with `M N` behind `--` for one of them alone.
+#![expect(clippy::print_stdout, reason = "figures are what a bench is for")]
+
+#[path = "../tests/reference_problem/closed_loop.rs"]
+mod closed_loop;
+#[path = "../tests/reference_problem/problem.rs"]
+mod problem;
+
+use std::error::Error;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let asked: Vec<usize> = std::env::args().filter_map(|argument| argument.parse().ok()).collect();
+    if let [points, horizon] = asked.as_slice() {
+        return measure(*points, *horizon);
+    }
+    for points in [0, 50, 100, 200, 500] {
+        for horizon in [5, 10, 20] {
+            measure(points, horizon)?;
+        }
+    }
+    Ok(())
+}
+
+fn measure(points: usize, horizon: usize) -> Result<(), Box<dyn Error>> {
+    println!("{}", serde_json::to_string(&closed_loop::drive(points, horizon)?)?);
+    Ok(())
+}
