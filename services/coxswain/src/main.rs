@@ -7,6 +7,7 @@ use coxswain::experiment::{self, CompareOptions};
 use coxswain::lookout::{self, WatchOptions};
 use coxswain::options::Options;
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
+use coxswain::set::SetOptions;
 use coxswain::terminal::Terminal;
 use process::Stop;
 use std::process::ExitCode;
@@ -34,6 +35,13 @@ enum Command {
     ///
     /// Exit code 0 if no promise was broken, 1 if one was or the drill could not be done, 2 if what was said cannot be.
     Drill(DrillOptions),
+    /// Change settings of a robot that drives, on its own machine: all that is said together is in use from one tick on, or nothing is.
+    ///
+    /// mpc.weights, mpc.state_limits, mpc.horizon_steps, mpc.control_horizon_steps, mpc.budget_share, mpc.solver, reference,
+    /// learner.every_ticks, learner.evaluations_max. The record says who changed what and when.
+    ///
+    /// Exit code 0 if it is in use, 2 if it was refused, 1 if there is nobody to ask.
+    Set(SetOptions),
     /// Make one page with every figure of a run, or of several in the same figures.
     ///
     /// Exit code 2 if there is no record to read, 1 if the page cannot be written.
@@ -58,9 +66,20 @@ fn main() -> ExitCode {
         Command::Launch(options) => launch(&options),
         Command::Watch(options) => watch(&options),
         Command::Drill(options) => drill(&options),
+        Command::Set(options) => set(&options),
         Command::Report(options) => made(records::report(&options)),
         Command::Export(options) => made(records::export(&options)),
         Command::Experiment(Experiment::Compare(options)) => compare(&options),
+    }
+}
+
+fn set(options: &SetOptions) -> ExitCode {
+    match coxswain::set::run(options, &berth::base()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
     }
 }
 
