@@ -290,13 +290,16 @@ fn what_is_changed_while_it_drives_is_exchanged_without_the_heap_and_the_next_pl
 }
 
 #[test]
-fn an_exchange_for_the_same_changes_no_command() -> Result<(), Box<dyn std::error::Error>> {
+fn an_exchange_for_the_same_changes_no_command_but_for_rounding() -> Result<(), Box<dyn std::error::Error>> {
     let (mut tuned_often, mut never) = (Robotic::new(&told())?, Robotic::new(&told())?);
     for tick in 0..30 {
         let mut same = Tuned::new(&told(), (tick % 2 == 0).then(told).as_ref())?;
         tuned_often.controller.tune(&mut same, tick);
         let (ours, theirs) = (tuned_often.drive(tick).1, never.drive(tick).1);
-        assert_eq!((ours.input, ours.tail), (theirs.input, theirs.tail), "tick {tick}");
+        // Its targets have been improved once more.
+        let inputs = |command: &Command| [command.input].into_iter().chain(command.tail).flatten().collect::<Vec<f64>>();
+        let apart = inputs(&ours).iter().zip(inputs(&theirs)).map(|(ours, theirs)| (ours - theirs).abs()).fold(0.0, f64::max);
+        assert!(apart < 1e-6, "tick {tick}: {apart}");
     }
     Ok(())
 }
