@@ -5,11 +5,12 @@
 //!   attendant thread              control thread       nothing is freed, locked or waited for on the right
 //!                    ◀───── returned, events
 //! ```
-//! The attendant also writes the control thread's events to the log.
+//! The attendant also writes the control thread's events to the log, and has what a person changes ready in the same way.
 
 mod examine;
 mod refusal;
 
+use crate::control::tuning::Tuned;
 use crate::sensors::SensorFault;
 use crossbeam_queue::ArrayQueue;
 use model::Velocity;
@@ -114,6 +115,12 @@ pub struct Handover {
     pub ready: ArrayQueue<Arrival>,
     /// Models that are no longer in use, to be freed.
     pub returned: ArrayQueue<Box<Candidate>>,
+    /// What a person has changed: to the control thread, one at a time.
+    pub tuned: ArrayQueue<Box<Tuned>>,
+    /// The same once it is in use, with what was before, to be freed.
+    pub exchanged: ArrayQueue<Box<Tuned>>,
+    /// The tick of the newest answer.
+    pub tick: AtomicU64,
     /// To the log; when it is full the newest are dropped and counted.
     pub events: ArrayQueue<Event>,
     /// Events that were dropped.
@@ -131,6 +138,9 @@ impl Default for Handover {
         Self {
             ready: ArrayQueue::new(4),
             returned: ArrayQueue::new(8),
+            tuned: ArrayQueue::new(1),
+            exchanged: ArrayQueue::new(1),
+            tick: AtomicU64::new(0),
             events: ArrayQueue::new(256),
             events_dropped: AtomicU64::new(0),
             refused: AtomicU64::new(0),

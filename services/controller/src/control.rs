@@ -2,6 +2,8 @@
 //!
 //! Between a state and its command nothing here allocates, locks, logs, blocks, or touches a file or socket.
 
+pub mod tuning;
+
 use crate::adopt::{Candidate, Event, Expected, Handover};
 use crate::fallback::{self, Ladder};
 use crate::knowledge::{Knowledge, Period};
@@ -11,14 +13,13 @@ use crate::sensors::{Driven, SensorFault, Watch};
 use crate::settings::{Method, Settings};
 use gate::Bounds;
 use gate::accept::{Situation, judge};
-use model::delay::DELAY_MAX;
 use model::foresight::Foresight;
 use model::main_model::{MainModel, fingerprint};
 use model::residual::bound;
 use model::{State, Velocity, wrap};
-use process::Pace;
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, HORIZON_MAX, Plan, PlantState, Reason, ResidualSample, Rung, SolverStatus, TAIL_MAX};
+use tuning::Tuned;
 
 /// Iterations in a period of a controller with foresight, which is to be as good as can be and not as fast.
 const FORESEEING_ITERATIONS: usize = 2;
@@ -104,17 +105,14 @@ impl Controller {
         let foresight = if settings.mpc.method == Method::Oracle { Some(foresight.ok_or(ControllerError::NoForesight)?) } else { None };
         let period = settings.run.period_nanos as f64 * 1e-9;
         let main = MainModel::new(&settings.robot, period);
-        let mut mpc = Mpc::new(&settings.mpc, &settings.robot, &main)?;
-        mpc.inject(settings.solver_faults.clone());
-        let budget = (settings.mpc.budget_share * settings.run.period_nanos as f64) as u64;
-        let ticks = (settings.duration_s / period).ceil() as usize + DELAY_MAX + mpc.horizon() + 1;
+        let Tuned { mpc, reference, points, budget_nanos, .. } = Tuned::new(settings, None)?;
         Ok(Self {
-            reference: Reference::new(&settings.reference, &settings.start, period, ticks)?,
-            points: vec![ReferencePoint::default(); DELAY_MAX + mpc.horizon() + 1],
+            reference: reference.unwrap_or_default(),
+            points,
             fingerprint: fingerprint(&main, settings.learned.layout.name()),
             watch: Watch::new(main, bound(&main, &settings.robot)),
             bounds: Bounds::new(&settings.robot, settings.run.period_nanos, 0),
-            budget_nanos: (settings.run.pace == Pace::RealTime).then_some(budget),
+            budget_nanos,
             knowledge: Knowledge::new(settings, main, foresight),
             mpc,
             method: settings.mpc.method,
@@ -284,16 +282,22 @@ impl Controller {
     fn prepare(&mut self, tick: u64, state: &State) {
         self.knowledge.look(tick);
         self.knowledge.settle_delay();
-        for (slot, offset) in self.points.iter_mut().zip(0..) {
-            *slot = self.reference.at(tick + offset);
-        }
         if self.prepared_for.is_none() {
             self.mpc.begin_at(state);
         }
-        self.mpc.prepare(planned(&self.points, &self.knowledge), &self.knowledge.belief());
+        self.mpc.shift();
+        self.aim(tick);
+        self.prepared_for = Some(tick);
+    }
+
+    /// Works out what the plan, which begins at `tick`, is to reach, and what it may err.
+    fn aim(&mut self, tick: u64) {
+        for (slot, offset) in self.points.iter_mut().zip(0..) {
+            *slot = self.reference.at(tick + offset);
+        }
+        self.mpc.aim(planned(&self.points, &self.knowledge), &self.knowledge.belief());
         let under_way = self.knowledge.delay().whole();
         self.mpc.expect_errors(under_way, |at| self.knowledge.step_variance(at));
-        self.prepared_for = Some(tick);
     }
 
     /// Gets ready for the tick after the one that was answered last: shifts the plan and works its targets out with the present model.

@@ -233,6 +233,21 @@ impl Mpc {
         (self.planned, self.expectation) = (false, None);
     }
 
+    /// Goes on from the plan of `before`, whose horizons may be others: what is beyond them is as at their end. Does not allocate.
+    pub fn inherit(&mut self, before: &Self) {
+        let (stages, deviations) = (before.stages.iter(), before.deviation.iter());
+        let end = before.stages.last().map(|stage| Stage { state: before.terminal, ..*stage }).unwrap_or_default();
+        for (stage, old) in self.stages.iter_mut().zip(stages.chain(std::iter::repeat(&end))) {
+            *stage = *old;
+        }
+        let last = before.deviation.last().copied().unwrap_or_default();
+        for (deviation, old) in self.deviation.iter_mut().zip(deviations.chain(std::iter::repeat(&last))) {
+            *deviation = *old;
+        }
+        self.terminal = before.stages.get(self.horizon).map_or(before.terminal, |stage| stage.state);
+        (self.target_disturbance, self.turn) = (before.target_disturbance, before.turn);
+    }
+
     /// N.
     pub fn horizon(&self) -> usize {
         self.horizon
@@ -258,11 +273,16 @@ impl Mpc {
         &self.terminal
     }
 
-    /// What can be done before the next state comes: moves the last plan on by one period, so that its second input becomes the first,
-    /// and works its targets out anew. `reference` begins at the tick that comes next. Does not allocate.
+    /// What can be done before the next state comes: moves the last plan on by one period ([`shift`](Self::shift)), and works its targets
+    /// out anew ([`aim`](Self::aim)). `reference` begins at the tick that comes next. Does not allocate.
     pub fn prepare(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
         self.expectation = None;
         self.shift();
+        self.aim(reference, belief);
+    }
+
+    /// Works the targets of the plan out anew. `reference` begins where the plan does. Does not allocate.
+    pub fn aim(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
         for (stage, point) in self.stages.iter_mut().zip(reference) {
             stage.target = self.limits.clamp(&target::of(self.formulation, belief, point, &stage.state, &stage.target));
         }
@@ -295,7 +315,8 @@ impl Mpc {
         }
     }
 
-    fn shift(&mut self) {
+    /// Moves the last plan on by one period, so that its second input becomes the first. Does not allocate.
+    pub fn shift(&mut self) {
         self.deviation.rotate_left(1);
         if let [.., before, last] = self.deviation.as_mut_slice() {
             *last = *before;

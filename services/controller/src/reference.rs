@@ -134,7 +134,7 @@ impl ReferencePoint {
 }
 
 /// The table. Constant during a run.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Reference {
     points: Vec<ReferencePoint>,
 }

@@ -1,12 +1,15 @@
 //! The loop around [`Controller`]: the only place with a clock, a stop signal and threads.
 
 mod attendant;
+mod desk;
 
 use crate::adopt::{Arrival, Event, Handover};
+use crate::control::tuning::RULES;
 use crate::control::{Controller, ControllerError};
 use crate::settings::Settings;
 use attendant::attend;
 use model::foresight::Foresight;
+use process::wishes::changed_before;
 use process::{Pace, Pulse, Seat, Stop};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, Participant, Phase, Plan, PlantState, ResidualSample};
@@ -79,6 +82,7 @@ pub fn run_foreseeing(
     connect: impl Fn(Identity) -> Result<Ports, OpenError> + Sync,
     stop: &Stop,
 ) -> Result<(), RunError> {
+    let settings = &told(settings);
     let handover = Handover::default();
     let identity = Identity::new(settings.run.epoch_floor);
     let done = Stop::new();
@@ -91,6 +95,21 @@ pub fn run_foreseeing(
         attendant.join().map_err(|_| RunError::Attendant)??;
         result
     })
+}
+
+/// What the launcher has told, with what a person has changed since in this run.
+fn told(settings: &Settings) -> Settings {
+    match changed_before(settings, Participant::Controller, &RULES) {
+        Ok((settings, 0)) => settings,
+        Ok((settings, changes)) => {
+            tracing::info!(changes, "what was set before is set again");
+            settings
+        }
+        Err(error) => {
+            tracing::warn!("what was set before is forgotten: {error}");
+            settings.clone()
+        }
+    }
 }
 
 /// The control thread's ports and memory.
@@ -153,11 +172,14 @@ impl<'a> Loop<'a> {
             if let Some(state) = state {
                 self.step(&state, stop)?;
             } else if self.rehearse_at.is_some_and(|at| at <= monotonic_nanos()) {
+                self.tune();
                 self.seat.hold();
                 self.controller.rehearse();
                 self.rehearse_at = None;
             } else if self.settings.run.pace == Pace::LockStep {
                 self.answer_again()?;
+            } else if self.rehearse_at.is_some() || self.is_unemployed() {
+                self.tune();
             }
             self.report();
         }
@@ -195,6 +217,7 @@ impl<'a> Loop<'a> {
             Pace::LockStep => self.take_due(tick + 1, stop)?,
         }
         self.controller.prepare_next();
+        self.tune();
         self.rehearse_at = self.time_to_rehearse(begin, nanos);
         Ok(())
     }
@@ -264,6 +287,7 @@ impl<'a> Loop<'a> {
             _ => 0,
         };
         self.answered = Some((plant_epoch, tick));
+        self.handover.tick.store(tick, Ordering::Relaxed);
         self.answered_at = monotonic_nanos();
         let late = self.settings.run.pace == Pace::RealTime && nanos > self.settings.run.period_nanos;
         let out_of_time = self.controller.ran_out_of_time();
@@ -286,6 +310,21 @@ impl<'a> Loop<'a> {
                 self.adopt(candidate, tick + 1);
             }
         }
+    }
+
+    /// Puts in use what a person has changed, if it is ready. Between two ticks, and not shortly before a state is expected.
+    fn tune(&mut self) {
+        let Some(mut tuned) = self.handover.tuned.pop() else { return };
+        self.controller.tune(&mut tuned, self.answered.map_or(0, |(_, tick)| tick + 1));
+        // The attendant has one under way at a time; should the slot be full, leaking one is better than freeing it here.
+        if let Err(before) = self.handover.exchanged.push(tuned) {
+            Box::leak(before);
+        }
+    }
+
+    /// Whether no state has come yet, or none for two periods.
+    fn is_unemployed(&self) -> bool {
+        self.answered.is_none() || monotonic_nanos() > self.answered_at + 2 * self.settings.run.period_nanos
     }
 
     /// Lock step: waits for the model that takes effect at `tick`, if the schedule has one there.

@@ -3,15 +3,16 @@
 //! ```text
 //! <temporary folder>/coxswain-<user id>/     of this user alone
 //!     <graph id>.toml                        who launched it: process id and the time when that process started
-//!     <graph id>/                            files and sockets of its links
+//!     <graph id>/                            files and sockets of its links; `run` names the folder of the run
 //! ```
 //! A process id comes again, the pair with its start time does not. A graph whose launcher is gone is stale: the next launcher sweeps it,
 //! after a kill -9 of everything too.
 
 use protocol::port::{Identity, Links, sweep};
 use serde::{Deserialize, Serialize};
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::io;
+use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -43,6 +44,9 @@ pub enum BerthError {
         source: io::Error,
     },
 }
+
+/// The file that names the folder of the run.
+const RUN: &str = "run";
 
 /// Who launched a graph.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -95,6 +99,26 @@ impl Berth {
     /// Folder for files and sockets of its links.
     pub fn root(&self) -> PathBuf {
         self.base.join(&self.id)
+    }
+
+    /// Says where the files of its run are, for who looks for them.
+    ///
+    /// # Errors
+    /// What the file system says.
+    pub fn note_run(&self, folder: &Path) -> io::Result<()> {
+        let half = self.root().join("run.half");
+        fs::write(&half, folder.as_os_str().as_bytes())?;
+        fs::rename(&half, self.root().join(RUN))
+    }
+
+    /// Where the files of its run are, once there are any.
+    pub fn run_folder(&self) -> Option<PathBuf> {
+        fs::read(self.root().join(RUN)).ok().map(|bytes| PathBuf::from(OsString::from_vec(bytes)))
+    }
+
+    /// Whether its launcher lives.
+    pub fn is_living(&self) -> bool {
+        Launcher::of(&self.launcher_file()).is_some_and(Launcher::lives)
     }
 
     /// Removes everything that is left of the graph, unless somebody still lives there.
@@ -172,10 +196,7 @@ fn stale(base: &Path) -> Vec<Berth> {
 fn signed(base: &Path, wanted: impl Fn(Launcher) -> bool) -> Vec<Berth> {
     let entries = fs::read_dir(base).into_iter().flatten().flatten();
     let files = entries.map(|entry| entry.path()).filter(|path| path.extension() == Some(OsStr::new("toml")));
-    let chosen = files.filter(|path| {
-        let launcher = fs::read_to_string(path).ok().and_then(|text| toml::from_str::<Launcher>(&text).ok());
-        launcher.is_some_and(&wanted)
-    });
+    let chosen = files.filter(|path| Launcher::of(path).is_some_and(&wanted));
     let ids = chosen.filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()));
     ids.map(|id| Berth { base: base.to_path_buf(), id }).collect()
 }
@@ -185,6 +206,11 @@ impl Launcher {
         let pid = std::process::id();
         let start_ticks = start_ticks(pid).ok_or(io::ErrorKind::InvalidData)?;
         Ok(Self { pid, start_ticks })
+    }
+
+    /// Whoever has signed `file`, if it is a signature.
+    fn of(file: &Path) -> Option<Self> {
+        toml::from_str(&fs::read_to_string(file).ok()?).ok()
     }
 
     fn lives(self) -> bool {

@@ -14,7 +14,7 @@ use crate::saboteur::Saboteur;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use crate::without_learning;
-use process::{Pace, go_first};
+use process::{Pace, go_first, wishes};
 use protocol::message::Participant;
 use protocol::port::{HalfMade, OpenError, Router, claim};
 use recorder::report;
@@ -190,6 +190,11 @@ fn run_at(
     }
     let links = assembly.links(berth.id(), &berth.root(), &endpoints);
     let voyage = Voyage { assembly, links, programs, folder };
+    // From here on it can be asked for changes.
+    wishes::welcome(&voyage.folder).and_then(|()| berth.note_run(&voyage.folder)).map_err(|source| {
+        let what = "the place for changes while it runs";
+        LaunchError::System { what, source }
+    })?;
     let Ended { outcome, complaints } = sail(&voyage, person)?;
     conclude(&voyage, &mut person.terminal);
     let outcome = outcome?;

@@ -23,6 +23,7 @@
 //! | [`launch`]   | one run from reading to sweeping                                                     |
 //! | [`progress`] | the live line                                                                        |
 //! | [`closing`]  | `summary.json` → the table at the end                                                |
+//! | [`set`]      | `coxswain set`: a change to the settings of a robot that drives                      |
 //! | [`records`]  | `coxswain report`, `coxswain export`: what is made from records                      |
 //! | [`experiment`] | controllers compared in scenarios                                                    |
 //! | [`without_learning`] | the same run without learning, for the live page to show beside it                |
@@ -53,6 +54,7 @@ pub mod role;
 pub mod roster;
 pub mod saboteur;
 pub mod scenario;
+pub mod set;
 pub mod terminal;
 pub mod watch;
 pub mod without_learning;

@@ -9,6 +9,7 @@ use coxswain::launch::LaunchError;
 use coxswain::lookout::{self, WatchOptions};
 use coxswain::options::Options;
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
+use coxswain::set::SetOptions;
 use coxswain::terminal::Terminal;
 use process::Stop;
 use rustix::process::{Signal, getpid, kill_process, set_parent_process_death_signal};
@@ -41,6 +42,13 @@ enum Command {
     /// Offer damaged messages to decoders and gate, and print what came of it and of this process's memory: a part of the drill.
     #[command(hide = true)]
     Offer(OfferOptions),
+    /// Change settings of a robot that drives, on its own machine: all that is said together is in use from one tick on, or nothing is.
+    ///
+    /// mpc.weights, mpc.state_limits, mpc.horizon_steps, mpc.control_horizon_steps, mpc.budget_share, mpc.solver, reference,
+    /// learner.every_ticks, learner.evaluations_max. The record says who changed what and when.
+    ///
+    /// Exit code 0 if it is in use, 2 if it was refused, 1 if there is nobody to ask.
+    Set(SetOptions),
     /// Make one page with every figure of a run, or of several in the same figures.
     ///
     /// Exit code 2 if there is no record to read, 1 if the page cannot be written.
@@ -66,9 +74,20 @@ fn main() -> ExitCode {
         Command::Watch(options) => watch(&options),
         Command::Drill(options) => drill(&options),
         Command::Offer(options) => offer(&options),
+        Command::Set(options) => set(&options),
         Command::Report(options) => made(records::report(&options)),
         Command::Export(options) => made(records::export(&options)),
         Command::Experiment(Experiment::Compare(options)) => compare(&options),
+    }
+}
+
+fn set(options: &SetOptions) -> ExitCode {
+    match coxswain::set::run(options, &berth::base()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
     }
 }
 

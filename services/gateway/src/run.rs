@@ -4,6 +4,7 @@ use crate::berth;
 use crate::lane::{HealthLane, Lane};
 use crate::page::{Feed, Page, PageError};
 use crate::settings::{Rates, Settings};
+use process::wishes::Answers;
 use process::{Pulse, Stop};
 use protocol::message::{ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth};
 use protocol::port::{OpenError, Ports, ReceiveError, Tally};
@@ -42,6 +43,7 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
     let mut publisher = publisher(settings)?;
     let mut page = page(settings)?;
     pulse.phase(Phase::Ready);
+    let mut answers = if settings.run.restarted { Answers::from_now_on(&settings.run.folder) } else { Answers::all(&settings.run.folder) };
     let breath = settings.rates.shortest_interval() / 2;
     while !stop.requested() {
         if relay.plans.source.wait(PATIENCE)? {
@@ -49,6 +51,7 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
         }
         relay.pass(&mut publisher, page.as_mut().map(Page::feed))?;
         if let Some(page) = &mut page {
+            answers.look().iter().for_each(|settled| page.feed().hear_change(settled));
             page.turn(Instant::now());
         }
         relay.count(&mut pulse);

@@ -3,6 +3,7 @@
 //! | module       | what it does                                                     |
 //! |--------------|------------------------------------------------------------------|
 //! | [`settings`] | what a person may set                                            |
+//! | [`desk`]     | what a person changes while the robot drives                     |
 //! | [`fit`]      | a data set in, hyperparameters and posterior out                 |
 //! | [`held_out`] | how far a new sample is off                                      |
 //! | [`snapshot`] | what was fitted, scored and put into a message                   |
@@ -10,6 +11,7 @@
 //! | [`store`]    | the last snapshot, kept in a file and resumed from it            |
 //! | [`run`]      | the loop: samples keep arriving while the fit runs beside it     |
 
+pub mod desk;
 pub mod fit;
 pub mod held_out;
 pub mod liar;

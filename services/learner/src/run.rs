@@ -8,12 +8,16 @@
 //! V = D − 1 samples after the cut score the snapshot; it has not seen them. In lock step every cut gives a snapshot, in order. In
 //! real time a cut that falls into a running fit is left out.
 
-use crate::fit::{FailedFit, FittedModel, Outset};
+mod fitter;
+
+use crate::desk::Desk;
+use crate::fit::{FittedModel, Outset};
 use crate::held_out::HeldOut;
 use crate::liar::Liar;
-use crate::settings::{LearnerSettings, Settings};
+use crate::settings::Settings;
 use crate::snapshot::{self, Label};
 use crate::store;
+use fitter::{Done, Job, fit_jobs};
 use model::gp::dictionary::{Dictionary, Observation, Outcome, Selection};
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::posterior::VarianceScratch;
@@ -63,18 +67,6 @@ pub enum RunError {
     Fitter,
 }
 
-/// A data set to fit.
-struct Job<const D: usize> {
-    cut: u64,
-    /// With the scale of its noise each.
-    observations: Vec<(Observation<D>, f64)>,
-    /// Whether the fit begins from the outset, not where the last one ended.
-    anew: bool,
-}
-
-/// What came of it.
-type Done<const D: usize> = (u64, Result<FittedModel<D>, FailedFit>);
-
 /// Learns until it is told to stop.
 ///
 /// # Errors
@@ -88,32 +80,17 @@ pub fn run(settings: &Settings, ports: &Ports, stop: &Stop) -> Result<(), RunErr
 
 /// The same, of a residual over D inputs.
 fn run_over<const D: usize>(settings: &Settings, ports: &Ports, stop: &Stop) -> Result<(), RunError> {
+    let desk = Desk::open(settings);
     let outset = outset::<D>(settings);
     let (jobs, inbox) = mpsc::channel::<Job<D>>();
     let (outbox, done) = mpsc::channel::<Done<D>>();
     thread::scope(|scope| {
-        let mut learner = Learner::new(settings, ports, outset, jobs, done)?;
+        let mut learner = Learner::new(settings, ports, outset, desk, (jobs, done))?;
         let start = learner.start;
-        scope.spawn(move || fit_jobs(&outset, start, &inbox, &outbox));
+        scope.spawn(move || fit_jobs(outset, start, &inbox, &outbox));
         learner.run(stop)
         // The job channel closes with `learner`, which ends the fitting thread.
     })
-}
-
-/// Fits one job after the other, each from where the last one ended.
-fn fit_jobs<const D: usize>(outset: &Outset<D>, mut start: [Hyperparameters<D>; AXES], inbox: &Receiver<Job<D>>, outbox: &Sender<Done<D>>) {
-    while let Ok(job) = inbox.recv() {
-        if job.anew {
-            start = outset.hyperparameters();
-        }
-        let fitted = outset.fit(&job.observations, &start);
-        if let Ok(fitted) = &fitted {
-            start = fitted.hyperparameters;
-        }
-        if outbox.send((job.cut, fitted)).is_err() {
-            return;
-        }
-    }
 }
 
 fn outset<const D: usize>(settings: &Settings) -> Outset<D> {
@@ -153,6 +130,8 @@ struct Learner<'a, const D: usize> {
     settings: &'a Settings,
     fingerprint: u64,
     outset: Outset<D>,
+    /// What a person may change meanwhile.
+    desk: Desk,
     samples: Source<ResidualSample>,
     snapshots: Sink<ModelSnapshot>,
     pulse: Pulse,
@@ -189,8 +168,8 @@ impl<'a, const D: usize> Learner<'a, D> {
         settings: &'a Settings,
         ports: &Ports,
         outset: Outset<D>,
-        jobs: Sender<Job<D>>,
-        done: Receiver<Done<D>>,
+        desk: Desk,
+        (jobs, done): (Sender<Job<D>>, Receiver<Done<D>>),
     ) -> Result<Self, OpenError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
         let fingerprint = fingerprint(&main_model(settings), settings.learner.layout.name());
@@ -201,6 +180,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             settings,
             fingerprint,
             outset,
+            desk,
             samples: ports.source(since)?,
             snapshots: ports.sink()?,
             pulse: Pulse::new(ports, Participant::Learner)?,
@@ -242,6 +222,7 @@ impl<'a, const D: usize> Learner<'a, D> {
                 self.take_in(&sample)?;
             }
             self.publish_finished()?;
+            self.tune();
             self.snapshots.refresh()?;
             self.report();
         }
@@ -294,14 +275,14 @@ impl<'a, const D: usize> Learner<'a, D> {
                 self.recent.push_back(*sample);
             }
         }
-        let cut = tick / self.settings.learner.every_ticks;
+        let cut = tick / self.desk.every_ticks();
         let free = self.pending.is_empty() || self.settings.run.pace == Pace::LockStep;
         if cut > self.last_cut && free {
             self.last_cut = cut;
-            let cut = cut * self.settings.learner.every_ticks;
+            let cut = cut * self.desk.every_ticks();
             self.pending.push_back(cut);
             let observations = self.dictionary.observations().map(|(observation, scale)| (*observation, scale)).collect();
-            let job = Job { cut, observations, anew: std::mem::take(&mut self.anew) };
+            let job = Job { cut, observations, anew: std::mem::take(&mut self.anew), evaluations_max: self.desk.evaluations_max() };
             self.jobs.send(job).map_err(|_| RunError::Fitter)?;
         }
         Ok(())
@@ -411,7 +392,7 @@ impl<'a, const D: usize> Learner<'a, D> {
     /// The first sample tells how far time has come. What had been learnt before goes out again: at once, and for every cut that has
     /// been missed and whose model is still due.
     fn join(&mut self, sample: &ResidualSample) -> Result<(), RunError> {
-        let LearnerSettings { every_ticks, delay_ticks, .. } = self.settings.learner;
+        let (every_ticks, delay_ticks) = (self.desk.every_ticks(), self.settings.learner.delay_ticks);
         let tick = sample.stamp.tick;
         self.last_cut = tick / every_ticks;
         if tick == 0 && (self.last.is_some() || self.settings.learner.resume.is_some()) {
@@ -422,6 +403,13 @@ impl<'a, const D: usize> Learner<'a, D> {
             self.publish_again(cut * every_ticks, sample.plant_epoch)?;
         }
         Ok(())
+    }
+
+    /// Between two samples: what a person has changed acts from the next one on.
+    fn tune(&mut self) {
+        if self.desk.tend(self.newest) {
+            self.last_cut = self.newest.map_or(0, |(_, tick)| tick / self.desk.every_ticks());
+        }
     }
 
     fn report(&mut self) {

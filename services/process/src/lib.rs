@@ -9,6 +9,7 @@
 //! | `priority` | [`go_first`]: what a command waits for runs before everything else           |
 //! | `witness` | [`Witness`]: when the machine let nobody run                                 |
 //! | `seat`  | [`Seat`]: a thread held on its processor                                       |
+//! | [`wishes`] | a person ▶ a running process: changes to its settings                       |
 
 mod priority;
 mod pulse;
@@ -16,6 +17,7 @@ mod run;
 mod seat;
 mod start;
 mod stop;
+pub mod wishes;
 mod witness;
 
 pub use priority::{give_way, go_first, step_back};

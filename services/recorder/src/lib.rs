@@ -5,6 +5,7 @@
 //! | [`run`]      | the loop: drains every topic, grants credit, ends the record            |
 //! | [`settings`] | what a person may set                                                   |
 //! | `store`      | where the record goes while the disk is full: nowhere, and is counted   |
+//! | `changes`    | what a person has changed while the robot drove → channel `set`         |
 //! | [`segment`]  | one MCAP file of the record, open for writing                           |
 //! | [`reader`]   | MCAP files → messages                                                   |
 //! | [`rows`]     | what the summary needs, read back from the files                        |
@@ -27,6 +28,7 @@
 //! # Ok::<(), recorder::rows::ReadError>(())
 //! ```
 
+mod changes;
 pub mod export;
 mod grant;
 mod intake;

@@ -1,5 +1,6 @@
 //! every topic → one MCAP file → `summary.json`.
 
+use crate::changes::Changes;
 use crate::grant::Grant;
 use crate::intake::Intake;
 use crate::rows::{ReadError, Rows};
@@ -88,6 +89,7 @@ struct Recorder<'a> {
     intake: Intake,
     grant: Grant,
     store: Store,
+    changes: Changes,
     pulse: &'a mut Pulse,
 }
 
@@ -98,6 +100,7 @@ impl<'a> Recorder<'a> {
             intake: Intake::open(ports, since, settings.run.period_nanos)?,
             grant: Grant::open(ports, settings.run.pace)?,
             store: Store::new(segment, &settings.run),
+            changes: Changes::new(&settings.run.folder),
             pulse,
         })
     }
@@ -144,6 +147,7 @@ impl<'a> Recorder<'a> {
                 heard = Instant::now();
             }
         }
+        self.changes.write_last(&mut self.store)?;
         self.count();
         // What was lost until the very end belongs into the record, and nothing is read any more.
         self.pulse.send_now();
@@ -155,6 +159,7 @@ impl<'a> Recorder<'a> {
     fn round(&mut self) -> Result<Round, RecorderError> {
         let written = self.intake.drain(&mut self.store, &mut self.grant)?;
         self.store.tend()?;
+        self.changes.write_new(&mut self.store)?;
         Ok(if written == 0 { Round::Idle } else { Round::Wrote })
     }
 

@@ -3,14 +3,17 @@
 //! A run's first file is `record.mcap`; a recorder that is started again in the same run goes on in `record-2.mcap`, and so on. No file is ever
 //! written over. What was written more than 0.2 s ago is with the operating system and survives a kill -9.
 
+use crate::changes;
 use crate::visual::{Drawing, Shown};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
+use process::wishes::Settled;
 use process::{Pace, Run};
 use protocol::clock;
 use protocol::message::{Command, Health, ModelSnapshot, Plan, PlantState, ResidualSample, Truth};
 use protocol::topic::{TOPIC_COUNT, Topic};
 use protocol::view::{self, View, Viewable};
+use serde::Serialize;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
@@ -67,6 +70,8 @@ pub struct Segment {
     channels: [Option<u16>; TOPIC_COUNT],
     /// Of what is drawn, and how often that was, in the order of [`Shown::ALL`].
     drawings: [(u16, u32); Shown::ALL.len()],
+    /// Of what a person has changed.
+    changes: u16,
     json: Vec<u8>,
     flushed_nanos: u64,
     /// The same file, to cut it off where it is whole.
@@ -114,8 +119,10 @@ impl Segment {
             let schema = writer.add_schema(shown.kind(), "jsonschema", shown.schema().to_string().as_bytes())?;
             *channel = writer.add_channel(schema, shown.channel(), "json", &BTreeMap::new())?;
         }
+        let schema = writer.add_schema(changes::KIND, "jsonschema", changes::schema().to_string().as_bytes())?;
+        let changes = writer.add_channel(schema, changes::CHANNEL, "json", &BTreeMap::new())?;
         let (json, flushed_nanos) = (Vec::new(), clock::monotonic_nanos());
-        Ok(Self { path, writer, channels, drawings, json, flushed_nanos, file: kept, whole_bytes: 0, since: [0; TOPIC_COUNT] })
+        Ok(Self { path, writer, channels, drawings, changes, json, flushed_nanos, file: kept, whole_bytes: 0, since: [0; TOPIC_COUNT] })
     }
 
     /// Appends `message`, under the time at which it was sent.
@@ -138,9 +145,17 @@ impl Segment {
         let Some((channel_id, count)) = self.drawings.get_mut(shown as usize) else { return Ok(()) };
         *count += 1;
         let header = MessageHeader { channel_id: *channel_id, sequence: *count, log_time, publish_time: log_time };
-        self.json.clear();
-        let written = serde_json::to_writer(&mut self.json, drawing).map_err(|error| McapError::Io(error.into()));
-        written.and_then(|()| self.writer.write_to_known_channel(&header, &self.json)).map_err(|error| self.failed(error))
+        self.append_json(&header, drawing).map_err(|error| self.failed(error))
+    }
+
+    /// Appends what a person has changed, or was refused, under the time of the answer.
+    ///
+    /// # Errors
+    /// [`RecordError::Write`].
+    pub(crate) fn write_change(&mut self, settled: &Settled) -> Result<(), RecordError> {
+        let (log_time, sequence) = (settled.answer.answered_nanos, settled.number as u32);
+        let header = MessageHeader { channel_id: self.changes, sequence, log_time, publish_time: log_time };
+        self.append_json(&header, settled).map_err(|error| self.failed(error))
     }
 
     /// Hands to the operating system what has waited for 0.2 s.
@@ -199,11 +214,14 @@ impl Segment {
         let stamp = message.stamp();
         let channel = self.channels.get(T::TOPIC.index()).copied().flatten();
         let channel_id = channel.ok_or(McapError::UnknownChannel(stamp.sequence as u32, 0))?;
-        self.json.clear();
-        serde_json::to_writer(&mut self.json, &View(message)).map_err(io::Error::from)?;
         let (log_time, sequence) = (stamp.sent_nanos, stamp.sequence as u32);
-        let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
-        self.writer.write_to_known_channel(&header, &self.json)
+        self.append_json(&MessageHeader { channel_id, sequence, log_time, publish_time: log_time }, &View(message))
+    }
+
+    fn append_json(&mut self, header: &MessageHeader, says: &impl Serialize) -> Result<(), McapError> {
+        self.json.clear();
+        serde_json::to_writer(&mut self.json, says).map_err(io::Error::from)?;
+        self.writer.write_to_known_channel(header, &self.json)
     }
 
     fn failed(&self, error: McapError) -> RecordError {

@@ -2,6 +2,7 @@
 
 use crate::segment::{RecordError, Segment};
 use crate::visual::{Drawing, Shown};
+use process::wishes::Settled;
 use process::{Pace, Run};
 use protocol::topic::TOPIC_COUNT;
 use protocol::view::Viewable;
@@ -16,6 +17,8 @@ const RETRY: Duration = Duration::from_secs(1);
 pub(crate) struct Store {
     run: Run,
     segment: Option<Segment>,
+    /// How many there have been.
+    files: u64,
     /// Why there is none.
     closed: String,
     retry_at: Instant,
@@ -25,7 +28,8 @@ pub(crate) struct Store {
 
 impl Store {
     pub(crate) fn new(segment: Segment, run: &Run) -> Self {
-        Self { run: run.clone(), segment: Some(segment), closed: String::new(), retry_at: Instant::now(), unwritten: [0; TOPIC_COUNT] }
+        let closed = String::new();
+        Self { run: run.clone(), segment: Some(segment), files: 1, closed, retry_at: Instant::now(), unwritten: [0; TOPIC_COUNT] }
     }
 
     /// Appends `message`, or counts it.
@@ -54,6 +58,20 @@ impl Store {
         Ok(())
     }
 
+    /// Appends what a person has changed, if there is a file.
+    ///
+    /// # Errors
+    /// [`RecordError`] in lock step.
+    pub(crate) fn write_change(&mut self, settled: &Settled) -> Result<(), RecordError> {
+        let written = self.segment.as_mut().map_or(Ok(()), |segment| segment.write_change(settled));
+        self.survive(written)
+    }
+
+    /// How many files there have been, the present one included.
+    pub(crate) fn files(&self) -> u64 {
+        self.files
+    }
+
     /// Hands to the operating system what has waited, or looks whether there is room again.
     ///
     /// # Errors
@@ -69,6 +87,7 @@ impl Store {
                 Ok(segment) => {
                     tracing::warn!(unwritten = ?self.unwritten, "there is room again: the record goes on in another file");
                     self.segment = Some(segment);
+                    self.files += 1;
                 }
                 // What was begun of it holds nothing.
                 Err(RecordError::Write { path, .. }) => drop(fs::remove_file(path)),

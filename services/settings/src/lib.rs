@@ -4,6 +4,7 @@
 //! |-----------|-------------------------------------------------------------------------|
 //! | `check`   | [`Check`]: whether settings that read well are possible too             |
 //! | `read`    | file → text → table → type → checked type                               |
+//! | [`change`] | settings in use + a few keys → settings                                |
 //! | `explain` | what serde says of a document, as one of our errors                     |
 //! | `error`   | [`SettingsError`]: file, line, key, value, and what was expected        |
 //! | `place`   | dotted key ↔ place in the document                                      |
@@ -30,6 +31,7 @@
 //! assert_eq!(told.err().as_deref(), Some("load.toml:2: mass_kg = -3.0: expected a positive mass"));
 //! ```
 
+pub mod change;
 mod check;
 mod error;
 mod explain;

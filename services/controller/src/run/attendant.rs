@@ -1,5 +1,6 @@
-//! The thread beside the control thread: prepares models, frees old ones, writes events to the log.
+//! The thread beside the control thread: prepares models and what a person changes, frees old ones, writes events to the log.
 
+use super::desk::Desk;
 use super::{PATIENCE, RunError};
 use crate::adopt::{Arrival, Event, Examiner, Handover};
 use crate::control::Controller;
@@ -9,6 +10,10 @@ use protocol::message::ModelSnapshot;
 use protocol::port::{Identity, OpenError, Ports, Since, Source};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::Thread;
+use std::time::Duration;
+
+/// How long a wait lasts while somebody waits for an answer.
+const PROMPT: Duration = Duration::from_millis(2);
 
 /// Says that the attendant has gone, however it goes.
 struct Gone<'a>(&'a AtomicBool);
@@ -34,9 +39,11 @@ pub(super) fn attend(
     }
     let ports = connect(identity)?;
     let mut snapshots: Source<ModelSnapshot> = ports.source(Since::Joining)?;
+    let mut desk = Desk::open(settings);
     let mut examiner = Examiner::new(Controller::expected(settings));
     while !done.requested() {
-        snapshots.wait(PATIENCE)?;
+        snapshots.wait(if desk.waits() { PROMPT } else { PATIENCE })?;
+        desk.tend(handover);
         while let Some(snapshot) = snapshots.next()? {
             let arrival = match examiner.examine(&snapshot) {
                 Ok(candidate) => Arrival::Candidate(Box::new(candidate)),
@@ -57,6 +64,7 @@ pub(super) fn attend(
         while handover.returned.pop().is_some() {}
         write_events(handover);
     }
+    desk.close(handover);
     write_events(handover);
     Ok(())
 }

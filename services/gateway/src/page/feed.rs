@@ -7,6 +7,7 @@ use super::round;
 use super::rows::{History, PlanRow, StateRow};
 use crate::comparison::{Comparison, Row, Standing};
 use crate::settings::{About, Settings};
+use process::wishes::Settled;
 use protocol::message::{Health, ModelSnapshot, Participant, Plan, PlantState, Reason, Rung};
 use serde::Serialize;
 use std::sync::Arc;
@@ -200,6 +201,13 @@ impl Feed {
         match place {
             Some(process) => process.take_in(health, now, |sort, text| logbook.write(seconds, who, sort, text)),
             None => *place = Some(Process::new(health, now)),
+        }
+    }
+
+    /// Hears what a person has changed, or was refused.
+    pub(crate) fn hear_change(&mut self, settled: &Settled) {
+        if let Some(&who) = Participant::ALL.iter().find(|who| who.text() == settled.process) {
+            self.logbook.write(self.now_s(), who, Sort::Note, settled.to_string());
         }
     }
 

@@ -1,9 +1,10 @@
 //! gate, health and list of injected faults → what happened, and when.
 
 use super::heard::{GateWords, Health};
+use process::wishes::{Outcome, Settled};
 use protocol::message::Rung;
 use serde::Deserialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
@@ -35,6 +36,8 @@ pub(super) struct Log {
     refused: Option<u64>,
     /// By participant: its process instance and what it had counted.
     roles: BTreeMap<String, Role>,
+    /// Changes by a person, by process and number.
+    changes: BTreeSet<(String, u64)>,
     /// The last one that was heard of.
     tick: u64,
 }
@@ -103,6 +106,16 @@ impl Log {
         for what in told {
             self.note(tick, what);
         }
+    }
+
+    /// Hears what a person has changed, or was refused; what is said again is passed over, and what nobody understands.
+    pub(super) fn hear_change(&mut self, json: &[u8]) {
+        let Ok(settled) = serde_json::from_slice::<Settled>(json) else { return };
+        if !self.changes.insert((settled.process.clone(), settled.number)) {
+            return;
+        }
+        let tick = if let Outcome::Applied { acts_from_tick, .. } = settled.answer.outcome { acts_from_tick } else { self.tick };
+        self.note(tick, settled.to_string());
     }
 
     /// Reads the list of faults that were injected into processes, if there is one in `folder`. `tick_at` finds the tick of a moment.

@@ -5,6 +5,7 @@
 use super::ReportError;
 use super::events::{Event, Log};
 use super::heard::{Health, Plan, PlanTick, Sample, Snapshot, State, StateTick};
+use crate::changes;
 use crate::reader::{self, Head, SourceError};
 use crate::rows::{Mark, Rows, TruthRow};
 use crate::summary::Summary;
@@ -149,6 +150,10 @@ struct Stamped {
 
 impl Reading {
     fn take(&mut self, message: &Message<'_>) {
+        if message.channel.topic == changes::CHANNEL {
+            // Each file says again what was changed before it.
+            return self.log.hear_change(&message.data);
+        }
         let Some(topic) = Topic::ALL.into_iter().find(|topic| topic.name() == message.channel.topic) else { return };
         match self.add(topic, &message.data, message.log_time) {
             Ok(()) => {

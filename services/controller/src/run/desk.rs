@@ -1,0 +1,96 @@
+//! What a person wishes ▶ parts for the control thread, and an answer.
+
+use crate::adopt::Handover;
+use crate::control::ControllerError;
+use crate::control::tuning::{RULES, Tuned};
+use crate::settings::Settings;
+use process::wishes::{Inbox, NotAsked, Outcome, Wish};
+use protocol::message::Participant;
+use settings::change::{Change, ChangeError, changed};
+use std::sync::atomic::Ordering;
+
+/// Why a change is refused.
+#[derive(Debug, thiserror::Error)]
+enum Refusal {
+    #[error(transparent)]
+    NotAsked(#[from] NotAsked),
+    #[error(transparent)]
+    Change(#[from] ChangeError),
+    #[error(transparent)]
+    Controller(#[from] ControllerError),
+    #[error("the run has come to its end before it could act")]
+    Over,
+}
+
+/// A change that the control thread has not put in use yet.
+struct UnderWay {
+    settings: Settings,
+    taken_at_tick: u64,
+}
+
+/// Takes wishes up, one at a time.
+pub(super) struct Desk {
+    inbox: Inbox,
+    /// As they are in use.
+    settings: Settings,
+    under_way: Option<UnderWay>,
+}
+
+impl Desk {
+    pub(super) fn open(settings: &Settings) -> Self {
+        Self { inbox: Inbox::open(&settings.run, Participant::Controller), settings: settings.clone(), under_way: None }
+    }
+
+    /// Whether an answer is due as soon as the control thread has done its part.
+    pub(super) fn waits(&self) -> bool {
+        self.under_way.is_some()
+    }
+
+    /// Answers what has been put in use, and takes up the next wish.
+    pub(super) fn tend(&mut self, handover: &Handover) {
+        self.answer_exchanged(handover);
+        if self.under_way.is_some() {
+            return;
+        }
+        let Some(wish) = self.inbox.take() else { return };
+        let taken_at_tick = handover.tick.load(Ordering::Relaxed);
+        match self.build(wish) {
+            Ok((settings, tuned)) => {
+                self.under_way = Some(UnderWay { settings, taken_at_tick });
+                // The slot is free: nothing else is under way.
+                drop(handover.tuned.push(Box::new(tuned)));
+            }
+            Err(refusal) => self.refuse(&refusal),
+        }
+    }
+
+    /// Nobody puts anything in use any more.
+    pub(super) fn close(&mut self, handover: &Handover) {
+        self.answer_exchanged(handover);
+        if self.under_way.take().is_some() {
+            self.refuse(&Refusal::Over);
+        }
+    }
+
+    fn build(&self, wish: Result<Wish, NotAsked>) -> Result<(Settings, Tuned), Refusal> {
+        let change = Change::parse(&wish?.change)?;
+        let settings = changed(&self.settings, &[change], &RULES)?;
+        let tuned = Tuned::new(&settings, Some(&self.settings))?;
+        Ok((settings, tuned))
+    }
+
+    fn refuse(&mut self, refusal: &Refusal) {
+        self.inbox.answer(Outcome::Refused { reason: refusal.to_string() });
+    }
+
+    fn answer_exchanged(&mut self, handover: &Handover) {
+        let Some(tuned) = handover.exchanged.pop() else { return };
+        let (Some(UnderWay { settings, taken_at_tick }), Some((plant_epoch, acts_from_tick))) = (self.under_way.take(), tuned.since) else {
+            return;
+        };
+        self.settings = settings;
+        // A plant that has begun anew meanwhile counts anew.
+        let taken_at_tick = taken_at_tick.min(acts_from_tick);
+        self.inbox.answer(Outcome::Applied { plant_epoch, taken_at_tick, acts_from_tick });
+    }
+}

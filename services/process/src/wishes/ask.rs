@@ -1,0 +1,83 @@
+//! What a person wishes → a file, whole and under a number of its own.
+
+use super::{FOLDER, Settled, Wish, wish_file};
+use protocol::message::Participant;
+use std::fs::{self, Permissions};
+use std::io::{self, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// How often it is looked whether there is an answer.
+const LOOK: Duration = Duration::from_millis(2);
+
+/// A wish could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {source}", path.display())]
+pub struct AskError {
+    /// What could not be used.
+    pub path: PathBuf,
+    /// What the system said.
+    pub source: io::Error,
+}
+
+/// A wish that was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Asked {
+    folder: PathBuf,
+    role: Participant,
+    /// Its number.
+    pub number: u64,
+}
+
+/// Asks the process of `role` in the run in `folder`.
+///
+/// # Errors
+/// [`AskError`] if the folder cannot be written to, or is none of a run.
+pub fn ask(folder: &Path, role: Participant, wish: &Wish) -> Result<Asked, AskError> {
+    let inside = folder.join(FOLDER);
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        move |source| AskError { path, source }
+    };
+    // The process may be another user's.
+    let readable = Permissions::from_mode(0o644);
+    let mut whole = tempfile::Builder::new().prefix(".wish-").permissions(readable).tempfile_in(&inside).map_err(failed(&inside))?;
+    serde_json::to_writer(&mut whole, wish).map_err(io::Error::from).and_then(|()| whole.flush()).map_err(failed(whole.path()))?;
+    let mut number = last(&inside, role).map_err(failed(&inside))?;
+    loop {
+        number += 1;
+        let file = wish_file(folder, role, number);
+        // Of two who ask at once, one has the number and the other the next.
+        match fs::hard_link(whole.path(), &file) {
+            Ok(()) => return Ok(Asked { folder: folder.to_owned(), role, number }),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(source) => return Err(AskError { path: file, source }),
+        }
+    }
+}
+
+/// The highest number that there is.
+fn last(inside: &Path, role: Participant) -> io::Result<u64> {
+    let number = |name: &str| name.strip_prefix(role.text())?.strip_prefix('-')?.strip_suffix(".json")?.parse().ok();
+    Ok(fs::read_dir(inside)?.flatten().filter_map(|entry| number(entry.file_name().to_str()?)).max().unwrap_or(0))
+}
+
+impl Asked {
+    /// The answer, if there is one by now.
+    pub fn answer(&self) -> Option<Settled> {
+        Settled::read(&self.folder, self.role, self.number)
+    }
+
+    /// Waits for the answer, `patience` at most, as long as it `may` come.
+    pub fn wait(&self, patience: Duration, mut may: impl FnMut() -> bool) -> Option<Settled> {
+        let begin = Instant::now();
+        while begin.elapsed() < patience && may() {
+            if let Some(settled) = self.answer() {
+                return Some(settled);
+            }
+            std::thread::sleep(LOOK);
+        }
+        self.answer()
+    }
+}

@@ -1,0 +1,109 @@
+//! The process's own side: wishes one after the other, and the answers.
+
+use super::{Answer, FOLDER, Outcome, Settled, Wish, answer_file, answered, wish_file};
+use crate::{HasRun, Pace, Run};
+use protocol::clock::monotonic_nanos;
+use protocol::message::Participant;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use settings::Check;
+use settings::change::{Change, ChangeError, Rules, changed};
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Longest time between two looks.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// Why a wish is refused before anybody has looked at what it says.
+#[derive(Debug, thiserror::Error)]
+pub enum NotAsked {
+    /// In lock step every run gives the same bits, whatever the clock says.
+    #[error("in lock step nothing can be changed while it runs: the same settings give the same bits")]
+    LockStep,
+    /// Somebody wrote something else.
+    #[error("this is no wish: {0}")]
+    NoWish(#[source] io::Error),
+}
+
+/// The wishes that one process is asked.
+#[derive(Debug)]
+pub struct Inbox {
+    folder: PathBuf,
+    role: Participant,
+    pace: Pace,
+    /// Whether the run takes wishes at all.
+    open: bool,
+    /// Number of the next one.
+    next: u64,
+    /// Who owns the file of the one that was taken last.
+    user: u32,
+    look_at: Instant,
+}
+
+impl Inbox {
+    /// That of the process of `role` in a run, behind everything that has been answered.
+    pub fn open(run: &Run, role: Participant) -> Self {
+        let folder = run.folder.clone();
+        let open = folder.join(FOLDER).is_dir();
+        let next = answered(&folder, role) + 1;
+        Self { folder, role, pace: run.pace, open, next, user: 0, look_at: Instant::now() }
+    }
+
+    /// The next wish, if there is one; nothing but a look at one name if there is none, and not more often than every 10 ms.
+    /// It is to be [answered](Self::answer) before the next.
+    pub fn take(&mut self) -> Option<Result<Wish, NotAsked>> {
+        let now = Instant::now();
+        if !self.open || now < self.look_at {
+            return None;
+        }
+        self.look_at = now + LOOK;
+        let (wish, user) = match Wish::read(&wish_file(&self.folder, self.role, self.next)) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return None,
+            Err(error) => return Some(Err(NotAsked::NoWish(error))),
+            Ok(read) => read,
+        };
+        self.user = user;
+        Some(if self.pace == Pace::LockStep { Err(NotAsked::LockStep) } else { Ok(wish) })
+    }
+
+    /// Answers the wish that was taken last. From then on it is not asked again.
+    pub fn answer(&mut self, outcome: Outcome) {
+        let number = self.next;
+        match &outcome {
+            Outcome::Applied { acts_from_tick, .. } => tracing::info!(number, acts_from_tick, "set"),
+            Outcome::Refused { reason } => tracing::info!(number, %reason, "not set"),
+        }
+        let file = answer_file(&self.folder, self.role, number);
+        let answer = Answer { user: self.user, answered_nanos: monotonic_nanos(), outcome };
+        if let Err(error) = write(&file, &answer) {
+            tracing::warn!(%error, file = %file.display(), "the answer cannot be written");
+        }
+        self.next += 1;
+        self.look_at = Instant::now();
+    }
+}
+
+/// All of it, or nothing.
+fn write(file: &Path, answer: &Answer) -> io::Result<()> {
+    let half = file.with_extension("half");
+    fs::write(&half, serde_json::to_vec(answer).map_err(io::Error::other)?)?;
+    fs::rename(&half, file)
+}
+
+/// `settings` with everything that was applied before in this run, for a process that has been started again; and how much that was.
+///
+/// # Errors
+/// [`ChangeError`] if what was applied does not go with what the process is told, which nobody should have changed meanwhile.
+pub fn changed_before<S>(settings: &S, role: Participant, rules: &Rules<'_>) -> Result<(S, usize), ChangeError>
+where
+    S: Serialize + DeserializeOwned + Check + HasRun + Clone,
+{
+    let settled = (1..).map_while(|number| Settled::read(&settings.run().folder, role, number));
+    let applied = settled.filter(|settled| matches!(settled.answer.outcome, Outcome::Applied { .. }));
+    let changes = applied.map(|settled| Change::parse(&settled.wish.change)).collect::<Result<Vec<_>, _>>()?;
+    // Most have nothing to read again.
+    let settings = if changes.is_empty() { settings.clone() } else { changed(settings, &changes, rules)? };
+    Ok((settings, changes.len()))
+}

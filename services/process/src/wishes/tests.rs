@@ -1,0 +1,128 @@
+use super::*;
+use crate::{HasRun, Pace, Run};
+use protocol::port::Links;
+use settings::Check;
+use settings::change::Rules;
+use std::collections::BTreeSet;
+use std::thread;
+use std::time::Duration;
+
+const RULES: Rules<'static> = Rules { tunable: &["gain"], choices: &[] };
+
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Plain {
+    run: Run,
+    gain: f64,
+}
+
+impl Check for Plain {}
+
+impl HasRun for Plain {
+    fn run(&self) -> &Run {
+        &self.run
+    }
+}
+
+fn run(folder: &Path, pace: Pace) -> Run {
+    let links = Links::on_this_machine("test", folder.to_owned(), pace == Pace::LockStep, 0);
+    Run { folder: folder.to_owned(), log: "off".into(), epoch_floor: 0, restarted: false, period_nanos: 1, pace, links }
+}
+
+fn wish(change: &str) -> Wish {
+    Wish { who: "ada".into(), asked_unix_nanos: 7, change: change.into() }
+}
+
+fn next(inbox: &mut Inbox) -> Option<Result<Wish, NotAsked>> {
+    thread::sleep(Duration::from_millis(12));
+    inbox.take()
+}
+
+const APPLIED: Outcome = Outcome::Applied { plant_epoch: 1, taken_at_tick: 4, acts_from_tick: 5 };
+
+#[test]
+fn every_wish_is_taken_once_and_in_order_and_its_answer_is_found_by_who_asked() -> Result<(), Box<dyn std::error::Error>> {
+    let folder = tempfile::tempdir()?;
+    welcome(folder.path())?;
+    let mut inbox = Inbox::open(&run(folder.path(), Pace::RealTime), Participant::Controller);
+    assert!(next(&mut inbox).is_none());
+    let asked: Vec<Asked> = ["gain = 1.0", "gain = 2.0"]
+        .iter()
+        .map(|change| ask(folder.path(), Participant::Controller, &wish(change)))
+        .collect::<Result<_, _>>()?;
+    ask(folder.path(), Participant::Learner, &wish("gain = 3.0"))?;
+    assert_eq!(next(&mut inbox).ok_or("no wish")??.change, "gain = 1.0");
+    assert_eq!(asked[0].answer(), None);
+    inbox.answer(APPLIED);
+    assert_eq!(next(&mut inbox).ok_or("no wish")??.change, "gain = 2.0");
+    inbox.answer(Outcome::Refused { reason: "no".into() });
+    assert!(next(&mut inbox).is_none());
+    assert_eq!(Answers::all(folder.path()).look().into_iter().map(|settled| settled.number).collect::<Vec<_>>(), [1, 2]);
+    assert_eq!(Answers::from_now_on(folder.path()).look(), []);
+    let told: Vec<_> =
+        asked.iter().filter_map(Asked::answer).map(|settled| (settled.number, settled.wish.change, settled.answer.outcome)).collect();
+    assert_eq!(told, [(1, "gain = 1.0".to_owned(), APPLIED), (2, "gain = 2.0".to_owned(), Outcome::Refused { reason: "no".into() })]);
+    Ok(())
+}
+
+#[test]
+fn who_is_started_again_has_what_was_applied_and_takes_up_what_nobody_has_answered() -> Result<(), Box<dyn std::error::Error>> {
+    let folder = tempfile::tempdir()?;
+    welcome(folder.path())?;
+    let run = run(folder.path(), Pace::RealTime);
+    let mut inbox = Inbox::open(&run, Participant::Controller);
+    for (gain, outcome) in [(1.0, APPLIED), (2.0, APPLIED), (3.0, Outcome::Refused { reason: "no".into() })] {
+        ask(folder.path(), Participant::Controller, &wish(&format!("gain = {gain:?}")))?;
+        drop(next(&mut inbox).ok_or("no wish")??);
+        inbox.answer(outcome);
+    }
+    ask(folder.path(), Participant::Controller, &wish("gain = 4.0"))?;
+    let (settings, count) = changed_before(&Plain { run: run.clone(), gain: 0.0 }, Participant::Controller, &RULES)?;
+    assert_eq!((settings.gain, count), (2.0, 2));
+    let mut again = Inbox::open(&run, Participant::Controller);
+    assert_eq!(next(&mut again).ok_or("no wish")??.change, "gain = 4.0");
+    Ok(())
+}
+
+#[test]
+fn many_who_ask_at_once_get_a_number_each_without_a_gap() -> Result<(), Box<dyn std::error::Error>> {
+    let folder = tempfile::tempdir()?;
+    welcome(folder.path())?;
+    let ask_often = || {
+        (0..25)
+            .filter_map(|_| ask(folder.path(), Participant::Learner, &wish("gain = 1.0")).ok())
+            .map(|asked| asked.number)
+            .collect::<Vec<_>>()
+    };
+    let numbers: Vec<u64> = thread::scope(|scope| {
+        let asking: Vec<_> = (0..4).map(|_| scope.spawn(ask_often)).collect();
+        asking.into_iter().flat_map(|thread| thread.join().unwrap_or_default()).collect()
+    });
+    assert_eq!(numbers.len(), 100);
+    assert_eq!(numbers.into_iter().collect::<BTreeSet<_>>(), (1..=100).collect());
+    Ok(())
+}
+
+#[test]
+fn in_lock_step_and_of_what_is_no_wish_the_answer_is_why_not() -> Result<(), Box<dyn std::error::Error>> {
+    let folder = tempfile::tempdir()?;
+    welcome(folder.path())?;
+    ask(folder.path(), Participant::Controller, &wish("gain = 1.0"))?;
+    fs::write(wish_file(folder.path(), Participant::Learner, 1), "{\"who\": 3}")?;
+    let refusal = |role, pace| -> Option<String> {
+        let mut inbox = Inbox::open(&run(folder.path(), pace), role);
+        next(&mut inbox)?.err().map(|error| error.to_string())
+    };
+    let told = refusal(Participant::Controller, Pace::LockStep);
+    assert!(told.as_ref().is_some_and(|told| told.starts_with("in lock step nothing can be changed")), "{told:?}");
+    let told = refusal(Participant::Learner, Pace::RealTime);
+    assert!(told.as_ref().is_some_and(|told| told.starts_with("this is no wish: ")), "{told:?}");
+    Ok(())
+}
+
+#[test]
+fn a_run_that_takes_no_wishes_cannot_be_asked() -> Result<(), Box<dyn std::error::Error>> {
+    let folder = tempfile::tempdir()?;
+    let told = ask(folder.path(), Participant::Controller, &wish("gain = 1.0")).map_err(|error| error.to_string());
+    assert!(told.as_ref().is_err_and(|told| told.contains("set")), "{told:?}");
+    Ok(())
+}
