@@ -39,6 +39,7 @@ pub mod dashboard;
 pub mod drill;
 pub mod epochs;
 pub mod experiment;
+pub mod exposure;
 pub mod faults;
 pub mod fleet;
 pub mod folder;
