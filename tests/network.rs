@@ -91,9 +91,9 @@ fn two_hosts_drive_together_and_survive_a_cable_that_is_pulled() -> Outcome {
         let command = launch_command(&graph_file(graph), &home.path().join("run"), options)?;
         Launched::by(hosts.on(host, command), home)
     };
-    let control = launch("control-host", &["--connect", &hosts.far_endpoint()], 1)?;
+    let control = launch("control-host", &["--insecure", "--connect", &hosts.far_endpoint()], 1)?;
     control.wait_for_log("controller", "started", 1)?;
-    let plant = launch("plant-host", &["--duration", "20", "--listen", &hosts.endpoint()], 0)?;
+    let plant = launch("plant-host", &["--duration", "20", "--insecure", "--listen", &hosts.endpoint()], 0)?;
     control.wait_for_log("controller", "version=5 ", 1)?;
 
     hosts.pull_cable()?;

@@ -1,5 +1,6 @@
 //! Options + graph + scenario + robot → what each process is told. Everything is read and checked here, and nothing is started or made.
 
+use crate::exposure::{Exposed, exposed};
 use crate::faults::{FaultsFile, LockStepFaultsFile};
 use crate::graph::Graph;
 use crate::options::Options;
@@ -28,6 +29,8 @@ pub struct Assembly {
     pub robot: Robot,
     /// What is logged.
     pub log: String,
+    /// Its addresses that others on the network can reach, with nothing to keep strangers out.
+    pub exposed: Vec<Exposed>,
     /// What goes wrong on purpose.
     pub faults: FaultsFile,
     /// File with the same run without learning, once there is one.
@@ -80,6 +83,18 @@ impl Assembly {
                 });
             }
         }
+        let exposed = exposed(&graph);
+        if let Some(Exposed { key, address }) = exposed.first().filter(|_| !options.insecure) {
+            let expected =
+                "an address of this machine alone, such as 127.0.0.1, or --insecure in words: nothing keeps strangers out there".to_owned();
+            return Err(SettingsError::Value {
+                file: options.graph.clone(),
+                line: None,
+                key: key.clone(),
+                value: Some(format!("\"{address}\"")),
+                expected,
+            });
+        }
         scenario.duration_s = options.duration.unwrap_or(scenario.duration_s);
         scenario.seed = options.seed.unwrap_or(scenario.seed);
         let faults = options.faults.as_deref().map_or_else(|| Ok(FaultsFile::default()), |file| faults_of(file, graph.pace))?;
@@ -87,7 +102,7 @@ impl Assembly {
             let Impossible { key, expected } = impossible;
             return Err(SettingsError::Value { file: file.clone(), line: None, key, value: None, expected });
         }
-        Ok(Self { graph, scenario, scenario_name, robot, log: options.log.clone(), faults, without_learning: None })
+        Ok(Self { exposed, graph, scenario, scenario_name, robot, log: options.log.clone(), faults, without_learning: None })
     }
 
     /// Its processes, in the order in which they start.
@@ -188,6 +203,7 @@ impl Assembly {
             corridor_left_m: limits.corridor_left_m,
             corridor_right_m: limits.corridor_right_m,
             without_learning: self.without_learning.clone(),
+            insecure: self.exposed.iter().any(Exposed::drives),
         };
         let Graph { telemetry, rates, page, .. } = self.graph.clone();
         gateway::settings::Settings { run, telemetry, rates, page, about }

@@ -174,6 +174,9 @@ fn run_at(
 ) -> Result<Outcome, LaunchError> {
     let folder = folder::create(out, &assembly.scenario_name, berth.id())?;
     person.terminal.say(heading(&assembly));
+    for exposed in &assembly.exposed {
+        person.terminal.say(format_args!("INSECURE: {exposed}"));
+    }
     // Before there is a log: it is that of the run itself.
     if without_learning::is_wanted(&assembly) {
         match without_learning::run(&assembly, &folder) {
@@ -182,6 +185,9 @@ fn run_at(
         }
     }
     open_log(&folder, &assembly.log)?;
+    for exposed in &assembly.exposed {
+        tracing::warn!("insecure: {exposed}");
+    }
     tracing::info!(graph = berth.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
     let router = assembly.networked().then(|| open_router(&assembly)).transpose()?;
     let endpoints = router.as_ref().map(|router| router.endpoints().to_vec()).unwrap_or_default();

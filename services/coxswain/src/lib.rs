@@ -40,6 +40,7 @@ pub mod dashboard;
 pub mod drill;
 pub mod epochs;
 pub mod experiment;
+pub mod exposure;
 pub mod faults;
 pub mod fleet;
 pub mod folder;

@@ -42,6 +42,9 @@ pub struct Options {
     /// Another seed of noise and random forces.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=i64::MAX as u64))]
     pub seed: Option<u64>,
+    /// Use addresses that others on the network can reach, although nothing keeps strangers out: whoever reaches them can watch and drive the robot.
+    #[arg(long)]
+    pub insecure: bool,
     /// Faults to inject on the links, as deploy/faults/example.toml shows them.
     #[arg(long, value_name = "FILE")]
     pub faults: Option<PathBuf>,
@@ -65,6 +68,7 @@ impl Options {
             out: None,
             log: "info".into(),
             seed: None,
+            insecure: false,
             faults: None,
             stop_with_stdin: false,
         }

@@ -21,6 +21,7 @@ function showHead() {
   if (!hello) return;
   const { about } = hello;
   show("robot", hello.robot);
+  document.getElementById("insecure").hidden = !about.insecure;
   document.title = `${hello.robot} · Coxswain`;
   const limits = [
     about.heading_rad && `heading ± ${Math.round((about.heading_rad * 180) / Math.PI)}°`,

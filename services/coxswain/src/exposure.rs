@@ -1,0 +1,93 @@
+//! Which addresses of a graph others on the network can reach: without certificates only those of this machine alone are used unasked.
+
+use crate::graph::Graph;
+use std::fmt;
+use std::net::{IpAddr, SocketAddr};
+
+/// An address that is not of this machine alone.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Exposed {
+    /// Where the graph file says it, as a dotted path.
+    pub key: String,
+    /// The address.
+    pub address: String,
+}
+
+impl Exposed {
+    /// Whether commands are taken there.
+    pub fn drives(&self) -> bool {
+        self.key.starts_with("network")
+    }
+}
+
+impl fmt::Display for Exposed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { key, address } = self;
+        let what = if self.drives() { "watch and drive" } else { "watch" };
+        write!(f, "{key} is {address}, and whoever reaches it can {what} the robot")
+    }
+}
+
+/// Every address that a graph listens at or connects to and that is not of this machine alone.
+pub fn exposed(graph: &Graph) -> Vec<Exposed> {
+    let lists = [
+        ("network.listen", &graph.network.listen),
+        ("network.connect", &graph.network.connect),
+        ("telemetry.listen", &graph.telemetry.listen),
+    ];
+    let endpoints = lists.into_iter().flat_map(|(key, endpoints)| endpoints.iter().map(move |endpoint| (key, endpoint)));
+    let mut found: Vec<Exposed> = endpoints
+        .filter(|(_, endpoint)| !is_here(endpoint))
+        .map(|(key, endpoint)| Exposed { key: key.to_owned(), address: endpoint.clone() })
+        .collect();
+    if let Ok(Some(page)) = graph.page.address()
+        && !page.ip().is_loopback()
+    {
+        found.push(Exposed { key: "page.listen".to_owned(), address: page.to_string() });
+    }
+    found
+}
+
+/// Whether an endpoint is an address of the loopback. What a name means is not asked: it may change.
+fn is_here(endpoint: &str) -> bool {
+    let Some((_, address)) = endpoint.split_once('/') else { return false };
+    if let Ok(address) = address.parse::<SocketAddr>() {
+        return address.ip().is_loopback();
+    }
+    let host = address.rsplit_once(':').map_or(address, |(host, _)| host);
+    host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn of(tables: &str) -> Vec<String> {
+        let text = format!(
+            "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\npace = \"real-time\"\n[links]\ndefault = \"network\"\n{tables}"
+        );
+        let graph = settings::parse::<Graph>(&text, Path::new("g.toml"));
+        graph.map(|graph| exposed(&graph).into_iter().map(|exposed| exposed.key).collect()).unwrap_or_else(|error| vec![error.to_string()])
+    }
+
+    #[test]
+    fn a_graph_that_says_nothing_is_not_to_be_reached() {
+        assert_eq!(of(""), Vec::<String>::new());
+        let here =
+            "[network]\nlisten = [\"tcp/127.0.0.1:0\", \"tcp/[::1]:7447\", \"tcp/localhost:1\"]\n[page]\nlisten = \"127.9.9.9:80\"\n";
+        assert_eq!(of(here), Vec::<String>::new());
+    }
+
+    #[test]
+    fn whatever_is_not_of_this_machine_alone_is_named() {
+        let network = "[network]\ngraph = \"m\"\nlisten = [\"tcp/127.0.0.1:0\", \"tcp/0.0.0.0:7447\"]\nconnect = [\"tcp/10.0.0.2:7447\"]\n";
+        assert_eq!(of(network), ["network.listen", "network.connect"]);
+        assert_eq!(
+            of("[telemetry]\nlisten = [\"tcp/[::]:7448\"]\n[page]\nlisten = \"0.0.0.0:8080\"\n"),
+            ["telemetry.listen", "page.listen"]
+        );
+        assert_eq!(of("[telemetry]\nlisten = [\"tcp/robot.example:7448\"]\n"), ["telemetry.listen"], "who knows where that is");
+        assert_eq!(of("[telemetry]\nlisten = [\"tcp/localhost.example:7448\"]\n"), ["telemetry.listen"]);
+    }
+}
