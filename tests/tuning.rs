@@ -11,6 +11,7 @@ use rustix::process::Signal;
 use settings::change::{Change, changed};
 use std::collections::BTreeMap;
 use std::error::Error;
+use std::io::{self, Write};
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -192,7 +193,7 @@ fn each_of_a_thousand_random_settings_is_in_use_within_two_ticks_or_refused_and_
     }
     let applied: u64 = ways.values().sum();
     assert_eq!((applied, settled.len() as u64 - applied), (COUNT - refused, refused));
-    println!("{applied} in use, {refused} refused; periods from taking up to use: {ways:?}");
+    writeln!(io::stdout(), "{applied} in use, {refused} refused; periods from taking up to use: {ways:?}")?;
     the_plans_are_of_the_settings_that_the_record_gives(&record, &in_use)
 }
 

@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         query(points)?;
     }
     for points in [200, 500] {
-        learn(points)?;
+        learn(points);
     }
     for kept in [100, 200, 400] {
         keep(kept)?;
@@ -54,7 +54,7 @@ fn query(points: usize) -> Result<(), Box<dyn Error>> {
 }
 
 /// Hyperparameters of three outputs, raw inputs, no priors, no restarts.
-fn learn(points: usize) -> Result<(), Box<dyn Error>> {
+fn learn(points: usize) {
     let (inputs, targets) = gp_data::gp_data(points, 7);
     let options = FitOptions { max_iterations: 100, ..FitOptions::default() };
     let mut likelihoods = [0.0; 3];
@@ -68,7 +68,6 @@ fn learn(points: usize) -> Result<(), Box<dyn Error>> {
     };
     let seconds = median((0..5).map(&mut fits));
     println!("{}", json!({ "fit": "three outputs", "n": points, "fit_s": seconds, "lml_each": likelihoods }));
-    Ok(())
 }
 
 /// Samples one by one into a dictionary that is full.

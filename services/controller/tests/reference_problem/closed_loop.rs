@@ -76,7 +76,7 @@ pub(crate) fn drive(points: usize, horizon: usize) -> Result<Figures, Box<dyn Er
         squares += (state.pose[0] - points[0].pose[0]).powi(2) + (state.pose[1] - points[0].pose[1]).powi(2);
         state = problem::plant(&state, &input);
     }
-    let [step, gp, linearise, qp, feedback] = times.map(Times::new);
+    let [step, gp, linearise, qp, feedback] = times.each_ref().map(|times| Times::new(times));
     Ok(Figures {
         points,
         horizon,
@@ -97,7 +97,7 @@ pub(crate) fn drive(points: usize, horizon: usize) -> Result<Figures, Box<dyn Er
 struct Times(Vec<f64>);
 
 impl Times {
-    fn new(times: Vec<Duration>) -> Self {
+    fn new(times: &[Duration]) -> Self {
         let mut micros: Vec<f64> = times.iter().skip(WARM_UP).map(|time| 1e6 * time.as_secs_f64()).collect();
         micros.sort_by(f64::total_cmp);
         Self(micros)
