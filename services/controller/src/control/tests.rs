@@ -270,10 +270,10 @@ fn nothing_is_allocated(settings: &Settings) -> Result<(), Box<dyn std::error::E
 }
 
 /// The parts of a controller as `change` makes it.
-fn tuned(change: impl FnOnce(&mut Settings)) -> Result<Tuned, ControllerError> {
+fn tuned(change: impl FnOnce(&mut Settings)) -> Result<Box<Tuned>, ControllerError> {
     let mut settings = told();
     change(&mut settings);
-    Tuned::new(&settings, Some(&told()))
+    Ok(Box::new(Tuned::new(&settings, Some(&told()))?))
 }
 
 #[test]
