@@ -68,7 +68,7 @@ mod tests {
             "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\npace = \"real-time\"\n[links]\ndefault = \"network\"\n{tables}"
         );
         let graph = settings::parse::<Graph>(&text, Path::new("g.toml"));
-        graph.map(|graph| exposed(&graph).into_iter().map(|exposed| exposed.key).collect()).unwrap_or_else(|error| vec![error.to_string()])
+        graph.map_or_else(|error| vec![error.to_string()], |graph| exposed(&graph).into_iter().map(|exposed| exposed.key).collect())
     }
 
     #[test]
