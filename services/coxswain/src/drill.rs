@@ -37,7 +37,7 @@ use crate::terminal::{self, Terminal};
 use catalogue::{Carrier, Exercise, Extent, exercises};
 use clap::builder::PossibleValuesParser;
 use measure::Measured;
-use process::Stop;
+use process::{Stop, may_go_first};
 use serde::Serialize;
 use session::INTERRUPTED;
 use std::collections::BTreeSet;
@@ -212,7 +212,7 @@ pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
     })?;
     rows.sort_by_key(|(index, _)| *index);
     let rows: Vec<Row> = rows.into_iter().map(|(_, row)| row).collect();
-    terminal::print(table::render(&rows));
+    terminal::print(table::render(&rows, may_go_first()));
     if stop.requested() {
         return Err(DrillError::Interrupted);
     }

@@ -20,7 +20,7 @@ mod stop;
 pub mod wishes;
 mod witness;
 
-pub use priority::{give_way, go_first, step_back};
+pub use priority::{give_way, go_first, may_go_first, step_back};
 pub use pulse::Pulse;
 pub use run::{HasRun, Pace, Run};
 pub use seat::Seat;

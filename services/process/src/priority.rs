@@ -36,6 +36,11 @@ pub(crate) fn go_before_everything() {
     let _ = set(2 * PRIORITY, FIFO);
 }
 
+/// Whether a thread may go first here.
+pub fn may_go_first() -> bool {
+    std::thread::spawn(|| set(PRIORITY, FIFO).is_ok()).join().unwrap_or(false)
+}
+
 /// The calling thread, if it goes first, runs among all others again.
 pub fn step_back() {
     if thread_schedule_policy() != Ok(FIFO) {

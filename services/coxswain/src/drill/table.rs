@@ -6,8 +6,8 @@ use std::fmt::Write;
 /// Where nothing failed in n trials, the probability of a failure is below 3 / n with 95 % confidence.
 const RULE_OF_THREE: f64 = 3.0;
 
-/// All rows, and what they come to.
-pub(super) fn render(rows: &[Row]) -> String {
+/// All rows, and what they come to. Of the witness it is said whether it `may_go_first`.
+pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
     let mut text = String::new();
     let _ = writeln!(
         text,
@@ -32,9 +32,10 @@ pub(super) fn render(rows: &[Row]) -> String {
     let _ = write!(text, "\n{} exercises, {injections} injections, {violations} violations", rows.len());
     let excused: usize = rows.iter().map(|row| row.excused_periods).sum();
     if excused > 0 {
+        let witness = if may_go_first { "a witness that goes before all of it" } else { "a witness, which may not go before it here" };
         let _ = write!(
             text,
-            "\n{excused} periods below a fresh plan are excused: the machine let nobody run, not even a witness of the highest priority"
+            "\n{excused} periods below a fresh plan are excused: what kept the graph from running kept {witness} from it as well"
         );
     }
     for (row, why) in rows.iter().filter_map(|row| Some((row, row.impossible?))) {
@@ -78,7 +79,7 @@ mod tests {
             kept: None,
         };
         let bad = Row { violations: 2, kept: Some(PathBuf::from("runs/drill/x")), ..good.clone() };
-        let text = render(&[good, bad]);
+        let text = render(&[good, bad], true);
         assert!(text.contains("kill of plant over network: two network namespaces"), "{text}");
         assert!(text.contains("6 periods below a fresh plan are excused"), "{text}");
         let lines: Vec<&str> = text.lines().collect();
