@@ -8,7 +8,7 @@
 //! | `messages` | messages in memory and on the network, snapshots on disk   |
 //! | `settings` | every TOML file                                            |
 //! | `records`  | points of a reference, records, summaries                  |
-//! | `others`   | what browsers ask for, who launched a graph                |
+//! | `others`   | what browsers and `coxswain set` ask for, who launched a graph |
 
 mod messages;
 mod others;
@@ -37,7 +37,7 @@ pub type Verdict = Result<Fate, String>;
 pub type Decoder = fn(&[u8]) -> Verdict;
 
 /// Every decoder, by name.
-pub const ALL: [(&str, Decoder); 19] = [
+pub const ALL: [(&str, Decoder); 21] = [
     ("frame", messages::frame),
     ("wire", messages::wire),
     ("snapshot_file", messages::snapshot_file),
@@ -57,6 +57,8 @@ pub const ALL: [(&str, Decoder); 19] = [
     ("summary", records::summary),
     ("request", others::request),
     ("launcher", others::launcher),
+    ("change", others::change),
+    ("wish", others::wish),
 ];
 
 /// The decoder that is called `name`.

@@ -1,7 +1,12 @@
-//! What browsers ask of the live page, and the file that says who launched a graph.
+//! What browsers ask of the live page and a person of a controller that drives, and the file that says who launched a graph.
 
-use super::{Fate, Verdict, promise, refused};
+use super::{Fate, Verdict, corpus, promise, refused};
+use controller::control::tuning::RULES;
 use coxswain::berth;
+use process::wishes::{Inbox, NotAsked, welcome};
+use process::{Pace, read_settings};
+use protocol::message::Participant;
+use settings::change::{Change, changed};
 use std::fs;
 use std::net::{IpAddr, Ipv4Addr};
 
@@ -35,4 +40,41 @@ pub(super) fn launcher(bytes: &[u8]) -> Verdict {
     promise(living + swept <= 1, || format!("one file, {living} living and {swept} dead launchers"))?;
     promise(file.exists() == (swept == 0), || "a graph was swept by halves, or for no reason".into())?;
     Ok(if living + swept > 0 { Fate::Used } else { Fate::Refused })
+}
+
+/// What a controller is told that drives in real time.
+fn told() -> Result<controller::Settings, String> {
+    let file = corpus().join("controller_settings/real-time.toml");
+    let mut settings: controller::Settings = read_settings(&file).map_err(|error| error.to_string())?;
+    settings.run.pace = Pace::RealTime;
+    Ok(settings)
+}
+
+/// A change is refused and says why, or makes settings that are possible and differ in nothing that is fixed.
+pub(super) fn change(bytes: &[u8]) -> Verdict {
+    let Ok(lines) = std::str::from_utf8(bytes) else { return refused("not UTF-8") };
+    let before = told()?;
+    match Change::parse(lines).and_then(|change| changed(&before, &[change], &RULES)) {
+        Err(error) => refused(&error.to_string()),
+        Ok(after) => {
+            promise(after.robot == before.robot && after.duration_s == before.duration_s, || "what is fixed was changed".into())?;
+            Ok(Fate::Used)
+        }
+    }
+}
+
+/// A file that is no wish is taken up all the same, so that it is answered; what it says is a change or not.
+pub(super) fn wish(bytes: &[u8]) -> Verdict {
+    let failed = |error| format!("no folder: {error}");
+    let folder = tempfile::tempdir().map_err(failed)?;
+    welcome(folder.path()).map_err(failed)?;
+    fs::write(folder.path().join("set/controller-000001.json"), bytes).map_err(failed)?;
+    let mut run = told()?.run;
+    run.folder = folder.path().to_owned();
+    match Inbox::open(&run, Participant::Controller).take() {
+        None => Err("a file was passed over".into()),
+        Some(Err(NotAsked::LockStep)) => Err("this is real time".into()),
+        Some(Err(error)) => refused(&error.to_string()),
+        Some(Ok(wish)) => change(wish.change.as_bytes()),
+    }
 }

@@ -1,8 +1,10 @@
 """Prints what a robot does: watch.py tcp/127.0.0.1:7448 [robot]. Needs the public package eclipse-zenoh."""
 import json
+import signal
 import sys
 import zenoh
 
+signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # who reads no more ends this
 config = zenoh.Config()
 config.insert_json5("mode", '"client"')
 config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
