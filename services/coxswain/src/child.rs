@@ -39,6 +39,8 @@ impl Child {
             .stdout(output.try_clone()?)
             .stderr(output)
             .process_group(0)
+            // Who runs out of memory while it prints a backtrace waits for itself, and never dies.
+            .env("RUST_BACKTRACE", "0")
             .spawn()?;
         Ok(Self { role, system })
     }
