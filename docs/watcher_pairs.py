@@ -1,7 +1,8 @@
 """The control tick with a viewer beside it that looks on, is stopped, or is killed and comes back: interleaved with runs that nobody looks at.
 
 python3 docs/watcher_pairs.py VIEWER [--rounds N] [--seconds S] [--rows FILE] [LAUNCH OPTIONS…], where VIEWER is `page`, a Chromium on the live
-page, or `watch`, `coxswain watch --plain`. Each run is the local graph in real time; a round has one of each kind, another one first every
+page, `events`, a client that reads what the page is told and draws nothing, as if the browser were on another machine, or `watch`,
+`coxswain watch --plain`. Each run is the local graph in real time; a round has one of each kind, another one first every
 time. After a quarter of the run the stopped one is stopped and the killed one killed, which comes back at half of it. With --rows, rounds are
 kept in a file and the medians are of all of them, so that a long series can be taken in parts.
 """
@@ -13,6 +14,7 @@ import re
 import signal
 import statistics
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -23,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 KINDS = ["off", "on", "stopped", "killed"]
 
 parser = argparse.ArgumentParser()
-parser.add_argument("viewer", choices=["page", "watch"])
+parser.add_argument("viewer", choices=["page", "events", "watch"])
 parser.add_argument("--rounds", type=int, default=10)
 parser.add_argument("--seconds", type=float, default=6.0)
 parser.add_argument("--rows", type=Path)
@@ -63,10 +65,14 @@ class Watch:
     def __init__(self, home):
         self.home = home
 
-    def look(self, _):
+    def command(self):
+        return [coxswain, "watch", "--plain"]
+
+    def look(self, address):
+        self.address = address
         here = {**os.environ, "TMPDIR": self.home}
         self.lines = open(f"{self.home}/lines", "ab")
-        self.process = subprocess.Popen([coxswain, "watch", "--plain"], env=here, stdout=self.lines, stderr=subprocess.DEVNULL)
+        self.process = subprocess.Popen(self.command(), env=here, stdout=self.lines, stderr=subprocess.DEVNULL)
 
     def saw(self):
         return os.path.getsize(f"{self.home}/lines") > 0
@@ -76,7 +82,7 @@ class Watch:
 
     def come_back(self):
         self.close()
-        self.look(None)
+        self.look(self.address)
 
     def close(self):
         self.process.kill()
@@ -84,10 +90,18 @@ class Watch:
         self.lines.close()
 
 
+class Events(Watch):
+    """Reads the stream of the live page."""
+
+    def command(self):
+        read = "import sys, urllib.request as web\nfor line in web.urlopen(sys.argv[1]): print(len(line), flush=True)"
+        return [sys.executable, "-c", read, self.address + "events"]
+
+
 def run(kind):
     """One run: half of all ticks took no longer [us], and periods missed."""
     with tempfile.TemporaryDirectory(prefix="cx", dir="/tmp") as home:
-        viewer = None if kind == "off" else {"page": Page, "watch": Watch}[arguments.viewer](home)
+        viewer = None if kind == "off" else {"page": Page, "events": Events, "watch": Watch}[arguments.viewer](home)
         time.sleep(1.0)  # whatever has just started or ended is done with it
         command = [coxswain, "launch", ROOT / "deploy/graphs/local.toml", "--duration", str(arguments.seconds), "--out", f"{home}/run"]
         here = {**os.environ, "TMPDIR": home}

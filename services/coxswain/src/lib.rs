@@ -5,6 +5,7 @@
 //! | [`options`]  | what a person may say on the command line                                            |
 //! | [`graph`]    | the graph file                                                                       |
 //! | [`scenario`] | the scenario file                                                                    |
+//! | [`exposure`] | which addresses of a graph others on the network can reach                           |
 //! | [`assembly`] | options + graph + scenario + robot → what each process is told. Nothing is started   |
 //! | [`role`]     | which processes there are, and in which order they start and end                     |
 //! | [`folder`]   | the folder of one run                                                                |
