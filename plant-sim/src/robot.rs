@@ -93,15 +93,16 @@ impl Robot {
             // Written so that NaN stays.
             *peak = if wheel.is_finite() && wheel.abs() <= *peak { *peak } else { wheel.abs() + 0.0 * *peak };
         }
-        self.acting = self.decision.acting;
+        let before = std::mem::replace(&mut self.acting, self.decision.acting);
         let Acting { epoch, writer, tick } = self.acting;
         if epoch == 0 {
             return;
         }
         witnessed.acting_age_nanos = witnessed.acting_age_nanos.max(self.at.saturating_sub(tick * self.period_nanos));
-        if let Some(before) = self.acted_last.replace((epoch, writer)).filter(|&before| before != (epoch, writer)) {
-            witnessed.takeovers += 1;
-            witnessed.takeovers_back += u32::from(epoch < before.0);
+        if let Some(last) = self.acted_last.replace((epoch, writer)).filter(|&last| last != (epoch, writer)) {
+            // Who drives after a brake takes over from nobody.
+            witnessed.takeovers += u32::from(before.epoch > 0);
+            witnessed.takeovers_back += u32::from(epoch < last.0);
         }
     }
 

@@ -70,7 +70,7 @@ pub(super) fn wish(bytes: &[u8]) -> Verdict {
     welcome(folder.path()).map_err(failed)?;
     fs::write(folder.path().join("set/controller-000001.json"), bytes).map_err(failed)?;
     let mut run = told()?.run;
-    run.folder = folder.path().to_owned();
+    folder.path().clone_into(&mut run.folder);
     match Inbox::open(&run, Participant::Controller).take() {
         None => Err("a file was passed over".into()),
         Some(Err(NotAsked::LockStep)) => Err("this is real time".into()),

@@ -29,7 +29,7 @@ pub struct Truth {
     pub acting_tick: u64,
     /// Greatest age of an answered state whose command acted in the past period; 0 if none acted \[ns\].
     pub acting_age_nanos: u64,
-    /// How often, in the past period, a command of another controller (epoch or writer) took over from the one that had acted before it.
+    /// How often, in the past period, a command of another controller (epoch or writer) took over from the one that acted; none does on the brake.
     pub takeovers: u32,
     /// How many of those went to a smaller epoch.
     pub takeovers_back: u32,

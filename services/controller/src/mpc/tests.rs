@@ -157,7 +157,7 @@ proptest! {
         let mut plans = Vec::new();
         for linearise in [Linearise::Measured, Linearise::Expected] {
             let weights = Weights { heading: 1e7, yaw_rate: 1e7, ..settings().weights };
-            let settings = MpcSettings { linearise, weights, ..settings() };
+            let settings = MpcSettings { weights, linearise, ..settings() };
             let mut mpc = Mpc::new(&settings, &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
             mpc.begin_at(&start);
             mpc.prepare(&line(0, 7), &belief);

@@ -50,8 +50,8 @@ pub(super) fn partition(home: &Home, cuts: &[u64], stop: &Stop) -> Result<Measur
     let notes = vec![format!("the two hosts are {}", hosts.kind())];
     let mut measured = Measured { injections: healed.len() as u64, notes, ..Measured::default() };
     for (index, ((&cut, &at), millis)) in pulled.iter().zip(&healed).zip(cuts).enumerate() {
-        // What was under way arrives, and the cut may begin and end in the midst of a period.
-        let expected = (((at - cut) as f64 * 1e-9 / limits.period_s) as usize).saturating_sub(2).max(1);
+        // What was under way arrives, and the cut may begin and end in the midst of a period. To pull and to plug take their time.
+        let expected = ((*millis as f64 * 1e-3 / limits.period_s) as usize).saturating_sub(2).max(1);
         let felt = periods_without_an_answer(&record, cut, at);
         if felt < expected {
             measured.violations.push(format!(
