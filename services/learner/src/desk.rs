@@ -55,7 +55,7 @@ impl Desk {
         match self.with(wish) {
             Ok(settings) => {
                 self.settings = settings;
-                self.inbox.answer(Outcome::Applied { plant_epoch, taken_at_tick, acts_from_tick });
+                self.inbox.answer(Outcome::Applied { plant_epoch, taken_at_tick, ready_at_tick: taken_at_tick, acts_from_tick });
                 true
             }
             Err(refusal) => {

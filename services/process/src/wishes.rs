@@ -52,6 +52,8 @@ pub enum Outcome {
         plant_epoch: u64,
         /// The period in which the process took it up.
         taken_at_tick: u64,
+        /// The period in which all that it needs had been checked and built.
+        ready_at_tick: u64,
         /// The first period for which all of it is in use; nothing of it was before.
         acts_from_tick: u64,
     },

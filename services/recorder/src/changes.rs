@@ -33,6 +33,7 @@ pub(crate) fn schema() -> Value {
             "reason": text("why it was refused"),
             "plant_epoch": count("epoch of the plant whose ticks these are"),
             "taken_at_tick": count("the period in which it was taken up"),
+            "ready_at_tick": count("the period in which all that it needs had been checked and built"),
             "acts_from_tick": count("the first period for which all of it is in use"),
         },
     })
@@ -81,7 +82,7 @@ mod tests {
     #[test]
     fn everything_that_is_said_of_a_change_is_in_the_schema() -> Result<(), Box<dyn std::error::Error>> {
         let wish = Wish { who: "ada".into(), asked_unix_nanos: 1, change: "a = 1".into() };
-        let applied = Outcome::Applied { plant_epoch: 1, taken_at_tick: 2, acts_from_tick: 3 };
+        let applied = Outcome::Applied { plant_epoch: 1, taken_at_tick: 2, ready_at_tick: 2, acts_from_tick: 3 };
         for outcome in [applied, Outcome::Refused { reason: "no".into() }] {
             let answer = Answer { user: 0, answered_nanos: 5, outcome };
             let settled = Settled { process: "controller".into(), number: 1, wish: wish.clone(), answer };

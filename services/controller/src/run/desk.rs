@@ -26,6 +26,7 @@ enum Refusal {
 struct UnderWay {
     settings: Settings,
     taken_at_tick: u64,
+    ready_at_tick: u64,
 }
 
 /// Takes wishes up, one at a time.
@@ -56,7 +57,7 @@ impl Desk {
         let taken_at_tick = handover.tick.load(Ordering::Relaxed);
         match self.build(wish) {
             Ok((settings, tuned)) => {
-                self.under_way = Some(UnderWay { settings, taken_at_tick });
+                self.under_way = Some(UnderWay { settings, taken_at_tick, ready_at_tick: handover.tick.load(Ordering::Relaxed) });
                 // The slot is free: nothing else is under way.
                 drop(handover.tuned.push(Box::new(tuned)));
             }
@@ -85,12 +86,12 @@ impl Desk {
 
     fn answer_exchanged(&mut self, handover: &Handover) {
         let Some(tuned) = handover.exchanged.pop() else { return };
-        let (Some(UnderWay { settings, taken_at_tick }), Some((plant_epoch, acts_from_tick))) = (self.under_way.take(), tuned.since) else {
+        let (Some(UnderWay { settings, taken_at_tick, ready_at_tick }), Some((plant_epoch, acts_from_tick))) = (self.under_way.take(), tuned.since) else {
             return;
         };
         self.settings = settings;
         // A plant that has begun anew meanwhile counts anew.
-        let taken_at_tick = taken_at_tick.min(acts_from_tick);
-        self.inbox.answer(Outcome::Applied { plant_epoch, taken_at_tick, acts_from_tick });
+        let [taken_at_tick, ready_at_tick] = [taken_at_tick, ready_at_tick].map(|tick| tick.min(acts_from_tick));
+        self.inbox.answer(Outcome::Applied { plant_epoch, taken_at_tick, ready_at_tick, acts_from_tick });
     }
 }

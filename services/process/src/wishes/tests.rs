@@ -37,7 +37,7 @@ fn next(inbox: &mut Inbox) -> Option<Result<Wish, NotAsked>> {
     inbox.take()
 }
 
-const APPLIED: Outcome = Outcome::Applied { plant_epoch: 1, taken_at_tick: 4, acts_from_tick: 5 };
+const APPLIED: Outcome = Outcome::Applied { plant_epoch: 1, taken_at_tick: 4, ready_at_tick: 4, acts_from_tick: 5 };
 
 #[test]
 fn every_wish_is_taken_once_and_in_order_and_its_answer_is_found_by_who_asked() -> Result<(), Box<dyn std::error::Error>> {
