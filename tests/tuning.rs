@@ -3,8 +3,8 @@
 use controller::control::tuning::RULES;
 use controller::reference::Reference;
 use coxswain::set::{set, understand};
-use process::wishes::{Outcome as Came, Settled};
 use process::read_settings;
+use process::wishes::{Outcome as Came, Settled};
 use promises::{Launched, Outcome, Record, binaries, graph_file, launch_command, signal};
 use protocol::message::Participant;
 use rustix::process::Signal;

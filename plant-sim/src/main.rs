@@ -1,16 +1,13 @@
 //! The plant process: a simulated robot.
 
 use plant_sim::{Settings, run};
-use process::{Pace, go_first};
 use protocol::message::Participant;
 use protocol::port::{Identity, Ports};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     process::main::<Settings>(Participant::Plant, |settings, stop| {
-        if settings.run.pace == Pace::RealTime {
-            go_first();
-        }
+        settings.run.go_first_to_open();
         let identity = Identity::new(settings.run.epoch_floor + 1);
         let ports = Ports::open(&settings.run.links, identity)?;
         run::run(&settings, &ports, identity, stop)?;

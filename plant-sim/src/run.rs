@@ -5,7 +5,7 @@
 
 use crate::robot::{Robot, SLICE_NANOS};
 use crate::settings::Settings;
-use process::{Pace, Pulse, Stop};
+use process::{Pace, Pulse, Stop, step_back};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, Credit, Participant, Phase, PlantState, Rung, Truth};
 use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
@@ -40,6 +40,7 @@ pub enum RunError {
 /// [`RunError`].
 pub fn run(settings: &Settings, ports: &Ports, identity: Identity, stop: &Stop) -> Result<(), RunError> {
     let mut plant = Plant::new(settings, ports, identity)?;
+    settings.run.go_first_to_run();
     plant.pulse.phase(Phase::Ready);
     tracing::info!(epoch = identity.epoch, ticks = settings.ticks(), "starting at rest");
     match settings.run.pace {
@@ -48,6 +49,7 @@ pub fn run(settings: &Settings, ports: &Ports, identity: Identity, stop: &Stop) 
     }
     plant.report();
     plant.pulse.phase(Phase::Finished);
+    step_back();
     Ok(())
 }
 

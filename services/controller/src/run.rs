@@ -12,7 +12,7 @@ use crate::settings::Settings;
 use attendant::attend;
 use model::foresight::Foresight;
 use process::wishes::changed_before;
-use process::{Pace, Pulse, Seat, Stop};
+use process::{Pace, Pulse, Seat, Stop, step_back};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, Participant, Phase, Plan, PlantState, ResidualSample};
 use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
@@ -90,9 +90,12 @@ pub fn run_foreseeing(
     let done = Stop::new();
     let control_thread = thread::current();
     thread::scope(|scope| {
+        // Started first, so that it does not go first.
         let attendant = scope.spawn(|| attend(settings, &connect, identity, &handover, &done, &control_thread));
+        settings.run.go_first_to_open();
         let ports = connect(identity).map_err(RunError::from);
         let result = ports.and_then(|ports| Loop::new(settings, foresight, &ports, &handover)?.run(stop));
+        step_back();
         done.request();
         attendant.join().map_err(|_| RunError::Attendant)??;
         result
@@ -162,6 +165,7 @@ impl<'a> Loop<'a> {
     fn run(&mut self, stop: &Stop) -> Result<(), RunError> {
         // The first wait opens the listener, so that nothing published after "ready" goes unheard.
         self.states.wait(Duration::ZERO)?;
+        self.settings.run.go_first_to_run();
         self.pulse.phase(Phase::Ready);
         while !stop.requested() {
             let until_rehearsal = self.rehearse_at.map_or(PATIENCE, |at| Duration::from_nanos(at.saturating_sub(monotonic_nanos())));

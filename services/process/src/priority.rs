@@ -31,6 +31,11 @@ pub fn go_first() {
     }
 }
 
+/// The calling thread goes behind those that go first, and before everything else, if that is permitted.
+pub(crate) fn go_second() {
+    let _ = set(PRIORITY / 2, FIFO);
+}
+
 /// The calling thread goes before those that go first, if that is permitted.
 pub(crate) fn go_before_everything() {
     let _ = set(2 * PRIORITY, FIFO);

@@ -1,6 +1,7 @@
 //! What the launcher tells every process.
 
-use protocol::port::Links;
+use crate::priority::{go_first, go_second};
+use protocol::port::{Carrier, Links};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 use std::path::PathBuf;
@@ -37,6 +38,28 @@ pub enum Pace {
     RealTime,
     /// The slowest participant's: the plant waits for the answer to each tick.
     LockStep,
+}
+
+impl Run {
+    /// For a process that commands wait for, before it opens its ports: shared memory takes tens of milliseconds, for which it goes behind a loop that
+    /// runs already, and before everything else. But if there will be threads of the network it goes first, since they go as the one that opens them.
+    pub fn go_first_to_open(&self) {
+        if self.pace == Pace::RealTime {
+            if self.has_threads() { go_first() } else { go_second() }
+        }
+    }
+
+    /// For the same, when all is open and built: goes first from now on.
+    pub fn go_first_to_run(&self) {
+        if self.pace == Pace::RealTime && !self.has_threads() {
+            go_first();
+        }
+    }
+
+    /// Whether ports come with threads.
+    fn has_threads(&self) -> bool {
+        self.links.carriers.uses(Carrier::Network)
+    }
 }
 
 /// Settings with a table `[run]`.

@@ -5,7 +5,7 @@ use super::{PATIENCE, RunError};
 use crate::adopt::{Arrival, Event, Examiner, Handover};
 use crate::control::Controller;
 use crate::settings::Settings;
-use process::{Pace, Stop, step_back};
+use process::Stop;
 use protocol::message::ModelSnapshot;
 use protocol::port::{Identity, OpenError, Ports, Since, Source};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -34,9 +34,6 @@ pub(super) fn attend(
     control_thread: &Thread,
 ) -> Result<(), RunError> {
     let _gone = Gone(&handover.attendant_gone);
-    if settings.run.pace == Pace::RealTime {
-        step_back();
-    }
     let ports = connect(identity)?;
     let mut snapshots: Source<ModelSnapshot> = ports.source(Since::Joining)?;
     let mut desk = Desk::open(settings);

@@ -86,7 +86,9 @@ impl Desk {
 
     fn answer_exchanged(&mut self, handover: &Handover) {
         let Some(tuned) = handover.exchanged.pop() else { return };
-        let (Some(UnderWay { settings, taken_at_tick, ready_at_tick }), Some((plant_epoch, acts_from_tick))) = (self.under_way.take(), tuned.since) else {
+        let (Some(UnderWay { settings, taken_at_tick, ready_at_tick }), Some((plant_epoch, acts_from_tick))) =
+            (self.under_way.take(), tuned.since)
+        else {
             return;
         };
         self.settings = settings;

@@ -4,6 +4,7 @@ mod messages;
 
 use protocol::message::Participant::{self, Controller, Gateway, Learner, Plant, Recorder};
 use std::fmt::Write;
+use std::ops::Range;
 
 /// A graph of the drill.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
@@ -107,8 +108,8 @@ pub struct Launch {
     pub faults: String,
     /// Whom the faults end or stop, who must be in use again.
     pub restarts: Option<Participant>,
-    /// A link gives the gate other numbers than the controller said, sealed as valid, so that what acts is not what was said.
-    pub misquoted: bool,
+    /// Ticks in which a link gives the gate other numbers than the controller said, sealed as valid, so that what acts is not what was said.
+    pub misquoted: Vec<Range<u64>>,
     /// What is compared with what was injected.
     pub refused: Option<Refused>,
     /// In so many periods the optimiser has no plan, and every period is answered by the controller, on whichever rung.

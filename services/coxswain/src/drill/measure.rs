@@ -14,6 +14,7 @@ use process::Gap;
 use protocol::message::Participant;
 use std::collections::BTreeSet;
 use std::fmt;
+use std::ops::Range;
 
 /// Longest way back of whom the robot needs \[s\].
 const NEEDED_BACK_WITHIN_S: f64 = 1.0;
@@ -21,6 +22,8 @@ const NEEDED_BACK_WITHIN_S: f64 = 1.0;
 const BACK_WITHIN_S: f64 = 5.0;
 /// A process that is ended so soon after its predecessor is on its way back: how long that takes counts from its own end \[ns\].
 const EARLY_NANOS: u64 = 200_000_000;
+/// A command acts for so many periods at most.
+const BRAKES_AFTER: u64 = 3;
 /// Longest time below a fresh plan that a fault of at most half a second may cause \[s\].
 const BELOW_AT_MOST_S: f64 = 2.5;
 
@@ -52,7 +55,8 @@ impl Measured {
 
 /// Judges a launch with faults. `gaps` are the times in which the machine let nobody run.
 pub fn measure(record: &Record, launch: &Launch, limits: &Limits, injected: &[Injected], gaps: &[Gap]) -> Measured {
-    let known = |violation: &Violation| launch.misquoted && violation.rule == Rule::Said;
+    let known =
+        |found: &Violation| found.rule == Rule::Said && launch.misquoted.iter().any(|ticks| acts_until(ticks).contains(&found.tick));
     let mut violations: Vec<String> = judge(record, limits).iter().filter(|found| !known(found)).map(ToString::to_string).collect();
     let worst_restart = launch.restarts.and_then(|who| judge_restarts(record, who, injected, &mut violations));
     let states = states(record);
@@ -71,6 +75,11 @@ pub fn measure(record: &Record, launch: &Launch, limits: &Limits, injected: &[In
     let injections = if launch.answered.is_some() { fallen } else { injected.len() as u64 };
     let excused = excused + in_the_dark;
     Measured { injections, violations, worst_reaction: worst_reaction(record, limits), worst_restart, excused, ..Measured::default() }
+}
+
+/// Ticks in whose truth is what was heard in `ticks`: the tail of the last of it acts until the brake.
+fn acts_until(ticks: &Range<u64>) -> Range<u64> {
+    ticks.start..ticks.end + BRAKES_AFTER
 }
 
 /// Age of the oldest state whose answer acted \[T\].

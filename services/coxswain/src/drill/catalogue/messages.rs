@@ -37,18 +37,21 @@ pub(super) fn on_control_links(extent: Extent, apart: bool, all: &mut Vec<Exerci
             let groups = if extent == Extent::Quick && !apart { vec![KINDS.to_vec()] } else { each };
             for kinds in groups {
                 let rounds = extent.pick(1, 10);
-                let (mut faults, mut from) = (String::new(), STRIDE);
+                let (mut faults, mut misquoted, mut from) = (String::new(), Vec::new(), STRIDE);
                 for (_, kind, levels) in &kinds {
                     for level in extent.pick(levels.get(levels.len() - 1..).unwrap_or_default(), levels) {
                         for _ in 0..rounds {
                             let named = if *kind == "nan" { format!("field = {field:?}\n") } else { String::new() };
-                            faults += &message(topic, participant, kind, from, from + extent.pick(12, WINDOW), &format!("{level}{named}"));
+                            let until = from + extent.pick(12, WINDOW);
+                            faults += &message(topic, participant, kind, from, until, &format!("{level}{named}"));
+                            if topic == "command" && *kind == "freeze" {
+                                misquoted.push(from..until);
+                            }
                             from += extent.pick(STRIDE / 2, STRIDE);
                         }
                     }
                 }
                 let fault = if let [(only, ..)] = kinds.as_slice() { *only } else { "bad link" };
-                let misquoted = topic == "command" && kinds.iter().any(|(_, kind, _)| *kind == "freeze");
                 let duration_s = from as f64 * 0.02 + 2.0;
                 let launch = Launch { duration_s, faults, misquoted, refused: Some(Refused::Messages), ..Launch::default() };
                 all.push(Exercise { fault, target: topic, carrier, task: Task::Launch(launch) });
