@@ -4,7 +4,7 @@ use bytemuck::Zeroable;
 use coxswain::assembly::Assembly;
 use coxswain::in_process;
 use coxswain::options::Options;
-use process::{Pace, Run};
+use process::{Pace, Run, Scheduling};
 use promises::{Browser, Launched, Outcome, binaries, repository};
 use protocol::message::{Plan, PlantState, ResidualSample, Rung, Truth};
 use protocol::port::Links;
@@ -226,7 +226,16 @@ fn described(folder: &Path) -> Result<Run, Box<dyn Error>> {
     fs::create_dir_all(folder)?;
     let links = Links::on_this_machine("test", folder.to_owned(), true, 1000);
     let (log, folder) = ("info".to_owned(), folder.to_owned());
-    Ok(Run { links, folder, log, epoch_floor: 0, restarted: false, period_nanos: 20_000_000, pace: Pace::LockStep })
+    Ok(Run {
+        links,
+        folder,
+        log,
+        epoch_floor: 0,
+        restarted: false,
+        scheduling: Scheduling::default(),
+        period_nanos: 20_000_000,
+        pace: Pace::LockStep,
+    })
 }
 
 /// Writes a record of so many ticks at 50 Hz whose every number is another one every time, the worst that a page can have; at tick 7777

@@ -16,7 +16,7 @@ use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, PosteriorError, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
 use model::robot::Robot;
-use process::{Pace, Run};
+use process::{Pace, Run, Scheduling};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{PlantState, Rung};
 use protocol::port::Links;
@@ -37,6 +37,7 @@ fn settings() -> Settings {
             log: "off".into(),
             epoch_floor: 0,
             restarted: false,
+            scheduling: Scheduling::default(),
             period_nanos: 100_000_000,
             pace: Pace::LockStep,
         },

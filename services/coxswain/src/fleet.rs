@@ -213,6 +213,7 @@ impl<'a> Fleet<'a> {
             log: assembly.log.clone(),
             epoch_floor,
             restarted: member.restarts.total() > 0,
+            scheduling: assembly.graph.processes.of(role).scheduling.clone(),
             period_nanos: assembly.scenario.period_nanos(),
             pace: assembly.graph.pace,
             links: Links { faults: assembly.faults.of_messages().in_process(role), ..links.clone() },

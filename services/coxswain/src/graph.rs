@@ -4,7 +4,7 @@ use crate::back_off::RestartPolicy;
 use crate::role::START_ORDER;
 use gateway::settings::{PageSettings, Rates, check_telemetry};
 use plant_sim::settings::LINK_DELAY_MILLIS_MAX;
-use process::Pace;
+use process::{Pace, Scheduling};
 use protocol::message::Participant;
 use protocol::port::{Carriers, is_graph_name};
 use protocol::telemetry::TelemetrySettings;
@@ -114,7 +114,7 @@ pub fn is_needed(role: Participant) -> bool {
 }
 
 /// How each process is treated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Processes {
     /// The simulator.
@@ -132,13 +132,13 @@ pub struct Processes {
 impl Default for Processes {
     fn default() -> Self {
         let started = Treatment::default();
-        let gateway = Treatment { enabled: false, ..started };
-        Self { plant: started, controller: started, learner: started, recorder: started, gateway }
+        let gateway = Treatment { enabled: false, ..started.clone() };
+        Self { plant: started.clone(), controller: started.clone(), learner: started.clone(), recorder: started, gateway }
     }
 }
 
 /// How one process is treated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Treatment {
     /// Whether it is started at all.
@@ -151,11 +151,20 @@ pub struct Treatment {
     pub back_off_max_millis: u64,
     /// In real time: silence after which it is taken to hang, and is killed \[ms\]. By default 400 of whom the robot needs, and 2500 of others.
     pub hung_after_millis: Option<u64>,
+    /// How the system is to treat it.
+    pub scheduling: Scheduling,
 }
 
 impl Default for Treatment {
     fn default() -> Self {
-        Self { enabled: true, restarts_per_minute: 10, back_off_millis: 100, back_off_max_millis: 2000, hung_after_millis: None }
+        Self {
+            enabled: true,
+            restarts_per_minute: 10,
+            back_off_millis: 100,
+            back_off_max_millis: 2000,
+            hung_after_millis: None,
+            scheduling: Scheduling::default(),
+        }
     }
 }
 
@@ -178,13 +187,13 @@ impl Processes {
     }
 
     /// How `role` is treated.
-    pub fn of(&self, role: Participant) -> Treatment {
+    pub fn of(&self, role: Participant) -> &Treatment {
         match role {
-            Participant::Plant => self.plant,
-            Participant::Controller => self.controller,
-            Participant::Learner => self.learner,
-            Participant::Recorder => self.recorder,
-            Participant::Gateway => self.gateway,
+            Participant::Plant => &self.plant,
+            Participant::Controller => &self.controller,
+            Participant::Learner => &self.learner,
+            Participant::Recorder => &self.recorder,
+            Participant::Gateway => &self.gateway,
         }
     }
 }
@@ -199,9 +208,16 @@ impl Check for Graph {
         }
         self.network.check().map_err(|impossible| impossible.under("network"))?;
         for role in START_ORDER {
-            if self.processes.of(role).hung_after_millis.is_some_and(|millis| millis < HUNG_AFTER_LEAST_MILLIS) {
+            let treatment = self.processes.of(role);
+            let key = |key: &str| format!("processes.{}.{key}", role.text());
+            treatment.scheduling.check().map_err(|impossible| impossible.under(&key("scheduling")))?;
+            if treatment.scheduling.real_time_priority.is_some() && !is_needed(role) {
+                let expected = "nothing: a command waits for plant and controller alone";
+                return Err(Impossible::new(key("scheduling.real_time_priority"), expected));
+            }
+            if treatment.hung_after_millis.is_some_and(|millis| millis < HUNG_AFTER_LEAST_MILLIS) {
                 let expected = format!("at least {HUNG_AFTER_LEAST_MILLIS} ms: a heartbeat comes every 100 ms");
-                return Err(Impossible::new(format!("processes.{}.hung_after_millis", role.text()), expected));
+                return Err(Impossible::new(key("hung_after_millis"), expected));
             }
         }
         if self.lock_step_patience_millis == 0 {
@@ -265,6 +281,15 @@ mod tests {
             refusal(&format!("{GOOD}[page]\nlisten = \"8080\"\n")).as_deref(),
             Some("g.toml:8: page.listen = \"8080\": expected an address and a port such as 127.0.0.1:8080, or off")
         );
+    }
+
+    #[test]
+    fn a_priority_for_whom_no_command_waits_is_refused() {
+        let refused = |role: &str, keys: &str| refusal(&format!("{GOOD}[processes.{role}.scheduling]\n{keys}\n")).unwrap_or_default();
+        assert_eq!(refused("controller", "processors = [1]\nlock_memory = true\nreal_time_priority = 20"), "");
+        let said = refused("learner", "real_time_priority = 20");
+        assert!(said.contains("g.toml:8: processes.learner.scheduling.real_time_priority = 20: expected nothing"), "{said}");
+        assert!(refused("plant", "real_time_priority = 99").contains("g.toml:8: processes.plant.scheduling.real_time_priority = 99"));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use crate::experiment::oracle::Oracle;
 use crate::scenario::Scenario;
 use controller::settings::Method;
 use model::foresight::Foresight;
-use process::{Pace, Run, Stop};
+use process::{Pace, Run, Scheduling, Stop};
 use protocol::message::{Health, Participant, Phase};
 use protocol::port::{Exchange, Identity, OpenError, Ports, Since, Source};
 use recorder::summary::Summary;
@@ -71,6 +71,7 @@ pub fn drive<W: Send>(
         log: assembly.log.clone(),
         epoch_floor: 0,
         restarted: false,
+        scheduling: Scheduling::default(),
         period_nanos: assembly.scenario.period_nanos(),
         pace: Pace::LockStep,
     };

@@ -14,7 +14,7 @@ use crate::saboteur::Saboteur;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use crate::without_learning;
-use process::{Pace, go_first, wishes};
+use process::{PRIORITY, Pace, go_first, wishes};
 use protocol::message::Participant;
 use protocol::port::{HalfMade, OpenError, Router, claim};
 use recorder::report;
@@ -211,7 +211,7 @@ fn run_at(
 fn open_router(assembly: &Assembly) -> Result<Router, OpenError> {
     let open = || {
         if assembly.graph.pace == Pace::RealTime {
-            go_first();
+            go_first(PRIORITY);
         }
         Router::open(&assembly.graph.network.listen, &assembly.graph.network.connect)
     };

@@ -5,7 +5,7 @@ use learner::{Settings, run};
 use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
 use model::robot::Robot;
-use process::{Pace, Run, Stop};
+use process::{Pace, Run, Scheduling, Stop};
 use protocol::message::{ModelSnapshot, ResidualSample};
 use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
 use std::error::Error;
@@ -25,6 +25,7 @@ fn settings(folder: &Path, resume: Option<PathBuf>) -> Settings {
             log: "off".into(),
             epoch_floor: 0,
             restarted: false,
+            scheduling: Scheduling::default(),
             period_nanos: 100_000_000,
             pace: Pace::LockStep,
         },

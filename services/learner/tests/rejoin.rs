@@ -5,7 +5,7 @@ use learner::{Settings, run};
 use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
 use model::robot::Robot;
-use process::{Pace, Run, Stop};
+use process::{Pace, Run, Scheduling, Stop};
 use protocol::message::{ModelSnapshot, ResidualSample};
 use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
 use std::error::Error;
@@ -24,6 +24,7 @@ fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected:
             log: "off".into(),
             epoch_floor: 1,
             restarted: true,
+            scheduling: Scheduling::default(),
             period_nanos: 100_000_000,
             pace: Pace::LockStep,
         },

@@ -7,6 +7,7 @@
 //! | `stop`  | [`Stop`]: the request to end, and who may make it                              |
 //! | `pulse` | [`Pulse`]: the heartbeat that goes out as `Health`                             |
 //! | `priority` | [`go_first`]: what a command waits for runs before everything else           |
+//! | `scheduling` | [`Scheduling`]: processors, locked memory and priority, as a person sets them |
 //! | `witness` | [`Witness`]: when the machine let nobody run                                 |
 //! | `seat`  | [`Seat`]: a thread held on its processor                                       |
 //! | [`wishes`] | a person ▶ a running process: changes to its settings                       |
@@ -14,15 +15,17 @@
 mod priority;
 mod pulse;
 mod run;
+mod scheduling;
 mod seat;
 mod start;
 mod stop;
 pub mod wishes;
 mod witness;
 
-pub use priority::{give_way, go_first, may_go_first, step_back};
+pub use priority::{PRIORITY, give_way, go_first, may_go_first, step_back};
 pub use pulse::Pulse;
 pub use run::{HasRun, Pace, Run};
+pub use scheduling::{Scheduling, SchedulingError};
 pub use seat::Seat;
 pub use start::{main, read_settings};
 pub use stop::Stop;

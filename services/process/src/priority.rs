@@ -7,7 +7,10 @@ use thread_priority::{
 };
 
 /// Priority among the real-time threads of the machine, from 1 to 99: before everything that has none, behind what serves hardware.
-const PRIORITY: u8 = 10;
+pub const PRIORITY: u8 = 10;
+
+/// Of what watches all of them, beyond all that can be asked for.
+const PRIORITY_OF_WITNESS: u8 = 50;
 
 /// Real-time threads of the same priority take no turns: each runs until it waits.
 const FIFO: ThreadSchedulePolicy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
@@ -18,32 +21,37 @@ const LAST: i32 = 19;
 /// What the crate makes niceness 0 of.
 const NICE_0: u8 = 48;
 
-/// The calling thread, and every thread that it starts from now on, runs before all that is no real-time thread (`SCHED_FIFO`).
+/// The calling thread, and every thread that it starts from now on, runs with `priority` before all that is no real-time thread (`SCHED_FIFO`).
 ///
 /// For what a command waits for, in real time. A kernel that is built for throughput lets a busy thread finish its slice of some
 /// milliseconds first, on each of the five threads through which a state and its command pass on the network.
 ///
 /// Where the system does not permit it, nothing changes: that is logged, since it explains late commands.
-pub fn go_first() {
-    match set(PRIORITY, FIFO) {
-        Ok(()) => tracing::info!(priority = PRIORITY, "runs as a real-time thread"),
+pub fn go_first(priority: u8) {
+    match set(priority, FIFO) {
+        Ok(()) => tracing::info!(priority, "runs as a real-time thread"),
         Err(error) => tracing::info!(%error, "runs among all others: a real-time priority is not permitted (see README, \"On time\")"),
     }
 }
 
 /// The calling thread goes behind those that go first, and before everything else, if that is permitted.
-pub(crate) fn go_second() {
-    let _ = set(PRIORITY / 2, FIFO);
+pub(crate) fn go_before_the_rest() {
+    let _ = set(1, FIFO);
 }
 
 /// The calling thread goes before those that go first, if that is permitted.
 pub(crate) fn go_before_everything() {
-    let _ = set(2 * PRIORITY, FIFO);
+    let _ = set(PRIORITY_OF_WITNESS, FIFO);
 }
 
 /// Whether a thread may go first here.
 pub fn may_go_first() -> bool {
-    std::thread::spawn(|| set(PRIORITY, FIFO).is_ok()).join().unwrap_or(false)
+    is_permitted(PRIORITY)
+}
+
+/// Whether a thread may have this real-time priority here.
+pub(crate) fn is_permitted(priority: u8) -> bool {
+    std::thread::spawn(move || set(priority, FIFO).is_ok()).join().unwrap_or(false)
 }
 
 /// The calling thread, if it goes first, runs among all others again.
@@ -89,7 +97,7 @@ mod tests {
         let now = || (thread_schedule_policy().ok(), getpriority_process(None).ok());
         let before = now();
         let chain = thread::spawn(move || {
-            go_first();
+            go_first(PRIORITY);
             let started = thread::spawn(move || {
                 let inherited = now();
                 step_back();

@@ -1,6 +1,7 @@
 //! What the launcher tells every process.
 
-use crate::priority::{go_first, go_second};
+use crate::Scheduling;
+use crate::priority::{self, PRIORITY};
 use protocol::port::{Carrier, Links};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
@@ -26,6 +27,9 @@ pub struct Run {
     pub period_nanos: u64,
     /// Whose time it is.
     pub pace: Pace,
+    /// How the system is to treat it.
+    #[serde(default)]
+    pub scheduling: Scheduling,
     /// How the links of the graph run.
     pub links: Links,
 }
@@ -44,16 +48,22 @@ impl Run {
     /// For a process that commands wait for, before it opens its ports: shared memory takes tens of milliseconds, for which it goes behind a loop that
     /// runs already, and before everything else. But if there will be threads of the network it goes first, since they go as the one that opens them.
     pub fn go_first_to_open(&self) {
-        if self.pace == Pace::RealTime {
-            if self.has_threads() { go_first() } else { go_second() }
+        if let Some(priority) = self.priority() {
+            if self.has_threads() { priority::go_first(priority) } else { priority::go_before_the_rest() }
         }
     }
 
     /// For the same, when all is open and built: goes first from now on.
     pub fn go_first_to_run(&self) {
-        if self.pace == Pace::RealTime && !self.has_threads() {
-            go_first();
+        if let Some(priority) = self.priority().filter(|_| !self.has_threads()) {
+            priority::go_first(priority);
         }
+    }
+
+    /// Its real-time priority, if it is to have one.
+    fn priority(&self) -> Option<u8> {
+        let asked = self.scheduling.real_time_priority.unwrap_or(PRIORITY);
+        (self.pace == Pace::RealTime && asked > 0).then_some(asked)
     }
 
     /// Whether ports come with threads.
@@ -73,6 +83,7 @@ impl Check for Run {
         if !(1..=PERIOD_NANOS_MAX).contains(&self.period_nanos) {
             return Err(Impossible::new("period_nanos", format!("a period of 1 to {PERIOD_NANOS_MAX} ns")));
         }
+        self.scheduling.check().map_err(|impossible| impossible.under("scheduling"))?;
         if self.links.lock_step != (self.pace == Pace::LockStep) {
             return Err(Impossible::new("links.lock_step", "true in lock step, and only there"));
         }

@@ -85,6 +85,11 @@ where
         say(name, format_args!("{error:#}"));
         return ExitCode::from(FAILED);
     }
+    if let Err(error) = settings.run().scheduling.apply() {
+        tracing::error!("{error}");
+        say(name, &error);
+        return ExitCode::from(REFUSED);
+    }
     tracing::info!(pid = std::process::id(), settings = %arguments.settings.display(), "started");
     match body(settings, &stop) {
         Ok(()) => {

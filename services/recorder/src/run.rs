@@ -182,7 +182,7 @@ impl<'a> Recorder<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use process::{Pace, Run};
+    use process::{Pace, Run, Scheduling};
     use protocol::message::{Health, PlantState};
     use protocol::port::{Exchange, Identity, Links};
     use protocol::topic::Topic;
@@ -190,7 +190,18 @@ mod tests {
     fn settings(folder: &std::path::Path, pace: Pace) -> Settings {
         let links = Links::on_this_machine("test", folder.to_owned(), false, 1000);
         let (log, folder) = ("info".to_owned(), folder.to_owned());
-        Settings { run: Run { links, folder, log, epoch_floor: 1, restarted: false, period_nanos: 100_000_000, pace } }
+        Settings {
+            run: Run {
+                links,
+                folder,
+                log,
+                epoch_floor: 1,
+                restarted: false,
+                scheduling: Scheduling::default(),
+                period_nanos: 100_000_000,
+                pace,
+            },
+        }
     }
 
     #[test]

@@ -7,7 +7,7 @@ use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
-use process::{Pace, Run};
+use process::{Pace, Run, Scheduling};
 use protocol::port::Links;
 
 fn controller() -> Result<Controller, ControllerError> {
@@ -23,6 +23,7 @@ pub(crate) fn told() -> Settings {
             log: "off".into(),
             epoch_floor: 0,
             restarted: false,
+            scheduling: Scheduling::default(),
             period_nanos: 100_000_000,
             pace: Pace::LockStep,
         },

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{HasRun, Pace, Run};
+use crate::{HasRun, Pace, Run, Scheduling};
 use protocol::port::Links;
 use settings::Check;
 use settings::change::Rules;
@@ -25,7 +25,16 @@ impl HasRun for Plain {
 
 fn run(folder: &Path, pace: Pace) -> Run {
     let links = Links::on_this_machine("test", folder.to_owned(), pace == Pace::LockStep, 0);
-    Run { folder: folder.to_owned(), log: "off".into(), epoch_floor: 0, restarted: false, period_nanos: 1, pace, links }
+    Run {
+        folder: folder.to_owned(),
+        log: "off".into(),
+        epoch_floor: 0,
+        restarted: false,
+        scheduling: Scheduling::default(),
+        period_nanos: 1,
+        pace,
+        links,
+    }
 }
 
 fn wish(change: &str) -> Wish {

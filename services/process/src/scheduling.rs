@@ -1,0 +1,127 @@
+//! On which processors a process runs, whether its memory stays where it is, and how far it goes before others.
+
+use crate::priority;
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, getrlimit};
+use rustix::thread::{CapabilitySet, CpuSet, capabilities, sched_getaffinity, sched_setaffinity};
+use serde::{Deserialize, Serialize};
+use settings::{Check, Impossible};
+
+/// Highest priority that can be asked for: the system serves hardware from 50 on.
+const PRIORITY_MAX: u8 = 49;
+
+/// What a person may say about it. Where nothing is said, nothing is asked of the system but the priority of whom a command waits for.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Scheduling {
+    /// The processors that it may run on, by the system's numbers; all if none is named.
+    pub processors: Vec<usize>,
+    /// Whether all its memory is brought in at the start, with what comes later, and never leaves.
+    pub lock_memory: bool,
+    /// In real time, of plant and controller: real-time priority (`SCHED_FIFO`), or 0 for none. If it is not given: 10, where that is permitted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub real_time_priority: Option<u8>,
+}
+
+/// Why the system does not do what was asked for.
+#[derive(Debug, thiserror::Error)]
+pub enum SchedulingError {
+    /// There are no such processors, or it may not run there.
+    #[error("scheduling.processors = {asked:?}: expected some of {there:?}, on which it may run here")]
+    Processors {
+        /// Those that were asked for.
+        asked: Vec<usize>,
+        /// Those that it may use.
+        there: Vec<usize>,
+    },
+    /// Memory cannot be locked.
+    #[error(
+        "scheduling.lock_memory: not permitted, expected the capability CAP_IPC_LOCK, or no limit of locked memory (`ulimit -l unlimited`; it is {})",
+        .limit_kibibytes.map_or("none".to_owned(), |limit| format!("{limit} KiB"))
+    )]
+    Memory {
+        /// The limit there is.
+        limit_kibibytes: Option<u64>,
+    },
+    /// It may not go before others.
+    #[error(
+        "scheduling.real_time_priority = {asked}: not permitted, expected the capability CAP_SYS_NICE, or a limit of at least that (`ulimit -r`)"
+    )]
+    Priority {
+        /// The priority that was asked for.
+        asked: u8,
+    },
+}
+
+impl Check for Scheduling {
+    fn check(&self) -> Result<(), Impossible> {
+        if let Some(index) = self.processors.iter().position(|&one| one >= CpuSet::MAX_CPU) {
+            return Err(Impossible::new(format!("processors.{index}"), format!("a processor from 0 to {}", CpuSet::MAX_CPU - 1)));
+        }
+        if self.real_time_priority.is_some_and(|priority| priority > PRIORITY_MAX) {
+            return Err(Impossible::new("real_time_priority", format!("0 for none, or 1 to {PRIORITY_MAX}")));
+        }
+        Ok(())
+    }
+}
+
+impl Scheduling {
+    /// Has the system do it for the calling process, before it starts threads that work. A priority is only asked for here: it is taken by those whom a
+    /// command waits for, once they are.
+    ///
+    /// # Errors
+    /// [`SchedulingError`] if the system does not.
+    pub fn apply(&self) -> Result<(), SchedulingError> {
+        self.stay_on_processors()?;
+        if self.lock_memory {
+            keep_memory()?;
+        }
+        match self.real_time_priority {
+            Some(asked) if asked > 0 && !priority::is_permitted(asked) => Err(SchedulingError::Priority { asked }),
+            _ => Ok(()),
+        }
+    }
+
+    fn stay_on_processors(&self) -> Result<(), SchedulingError> {
+        if self.processors.is_empty() {
+            return Ok(());
+        }
+        let allowed = sched_getaffinity(None).unwrap_or_default();
+        let mut asked = CpuSet::new();
+        self.processors.iter().for_each(|&one| asked.set(one));
+        let all_there = self.processors.iter().all(|&one| allowed.is_set(one));
+        if all_there && sched_setaffinity(None, &asked).is_ok() {
+            return Ok(());
+        }
+        let there = (0..CpuSet::MAX_CPU).filter(|&one| allowed.is_set(one)).collect();
+        Err(SchedulingError::Processors { asked: self.processors.clone(), there })
+    }
+}
+
+/// Asks before: under a limit the system locks what there is, and later gives no more memory at all.
+fn keep_memory() -> Result<(), SchedulingError> {
+    let limit = getrlimit(Resource::Memlock).current;
+    let may = limit.is_none() || capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
+    let refused = SchedulingError::Memory { limit_kibibytes: limit.map(|bytes| bytes / 1024) };
+    if may && mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).is_ok() { Ok(()) } else { Err(refused) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn what_no_system_can_do_is_refused_by_name() {
+        let refused = |text: &str| settings::parse::<Scheduling>(text, Path::new("s.toml")).err().map(|error| error.to_string());
+        assert_eq!(refused("processors = [0, 1]\nlock_memory = true\nreal_time_priority = 49\n"), None);
+        for (text, parts) in [
+            ("processors = [0, 4096]\n", ["s.toml:1: processors.1 = 4096", "0 to 1023"]),
+            ("real_time_priority = 50\n", ["s.toml:1: real_time_priority = 50", "1 to 49"]),
+            ("processors = [-1]\n", ["processors", "-1"]),
+        ] {
+            let said = refused(text).unwrap_or_default();
+            assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! Promise: processes run where, with the priority and the memory that their graph says; and what the system does not permit is said, before anything moves.
+
+use promises::{Launched, Outcome, graph_file, launch_command, repository};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The local graph with other tables for its processes.
+fn graph_with(tables: &str, home: &Path) -> Result<PathBuf, Box<dyn std::error::Error>> {
+    let text = fs::read_to_string(graph_file("local"))?;
+    let deploy = repository().join("deploy");
+    let kept = text.split("\n[processes.").next().unwrap_or_default().replace("\"../", &format!("\"{}/", deploy.display()));
+    let file = home.join("graph.toml");
+    fs::write(&file, format!("{kept}\n{tables}"))?;
+    Ok(file)
+}
+
+fn launched_with(tables: &str, before: &[&str]) -> Result<Launched, Box<dyn std::error::Error>> {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let launch = launch_command(&graph_with(tables, home.path())?, &home.path().join("run"), &["--duration", "600"])?;
+    let command = match before {
+        [] => launch,
+        [program, arguments @ ..] => {
+            let mut command = Command::new(program);
+            command.args(arguments).arg(launch.get_program()).args(launch.get_args());
+            command
+        }
+    };
+    Launched::by(command, home)
+}
+
+/// What the system says of a process under `key`.
+fn status(pid: u32, key: &str) -> Result<String, Box<dyn std::error::Error>> {
+    let text = fs::read_to_string(format!("/proc/{pid}/status"))?;
+    let line = text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':'));
+    Ok(line.ok_or("no such key")?.trim().to_owned())
+}
+
+/// Real-time priority of the main thread; 0 if it has none.
+fn priority(pid: u32) -> Result<u64, Box<dyn std::error::Error>> {
+    let text = fs::read_to_string(format!("/proc/{pid}/stat"))?;
+    // Field 40; the name, field 2, may contain anything.
+    let fields = text.rsplit_once(") ").ok_or("no name")?.1;
+    Ok(fields.split_whitespace().nth(37).ok_or("no priority")?.parse()?)
+}
+
+#[test]
+fn processes_run_where_and_as_their_graph_says() -> Outcome {
+    let last = fs::read_to_string("/proc/self/status")?;
+    let mine = last.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:")).ok_or("no processors")?.trim().to_owned();
+    let first: usize = mine.split([',', '-']).next().ok_or("no processor")?.parse()?;
+    let launched = launched_with(
+        &format!(
+            "[processes.controller.scheduling]\nprocessors = [{first}]\nreal_time_priority = 7\nlock_memory = true\n\
+             [processes.plant.scheduling]\nreal_time_priority = 0\n"
+        ),
+        &[],
+    );
+    // Where priorities or locked memory are not permitted, the other test says what is told.
+    let launched = launched?;
+    let driving = launched.wait_for_log("controller", "answering a plant", 1);
+    if process::may_go_first() {
+        driving?;
+        let (controller, plant) = (launched.process("controller", None)?, launched.process("plant-sim", None)?);
+        assert_eq!((status(controller, "Cpus_allowed_list")?, status(plant, "Cpus_allowed_list")?), (first.to_string(), mine));
+        assert_eq!((priority(controller)?, priority(plant)?), (7, 0));
+        assert_ne!(status(controller, "VmLck")?, "0 kB");
+        assert_eq!(status(plant, "VmLck")?, "0 kB");
+    } else {
+        assert!(driving.is_err_and(|said| said.to_string().contains("not permitted")));
+    }
+    Ok(())
+}
+
+#[test]
+fn what_the_system_does_not_permit_is_said_before_anything_moves() -> Outcome {
+    let powerless = [
+        "setpriv",
+        "--bounding-set=-ipc_lock,-sys_nice",
+        "--inh-caps=-ipc_lock,-sys_nice",
+        "prlimit",
+        "--memlock=65536:65536",
+        "--rtprio=0:0",
+    ];
+    let as_it_is: &[&str] = if rustix::process::geteuid().is_root() { &powerless } else { powerless.get(3..).unwrap_or_default() };
+    for (table, before, parts) in [
+        ("processors = [1023]", &[][..], ["scheduling.processors = [1023]", "expected some of"]),
+        ("lock_memory = true", as_it_is, ["scheduling.lock_memory: not permitted", "CAP_IPC_LOCK"]),
+        ("real_time_priority = 7", as_it_is, ["scheduling.real_time_priority = 7: not permitted", "CAP_SYS_NICE"]),
+    ] {
+        let (ended, home) = launched_with(&format!("[processes.controller.scheduling]\n{table}\n"), before)?.end()?;
+        assert_eq!(ended.status.code(), Some(1), "{table}: {}", ended.text);
+        assert!(parts.iter().all(|part| ended.text.contains(part)), "{table}: {}", ended.text);
+        assert!(!home.path().join("run/plant.log").exists(), "{table}: the robot was started");
+    }
+    Ok(())
+}
