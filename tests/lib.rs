@@ -53,11 +53,13 @@ fn build() -> io::Result<PathBuf> {
     let test = std::env::current_exe()?;
     let folder = test.parent().and_then(Path::parent).ok_or(io::ErrorKind::NotFound)?;
     let mut cargo = Command::new(env!("CARGO"));
-    // With the tests, which are there already, the libraries have the same features as theirs, and are not built once more without.
-    cargo.args(["build", "--quiet", "--workspace", "--bins", "--tests", "--examples"]).current_dir(repository());
+    cargo.args(["build", "--quiet", "--workspace", "--bins"]).current_dir(repository());
     cargo.env("CARGO_TARGET_DIR", folder.parent().unwrap_or(folder));
     if folder.ends_with("release") {
         cargo.arg("--release");
+    } else {
+        // With the tests, which are there already, the libraries have the same features as theirs, and are not built once more without.
+        cargo.args(["--tests", "--examples"]);
     }
     if !cargo.status()?.success() {
         return Err(io::Error::other("the binaries could not be built"));

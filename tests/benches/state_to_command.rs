@@ -1,0 +1,152 @@
+//! How long a robot waits for the answer to a state, end to end: from a real controller process of a real launch, over each carrier, beside the bare
+//! library's round trip between two processes, a state and a bare round in turn.
+//!
+//! `cargo bench -p promises --bench state_to_command`
+#![expect(clippy::print_stdout, reason = "figures are what a bench is for")]
+
+#[path = "state_to_command/bare.rs"]
+mod bare;
+
+use bare::Echo;
+use bytemuck::Zeroable;
+use process::{PRIORITY, go_first, read_settings};
+use promises::{Launched, graph_file, launch_command, repository};
+use protocol::clock::monotonic_nanos;
+use protocol::message::{Command, Message, Plan, PlantState};
+use protocol::port::{Identity, Links, Ports, Since, Sink, Source};
+use protocol::wire;
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::fs;
+use std::path::Path;
+use std::thread;
+use std::time::Duration;
+
+type Failure = Box<dyn Error + Send + Sync>;
+
+/// Longer than any answer takes.
+const LONG: Duration = Duration::from_secs(10);
+/// States that are answered, and the first ones that do not count.
+const TICKS: u64 = 1500;
+const WARM_UP: u64 = 100;
+/// T, and how long after its answer the bare round comes.
+const PERIOD: Duration = Duration::from_millis(20);
+const APART: Duration = Duration::from_millis(5);
+
+fn main() -> Result<(), Failure> {
+    let arguments: Vec<String> = std::env::args().collect();
+    if let Some(place) = arguments.iter().position(|argument| argument == "--echo") {
+        return bare::answer(arguments.get(place + 1..).unwrap_or_default());
+    }
+    for graph in ["local", "network"] {
+        measure(graph)?;
+    }
+    Ok(())
+}
+
+/// A launch without a robot: this bench is the robot.
+fn launch(graph: &str) -> Result<(Launched, Links), Box<dyn Error>> {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let text = fs::read_to_string(graph_file(graph))?;
+    let deploy = repository().join("deploy");
+    let kept = text.split("\n[processes.").next().unwrap_or_default().replace("\"../", &format!("\"{}/", deploy.display()));
+    let alone = ["plant", "learner", "recorder"].map(|role| format!("[processes.{role}]\nenabled = false\n")).concat();
+    let file = home.path().join("graph.toml");
+    fs::write(&file, format!("{kept}\n{alone}"))?;
+    let options = ["--scenario", "paper-20ms", "--duration", "600"];
+    let launched = Launched::by(launch_command(&file, &home.path().join("run"), &options)?, home)?;
+    launched.wait_for_log("controller", "started", 1)?;
+    let settings: controller::Settings = read_settings(&launched.folder().join("settings/controller.toml"))?;
+    Ok((launched, settings.run.links))
+}
+
+fn measure(graph: &str) -> Result<(), Failure> {
+    let (launched, links) = launch(graph).map_err(|error| error.to_string())?;
+    go_first(PRIORITY);
+    let ports = Ports::open(&links, Identity::new(1))?;
+    let mut robot = Robot { states: ports.sink()?, commands: ports.source(Since::First)?, state: PlantState::zeroed() };
+    let mut plans: Source<Plan> = ports.watcher()?;
+    let mut encoded = Vec::new();
+    wire::encode(&Command::zeroed(), &mut encoded);
+    let echo = match links.connect.first() {
+        Some(endpoint) => Echo::of_zenoh(endpoint, encoded.len())?,
+        None => Echo::of_iceoryx2(launched.home(), Command::zeroed().byte_len())?,
+    };
+    let (mut waited, mut bare, mut computed) = (BTreeMap::new(), Vec::new(), BTreeMap::new());
+    // A controller that is not there yet hears nothing.
+    while robot.drive(Duration::from_millis(100))?.is_none() {}
+    for _ in 0..TICKS {
+        let begin = monotonic_nanos();
+        let nanos = robot.drive(LONG)?.ok_or("no answer")?;
+        waited.insert(robot.state.stamp.tick, nanos);
+        thread::sleep(APART);
+        bare.push(echo.round()?);
+        while let Some(plan) = plans.next()? {
+            computed.insert(plan.stamp.tick, plan.tick_nanos);
+        }
+        thread::sleep(PERIOD.saturating_sub(Duration::from_nanos(monotonic_nanos() - begin)));
+    }
+    let counted = || waited.iter().skip(WARM_UP as usize);
+    let solved: Vec<u64> = counted().filter_map(|(tick, _)| computed.get(tick).copied()).collect();
+    let beyond: Vec<u64> = counted().filter_map(|(tick, nanos)| Some(nanos.saturating_sub(*computed.get(tick)?))).collect();
+    let bare = percentiles(bare.into_iter().skip(WARM_UP as usize).collect());
+    let beyond = percentiles(beyond);
+    for (what, [p50, p99]) in [
+        ("state to command", percentiles(counted().map(|(_, nanos)| *nanos).collect())),
+        ("of it, the controller's tick", percentiles(solved)),
+        ("of it, the way", beyond),
+        ("bare round trip", bare),
+    ] {
+        println!("{graph:8} {what:30} p50 {p50:7.1} µs  p99 {p99:7.1} µs");
+    }
+    println!("{graph:8} way / bare round trip: {:.2}", beyond[0] / bare[0]);
+    Ok(())
+}
+
+/// Median and 99th percentile \[µs\].
+fn percentiles(mut nanos: Vec<u64>) -> [f64; 2] {
+    nanos.sort_unstable();
+    [50, 99].map(|percent| nanos.get(nanos.len() * percent / 100).map_or(f64::NAN, |&nanos| nanos as f64 * 1e-3))
+}
+
+/// A robot that does at once what it is told.
+struct Robot {
+    states: Sink<PlantState>,
+    commands: Source<Command>,
+    state: PlantState,
+}
+
+impl Robot {
+    /// Says the next state, and waits for its answer: for how long \[ns\], if it came within `patience`.
+    fn drive(&mut self, patience: Duration) -> Result<Option<u64>, Failure> {
+        self.state.stamp.tick += 1;
+        let tick = self.state.stamp.tick;
+        self.state.rung = protocol::message::Rung::FreshPlan.code();
+        let begin = monotonic_nanos();
+        self.states.send(&mut self.state)?;
+        while self.commands.wait(patience)? {
+            let Some(command) = self.commands.latest()?.filter(|command| command.stamp.tick == tick) else { continue };
+            let nanos = monotonic_nanos() - begin;
+            self.obey(&command);
+            return Ok(Some(nanos));
+        }
+        Ok(None)
+    }
+
+    fn obey(&mut self, command: &Command) {
+        let seconds = PERIOD.as_secs_f64();
+        let (sin, cos) = self.state.pose[2].sin_cos();
+        let [forward, left, yaw] = command.input;
+        for (pose, rate) in self.state.pose.iter_mut().zip([cos * forward - sin * left, sin * forward + cos * left, yaw]) {
+            *pose += seconds * rate;
+        }
+        (self.state.velocity, self.state.input) = (command.input, command.input);
+        let epoch = command.stamp.epoch;
+        (self.state.controller_epoch, self.state.accepted_epoch, self.state.accepted_tick) = (epoch, epoch, command.stamp.tick);
+    }
+}
+
+/// The folder of the bare library's files, below a launch's home.
+fn bare_folder(home: &Path) -> std::path::PathBuf {
+    home.join("bare")
+}
