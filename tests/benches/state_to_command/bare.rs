@@ -26,7 +26,7 @@ pub(super) struct Echo {
 }
 
 enum Way {
-    Iceoryx2 { end: End, prefix: String },
+    Iceoryx2 { end: Box<End>, prefix: String },
     Zenoh { session: Session, heard: Receiver<()>, bytes: usize, _ears: ZenohSubscriber<()> },
 }
 
@@ -38,7 +38,7 @@ impl Echo {
         let words = bytes.div_ceil(size_of::<u64>());
         let end = End::open(&folder, &prefix, ["back", "there"], words)?;
         let child = start(&["iceoryx2", &folder.to_string_lossy(), &prefix, &words.to_string()])?;
-        let echo = Self { child, way: Way::Iceoryx2 { end, prefix } };
+        let echo = Self { child, way: Way::Iceoryx2 { end: Box::new(end), prefix } };
         echo.begin()
     }
 
