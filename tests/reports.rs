@@ -6,7 +6,7 @@ use coxswain::in_process;
 use coxswain::options::Options;
 use process::{Pace, Run, Scheduling};
 use promises::{Browser, Launched, Outcome, binaries, repository};
-use protocol::message::{Plan, PlantState, ResidualSample, Rung, Truth};
+use protocol::message::{Exposure, Plan, PlantState, ResidualSample, Rung, Truth};
 use protocol::port::Links;
 use recorder::segment::Segment;
 use serde_json::Value;
@@ -235,6 +235,7 @@ fn described(folder: &Path) -> Result<Run, Box<dyn Error>> {
         scheduling: Scheduling::default(),
         period_nanos: 20_000_000,
         pace: Pace::LockStep,
+        exposure: Exposure::Closed,
     })
 }
 

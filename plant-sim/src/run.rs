@@ -108,7 +108,7 @@ impl<'a> Plant<'a> {
             truths: ports.sink()?,
             commands,
             credits: ports.source(Since::Joining)?,
-            pulse: Pulse::new(ports, Participant::Plant)?,
+            pulse: Pulse::new(ports, Participant::Plant)?.exposed(settings.run.exposure),
             malformed: 0,
             epoch: identity.epoch,
             driven: false,

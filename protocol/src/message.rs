@@ -14,7 +14,7 @@ mod sequence;
 mod stamp;
 mod truth;
 
-pub use codes::{Participant, Phase, Reason, Rung, SolverStatus, UnknownCode};
+pub use codes::{Exposure, Participant, Phase, Reason, Rung, SolverStatus, UnknownCode};
 pub use command::{Command, TAIL_MAX};
 pub use credit::Credit;
 pub use health::{ERROR_TEXT_MAX, Health};
@@ -191,7 +191,7 @@ mod tests {
         let sizes = [
             (Command::NAME, size_of::<Command>(), 192),
             (Credit::NAME, size_of::<Credit>(), 64),
-            (Health::NAME, size_of::<Health>(), 576),
+            (Health::NAME, size_of::<Health>(), 584),
             (Plan::NAME, size_of::<Plan>(), 6064),
             (PlantState::NAME, size_of::<PlantState>(), 224),
             (ResidualSample::NAME, size_of::<ResidualSample>(), 192),

@@ -138,6 +138,7 @@ recorded!(Health, "every process → launcher and watchers: how it is. Counters 
     "participant": Shape::Word(words::participants), "who reports" => health.participant().map_or("?", Participant::text);
     "phase": Shape::Word(words::phases), "how far it has come" => health.phase().text();
     "pid": Shape::Integer, "process id" => health.pid;
+    "exposure": Shape::Word(words::exposures), "what strangers on the network can do" => health.exposure().text();
     "heartbeat": Shape::Integer, "rounds of its loop" => health.heartbeat;
     "deadlines_met": Shape::Integer, "periods served in time" => health.deadlines_met;
     "deadlines_missed": Shape::Integer, "periods not served in time" => health.deadlines_missed;

@@ -6,8 +6,8 @@ use proptest::prelude::{any, prop_assert, prop_assert_eq, prop_oneof, proptest};
 use proptest::strategy::{Just, Strategy};
 use protocol::frame::{self, DecodeError};
 use protocol::message::{
-    Command, Credit, ERROR_TEXT_MAX, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState, Reason,
-    ResidualSample, Rung, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth,
+    Command, Credit, ERROR_TEXT_MAX, Exposure, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan,
+    PlantState, Reason, ResidualSample, Rung, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth,
 };
 use protocol::{VERSION, message};
 
@@ -94,6 +94,7 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
         fixed::<Health>(|health, choice| {
             health.participant = pick(Participant::ALL, choice).code();
             health.phase = pick(Phase::ALL, choice).code();
+            health.exposure = pick(Exposure::ALL, choice).code();
             health.error_len = choice % (ERROR_TEXT_MAX as u32 + 1);
         }),
         snapshots(),

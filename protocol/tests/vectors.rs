@@ -4,8 +4,8 @@
 
 use bytemuck::Zeroable;
 use protocol::message::{
-    Command, Credit, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState, Reason, ResidualSample,
-    Rung, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth,
+    Command, Credit, Exposure, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState, Reason,
+    ResidualSample, Rung, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth,
 };
 use protocol::{VERSION, wire};
 use serde::de::DeserializeOwned;
@@ -219,6 +219,7 @@ said_as_it_is! {
                 participant: Participant::Controller.code(),
                 phase: Phase::Degraded.code(),
                 pid: 4711,
+                exposure: Exposure::Driven.code(),
                 heartbeat: 1040,
                 deadlines_met: 1038,
                 deadlines_missed: 2,

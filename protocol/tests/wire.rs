@@ -6,8 +6,8 @@ use proptest::prelude::{any, prop_assert, prop_assert_eq, prop_oneof, proptest};
 use proptest::strategy::{Just, Strategy};
 use protocol::frame::DecodeError;
 use protocol::message::{
-    Command, Credit, ERROR_TEXT_MAX, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState, Reason,
-    ResidualSample, Rung, SnapshotHead, SolverStatus, TAIL_MAX, Truth,
+    Command, Credit, ERROR_TEXT_MAX, Exposure, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan,
+    PlantState, Reason, ResidualSample, Rung, SnapshotHead, SolverStatus, TAIL_MAX, Truth,
 };
 use protocol::{VERSION, message, wire};
 
@@ -88,6 +88,7 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
         fixed::<Health>(|health, choice| {
             health.participant = pick(Participant::ALL, choice).code();
             health.phase = pick(Phase::ALL, choice).code();
+            health.exposure = pick(Exposure::ALL, choice).code();
             health.set_last_error(&"ä".repeat(choice as usize % ERROR_TEXT_MAX));
         }),
         snapshots(),

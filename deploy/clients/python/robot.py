@@ -238,7 +238,7 @@ class Driver:
         stamp, none = self._stamp("health"), (0,) * 8
         sent, received = (self.sent["state"], *none[1:]), (0, self.heard, *none[2:])
         counts = (sent, received, none, (0, self.gate.refused, *none[2:]), none)
-        self.network.send_health(Health(stamp, 0, self.phase, os.getpid(), stamp.sequence, *(0,) * 8, *counts, ""))
+        self.network.send_health(Health(stamp, 0, self.phase, os.getpid(), 0, stamp.sequence, *(0,) * 8, *counts, ""))
 
     def rest(self) -> None:
         """Duty 14: brakes."""

@@ -150,6 +150,7 @@ class Health:
     participant: Annotated[int, varint(5)]
     phase: Annotated[int, varint(5)]
     pid: Annotated[int, U32]
+    exposure: Annotated[int, varint(3)]
     heartbeat: Annotated[int, U64]
     deadlines_met: Annotated[int, U64]
     deadlines_missed: Annotated[int, U64]
@@ -170,7 +171,7 @@ class Health:
 class Wire:
     """Messages to bytes and back: a header of version, kind and checksum, then the fields."""
 
-    VERSION = 3
+    VERSION = 4
     HEADER = struct.Struct("<HHI")
     BODY = {kind: record(kind) for kind in (PlantState, Command, Credit, Health)}
     TABLE: list[int] = []  # of the checksum, by byte

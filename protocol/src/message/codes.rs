@@ -146,6 +146,18 @@ coded! {
 }
 
 coded! {
+    /// What strangers on the network can do to a graph, because a person has let them (`--insecure`). A greater one is worse.
+    Exposure {
+        /// Nothing, as far as who reports knows.
+        Closed = 0 => "closed",
+        /// See what the robot does.
+        Watched = 1 => "strangers can watch",
+        /// Say what it shall do.
+        Driven = 2 => "strangers can drive",
+    }
+}
+
+coded! {
     /// What the optimiser said of its answer.
     SolverStatus {
         /// No problem was solved in this period.

@@ -1,6 +1,6 @@
 //! every process → launcher, recorder, watchers: how it is.
 
-use super::{Participant, Phase, Stamp, check_count, fixed_message};
+use super::{Exposure, Participant, Phase, Stamp, check_count, fixed_message};
 use crate::frame::code;
 use crate::topic::TOPIC_COUNT;
 use bytemuck::{Pod, Zeroable};
@@ -25,6 +25,10 @@ pub struct Health {
     pub pid: u32,
     /// Bytes of `error_text` that count; 0 if all is well.
     pub error_len: u32,
+    /// What strangers on the network can do: an [`Exposure`].
+    pub exposure: u32,
+    /// Zero.
+    pub reserved: u32,
     /// Rounds of its loop.
     pub heartbeat: u64,
     /// Periods that it served in time.
@@ -68,6 +72,11 @@ impl Health {
         Phase::try_from(self.phase).unwrap_or(Phase::Degraded)
     }
 
+    /// What strangers on the network can do.
+    pub fn exposure(&self) -> Exposure {
+        Exposure::try_from(self.exposure).unwrap_or(Exposure::Driven)
+    }
+
     /// The last error; empty if all is well.
     pub fn last_error(&self) -> &str {
         let text = self.error_text.get(..self.error_len as usize).unwrap_or(&[]);
@@ -91,6 +100,7 @@ impl Health {
 fixed_message!(Health, 7, [], |health| {
     code::<Participant>("Health", "participant", health.participant)?;
     code::<Phase>("Health", "phase", health.phase)?;
+    code::<Exposure>("Health", "exposure", health.exposure)?;
     check_count("Health", "error_len", health.error_len, ERROR_TEXT_MAX)
 });
 
@@ -102,6 +112,7 @@ struct Said<'a> {
     participant: u32,
     phase: u32,
     pid: u32,
+    exposure: u32,
     heartbeat: u64,
     deadlines_met: u64,
     deadlines_missed: u64,
@@ -126,6 +137,7 @@ struct Heard {
     participant: u32,
     phase: u32,
     pid: u32,
+    exposure: u32,
     heartbeat: u64,
     deadlines_met: u64,
     deadlines_missed: u64,
@@ -177,6 +189,7 @@ impl Serialize for Health {
             participant: self.participant,
             phase: self.phase,
             pid: self.pid,
+            exposure: self.exposure,
             heartbeat: self.heartbeat,
             deadlines_met: self.deadlines_met,
             deadlines_missed: self.deadlines_missed,
@@ -205,6 +218,8 @@ impl<'de> Deserialize<'de> for Health {
             participant: heard.participant,
             phase: heard.phase,
             pid: heard.pid,
+            exposure: heard.exposure,
+            reserved: 0,
             heartbeat: heard.heartbeat,
             deadlines_met: heard.deadlines_met,
             deadlines_missed: heard.deadlines_missed,

@@ -1,6 +1,6 @@
 //! code ↔ word: a record shows coded fields in a person's words.
 
-use crate::message::{Participant, Phase, Reason, Rung, SolverStatus};
+use crate::message::{Exposure, Participant, Phase, Reason, Rung, SolverStatus};
 
 /// Lists the words of one kind of code.
 pub type Words = fn() -> Vec<&'static str>;
@@ -30,9 +30,19 @@ pub fn phases() -> Vec<&'static str> {
     Phase::ALL.iter().map(|phase| phase.text()).collect()
 }
 
+/// Words of [`Exposure`].
+pub fn exposures() -> Vec<&'static str> {
+    Exposure::ALL.iter().map(|exposure| exposure.text()).collect()
+}
+
 /// The rung of this name.
 pub fn rung(word: &str) -> Option<Rung> {
     Rung::ALL.iter().copied().find(|rung| rung.text() == word)
+}
+
+/// The exposure of this name.
+pub fn exposure(word: &str) -> Option<Exposure> {
+    Exposure::ALL.iter().copied().find(|exposure| exposure.text() == word)
 }
 
 /// The word of a rung's code; "?" if it is of another version, which no valid message carries.

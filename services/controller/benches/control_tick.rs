@@ -18,7 +18,7 @@ use model::learned::{INPUTS, Layout, Learned};
 use model::robot::Robot;
 use process::{Pace, Run, Scheduling};
 use protocol::clock::monotonic_nanos;
-use protocol::message::{PlantState, Rung};
+use protocol::message::{Exposure, PlantState, Rung};
 use protocol::port::Links;
 use std::error::Error;
 use std::hint::black_box;
@@ -40,6 +40,7 @@ fn settings() -> Settings {
             scheduling: Scheduling::default(),
             period_nanos: 100_000_000,
             pace: Pace::LockStep,
+            exposure: Exposure::Closed,
         },
         duration_s: 25.0,
         start: [0.0; 3],

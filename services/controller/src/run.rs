@@ -152,7 +152,7 @@ impl<'a> Loop<'a> {
             commands: ports.sink()?,
             residuals: ports.sink()?,
             plans: ports.sink()?,
-            pulse: Pulse::new(ports, Participant::Controller)?,
+            pulse: Pulse::new(ports, Participant::Controller)?.exposed(settings.run.exposure),
             epoch: None,
             answered: None,
             answered_at: 0,

@@ -10,7 +10,7 @@ use controller::settings::LearnedSettings;
 use gateway::settings::About;
 use model::robot::Robot;
 use process::{Pace, Run};
-use protocol::message::Participant;
+use protocol::message::{Exposure, Participant};
 use protocol::port::{Carrier, Faults, Links};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError, WriteError};
@@ -115,6 +115,11 @@ impl Assembly {
         self.graph.links.uses(Carrier::Network)
     }
 
+    /// What strangers on the network can do.
+    pub fn exposure(&self) -> Exposure {
+        self.exposed.iter().map(Exposed::lets).max().unwrap_or(Exposure::Closed)
+    }
+
     /// Whether its learner takes part.
     pub fn learns(&self) -> bool {
         self.graph.processes.learner.enabled
@@ -203,7 +208,6 @@ impl Assembly {
             corridor_left_m: limits.corridor_left_m,
             corridor_right_m: limits.corridor_right_m,
             without_learning: self.without_learning.clone(),
-            insecure: self.exposed.iter().any(Exposed::drives),
         };
         let Graph { telemetry, rates, page, .. } = self.graph.clone();
         gateway::settings::Settings { run, telemetry, rates, page, about }

@@ -1,6 +1,6 @@
 //! `summary.json` → the table at the end of a run.
 
-use protocol::message::Rung;
+use protocol::message::{Exposure, Rung};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::{self, Display, Formatter};
@@ -25,6 +25,7 @@ pub struct Closing {
     snapshots_published: u64,
     snapshots_adopted: u64,
     losses: BTreeMap<String, BTreeMap<String, u64>>,
+    exposure: String,
 }
 
 impl Closing {
@@ -59,7 +60,8 @@ impl Display for Closing {
             .iter()
             .map(|(topic, readers)| (topic, readers.values().copied().fold(0, u64::saturating_add)))
             .filter(|(_, lost)| *lost > 0);
-        write!(f, "  messages lost       {}", list(lost.map(|(topic, lost)| format!("{topic} {lost}"))))
+        write!(f, "  messages lost       {}", list(lost.map(|(topic, lost)| format!("{topic} {lost}"))))?;
+        if self.exposure == Exposure::Closed.text() { Ok(()) } else { write!(f, "\n  INSECURE            {}", self.exposure) }
     }
 }
 
@@ -82,7 +84,7 @@ mod tests {
         let summary = r#"{"arrival_s": 1.3, "speed_settle_s": null, "steady_speed_error_mps": 0.0412, "position_rmse_m": 0.012,
             "position_max_m": 0.0431, "heading_rmse_rad": null, "tick_p50_us": 212.4, "tick_p99_us": 400.0, "tick_max_us": 801.0,
             "periods": 250, "periods_missed": 1, "rungs": {"brake": 1, "fresh plan": 249, "lqr": 0}, "world_stalled_s": 0.0, "snapshots_published": 5,
-            "snapshots_adopted": 4, "losses": {"plan": {"recorder": 2, "launcher": 1}, "state": {"recorder": 0}}}"#;
+            "snapshots_adopted": 4, "losses": {"plan": {"recorder": 2, "launcher": 1}, "state": {"recorder": 0}}, "exposure": "closed"}"#;
         fs::write(folder.path().join("summary.json"), summary)?;
         let expected = "  arrival             1.3 s
   speed settled       never
@@ -92,6 +94,9 @@ mod tests {
   periods             250, 1 missed (fresh plan 249, brake 1)
   models              5 published, 4 adopted
   messages lost       plan 3";
+        assert_eq!(Closing::read(folder.path())?.to_string(), expected);
+        fs::write(folder.path().join("summary.json"), summary.replace("closed", "strangers can drive"))?;
+        let expected = format!("{expected}\n  INSECURE            strangers can drive");
         assert_eq!(Closing::read(folder.path())?.to_string(), expected);
         Ok(())
     }

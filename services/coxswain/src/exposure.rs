@@ -1,6 +1,7 @@
 //! Which addresses of a graph others on the network can reach: without certificates only those of this machine alone are used unasked.
 
 use crate::graph::Graph;
+use protocol::message::Exposure;
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 
@@ -14,16 +15,16 @@ pub struct Exposed {
 }
 
 impl Exposed {
-    /// Whether commands are taken there.
-    pub fn drives(&self) -> bool {
-        self.key.starts_with("network")
+    /// What it lets strangers do: commands are taken where the links of the graph meet.
+    pub fn lets(&self) -> Exposure {
+        if self.key.starts_with("network") { Exposure::Driven } else { Exposure::Watched }
     }
 }
 
 impl fmt::Display for Exposed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { key, address } = self;
-        let what = if self.drives() { "watch and drive" } else { "watch" };
+        let what = if self.lets() == Exposure::Driven { "watch and drive" } else { "watch" };
         write!(f, "{key} is {address}, and whoever reaches it can {what} the robot")
     }
 }

@@ -216,6 +216,7 @@ impl<'a> Fleet<'a> {
             scheduling: assembly.graph.processes.of(role).scheduling.clone(),
             period_nanos: assembly.scenario.period_nanos(),
             pace: assembly.graph.pace,
+            exposure: assembly.exposure(),
             links: Links { faults: assembly.faults.of_messages().in_process(role), ..links.clone() },
         };
         let file = settings_file(folder, role);

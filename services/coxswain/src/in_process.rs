@@ -8,7 +8,7 @@ use crate::scenario::Scenario;
 use controller::settings::Method;
 use model::foresight::Foresight;
 use process::{Pace, Run, Scheduling, Stop};
-use protocol::message::{Health, Participant, Phase};
+use protocol::message::{Exposure, Health, Participant, Phase};
 use protocol::port::{Exchange, Identity, OpenError, Ports, Since, Source};
 use recorder::summary::Summary;
 use std::path::Path;
@@ -74,6 +74,7 @@ pub fn drive<W: Send>(
         scheduling: Scheduling::default(),
         period_nanos: assembly.scenario.period_nanos(),
         pace: Pace::LockStep,
+        exposure: Exposure::Closed,
     };
     let identity = || Identity::new(1);
     let ports = |role, identity| Ports::in_memory_with(&exchange, identity, &assembly.faults.of_messages().in_process(role));

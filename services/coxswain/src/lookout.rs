@@ -6,8 +6,9 @@ use crate::terminal::Terminal;
 use crate::{berth, dashboard};
 use clap::Args;
 use process::Stop;
-use protocol::message::{Plan, PlantState};
+use protocol::message::{Exposure, Participant, Plan, PlantState};
 use protocol::telemetry::{Heard, TelemetryError, Watcher, Word};
+use std::collections::BTreeMap;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -188,15 +189,25 @@ impl Contact {
     }
 }
 
-/// States and plans → lines. A line waits for the plan that answers its state, at most until the next state.
+/// States and plans → lines. A line waits for the plan that answers its state, at most until the next state. Where strangers can do something,
+/// every line says so.
 #[derive(Debug, Default)]
 struct Lines {
     waiting: Option<(PlantState, f64)>,
+    exposures: BTreeMap<Participant, Exposure>,
 }
 
 impl Lines {
     /// The line that is complete now, if one is.
     fn take_in(&mut self, word: Word) -> Option<String> {
+        let mut line = self.line_of(word)?;
+        if let Some(exposure) = self.exposures.values().max().filter(|&&exposure| exposure > Exposure::Closed) {
+            line += &format!("  INSECURE: {exposure}");
+        }
+        Some(line)
+    }
+
+    fn line_of(&mut self, word: Word) -> Option<String> {
         match word.said {
             Heard::State(state) => {
                 let seconds = state.stamp.tick as f64 * word.period_nanos as f64 * 1e-9;
@@ -208,7 +219,10 @@ impl Lines {
                     |(state, _): &mut (PlantState, f64)| state.stamp.epoch == plan.plant_epoch && state.stamp.tick == plan.stamp.tick;
                 self.waiting.take_if(answered).map(|(state, seconds)| line(&state, seconds, Some(&plan)))
             }
-            Heard::Health(_) => None,
+            Heard::Health(health) => {
+                self.exposures.extend(health.participant().map(|who| (who, health.exposure())));
+                None
+            }
         }
     }
 }
@@ -268,6 +282,26 @@ mod tests {
         let unanswered =
             "tick     13      1.30 s  x    0.000  y    0.000  yaw   0.000  error      -    fresh plan    model    -  tick time      -";
         assert_eq!(lines.take_in(word(Heard::State(Box::new(state(14))))).as_deref(), Some(unanswered));
+    }
+
+    #[test]
+    fn every_line_says_what_strangers_can_do_once_a_process_has() {
+        let mut lines = Lines::default();
+        let health = |who: Participant, exposure: Exposure| {
+            let mut health: Box<protocol::message::Health> = Box::new(bytemuck::Zeroable::zeroed());
+            (health.participant, health.exposure) = (who.code(), exposure.code());
+            Heard::Health(health)
+        };
+        let mut end = |said: Heard| {
+            lines.take_in(word(said));
+            lines.take_in(word(Heard::State(Box::new(state(12)))));
+            lines.take_in(word(plan(12))).unwrap_or_default()
+        };
+        assert!(end(health(Participant::Plant, Exposure::Closed)).ends_with(" us"));
+        assert!(end(health(Participant::Learner, Exposure::Watched)).ends_with(" us  INSECURE: strangers can watch"));
+        assert!(end(health(Participant::Plant, Exposure::Driven)).ends_with(" us  INSECURE: strangers can drive"));
+        assert!(end(health(Participant::Recorder, Exposure::Closed)).ends_with("drive"), "the plant still says so");
+        assert!(end(health(Participant::Plant, Exposure::Closed)).ends_with("watch"), "another launch has taken its place");
     }
 
     #[test]

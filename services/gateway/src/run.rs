@@ -38,7 +38,7 @@ pub enum GatewayError {
 /// # Errors
 /// [`GatewayError`]. Whatever it is, the robot does not notice.
 pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), GatewayError> {
-    let mut pulse = Pulse::new(ports, Participant::Gateway)?;
+    let mut pulse = Pulse::new(ports, Participant::Gateway)?.exposed(settings.run.exposure);
     let mut relay = Relay::open(ports, &settings.rates)?;
     let mut publisher = publisher(settings)?;
     let mut page = page(settings)?;

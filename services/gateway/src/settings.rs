@@ -81,8 +81,6 @@ pub struct About {
     pub corridor_left_m: Option<f64>,
     /// Room on its right \[m\].
     pub corridor_right_m: Option<f64>,
-    /// Whether commands are taken from the network, and nothing keeps strangers out.
-    pub insecure: bool,
     /// File with the same run without learning, see [`comparison`](crate::comparison).
     pub without_learning: Option<PathBuf>,
 }

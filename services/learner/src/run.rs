@@ -183,7 +183,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             desk,
             samples: ports.source(since)?,
             snapshots: ports.sink()?,
-            pulse: Pulse::new(ports, Participant::Learner)?,
+            pulse: Pulse::new(ports, Participant::Learner)?.exposed(settings.run.exposure),
             dictionary,
             start,
             recent: VecDeque::new(),

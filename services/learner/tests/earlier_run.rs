@@ -6,7 +6,7 @@ use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
 use model::robot::Robot;
 use process::{Pace, Run, Scheduling, Stop};
-use protocol::message::{ModelSnapshot, ResidualSample};
+use protocol::message::{Exposure, ModelSnapshot, ResidualSample};
 use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -28,6 +28,7 @@ fn settings(folder: &Path, resume: Option<PathBuf>) -> Settings {
             scheduling: Scheduling::default(),
             period_nanos: 100_000_000,
             pace: Pace::LockStep,
+            exposure: Exposure::Closed,
         },
         robot: Robot::example(),
         learner: LearnerSettings {

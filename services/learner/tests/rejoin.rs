@@ -6,7 +6,7 @@ use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
 use model::robot::Robot;
 use process::{Pace, Run, Scheduling, Stop};
-use protocol::message::{ModelSnapshot, ResidualSample};
+use protocol::message::{Exposure, ModelSnapshot, ResidualSample};
 use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
 use std::error::Error;
 use std::thread;
@@ -27,6 +27,7 @@ fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected:
             scheduling: Scheduling::default(),
             period_nanos: 100_000_000,
             pace: Pace::LockStep,
+            exposure: Exposure::Closed,
         },
         robot: Robot::example(),
         learner: LearnerSettings {

@@ -2,7 +2,7 @@
 
 use bytemuck::Zeroable;
 use protocol::clock::monotonic_nanos;
-use protocol::message::{Health, Participant, Phase};
+use protocol::message::{Exposure, Health, Participant, Phase};
 use protocol::port::{OpenError, Ports, Sink, Tally};
 use protocol::topic::{OnTopic, Topic};
 
@@ -32,6 +32,13 @@ impl Pulse {
         health.phase = Phase::Starting.code();
         health.pid = std::process::id();
         Ok(Self { health, sink: ports.sink()?, last_nanos: 0, unsent: 0, before: 0 })
+    }
+
+    /// The same, of a graph to which strangers can do this.
+    #[must_use]
+    pub fn exposed(mut self, exposure: Exposure) -> Self {
+        self.health.exposure = exposure.code();
+        self
     }
 
     /// What will be said next time.

@@ -2,6 +2,7 @@
 
 use crate::Scheduling;
 use crate::priority::{self, PRIORITY};
+use protocol::message::Exposure;
 use protocol::port::{Carrier, Links};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
@@ -30,8 +31,15 @@ pub struct Run {
     /// How the system is to treat it.
     #[serde(default)]
     pub scheduling: Scheduling,
+    /// What strangers on the network can do, because a person has let them.
+    #[serde(default = "closed")]
+    pub exposure: Exposure,
     /// How the links of the graph run.
     pub links: Links,
+}
+
+fn closed() -> Exposure {
+    Exposure::Closed
 }
 
 /// Whose time it is.

@@ -3,7 +3,7 @@
 //! A segment that was cut off by a kill -9 gives what is there.
 
 use crate::reader;
-use protocol::message::{Plan, PlantState, Rung, Stamp, Truth};
+use protocol::message::{Exposure, Plan, PlantState, Rung, Stamp, Truth};
 use protocol::topic::Topic;
 use protocol::view::words;
 use serde::Deserialize;
@@ -90,6 +90,9 @@ pub struct HealthRow {
     pub stalled_nanos: u64,
     /// Model snapshots published or adopted.
     pub snapshots: u64,
+    /// What strangers could do; records of the first versions do not say.
+    #[serde(default = "closed", deserialize_with = "exposure")]
+    pub exposure: Exposure,
     /// Messages received, by topic.
     pub received: BTreeMap<String, u64>,
     /// Messages lost on the way to it, by topic.
@@ -278,4 +281,13 @@ where
 pub(crate) fn rung<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Rung, D::Error> {
     let word = String::deserialize(deserializer)?;
     words::rung(&word).ok_or_else(|| D::Error::custom(format_args!("{word:?} is no rung")))
+}
+
+pub(crate) fn closed() -> Exposure {
+    Exposure::Closed
+}
+
+pub(crate) fn exposure<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Exposure, D::Error> {
+    let word = String::deserialize(deserializer)?;
+    words::exposure(&word).ok_or_else(|| D::Error::custom(format_args!("{word:?} is no exposure")))
 }

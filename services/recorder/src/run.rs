@@ -49,7 +49,7 @@ pub enum RecorderError {
 /// # Errors
 /// [`RecorderError`]; the last Health says it too. What was written before stays.
 pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<Summary, RecorderError> {
-    let mut pulse = Pulse::new(ports, Participant::Recorder)?;
+    let mut pulse = Pulse::new(ports, Participant::Recorder)?.exposed(settings.run.exposure);
     let outcome = Segment::create(&settings.run)
         .map_err(RecorderError::from)
         .and_then(|segment| Recorder::open(ports, settings, segment, &mut pulse)?.record(settings, stop));
@@ -183,7 +183,7 @@ impl<'a> Recorder<'a> {
 mod tests {
     use super::*;
     use process::{Pace, Run, Scheduling};
-    use protocol::message::{Health, PlantState};
+    use protocol::message::{Exposure, Health, PlantState};
     use protocol::port::{Exchange, Identity, Links};
     use protocol::topic::Topic;
 
@@ -200,6 +200,7 @@ mod tests {
                 scheduling: Scheduling::default(),
                 period_nanos: 100_000_000,
                 pace,
+                exposure: Exposure::Closed,
             },
         }
     }

@@ -11,7 +11,7 @@ use crate::rows::{HealthRow, PlanRow, Rows, StateRow};
 use crate::whole;
 pub(crate) use figures::root_mean_square;
 use figures::{Deviation, Window, largest, percentile, settled_at};
-use protocol::message::{Participant, Rung};
+use protocol::message::{Exposure, Participant, Rung};
 use protocol::topic::{TOPIC_COUNT, Topic};
 use serde::ser::{Serialize, Serializer};
 use std::collections::BTreeMap;
@@ -74,6 +74,9 @@ pub struct Summary {
     pub controller_epochs: usize,
     /// Files that the record is in: one more for each restart of the recorder.
     pub segments: usize,
+    /// The most that strangers on the network could do, as any process has told.
+    #[serde(serialize_with = "in_words")]
+    pub exposure: Exposure,
 }
 
 /// Periods by rung, every rung listed, the best first.
@@ -132,6 +135,7 @@ impl Summary {
             plant_epochs: epochs.len(),
             controller_epochs: rows.controller_epochs.len(),
             segments: rows.segments,
+            exposure: rows.healths.values().map(|health| health.exposure).max().unwrap_or(Exposure::Closed),
         }
     }
 
@@ -244,6 +248,11 @@ fn losses(rows: &Rows) -> BTreeMap<&'static str, BTreeMap<String, u64>> {
         }
     }
     losses
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes fields so")]
+fn in_words<S: Serializer>(exposure: &Exposure, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(exposure.text())
 }
 
 fn micros(nanos: u64) -> f64 {

@@ -6,7 +6,7 @@ mod graph;
 use bytemuck::Zeroable;
 use graph::{Graph, SNAPSHOT_TICKS};
 use process::{Pace, Run, Scheduling, Stop};
-use protocol::message::{Credit, Health, Participant, Rung};
+use protocol::message::{Credit, Exposure, Health, Participant, Rung};
 use protocol::port::{Exchange, Identity, Links, Ports, Since};
 use recorder::run::RecorderError;
 use recorder::segment::{self, RecordError};
@@ -39,6 +39,7 @@ fn settings(folder: &Path, pace: Pace, restarted: bool) -> Settings {
             scheduling: Scheduling::default(),
             period_nanos: 100_000_000,
             pace,
+            exposure: Exposure::Closed,
         },
     }
 }

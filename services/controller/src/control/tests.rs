@@ -8,6 +8,7 @@ use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
 use process::{Pace, Run, Scheduling};
+use protocol::message::Exposure;
 use protocol::port::Links;
 
 fn controller() -> Result<Controller, ControllerError> {
@@ -26,6 +27,7 @@ pub(crate) fn told() -> Settings {
             scheduling: Scheduling::default(),
             period_nanos: 100_000_000,
             pace: Pace::LockStep,
+            exposure: Exposure::Closed,
         },
         duration_s: 10.0,
         start: [0.0; 3],

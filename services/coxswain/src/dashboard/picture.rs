@@ -1,7 +1,7 @@
 //! What was heard → what is shown. Nothing here knows a terminal or a clock: times are given.
 
 use super::trail::Trail;
-use protocol::message::{Health, Participant, Plan, PlantState, Reason, Rung};
+use protocol::message::{Exposure, Health, Participant, Plan, PlantState, Reason, Rung};
 use protocol::telemetry::{Heard, Word};
 use protocol::topic::Topic;
 use std::collections::BTreeMap;
@@ -146,6 +146,11 @@ impl Picture {
             Some(_) if self.back.is_some_and(|back| now.saturating_duration_since(back) < WELCOME) => Contact::Back,
             Some(_) => Contact::Live,
         }
+    }
+
+    /// The most that strangers can do, of all that the processes have told.
+    pub fn exposure(&self) -> Exposure {
+        self.processes.values().map(|process| process.health.exposure()).max().unwrap_or(Exposure::Closed)
     }
 
     /// Time of the run \[s\].

@@ -72,6 +72,8 @@ struct ProcessRow<'a> {
     refused: u64,
     missed: u64,
     met: u64,
+    /// What strangers can do, by its code.
+    exposure: u32,
 }
 
 #[derive(Serialize)]
@@ -292,6 +294,7 @@ fn process_row(process: &Process, now: Instant) -> ProcessRow<'_> {
         refused: health.refused.iter().sum(),
         missed: health.deadlines_missed,
         met: health.deadlines_met,
+        exposure: health.exposure,
     }
 }
 

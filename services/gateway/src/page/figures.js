@@ -2,6 +2,8 @@
 
 const byId = (id) => document.getElementById(id);
 const SHORT_S = 5;
+// What strangers on the network can do, by its code.
+const EXPOSURES = ["", "insecure: strangers on the network can watch this robot", "insecure: strangers on the network can drive this robot"];
 
 function show(id, text, kind = "") {
   const place = byId(id);
@@ -21,7 +23,9 @@ function showHead() {
   if (!hello) return;
   const { about } = hello;
   show("robot", hello.robot);
-  document.getElementById("insecure").hidden = !about.insecure;
+  const exposed = EXPOSURES[Math.max(0, ...store.processes.map((process) => process.exposure))];
+  show("insecure", exposed);
+  byId("insecure").hidden = !exposed;
   document.title = `${hello.robot} · Coxswain`;
   const limits = [
     about.heading_rad && `heading ± ${Math.round((about.heading_rad * 180) / Math.PI)}°`,

@@ -5,7 +5,7 @@ use crate::comparison::{self, Row};
 use crate::settings::{About, PageSettings, Rates, Settings};
 use bytemuck::Zeroable;
 use process::{Pace, Run, Scheduling};
-use protocol::message::{Health, Participant, Phase, Plan, PlantState, Rung};
+use protocol::message::{Exposure, Health, Participant, Phase, Plan, PlantState, Rung};
 use protocol::port::Links;
 use protocol::telemetry::TelemetrySettings;
 use serde_json::Value;
@@ -30,6 +30,7 @@ fn settings(folder: &Path, without_learning: Option<&Path>) -> Settings {
             scheduling: Scheduling::default(),
             period_nanos: 100_000_000,
             pace,
+            exposure: Exposure::Closed,
         },
         telemetry: TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "</script><b>".into() },
         rates: Rates::default(),

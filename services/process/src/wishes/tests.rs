@@ -33,6 +33,7 @@ fn run(folder: &Path, pace: Pace) -> Run {
         scheduling: Scheduling::default(),
         period_nanos: 1,
         pace,
+        exposure: protocol::message::Exposure::Closed,
         links,
     }
 }

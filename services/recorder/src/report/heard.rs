@@ -1,7 +1,7 @@
 //! recorded JSON → what the figures need of each message, beside the rows of the summary.
 
-use crate::rows::{HealthRow, Mark, PlanRow, StateRow, first_row, numbers, rung};
-use protocol::message::Rung;
+use crate::rows::{HealthRow, Mark, PlanRow, StateRow, closed, exposure, first_row, numbers, rung};
+use protocol::message::{Exposure, Rung};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -133,6 +133,8 @@ pub(super) struct Health {
     pub(super) participant: String,
     stalled_nanos: u64,
     snapshots: u64,
+    #[serde(default = "closed", deserialize_with = "exposure")]
+    exposure: Exposure,
     received: BTreeMap<String, u64>,
     lost: BTreeMap<String, u64>,
     #[serde(default)]
@@ -145,9 +147,9 @@ pub(super) struct Health {
 
 impl Health {
     pub(super) fn row(&self) -> HealthRow {
-        let Self { stamp, participant, stalled_nanos, snapshots, received, lost, .. } = self;
+        let Self { stamp, participant, stalled_nanos, snapshots, exposure, received, lost, .. } = self;
         let (participant, received, lost) = (participant.clone(), received.clone(), lost.clone());
-        HealthRow { stamp: *stamp, participant, stalled_nanos: *stalled_nanos, snapshots: *snapshots, received, lost }
+        HealthRow { stamp: *stamp, participant, stalled_nanos: *stalled_nanos, snapshots: *snapshots, exposure: *exposure, received, lost }
     }
 
     /// Messages lost on the way to it, on all topics.

@@ -5,6 +5,7 @@ use super::panel::escape;
 use super::record::Record;
 use super::table::table;
 use super::{learning, motion, running, tracking};
+use protocol::message::Exposure;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -73,6 +74,11 @@ fn write_facts(html: &mut String, record: &Record) {
         escape(&listed(&record.files))
     );
     let mut notes = Vec::new();
+    match summary.exposure {
+        Exposure::Closed => {}
+        Exposure::Watched => notes.push("INSECURE: strangers on the network could watch this robot".to_owned()),
+        Exposure::Driven => notes.push("INSECURE: strangers on the network could drive this robot".to_owned()),
+    }
     if !record.ended_early.is_empty() {
         notes.push(format!("ends early, cut off or still being written, and is read as far as it goes: {}", listed(&record.ended_early)));
     }

@@ -9,7 +9,7 @@ use serde_json::Value;
 use std::fmt::Write;
 
 /// Figures of `summary.json`: key, what it is called, decimals, unit, and what is written where there is none.
-const FIGURES: [(&str, &str, usize, &str, &str); 18] = [
+const FIGURES: [(&str, &str, usize, &str, &str); 19] = [
     ("arrival_s", "arrival: within 0.10 m for good", 1, "s", "never"),
     ("speed_settle_s", "speed settled: within 0.07 m/s for good", 1, "s", "never"),
     ("steady_speed_error_mps", "steady speed error, largest of the last 10 s", 3, "m/s", "–"),
@@ -28,6 +28,7 @@ const FIGURES: [(&str, &str, usize, &str, &str); 18] = [
     ("losses", "messages lost", 0, "", "–"),
     ("plant_epochs", "epochs of the plant", 0, "", "–"),
     ("controller_epochs", "epochs of the controller", 0, "", "–"),
+    ("exposure", "reached by strangers on the network", 0, "", "–"),
 ];
 
 /// Axes of the body.
@@ -113,6 +114,10 @@ fn figure(key: &str, value: &Value, decimals: usize, unit: &str, none: &str) -> 
             };
             let topics = value.as_object().into_iter().flatten().map(|(topic, lost)| (topic.as_str(), readers(lost)));
             Cell { exact: value.to_string(), written: listed(topics) }
+        }
+        "exposure" => {
+            let word = value.as_str().unwrap_or_default();
+            Cell { exact: word.to_owned(), written: word.to_owned() }
         }
         _ if value.is_u64() => Cell { exact: value.to_string(), written: value.to_string() },
         _ => number(value.as_f64(), decimals, unit, none),

@@ -182,6 +182,7 @@ fn health(participant: Participant, snapshots: u64, state: (u64, u64)) -> Health
         stamp: Mark::default(),
         participant: participant.text().to_owned(),
         stalled_nanos: 0,
+        exposure: Exposure::Closed,
         snapshots,
         received: counts(state.0),
         lost: counts(state.1),
@@ -205,6 +206,18 @@ fn snapshots_and_losses_are_summed_over_the_instances_of_a_process() {
     assert_eq!(figures.losses["state"], BTreeMap::from([("controller".to_owned(), 3), ("recorder".to_owned(), 0)]));
     assert_eq!(figures.losses["plan"], BTreeMap::from([("recorder".to_owned(), 5)]));
     assert!(figures.losses["credit"].is_empty(), "the recorder does not read what it says itself");
+}
+
+#[test]
+fn one_process_that_strangers_can_reach_exposes_the_whole_run() {
+    let mut rows = record(10, |_| (0.0, 0.0, 0.0));
+    assert_eq!(summary(&rows).exposure, Exposure::Closed);
+    let exposed = |exposure| HealthRow { exposure, ..health(Participant::Gateway, 0, (0, 0)) };
+    rows.healths = (1..).zip([Exposure::Watched, Exposure::Driven, Exposure::Closed].map(exposed)).collect();
+    let figures = summary(&rows);
+    assert_eq!(figures.exposure, Exposure::Driven);
+    let json = serde_json::to_string(&figures).unwrap_or_default();
+    assert!(json.ends_with(r#""exposure":"strangers can drive"}"#), "{json}");
 }
 
 #[test]
@@ -238,6 +251,7 @@ fn the_file_has_every_figure_in_its_place_and_every_rung() {
         "plant_epochs",
         "controller_epochs",
         "segments",
+        "exposure",
     ];
     let places: Vec<_> = keys.iter().map(|key| json.find(&format!("\"{key}\":"))).collect();
     assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{json}");
@@ -251,7 +265,8 @@ fn a_count_that_would_be_too_large_stays_at_the_largest_number() {
         let counts = BTreeMap::from([("plan".to_owned(), u64::MAX)]);
         let participant = Participant::Learner.text().to_owned();
         let stamp = Mark { writer, ..mark(1, 0) };
-        let health = HealthRow { stamp, participant, stalled_nanos: u64::MAX, snapshots: u64::MAX, received: counts.clone(), lost: counts };
+        let (exposure, received, lost) = (Exposure::Driven, counts.clone(), counts);
+        let health = HealthRow { stamp, participant, stalled_nanos: u64::MAX, snapshots: u64::MAX, exposure, received, lost };
         rows.healths.insert(writer, health);
     }
     let summary = summary(&rows);

@@ -1,11 +1,12 @@
-//! Whom is watched, the time of the run, and whether the robot is there.
+//! Whom is watched, the time of the run, whether the robot is there, and what strangers can do to it.
 
 use super::super::picture::Contact;
 use super::Scene;
+use protocol::message::Exposure;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Modifier, Style};
-use ratatui::text::Line;
+use ratatui::text::{Line, Span};
 
 pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, contact: Contact, held: bool) {
     let (word, style) = match contact {
@@ -15,8 +16,14 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, contact:
         Contact::Lost(silent) => (format!("LOST for {:.0} s, waiting for it", silent.as_secs_f64()), scene.look.alarm()),
     };
     let (word, style) = if held { (format!("HELD, space goes on; {word}"), style.add_modifier(Modifier::REVERSED)) } else { (word, style) };
-    let word = Line::styled(word, style).right_aligned();
     let picture = scene.picture;
+    let mut word = Line::from(Span::styled(word, style)).right_aligned();
+    let insecure = match (picture.exposure(), area.width) {
+        (Exposure::Closed, _) => String::new(),
+        (_, ..80) => "INSECURE  ".to_owned(),
+        (exposure, _) => format!("INSECURE: {exposure}  "),
+    };
+    word.spans.insert(0, Span::styled(insecure, scene.look.alarm()));
     let who = format!("{} at {}", picture.robot.as_deref().unwrap_or("no robot yet"), picture.endpoint);
     let when = picture.state.as_ref().map_or_else(String::new, |state| format!("{:.1} s, tick {}", picture.seconds(), state.stamp.tick));
     let room = usize::from(area.width).saturating_sub(word.width() + 2);

@@ -1,0 +1,94 @@
+//! Promise: whoever looks at a robot that strangers can reach sees that they can, wherever he looks.
+
+use promises::{Browser, Launched, Outcome, Reader, Record, Screen, binaries, graph_file, launch_command, repository};
+use serde_json::Value;
+use std::error::Error;
+use std::fs;
+use std::process::Command;
+
+/// The local graph with `changes` to its text, in a home of its own, launched with `options`.
+fn launch(changes: &[(&str, &str)], options: &[&str]) -> Result<Launched, Box<dyn Error>> {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let mut text = fs::read_to_string(graph_file("local"))?.replace("\"../", &format!("\"{}/deploy/", repository().display()));
+    for (from, to) in changes {
+        assert!(text.contains(from), "the graph file does not say {from:?}");
+        text = text.replacen(from, to, 1);
+    }
+    let graph = home.path().join("graph.toml");
+    fs::write(&graph, text)?;
+    let command = launch_command(&graph, &home.path().join("run"), options)?;
+    Launched::by(command, home)
+}
+
+/// `coxswain watch`, which looks for graphs in the home of `launched`.
+fn watch(launched: &Launched) -> Result<Command, Box<dyn Error>> {
+    let mut command = Command::new(binaries()?.join("coxswain"));
+    command.arg("watch").env("TMPDIR", launched.home()).env("TERM", "xterm-256color").env_remove("NO_COLOR");
+    Ok(command)
+}
+
+/// What is said of the graph everywhere: by the launch, page, terminal, lines, record, summary and report.
+fn is_shown(changes: &[(&str, &str)], options: &[&str], exposure: &str, on_page: &str, in_report: &str) -> Outcome {
+    let launched = launch(changes, &[options, &["--duration", "30"]].concat())?;
+    let address = launched.page_address()?.replace("0.0.0.0", "127.0.0.1");
+    let mut browser = Browser::start()?;
+    browser.open(&address, 1280, 1120)?;
+    browser.wait_for("document.getElementById('processes').children.length === 5")?;
+    browser.wait_for(&format!("document.getElementById('insecure').innerText === {on_page:?}"))?;
+    let seen = browser.ask("document.getElementById('insecure').offsetHeight > 0")?;
+    assert_eq!(seen, !on_page.is_empty(), "on the page");
+
+    let mut lines = Reader::start(watch(&launched)?.arg("--plain"))?;
+    let shown = |line: &String| line.contains("INSECURE");
+    let wanted = |line: &String| if exposure == "closed" { !shown(line) } else { line.ends_with(&format!("  INSECURE: {exposure}")) };
+    // The first may come before any process has said how it is.
+    let said = lines.lines(25)?;
+    assert!(said.iter().skip(15).all(wanted), "{said:?}");
+    let mut screen = Screen::start(&watch(&launched)?, (80, 24))?;
+    let shown = screen.wait_for(&[" live", "gateway    running"])?;
+    let wanted =
+        if exposure == "closed" { !shown.contains("INSECURE") } else { screen.wait_for(&[&format!("INSECURE: {exposure}")]).is_ok() };
+    assert!(wanted, "{shown}");
+    drop((browser, screen, lines));
+
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    assert_eq!(ended.text.contains("INSECURE"), exposure != "closed", "{}", ended.text);
+    let run = home.path().join("run");
+    let record = Record::read(&run)?;
+    for who in ["plant", "controller", "learner", "recorder", "gateway"] {
+        let said = record.health_of(who).all(|health| health.word("exposure") == exposure);
+        assert!(said && record.health_of(who).count() > 0, "{who}");
+    }
+    assert_eq!(record.summary["exposure"], Value::from(exposure));
+    let report = fs::read_to_string(run.join("report.html"))?;
+    assert!(report.contains(&format!(
+        "<tr data-key=\"exposure\"><th scope=\"row\">reached by strangers on the network</th><td data-value=\"{exposure}\">"
+    )));
+    assert_eq!(report.contains("INSECURE"), !in_report.is_empty());
+    assert!(report.contains(in_report));
+    Ok(())
+}
+
+#[test]
+fn that_strangers_can_drive_is_seen_wherever_one_looks() -> Outcome {
+    let changes = [("default = \"shared-memory\"", "default = \"shared-memory\"\nsnapshot = \"network\"")];
+    let on_page = "insecure: strangers on the network can drive this robot";
+    let in_report = "<p class=\"note\">run: INSECURE: strangers on the network could drive this robot</p>";
+    is_shown(&changes, &["--insecure", "--listen", "tcp/0.0.0.0:0"], "strangers can drive", on_page, in_report)
+}
+
+#[test]
+fn that_strangers_can_watch_is_seen_wherever_one_looks() -> Outcome {
+    let changes =
+        [("listen = [\"tcp/127.0.0.1:0\"]", "listen = [\"tcp/0.0.0.0:0\"]"), ("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\"")];
+    let on_page = "insecure: strangers on the network can watch this robot";
+    let in_report = "<p class=\"note\">run: INSECURE: strangers on the network could watch this robot</p>";
+    is_shown(&changes, &["--insecure"], "strangers can watch", on_page, in_report)
+}
+
+#[test]
+fn of_a_robot_that_no_stranger_reaches_nothing_of_the_kind_is_said() -> Outcome {
+    // That it would be permitted makes nobody reach it.
+    is_shown(&[], &["--insecure"], "closed", "", "")
+}
