@@ -1,6 +1,7 @@
 //! Promise: whoever looks at a robot that strangers can reach sees that they can, wherever he looks.
 
-use promises::{Browser, Launched, Outcome, Reader, Record, Screen, binaries, graph_file, launch_command, repository};
+use promises::{Browser, Launched, Outcome, Reader, Record, Screen, binaries, graph_file, launch_command, repository, signal};
+use rustix::process::Signal;
 use serde_json::Value;
 use std::error::Error;
 use std::fs;
@@ -29,7 +30,7 @@ fn watch(launched: &Launched) -> Result<Command, Box<dyn Error>> {
 
 /// What is said of the graph everywhere: by the launch, page, terminal, lines, record, summary and report.
 fn is_shown(changes: &[(&str, &str)], options: &[&str], exposure: &str, on_page: &str, in_report: &str) -> Outcome {
-    let launched = launch(changes, &[options, &["--duration", "30"]].concat())?;
+    let launched = launch(changes, &[options, &["--duration", "110"]].concat())?;
     let address = launched.page_address()?.replace("0.0.0.0", "127.0.0.1");
     let mut browser = Browser::start()?;
     browser.open(&address, 1280, 1120)?;
@@ -51,8 +52,9 @@ fn is_shown(changes: &[(&str, &str)], options: &[&str], exposure: &str, on_page:
     assert!(wanted, "{shown}");
     drop((browser, screen, lines));
 
+    signal(launched.pid(), Signal::TERM)?;
     let (ended, home) = launched.end()?;
-    assert!(ended.status.success(), "{}", ended.text);
+    assert_eq!(ended.status.code(), Some(143), "{}", ended.text);
     assert_eq!(ended.text.contains("INSECURE"), exposure != "closed", "{}", ended.text);
     let run = home.path().join("run");
     let record = Record::read(&run)?;

@@ -5,6 +5,7 @@
 //! two versions refuse each other when they open a port, and not when they misread a robot.
 
 mod alarm;
+mod closed;
 mod half_made;
 mod inlet;
 mod outlet;
@@ -62,6 +63,7 @@ impl SharedMemory {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create()
             .map_err(|error| OpenError::Join { graph: links.graph.clone(), reason: error.to_string() })?;
+        closed::close(links);
         Ok(Self { node: Rc::new(node), graph: links.graph.clone(), lock_step: links.lock_step, patience: links.patience() })
     }
 

@@ -8,18 +8,15 @@
 //! A process id comes again, the pair with its start time does not. A graph whose launcher is gone is stale: the next launcher sweeps it,
 //! after a kill -9 of everything too.
 
+use crate::private::{self, NotPrivate};
 use protocol::port::{Identity, Links, sweep};
 use serde::{Deserialize, Serialize};
 use std::ffi::{OsStr, OsString};
 use std::io;
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use std::{env, fs, thread};
-
-/// How many low bits of a mode say what others than the owner may do.
-const GROUP_AND_OTHERS_BITS: u32 = 6;
 
 /// How long members of a graph whose launcher is gone may take to die.
 const DYING: Duration = Duration::from_millis(500);
@@ -28,13 +25,8 @@ const DYING: Duration = Duration::from_millis(500);
 #[derive(Debug, thiserror::Error)]
 pub enum BerthError {
     /// Somebody else could read or change what is said there.
-    #[error("{} must be a folder of user {user} that nobody else can enter; remove it, or set TMPDIR", folder.display())]
-    NotPrivate {
-        /// The folder.
-        folder: PathBuf,
-        /// User id.
-        user: u32,
-    },
+    #[error("{0}; remove it, or set TMPDIR")]
+    NotPrivate(#[from] NotPrivate),
     /// The file system refuses.
     #[error("{}: {source}", path.display())]
     FileSystem {
@@ -80,14 +72,14 @@ impl Berth {
         // Whoever leaves last removes the base, perhaps between our two steps.
         let mut attempts_left = 5;
         loop {
-            make_private(base)?;
+            private::make(base)?;
             match berth.sign(launcher) {
                 Err(error) if error.kind() == io::ErrorKind::NotFound && attempts_left > 0 => attempts_left -= 1,
                 Err(source) => return Err(BerthError::FileSystem { path: berth.launcher_file(), source }),
                 Ok(()) => break,
             }
         }
-        make_private(&berth.root())?;
+        private::make(&berth.root())?;
         Ok(berth)
     }
 
@@ -233,23 +225,6 @@ fn parse_stat(stat: &str) -> Option<u64> {
     fields.nth(18)?.parse().ok()
 }
 
-/// A folder of this user that nobody else can enter.
-fn make_private(folder: &Path) -> Result<(), BerthError> {
-    let failed = |source| BerthError::FileSystem { path: folder.to_path_buf(), source };
-    match fs::DirBuilder::new().mode(0o700).create(folder) {
-        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(failed(error)),
-        _ => {}
-    }
-    // Not of what a symbolic link points to: that would be somebody else's choice.
-    let found = fs::symlink_metadata(folder).map_err(failed)?;
-    let user = rustix::process::getuid().as_raw();
-    if found.is_dir() && found.uid() == user && found.mode().trailing_zeros() >= GROUP_AND_OTHERS_BITS {
-        Ok(())
-    } else {
-        Err(BerthError::NotPrivate { folder: folder.to_path_buf(), user })
-    }
-}
-
 /// Eight random characters.
 fn new_id() -> String {
     const DIGITS: &[u8; 32] = b"0123456789abcdefghjkmnpqrstvwxyz";
@@ -316,7 +291,7 @@ mod tests {
         let base = folder.path().join("base");
         fs::create_dir(&base)?;
         fs::set_permissions(&base, fs::Permissions::from_mode(0o755))?;
-        assert!(matches!(Berth::take(&base), Err(BerthError::NotPrivate { .. })));
+        assert!(matches!(Berth::take(&base), Err(BerthError::NotPrivate(_))));
         Ok(())
     }
 }

@@ -1,5 +1,6 @@
 //! The folder of one run: settings, logs, record, summary.
 
+use crate::private::{self, NotPrivate};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 use std::{fs, io};
@@ -16,6 +17,9 @@ pub enum FolderError {
         /// The folder.
         folder: PathBuf,
     },
+    /// Somebody else could read or change what the run keeps there.
+    #[error("{0}; or name another folder with --out")]
+    NotPrivate(#[from] NotPrivate),
     /// It cannot be made.
     #[error("the folder {} cannot be made: {source}", folder.display())]
     Unusable {
@@ -26,15 +30,16 @@ pub enum FolderError {
     },
 }
 
-/// Makes the folder of a run: `out`, which must be new or empty, or one of its own that names time, scenario and graph. Absolute.
+/// Makes the folder of a run: `out`, which must be new, or empty and of this user alone, or one of its own that names time, scenario and graph.
+/// Absolute. Nobody else can enter it.
 ///
 /// # Errors
 /// [`FolderError`].
 pub fn create(out: Option<&Path>, scenario: &str, id: &str) -> Result<PathBuf, FolderError> {
     let folder = out.map_or_else(|| Path::new(RUNS).join(format!("{}-{scenario}-{id}", utc(SystemTime::now()))), Path::to_path_buf);
     let unusable = |source| FolderError::Unusable { folder: folder.clone(), source };
-    check_empty(&folder)?;
-    fs::create_dir_all(&folder).map_err(unusable)?;
+    check(&folder)?;
+    private::make(&folder)?;
     // Of two that begin at the same moment, both find it empty, and one makes this.
     fs::create_dir(folder.join("settings")).map_err(|source| match source.kind() {
         io::ErrorKind::AlreadyExists => FolderError::NotEmpty { folder: folder.clone() },
@@ -46,14 +51,15 @@ pub fn create(out: Option<&Path>, scenario: &str, id: &str) -> Result<PathBuf, F
 /// Whether a run may go into `folder`. Makes nothing.
 ///
 /// # Errors
-/// [`FolderError`] if it is there and not empty, or is no folder.
-pub fn check_empty(folder: &Path) -> Result<(), FolderError> {
-    match fs::read_dir(folder) {
-        Ok(mut entries) => match entries.next() {
-            None => Ok(()),
-            Some(_) => Err(FolderError::NotEmpty { folder: folder.to_path_buf() }),
-        },
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+/// [`FolderError`] if it is there and not empty, or not of this user alone.
+pub fn check(folder: &Path) -> Result<(), FolderError> {
+    if fs::symlink_metadata(folder).is_err_and(|error| error.kind() == io::ErrorKind::NotFound) {
+        return Ok(());
+    }
+    private::check(folder)?;
+    match fs::read_dir(folder).map(|mut entries| entries.next()) {
+        Ok(None) => Ok(()),
+        Ok(Some(_)) => Err(FolderError::NotEmpty { folder: folder.to_path_buf() }),
         Err(source) => Err(FolderError::Unusable { folder: folder.to_path_buf(), source }),
     }
 }

@@ -14,7 +14,7 @@ use crate::saboteur::Saboteur;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use crate::without_learning;
-use process::{PRIORITY, Pace, go_first, wishes};
+use process::{PRIORITY, Pace, go_first, keep_to_user, wishes};
 use protocol::message::Participant;
 use protocol::port::{HalfMade, OpenError, Router, claim};
 use recorder::report;
@@ -105,7 +105,7 @@ impl LaunchError {
     /// 2 if nothing was started because of what a person set, else 1.
     pub fn exit_code(&self) -> ExitCode {
         match self {
-            Self::Settings(_) | Self::Folder(FolderError::NotEmpty { .. }) => ExitCode::from(2),
+            Self::Settings(_) | Self::Folder(FolderError::NotEmpty { .. } | FolderError::NotPrivate(_)) => ExitCode::from(2),
             _ => ExitCode::FAILURE,
         }
     }
@@ -116,6 +116,7 @@ impl LaunchError {
 /// # Errors
 /// [`LaunchError`]. Nothing is left running or in shared memory then either.
 pub fn run(options: &Options) -> Result<Outcome, LaunchError> {
+    keep_to_user();
     let assembly = Assembly::read(options)?;
     let programs = programs_folder()?;
     let missing = missing_programs(assembly.roles(), &programs);
@@ -123,7 +124,7 @@ pub fn run(options: &Options) -> Result<Outcome, LaunchError> {
         return Err(LaunchError::MissingPrograms { programs: missing, folder: programs });
     }
     if let Some(out) = &options.out {
-        folder::check_empty(out)?;
+        folder::check(out)?;
     }
     let signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(|source| LaunchError::System { what: "signals", source })?;
     let mut person = Person { signals, terminal: Terminal::new() };

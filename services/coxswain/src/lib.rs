@@ -9,6 +9,7 @@
 //! | [`assembly`] | options + graph + scenario + robot → what each process is told. Nothing is started   |
 //! | [`role`]     | which processes there are, and in which order they start and end                     |
 //! | [`folder`]   | the folder of one run                                                                |
+//! | [`private`]  | folders of this user that nobody else can enter                                      |
 //! | [`berth`]    | where a graph lives on this machine, and what dead launchers left behind             |
 //! | [`epochs`]   | the highest epoch of each role, on disk                                              |
 //! | [`back_off`] | when to start again what has died                                                    |
@@ -50,6 +51,7 @@ pub mod in_process;
 pub mod launch;
 pub mod lookout;
 pub mod options;
+pub mod private;
 pub mod progress;
 pub mod records;
 pub mod role;

@@ -6,12 +6,14 @@
 //! | `start` | [`main`]: arguments, settings, log, stop signals, body, exit code              |
 //! | `stop`  | [`Stop`]: the request to end, and who may make it                              |
 //! | `pulse` | [`Pulse`]: the heartbeat that goes out as `Health`                             |
+//! | `owner` | [`keep_to_user`]: nobody else reads what this process makes                       |
 //! | `priority` | [`go_first`]: what a command waits for runs before everything else           |
 //! | `scheduling` | [`Scheduling`]: processors, locked memory and priority, as a person sets them |
 //! | `witness` | [`Witness`]: when the machine let nobody run                                 |
 //! | `seat`  | [`Seat`]: a thread held on its processor                                       |
 //! | [`wishes`] | a person ▶ a running process: changes to its settings                       |
 
+mod owner;
 mod priority;
 mod pulse;
 mod run;
@@ -22,6 +24,7 @@ mod stop;
 pub mod wishes;
 mod witness;
 
+pub use owner::keep_to_user;
 pub use priority::{PRIORITY, give_way, go_first, may_go_first, step_back};
 pub use pulse::Pulse;
 pub use run::{HasRun, Pace, Run};

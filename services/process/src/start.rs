@@ -1,6 +1,6 @@
 //! `main` of every process: arguments, settings, log, stop signals, body, exit code.
 
-use crate::{HasRun, Run, Stop};
+use crate::{HasRun, Run, Stop, keep_to_user};
 use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches, Parser};
 use protocol::message::Participant;
@@ -106,6 +106,7 @@ where
 
 /// Opens the log and installs everything that may ask for the end.
 fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow::Result<()> {
+    keep_to_user();
     let path = run.folder.join(format!("{name}.log"));
     let file = File::options().create(true).append(true).open(&path);
     let file = file.with_context(|| format!("the log {} cannot be opened", path.display()))?;
