@@ -290,6 +290,11 @@ class Report:
         print(json.dumps({**errors, "model_version": self.model_version, "refused": self.refused, "periods_on_rung": rungs}), flush=True)
 
 
+def unheard_of() -> int:
+    """An epoch that no run of before has had, so that no command that was recorded answers this one (duty 11)."""
+    return int(time.time()) << 21 | secrets.randbelow(1 << 21)
+
+
 def arguments() -> argparse.Namespace:
     ended = "Exit code 0 at the end of the run, 1 if it failed, 2 if it was asked for the impossible, 130 or 143 if somebody ended it."
     parser = argparse.ArgumentParser(description="A simulated robot, driven over Zenoh.", epilog=ended)
@@ -303,7 +308,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--circle", type=float, nargs=2, metavar=("RADIUS", "SPEED"), help="tell the error from this circle [m, m/s]")
     parser.add_argument("--recorded", action="store_true", help="a recorder takes part: in lock step, wait for its credit")
     parser.add_argument("--delay-ms", type=float, default=0.0, help="delay of the link, allowed on top of the age of an answer")
-    parser.add_argument("--epoch", type=int, default=int(time.time()), help="greater than that of the last start (Unix time)")
+    parser.add_argument("--epoch", type=int, default=unheard_of(), help="greater than that of the last start, and one that nobody has heard of")
     parser.add_argument("--seed", type=int, default=1, help="of the sensors' noise (%(default)s)")
     parser.add_argument("--check", type=Path, metavar="VECTORS_DIR", help="only try protocol/vectors, and say whether they hold")
     options = parser.parse_args()

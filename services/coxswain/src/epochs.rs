@@ -1,10 +1,12 @@
 //! The highest epoch of each role, on disk, so that no restart ever speaks in an old one.
 
 use protocol::message::Participant;
+use protocol::port::Identity;
 use serde::Deserialize;
 use settings::{Check, Impossible};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use std::{fs, io};
 
 /// Highest epoch that still has a next one in TOML, whose numbers have a sign.
@@ -17,6 +19,19 @@ pub struct Epochs {
     /// What every role begins above.
     floor: u64,
     highest: BTreeMap<String, u64>,
+}
+
+/// So many low bits of an epoch that no run before has had are drawn at random. Together with the seconds of this century it is a number that
+/// every reader of JSON keeps exactly.
+const DRAWN_BITS: u32 = 21;
+
+/// An epoch that no run before has had: commands that answer a plant of another run answer none of this one, whoever has kept them.
+///
+/// The time alone could come again, on a machine that knows it only by what it had when it was switched off; so a part is drawn at random. It grows
+/// with the time, so that launches that meet go by the later one.
+pub fn unheard_of(since_1970: Duration) -> u64 {
+    let drawn = Identity::new(0).writer & ((1 << DRAWN_BITS) - 1);
+    (since_1970.as_secs() << DRAWN_BITS | drawn).min(EPOCH_MAX)
 }
 
 /// What the file holds, by role.
@@ -97,6 +112,16 @@ mod tests {
         assert_eq!(epochs.give(Participant::Controller)?, 9);
         assert_eq!(epochs.give(Participant::Plant)?, 0, "roles do not share epochs");
         Ok(())
+    }
+
+    #[test]
+    fn an_epoch_of_the_same_second_is_another_and_one_of_a_later_second_is_greater() {
+        let second = Duration::from_secs(1_795_250_000);
+        let drawn: std::collections::BTreeSet<u64> = (0..50).map(|_| unheard_of(second)).collect();
+        assert!(drawn.len() > 45, "{drawn:?}");
+        let later = unheard_of(second + Duration::from_secs(1));
+        assert!(drawn.iter().all(|&epoch| epoch < later && epoch < 1 << 53));
+        assert_eq!(unheard_of(Duration::MAX), EPOCH_MAX);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::assembly::Assembly;
 use crate::back_off::Restarts;
 use crate::child::{Child, Ending, last_words};
-use crate::epochs::Epochs;
+use crate::epochs::{Epochs, unheard_of};
 use crate::graph::is_needed;
 use crate::role::END_ORDER;
 use crate::roster::Roster;
@@ -185,7 +185,10 @@ impl<'a> Fleet<'a> {
         let meets = voyage.links.network_graph.is_some();
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let floor = if meets { since_1970.as_secs() } else { 0 };
-        let epochs = Epochs::open(&voyage.folder.join("epochs.toml"), floor)?;
+        let mut epochs = Epochs::open(&voyage.folder.join("epochs.toml"), floor)?;
+        if voyage.assembly.graph.pace == Pace::RealTime {
+            epochs.observe(Participant::Plant, unheard_of(since_1970))?;
+        }
         Ok(Self { voyage, epochs, members: BTreeMap::new(), roster: Roster::default(), tended: None })
     }
 

@@ -16,6 +16,8 @@ pub(super) const SMALL_ROWS: u16 = 7;
 pub(super) const LARGE_ROWS: u16 = 8;
 /// Processes say how they are ten times a second; this is long after that.
 const SILENT: Duration = Duration::from_secs(1);
+/// A greater epoch is no count of starts.
+const STARTS_MOST: u64 = 99_999;
 
 pub(super) fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     let lines: Vec<Line<'_>> = Participant::ALL
@@ -23,12 +25,11 @@ pub(super) fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
         .map(|who| {
             let Some(process) = scene.picture.processes.get(who) else { return Line::from(format!("{who:<10} not heard")) };
             let (silent, style) = silence(scene, process);
-            let epoch = process.health.stamp.epoch;
             Line::from(vec![
                 Span::raw(format!("{who:<10} ")),
                 phase(scene, process),
                 Span::styled(format!(" {silent:>8}"), style),
-                Span::raw(if epoch > 1 { format!("  #{epoch}") } else { String::new() }),
+                Span::raw(starts(process).filter(|&starts| starts > 1).map_or_else(String::new, |starts| format!("  #{starts}"))),
             ])
         })
         .collect();
@@ -44,7 +45,7 @@ pub(super) fn draw_large(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
             Line::from(who.text()),
             Line::from(phase(scene, process)),
             Line::styled(silent, style).right_aligned(),
-            Line::from(health.stamp.epoch.to_string()).right_aligned(),
+            Line::from(starts(process).map_or_else(|| "–".to_owned(), |starts| starts.to_string())).right_aligned(),
             Line::from(health.pid.to_string()).right_aligned(),
             Line::from(health.deadlines_missed.to_string()).right_aligned(),
             Line::styled(health.last_error().to_owned(), scene.look.alarm()),
@@ -54,6 +55,11 @@ pub(super) fn draw_large(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     let heading = Row::new(["process", "phase", "  silent", "epoch", "     pid", "missed", "last error"]);
     let table = Table::new(rows, widths).header(heading).block(block(" Processes ", scene.look));
     frame.render_widget(table, area);
+}
+
+/// How often it has been started: its epoch, unless that began with the time of day.
+fn starts(process: &Process) -> Option<u64> {
+    Some(process.health.stamp.epoch).filter(|&epoch| epoch <= STARTS_MOST)
 }
 
 fn phase(scene: Scene<'_>, process: &Process) -> Span<'static> {

@@ -1,0 +1,192 @@
+//! Promise: commands of an earlier run that somebody has recorded move nothing, however well he times them and whoever is silent meanwhile.
+
+use bytemuck::Zeroable;
+use coxswain::assembly::Assembly;
+use coxswain::options::Options;
+use process::read_settings;
+use promises::oracle::{Limits, acquit};
+use promises::{Launched, Message, Outcome, Record, graph_file, launch_command, repository, signal};
+use protocol::message::{Command, Message as _, PlantState, Rung};
+use protocol::port::{Carrier, Identity, Links, Ports, RawSink, Since, Source};
+use protocol::topic::Topic;
+use protocol::view::words;
+use protocol::{VERSION, frame, wire};
+use rustix::process::Signal;
+use serde_json::Value;
+use std::collections::{BTreeSet, VecDeque};
+use std::error::Error;
+use std::fs;
+use std::time::Duration;
+
+/// Ticks in which the recording is played.
+const PLAYED: u64 = 120;
+/// The controller falls silent, for far longer than another writer of its epoch has to wait to be heard.
+const SILENT_FROM: u64 = 40;
+/// For so long.
+const SILENT_FOR: u64 = 40;
+/// What was said in the same run is said again so many periods later: its states are old then.
+const AGAIN_AFTER: usize = 4;
+
+/// A recorded command as it was sent.
+fn command(message: &Message) -> Option<Command> {
+    let says = &message.says;
+    let mut command: Command = Zeroable::zeroed();
+    let stamp = &mut command.stamp;
+    (stamp.writer, stamp.epoch, stamp.sequence) = (message.stamp("writer"), message.stamp("epoch"), message.stamp("sequence"));
+    (stamp.tick, stamp.sent_nanos) = (message.stamp("tick"), message.stamp("sent_nanos"));
+    (stamp.version, stamp.kind) = (VERSION, Command::KIND);
+    (command.plant_epoch, command.model_version) = (message.count("plant_epoch"), message.count("model_version"));
+    let row = |row: &Value| <[f64; 3]>::try_from(row.as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<_>>>()?).ok();
+    command.input = row(&says["input"])?;
+    for (place, said) in command.tail.iter_mut().zip(says["tail"].as_array()?) {
+        *place = row(said)?;
+        command.tail_len += 1;
+    }
+    command.rung = words::rung(message.word("rung"))?.code();
+    Some(command)
+}
+
+/// One who may write commands, and has recordings.
+struct Player {
+    states: Source<PlantState>,
+    commands: Source<Command>,
+    sink: RawSink,
+    carrier: Carrier,
+    recording: VecDeque<Command>,
+    /// The last of what the controller of this very run has said.
+    overheard: VecDeque<Command>,
+    played: u64,
+}
+
+impl Player {
+    fn join(links: &Links, recording: Vec<Command>) -> Result<Self, Box<dyn Error>> {
+        let ports = Ports::open(links, Identity::new(0))?;
+        let (states, commands, sink) = (ports.source(Since::Joining)?, ports.source(Since::Joining)?, ports.raw_sink(Topic::Command)?);
+        let carrier = links.carriers.of(Topic::Command);
+        Ok(Self { states, commands, sink, carrier, recording: recording.into(), overheard: VecDeque::new(), played: 0 })
+    }
+
+    /// Waits a little for the next state, and plays what was the answer to its tick in the recorded run. The tick, if a state came.
+    fn play(&mut self) -> Result<Option<u64>, Box<dyn Error>> {
+        self.states.wait(Duration::from_millis(20))?;
+        let Some(state) = self.states.next()? else { return Ok(None) };
+        let tick = state.stamp.tick;
+        while let Some(due) = self.recording.pop_front_if(|command| command.stamp.tick <= tick) {
+            self.say(&due)?;
+            self.played += 1;
+        }
+        while let Some(said) = self.commands.next()? {
+            // It hears itself, too.
+            if said.plant_epoch == state.stamp.epoch {
+                self.overheard.push_back(said);
+            }
+        }
+        while self.overheard.len() > AGAIN_AFTER {
+            if let Some(old) = self.overheard.pop_front() {
+                self.say(&old)?;
+            }
+        }
+        Ok(Some(tick))
+    }
+
+    fn say(&mut self, command: &Command) -> Outcome {
+        let mut bytes = Vec::new();
+        match self.carrier {
+            Carrier::SharedMemory => {
+                bytes.resize(command.byte_len(), 0);
+                frame::encode(command, &mut bytes);
+            }
+            Carrier::Network => drop(wire::encode(command, &mut bytes)),
+        }
+        Ok(self.sink.send_raw(&bytes)?)
+    }
+}
+
+/// What the controller of a run in real time has said.
+fn recording(graph: &str) -> Result<Vec<Command>, Box<dyn Error>> {
+    let (ended, home) = Launched::graph(graph, &["--duration", &(PLAYED / 10).to_string()])?.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let record = Record::read(&home.path().join("run"))?;
+    let commands: Vec<Command> = record.of("command").filter_map(command).collect();
+    assert_eq!(commands.len(), record.of("command").count());
+    assert!(commands.iter().filter(|command| command.rung == Rung::FreshPlan.code()).count() as u64 > PLAYED / 2, "it drove");
+    Ok(commands)
+}
+
+/// Launches a graph whose launcher leaves a controller that hangs as it is.
+fn launch(graph: &str) -> Result<Launched, Box<dyn Error>> {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let text = fs::read_to_string(graph_file(graph))?.replace("\"../", &format!("\"{}/deploy/", repository().display()));
+    let text = text.replace("[processes.controller]\n", "") + "\n[processes.controller]\nhung_after_millis = 600000\n";
+    let file = home.path().join("graph.toml");
+    fs::write(&file, text)?;
+    let command = launch_command(&file, &home.path().join("run"), &["--duration", &(PLAYED / 10 + 10).to_string()])?;
+    Launched::by(command, home)
+}
+
+/// Plays the answers of one run to the states of another of the same robot, while its own controller speaks and while it is silent.
+fn moves_nothing(graph: &str) -> Outcome {
+    let recording = recording(graph)?;
+    let strangers: BTreeSet<u64> = recording.iter().map(|command| command.stamp.writer).collect();
+    let launched = launch(graph)?;
+    let file = launched.folder().join("settings/recorder.toml");
+    let mut links = None;
+    launched.wait_until("the links of the graph", || {
+        links = read_settings::<recorder::settings::Settings>(&file).ok().map(|settings| settings.run.links);
+        links.is_some()
+    })?;
+    // There before the controller is: the first writer of an epoch would be obeyed.
+    let mut player = Player::join(&links.ok_or("no links")?, recording)?;
+    // Meanwhile nobody speaks but the recording.
+    let mut next = Some((SILENT_FROM, Signal::STOP));
+    let mut play = || -> Result<bool, Box<dyn Error>> {
+        let Some(tick) = player.play()? else { return Ok(false) };
+        if let Some((_, due)) = next.take_if(|(at, _)| *at <= tick) {
+            signal(launched.process("controller", None)?, due)?;
+            next = (due == Signal::STOP).then_some((tick + SILENT_FOR, Signal::CONT));
+        }
+        Ok(tick >= PLAYED)
+    };
+    let mut failed = None;
+    launched.wait_until("that the recording is over", || {
+        play().unwrap_or_else(|error| {
+            failed = Some(error.to_string());
+            true
+        })
+    })?;
+    assert_eq!(failed, None);
+    let played = player.played;
+    assert!(played > PLAYED * 9 / 10, "{played} commands were played");
+    drop(player);
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+
+    let run = home.path().join("run");
+    let record = Record::read(&run)?;
+    acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file(graph)))?))?;
+    let acted: Vec<u64> =
+        record.of("truth").filter(|truth| strangers.contains(&truth.count("acting_writer"))).map(|truth| truth.stamp("tick")).collect();
+    assert!(acted.is_empty(), "something recorded acted in ticks {acted:?}");
+    // The gate has seen every single one, and says why none may act.
+    let log = fs::read_to_string(run.join("plant.log"))?;
+    let refused = log.lines().filter(|line| line.contains("command refused") && line.contains("reason=old plant epoch")).count() as u64;
+    assert_eq!(refused, played);
+    let counted = record.of("state").next_back().ok_or("no state")?;
+    assert!(counted.count("refused") >= played, "{} refused of {played}", counted.count("refused"));
+    let heard = record.of("command").filter(|command| strangers.contains(&command.stamp("writer"))).count() as u64;
+    assert_eq!(heard, played, "the recorder has heard them");
+    let braked = record.of("state").filter(|state| state.word("rung") == "brake").count() as u64;
+    assert!(braked > SILENT_FOR / 2, "nobody was silent: nothing was shown in {braked} periods on the brake");
+    assert_eq!(counted.word("rung"), "fresh plan", "its own controller drives");
+    Ok(())
+}
+
+#[test]
+fn a_recording_played_in_a_later_run_over_shared_memory_moves_nothing() -> Outcome {
+    moves_nothing("local")
+}
+
+#[test]
+fn a_recording_played_in_a_later_run_over_the_network_moves_nothing() -> Outcome {
+    moves_nothing("network")
+}
