@@ -1,6 +1,7 @@
 //! One process: start, signal, how it ended.
 
 use crate::role::program;
+use crate::service_manager::VARIABLES;
 use protocol::message::Participant;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs::{self, File};
@@ -31,7 +32,11 @@ impl Child {
     /// If it cannot be started.
     pub fn start(role: Participant, programs: &Path, settings: &Path, run: &Path) -> io::Result<Self> {
         let output = File::options().create(true).append(true).open(output_file(run, role))?;
-        let system = Command::new(programs.join(program(role)))
+        let mut command = Command::new(programs.join(program(role)));
+        for variable in VARIABLES {
+            command.env_remove(variable);
+        }
+        let system = command
             .arg("--settings")
             .arg(settings)
             .arg("--stop-with-stdin")

@@ -11,6 +11,7 @@ use crate::folder::{self, FolderError};
 use crate::options::Options;
 use crate::progress;
 use crate::saboteur::Saboteur;
+use crate::service_manager::ServiceManager;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use crate::without_learning;
@@ -127,7 +128,9 @@ pub fn run(options: &Options) -> Result<Outcome, LaunchError> {
         folder::check(out)?;
     }
     let signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(|source| LaunchError::System { what: "signals", source })?;
-    let mut person = Person { signals, terminal: Terminal::new() };
+    let roles: Vec<Participant> = assembly.roles().collect();
+    let manager = ServiceManager::of_environment(&roles).map_err(|source| LaunchError::System { what: "NOTIFY_SOCKET", source })?;
+    let mut person = Person { signals, terminal: Terminal::new(), manager };
     let base = berth::base();
     let (swept, left) = berth::sweep_stale(&base);
     if swept > 0 {
@@ -144,11 +147,12 @@ pub fn run(options: &Options) -> Result<Outcome, LaunchError> {
     outcome
 }
 
-/// Whoever launches: asks by signals, and is told on the terminal.
+/// Whoever launches: asks by signals, and is told on the terminal, and as a service manager in its own way.
 #[derive(Debug)]
 struct Person {
     signals: Signals,
     terminal: Terminal,
+    manager: ServiceManager,
 }
 
 impl Person {
@@ -226,6 +230,7 @@ fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
     let outcome = match start(&mut fleet, voyage, &watch, person) {
         Ok(None) => {
             invite(voyage, &mut person.terminal);
+            person.manager.ready();
             look_after(&mut fleet, voyage, &watch, person)
         }
         Ok(Some(outcome)) => Ok(outcome),
@@ -236,6 +241,7 @@ fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
         Ok(Outcome::Signal(signal)) => tracing::info!(signal, "asked to end"),
         Err(error) => tracing::error!("{error}"),
     }
+    person.manager.stopping();
     let patience = |role| if role == Participant::Recorder { RECORDER_ENDS_WITHIN } else { ENDS_WITHIN };
     let complaints = fleet.end(patience, || person.asks_to_end().is_some());
     for complaint in &complaints {
@@ -329,6 +335,7 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
                 Event::Restarted { role, epoch_floor } => tracing::info!(%role, epoch_floor, "started again"),
             }
         }
+        person.manager.feed(&view, now);
         let restarts = fleet.restarts();
         person.terminal.progress(now, || view.plan().map(|plan| progress::line(&plan, period_nanos, duration_s, restarts)));
         thread::sleep(ROUND);

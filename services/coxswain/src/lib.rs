@@ -23,6 +23,7 @@
 //! | [`roster`]   | who plays which role at this moment                                                  |
 //! | [`fleet`]    | all processes: start in order, restart, end in order                                 |
 //! | [`launch`]   | one run from reading to sweeping                                                     |
+//! | [`service_manager`] | tells the one that started the launch, if one did, that its loop turns         |
 //! | [`progress`] | the live line                                                                        |
 //! | [`closing`]  | `summary.json` → the table at the end                                                |
 //! | [`set`]      | `coxswain set`: a change to the settings of a robot that drives                      |
@@ -58,6 +59,7 @@ pub mod role;
 pub mod roster;
 pub mod saboteur;
 pub mod scenario;
+pub mod service_manager;
 pub mod set;
 pub mod terminal;
 pub mod watch;

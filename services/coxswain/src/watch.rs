@@ -35,6 +35,8 @@ pub struct HealthView {
     pub phase: Phase,
     /// When it said so, on its own clock \[ns\].
     pub sent_nanos: u64,
+    /// Rounds of its loop.
+    pub heartbeat: u64,
 }
 
 /// What counts of a Plan.
@@ -84,10 +86,8 @@ impl View {
     /// Hears a Health.
     pub fn take_in(&mut self, health: &Health) {
         if let Some(role) = health.participant() {
-            self.health.insert(
-                role,
-                HealthView { pid: health.pid, epoch: health.stamp.epoch, phase: health.phase(), sent_nanos: health.stamp.sent_nanos },
-            );
+            let (pid, epoch, sent_nanos) = (health.pid, health.stamp.epoch, health.stamp.sent_nanos);
+            self.health.insert(role, HealthView { pid, epoch, phase: health.phase(), sent_nanos, heartbeat: health.heartbeat });
         }
     }
 }

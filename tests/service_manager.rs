@@ -1,0 +1,155 @@
+//! Promise: a service manager hears that the robot drives from its loops themselves, and nothing once one of them has stopped.
+
+use promises::{Launched, Outcome, graph_file, launch_command, repository, signal, wait_until};
+use rustix::process::Signal;
+use std::error::Error;
+use std::fs;
+use std::io;
+use std::os::unix::net::UnixDatagram;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long the watchdog waits \[µs\]: it is to be fed four times as often.
+const PATIENCE_MICROS: u64 = 2_000_000;
+/// What is on its way when a loop stops has come by then.
+const UNDER_WAY: Duration = Duration::from_secs(2);
+/// For so long nothing may come then: longer than the watchdog waits.
+const SILENT: Duration = Duration::from_secs(3);
+
+/// The end of a service manager.
+struct Manager {
+    socket: UnixDatagram,
+    heard: Vec<String>,
+}
+
+impl Manager {
+    /// Takes in all that has come since.
+    fn listen(&mut self) -> io::Result<usize> {
+        let mut said = [0; 256];
+        let mut count = 0;
+        loop {
+            match self.socket.recv(&mut said) {
+                Ok(length) => {
+                    self.heard.push(String::from_utf8_lossy(said.get(..length).unwrap_or_default()).into_owned());
+                    count += 1;
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(count),
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// Waits until `what` has come `times` times more.
+    fn wait_for(&mut self, launched: &Launched, what: &str, times: usize) -> Outcome {
+        let count = |heard: &[String]| heard.iter().filter(|said| said.as_str() == what).count();
+        let before = count(&self.heard);
+        launched.wait_until(&format!("{times} more {what}"), || self.listen().is_ok() && count(&self.heard) >= before + times)
+    }
+
+    /// Hears nothing for a while.
+    fn hears_nothing(&mut self) -> Outcome {
+        thread::sleep(UNDER_WAY);
+        self.listen()?;
+        let (begin, before) = (Instant::now(), self.heard.len());
+        while begin.elapsed() < SILENT {
+            self.listen()?;
+            if let Some(said) = self.heard.get(before) {
+                return Err(format!("a loop has stopped, and {said} came").into());
+            }
+            thread::sleep(Duration::from_millis(20));
+        }
+        Ok(())
+    }
+}
+
+/// The state of a process, as the kernel has it.
+fn is_stopped(pid: u32) -> bool {
+    fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| stat.contains(") T "))
+}
+
+#[test]
+fn the_watchdog_is_fed_by_the_loops_and_by_nothing_else() -> Outcome {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let path = home.path().join("notify");
+    let socket = UnixDatagram::bind(&path)?;
+    socket.set_nonblocking(true)?;
+    let mut manager = Manager { socket, heard: Vec::new() };
+    // A launcher that mends nothing: who hangs goes on hanging.
+    let text = fs::read_to_string(graph_file("local"))?.replace("\"../", &format!("\"{}/deploy/", repository().display()));
+    let hanging = text.replace("hung_after_millis = 400", "hung_after_millis = 600000 #");
+    let hanging = hanging.replace("[processes.controller]", "[processes.controller]\nhung_after_millis = 600000");
+    assert_eq!(hanging.matches("= 600000").count(), 2, "{hanging}");
+    let graph = home.path().join("graph.toml");
+    fs::write(&graph, hanging)?;
+    let mut command = launch_command(&graph, &home.path().join("run"), &["--duration", "600"])?;
+    command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", PATIENCE_MICROS.to_string()).env_remove("WATCHDOG_PID");
+    let launched = Launched::by(command, home)?;
+
+    manager.wait_for(&launched, "READY=1", 1)?;
+    manager.wait_for(&launched, "WATCHDOG=1", 5)?;
+    assert_eq!(manager.heard.first().map(String::as_str), Some("READY=1"), "{:?}", manager.heard);
+    for (program, name) in [("controller", "the control loop"), ("plant-sim", "the gate's loop")] {
+        let pid = launched.process(program, None)?;
+        signal(pid, Signal::STOP)?;
+        wait_until("that it stands still", || is_stopped(pid))?;
+        manager.hears_nothing().map_err(|error| format!("{name}: {error}"))?;
+        signal(pid, Signal::CONT)?;
+        manager.wait_for(&launched, "WATCHDOG=1", 2).map_err(|error| format!("{name} turns again: {error}"))?;
+    }
+    // A learner drives nothing, and a stopped one is the launcher's to mend.
+    let learner = launched.process("learner", None)?;
+    signal(learner, Signal::STOP)?;
+    wait_until("that it stands still", || is_stopped(learner))?;
+    manager.wait_for(&launched, "WATCHDOG=1", 3)?;
+
+    for pid in launched.processes() {
+        let environment = fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
+        let told = String::from_utf8_lossy(&environment).contains("NOTIFY_SOCKET");
+        assert!(!told, "a process of the graph could speak for the launcher");
+    }
+    signal(launched.pid(), Signal::TERM)?;
+    let (ended, _home) = launched.end()?;
+    manager.listen()?;
+    assert_eq!(manager.heard.last().map(String::as_str), Some("STOPPING=1"), "{}", ended.text);
+    assert_eq!(manager.heard.iter().filter(|said| *said == "READY=1").count(), 1);
+    Ok(())
+}
+
+#[test]
+fn another_process_s_watchdog_is_not_fed_and_a_manager_that_is_not_there_is_named() -> Outcome {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let path = home.path().join("notify");
+    let socket = UnixDatagram::bind(&path)?;
+    socket.set_nonblocking(true)?;
+    let mut manager = Manager { socket, heard: Vec::new() };
+    let mut command = launch_command(&graph_file("local"), &home.path().join("run"), &["--duration", "3"])?;
+    command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", "100000").env("WATCHDOG_PID", "1");
+    let (ended, home) = Launched::by(command, home)?.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    manager.listen()?;
+    assert_eq!(manager.heard, ["READY=1", "STOPPING=1"]);
+
+    let mut command = launch_command(&graph_file("local"), &home.path().join("again"), &[])?;
+    let output = command.env("TMPDIR", home.path()).env("NOTIFY_SOCKET", home.path().join("nobody")).output()?;
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("NOTIFY_SOCKET") && !home.path().join("again").exists(), "{said}");
+    Ok(())
+}
+
+#[test]
+fn what_the_launcher_mends_does_not_silence_the_watchdog_for_good() -> Result<(), Box<dyn Error>> {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let path = home.path().join("notify");
+    let socket = UnixDatagram::bind(&path)?;
+    socket.set_nonblocking(true)?;
+    let mut manager = Manager { socket, heard: Vec::new() };
+    let mut command = launch_command(&graph_file("local"), &home.path().join("run"), &["--duration", "600"])?;
+    command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", PATIENCE_MICROS.to_string()).env_remove("WATCHDOG_PID");
+    let launched = Launched::by(command, home)?;
+    manager.wait_for(&launched, "WATCHDOG=1", 2)?;
+    let controller = launched.process("controller", None)?;
+    signal(controller, Signal::STOP)?;
+    launched.process("controller", Some(controller))?;
+    manager.wait_for(&launched, "WATCHDOG=1", 3)
+}

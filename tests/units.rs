@@ -1,0 +1,141 @@
+//! Promise: the units for a real host keep a graph to what it needs, let it have that, and are what systemd understands.
+
+use promises::{Outcome, binaries, repository};
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+/// Units, and under which name each is looked at.
+const UNITS: [(&str, &str); 3] = [
+    ("coxswain-robot.service", "coxswain-robot.service"),
+    ("coxswain-control.service", "coxswain-control.service"),
+    ("coxswain@.service", "coxswain@local.service"),
+];
+
+/// Exposure that `systemd-analyze security` may find at most, in tenths.
+const EXPOSURE_MOST: &str = "20";
+
+/// What every unit must say, and why.
+const SAID: [(&str, &str, &str); 34] = [
+    ("Type", "notify", "it is started once every process is ready"),
+    ("WatchdogSec", "10", "loops that hang are noticed"),
+    ("Restart", "on-failure", "and what has failed is started again"),
+    ("RestartPreventExitStatus", "2", "but not what cannot be"),
+    ("SuccessExitStatus", "143", "a launch that was asked to end says by which signal"),
+    ("KillMode", "mixed", "the launcher ends its processes in order"),
+    ("UMask", "0077", "nobody else reads what it makes"),
+    ("StateDirectoryMode", "0700", "nor its runs"),
+    ("RuntimeDirectoryMode", "0700", "nor its sockets"),
+    ("LimitRTPRIO", "10", "commands are on time"),
+    ("LimitCORE", "0", "no memory is left on the disk"),
+    ("RemoveIPC", "no", "iceoryx2: shared memory stays when another unit of the user stops"),
+    ("PrivateIPC", "no", "iceoryx2: it is that of the machine"),
+    ("PrivateTmp", "no", "iceoryx2: names are that of the machine"),
+    ("NoNewPrivileges", "yes", ""),
+    ("CapabilityBoundingSet", "", "not even for a real-time priority"),
+    ("AmbientCapabilities", "", ""),
+    ("ProtectSystem", "strict", ""),
+    ("ProtectHome", "yes", ""),
+    ("ProtectProc", "invisible", ""),
+    ("ProtectClock", "yes", ""),
+    ("ProtectKernelModules", "yes", ""),
+    ("ProtectKernelTunables", "yes", ""),
+    ("ProtectControlGroups", "yes", ""),
+    ("PrivateUsers", "yes", ""),
+    ("PrivateDevices", "yes", ""),
+    ("DevicePolicy", "closed", ""),
+    ("LockPersonality", "yes", ""),
+    ("MemoryDenyWriteExecute", "yes", ""),
+    ("RestrictNamespaces", "yes", ""),
+    ("RestrictSUIDSGID", "yes", ""),
+    ("SystemCallArchitectures", "native", ""),
+    ("IPAddressDeny", "any", "nobody on the network"),
+    ("IPAddressAllow", "localhost", "but who is named"),
+];
+
+/// Never to be said: a real-time priority would be refused.
+const UNSAID: [&str; 3] = ["RestrictRealtime", "DynamicUser", "PrivateNetwork"];
+
+fn folder() -> std::path::PathBuf {
+    repository().join("deploy/systemd")
+}
+
+/// What a unit says under each key; a key may be said more than once.
+fn directives(text: &str) -> BTreeMap<&str, Vec<&str>> {
+    let mut said: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for (key, value) in text.lines().filter(|line| !line.starts_with('#')).filter_map(|line| line.split_once('=')) {
+        said.entry(key).or_default().push(value);
+    }
+    said
+}
+
+#[test]
+fn every_unit_says_what_a_host_is_kept_from_and_what_the_graph_needs() -> Outcome {
+    let mut found: Vec<String> = fs::read_dir(folder())?
+        .flatten()
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .filter(|name| name.ends_with(".service"))
+        .collect();
+    found.sort();
+    assert_eq!(found, ["coxswain-control.service", "coxswain-robot.service", "coxswain@.service"]);
+    for (unit, _) in UNITS {
+        let text = fs::read_to_string(folder().join(unit))?;
+        let said = directives(&text);
+        for (key, value, why) in SAID {
+            assert_eq!(said.get(key).map(Vec::as_slice), Some(&[value][..]), "{unit}: {key} ({why})");
+        }
+        for key in UNSAID {
+            assert!(!said.contains_key(key), "{unit}: {key}");
+        }
+        let graph = said.get("ExecStart").and_then(|starts| starts.first()?.rsplit('/').next()).ok_or("it starts nothing")?;
+        assert!(graph == "%i.toml" || repository().join("deploy/graphs").join(graph).is_file(), "{unit} starts {graph}");
+        // The way to a socket in a graph's folder: user ids of up to five digits, a name of eight characters.
+        let runtime = said.get("RuntimeDirectory").and_then(|names| names.first()).ok_or("no runtime folder")?.replace("%i", "local");
+        let root = format!("/run/{runtime}/coxswain-65534/abcdefgh");
+        assert!(root.len() <= 49, "{unit}: {root} is too long for sockets in it");
+        let temporary = said.get("Environment").and_then(|values| values.first()).ok_or("no TMPDIR")?;
+        assert_eq!(temporary.replace("%i", "local"), format!("TMPDIR=%t/{runtime}"), "{unit}");
+    }
+    Ok(())
+}
+
+/// Whether systemd can be asked here.
+fn is_there(program: &str) -> bool {
+    Command::new(program).arg("--version").output().is_ok_and(|output| output.status.success())
+}
+
+/// The units under the names that they are looked at by, with the launcher of these tests for the installed one.
+fn installed(home: &Path) -> Result<Vec<std::path::PathBuf>, Box<dyn Error>> {
+    let launcher = binaries()?.join("coxswain");
+    let install = |(unit, name): (&str, &str)| {
+        let text = fs::read_to_string(folder().join(unit))?.replace("/usr/lib/coxswain/coxswain", &launcher.to_string_lossy());
+        let place = home.join(name);
+        fs::write(&place, text)?;
+        Ok(place)
+    };
+    UNITS.into_iter().map(install).collect()
+}
+
+#[test]
+fn systemd_understands_every_unit_and_finds_none_exposed() -> Outcome {
+    if !is_there("systemd-analyze") {
+        // What it would look at is held in the test above; `.ci/run` installs it where it can.
+        return Ok(());
+    }
+    let home = tempfile::tempdir()?;
+    for unit in installed(home.path())? {
+        let judged = Command::new("systemd-analyze")
+            .args(["security", "--offline=true", "--no-pager", "--threshold", EXPOSURE_MOST])
+            .arg(&unit)
+            .output()?;
+        let said = String::from_utf8_lossy(&judged.stdout);
+        assert!(judged.status.success() && said.contains("Overall exposure level"), "{}: {said}", unit.display());
+        let verified = Command::new("systemd-analyze").arg("verify").arg(&unit).output()?;
+        let said = String::from_utf8_lossy(&verified.stderr);
+        let ours: Vec<&str> = said.lines().filter(|line| line.contains("coxswain")).collect();
+        assert!(verified.status.success() && ours.is_empty(), "{}: {said}", unit.display());
+    }
+    Ok(())
+}
