@@ -46,18 +46,17 @@ fn answer(place: &str, bytes: &[u8]) -> Result<String, Box<dyn Error>> {
     Ok(String::from_utf8_lossy(&text).into_owned())
 }
 
-#[test]
-fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refuses_everything_else() -> Outcome {
-    let launched = Launched::new(&["--duration", "110"])?;
-    let address = launched.page_address()?;
-    let place = place(&address);
-    let port = place.rsplit(':').next().unwrap_or_default();
-    let own = format!("Host: {place}");
-    let get = |target: &str, headers: &str| format!("GET {target} HTTP/1.1\r\n{headers}\r\n\r\n");
+/// A `GET` of `target` with these headers.
+fn get(target: &str, headers: &str) -> String {
+    format!("GET {target} HTTP/1.1\r\n{headers}\r\n\r\n")
+}
 
-    let page = answer(place, get("/", &own).as_bytes())?;
+/// What it says to whom it is meant for.
+fn answers_its_readers(place: &str, own: &str) -> Outcome {
+    let page = answer(place, get("/", own).as_bytes())?;
     let (head, body) = page.split_once("\r\n\r\n").ok_or("no body")?;
     assert!(head.starts_with("HTTP/1.1 200 OK\r\n") && body.ends_with("</html>\n"), "{head}");
+    let policy = head.lines().find(|line| line.starts_with("Content-Security-Policy: ")).unwrap_or_default();
     for said in [
         "default-src 'none'",
         "frame-ancestors 'none'",
@@ -66,7 +65,6 @@ fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refu
         "connect-src 'self'",
         "script-src 'nonce-",
     ] {
-        let policy = head.lines().find(|line| line.starts_with("Content-Security-Policy: ")).unwrap_or_default();
         assert!(policy.contains(said) && !policy.contains("unsafe"), "{said} is not in {policy}");
     }
     for header in [
@@ -79,10 +77,13 @@ fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refu
         assert!(head.contains(header), "{header} is not in {head}");
     }
     assert!(!page.to_ascii_lowercase().contains("access-control-allow"));
-    let events = answer(place, get("/events", &own).as_bytes())?;
+    let events = answer(place, get("/events", own).as_bytes())?;
     assert!(events.contains("200 OK") && events.contains("\"robot\":\"mecanum\""), "{}", events.len());
+    Ok(())
+}
 
-    // Nothing can be sent.
+/// Nothing can be sent.
+fn takes_nothing(place: &str, own: &str) -> Outcome {
     let body = "Content-Length: 17\r\n\r\n{\"mpc\":{\"x\": 1}}\n";
     for method in ["POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT", "PROPFIND", "get", "G"] {
         for target in ["/", "/events", "/set"] {
@@ -90,39 +91,23 @@ fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refu
             assert!(said.starts_with("HTTP/1.1 405 ") && said.contains("Allow: GET"), "{method} {target}: {said}");
         }
     }
-    let upgrade = get(
-        "/events",
-        &format!(
-            "{own}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-Fetch-Site: cross-site\r\nOrigin: http://evil.example"
-        ),
-    );
-    assert!(answer(place, upgrade.as_bytes())?.starts_with("HTTP/1.1 403 "));
+    let key = "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==";
+    let upgrade = format!("{own}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n{key}\r\nOrigin: http://evil.example");
+    assert!(answer(place, get("/events", &upgrade).as_bytes())?.starts_with("HTTP/1.1 403 "));
+    Ok(())
+}
 
-    // A name that has come to mean this machine is not this machine's.
-    for host in [
-        "evil.example",
-        "evil.example:80",
-        "localhost.evil.example",
-        "127.0.0.1.evil.example",
-        "10.0.0.1",
-        "[::2]",
-        "0x7f000001",
-        "2130706433",
-        "127.1",
-    ] {
-        for target in ["/", "/events"] {
-            let with_port = if host.ends_with(']') || !host.contains(':') { format!("{host}:{port}") } else { host.to_owned() };
-            let said = answer(place, get(target, &format!("Host: {with_port}")).as_bytes())?;
+/// A name that has come to mean this machine is not this machine's, and another site's script gets nothing of what the robot does.
+fn refuses_strangers(place: &str, own: &str) -> Outcome {
+    let port = place.rsplit(':').next().unwrap_or_default();
+    for host in
+        ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example", "10.0.0.1", "[::2]", "0x7f000001", "2130706433", "127.1"]
+    {
+        for (target, host) in [("/", host.to_owned()), ("/", format!("{host}:{port}")), ("/events", format!("{host}:{port}"))] {
+            let said = answer(place, get(target, &format!("Host: {host}")).as_bytes())?;
             assert!(said.starts_with("HTTP/1.1 403 ") && !said.contains("mecanum"), "{host}: {said}");
         }
     }
-    for (headers, status) in
-        [("X: y", "400"), ("Host: localhost\r\nHost: evil.example", "400"), ("Host : localhost", "400"), ("Host: local\0host", "400")]
-    {
-        let said = answer(place, get("/", headers).as_bytes())?;
-        assert!(said.starts_with(&format!("HTTP/1.1 {status} ")), "{headers:?}: {said}");
-    }
-    // Another site's script gets nothing of what the robot does.
     for foreign in [
         "Sec-Fetch-Site: cross-site",
         "Sec-Fetch-Site: same-site",
@@ -133,17 +118,19 @@ fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refu
         let said = answer(place, get("/events", &format!("{own}\r\n{foreign}")).as_bytes())?;
         assert!(said.starts_with("HTTP/1.1 403 ") && !said.contains("mecanum"), "{foreign}: {said}");
     }
-    for target in [
-        "/../../etc/passwd",
-        "/%2e%2e/etc/passwd",
-        "//etc/passwd",
-        "/settings/plant.toml",
-        "/record.mcap",
-        "http://127.0.0.1/",
-        "*",
-        "/events/",
-    ] {
-        assert!(answer(place, get(target, &own).as_bytes())?.starts_with("HTTP/1.1 404 "), "{target}");
+    Ok(())
+}
+
+/// What is nowhere, and what is no request at all.
+fn refuses_the_rest(place: &str, own: &str) -> Outcome {
+    let elsewhere =
+        ["/../../etc/passwd", "/%2e%2e/etc/passwd", "//etc/passwd", "/settings/plant.toml", "/record.mcap", "http://127.0.0.1/", "*"];
+    for target in elsewhere {
+        assert!(answer(place, get(target, own).as_bytes())?.starts_with("HTTP/1.1 404 "), "{target}");
+    }
+    for headers in ["X: y", "Host: localhost\r\nHost: evil.example", "Host : localhost", "Host: local\0host"] {
+        let said = answer(place, get("/", headers).as_bytes())?;
+        assert!(said.starts_with("HTTP/1.1 400 "), "{headers:?}: {said}");
     }
     let endless = format!("GET / HTTP/1.1\r\n{own}\r\nX: {}", "x".repeat(100_000));
     assert!(answer(place, endless.as_bytes())?.starts_with("HTTP/1.1 431 "));
@@ -152,7 +139,17 @@ fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refu
         let said = answer(place, garbage)?;
         assert!(said.starts_with("HTTP/1.1 400 ") || said.starts_with("HTTP/1.1 408 "), "{garbage:?}: {said}");
     }
+    Ok(())
+}
 
+#[test]
+fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refuses_everything_else() -> Outcome {
+    let launched = Launched::new(&["--duration", "110"])?;
+    let address = launched.page_address()?;
+    let place = place(&address);
+    for check in [answers_its_readers, takes_nothing, refuses_strangers, refuses_the_rest, answers_its_readers] {
+        check(place, &format!("Host: {place}"))?;
+    }
     signal(launched.pid(), Signal::TERM)?;
     let (ended, home) = launched.end()?;
     assert_eq!(ended.status.code(), Some(143), "{}", ended.text);

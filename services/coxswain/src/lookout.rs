@@ -200,11 +200,12 @@ struct Lines {
 impl Lines {
     /// The line that is complete now, if one is.
     fn take_in(&mut self, word: Word) -> Option<String> {
-        let mut line = self.line_of(word)?;
-        if let Some(exposure) = self.exposures.values().max().filter(|&&exposure| exposure > Exposure::Closed) {
-            line += &format!("  INSECURE: {exposure}");
-        }
-        Some(line)
+        let line = self.line_of(word)?;
+        let exposed = self.exposures.values().max().filter(|&&exposure| exposure > Exposure::Closed);
+        Some(match exposed {
+            Some(exposure) => format!("{line}  INSECURE: {exposure}"),
+            None => line,
+        })
     }
 
     fn line_of(&mut self, word: Word) -> Option<String> {

@@ -124,38 +124,38 @@ mod tests {
 
     const EVERY: Duration = Duration::from_secs(1);
 
-    fn at(pid: u32, heartbeat: u64) -> Option<HealthView> {
-        Some(HealthView { pid, epoch: 1, phase: Phase::Running, sent_nanos: 0, heartbeat })
+    fn at(pid: u32, heartbeat: u64) -> HealthView {
+        HealthView { pid, epoch: 1, phase: Phase::Running, sent_nanos: 0, heartbeat }
     }
 
     #[test]
     fn the_watchdog_is_fed_by_every_loop_that_drives_and_by_none_that_stands_still() {
         let mut watchdog = Watchdog::new(EVERY, Participant::ALL);
         let begin = Instant::now();
-        let mut fed = |seconds: u32, plant, controller| {
+        let mut fed = |seconds: u32, plant, controller: Option<HealthView>| {
             let heard = |role| match role {
-                Participant::Plant => plant,
+                Participant::Plant => Some(plant),
                 Participant::Controller => controller,
                 _ => None,
             };
             watchdog.is_fed(heard, begin + EVERY * seconds)
         };
         assert!(!fed(0, at(1, 5), None), "nothing has been heard of the controller");
-        assert!(fed(1, at(1, 6), at(2, 1)));
-        assert!(!fed(1, at(1, 7), at(2, 2)), "it is not time");
-        assert!(!fed(2, at(1, 8), at(2, 1)), "the controller hangs");
-        assert!(!fed(9, at(1, 99), at(2, 1)), "and goes on hanging");
-        assert!(fed(10, at(1, 100), at(3, 1)), "another has taken its place");
-        assert!(!fed(11, at(1, 100), at(3, 2)), "the gate hangs");
-        assert!(fed(12, at(1, 101), at(3, 2)));
+        assert!(fed(1, at(1, 6), Some(at(2, 1))));
+        assert!(!fed(1, at(1, 7), Some(at(2, 2))), "it is not time");
+        assert!(!fed(2, at(1, 8), Some(at(2, 1))), "the controller hangs");
+        assert!(!fed(9, at(1, 99), Some(at(2, 1))), "and goes on hanging");
+        assert!(fed(10, at(1, 100), Some(at(3, 1))), "another has taken its place");
+        assert!(!fed(11, at(1, 100), Some(at(3, 2))), "the gate hangs");
+        assert!(fed(12, at(1, 101), Some(at(3, 2))));
     }
 
     #[test]
     fn a_launch_without_a_loop_that_drives_is_watched_by_what_it_has() {
         let mut watchdog = Watchdog::new(EVERY, &[Participant::Recorder, Participant::Gateway]);
         let now = Instant::now();
-        assert!(!watchdog.is_fed(|role| if role == Participant::Recorder { at(1, 1) } else { None }, now));
-        assert!(watchdog.is_fed(|_| at(1, 1), now));
+        assert!(!watchdog.is_fed(|role| (role == Participant::Recorder).then(|| at(1, 1)), now));
+        assert!(watchdog.is_fed(|_| Some(at(1, 1)), now));
     }
 
     #[test]
