@@ -28,7 +28,7 @@ const SAID: [(&str, &str, &str); 34] = [
     ("UMask", "0077", "nobody else reads what it makes"),
     ("StateDirectoryMode", "0700", "nor its runs"),
     ("RuntimeDirectoryMode", "0700", "nor its sockets"),
-    ("LimitRTPRIO", "10", "commands are on time"),
+    ("LimitRTPRIO", "49", "commands are on time"),
     ("LimitCORE", "0", "no memory is left on the disk"),
     ("RemoveIPC", "no", "iceoryx2: shared memory stays when another unit of the user stops"),
     ("PrivateIPC", "no", "iceoryx2: it is that of the machine"),
