@@ -9,10 +9,12 @@
 //! | [`port`]    | [`Source`](port::Source) and [`Sink`](port::Sink) over every carrier |
 //! | [`view`]    | each message as JSON, with its JSON Schema                           |
 //! | [`telemetry`] | what anyone may watch, over zenoh                                   |
+//! | [`access`]  | who may say and hear what on the network, and by which certificate   |
 //! | [`clock`]   | the monotonic clock that stamps carry                                |
 //!
 //! There is no mathematics here.
 
+pub mod access;
 pub mod clock;
 pub mod frame;
 pub mod message;

@@ -13,7 +13,7 @@
 //! use protocol::telemetry::{Heard, Publisher, TelemetrySettings, Watcher};
 //! use std::time::Duration;
 //!
-//! let settings = TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "mecanum".into() };
+//! let settings = TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "mecanum".into(), credentials: None };
 //! let mut publisher = Publisher::open(&settings, 100_000_000)?;
 //! let mut watcher = Watcher::open(&publisher.endpoints()[0], Some("mecanum"))?;
 //!
@@ -37,6 +37,7 @@ mod watcher;
 pub use publisher::Publisher;
 pub use watcher::{Heard, Watcher, Word};
 
+use crate::access::Credentials;
 use crate::frame::DecodeError;
 use crate::message::Message;
 use crate::wire;
@@ -56,11 +57,14 @@ pub struct TelemetrySettings {
     pub listen: Vec<String>,
     /// Name of the robot in the keys: 1 to 32 of `a`–`z`, `0`–`9`, `_` and `-`.
     pub robot: String,
+    /// Certificate of the gateway: with it only watchers with one of the same robot and authority hear anything. The launcher says it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub credentials: Option<Credentials>,
 }
 
 impl Default for TelemetrySettings {
     fn default() -> Self {
-        Self { listen: vec![DEFAULT_ENDPOINT.to_owned()], robot: "robot".to_owned() }
+        Self { listen: vec![DEFAULT_ENDPOINT.to_owned()], robot: "robot".to_owned(), credentials: None }
     }
 }
 
@@ -101,6 +105,12 @@ pub enum TelemetryError {
         /// The endpoints.
         endpoints: String,
         /// What zenoh or the system said.
+        reason: String,
+    },
+    /// The certificate is of no use.
+    #[error("{reason}")]
+    Credentials {
+        /// What is wrong with it.
         reason: String,
     },
     /// Nobody answers.

@@ -18,7 +18,7 @@ const SOON: Duration = Duration::from_millis(20);
 const GIVES_UP_AFTER: Duration = Duration::from_mins(1);
 
 fn publisher() -> Result<Publisher, TelemetryError> {
-    Publisher::open(&TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "test".into() }, PERIOD)
+    Publisher::open(&TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "test".into(), credentials: None }, PERIOD)
 }
 
 fn endpoint(publisher: &Publisher) -> Result<String, Box<dyn Error>> {
@@ -114,7 +114,7 @@ fn what_a_stranger_puts_reaches_no_watcher() -> Outcome {
 fn two_gateways_that_take_any_port_do_not_fight_and_a_taken_one_is_refused() -> Outcome {
     let (one, other) = (publisher()?, publisher()?);
     assert_ne!(one.endpoints(), other.endpoints());
-    let taken = TelemetrySettings { listen: one.endpoints().to_vec(), robot: "test".into() };
+    let taken = TelemetrySettings { listen: one.endpoints().to_vec(), robot: "test".into(), credentials: None };
     assert!(matches!(Publisher::open(&taken, PERIOD), Err(TelemetryError::Listen { .. })));
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! How the links of one graph run, as a setting.
 
 use super::{Faults, OpenError};
+use crate::access::Credentials;
 use crate::topic::Topic;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -34,6 +35,9 @@ pub struct Links {
     /// Name of the graph on the network, of the same form, for launches that meet there; that of the graph unless it is said.
     #[serde(default)]
     pub network_graph: Option<String>,
+    /// Certificate by which the others on the network know this process; without it nothing there is encrypted, and everybody is believed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub credentials: Option<Credentials>,
     /// Faults that are injected on purpose; none by default.
     #[serde(default, skip_serializing_if = "Faults::is_empty")]
     pub faults: Faults,
@@ -88,6 +92,7 @@ impl Links {
             carriers,
             connect: Vec::new(),
             network_graph: None,
+            credentials: None,
             faults: Faults::default(),
         }
     }

@@ -6,6 +6,7 @@
 
 mod bell;
 mod config;
+mod guard;
 mod inlet;
 mod keys;
 mod line;
@@ -21,6 +22,7 @@ use super::watched::Audience;
 use super::{Links, OpenError, Reservation};
 use crate::reason::first_line;
 use crate::topic::{Quality, Topic};
+use guard::Guard;
 use inlet::NetworkInlet;
 use line::Line;
 use outlet::NetworkOutlet;
@@ -49,7 +51,9 @@ impl Network {
         if links.connect.is_empty() {
             return Err(failed("a topic runs over the network, and `connect` names no endpoint of a router".to_owned()));
         }
-        let line = Line::open(&links.connect);
+        let guard = links.credentials.as_ref().map(|credentials| Guard::new(credentials, links.network_graph()));
+        let guard = guard.transpose().map_err(|error| failed(error.to_string()))?;
+        let line = Line::open(&links.connect, guard);
         let line = line.map_err(|error| failed(format!("no router answers at {}: {}", links.connect.join(", "), first_line(&error))))?;
         Ok(Self {
             line,

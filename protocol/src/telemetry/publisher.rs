@@ -28,7 +28,7 @@ impl Publisher {
     /// [`TelemetryError`] if the settings are not well-formed or an endpoint cannot be had.
     pub fn open(settings: &TelemetrySettings, period_nanos: u64) -> Result<Self, TelemetryError> {
         settings.check()?;
-        let (session, endpoints) = listen(&settings.listen)?;
+        let (session, endpoints) = listen(settings)?;
         let outlet = |key: String, encoding| {
             let declared = session.declare_publisher(key).encoding(encoding);
             let declared = declared.congestion_control(CongestionControl::Drop).priority(Priority::DataLow);

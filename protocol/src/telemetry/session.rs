@@ -1,6 +1,7 @@
 //! zenoh sessions for telemetry: explicit endpoints, no discovery, bounded times.
 
-use super::TelemetryError;
+use super::{TelemetryError, TelemetrySettings};
+use crate::access::{Credentials, guarded, of_telemetry, of_watcher, over_tls};
 use crate::reason::first_line;
 use serde_json::json;
 use std::net::TcpListener;
@@ -19,6 +20,9 @@ const WAIT_BEFORE_DROP_MICROS: u64 = 100;
 /// Longest message that is taken in: a publishing session expects no more than declarations, a watcher no more than a snapshot \[bytes\].
 const MESSAGE_MAX_BYTES: u64 = 16 * 1024 * 1024;
 
+/// Most watchers at one time.
+const WATCHERS_MAX: usize = 64;
+
 /// Ports that are tried where any will do: another process may take one between the choice and its use.
 const PORT_ATTEMPTS: u32 = 8;
 
@@ -26,30 +30,53 @@ const PORT_ATTEMPTS: u32 = 8;
 pub(super) fn check_endpoint(endpoint: &str) -> Result<(), TelemetryError> {
     let bad = |reason: String| TelemetryError::Endpoint { endpoint: endpoint.to_owned(), reason };
     let parsed: EndPoint = endpoint.parse().map_err(|error: zenoh::Error| bad(first_line(&error)))?;
-    if parsed.protocol().as_str() != "tcp" {
-        return Err(bad("only tcp is spoken".to_owned()));
+    if !["tcp", "tls"].contains(&parsed.protocol().as_str()) {
+        return Err(bad("only tcp and tls are spoken".to_owned()));
     }
     let address = parsed.address().to_string();
+    // Behind the address an endpoint could say that certificates need not be looked at.
+    if endpoint.contains(['?', '#']) {
+        return Err(bad("nothing may follow host and port".to_owned()));
+    }
     let port = address.rsplit_once(':').filter(|(host, _)| !host.is_empty()).map(|(_, port)| port.parse::<u16>());
     if matches!(port, Some(Ok(_))) { Ok(()) } else { Err(bad("a host and a port are missing".to_owned())) }
 }
 
 /// A session that others connect to, and the endpoints that it listens on, each with its true port.
-pub(super) fn listen(endpoints: &[String]) -> Result<(Session, Vec<String>), TelemetryError> {
+pub(super) fn listen(settings: &TelemetrySettings) -> Result<(Session, Vec<String>), TelemetryError> {
+    let credentials = settings.credentials.as_ref();
+    let endpoints: Vec<String> = settings.listen.iter().map(|endpoint| spoken(endpoint, credentials)).collect();
     let mut attempt = 1;
     loop {
         let chosen = endpoints.iter().map(|endpoint| with_port(endpoint)).collect::<Result<Vec<_>, _>>()?;
         let by_choice = chosen != endpoints;
-        match open_listening(&chosen) {
+        match open_listening(&chosen, credentials) {
             Err(_) if by_choice && attempt < PORT_ATTEMPTS => attempt += 1,
             opened => return opened.map(|session| (session, chosen)),
         }
     }
 }
 
-fn open_listening(endpoints: &[String]) -> Result<Session, TelemetryError> {
+/// The robot that a certificate is of.
+fn robot_of(credentials: &Credentials) -> Result<String, TelemetryError> {
+    credentials.read().map(|certificate| certificate.robot).map_err(|error| TelemetryError::Credentials { reason: error.to_string() })
+}
+
+/// `endpoint`, over TLS if there is a certificate.
+fn spoken(endpoint: &str, credentials: Option<&Credentials>) -> String {
+    if credentials.is_some() { over_tls(endpoint) } else { endpoint.to_owned() }
+}
+
+fn open_listening(endpoints: &[String], credentials: Option<&Credentials>) -> Result<Session, TelemetryError> {
+    let failed = |error| TelemetryError::Listen { endpoints: endpoints.join(", "), reason: first_line(&error) };
     let mut config = config("router")?;
     set(&mut config, "listen/endpoints", &json!(endpoints))?;
+    set(&mut config, "transport/unicast/max_sessions", &json!(WATCHERS_MAX))?;
+    set(&mut config, "transport/unicast/accept_pending", &json!(WATCHERS_MAX))?;
+    if let Some(credentials) = credentials {
+        let control = of_telemetry(&robot_of(credentials)?);
+        return zenoh::open(guarded(config, credentials, &[("access_control", control)]).map_err(failed)?).wait().map_err(failed);
+    }
     // What arrives here is declarations of interest. Everything that says something is dropped, so that no watcher hears it either.
     set(
         &mut config,
@@ -68,17 +95,21 @@ fn open_listening(endpoints: &[String]) -> Result<Session, TelemetryError> {
             "policies": [{ "rules": ["look, do not touch"], "subjects": ["anyone"] }],
         }),
     )?;
-    let failed = |error| TelemetryError::Listen { endpoints: endpoints.join(", "), reason: first_line(&error) };
     zenoh::open(config).wait().map_err(failed)
 }
 
 /// A session with the gateway at `endpoint`. Fails within seconds if nobody answers.
-pub(super) fn connect(endpoint: &str) -> Result<Session, TelemetryError> {
+pub(super) fn connect(endpoint: &str, credentials: Option<&Credentials>) -> Result<Session, TelemetryError> {
     check_endpoint(endpoint)?;
+    let endpoint = &spoken(endpoint, credentials);
+    let failed = |error| TelemetryError::Connect { endpoint: endpoint.to_owned(), reason: first_line(&error) };
     let mut config = config("client")?;
     set(&mut config, "connect/endpoints", &json!([endpoint]))?;
     set(&mut config, "connect/timeout_ms", &json!(0))?;
-    let failed = |error| TelemetryError::Connect { endpoint: endpoint.to_owned(), reason: first_line(&error) };
+    if let Some(credentials) = credentials {
+        let control = of_watcher(&robot_of(credentials)?);
+        config = guarded(config, credentials, &[("access_control", control)]).map_err(failed)?;
+    }
     zenoh::open(config).wait().map_err(failed)
 }
 
@@ -88,6 +119,7 @@ fn config(mode: &str) -> Result<Config, TelemetryError> {
         ("mode", json!(mode)),
         ("connect/endpoints", json!([])),
         ("listen/endpoints", json!([])),
+        ("adminspace/enabled", json!(false)),
         ("scouting/multicast/enabled", json!(false)),
         ("scouting/gossip/enabled", json!(false)),
         ("transport/unicast/open_timeout", json!(OPEN_TIMEOUT_MILLIS)),
@@ -109,11 +141,11 @@ fn set(config: &mut Config, key: &str, value: &serde_json::Value) -> Result<(), 
 /// The same endpoint, with a free port in place of port 0.
 fn with_port(endpoint: &str) -> Result<String, TelemetryError> {
     check_endpoint(endpoint)?;
-    let Some(address) = endpoint.strip_suffix(":0").and_then(|endpoint| endpoint.strip_prefix("tcp/")) else {
+    let Some((protocol, address)) = endpoint.strip_suffix(":0").and_then(|endpoint| endpoint.split_once('/')) else {
         return Ok(endpoint.to_owned());
     };
     let failed = |error: std::io::Error| TelemetryError::Listen { endpoints: endpoint.to_owned(), reason: error.to_string() };
     let listener = TcpListener::bind(format!("{address}:0")).map_err(failed)?;
     let port = listener.local_addr().map_err(failed)?.port();
-    Ok(format!("tcp/{address}:{port}"))
+    Ok(format!("{protocol}/{address}:{port}"))
 }

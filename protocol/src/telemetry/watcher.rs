@@ -2,6 +2,7 @@
 
 use super::session::connect;
 use super::{TelemetryError, check_robot, decoded};
+use crate::access::Credentials;
 use crate::frame::DecodeError;
 use crate::message::{Health, Plan, PlantState};
 use crate::reason::first_line;
@@ -50,8 +51,16 @@ impl Watcher {
     /// # Errors
     /// [`TelemetryError`], within a few seconds, if nobody answers.
     pub fn open(endpoint: &str, robot: Option<&str>) -> Result<Self, TelemetryError> {
+        Self::open_as(endpoint, robot, None)
+    }
+
+    /// The same over TLS, if there is a certificate to show: that of a watcher, of the robot and authority of the gateway.
+    ///
+    /// # Errors
+    /// As for [`open`](Self::open), also if the certificate cannot be read or is not believed.
+    pub fn open_as(endpoint: &str, robot: Option<&str>, credentials: Option<&Credentials>) -> Result<Self, TelemetryError> {
         robot.map_or(Ok(()), check_robot)?;
-        let session = connect(endpoint)?;
+        let session = connect(endpoint, credentials)?;
         let samples = session.declare_subscriber(format!("coxswain/{}/*", robot.unwrap_or("*"))).with(RingChannel::new(WAITING_MAX)).wait();
         let samples = samples.map_err(|error| TelemetryError::Session { reason: first_line(&error) })?;
         Ok(Self { samples, session, refused: 0 })

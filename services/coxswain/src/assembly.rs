@@ -1,5 +1,6 @@
 //! Options + graph + scenario + robot → what each process is told. Everything is read and checked here, and nothing is started or made.
 
+use crate::certificates::present::{Certificates, from_here};
 use crate::exposure::{Exposed, exposed};
 use crate::faults::{FaultsFile, LockStepFaultsFile};
 use crate::graph::Graph;
@@ -10,6 +11,7 @@ use controller::settings::LearnedSettings;
 use gateway::settings::About;
 use model::robot::Robot;
 use process::{Pace, Run};
+use protocol::access::{Credentials, Role};
 use protocol::message::{Exposure, Participant};
 use protocol::port::{Carrier, Faults, Links};
 use serde::{Deserialize, Serialize};
@@ -29,6 +31,8 @@ pub struct Assembly {
     pub robot: Robot,
     /// What is logged.
     pub log: String,
+    /// The certificates that it and its processes show, if there are any.
+    pub certificates: Option<Certificates>,
     /// Its addresses that others on the network can reach, with nothing to keep strangers out.
     pub exposed: Vec<Exposed>,
     /// What goes wrong on purpose.
@@ -83,10 +87,13 @@ impl Assembly {
                 });
             }
         }
-        let exposed = exposed(&graph);
+        let folder = options.certificates.clone();
+        let folder = folder.or_else(|| graph.certificates.as_ref().map(|table| from(&options.graph, &table.folder)));
+        let certificates = folder.map(|folder| certificates_in(&folder, options, &graph)).transpose()?;
+        let exposed = exposed(&graph, certificates.is_some());
         if let Some(Exposed { key, address }) = exposed.first().filter(|_| !options.insecure) {
             let expected =
-                "an address of this machine alone, such as 127.0.0.1, or --insecure in words: nothing keeps strangers out there".to_owned();
+                "an address of this machine alone, such as 127.0.0.1, certificates as `deploy/certificates` makes them, or --insecure in words: nothing keeps strangers out there".to_owned();
             return Err(SettingsError::Value {
                 file: options.graph.clone(),
                 line: None,
@@ -102,7 +109,7 @@ impl Assembly {
             let Impossible { key, expected } = impossible;
             return Err(SettingsError::Value { file: file.clone(), line: None, key, value: None, expected });
         }
-        Ok(Self { exposed, graph, scenario, scenario_name, robot, log: options.log.clone(), faults, without_learning: None })
+        Ok(Self { certificates, exposed, graph, scenario, scenario_name, robot, log: options.log.clone(), faults, without_learning: None })
     }
 
     /// Its processes, in the order in which they start.
@@ -125,16 +132,23 @@ impl Assembly {
         self.graph.processes.learner.enabled
     }
 
+    /// What the process of `role` shows on the network, if anything runs there and there are certificates.
+    pub fn credentials_of(&self, role: Participant) -> Option<Credentials> {
+        self.certificates.as_ref().filter(|_| self.networked()).map(|certificates| certificates.of(role.into()))
+    }
+
     /// How its links run, without faults: those of the graph called `id`, whose carriers keep their files in `root` and join the network at `router`.
     pub fn links(&self, id: &str, root: &Path, router: &[String]) -> Links {
+        let guarded = self.certificates.is_some();
         Links {
             graph: id.to_owned(),
             lock_step: self.graph.pace == Pace::LockStep,
             root: root.to_path_buf(),
             patience_millis: self.graph.lock_step_patience_millis,
             carriers: self.graph.links.clone(),
-            connect: router.to_vec(),
+            connect: if guarded { router.iter().map(|endpoint| from_here(endpoint)).collect() } else { router.to_vec() },
             network_graph: self.graph.network.graph.clone(),
+            credentials: self.certificates.as_ref().filter(|_| self.networked()).map(Certificates::of_host),
             faults: Faults::default(),
         }
     }
@@ -209,7 +223,8 @@ impl Assembly {
             corridor_right_m: limits.corridor_right_m,
             without_learning: self.without_learning.clone(),
         };
-        let Graph { telemetry, rates, page, .. } = self.graph.clone();
+        let Graph { mut telemetry, rates, page, .. } = self.graph.clone();
+        telemetry.credentials = self.certificates.as_ref().map(|certificates| certificates.of(Role::Gateway));
         gateway::settings::Settings { run, telemetry, rates, page, about }
     }
 
@@ -218,6 +233,19 @@ impl Assembly {
         let snapshot_faults = self.faults.of_snapshots();
         learner::Settings { run, robot: self.robot, learner: self.scenario.learner.clone(), snapshot_faults }
     }
+}
+
+/// The certificates in `folder`, if a launch of `graph` can use them.
+fn certificates_in(folder: &Path, options: &Options, graph: &Graph) -> Result<Certificates, SettingsError> {
+    // What the processes are told holds wherever they run.
+    let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
+    Certificates::check(&folder, graph).map_err(|error| SettingsError::Value {
+        file: options.graph.clone(),
+        line: None,
+        key: "certificates.folder".into(),
+        value: Some(format!("\"{}\"", folder.display())),
+        expected: format!("certificates that this launch can use: {error}"),
+    })
 }
 
 /// Reads and checks a robot file.

@@ -1,4 +1,4 @@
-//! Which addresses of a graph others on the network can reach: without certificates only those of this machine alone are used unasked.
+//! Which addresses of a graph strangers on the network can reach: without certificates only those of this machine alone are used unasked.
 
 use crate::graph::Graph;
 use protocol::message::Exposure;
@@ -29,8 +29,9 @@ impl fmt::Display for Exposed {
     }
 }
 
-/// Every address that a graph listens at or connects to and that is not of this machine alone.
-pub fn exposed(graph: &Graph) -> Vec<Exposed> {
+/// Every address that a graph listens at or connects to, that is not of this machine alone, and at which no certificate is asked for. The live
+/// page never asks for one.
+pub fn exposed(graph: &Graph, with_certificates: bool) -> Vec<Exposed> {
     let lists = [
         ("network.listen", &graph.network.listen),
         ("network.connect", &graph.network.connect),
@@ -38,7 +39,7 @@ pub fn exposed(graph: &Graph) -> Vec<Exposed> {
     ];
     let endpoints = lists.into_iter().flat_map(|(key, endpoints)| endpoints.iter().map(move |endpoint| (key, endpoint)));
     let mut found: Vec<Exposed> = endpoints
-        .filter(|(_, endpoint)| !is_here(endpoint))
+        .filter(|(_, endpoint)| !with_certificates && !is_here(endpoint))
         .map(|(key, endpoint)| Exposed { key: key.to_owned(), address: endpoint.clone() })
         .collect();
     if let Ok(Some(page)) = graph.page.address()
@@ -65,11 +66,16 @@ mod tests {
     use std::path::Path;
 
     fn of(tables: &str) -> Vec<String> {
+        found(tables, false)
+    }
+
+    fn found(tables: &str, with_certificates: bool) -> Vec<String> {
         let text = format!(
             "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\npace = \"real-time\"\n[links]\ndefault = \"network\"\n{tables}"
         );
         let graph = settings::parse::<Graph>(&text, Path::new("g.toml"));
-        graph.map_or_else(|error| vec![error.to_string()], |graph| exposed(&graph).into_iter().map(|exposed| exposed.key).collect())
+        let keys = |graph: Graph| exposed(&graph, with_certificates).into_iter().map(|exposed| exposed.key).collect();
+        graph.map_or_else(|error| vec![error.to_string()], keys)
     }
 
     #[test]
@@ -78,6 +84,12 @@ mod tests {
         let here =
             "[network]\nlisten = [\"tcp/127.0.0.1:0\", \"tcp/[::1]:7447\", \"tcp/localhost:1\"]\n[page]\nlisten = \"127.9.9.9:80\"\n";
         assert_eq!(of(here), Vec::<String>::new());
+    }
+
+    #[test]
+    fn with_certificates_the_live_page_alone_is_open_to_strangers() {
+        let tables = "[network]\nlisten = [\"tcp/0.0.0.0:7447\"]\n[telemetry]\nlisten = [\"tls/10.0.0.1:1\"]\n[page]\nlisten = \"0.0.0.0:8080\"\n";
+        assert_eq!(found(tables, true), ["page.listen"]);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The graph file: which processes, which links, which robot and scenario.
 
 use crate::back_off::RestartPolicy;
+use crate::certificates::present::CertificatesTable;
 use crate::role::START_ORDER;
 use gateway::settings::{PageSettings, Rates, check_telemetry};
 use plant_sim::settings::LINK_DELAY_MILLIS_MAX;
@@ -34,6 +35,10 @@ pub struct Graph {
     /// How it takes part in the network, for the links that run over it.
     #[serde(default)]
     pub network: Network,
+    /// Where the certificates are by which its processes know each other on the network; without it nothing there is encrypted, and addresses
+    /// of this machine alone are used.
+    #[serde(default)]
+    pub certificates: Option<CertificatesTable>,
     /// Where the gateway listens for watchers, and how the robot is called.
     #[serde(default)]
     pub telemetry: TelemetrySettings,
@@ -91,10 +96,11 @@ impl Network {
     }
 }
 
-/// Whether `text` names a protocol, a host and a port.
+/// Whether `text` names a protocol, a host and a port, and nothing else: behind them it could say that certificates need not be looked at.
 pub fn is_endpoint(text: &str) -> bool {
     let parts = text.split_once('/').and_then(|(protocol, address)| Some((protocol, address.rsplit_once(':')?)));
-    parts.is_some_and(|(protocol, (host, port))| protocol == "tcp" && !host.is_empty() && port.parse::<u16>().is_ok())
+    let is_host = |host: &str| !host.is_empty() && !host.contains(['?', '#', '/', ';']);
+    parts.is_some_and(|(protocol, (host, port))| ["tcp", "tls"].contains(&protocol) && is_host(host) && port.parse::<u16>().is_ok())
 }
 
 fn lock_step_patience_millis() -> u64 {

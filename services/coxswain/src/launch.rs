@@ -8,6 +8,7 @@ use crate::berth::{self, Berth, BerthError};
 use crate::closing::Closing;
 use crate::fleet::{Event, Fleet, FleetError, Voyage};
 use crate::folder::{self, FolderError};
+use crate::graph::Network;
 use crate::options::Options;
 use crate::progress;
 use crate::saboteur::Saboteur;
@@ -179,6 +180,9 @@ fn run_at(
 ) -> Result<Outcome, LaunchError> {
     let folder = folder::create(out, &assembly.scenario_name, berth.id())?;
     person.terminal.say(heading(&assembly));
+    if let Some(certificates) = &assembly.certificates {
+        person.terminal.say(certificates);
+    }
     for exposed in &assembly.exposed {
         person.terminal.say(format_args!("INSECURE: {exposed}"));
     }
@@ -194,7 +198,7 @@ fn run_at(
         tracing::warn!("insecure: {exposed}");
     }
     tracing::info!(graph = berth.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
-    let router = assembly.networked().then(|| open_router(&assembly)).transpose()?;
+    let router = assembly.networked().then(|| open_router(&assembly, berth.id())).transpose()?;
     let endpoints = router.as_ref().map(|router| router.endpoints().to_vec()).unwrap_or_default();
     if !endpoints.is_empty() {
         person.terminal.say(format_args!("network: listening at {}", endpoints.join(", ")));
@@ -213,12 +217,16 @@ fn run_at(
 }
 
 /// A router whose threads go first in real time, since states and commands pass through it; what this process starts does not.
-fn open_router(assembly: &Assembly) -> Result<Router, OpenError> {
+fn open_router(assembly: &Assembly, id: &str) -> Result<Router, OpenError> {
     let open = || {
         if assembly.graph.pace == Pace::RealTime {
             go_first(PRIORITY);
         }
-        Router::open(&assembly.graph.network.listen, &assembly.graph.network.connect)
+        let Network { listen, connect, graph, .. } = &assembly.graph.network;
+        match &assembly.certificates {
+            Some(certificates) => Router::guarded(listen, connect, graph.as_deref().unwrap_or(id), &certificates.of_host()),
+            None => Router::open(listen, connect),
+        }
     };
     thread::scope(|scope| scope.spawn(open).join()).unwrap_or_else(|panic| resume_unwind(panic))
 }
@@ -281,7 +289,8 @@ fn invite(voyage: &Voyage, terminal: &mut Terminal) {
         terminal.say(format_args!("live page: http://{address}/"));
     }
     for endpoint in gateway::berth::endpoints(&voyage.links.root) {
-        terminal.say(format_args!("watch with: coxswain watch {endpoint}"));
+        let shown = voyage.assembly.certificates.as_ref().map(|of| format!(" --certificates {}", of.folder().display()));
+        terminal.say(format_args!("watch with: coxswain watch {endpoint}{}", shown.unwrap_or_default()));
     }
 }
 

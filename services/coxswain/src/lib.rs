@@ -6,6 +6,7 @@
 //! | [`graph`]    | the graph file                                                                       |
 //! | [`scenario`] | the scenario file                                                                    |
 //! | [`exposure`] | which addresses of a graph others on the network can reach                           |
+//! | [`certificates`] | `coxswain certificates`: who everybody is on the network                             |
 //! | [`assembly`] | options + graph + scenario + robot → what each process is told. Nothing is started   |
 //! | [`role`]     | which processes there are, and in which order they start and end                     |
 //! | [`folder`]   | the folder of one run                                                                |
@@ -37,6 +38,7 @@ pub mod assembly;
 pub mod back_off;
 mod ballast;
 pub mod berth;
+pub mod certificates;
 pub mod child;
 pub mod closing;
 pub mod dashboard;

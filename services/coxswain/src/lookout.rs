@@ -6,6 +6,7 @@ use crate::terminal::Terminal;
 use crate::{berth, dashboard};
 use clap::Args;
 use process::Stop;
+use protocol::access::{Credentials, Role};
 use protocol::message::{Exposure, Participant, Plan, PlantState};
 use protocol::telemetry::{Heard, TelemetryError, Watcher, Word};
 use std::collections::BTreeMap;
@@ -30,6 +31,9 @@ pub struct WatchOptions {
     /// Only the robot of this name.
     #[arg(long, value_name = "NAME")]
     pub robot: Option<String>,
+    /// Folder of certificates with that of a watcher, for a robot that shows itself to nobody else.
+    #[arg(long, value_name = "DIR")]
+    pub certificates: Option<PathBuf>,
     /// Print one line per period, for scripts, in place of the view on a terminal.
     #[arg(long)]
     pub plain: bool,
@@ -65,7 +69,7 @@ impl WatchError {
     /// 2 if what a person said cannot be, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Telemetry(TelemetryError::Robot { .. } | TelemetryError::Endpoint { .. })
+            Self::Telemetry(TelemetryError::Robot { .. } | TelemetryError::Endpoint { .. } | TelemetryError::Credentials { .. })
             | Self::SeveralRun { .. }
             | Self::NoTerminal => 2,
             _ => 1,
@@ -78,13 +82,15 @@ impl WatchError {
 pub struct Telescope {
     endpoint: Option<String>,
     robot: Option<String>,
+    credentials: Option<Credentials>,
     base: PathBuf,
 }
 
 impl Telescope {
     /// What `options` say, with the graphs of this machine in `base`.
     pub fn new(options: &WatchOptions, base: &Path) -> Self {
-        Self { endpoint: options.endpoint.clone(), robot: options.robot.clone(), base: base.to_owned() }
+        let credentials = options.certificates.as_ref().map(|folder| Credentials::in_folder(folder.join(Role::Watcher.name())));
+        Self { endpoint: options.endpoint.clone(), robot: options.robot.clone(), credentials, base: base.to_owned() }
     }
 
     /// Reaches it; with the endpoint that it was found at.
@@ -93,7 +99,7 @@ impl Telescope {
     /// [`WatchError`] if there is nothing to watch.
     pub fn open(&self) -> Result<(Watcher, String), WatchError> {
         let endpoint = self.endpoint.clone().map_or_else(|| find(&self.base), Ok)?;
-        Ok((Watcher::open(&endpoint, self.robot.as_deref())?, endpoint))
+        Ok((Watcher::open_as(&endpoint, self.robot.as_deref(), self.credentials.as_ref())?, endpoint))
     }
 }
 

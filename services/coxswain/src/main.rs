@@ -2,6 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use coxswain::berth;
+use coxswain::certificates::{self, CertificatesOptions};
 use coxswain::drill::damage::OfferOptions;
 use coxswain::drill::{self, DrillOptions};
 use coxswain::experiment::{self, CompareOptions};
@@ -35,6 +36,10 @@ enum Command {
     ///
     /// Exit code 0 if it was ended by a key or signal or its output was closed, 2 if what was said cannot be, 1 if there is nothing to watch.
     Watch(WatchOptions),
+    /// Make a private authority and one short-lived certificate per role, for links that leave the machine.
+    ///
+    /// Exit code 0 if they are made, 2 if what was said cannot be or something is there already, 1 if the file system refuses.
+    Certificates(CertificatesOptions),
     /// Inject faults into everything, for real, and print what came of them at the wheels.
     ///
     /// Exit code 0 if no promise was broken, 1 if one was or the drill could not be done, 2 if what was said cannot be.
@@ -72,12 +77,23 @@ fn main() -> ExitCode {
     match Arguments::parse().command {
         Command::Launch(options) => launch(&options),
         Command::Watch(options) => watch(&options),
+        Command::Certificates(options) => certificates(&options),
         Command::Drill(options) => drill(&options),
         Command::Offer(options) => offer(&options),
         Command::Set(options) => set(&options),
         Command::Report(options) => made(records::report(&options)),
         Command::Export(options) => made(records::export(&options)),
         Command::Experiment(Experiment::Compare(options)) => compare(&options),
+    }
+}
+
+fn certificates(options: &CertificatesOptions) -> ExitCode {
+    match certificates::run(options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
     }
 }
 

@@ -42,6 +42,10 @@ pub struct Options {
     /// Another seed of noise and random forces.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=i64::MAX as u64))]
     pub seed: Option<u64>,
+    /// Folder of certificates, as deploy/certificates makes it, instead of that of the graph file: what passes over the network is encrypted, and
+    /// only who shows a certificate takes part, each in its own role.
+    #[arg(long, value_name = "DIR")]
+    pub certificates: Option<PathBuf>,
     /// Use addresses that others on the network can reach, although nothing keeps strangers out: whoever reaches them can watch and drive the robot.
     #[arg(long)]
     pub insecure: bool,
@@ -68,6 +72,7 @@ impl Options {
             out: None,
             log: "info".into(),
             seed: None,
+            certificates: None,
             insecure: false,
             faults: None,
             stop_with_stdin: false,

@@ -32,7 +32,7 @@ fn settings(folder: &Path, rates: Rates) -> Settings {
         pace,
         exposure: Exposure::Closed,
     };
-    let telemetry = TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "test".into() };
+    let telemetry = TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "test".into(), credentials: None };
     Settings { run, telemetry, rates, page: PageSettings { listen: "127.0.0.1:0".into() }, about: About::default() }
 }
 

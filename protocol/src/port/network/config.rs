@@ -1,5 +1,7 @@
 //! zenoh's configuration: its defaults, never a file of the user's, and nothing found that was not named.
 
+use super::guard::Guard;
+use crate::access::{guarded, of_client, of_links, size_limits};
 use crate::wire;
 use serde_json::{Value, json};
 use zenoh::Config;
@@ -23,21 +25,26 @@ const CLIENT_WAIT_MICROS: u64 = 100_000;
 /// What zenoh adds to a message at most, with room to spare \[bytes\].
 const OVERHEAD_BYTES_MAX: usize = 4_096;
 
+/// Most sessions with a router that asks for certificates, and most that are just being opened. Each process of a graph has a few.
+const SESSIONS_MAX: usize = 128;
+
 /// A client of the routers at `connect`, which are tried in turn for so long \[ms\].
-pub(super) fn client(connect: &[String], open_millis: u64) -> Result<Config, zenoh::Error> {
-    configured(&[
+pub(super) fn client(connect: &[String], open_millis: u64, guard: Option<&Guard>) -> Result<Config, zenoh::Error> {
+    let config = configured(&[
         ("mode", json!("client")),
         ("connect/endpoints", json!(connect)),
         ("connect/timeout_ms", json!(open_millis)),
         ("connect/exit_on_failure", json!(true)),
         ("listen/endpoints", json!([])),
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(CLIENT_WAIT_MICROS)),
-    ])
+    ])?;
+    let Some(guard) = guard else { return Ok(config) };
+    guarded(config, &guard.credentials, &[("access_control", of_client(&guard.robot))])
 }
 
 /// A router at `listen`, which joins the routers at `connect` in the background, again and again.
-pub(super) fn router(listen: &[String], connect: &[String]) -> Result<Config, zenoh::Error> {
-    configured(&[
+pub(super) fn router(listen: &[String], connect: &[String], guard: Option<&Guard>) -> Result<Config, zenoh::Error> {
+    let config = configured(&[
         ("mode", json!("router")),
         ("listen/endpoints", json!(listen)),
         ("connect/endpoints", json!(connect)),
@@ -45,7 +52,15 @@ pub(super) fn router(listen: &[String], connect: &[String]) -> Result<Config, ze
         ("connect/exit_on_failure", json!(false)),
         // Else opening takes this long, for routers that might be found.
         ("scouting/delay", json!(0)),
-    ])
+    ])?;
+    let Some(guard) = guard else { return Ok(config) };
+    let limits = [
+        ("access_control", of_links(&guard.graph, &guard.robot)),
+        ("low_pass_filter", size_limits(&guard.graph)),
+        ("transport/unicast/max_sessions", json!(SESSIONS_MAX)),
+        ("transport/unicast/accept_pending", json!(SESSIONS_MAX)),
+    ];
+    guarded(config, &guard.credentials, &limits)
 }
 
 fn configured(settings: &[(&str, Value)]) -> Result<Config, zenoh::Error> {

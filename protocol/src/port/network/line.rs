@@ -5,6 +5,7 @@
 //! instant in which it was made is not missed. So a keeper looks whether the router that it is connected to shows its token. When that has not
 //! been so for a while, it ends the session, begins another, and declares everything once more.
 
+use super::guard::Guard;
 use super::{ANSWER_TIMEOUT, config, keys, router};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
@@ -47,6 +48,7 @@ pub(super) struct Line {
 
 struct Shared {
     connect: Vec<String>,
+    guard: Option<Guard>,
     state: Mutex<State>,
 }
 
@@ -75,14 +77,14 @@ pub(super) struct Held {
 }
 
 impl Line {
-    /// Connects to one of the routers at `connect`.
-    pub(super) fn open(connect: &[String]) -> Result<Arc<Self>, zenoh::Error> {
-        let session = zenoh::open(config::client(connect, OPEN_MILLIS)?).wait()?;
+    /// Connects to one of the routers at `connect`, with a certificate if there is a `guard`.
+    pub(super) fn open(connect: &[String], guard: Option<Guard>) -> Result<Arc<Self>, zenoh::Error> {
+        let session = zenoh::open(config::client(connect, OPEN_MILLIS, guard.as_ref())?).wait()?;
         // Asked at once: a router that goes before the keeper's first look has shown its token all the same.
         let ours = !neighbours(&session).is_disjoint(&ask_for_tokens(&session)?);
         let (sight, seen) = look_out(&session)?;
         let state = Mutex::new(State { session, sight, seen, ports: BTreeMap::new(), held: 0 });
-        let shared = Arc::new(Shared { connect: connect.to_vec(), state });
+        let shared = Arc::new(Shared { connect: connect.to_vec(), guard, state });
         let (end, ended) = channel();
         let kept = Arc::clone(&shared);
         let keeper = thread::Builder::new().name("net line".to_owned()).spawn(move || kept.keep(&ended, ours))?;
@@ -170,7 +172,7 @@ impl Shared {
     }
 
     fn begin_session(&self) -> Result<(), zenoh::Error> {
-        let session = zenoh::open(config::client(&self.connect, OPEN_AGAIN_MILLIS)?).wait()?;
+        let session = zenoh::open(config::client(&self.connect, OPEN_AGAIN_MILLIS, self.guard.as_ref())?).wait()?;
         let (sight, seen) = look_out(&session)?;
         let mut state = self.state();
         (state.session, state.sight, state.seen) = (session.clone(), sight, seen);
@@ -244,7 +246,7 @@ mod tests {
     fn a_client_without_a_router_for_long_begins_a_new_session_in_which_it_hears_what_it_heard() -> Result<(), Box<dyn Error>> {
         let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
         let endpoints = router.endpoints().to_vec();
-        let line = Line::open(&endpoints).map_err(|error| error.to_string())?;
+        let line = Line::open(&endpoints, None).map_err(|error| error.to_string())?;
         let (tell, heard) = channel();
         let declare = move |session: &Session| {
             let tell = tell.clone();
@@ -257,7 +259,7 @@ mod tests {
         drop(router);
         wait_until("the end of the session", || first.is_closed())?;
         let _router = Router::open(&endpoints, &[])?;
-        let other = Line::open(&endpoints).map_err(|error| error.to_string())?;
+        let other = Line::open(&endpoints, None).map_err(|error| error.to_string())?;
         while heard.recv_timeout(LOOK).is_err() {
             other.session().put("here", "").wait().map_err(|error| error.to_string())?;
         }
@@ -273,7 +275,7 @@ mod tests {
     fn router_of_others() -> Result<(Session, String), Box<dyn Error>> {
         for _ in 0..router::DRAWS {
             let endpoint = router::with_port("tcp/127.0.0.1:0")?;
-            let config = config::router(slice::from_ref(&endpoint), &[]).map_err(|error| error.to_string())?;
+            let config = config::router(slice::from_ref(&endpoint), &[], None).map_err(|error| error.to_string())?;
             if let Ok(session) = zenoh::open(config).wait() {
                 return Ok((session, endpoint));
             }
@@ -284,7 +286,7 @@ mod tests {
     #[test]
     fn a_client_of_a_router_without_a_token_stays_with_it_when_the_router_of_another_launch_goes() -> Result<(), Box<dyn Error>> {
         let (_own, endpoint) = router_of_others()?;
-        let line = Line::open(slice::from_ref(&endpoint)).map_err(|error| error.to_string())?;
+        let line = Line::open(slice::from_ref(&endpoint), None).map_err(|error| error.to_string())?;
         let first = line.session();
         let another = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[endpoint])?;
         let sees = || !lock(&line.shared.state().sight).is_empty();
@@ -303,7 +305,7 @@ mod tests {
     fn a_client_whose_own_router_shows_no_token_any_more_begins_anew_whoever_else_shows_one() -> Result<(), Box<dyn Error>> {
         let (own, endpoint) = router_of_others()?;
         let token = own.liveliness().declare_token(router::TOKENS.replace('*', &own.zid().to_string())).wait();
-        let line = Line::open(slice::from_ref(&endpoint)).map_err(|error| error.to_string())?;
+        let line = Line::open(slice::from_ref(&endpoint), None).map_err(|error| error.to_string())?;
         let first = line.session();
         let _another = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[endpoint])?;
         wait_until("both tokens", || lock(&line.shared.state().sight).len() == 2)?;

@@ -6,6 +6,8 @@
 //! does the same when those that it is joined to show no token: a router that accepts a connection while it ends may forget to close it.
 
 use super::config;
+use super::guard::Guard;
+use crate::access::{Credentials, over_tls};
 use crate::port::OpenError;
 use crate::reason::first_line;
 use std::collections::BTreeSet;
@@ -66,15 +68,31 @@ impl Router {
     /// # Errors
     /// [`OpenError::Router`] if it cannot listen, or an endpoint is not one.
     pub fn open(listen: &[String], connect: &[String]) -> Result<Self, OpenError> {
+        Self::begin(listen.to_vec(), connect.to_vec(), None)
+    }
+
+    /// The same over TLS, for those alone whose certificate is of the same robot and authority; each may do what its role in the graph called
+    /// `graph` needs. Endpoints that name `tcp` are taken for `tls`.
+    ///
+    /// # Errors
+    /// [`OpenError::Router`], also if the certificate cannot be read.
+    pub fn guarded(listen: &[String], connect: &[String], graph: &str, credentials: &Credentials) -> Result<Self, OpenError> {
+        let failed = |reason| OpenError::Router { endpoints: listen.join(", "), reason };
+        let guard = Guard::new(credentials, graph).map_err(|error| failed(error.to_string()))?;
+        let over_tls = |endpoints: &[String]| endpoints.iter().map(|endpoint| over_tls(endpoint)).collect();
+        Self::begin(over_tls(listen), over_tls(connect), Some(guard))
+    }
+
+    fn begin(listen: Vec<String>, connect: Vec<String>, guard: Option<Guard>) -> Result<Self, OpenError> {
         let draws = listen.iter().any(|endpoint| endpoint.ends_with(":0"));
         let (signs, told) = channel();
         let mut attempt = 1;
         loop {
             let endpoints = listen.iter().map(|endpoint| with_port(endpoint)).collect::<Result<Vec<_>, _>>()?;
             let failed = |reason: String| OpenError::Router { endpoints: endpoints.join(", "), reason };
-            match Life::begin(&endpoints, connect, &signs) {
+            match Life::begin(&endpoints, &connect, guard.as_ref(), &signs) {
                 Ok(life) => {
-                    let keeper = Keeper { listen: endpoints.clone(), connect: connect.to_vec(), signs: signs.clone(), told };
+                    let keeper = Keeper { listen: endpoints.clone(), connect, guard, signs: signs.clone(), told };
                     let keeper = thread::Builder::new().name("router".to_owned()).spawn(move || keeper.keep(life));
                     let keeper = Some(keeper.map_err(|error| failed(format!("no thread: {error}")))?);
                     return Ok(Self { endpoints, signs, keeper });
@@ -103,8 +121,8 @@ impl Drop for Router {
 
 impl Life {
     /// Who joins others is told when one of them is not to be seen any more.
-    fn begin(listen: &[String], connect: &[String], signs: &Sender<Sign>) -> Result<Self, zenoh::Error> {
-        let session = zenoh::open(config::router(listen, connect)?).wait()?;
+    fn begin(listen: &[String], connect: &[String], guard: Option<&Guard>, signs: &Sender<Sign>) -> Result<Self, zenoh::Error> {
+        let session = zenoh::open(config::router(listen, connect, guard)?).wait()?;
         let token = session.liveliness().declare_token(TOKENS.replace('*', &session.zid().to_string())).wait()?;
         let signs = signs.clone();
         let tell = move |sample: zenoh::sample::Sample| {
@@ -128,6 +146,7 @@ impl Life {
 struct Keeper {
     listen: Vec<String>,
     connect: Vec<String>,
+    guard: Option<Guard>,
     signs: Sender<Sign>,
     told: Receiver<Sign>,
 }
@@ -179,7 +198,7 @@ impl Keeper {
                     Ok(Sign::End) | Err(RecvTimeoutError::Disconnected) => return None,
                 }
             }
-            match Life::begin(&self.listen, &self.connect, &self.signs) {
+            match Life::begin(&self.listen, &self.connect, self.guard.as_ref(), &self.signs) {
                 Ok(life) => return Some(life),
                 Err(error) => tracing::warn!(%error, "the router cannot listen again yet"),
             }
@@ -193,7 +212,8 @@ pub(super) fn with_port(endpoint: &str) -> Result<String, OpenError> {
         return Ok(endpoint.to_owned());
     };
     let failed = |reason: String| OpenError::Router { endpoints: endpoint.to_owned(), reason };
-    let address = host.strip_prefix("tcp/").ok_or_else(|| failed("only tcp has ports to draw from".to_owned()))?;
+    let address = host.strip_prefix("tcp/").or_else(|| host.strip_prefix("tls/"));
+    let address = address.ok_or_else(|| failed("only tcp and tls have ports to draw from".to_owned()))?;
     let listener = TcpListener::bind(format!("{address}:0")).map_err(|error| failed(error.to_string()))?;
     let port = listener.local_addr().map_err(|error| failed(error.to_string()))?.port();
     Ok(format!("{host}:{port}"))

@@ -32,7 +32,7 @@ fn settings(folder: &Path, without_learning: Option<&Path>) -> Settings {
             pace,
             exposure: Exposure::Closed,
         },
-        telemetry: TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "</script><b>".into() },
+        telemetry: TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "</script><b>".into(), credentials: None },
         rates: Rates::default(),
         page: PageSettings { listen: "127.0.0.1:0".into() },
         about: About { scenario: "paper".into(), without_learning: without_learning.map(Path::to_owned), ..About::default() },

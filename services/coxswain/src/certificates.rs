@@ -1,0 +1,86 @@
+//! `coxswain certificates`: a private authority, and from it one short-lived certificate per role and robot.
+//!
+//! | module      | what it holds                                                         |
+//! |-------------|-----------------------------------------------------------------------|
+//! | [`issue`]   | the authority and what it signs, as files                             |
+//! | [`present`] | a folder of such files → what each process of a launch shows          |
+
+pub mod issue;
+pub mod present;
+
+use crate::folder::utc;
+use crate::terminal;
+use clap::Args;
+use issue::{IssueError, Order, issue};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// A day \[s\].
+const DAY_S: i64 = 86_400;
+
+/// How far the clock of another machine may be behind \[s\].
+const CLOCK_SKEW_S: i64 = 300;
+
+/// Longest time that a certificate may be valid \[days\].
+const DAYS_MAX: i64 = 398;
+
+/// What to make.
+#[derive(Debug, Clone, Args)]
+pub struct CertificatesOptions {
+    /// Name of the robot that they are for: 1 to 32 characters out of a-z, 0-9, _ and -.
+    #[arg(long, value_name = "NAME")]
+    pub robot: String,
+    /// New folder for the certificates, with one folder in it per role.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Folder of the authority, made if there is none; by default the name of the other one and `-authority`. To be kept off the robot.
+    #[arg(long, value_name = "DIR")]
+    pub authority: Option<PathBuf>,
+    /// A name or address, beside those of the loopback, where the robot's or the controller's machine is connected to; may be said several times.
+    #[arg(long = "address", value_name = "HOST")]
+    pub addresses: Vec<String>,
+    /// How long they are valid.
+    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(i64).range(1..=DAYS_MAX))]
+    pub days: i64,
+}
+
+/// Makes what `options` say, and prints what it was.
+///
+/// # Errors
+/// [`IssueError`]. Nothing is left half made.
+pub fn run(options: &CertificatesOptions) -> Result<(), IssueError> {
+    let now_s = unix_s(SystemTime::now());
+    let authority = options.authority.clone().unwrap_or_else(|| beside(&options.out));
+    let (from_s, until_s) = (now_s - CLOCK_SKEW_S, now_s + options.days * DAY_S);
+    let order = Order { robot: options.robot.clone(), addresses: options.addresses.clone(), from_s, until_s };
+    let made = issue(&authority, &options.out, &order)?;
+    let whose = if made.new_authority { "new authority" } else { "authority" };
+    terminal::print(format_args!("{whose} {}: keep it off the robot; whoever has its key can make certificates", authority.display()));
+    terminal::print(format_args!("certificates of robot {}, valid until {}:", options.robot, told(until_s)));
+    for (role, addresses) in &made.certificates {
+        let folder = options.out.join(role.name());
+        let where_to = if addresses.is_empty() { String::new() } else { format!("  at {}", addresses.join(", ")) };
+        terminal::print(format_args!("  {:<13} {}{where_to}", role.name(), folder.display()));
+    }
+    let out = options.out.display();
+    terminal::print(format_args!("robot's machine: {out}/{{robot-host,robot,recorder,gateway}}"));
+    terminal::print(format_args!("controller's machine: {out}/{{control-host,controller,learner}}"));
+    terminal::print(format_args!("each watcher's machine: {out}/watcher"));
+    Ok(())
+}
+
+/// The folder's name and `-authority`.
+fn beside(out: &Path) -> PathBuf {
+    let name = out.file_name().map_or_else(|| "certificates".into(), |name| name.to_string_lossy().into_owned());
+    out.with_file_name(format!("{name}-authority"))
+}
+
+/// Unix time \[s\].
+pub fn unix_s(time: SystemTime) -> i64 {
+    time.duration_since(UNIX_EPOCH).map_or(0, |since| i64::try_from(since.as_secs()).unwrap_or(i64::MAX))
+}
+
+/// A Unix time as in `20261121T083303Z`.
+pub fn told(unix_s: i64) -> String {
+    utc(UNIX_EPOCH + Duration::from_secs(u64::try_from(unix_s).unwrap_or(0)))
+}

@@ -1,0 +1,350 @@
+//! The authority and what it signs, as files.
+//!
+//! ```text
+//! <authority>/                 0700
+//!     authority.pem            its certificate, which everybody gets
+//!     key.pem                  0600: its private key, which nobody gets
+//! <out>/<role>/                0700, one per role
+//!     certificate.pem          says role and robot
+//!     key.pem                  0600
+//!     authority.pem
+//! ```
+//! A folder is there whole or not at all, and nothing is ever overwritten.
+
+use protocol::access::{AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role, valid_until};
+use protocol::port::is_graph_name;
+use rcgen::{
+    BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair, KeyUsagePurpose, date_time_ymd,
+};
+use std::fs::{self, DirBuilder, OpenOptions};
+use std::io::{self, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How long an authority is valid \[s\]: ten years.
+const AUTHORITY_VALID_S: i64 = 3650 * 86_400;
+
+/// Where every certificate that others connect to is valid.
+const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
+
+/// What others than the owner may do, in a mode.
+const GROUP_AND_OTHERS: u32 = 0o077;
+
+/// What the certificates shall say.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Order {
+    /// Name of the robot.
+    pub robot: String,
+    /// Where hosts and gateway are connected to, beside the loopback.
+    pub addresses: Vec<String>,
+    /// From when they are valid: Unix time \[s\].
+    pub from_s: i64,
+    /// Until when: Unix time \[s\].
+    pub until_s: i64,
+}
+
+/// What was made.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Made {
+    /// Whether the authority is a new one too.
+    pub new_authority: bool,
+    /// One certificate per role, and where its holder may be connected to.
+    pub certificates: Vec<(Role, Vec<String>)>,
+}
+
+/// Certificates were not made.
+#[derive(Debug, thiserror::Error)]
+pub enum IssueError {
+    /// It could not be a part of a certificate's subject.
+    #[error("--robot {robot:?}: expected 1 to 32 characters out of a-z, 0-9, _ and -")]
+    Robot {
+        /// The name.
+        robot: String,
+    },
+    /// It cannot be a name or address.
+    #[error("--address {address:?}: expected a host's name or address, as 10.0.0.1 or robot.example, without a port")]
+    Address {
+        /// What was said.
+        address: String,
+    },
+    /// Nothing is overwritten.
+    #[error("--out {}: expected a new or empty folder; certificates that are there are not overwritten", out.display())]
+    NotEmpty {
+        /// The folder.
+        out: PathBuf,
+    },
+    /// The authority would be carried about with the certificates.
+    #[error("--authority {}: expected a folder that is not in {}, which goes to the robot", authority.display(), out.display())]
+    Inside {
+        /// The authority.
+        authority: PathBuf,
+        /// The certificates.
+        out: PathBuf,
+    },
+    /// The authority that is there cannot be used.
+    #[error("the authority {}: {reason}", authority.display())]
+    Authority {
+        /// Its folder.
+        authority: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The file system refuses.
+    #[error("{}: {source}", path.display())]
+    FileSystem {
+        /// What could not be used.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A certificate cannot be signed.
+    #[error("no certificate could be signed: {0}")]
+    Sign(#[from] rcgen::Error),
+}
+
+impl IssueError {
+    /// 2 if what a person said cannot be, else 1.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Sign(_) | Self::FileSystem { .. } => 1,
+            _ => 2,
+        }
+    }
+}
+
+/// Makes one certificate per role in the new folder `out`, signed by the authority in the folder `authority`, which is made if there is none.
+///
+/// # Errors
+/// [`IssueError`].
+pub fn issue(authority: &Path, out: &Path, order: &Order) -> Result<Made, IssueError> {
+    if !is_graph_name(&order.robot) {
+        return Err(IssueError::Robot { robot: order.robot.clone() });
+    }
+    if let Some(address) = order.addresses.iter().find(|address| !is_host(address)) {
+        return Err(IssueError::Address { address: address.clone() });
+    }
+    if authority.starts_with(out) {
+        return Err(IssueError::Inside { authority: authority.to_path_buf(), out: out.to_path_buf() });
+    }
+    check_new(out)?;
+    let new_authority = !authority.exists();
+    if new_authority {
+        make_authority(authority, order.from_s)?;
+    }
+    let (issuer, certificate) = authority_in(authority, order)?;
+    let mut certificates = Vec::new();
+    whole(out, |half| {
+        for role in Role::ALL {
+            let addresses = addresses_of(role, order);
+            let (signed, key) = sign(&issuer, role, &addresses, order)?;
+            let folder = half.join(role.name());
+            make_folder(&folder)?;
+            write(&folder.join(KEY_FILE), &key)?;
+            write(&folder.join(CERTIFICATE_FILE), &signed)?;
+            write(&folder.join(AUTHORITY_FILE), &certificate)?;
+            certificates.push((role, addresses));
+        }
+        Ok(())
+    })?;
+    Ok(Made { new_authority, certificates })
+}
+
+fn is_host(text: &str) -> bool {
+    let allowed = |byte: u8| byte.is_ascii_alphanumeric() || b".-:".contains(&byte);
+    let is_name = !text.contains(':') && !text.starts_with(['.', '-']) && text != "0.0.0.0";
+    !text.is_empty() && text.len() <= 253 && text.bytes().all(allowed) && (is_name || text.parse::<std::net::Ipv6Addr>().is_ok())
+}
+
+fn addresses_of(role: Role, order: &Order) -> Vec<String> {
+    if !role.serves() {
+        return Vec::new();
+    }
+    let mut addresses: Vec<String> = LOOPBACK.map(str::to_owned).to_vec();
+    for address in &order.addresses {
+        if !addresses.contains(address) {
+            addresses.push(address.clone());
+        }
+    }
+    addresses
+}
+
+/// Certificate and key of `role`, as PEM.
+fn sign(issuer: &Issuer<'_, KeyPair>, role: Role, addresses: &[String], order: &Order) -> Result<(String, String), IssueError> {
+    let mut params = CertificateParams::new(addresses.to_vec())?;
+    params.distinguished_name = rcgen::DistinguishedName::new();
+    params.distinguished_name.push(DnType::CommonName, role.subject(&order.robot));
+    params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
+    // One who is only to connect can never be connected to.
+    params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ClientAuth];
+    if role.serves() {
+        params.extended_key_usages.push(ExtendedKeyUsagePurpose::ServerAuth);
+    }
+    params.use_authority_key_identifier_extension = true;
+    (params.not_before, params.not_after) = (at(order.from_s), at(order.until_s));
+    let key = KeyPair::generate()?;
+    Ok((params.signed_by(&key, issuer)?.pem(), key.serialize_pem()))
+}
+
+/// What every authority says of itself.
+fn authority_params() -> CertificateParams {
+    let mut params = CertificateParams::default();
+    params.distinguished_name = rcgen::DistinguishedName::new();
+    params.distinguished_name.push(DnType::CommonName, "Coxswain authority");
+    params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
+    params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::DigitalSignature];
+    params
+}
+
+fn make_authority(folder: &Path, from_s: i64) -> Result<(), IssueError> {
+    let mut params = authority_params();
+    (params.not_before, params.not_after) = (at(from_s), at(from_s + AUTHORITY_VALID_S));
+    let key = KeyPair::generate()?;
+    let certificate = params.self_signed(&key)?.pem();
+    whole(folder, |half| {
+        write(&half.join(KEY_FILE), &key.serialize_pem())?;
+        write(&half.join(AUTHORITY_FILE), &certificate)
+    })
+}
+
+/// Whoever signs, and its certificate as PEM.
+fn authority_in(folder: &Path, order: &Order) -> Result<(Issuer<'static, KeyPair>, String), IssueError> {
+    let failed = |reason: String| IssueError::Authority { authority: folder.to_path_buf(), reason };
+    let key_file = folder.join(KEY_FILE);
+    let read = |path: &Path| fs::read_to_string(path).map_err(|source| failed(format!("{}: {source}", path.display())));
+    let (key, certificate) = (read(&key_file)?, read(&folder.join(AUTHORITY_FILE))?);
+    if fs::metadata(&key_file).is_ok_and(|found| found.mode() & GROUP_AND_OTHERS != 0) {
+        return Err(failed(format!("{} can be read by others than its owner: expected mode 0600", key_file.display())));
+    }
+    let until_s = valid_until(certificate.as_bytes()).map_err(failed)?;
+    if until_s < order.until_s {
+        return Err(failed("it ends before what it shall sign; make another one".to_owned()));
+    }
+    let key = KeyPair::from_pem(&key).map_err(|error| failed(format!("its key cannot be used: {error}")))?;
+    Ok((Issuer::new(authority_params(), key), certificate))
+}
+
+fn at(unix_s: i64) -> time::OffsetDateTime {
+    date_time_ymd(1970, 1, 1) + Duration::from_secs(u64::try_from(unix_s).unwrap_or(0))
+}
+
+/// Whether `out` is new or empty.
+fn check_new(out: &Path) -> Result<(), IssueError> {
+    let is_new = match fs::read_dir(out) {
+        Ok(mut entries) => entries.next().is_none(),
+        Err(error) => error.kind() == io::ErrorKind::NotFound,
+    };
+    if is_new { Ok(()) } else { Err(IssueError::NotEmpty { out: out.to_path_buf() }) }
+}
+
+/// Makes `folder` by `fill`, which is given another one to begin with: it is there whole, or not at all.
+fn whole(folder: &Path, fill: impl FnOnce(&Path) -> Result<(), IssueError>) -> Result<(), IssueError> {
+    let failed = |path: &Path| {
+        let path = path.to_path_buf();
+        move |source| IssueError::FileSystem { path, source }
+    };
+    if let Some(parent) = folder.parent() {
+        fs::create_dir_all(parent).map_err(failed(parent))?;
+    }
+    let mut half = folder.as_os_str().to_owned();
+    half.push(format!(".half-{}", std::process::id()));
+    let half = PathBuf::from(half);
+    make_folder(&half)?;
+    let made = fill(&half).and_then(|()| fs::rename(&half, folder).map_err(failed(folder)));
+    if made.is_err() {
+        // What stays is told by its name.
+        let _ = fs::remove_dir_all(&half);
+    }
+    made
+}
+
+fn make_folder(path: &Path) -> Result<(), IssueError> {
+    DirBuilder::new().mode(0o700).create(path).map_err(|source| IssueError::FileSystem { path: path.to_path_buf(), source })
+}
+
+fn write(path: &Path, text: &str) -> Result<(), IssueError> {
+    let failed = |source| IssueError::FileSystem { path: path.to_path_buf(), source };
+    let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path).map_err(failed)?;
+    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::access::Credentials;
+    use std::error::Error;
+
+    fn order() -> Order {
+        Order { robot: "mecanum".into(), addresses: vec!["10.0.0.1".into(), "robot.example".into()], from_s: 1_000, until_s: 2_000 }
+    }
+
+    #[test]
+    fn every_role_gets_a_certificate_that_says_who_where_and_until_when() -> Result<(), Box<dyn Error>> {
+        let folder = tempfile::tempdir()?;
+        let (authority, out) = (folder.path().join("a"), folder.path().join("deep/out"));
+        assert!(issue(&authority, &out, &order())?.new_authority);
+        for role in Role::ALL {
+            let credentials = Credentials::in_folder(out.join(role.name()));
+            let said = credentials.check(role, 1_500)?;
+            assert_eq!((said.role, said.robot.as_str(), said.from_s, said.until_s), (role, "mecanum", 1_000, 2_000));
+            assert!(["10.0.0.1", "robot.example", "127.0.0.1", "localhost"].into_iter().all(|host| said.covers(host) == role.serves()));
+            for (now_s, told) in [(2_000, "expired since 0.0 h"), (999, "valid only in 0.0 h")] {
+                assert!(credentials.check(role, now_s).is_err_and(|error| error.to_string().contains(told)), "{now_s}");
+            }
+        }
+        let wrong = Credentials::in_folder(out.join("watcher")).check(Role::Controller, 1_500);
+        assert!(wrong.is_err_and(|error| error.to_string().contains("for the role watcher, expected one for controller")));
+        Ok(())
+    }
+
+    #[test]
+    fn keys_are_their_owners_alone_and_are_refused_when_they_are_not() -> Result<(), Box<dyn Error>> {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir()?;
+        let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
+        issue(&authority, &out, &order())?;
+        for path in [authority.clone(), out.clone(), out.join("robot"), authority.join(KEY_FILE), out.join("robot").join(KEY_FILE)] {
+            assert_eq!(fs::metadata(&path)?.mode() & GROUP_AND_OTHERS, 0, "{}", path.display());
+        }
+        assert!(!out.join("authority").exists() && !out.join(KEY_FILE).exists(), "the authority's key does not travel");
+        fs::set_permissions(out.join("robot").join(KEY_FILE), fs::Permissions::from_mode(0o640))?;
+        let read = Credentials::in_folder(out.join("robot")).read();
+        assert!(read.is_err_and(|error| error.to_string().contains("expected mode 0600")));
+        fs::set_permissions(authority.join(KEY_FILE), fs::Permissions::from_mode(0o644))?;
+        let refused = issue(&authority, &folder.path().join("more"), &order());
+        assert!(refused.is_err_and(|error| error.to_string().contains("expected mode 0600")));
+        Ok(())
+    }
+
+    #[test]
+    fn an_authority_signs_again_and_nothing_is_overwritten() -> Result<(), Box<dyn Error>> {
+        let folder = tempfile::tempdir()?;
+        let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
+        issue(&authority, &out, &order())?;
+        assert!(matches!(issue(&authority, &out, &order()), Err(IssueError::NotEmpty { .. })));
+        let next = folder.path().join("next");
+        let later = Order { from_s: 1_800, until_s: 9_000, ..order() };
+        assert!(!issue(&authority, &next, &later)?.new_authority);
+        let authorities = [&out, &next].map(|out| fs::read(out.join("learner").join(AUTHORITY_FILE)));
+        assert_eq!(authorities[0].as_ref().ok(), authorities[1].as_ref().ok());
+        let late = Order { until_s: 1_000 + AUTHORITY_VALID_S + 1, ..order() };
+        assert!(matches!(issue(&authority, &folder.path().join("late"), &late), Err(IssueError::Authority { .. })));
+        Ok(())
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_and_leaves_nothing() -> Result<(), Box<dyn Error>> {
+        let folder = tempfile::tempdir()?;
+        let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
+        for robot in ["", "A", "a b", "a.b", "*"] {
+            assert!(matches!(issue(&authority, &out, &Order { robot: robot.into(), ..order() }), Err(IssueError::Robot { .. })));
+        }
+        for address in ["", "10.0.0.1:7447", "tcp/10.0.0.1", "a b", "0.0.0.0", "*", "-x"] {
+            let refused = issue(&authority, &out, &Order { addresses: vec![address.into()], ..order() });
+            assert!(matches!(refused, Err(IssueError::Address { .. })), "{address}");
+        }
+        assert!(matches!(issue(&out.join("authority"), &out, &order()), Err(IssueError::Inside { .. })));
+        assert_eq!(fs::read_dir(folder.path())?.count(), 0);
+        Ok(())
+    }
+}

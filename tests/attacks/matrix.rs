@@ -1,0 +1,359 @@
+//! Every role × every topic × everything that zenoh lets a client do, each judged where it would arrive.
+
+use crate::session::{Certificates, Shows, connect};
+use promises::Outcome;
+use protocol::VERSION;
+use protocol::access::Role;
+use protocol::port::Router;
+use protocol::topic::Topic;
+use std::collections::BTreeSet;
+use std::error::Error;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+use zenoh::key_expr::KeyExpr;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Subscriber;
+use zenoh::query::{QueryTarget, Queryable};
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Session, Wait};
+
+/// Name of the graph on the network.
+const GRAPH: &str = "maze";
+/// Id of the ports of those who are what they say.
+const HONEST: &str = "honest";
+/// Everything is tried so often, so long apart: what has to get through gets its chance on a busy machine, and what must not has it as often.
+const ROUNDS: u32 = 5;
+const PAUSE: Duration = Duration::from_millis(300);
+/// How long what is allowed may take. Far longer than it does on any machine.
+const GIVES_UP_AFTER: Duration = Duration::from_secs(90);
+
+/// What is tried on one topic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Deed {
+    /// Say a message to all readers.
+    Put,
+    /// Say it to one reader, as if that had come late.
+    PutHistory,
+    /// Tell a writer how much room there is.
+    PutRoom,
+    /// Delete what a writer has said.
+    Delete,
+    /// Hear the messages.
+    Subscribe,
+    /// Hear everything about the topic.
+    SubscribeAll,
+    /// Ask a writer whether it is there.
+    Query,
+    /// Be asked that.
+    Queryable,
+    /// Answer somebody's question with a value.
+    Reply,
+    /// Count as a reader.
+    ReaderToken,
+    /// Count as a writer.
+    WriterToken,
+    /// See who is there.
+    TokenQuery,
+    /// See which readers come and go.
+    TokenSubscriber,
+}
+
+impl Deed {
+    const ALL: [Self; 13] = [
+        Self::Put,
+        Self::PutHistory,
+        Self::PutRoom,
+        Self::Delete,
+        Self::Subscribe,
+        Self::SubscribeAll,
+        Self::Query,
+        Self::Queryable,
+        Self::Reply,
+        Self::ReaderToken,
+        Self::WriterToken,
+        Self::TokenQuery,
+        Self::TokenSubscriber,
+    ];
+
+    /// Whether `role` may do so on `topic`.
+    fn is_allowed(self, role: Role, topic: Topic) -> bool {
+        let (says, hears) = (role.says().contains(&topic), role.hears().contains(&topic));
+        match self {
+            Self::Put | Self::PutHistory | Self::WriterToken | Self::Queryable | Self::TokenSubscriber => says,
+            Self::PutRoom | Self::ReaderToken | Self::Subscribe => hears,
+            Self::Query | Self::TokenQuery => says || hears,
+            Self::Delete | Self::SubscribeAll | Self::Reply => false,
+        }
+    }
+}
+
+/// Who did what to which topic.
+type Cell = (Role, Topic, Deed);
+
+/// What has arrived.
+#[derive(Debug, Clone, Default)]
+struct Book(Arc<Mutex<BTreeSet<Cell>>>);
+
+impl Book {
+    /// Notes a deed of the role that is named as the last part of `key`.
+    fn note(&self, key: &str, topic: Topic, deed: Deed) {
+        if let Some(role) = Role::named(last(key)) {
+            self.write((role, topic, deed));
+        }
+    }
+
+    fn write(&self, cell: Cell) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(cell);
+    }
+
+    fn read(&self) -> BTreeSet<Cell> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+fn last(key: &str) -> &str {
+    key.rsplit('/').next().unwrap_or(key)
+}
+
+fn base(topic: Topic) -> String {
+    format!("coxswain-link/{GRAPH}/{}", topic.name())
+}
+
+fn token(topic: Topic, end: &str, id: &str) -> String {
+    format!("{}/{end}/{VERSION}/{}/newest-wins/{id}", base(topic), topic.message())
+}
+
+type Failure = Box<dyn Error>;
+
+fn failed(error: zenoh::Error) -> Failure {
+    error.to_string().into()
+}
+
+/// What somebody has declared.
+#[derive(Default)]
+struct Declared {
+    subscribers: Vec<Subscriber<()>>,
+    queryables: Vec<Queryable<()>>,
+    tokens: Vec<LivelinessToken>,
+}
+
+impl Declared {
+    fn hear(&mut self, session: &Session, key: String, callback: impl Fn(Sample) + Send + Sync + 'static) -> Result<(), Failure> {
+        self.subscribers.push(session.declare_subscriber(key).callback(callback).wait().map_err(failed)?);
+        Ok(())
+    }
+
+    fn see(&mut self, session: &Session, key: String, callback: impl Fn(Sample) + Send + Sync + 'static) -> Result<(), Failure> {
+        let subscriber = session.liveliness().declare_subscriber(key).history(true).callback(callback);
+        self.subscribers.push(subscriber.wait().map_err(failed)?);
+        Ok(())
+    }
+
+    fn show(&mut self, session: &Session, key: String) -> Result<(), Failure> {
+        self.tokens.push(session.liveliness().declare_token(key).wait().map_err(failed)?);
+        Ok(())
+    }
+}
+
+/// Both ends of every topic, as they should be.
+struct Honest {
+    /// Writer and reader of each topic.
+    ends: Vec<(Topic, Session, Session)>,
+    declared: Declared,
+    book: Book,
+}
+
+impl Honest {
+    fn begin(open: &dyn Fn(Role) -> Result<Session, Failure>, book: &Book) -> Result<Self, Failure> {
+        let (robot, controller) = (open(Role::Robot)?, open(Role::Controller)?);
+        let (learner, recorder) = (open(Role::Learner)?, open(Role::Recorder)?);
+        let of = |topic| match topic {
+            Topic::State => (&robot, &controller),
+            Topic::Command => (&controller, &robot),
+            Topic::Residual => (&controller, &learner),
+            Topic::Snapshot => (&learner, &controller),
+            Topic::Plan => (&controller, &recorder),
+            Topic::Health | Topic::Truth => (&robot, &recorder),
+            Topic::Credit => (&recorder, &robot),
+        };
+        let ends = Topic::ALL.map(|topic| (topic, of(topic).0.clone(), of(topic).1.clone())).to_vec();
+        let mut honest = Self { ends, declared: Declared::default(), book: book.clone() };
+        for (topic, writer, reader) in honest.ends.clone() {
+            honest.listen(topic, &writer, &reader)?;
+        }
+        Ok(honest)
+    }
+
+    fn listen(&mut self, topic: Topic, writer: &Session, reader: &Session) -> Result<(), Failure> {
+        let Self { declared, book, .. } = self;
+        let to = |deed: Deed| {
+            let book = book.clone();
+            move |sample: Sample| book.note(sample.key_expr().as_str(), topic, deed)
+        };
+        let data = book.clone();
+        let hear = move |sample: Sample| {
+            let deed = if sample.kind() == SampleKind::Put { Deed::Put } else { Deed::Delete };
+            data.note(sample.key_expr().as_str(), topic, deed);
+        };
+        declared.hear(reader, format!("{}/data/*", base(topic)), hear)?;
+        declared.hear(reader, format!("{}/history/{HONEST}/*", base(topic)), to(Deed::PutHistory))?;
+        declared.hear(writer, format!("{}/room/{HONEST}/*", base(topic)), to(Deed::PutRoom))?;
+        declared.see(writer, format!("{}/reader/**", base(topic)), to(Deed::ReaderToken))?;
+        let asked = book.clone();
+        let join = writer.declare_queryable(format!("{}/join/{HONEST}", base(topic)));
+        let join = join.callback(move |query| asked.note(query.parameters().as_str(), topic, Deed::Query));
+        declared.queryables.push(join.wait().map_err(failed)?);
+        declared.show(writer, token(topic, "writer", HONEST))?;
+        declared.show(reader, token(topic, "reader", HONEST))
+    }
+
+    /// Says and asks what honest ones do.
+    fn round(&self) -> Result<(), Failure> {
+        for (topic, writer, reader) in &self.ends {
+            writer.put(format!("{}/data/{HONEST}", base(*topic)), "true").wait().map_err(failed)?;
+            let question = reader.get(format!("{}/join/*", base(*topic))).target(QueryTarget::All).timeout(PAUSE);
+            let book = self.book.clone();
+            let topic = *topic;
+            let hear = move |reply: zenoh::query::Reply| {
+                if let Ok(sample) = reply.result() {
+                    book.note(sample.key_expr().as_str(), topic, Deed::Reply);
+                }
+            };
+            question.callback(hear).wait().map_err(failed)?;
+            let book = self.book.clone();
+            let see = move |reply: zenoh::query::Reply| {
+                if let Ok(sample) = reply.result()
+                    && sample.key_expr().as_str().contains("/writer/")
+                {
+                    book.note(sample.key_expr().as_str(), topic, Deed::WriterToken);
+                }
+            };
+            reader.liveliness().get(format!("{}/**", base(topic))).timeout(PAUSE).callback(see).wait().map_err(failed)?;
+        }
+        Ok(())
+    }
+}
+
+/// One who tries everything in one role.
+struct Attacker {
+    role: Role,
+    session: Session,
+    declared: Declared,
+    book: Book,
+}
+
+impl Attacker {
+    fn begin(role: Role, session: Session, book: &Book) -> Result<Self, Failure> {
+        let mut attacker = Self { role, session, declared: Declared::default(), book: book.clone() };
+        Topic::ALL.into_iter().try_for_each(|topic| attacker.declare(topic))?;
+        Ok(attacker)
+    }
+
+    fn declare(&mut self, topic: Topic) -> Result<(), Failure> {
+        let Self { role, session, declared, book } = self;
+        let (role, own) = (*role, role.name());
+        let honest = |deed: Deed| {
+            let book = book.clone();
+            move |sample: Sample| {
+                if last(sample.key_expr().as_str()) == HONEST {
+                    book.write((role, topic, deed));
+                }
+            }
+        };
+        declared.hear(session, format!("{}/data/*", base(topic)), honest(Deed::Subscribe))?;
+        declared.hear(session, format!("{}/**", base(topic)), honest(Deed::SubscribeAll))?;
+        declared.see(session, format!("{}/reader/**", base(topic)), honest(Deed::TokenSubscriber))?;
+        declared.show(session, token(topic, "reader", own))?;
+        declared.show(session, token(topic, "writer", own))?;
+        let asked = book.clone();
+        let key = format!("{}/join/{own}", base(topic));
+        let name: KeyExpr<'static> = KeyExpr::try_from(key.clone()).map_err(failed)?;
+        let join = session.declare_queryable(key).callback(move |query| {
+            // Those of attackers say who asks.
+            if query.parameters().as_str().is_empty() {
+                asked.write((role, topic, Deed::Queryable));
+                let _ = query.reply(name.clone(), "false").wait();
+            }
+        });
+        declared.queryables.push(join.wait().map_err(failed)?);
+        Ok(())
+    }
+
+    fn round(&self) -> Result<(), Failure> {
+        let (role, own) = (self.role, self.role.name());
+        for topic in Topic::ALL {
+            let base = base(topic);
+            for key in [format!("{base}/data/{own}"), format!("{base}/history/{HONEST}/{own}"), format!("{base}/room/{HONEST}/{own}")] {
+                self.session.put(key, "false").wait().map_err(failed)?;
+            }
+            self.session.delete(format!("{base}/data/{own}")).wait().map_err(failed)?;
+            let ask = self.session.get(format!("{base}/join/{HONEST}?{own}")).timeout(PAUSE);
+            ask.callback(drop).wait().map_err(failed)?;
+            let book = self.book.clone();
+            let see = move |reply: zenoh::query::Reply| {
+                if reply.result().is_ok_and(|sample| last(sample.key_expr().as_str()) == HONEST) {
+                    book.write((role, topic, Deed::TokenQuery));
+                }
+            };
+            self.session.liveliness().get(format!("{base}/**")).timeout(PAUSE).callback(see).wait().map_err(failed)?;
+        }
+        Ok(())
+    }
+}
+
+/// Everything that arrives of what everybody tries; `open` connects in a role. Ends when all of `expected` has arrived, but not before everything
+/// has been tried several times.
+fn tried(open: &dyn Fn(Role) -> Result<Session, Failure>, expected: &BTreeSet<Cell>) -> Result<BTreeSet<Cell>, Failure> {
+    let book = Book::default();
+    let honest = Honest::begin(open, &book)?;
+    let attackers = Role::ALL.into_iter().map(|role| Attacker::begin(role, open(role)?, &book)).collect::<Result<Vec<_>, _>>()?;
+    let begin = Instant::now();
+    for round in 0.. {
+        if round >= ROUNDS && (expected.is_subset(&book.read()) || begin.elapsed() > GIVES_UP_AFTER) {
+            break;
+        }
+        attackers.iter().try_for_each(Attacker::round)?;
+        honest.round()?;
+        thread::sleep(PAUSE);
+    }
+    // What is still under way.
+    thread::sleep(3 * PAUSE);
+    Ok(book.read())
+}
+
+fn cells() -> impl Iterator<Item = Cell> {
+    Role::ALL
+        .into_iter()
+        .flat_map(|role| Topic::ALL.into_iter().flat_map(move |topic| Deed::ALL.into_iter().map(move |deed| (role, topic, deed))))
+}
+
+#[test]
+fn every_role_does_exactly_what_it_may_on_every_key() -> Outcome {
+    let certificates = Certificates::new()?;
+    let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(Role::RobotHost))?;
+    let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
+    assert!(endpoint.starts_with("tls/"), "{endpoint}");
+    let open = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
+    let allowed: BTreeSet<Cell> = cells().filter(|&(role, topic, deed)| deed.is_allowed(role, topic)).collect();
+    let arrived = tried(&open, &allowed)?;
+    let forbidden: Vec<&Cell> = arrived.difference(&allowed).collect();
+    let missing: Vec<&Cell> = allowed.difference(&arrived).collect();
+    eprintln!("links: {} cells, {} allowed, {} arrived", cells().count(), allowed.len(), arrived.len());
+    assert!(forbidden.is_empty(), "arrived although they must not: {forbidden:?}");
+    assert!(missing.is_empty(), "did not arrive although they may: {missing:?}");
+    Ok(())
+}
+
+/// Else the matrix would hold whatever the access control did.
+#[test]
+fn without_certificates_everything_that_is_tried_arrives() -> Outcome {
+    let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
+    let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
+    let all: BTreeSet<Cell> = cells().collect();
+    let arrived = tried(&|_| connect(&endpoint, &Shows::Nothing), &all)?;
+    let missing: Vec<&Cell> = all.difference(&arrived).collect();
+    assert!(missing.is_empty(), "not seen: {missing:?}");
+    assert_eq!(all.len(), 832);
+    Ok(())
+}

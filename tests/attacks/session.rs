@@ -1,0 +1,102 @@
+//! zenoh sessions as somebody opens them who does not use our code.
+
+use coxswain::certificates::issue::{Order, issue};
+use protocol::access::{AUTHORITY_FILE, CERTIFICATE_FILE, Credentials, KEY_FILE, Role};
+use serde_json::{Value, json};
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+use tempfile::TempDir;
+use zenoh::{Config, Session, Wait};
+
+/// The robot that all certificates are of unless it is said.
+pub(crate) const ROBOT: &str = "mecanum";
+
+/// An hour [s].
+const HOUR_S: i64 = 3_600;
+
+/// Certificates that were made for one test.
+pub(crate) struct Certificates {
+    home: TempDir,
+}
+
+/// How one who connects shows who it is.
+#[derive(Debug, Clone)]
+pub(crate) enum Shows {
+    /// It speaks no TLS.
+    Nothing,
+    /// TLS, without a certificate of its own; it believes the authority in this folder.
+    NoCertificate(Credentials),
+    /// TLS, with this certificate.
+    Certificate(Credentials),
+}
+
+impl Certificates {
+    /// Those of [`ROBOT`], for an hour.
+    pub(crate) fn new() -> Result<Self, Box<dyn Error>> {
+        let certificates = Self { home: tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")? };
+        certificates.issue("authority", "certificates", ROBOT, (-HOUR_S, HOUR_S))?;
+        Ok(certificates)
+    }
+
+    /// More of them, from so long to so long after now [s].
+    pub(crate) fn issue(&self, authority: &str, out: &str, robot: &str, (from_s, until_s): (i64, i64)) -> Result<PathBuf, Box<dyn Error>> {
+        let now_s = i64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_secs())?;
+        let order = Order { robot: robot.to_owned(), addresses: Vec::new(), from_s: now_s + from_s, until_s: now_s + until_s };
+        let folder = self.home.path().join(out);
+        issue(&self.home.path().join(authority), &folder, &order)?;
+        Ok(folder)
+    }
+
+    /// The folder with one folder per role.
+    pub(crate) fn folder(&self) -> PathBuf {
+        self.home.path().join("certificates")
+    }
+
+    /// That of `role`.
+    pub(crate) fn of(&self, role: Role) -> Credentials {
+        of(&self.folder(), role)
+    }
+}
+
+/// The certificate of `role` in `folder`.
+pub(crate) fn of(folder: &Path, role: Role) -> Credentials {
+    Credentials::in_folder(folder.join(role.name()))
+}
+
+/// A client of whoever listens at `endpoint`. Fails within seconds if nobody answers or wants it.
+pub(crate) fn connect(endpoint: &str, shows: &Shows) -> Result<Session, Box<dyn Error>> {
+    let (_, address) = endpoint.split_once('/').ok_or("no endpoint")?;
+    let protocol = if matches!(shows, Shows::Nothing) { "tcp" } else { "tls" };
+    let mut settings = vec![
+        ("mode", json!("client")),
+        ("connect/endpoints", json!([format!("{protocol}/{address}")])),
+        ("connect/timeout_ms", json!(5_000)),
+        ("connect/exit_on_failure", json!(true)),
+        ("listen/endpoints", json!([])),
+        ("scouting/multicast/enabled", json!(false)),
+        ("scouting/gossip/enabled", json!(false)),
+    ];
+    if let Shows::NoCertificate(credentials) | Shows::Certificate(credentials) = shows {
+        settings.extend(tls(credentials, matches!(shows, Shows::Certificate(_))));
+    }
+    let mut config = Config::default();
+    for (key, value) in settings {
+        config.insert_json5(key, &value.to_string()).map_err(|error| error.to_string())?;
+    }
+    zenoh::open(config).wait().map_err(|error| error.to_string().into())
+}
+
+fn tls(credentials: &Credentials, with_certificate: bool) -> Vec<(&'static str, Value)> {
+    let file = |name| json!(credentials.file(name));
+    let mut settings = vec![
+        ("transport/link/tls/root_ca_certificate", file(AUTHORITY_FILE)),
+        ("transport/link/tls/verify_name_on_connect", json!(true)),
+        ("transport/link/tls/enable_mtls", json!(with_certificate)),
+    ];
+    if with_certificate {
+        settings.push(("transport/link/tls/connect_private_key", file(KEY_FILE)));
+        settings.push(("transport/link/tls/connect_certificate", file(CERTIFICATE_FILE)));
+    }
+    settings
+}
