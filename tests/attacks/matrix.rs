@@ -239,19 +239,22 @@ impl Honest {
 struct Attacker {
     role: Role,
     session: Session,
+    /// Apart from the first, in which whatever one subscriber gets is heard by all that match it.
+    wide: Session,
     declared: Declared,
     book: Book,
 }
 
 impl Attacker {
-    fn begin(role: Role, session: Session, book: &Book) -> Result<Self, Failure> {
-        let mut attacker = Self { role, session, declared: Declared::default(), book: book.clone() };
+    fn begin(role: Role, open: &dyn Fn(Role) -> Result<Session, Failure>, book: &Book) -> Result<Self, Failure> {
+        let (session, wide) = (open(role)?, open(role)?);
+        let mut attacker = Self { role, session, wide, declared: Declared::default(), book: book.clone() };
         Topic::ALL.into_iter().try_for_each(|topic| attacker.declare(topic))?;
         Ok(attacker)
     }
 
     fn declare(&mut self, topic: Topic) -> Result<(), Failure> {
-        let Self { role, session, declared, book } = self;
+        let Self { role, session, wide, declared, book } = self;
         let (role, own) = (*role, role.name());
         let honest = |deed: Deed| {
             let book = book.clone();
@@ -262,7 +265,7 @@ impl Attacker {
             }
         };
         declared.hear(session, format!("{}/data/*", base(topic)), honest(Deed::Subscribe))?;
-        declared.hear(session, format!("{}/**", base(topic)), honest(Deed::SubscribeAll))?;
+        declared.hear(wide, format!("{}/**", base(topic)), honest(Deed::SubscribeAll))?;
         declared.see(session, format!("{}/reader/**", base(topic)), honest(Deed::TokenSubscriber))?;
         declared.show(session, token(topic, "reader", own))?;
         declared.show(session, token(topic, "writer", own))?;
@@ -307,7 +310,7 @@ impl Attacker {
 fn tried(open: &dyn Fn(Role) -> Result<Session, Failure>, expected: &BTreeSet<Cell>) -> Result<BTreeSet<Cell>, Failure> {
     let book = Book::default();
     let honest = Honest::begin(open, &book)?;
-    let attackers = Role::ALL.into_iter().map(|role| Attacker::begin(role, open(role)?, &book)).collect::<Result<Vec<_>, _>>()?;
+    let attackers = Role::ALL.into_iter().map(|role| Attacker::begin(role, open, &book)).collect::<Result<Vec<_>, _>>()?;
     let begin = Instant::now();
     for round in 0.. {
         if round >= ROUNDS && (expected.is_subset(&book.read()) || begin.elapsed() > GIVES_UP_AFTER) {
