@@ -2,5 +2,9 @@
 
 #[path = "attacks/matrix.rs"]
 mod matrix;
+#[path = "attacks/self_test.rs"]
+mod self_test;
 #[path = "attacks/session.rs"]
 mod session;
+#[path = "attacks/strangers.rs"]
+mod strangers;

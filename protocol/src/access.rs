@@ -18,12 +18,14 @@
 
 mod certificate;
 mod credentials;
+mod endpoint;
 mod role;
 mod rules;
 mod tls;
 
 pub use certificate::{Certificate, valid_until};
 pub use credentials::{AUTHORITY_FILE, AccessError, CERTIFICATE_FILE, Credentials, KEY_FILE};
+pub use endpoint::{from_here, host_in, is_any};
 pub use role::Role;
 
 pub(crate) use rules::{of_client, of_links, of_telemetry, of_watcher, size_limits};

@@ -4,6 +4,7 @@ use coxswain::certificates::issue::{Order, issue};
 use protocol::access::{AUTHORITY_FILE, CERTIFICATE_FILE, Credentials, KEY_FILE, Role};
 use serde_json::{Value, json};
 use std::error::Error;
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 use tempfile::TempDir;
@@ -13,7 +14,7 @@ use zenoh::{Config, Session, Wait};
 pub(crate) const ROBOT: &str = "mecanum";
 
 /// An hour [s].
-const HOUR_S: i64 = 3_600;
+pub(crate) const HOUR_S: i64 = 3_600;
 
 /// Certificates that were made for one test.
 pub(crate) struct Certificates {
@@ -71,7 +72,7 @@ pub(crate) fn connect(endpoint: &str, shows: &Shows) -> Result<Session, Box<dyn 
     let mut settings = vec![
         ("mode", json!("client")),
         ("connect/endpoints", json!([format!("{protocol}/{address}")])),
-        ("connect/timeout_ms", json!(5_000)),
+        ("connect/timeout_ms", json!(0)),
         ("connect/exit_on_failure", json!(true)),
         ("listen/endpoints", json!([])),
         ("scouting/multicast/enabled", json!(false)),
@@ -85,6 +86,31 @@ pub(crate) fn connect(endpoint: &str, shows: &Shows) -> Result<Session, Box<dyn 
         config.insert_json5(key, &value.to_string()).map_err(|error| error.to_string())?;
     }
     zenoh::open(config).wait().map_err(|error| error.to_string().into())
+}
+
+/// A router of somebody's own making, and where it listens.
+pub(crate) fn router(shows: &Shows, more: &[(&str, Value)]) -> Result<(Session, String), Box<dyn Error>> {
+    let protocol = if matches!(shows, Shows::Nothing) { "tcp" } else { "tls" };
+    // Between the choice of a port and its use somebody else may take it.
+    for _ in 0..20 {
+        let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
+        let endpoint = format!("{protocol}/127.0.0.1:{port}");
+        let mut settings =
+            vec![("mode", json!("router")), ("listen/endpoints", json!([endpoint])), ("scouting/multicast/enabled", json!(false))];
+        if let Shows::NoCertificate(credentials) | Shows::Certificate(credentials) = shows {
+            settings.extend(tls(credentials, matches!(shows, Shows::Certificate(_))));
+            settings.push(("transport/link/tls/listen_private_key", json!(credentials.file(KEY_FILE))));
+            settings.push(("transport/link/tls/listen_certificate", json!(credentials.file(CERTIFICATE_FILE))));
+        }
+        let mut config = Config::default();
+        for (key, value) in settings.iter().chain(more) {
+            config.insert_json5(key, &value.to_string()).map_err(|error| error.to_string())?;
+        }
+        if let Ok(session) = zenoh::open(config).wait() {
+            return Ok((session, endpoint));
+        }
+    }
+    Err("no port is free".into())
 }
 
 fn tls(credentials: &Credentials, with_certificate: bool) -> Vec<(&'static str, Value)> {

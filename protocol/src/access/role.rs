@@ -26,16 +26,8 @@ pub enum Role {
 
 impl Role {
     /// Every role.
-    pub const ALL: [Self; 8] = [
-        Self::Robot,
-        Self::Controller,
-        Self::Learner,
-        Self::Recorder,
-        Self::Gateway,
-        Self::Watcher,
-        Self::RobotHost,
-        Self::ControlHost,
-    ];
+    pub const ALL: [Self; 8] =
+        [Self::Robot, Self::Controller, Self::Learner, Self::Recorder, Self::Gateway, Self::Watcher, Self::RobotHost, Self::ControlHost];
 
     /// Name in certificates, and of the folder that holds one.
     pub const fn name(self) -> &'static str {

@@ -14,8 +14,10 @@ mod outlet;
 mod presence;
 mod readers;
 mod router;
+mod self_test;
 
 pub use router::Router;
+pub use self_test::{Breach, self_test};
 
 use super::carrier::{Inlet, Outlet};
 use super::watched::Audience;

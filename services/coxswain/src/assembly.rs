@@ -1,6 +1,6 @@
 //! Options + graph + scenario + robot → what each process is told. Everything is read and checked here, and nothing is started or made.
 
-use crate::certificates::present::{Certificates, from_here};
+use crate::certificates::present::Certificates;
 use crate::exposure::{Exposed, exposed};
 use crate::faults::{FaultsFile, LockStepFaultsFile};
 use crate::graph::Graph;
@@ -11,7 +11,7 @@ use controller::settings::LearnedSettings;
 use gateway::settings::About;
 use model::robot::Robot;
 use process::{Pace, Run};
-use protocol::access::{Credentials, Role};
+use protocol::access::{Credentials, Role, from_here};
 use protocol::message::{Exposure, Participant};
 use protocol::port::{Carrier, Faults, Links};
 use serde::{Deserialize, Serialize};

@@ -88,7 +88,8 @@ mod tests {
 
     #[test]
     fn with_certificates_the_live_page_alone_is_open_to_strangers() {
-        let tables = "[network]\nlisten = [\"tcp/0.0.0.0:7447\"]\n[telemetry]\nlisten = [\"tls/10.0.0.1:1\"]\n[page]\nlisten = \"0.0.0.0:8080\"\n";
+        let tables =
+            "[network]\nlisten = [\"tcp/0.0.0.0:7447\"]\n[telemetry]\nlisten = [\"tls/10.0.0.1:1\"]\n[page]\nlisten = \"0.0.0.0:8080\"\n";
         assert_eq!(found(tables, true), ["page.listen"]);
     }
 

@@ -220,7 +220,11 @@ impl<'a> Fleet<'a> {
             period_nanos: assembly.scenario.period_nanos(),
             pace: assembly.graph.pace,
             exposure: assembly.exposure(),
-            links: Links { faults: assembly.faults.of_messages().in_process(role), credentials: assembly.credentials_of(role), ..links.clone() },
+            links: Links {
+                faults: assembly.faults.of_messages().in_process(role),
+                credentials: assembly.credentials_of(role),
+                ..links.clone()
+            },
         };
         let file = settings_file(folder, role);
         assembly.write_settings(role, run, &file)?;

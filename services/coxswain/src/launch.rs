@@ -18,7 +18,7 @@ use crate::watch::Watch;
 use crate::without_learning;
 use process::{PRIORITY, Pace, go_first, keep_to_user, wishes};
 use protocol::message::Participant;
-use protocol::port::{HalfMade, OpenError, Router, claim};
+use protocol::port::{Breach, HalfMade, OpenError, Router, claim};
 use recorder::report;
 use settings::SettingsError;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -65,6 +65,9 @@ pub enum LaunchError {
     /// The launcher itself cannot join.
     #[error(transparent)]
     Open(#[from] OpenError),
+    /// Strangers would be let in.
+    #[error("nothing was started: {0}")]
+    Breach(#[from] Breach),
     /// A process failed.
     #[error(transparent)]
     Fleet(#[from] FleetError),
@@ -199,6 +202,10 @@ fn run_at(
     }
     tracing::info!(graph = berth.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
     let router = assembly.networked().then(|| open_router(&assembly, berth.id())).transpose()?;
+    if let Some(router) = &router {
+        // Nothing has been started yet: the robot stays where it is.
+        router.self_test()?;
+    }
     let endpoints = router.as_ref().map(|router| router.endpoints().to_vec()).unwrap_or_default();
     if !endpoints.is_empty() {
         person.terminal.say(format_args!("network: listening at {}", endpoints.join(", ")));

@@ -7,7 +7,8 @@
 
 use super::config;
 use super::guard::Guard;
-use crate::access::{Credentials, over_tls};
+use super::self_test::{Breach, self_test};
+use crate::access::{Credentials, from_here, over_tls};
 use crate::port::OpenError;
 use crate::reason::first_line;
 use std::collections::BTreeSet;
@@ -38,6 +39,7 @@ pub(super) const TOKENS: &str = "coxswain-router/*";
 /// A router: the processes of one launch connect to it, and routers of other launches join. It ends when it is dropped.
 pub struct Router {
     endpoints: Vec<String>,
+    guard: Option<Guard>,
     signs: Sender<Sign>,
     /// Holds the router until it is told to end.
     keeper: Option<JoinHandle<()>>,
@@ -92,15 +94,25 @@ impl Router {
             let failed = |reason: String| OpenError::Router { endpoints: endpoints.join(", "), reason };
             match Life::begin(&endpoints, &connect, guard.as_ref(), &signs) {
                 Ok(life) => {
-                    let keeper = Keeper { listen: endpoints.clone(), connect, guard, signs: signs.clone(), told };
+                    let keeper = Keeper { listen: endpoints.clone(), connect, guard: guard.clone(), signs: signs.clone(), told };
                     let keeper = thread::Builder::new().name("router".to_owned()).spawn(move || keeper.keep(life));
                     let keeper = Some(keeper.map_err(|error| failed(format!("no thread: {error}")))?);
-                    return Ok(Self { endpoints, signs, keeper });
+                    return Ok(Self { endpoints, guard, signs, keeper });
                 }
                 Err(_) if draws && attempt < DRAWS => attempt += 1,
                 Err(error) => return Err(failed(first_line(&error))),
             }
         }
+    }
+
+    /// Tries as a stranger to get in, wherever it listens: over TCP, without a certificate, in a role that must not say what it says, and with a
+    /// message that is too long. A router that asks for no certificates is not tried: everybody gets in there.
+    ///
+    /// # Errors
+    /// The first [`Breach`].
+    pub fn self_test(&self) -> Result<(), Breach> {
+        let Some(guard) = &self.guard else { return Ok(()) };
+        self.endpoints.iter().try_for_each(|endpoint| self_test(&from_here(endpoint), &guard.graph, &guard.credentials))
     }
 
     /// Where it listens, with the ports that were drawn.

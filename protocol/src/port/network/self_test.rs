@@ -1,0 +1,180 @@
+//! Whether a router keeps strangers out: tried from the inside, as one, before anything depends on it.
+//!
+//! zenoh tells one who is refused nothing. So what must not arrive is followed, on the same way, by what may: when that is there, the other would
+//! have been.
+
+use super::config;
+use super::guard::Guard;
+use super::presence::draw_id;
+use crate::access::{AUTHORITY_FILE, AccessError, Credentials, Role};
+use crate::reason::first_line;
+use crate::topic::Topic;
+use serde_json::json;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+use zenoh::{Config, Session, Wait};
+
+/// How long what may arrive may take.
+const ARRIVES_WITHIN: Duration = Duration::from_secs(10);
+/// How long one attempt of a stranger may take \[ms\].
+const ATTEMPT_MILLIS: u64 = 2_000;
+/// Id of the reader to which all of this is said, so that nobody else hears it.
+const READER: &str = "self-test";
+/// More than any message on a topic of short ones \[bytes\].
+const OVERSIZE_BYTES: usize = 128 * 1024;
+
+/// A router is not to be relied on.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Breach {
+    /// Whoever likes gets in.
+    #[error("a stranger without TLS was let in at {endpoint}")]
+    Plain {
+        /// Where.
+        endpoint: String,
+    },
+    /// Certificates are not asked for.
+    #[error("a stranger without a certificate was let in at {endpoint}")]
+    NoCertificate {
+        /// Where.
+        endpoint: String,
+    },
+    /// Roles make no difference.
+    #[error("the role {role} was heard at {endpoint} on the topic {topic}, which it must not write")]
+    WrongRole {
+        /// Where.
+        endpoint: String,
+        /// The role that was tried.
+        role: &'static str,
+        /// The topic.
+        topic: &'static str,
+    },
+    /// A message of any length passes.
+    #[error("a message of {OVERSIZE_BYTES} bytes passed at {endpoint} on the topic health, where a few hundred do")]
+    Oversize {
+        /// Where.
+        endpoint: String,
+    },
+    /// It cannot be told.
+    #[error("whether strangers are kept out at {endpoint} cannot be told: {reason}")]
+    Unknown {
+        /// Where.
+        endpoint: String,
+        /// What went wrong.
+        reason: String,
+    },
+}
+
+/// Tries to get in at `endpoint`, the router of the graph called `graph`, as who should not: a stranger, and a host that shows `credentials` and
+/// says what a host does not.
+///
+/// # Errors
+/// The first [`Breach`].
+pub fn self_test(endpoint: &str, graph: &str, credentials: &Credentials) -> Result<(), Breach> {
+    let guard = Guard::new(credentials, graph);
+    let guard = &guard.map_err(|error| Breach::Unknown { endpoint: endpoint.to_owned(), reason: error.to_string() })?;
+    let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);
+    let endpoint = || endpoint.to_owned();
+    let unknown = |reason: String| Breach::Unknown { endpoint: endpoint(), reason };
+    let tls = format!("tls/{address}");
+    let plain = stranger(&format!("tcp/{address}"), &[]);
+    let without = stranger(
+        &tls,
+        &[
+            ("transport/link/tls/root_ca_certificate", json!(guard.credentials.file(AUTHORITY_FILE))),
+            ("transport/link/tls/enable_mtls", json!(false)),
+        ],
+    );
+    let (plain, without) = thread::scope(|scope| {
+        let plain = scope.spawn(move || gets_in(plain));
+        let without = scope.spawn(move || gets_in(without));
+        (plain.join(), without.join())
+    });
+    let panicked = |_| unknown("the attempt panicked".to_owned());
+    if plain.map_err(panicked)? {
+        return Err(Breach::Plain { endpoint: endpoint() });
+    }
+    if without.map_err(panicked)? {
+        return Err(Breach::NoCertificate { endpoint: endpoint() });
+    }
+    let role = guard.credentials.read().map_err(|error: AccessError| unknown(error.to_string()))?.role;
+    let open = || {
+        let opened = config::client(&[tls.clone()], ATTEMPT_MILLIS, Some(guard)).and_then(|config| zenoh::open(config).wait());
+        opened.map_err(|error| unknown(first_line(&error)))
+    };
+    let arrived = as_another(&open()?, &open()?, &guard.graph, role).map_err(|error| unknown(first_line(&error)))?;
+    match arrived {
+        None => Err(unknown(format!("what may pass did not arrive within {ARRIVES_WITHIN:?}"))),
+        Some(Arrived::Nothing) => Ok(()),
+        Some(Arrived::Forbidden(topic)) => Err(Breach::WrongRole { endpoint: endpoint(), role: role.name(), topic }),
+        Some(Arrived::Oversize) => Err(Breach::Oversize { endpoint: endpoint() }),
+    }
+}
+
+/// What came before what may.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Arrived {
+    Nothing,
+    Forbidden(&'static str),
+    Oversize,
+}
+
+/// Says in `role` what it must not say, then what it may. None if not even that arrives.
+fn as_another(listener: &Session, speaker: &Session, graph: &str, role: Role) -> Result<Option<Arrived>, zenoh::Error> {
+    let forbidden = Topic::ALL.into_iter().find(|topic| role.hears().contains(topic) && !role.says().contains(topic));
+    let key = |topic: Topic, id: &str| format!("coxswain-link/{graph}/{}/history/{READER}/{id}", topic.name());
+    let (tell, heard) = channel();
+    let mut listening = Vec::new();
+    for topic in forbidden.into_iter().chain([Topic::Health]) {
+        let tell = tell.clone();
+        let hear = move |sample: zenoh::sample::Sample| {
+            // Nobody listens any more once all is known.
+            let _ = tell.send((topic, sample.payload().len(), sample.key_expr().as_str().to_owned()));
+        };
+        listening.push(listener.declare_subscriber(key(topic, "*")).callback(hear).wait()?);
+    }
+    // Others may be testing themselves.
+    let own = draw_id();
+    let begin = Instant::now();
+    let mut arrived = Arrived::Nothing;
+    while begin.elapsed() < ARRIVES_WITHIN {
+        if let Some(topic) = forbidden {
+            speaker.put(key(topic, &own), "x").wait()?;
+        }
+        speaker.put(key(Topic::Health, &own), vec![0; OVERSIZE_BYTES]).wait()?;
+        speaker.put(key(Topic::Health, &own), "x").wait()?;
+        loop {
+            match heard.recv_timeout(Duration::from_millis(200)) {
+                Ok((_, _, key)) if !key.ends_with(&own) => {}
+                Ok((Topic::Health, 1, _)) => return Ok(Some(arrived)),
+                Ok((Topic::Health, ..)) if arrived == Arrived::Nothing => arrived = Arrived::Oversize,
+                Ok((Topic::Health, ..)) => {}
+                Ok((topic, ..)) => arrived = Arrived::Forbidden(topic.name()),
+                // The router may not have known of the listener yet.
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
+            }
+        }
+    }
+    Ok(None)
+}
+
+/// The configuration of one who has read no documentation but zenoh's.
+fn stranger(endpoint: &str, more: &[(&str, serde_json::Value)]) -> Result<Config, zenoh::Error> {
+    let mut config = Config::default();
+    let own = [
+        ("mode", json!("client")),
+        ("connect/endpoints", json!([endpoint])),
+        ("connect/timeout_ms", json!(0)),
+        ("connect/exit_on_failure", json!(true)),
+        ("scouting/multicast/enabled", json!(false)),
+        ("transport/unicast/open_timeout", json!(ATTEMPT_MILLIS)),
+    ];
+    for (key, value) in own.iter().chain(more) {
+        config.insert_json5(key, &value.to_string())?;
+    }
+    Ok(config)
+}
+
+fn gets_in(config: Result<Config, zenoh::Error>) -> bool {
+    config.and_then(|config| zenoh::open(config).wait()).is_ok()
+}
