@@ -1,4 +1,4 @@
-//! Two hosts and a cable: network namespaces where the system permits them, else a relay on the loopback that falls silent.
+//! Hosts and cables between them: network namespaces where the system permits them, else a relay on the loopback that falls silent.
 //!
 //! The namespaces have no name. Each lives as long as somebody is in it: at first a process that waits for the end of its input, which comes when
 //! whoever made it ends, however that happens.
@@ -18,7 +18,7 @@ const LOOK: Duration = Duration::from_millis(10);
 /// Far longer than it takes to make a namespace.
 const MADE_WITHIN: Duration = Duration::from_secs(10);
 
-/// Two hosts that a cable connects.
+/// A first host, and others that a cable each connects with it.
 #[derive(Debug)]
 pub struct Hosts {
     place: Place,
@@ -30,8 +30,8 @@ struct Namespace(Child);
 
 #[derive(Debug)]
 enum Place {
-    /// Two namespaces.
-    Namespaces([Namespace; 2]),
+    /// The first host's, and the others'.
+    Namespaces(Namespace, Vec<Namespace>),
     /// Ports of the first host and of the relay before it.
     Loopback { port: u16, relay: u16, silent: Arc<AtomicBool>, closed: Arc<AtomicBool> },
 }
@@ -42,8 +42,16 @@ impl Hosts {
     /// # Errors
     /// If not even the loopback has free ports.
     pub fn new() -> io::Result<Self> {
-        let place = match Namespace::connected() {
-            Some(both) => Place::Namespaces(both),
+        Self::with_others(1)
+    }
+
+    /// A first host, and so many others.
+    ///
+    /// # Errors
+    /// If not even the loopback has free ports.
+    pub fn with_others(others: u8) -> io::Result<Self> {
+        let place = match Namespace::connected(others) {
+            Some((near, others)) => Place::Namespaces(near, others),
             None => relay()?,
         };
         Ok(Self { place })
@@ -52,7 +60,7 @@ impl Hosts {
     /// What they are, in a person's words.
     pub fn kind(&self) -> &'static str {
         match &self.place {
-            Place::Namespaces(_) => "two network namespaces and a cable between them",
+            Place::Namespaces(..) => "network namespaces and a cable between each two",
             Place::Loopback { .. } => "a relay on the loopback, which falls silent: network namespaces are not permitted",
         }
     }
@@ -60,7 +68,7 @@ impl Hosts {
     /// Where the first host listens.
     pub fn endpoint(&self) -> String {
         match &self.place {
-            Place::Namespaces(_) => format!("tcp/10.99.0.1:{PORT}"),
+            Place::Namespaces(..) => format!("tcp/10.99.0.1:{PORT}"),
             Place::Loopback { port, .. } => format!("tcp/127.0.0.1:{port}"),
         }
     }
@@ -68,21 +76,29 @@ impl Hosts {
     /// The same, as the second host sees it.
     pub fn far_endpoint(&self) -> String {
         match &self.place {
-            Place::Namespaces(_) => self.endpoint(),
+            Place::Namespaces(..) => self.endpoint(),
             Place::Loopback { relay, .. } => format!("tcp/127.0.0.1:{relay}"),
         }
     }
 
-    /// `command`, to be run on host 0 or 1.
+    /// Address of the first host on its cable to another, from 1 on.
+    pub fn address_towards(&self, other: u8) -> String {
+        match &self.place {
+            Place::Namespaces(..) => format!("10.99.{}.1", other.saturating_sub(1)),
+            Place::Loopback { .. } => "127.0.0.1".to_owned(),
+        }
+    }
+
+    /// `command`, to be run on the first host, 0, or another one.
     pub fn on(&self, host: usize, command: Command) -> Command {
-        let Place::Namespaces(both) = &self.place else { return command };
-        let Some(namespace) = both.get(host) else { return command };
+        let Place::Namespaces(near, others) = &self.place else { return command };
+        let Some(namespace) = host.checked_sub(1).map_or(Some(near), |other| others.get(other)) else { return command };
         let mut there = namespace.enter();
         there.arg(command.get_program()).args(command.get_args());
         there
     }
 
-    /// From now on nothing gets through, and nobody is told.
+    /// From now on nothing gets through to host 1, and nobody is told.
     ///
     /// # Errors
     /// If the system refuses.
@@ -101,8 +117,9 @@ impl Hosts {
     fn cable(&self, state: &str, is_silent: bool) -> io::Result<()> {
         match &self.place {
             // The far end alone goes down: the near one keeps its address, as a host whose neighbour's cable is pulled does.
-            Place::Namespaces([_, far]) => {
-                far.ip(&["link", "set", "cable", state]).ok_or_else(|| io::Error::other("the cable does not move"))?;
+            Place::Namespaces(_, others) => {
+                let moved = others.first().and_then(|far| far.ip(&["link", "set", "cable", state]));
+                moved.ok_or_else(|| io::Error::other("the cable does not move"))?;
             }
             Place::Loopback { silent, .. } => silent.store(is_silent, Ordering::Relaxed),
         }
@@ -119,17 +136,23 @@ impl Drop for Hosts {
 }
 
 impl Namespace {
-    /// Two of them, with a cable; none if the system does not permit it.
-    fn connected() -> Option<[Self; 2]> {
-        let (near, far) = (Self::new()?, Self::new()?);
-        let there = far.0.id().to_string();
-        near.ip(&["link", "add", "cable", "type", "veth", "peer", "name", "cable", "netns", &there])?;
-        for (host, address) in [(&near, "10.99.0.1/24"), (&far, "10.99.0.2/24")] {
-            host.ip(&["address", "add", address, "dev", "cable"])?;
-            host.ip(&["link", "set", "cable", "up"])?;
-            host.ip(&["link", "set", "lo", "up"])?;
-        }
-        Some([near, far])
+    /// One, and so many others with a cable to it; none if the system does not permit it.
+    fn connected(others: u8) -> Option<(Self, Vec<Self>)> {
+        let near = Self::new()?;
+        near.ip(&["link", "set", "lo", "up"])?;
+        let connect = |number: u8| {
+            let far = Self::new()?;
+            far.ip(&["link", "set", "lo", "up"])?;
+            let (there, cable) = (far.0.id().to_string(), format!("cable{number}"));
+            near.ip(&["link", "add", &cable, "type", "veth", "peer", "name", "cable", "netns", &there])?;
+            for (host, cable, end) in [(&near, cable.as_str(), 1), (&far, "cable", 2)] {
+                host.ip(&["address", "add", &format!("10.99.{number}.{end}/24"), "dev", cable])?;
+                host.ip(&["link", "set", cable, "up"])?;
+            }
+            Some(far)
+        };
+        let others = (0..others).map(connect).collect::<Option<_>>()?;
+        Some((near, others))
     }
 
     fn new() -> Option<Self> {

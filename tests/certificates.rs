@@ -1,0 +1,160 @@
+//! Promise: with certificates the graph runs over the network as it does without, on one machine and across three.
+
+use coxswain::assembly::Assembly;
+use coxswain::options::Options;
+use promises::oracle::{Limits, acquit};
+use promises::{Hosts, Launched, Outcome, Reader, Record, binaries, graph_file, launch_command, repository};
+use std::error::Error;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use tempfile::TempDir;
+
+fn home() -> std::io::Result<TempDir> {
+    tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")
+}
+
+/// `coxswain certificates` for a robot at `addresses`, below `home`. Returns their folder.
+fn certificates(home: &Path, addresses: &[String]) -> Result<PathBuf, Box<dyn Error>> {
+    let folder = home.join("certificates");
+    let mut command = Command::new(binaries()?.join("coxswain"));
+    command.args(["certificates", "--robot", "mecanum", "--out"]).arg(&folder);
+    for address in addresses {
+        command.args(["--address", address]);
+    }
+    let output = command.output()?;
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let told = String::from_utf8_lossy(&output.stdout);
+    for said in ["new authority", "keep it off the robot", "valid until", "robot-host", "watcher"] {
+        assert!(told.contains(said), "{told}");
+    }
+    Ok(folder)
+}
+
+/// What the machine of `roles` is given of `certificates`.
+fn carried(certificates: &Path, to: &Path, roles: &[&str]) -> Result<String, Box<dyn Error>> {
+    for role in roles {
+        fs::create_dir_all(to.join(role))?;
+        for file in ["certificate.pem", "key.pem", "authority.pem"] {
+            fs::copy(certificates.join(role).join(file), to.join(role).join(file))?;
+        }
+    }
+    Ok(to.to_str().ok_or("no text")?.to_owned())
+}
+
+fn commands(folder: &Path) -> Result<Vec<String>, Box<dyn Error>> {
+    let record = Record::read(folder)?;
+    Ok(record
+        .of("command")
+        .map(|command| format!("{} {} {}", command.stamp("tick"), command.says["input"], command.says["tail"]))
+        .collect())
+}
+
+#[test]
+fn in_lock_step_certificates_change_no_bit() -> Outcome {
+    let folder = home()?;
+    let given = certificates(folder.path(), &[])?;
+    let given = given.to_str().ok_or("no text")?;
+    let run = |options: &[&str]| -> Result<Vec<String>, Box<dyn Error>> {
+        let options: Vec<&str> = ["--pace", "lock-step", "--duration", "10"].iter().chain(options).copied().collect();
+        let (ended, home) = Launched::graph("network", &options)?.end()?;
+        assert!(ended.status.success(), "{}", ended.text);
+        let told = ended.text.contains("certificates of robot mecanum") && ended.text.contains("listening at tls/");
+        assert_eq!(told, options.contains(&"--certificates"), "{}", ended.text);
+        commands(&home.path().join("run"))
+    };
+    let (without, with) = (run(&[])?, run(&["--certificates", given])?);
+    assert_eq!(without.len(), 101);
+    assert_eq!(without, with);
+    Ok(())
+}
+
+#[test]
+fn robot_controller_and_watcher_on_three_hosts_meet_with_certificates_alone() -> Outcome {
+    let hosts = Hosts::with_others(2)?;
+    let folder = home()?;
+    let (towards_control, towards_watcher) = (hosts.address_towards(1), hosts.address_towards(2));
+    let given = certificates(folder.path(), &[towards_control, towards_watcher.clone()])?;
+    let of = |machine: &str, roles: &[&str]| carried(&given, &folder.path().join(machine), roles);
+    let robot = of("robot", &["robot-host", "robot", "recorder", "gateway"])?;
+    let control = of("control", &["control-host", "controller", "learner"])?;
+    let watcher = of("watcher", &["watcher"])?;
+
+    // The robot's machine shows itself on its cable to the watcher. A graph file may say where the certificates are as well.
+    let graphs = repository().join("deploy/graphs");
+    let text = fs::read_to_string(graph_file("plant-host"))?.replace("\"../", &format!("\"{}/../", graphs.display()));
+    let graph = folder.path().join("robot.toml");
+    let tables = format!(
+        "[telemetry]\nlisten = [\"tcp/{towards_watcher}:0\"]\nrobot = \"mecanum\"\n[certificates]\nfolder = \"robot\"\n[processes.gateway]\n"
+    );
+    fs::write(&graph, format!("{text}\n{tables}"))?;
+
+    let launch = |graph: &Path, options: &[&str], host| -> Result<Launched, Box<dyn Error>> {
+        let home = home()?;
+        let command = launch_command(graph, &home.path().join("run"), options)?;
+        Launched::by(hosts.on(host, command), home)
+    };
+    let far = launch(&graph_file("control-host"), &["--certificates", &control, "--connect", &hosts.far_endpoint()], 1)?;
+    far.wait_for_log("controller", "started", 1)?;
+    let near = launch(&graph, &["--duration", "15", "--listen", &hosts.endpoint()], 0)?;
+    let endpoint = near.gateway_endpoint()?;
+    assert!(endpoint.starts_with(&format!("tls/{towards_watcher}:")), "{endpoint}");
+
+    let mut watch = Command::new(binaries()?.join("coxswain"));
+    watch.args(["watch", &endpoint, "--plain", "--certificates", &watcher]);
+    let mut seen = Reader::start(&mut hosts.on(2, watch))?;
+    let lines = seen.lines(20)?;
+    assert!(lines.iter().any(|line| line.contains("fresh plan")), "{lines:?}");
+    for shows in [&[][..], &["--certificates", &robot]] {
+        let mut stranger = Command::new(binaries()?.join("coxswain"));
+        stranger.args(["watch", &endpoint, "--plain"]).args(shows);
+        let output = hosts.on(2, stranger).output()?;
+        assert!(!output.status.success(), "{shows:?}: {}", String::from_utf8_lossy(&output.stdout));
+    }
+
+    let (ended, home) = near.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    assert!(!ended.text.contains("INSECURE"), "{}", ended.text);
+    let (ended, _) = far.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let record = Record::read(&home.path().join("run"))?;
+    acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file("plant-host")))?))?;
+    assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(150));
+    for topic in ["command", "residual", "snapshot", "plan", "health", "truth"] {
+        assert!(record.of(topic).count() > 5, "{topic} is not recorded on the robot's machine");
+    }
+    assert!(record.summary["snapshots_adopted"].as_u64() > Some(0), "{}", record.summary);
+    Ok(())
+}
+
+#[test]
+fn certificates_that_will_not_do_are_refused_before_anything_starts() -> Outcome {
+    let folder = home()?;
+    let given = certificates(folder.path(), &[])?;
+    let refusal = |certificates: &Path, graph: &str, options: &[&str]| -> Result<String, Box<dyn Error>> {
+        let out = folder.path().join("run");
+        let mut command = launch_command(&graph_file(graph), &out, options)?;
+        let output = command.arg("--certificates").arg(certificates).env("TMPDIR", folder.path()).output()?;
+        assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(!out.exists());
+        Ok(String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let missing = refusal(&folder.path().join("none"), "network", &[])?;
+    assert!(missing.contains("certificates.folder") && missing.contains("robot-host/certificate.pem"), "{missing}");
+    let address = refusal(&given, "plant-host", &["--listen", "tcp/10.98.0.1:7447"])?;
+    assert!(address.contains("--address 10.98.0.1") && address.contains("network.listen"), "{address}");
+    let swapped = folder.path().join("swapped");
+    carried(&given, &swapped, &["robot-host", "controller", "learner", "recorder", "watcher"])?;
+    fs::rename(swapped.join("watcher"), swapped.join("robot"))?;
+    let swapped = refusal(&swapped, "network", &[])?;
+    assert!(swapped.contains("is for the role watcher, expected one for robot"), "{swapped}");
+    let other = folder.path().join("other");
+    fs::create_dir(&other)?;
+    certificates(&other, &[])?;
+    let mixed = folder.path().join("mixed");
+    carried(&given, &mixed, &["robot-host", "robot", "learner", "recorder"])?;
+    carried(&other.join("certificates"), &mixed, &["controller"])?;
+    let mixed = refusal(&mixed, "network", &[])?;
+    assert!(mixed.contains("make all of them together"), "{mixed}");
+    Ok(())
+}
