@@ -16,6 +16,7 @@ use crate::service_manager::ServiceManager;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use crate::without_learning;
+use process::refusals::{self, Refusals};
 use process::{PRIORITY, Pace, go_first, keep_to_user, wishes};
 use protocol::message::Participant;
 use protocol::port::{Breach, HalfMade, OpenError, Router, claim};
@@ -31,7 +32,10 @@ use std::sync::Mutex;
 use std::thread;
 use std::time::{Duration, Instant};
 use std::{env, io, slice};
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::FilterExt;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{EnvFilter, Layer};
 
 /// How often the launcher looks after its processes.
 const ROUND: Duration = Duration::from_millis(20);
@@ -204,7 +208,8 @@ fn run_at(
     let router = assembly.networked().then(|| open_router(&assembly, berth.id())).transpose()?;
     if let Some(router) = &router {
         // Nothing has been started yet: the robot stays where it is.
-        router.self_test()?;
+        refusals::unlogged(|| router.self_test())?;
+        tracing::info!("strangers are kept out of the network");
     }
     let endpoints = router.as_ref().map(|router| router.endpoints().to_vec()).unwrap_or_default();
     if !endpoints.is_empty() {
@@ -316,6 +321,7 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
             return Ok(Outcome::Signal(signal));
         }
         let (now, view) = (Instant::now(), watch.view());
+        refusals::tell(now);
         if saboteur.is_none() && view.plan().is_some() && !faults.process.is_empty() {
             let period = Duration::from_nanos(period_nanos);
             let begun = Saboteur::begin(&faults.process, faults.seed, period, fleet.roster(), &voyage.folder);
@@ -398,6 +404,7 @@ fn open_log(folder: &Path, filter: &str) -> Result<(), LaunchError> {
     let file = File::options().create(true).append(true).open(folder.join("coxswain.log")).map_err(failed)?;
     let filter = EnvFilter::try_new(filter).map_err(|error| failed(io::Error::other(error)))?;
     // A second run in one process, as in a test, keeps to the log of the first.
-    let _ = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(false).with_writer(Mutex::new(file)).try_init();
+    let lines = tracing_subscriber::fmt::layer().with_ansi(false).with_writer(Mutex::new(file));
+    let _ = tracing_subscriber::registry().with(lines.with_filter(filter.and(Refusals))).try_init();
     Ok(())
 }

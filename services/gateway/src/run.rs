@@ -4,6 +4,7 @@ use crate::berth;
 use crate::lane::{HealthLane, Lane};
 use crate::page::{Feed, Page, PageError};
 use crate::settings::{Rates, Settings};
+use process::refusals;
 use process::wishes::Answers;
 use process::{Pulse, Stop};
 use protocol::message::{ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth};
@@ -56,6 +57,7 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
         }
         relay.count(&mut pulse);
         pulse.beat();
+        refusals::tell(Instant::now());
         // Whatever comes meanwhile is looked at together.
         thread::sleep(breath);
     }

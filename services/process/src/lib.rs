@@ -11,11 +11,13 @@
 //! | `scheduling` | [`Scheduling`]: processors, locked memory and priority, as a person sets them |
 //! | `witness` | [`Witness`]: when the machine let nobody run                                 |
 //! | `seat`  | [`Seat`]: a thread held on its processor                                       |
+//! | [`refusals`] | strangers who are turned away at the network ▶ a few lines in the log       |
 //! | [`wishes`] | a person ▶ a running process: changes to its settings                       |
 
 mod owner;
 mod priority;
 mod pulse;
+pub mod refusals;
 mod run;
 mod scheduling;
 mod seat;

@@ -1,0 +1,163 @@
+//! Strangers who are turned away at the network → one line in the log for each reason, and then one every so often with how many there were.
+//!
+//! zenoh says so once for each of them, which is as often as they like.
+
+use std::collections::BTreeMap;
+use std::fmt::{Debug, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tracing::field::{Field, Visit};
+use tracing::{Event, Level, Metadata};
+use tracing_subscriber::layer::{Context, Filter};
+
+/// Pause between two lines for the same reason.
+const PAUSE: Duration = Duration::from_secs(10);
+
+/// Reasons that are told apart.
+const REASONS_MAX: usize = 16;
+
+/// What zenoh says behind a reason, of other causes.
+const HINT: &str = ". Hint:";
+
+static BOOK: Mutex<Book> = Mutex::new(Book(BTreeMap::new()));
+/// Whether this process itself plays the stranger.
+static PLAYED: AtomicBool = AtomicBool::new(false);
+
+/// Reason → how often it was given.
+#[derive(Debug)]
+struct Book(BTreeMap<String, Refused>);
+
+#[derive(Debug, Default)]
+struct Refused {
+    /// Since it was last told.
+    untold: u64,
+    told: Option<Instant>,
+}
+
+/// Takes zenoh's words about strangers out of a log, to be told by [`tell`].
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Refusals;
+
+impl<S> Filter<S> for Refusals {
+    fn enabled(&self, _metadata: &Metadata<'_>, _context: &Context<'_, S>) -> bool {
+        true
+    }
+
+    fn event_enabled(&self, event: &Event<'_>, _context: &Context<'_, S>) -> bool {
+        let metadata = event.metadata();
+        if PLAYED.load(Ordering::Relaxed) && metadata.target().starts_with("zenoh") {
+            return false;
+        }
+        if !is_refusal(metadata) {
+            return true;
+        }
+        let mut message = Message::default();
+        event.record(&mut message);
+        book().note(reason(metadata.target(), &message.0));
+        false
+    }
+}
+
+/// Logs who has been turned away since it was last told, each reason at once and then every ten seconds at most. To be called again and again.
+pub fn tell(now: Instant) {
+    let due = book().due(now);
+    for (reason, count) in due {
+        tracing::warn!(count, "turned away at the network: {reason}");
+    }
+}
+
+/// Plays a stranger, of whom nothing is logged.
+pub fn unlogged<T>(play: impl FnOnce() -> T) -> T {
+    PLAYED.store(true, Ordering::Relaxed);
+    let played = play();
+    PLAYED.store(false, Ordering::Relaxed);
+    played
+}
+
+fn book() -> MutexGuard<'static, Book> {
+    BOOK.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn is_refusal(metadata: &Metadata<'_>) -> bool {
+    let target = metadata.target();
+    match *metadata.level() {
+        Level::WARN => target.starts_with("zenoh_link_tls"),
+        Level::ERROR => target.starts_with("zenoh_transport::unicast::establishment::accept"),
+        Level::INFO => target.ends_with("interceptor::access_control"),
+        _ => false,
+    }
+}
+
+/// The same for all whom the same befalls.
+fn reason(target: &str, message: &str) -> String {
+    if target.ends_with("access_control") {
+        return "a certificate of no role here".to_owned();
+    }
+    let short = message.split(HINT).next().unwrap_or(message);
+    let short = short.split(" at /").next().unwrap_or(short);
+    short.chars().take(200).collect()
+}
+
+impl Book {
+    fn note(&mut self, reason: String) {
+        let reason = if self.0.len() < REASONS_MAX || self.0.contains_key(&reason) { reason } else { "other reasons".to_owned() };
+        self.0.entry(reason).or_default().untold += 1;
+    }
+
+    fn due(&mut self, now: Instant) -> Vec<(String, u64)> {
+        let is_due = |refused: &Refused| refused.untold > 0 && refused.told.is_none_or(|told| now.saturating_duration_since(told) >= PAUSE);
+        let due = self.0.iter_mut().filter(|(_, refused)| is_due(refused));
+        due.map(|(reason, refused)| {
+            refused.told = Some(now);
+            (reason.clone(), std::mem::take(&mut refused.untold))
+        })
+        .collect()
+    }
+}
+
+/// The text of an event.
+#[derive(Default)]
+struct Message(String);
+
+impl Visit for Message {
+    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
+        if field.name() == "message" {
+            // Into a text it never fails.
+            let _ = write!(self.0, "{value:?}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flood_of_strangers_is_a_line_every_ten_seconds() {
+        let (mut book, begin) = (Book(BTreeMap::new()), Instant::now());
+        let mut told = Vec::new();
+        for hundredth in 0..2_500 {
+            book.note("no certificate".into());
+            told.extend(book.due(begin + Duration::from_millis(10 * hundredth)));
+        }
+        let counts: Vec<u64> = told.iter().map(|(_, count)| *count).collect();
+        assert_eq!(counts, [1, 1000, 1000]);
+        assert_eq!(book.due(begin + Duration::from_secs(60)), [("no certificate".to_owned(), 499)]);
+        assert_eq!(book.due(begin + Duration::from_secs(90)), []);
+    }
+
+    #[test]
+    fn strangers_cannot_make_the_log_remember_without_end() {
+        let mut book = Book(BTreeMap::new());
+        (0..1000).for_each(|number| book.note(format!("reason {number}")));
+        assert_eq!(book.0.len(), REASONS_MAX + 1);
+    }
+
+    #[test]
+    fn a_reason_is_told_without_what_zenoh_guesses_and_where_it_was_built() {
+        assert_eq!(reason("zenoh_link_tls::unicast", "peer sent no certificates. Hint: increase it."), "peer sent no certificates");
+        assert_eq!(reason("zenoh_transport::x", "Max transports reached at /home/x.rs:1."), "Max transports reached");
+        assert_eq!(reason("zenoh::net::access_control", "7f did not match any"), "a certificate of no role here");
+    }
+}
