@@ -1,5 +1,7 @@
 //! Promise: on a network with certificates exactly those take part who should, and nobody else moves the robot.
 
+#[path = "attacks/driven.rs"]
+mod driven;
 #[path = "attacks/matrix.rs"]
 mod matrix;
 #[path = "attacks/self_test.rs"]

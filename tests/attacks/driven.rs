@@ -1,0 +1,211 @@
+//! Attacks on a robot that drives: recorded and forged commands in the controller's own role, and floods at the door.
+
+use crate::session::{Certificates, Shows, connect};
+use promises::{Launched, Message, Outcome, Record};
+use protocol::access::Role;
+use protocol::message::Command;
+use protocol::wire;
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::io::Write;
+use std::net::TcpStream;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::Duration;
+use zenoh::sample::Sample;
+use zenoh::{Session, Wait};
+
+type Failure = Box<dyn Error>;
+
+fn failed(error: zenoh::Error) -> Failure {
+    error.to_string().into()
+}
+
+/// A launch of every link over the network, where it is to be met, and how its graph is called there.
+fn launched(certificates: &Certificates, options: &[&str]) -> Result<(Launched, String, String), Failure> {
+    let folder = certificates.folder();
+    let own = ["--certificates", folder.to_str().ok_or("no text")?];
+    let options: Vec<&str> = own.iter().chain(options).copied().collect();
+    let launched = Launched::graph("network", &options)?;
+    let (endpoint, graph) = (launched.told("controller", "connect")?, launched.graph_name()?);
+    launched.wait_for_log("controller", "answering a plant", 1)?;
+    Ok((launched, endpoint, graph))
+}
+
+/// A command that was heard, with its number on the link and its key.
+type Stolen = (Command, Option<Vec<u8>>, String);
+
+/// How the genuine commands are made false.
+const FORGERIES: [(&str, fn(&mut Command)); 6] = [
+    ("again, word for word", |_| {}),
+    ("by another writer", |command| {
+        command.stamp.writer ^= 0x5eed;
+        command.stamp.sequence += 1_000_000;
+    }),
+    ("of a lower epoch", |command| {
+        command.stamp.writer ^= 0x5eed;
+        command.stamp.epoch = command.stamp.epoch.saturating_sub(1);
+        command.stamp.sequence += 1_000_000;
+    }),
+    ("to another plant", |command| {
+        command.stamp.writer ^= 0x5eed;
+        command.stamp.epoch += 1;
+        command.plant_epoch = command.plant_epoch.wrapping_sub(1);
+    }),
+    ("to a state that is to come", |command| {
+        command.stamp.writer ^= 0x5eed;
+        command.stamp.epoch += 1;
+        command.stamp.tick += 1_000;
+    }),
+    ("of a greater epoch, late", |command| {
+        command.stamp.writer ^= 0x5eed;
+        command.stamp.epoch += 1;
+        command.stamp.tick = command.stamp.tick.saturating_sub(4);
+    }),
+];
+
+/// Whose command acted, by writer; 0 is nobody's.
+fn acted(record: &Record) -> BTreeMap<u64, usize> {
+    let mut acted = BTreeMap::new();
+    record.of("truth").for_each(|truth| *acted.entry(truth.count("acting_writer")).or_default() += 1);
+    acted
+}
+
+/// Who is the launch's own controller.
+fn genuine(record: &Record) -> Result<u64, Failure> {
+    Ok(record.of("plan").next().ok_or("no plan")?.stamp("writer"))
+}
+
+#[test]
+fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificate_ever_acts() -> Outcome {
+    let certificates = Certificates::new()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "15"])?;
+    let open = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
+    // Only the recorder hears commands, and only the controller says them: this one has stolen both certificates.
+    let (thief, forger) = (open(Role::Recorder)?, open(Role::Controller)?);
+    let stolen: Arc<Mutex<BTreeMap<u64, Stolen>>> = Arc::default();
+    let hear = {
+        let stolen = Arc::clone(&stolen);
+        move |sample: Sample| {
+            let key = sample.key_expr().as_str().to_owned();
+            let number = sample.attachment().map(|number| number.to_bytes().to_vec());
+            if let Ok(command) = wire::decode::<Command>(&sample.payload().to_bytes()) {
+                let mut stolen = stolen.lock().unwrap_or_else(PoisonError::into_inner);
+                // The first was said before anything was forged, and each of them is heard before it is said again.
+                if stolen.values().next().is_none_or(|first| first.0.stamp.writer == command.stamp.writer) {
+                    stolen.entry(command.stamp.sequence).or_insert((command, number, key));
+                }
+            }
+        }
+    };
+    let data = format!("coxswain-link/{graph}/command/data");
+    let _thief = thief.declare_subscriber(format!("{data}/*")).callback(hear).wait().map_err(failed)?;
+    let mut said = 0_usize;
+    launched.wait_until("a hundred commands", || {
+        let known: Vec<Stolen> = stolen.lock().unwrap_or_else(PoisonError::into_inner).values().cloned().collect();
+        // The newest at once, and some that are long known.
+        for (command, number, key) in known.iter().rev().take(3).chain(known.iter().step_by(7)) {
+            for (_, forge) in FORGERIES {
+                said += forged(&forger, *command, number.as_deref(), key, forge).unwrap_or(0);
+            }
+        }
+        thread::sleep(Duration::from_millis(20));
+        known.len() > 100
+    })?;
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let record = Record::read(&home.path().join("run"))?;
+    let (acted, genuine) = (acted(&record), genuine(&record)?);
+    let theirs: usize = acted.iter().filter(|(writer, _)| ![0, genuine].contains(writer)).map(|(_, periods)| periods).sum();
+    let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
+    record.of("state").for_each(|state: &Message| *reasons.entry(state.word("reason")).or_default() += 1);
+    let refused = record.of("state").next_back().map_or(0, |state| state.count("refused"));
+    eprintln!("commands: {said} said again or forged in 6 ways, {theirs} acted, {refused} refused by the gate: {reasons:?}");
+    assert!(said > 1_000, "only {said} were said");
+    assert_eq!(theirs, 0, "{acted:?}");
+    assert!(refused > 0, "{reasons:?}");
+    assert!(acted.get(&genuine).is_some_and(|periods| *periods > 50), "the robot was driven by its own controller: {acted:?}");
+    Ok(())
+}
+
+/// Says one command in a false way, under the key of the forger and under that of whom it is stolen from.
+fn forged(forger: &Session, mut command: Command, number: Option<&[u8]>, key: &str, forge: fn(&mut Command)) -> Result<usize, Failure> {
+    forge(&mut command);
+    let mut out = Vec::new();
+    wire::encode(&command, &mut out);
+    let own = key.rsplit_once('/').map_or(key, |(data, _)| data).to_owned() + "/forger";
+    forger.put(own, out.clone()).wait().map_err(failed)?;
+    let put = forger.put(key, out);
+    match number {
+        Some(number) => put.attachment(number).wait().map_err(failed)?,
+        None => put.wait().map_err(failed)?,
+    }
+    Ok(2)
+}
+
+/// Time from a state to its command [ns], the middle one of those plans.
+fn middle(plans: &[&Message]) -> u64 {
+    let mut nanos: Vec<u64> = plans.iter().map(|plan| plan.count("tick_nanos")).collect();
+    nanos.sort_unstable();
+    nanos.get(nanos.len() / 2).copied().unwrap_or(0)
+}
+
+#[test]
+fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> Outcome {
+    let certificates = Certificates::new()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "16"])?;
+    let address = endpoint.split_once('/').ok_or("no endpoint")?.1.to_owned();
+    let quiet = std::time::Instant::now();
+    let driven = |seconds: u64| quiet.elapsed() >= Duration::from_secs(seconds);
+    launched.wait_until("half of the drive", || driven(7))?;
+    let open = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
+    let (watcher, gateway) = (open(Role::Watcher)?, open(Role::Gateway)?);
+    let (mut held, mut counts) = (Vec::new(), [0_usize; 3]);
+    let base = format!("coxswain-link/{graph}");
+    let long = vec![0_u8; 8 * 1024 * 1024];
+    launched.wait_until("the other half", || {
+        for _ in 0..20 {
+            if let Ok(mut stream) = TcpStream::connect(&address) {
+                let _ = stream.write_all(b"let me in");
+                counts[0] += 1;
+                if held.len() < 200 {
+                    held.push(stream);
+                }
+            }
+        }
+        for _ in 0..100 {
+            let key = format!("{base}/command/data/{}", counts[1]);
+            counts[1] += usize::from(watcher.declare_subscriber(key).callback(drop).background().wait().is_ok());
+        }
+        counts[2] += usize::from(gateway.put(format!("{base}/health/data/flood"), long.clone()).wait().is_ok());
+        driven(13)
+    })?;
+    let log = std::fs::read_to_string(launched.folder().join("coxswain.log"))?;
+    drop((watcher, gateway, held));
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let record = Record::read(&home.path().join("run"))?;
+    assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(160));
+    let genuine = genuine(&record)?;
+    assert!(acted(&record).keys().all(|writer| [0, genuine].contains(writer)));
+    let long_messages = record.of("health").filter(|health| health.word("participant") == "?").count();
+    assert_eq!(long_messages, 0);
+    let plans: Vec<&Message> = record.of("plan").collect();
+    let (before, during) = (plans.get(10..60).unwrap_or_default(), plans.get(80..125).unwrap_or_default());
+    let [connections, subscriptions, fragments] = counts;
+    let fresh = record.of("state").skip(80).take(45).filter(|state| state.word("rung") == "fresh plan").count();
+    let (before, during) = (middle(before), middle(during));
+    eprintln!(
+        "floods: {connections} connections, {subscriptions} subscriptions, {fragments} messages of 8 MiB; control tick p50 {} us before, {} us \
+         during, ratio {:.2}; {fresh} of 45 periods on fresh plans",
+        before / 1000,
+        during / 1000,
+        during as f64 / before as f64
+    );
+    let lines = log.lines().filter(|line| line.contains("turned away at the network")).count();
+    assert!(lines >= 1, "nothing is told of {connections} strangers:\n{log}");
+    assert!(lines <= 3 * 16, "{lines} lines for {connections} strangers");
+    assert!(!log.contains("zenoh_link_tls"), "{log}");
+    assert!(connections > 100 && subscriptions > 100 && fragments > 0, "{counts:?}");
+    Ok(())
+}
