@@ -79,6 +79,7 @@ impl Role {
     }
 
     /// Topics that it reads.
+    #[expect(clippy::match_same_arms, reason = "a table, one row per role")]
     pub const fn hears(self) -> &'static [Topic] {
         use Topic::{Command, Credit, Health, Plan, Residual, Snapshot, State, Truth};
         match self {

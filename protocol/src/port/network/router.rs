@@ -70,7 +70,7 @@ impl Router {
     /// # Errors
     /// [`OpenError::Router`] if it cannot listen, or an endpoint is not one.
     pub fn open(listen: &[String], connect: &[String]) -> Result<Self, OpenError> {
-        Self::begin(listen.to_vec(), connect.to_vec(), None)
+        Self::begin(listen, connect.to_vec(), None)
     }
 
     /// The same over TLS, for those alone whose certificate is of the same robot and authority; each may do what its role in the graph called
@@ -81,11 +81,11 @@ impl Router {
     pub fn guarded(listen: &[String], connect: &[String], graph: &str, credentials: &Credentials) -> Result<Self, OpenError> {
         let failed = |reason| OpenError::Router { endpoints: listen.join(", "), reason };
         let guard = Guard::new(credentials, graph).map_err(|error| failed(error.to_string()))?;
-        let over_tls = |endpoints: &[String]| endpoints.iter().map(|endpoint| over_tls(endpoint)).collect();
-        Self::begin(over_tls(listen), over_tls(connect), Some(guard))
+        let over_tls = |endpoints: &[String]| -> Vec<String> { endpoints.iter().map(|endpoint| over_tls(endpoint)).collect() };
+        Self::begin(&over_tls(listen), over_tls(connect), Some(guard))
     }
 
-    fn begin(listen: Vec<String>, connect: Vec<String>, guard: Option<Guard>) -> Result<Self, OpenError> {
+    fn begin(listen: &[String], connect: Vec<String>, guard: Option<Guard>) -> Result<Self, OpenError> {
         let draws = listen.iter().any(|endpoint| endpoint.ends_with(":0"));
         let (signs, told) = channel();
         let mut attempt = 1;

@@ -99,7 +99,7 @@ pub fn self_test(endpoint: &str, graph: &str, credentials: &Credentials) -> Resu
     }
     let role = guard.credentials.read().map_err(|error: AccessError| unknown(error.to_string()))?.role;
     let open = || {
-        let opened = config::client(&[tls.clone()], ATTEMPT_MILLIS, Some(guard)).and_then(|config| zenoh::open(config).wait());
+        let opened = config::client(std::slice::from_ref(&tls), ATTEMPT_MILLIS, Some(guard)).and_then(|config| zenoh::open(config).wait());
         opened.map_err(|error| unknown(first_line(&error)))
     };
     let arrived = as_another(&open()?, &open()?, &guard.graph, role).map_err(|error| unknown(first_line(&error)))?;
