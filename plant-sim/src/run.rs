@@ -5,12 +5,13 @@
 
 use crate::robot::{Robot, SLICE_NANOS};
 use crate::settings::Settings;
+use process::refusals::Book;
 use process::{Pace, Pulse, Stop, step_back};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, Credit, Participant, Phase, PlantState, Rung, Truth};
 use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 use protocol::topic::Topic;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How long a wait in lock step lasts before stop signals are looked at.
 const PATIENCE: Duration = Duration::from_millis(20);
@@ -48,6 +49,7 @@ pub fn run(settings: &Settings, ports: &Ports, identity: Identity, stop: &Stop) 
         Pace::LockStep => plant.run_lock_step(stop)?,
     }
     plant.report();
+    plant.refused.rest().iter().for_each(tell);
     plant.pulse.phase(Phase::Finished);
     step_back();
     Ok(())
@@ -92,6 +94,8 @@ struct Plant<'a> {
     pulse: Pulse,
     /// Malformed commands that the gate has been told of.
     malformed: u64,
+    /// Commands that were refused for other reasons.
+    refused: Book,
     epoch: u64,
     driven: bool,
 }
@@ -110,6 +114,7 @@ impl<'a> Plant<'a> {
             credits: ports.source(Since::Joining)?,
             pulse: Pulse::new(ports, Participant::Plant)?.exposed(settings.run.exposure),
             malformed: 0,
+            refused: Book::new(),
             epoch: identity.epoch,
             driven: false,
         })
@@ -221,9 +226,7 @@ impl<'a> Plant<'a> {
                 self.pulse.phase(Phase::Running);
             }
             Ok(()) => {}
-            Err(reason) => {
-                tracing::warn!(tick = command.stamp.tick, epoch = command.stamp.epoch, %reason, "command refused");
-            }
+            Err(reason) => self.refused.note(reason.to_string()),
         }
     }
 
@@ -243,7 +246,13 @@ impl<'a> Plant<'a> {
         self.pulse.count_sink(&self.states);
         self.pulse.count_sink(&self.truths);
         self.pulse.beat();
+        self.refused.due(Instant::now()).iter().for_each(tell);
     }
+}
+
+/// Logs how many commands were refused for a reason.
+fn tell((reason, count): &(String, u64)) {
+    tracing::warn!(count, "commands refused: {reason}");
 }
 
 #[cfg(test)]

@@ -1,6 +1,5 @@
-//! Strangers who are turned away at the network → one line in the log for each reason, and then one every so often with how many there were.
-//!
-//! zenoh says so once for each of them, which is as often as they like.
+//! Who or what is turned away → one line in the log for each reason, and then one every so often with how many there were: of strangers at the network
+//! zenoh says so once for each of them, and of commands there are as many as somebody likes to send.
 
 use std::collections::BTreeMap;
 use std::fmt::{Debug, Write};
@@ -20,13 +19,13 @@ const REASONS_MAX: usize = 16;
 /// What zenoh says behind a reason, of other causes.
 const HINT: &str = ". Hint:";
 
-static BOOK: Mutex<Book> = Mutex::new(Book(BTreeMap::new()));
+static BOOK: Mutex<Book> = Mutex::new(Book::new());
 /// Whether this process itself plays the stranger.
 static PLAYED: AtomicBool = AtomicBool::new(false);
 
-/// Reason → how often it was given.
-#[derive(Debug)]
-struct Book(BTreeMap<String, Refused>);
+/// Reason → how often it was given, and when that was told last.
+#[derive(Debug, Default)]
+pub struct Book(BTreeMap<String, Refused>);
 
 #[derive(Debug, Default)]
 struct Refused {
@@ -100,13 +99,29 @@ fn reason(target: &str, message: &str) -> String {
 }
 
 impl Book {
-    fn note(&mut self, reason: String) {
+    /// With nothing in it.
+    pub const fn new() -> Self {
+        Self(BTreeMap::new())
+    }
+
+    /// One more for this reason. Beyond sixteen reasons no more are told apart.
+    pub fn note(&mut self, reason: String) {
         let reason = if self.0.len() < REASONS_MAX || self.0.contains_key(&reason) { reason } else { "other reasons".to_owned() };
         self.0.entry(reason).or_default().untold += 1;
     }
 
-    fn due(&mut self, now: Instant) -> Vec<(String, u64)> {
-        let is_due = |refused: &Refused| refused.untold > 0 && refused.told.is_none_or(|told| now.saturating_duration_since(told) >= PAUSE);
+    /// The reasons that are to be told now, with how many there were since they were told last: each at once, and then every ten seconds at most.
+    pub fn due(&mut self, now: Instant) -> Vec<(String, u64)> {
+        self.take(now, |refused| refused.told.is_none_or(|told| now.saturating_duration_since(told) >= PAUSE))
+    }
+
+    /// All that have not been told, whenever the last time was: at the end.
+    pub fn rest(&mut self) -> Vec<(String, u64)> {
+        self.take(Instant::now(), |_| true)
+    }
+
+    fn take(&mut self, now: Instant, is_time: impl Fn(&Refused) -> bool) -> Vec<(String, u64)> {
+        let is_due = |refused: &Refused| refused.untold > 0 && is_time(refused);
         let due = self.0.iter_mut().filter(|(_, refused)| is_due(refused));
         due.map(|(reason, refused)| {
             refused.told = Some(now);
@@ -135,7 +150,7 @@ mod tests {
 
     #[test]
     fn a_flood_of_strangers_is_a_line_every_ten_seconds() {
-        let (mut book, begin) = (Book(BTreeMap::new()), Instant::now());
+        let (mut book, begin) = (Book::new(), Instant::now());
         let mut told = Vec::new();
         for hundredth in 0..2_500 {
             book.note("no certificate".into());
@@ -145,11 +160,13 @@ mod tests {
         assert_eq!(counts, [1, 1000, 1000]);
         assert_eq!(book.due(begin + Duration::from_secs(60)), [("no certificate".to_owned(), 499)]);
         assert_eq!(book.due(begin + Duration::from_secs(90)), []);
+        book.note("no certificate".into());
+        assert_eq!((book.due(begin + Duration::from_secs(61)), book.rest().len(), book.rest().len()), (Vec::new(), 1, 0));
     }
 
     #[test]
     fn strangers_cannot_make_the_log_remember_without_end() {
-        let mut book = Book(BTreeMap::new());
+        let mut book = Book::new();
         (0..1000).for_each(|number| book.note(format!("reason {number}")));
         assert_eq!(book.0.len(), REASONS_MAX + 1);
     }
