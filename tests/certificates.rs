@@ -141,6 +141,9 @@ fn certificates_that_will_not_do_are_refused_before_anything_starts() -> Outcome
     };
     let missing = refusal(&folder.path().join("none"), "network", &[])?;
     assert!(missing.contains("certificates.folder") && missing.contains("robot-host/certificate.pem"), "{missing}");
+    let output = launch_command(&graph_file("network"), &folder.path().join("run"), &["--listen", "tls/127.0.0.1:0"])?.output()?;
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && told.contains("network.listen = \"tls/127.0.0.1:0\": expected certificates"), "{told}");
     let address = refusal(&given, "plant-host", &["--listen", "tcp/10.98.0.1:7447"])?;
     assert!(address.contains("--address 10.98.0.1") && address.contains("network.listen"), "{address}");
     let swapped = folder.path().join("swapped");

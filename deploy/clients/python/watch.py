@@ -1,4 +1,7 @@
-"""Prints what a robot does: watch.py tcp/127.0.0.1:7448 [robot]. Needs the public package eclipse-zenoh."""
+"""Prints what a robot does: watch.py tcp/127.0.0.1:7448 [robot [FOLDER]]. Needs the public package eclipse-zenoh.
+
+FOLDER holds a watcher's certificate, for a robot that asks for one: the endpoint is then tls/127.0.0.1:7448.
+"""
 import json
 import signal
 import sys
@@ -11,6 +14,11 @@ config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
 config.insert_json5("scouting/multicast/enabled", "false")
 config.insert_json5("transport/shared_memory/enabled", "false")  # else a killed client leaves a file in /dev/shm
 robot = sys.argv[2] if len(sys.argv) > 2 else "*"
+if len(sys.argv) > 3:
+    files = {"root_ca_certificate": "authority", "connect_certificate": "certificate", "connect_private_key": "key"}
+    for key, file in files.items():
+        config.insert_json5(f"transport/link/tls/{key}", json.dumps(f"{sys.argv[3]}/{file}.pem"))
+    config.insert_json5("transport/link/tls/enable_mtls", "true")
 with zenoh.open(config) as session, session.declare_subscriber(f"coxswain/{robot}/state/json") as states:
     for sample in states:
         state = json.loads(sample.payload.to_string())

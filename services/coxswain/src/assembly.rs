@@ -91,6 +91,17 @@ impl Assembly {
         let folder = folder.or_else(|| graph.certificates.as_ref().map(|table| from(&options.graph, &table.folder)));
         let certificates = folder.map(|folder| certificates_in(&folder, options, &graph)).transpose()?;
         let exposed = exposed(&graph, certificates.is_some());
+        if certificates.is_none()
+            && let Some((key, endpoint)) = over_tls(&graph)
+        {
+            return Err(SettingsError::Value {
+                file: options.graph.clone(),
+                line: None,
+                key: key.into(),
+                value: Some(format!("\"{endpoint}\"")),
+                expected: "certificates, as `deploy/certificates` makes them: [certificates] folder, or --certificates".into(),
+            });
+        }
         if let Some(Exposed { key, address }) = exposed.first().filter(|_| !options.insecure) {
             let expected =
                 "an address of this machine alone, such as 127.0.0.1, certificates as `deploy/certificates` makes them, or --insecure in words: nothing keeps strangers out there".to_owned();
@@ -233,6 +244,16 @@ impl Assembly {
         let snapshot_faults = self.faults.of_snapshots();
         learner::Settings { run, robot: self.robot, learner: self.scenario.learner.clone(), snapshot_faults }
     }
+}
+
+/// The first endpoint that certificates are needed for, and where the graph file says it.
+fn over_tls(graph: &Graph) -> Option<(&'static str, &String)> {
+    let lists = [
+        ("network.listen", &graph.network.listen),
+        ("network.connect", &graph.network.connect),
+        ("telemetry.listen", &graph.telemetry.listen),
+    ];
+    lists.into_iter().find_map(|(key, endpoints)| Some((key, endpoints.iter().find(|endpoint| endpoint.starts_with("tls/"))?)))
 }
 
 /// The certificates in `folder`, if a launch of `graph` can use them.
