@@ -1,12 +1,11 @@
 //! Attacks on a robot that drives: recorded and forged commands in the controller's own role, and floods at the door.
 
-use crate::session::{Certificates, Shows, connect};
+use crate::session::{Certificates, Failure, Shows, connect, failed, print};
 use promises::{Launched, Message, Outcome, Record};
 use protocol::access::Role;
 use protocol::message::Command;
 use protocol::wire;
 use std::collections::BTreeMap;
-use std::error::Error;
 use std::io::Write;
 use std::net::TcpStream;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,12 +13,6 @@ use std::thread;
 use std::time::Duration;
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
-
-type Failure = Box<dyn Error>;
-
-fn failed(error: zenoh::Error) -> Failure {
-    error.to_string().into()
-}
 
 /// A launch of every link over the network, where it is to be met, and how its graph is called there.
 fn launched(certificates: &Certificates, options: &[&str]) -> Result<(Launched, String, String), Failure> {
@@ -35,8 +28,11 @@ fn launched(certificates: &Certificates, options: &[&str]) -> Result<(Launched, 
 /// A command that was heard, with its number on the link and its key.
 type Stolen = (Command, Option<Vec<u8>>, String);
 
-/// How the genuine commands are made false.
-const FORGERIES: [(&str, fn(&mut Command)); 6] = [
+/// A way of making a genuine command false.
+type Forgery = (&'static str, fn(&mut Command));
+
+/// All of them.
+const FORGERIES: [Forgery; 6] = [
     ("again, word for word", |_| {}),
     ("by another writer", |command| {
         command.stamp.writer ^= 0x5eed;
@@ -120,7 +116,7 @@ fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificat
     let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
     record.of("state").for_each(|state: &Message| *reasons.entry(state.word("reason")).or_default() += 1);
     let refused = record.of("state").next_back().map_or(0, |state| state.count("refused"));
-    eprintln!("commands: {said} said again or forged in 6 ways, {theirs} acted, {refused} refused by the gate: {reasons:?}");
+    print(format_args!("commands: {said} said again or forged in 6 ways, {theirs} acted, {refused} refused by the gate: {reasons:?}"));
     assert!(said > 1_000, "only {said} were said");
     assert_eq!(theirs, 0, "{acted:?}");
     assert!(refused > 0, "{reasons:?}");
@@ -195,13 +191,13 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
     let [connections, subscriptions, fragments] = counts;
     let fresh = record.of("state").skip(80).take(45).filter(|state| state.word("rung") == "fresh plan").count();
     let (before, during) = (middle(before), middle(during));
-    eprintln!(
+    print(format_args!(
         "floods: {connections} connections, {subscriptions} subscriptions, {fragments} messages of 8 MiB; control tick p50 {} us before, {} us \
          during, ratio {:.2}; {fresh} of 45 periods on fresh plans",
         before / 1000,
         during / 1000,
         during as f64 / before as f64
-    );
+    ));
     let lines = log.lines().filter(|line| line.contains("turned away at the network")).count();
     assert!(lines >= 1, "nothing is told of {connections} strangers:\n{log}");
     assert!(lines <= 3 * 16, "{lines} lines for {connections} strangers");

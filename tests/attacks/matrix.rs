@@ -1,13 +1,12 @@
 //! Every role × every topic × everything that zenoh lets a client do, each judged where it would arrive.
 
-use crate::session::{Certificates, Shows, connect};
+use crate::session::{Certificates, Failure, Shows, connect, failed, print};
 use promises::Outcome;
 use protocol::VERSION;
 use protocol::access::Role;
 use protocol::port::Router;
 use protocol::topic::Topic;
 use std::collections::BTreeSet;
-use std::error::Error;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -122,12 +121,6 @@ fn base(topic: Topic) -> String {
 
 fn token(topic: Topic, end: &str, id: &str) -> String {
     format!("{}/{end}/{VERSION}/{}/newest-wins/{id}", base(topic), topic.message())
-}
-
-type Failure = Box<dyn Error>;
-
-fn failed(error: zenoh::Error) -> Failure {
-    error.to_string().into()
 }
 
 /// What somebody has declared.
@@ -342,7 +335,7 @@ fn every_role_does_exactly_what_it_may_on_every_key() -> Outcome {
     let arrived = tried(&open, &allowed)?;
     let forbidden: Vec<&Cell> = arrived.difference(&allowed).collect();
     let missing: Vec<&Cell> = allowed.difference(&arrived).collect();
-    eprintln!("links: {} cells, {} allowed, {} arrived", cells().count(), allowed.len(), arrived.len());
+    print(format_args!("links: {} cells, {} allowed, {} arrived", cells().count(), allowed.len(), arrived.len()));
     assert!(forbidden.is_empty(), "arrived although they must not: {forbidden:?}");
     assert!(missing.is_empty(), "did not arrive although they may: {missing:?}");
     Ok(())

@@ -4,11 +4,16 @@ use coxswain::certificates::issue::{Order, issue};
 use protocol::access::{AUTHORITY_FILE, CERTIFICATE_FILE, Credentials, KEY_FILE, Role};
 use serde_json::{Value, json};
 use std::error::Error;
+use std::fmt::Display;
+use std::io::{self, Write};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 use tempfile::TempDir;
 use zenoh::{Config, Session, Wait};
+
+/// Why something could not be tried.
+pub(crate) type Failure = Box<dyn Error>;
 
 /// The robot that all certificates are of unless it is said.
 pub(crate) const ROBOT: &str = "mecanum";
@@ -125,4 +130,16 @@ fn tls(credentials: &Credentials, with_certificate: bool) -> Vec<(&'static str, 
         settings.push(("transport/link/tls/connect_certificate", file(CERTIFICATE_FILE)));
     }
     settings
+}
+
+/// zenoh's own kind of error, of which it gives no other.
+#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
+pub(crate) fn failed(error: zenoh::Error) -> Failure {
+    error.to_string().into()
+}
+
+/// Prints what was counted.
+pub(crate) fn print(counted: impl Display) {
+    // Nobody may be there to read it.
+    let _ = writeln!(io::stderr().lock(), "{counted}");
 }

@@ -1,6 +1,6 @@
 //! Strangers at both doors, the router of the links and the gateway's telemetry: what they say is heard by nobody, and they hear nothing.
 
-use crate::session::{Certificates, HOUR_S, ROBOT, Shows, connect, of};
+use crate::session::{Certificates, Failure, HOUR_S, ROBOT, Shows, connect, failed, of, print};
 use bytemuck::Zeroable;
 use promises::{Outcome, wait_until};
 use protocol::VERSION;
@@ -10,7 +10,6 @@ use protocol::port::Router;
 use protocol::telemetry::{Publisher, TelemetrySettings};
 use protocol::topic::Topic;
 use std::collections::BTreeSet;
-use std::error::Error;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
@@ -21,12 +20,6 @@ use zenoh::{Session, Wait};
 const GRACE: Duration = Duration::from_secs(1);
 /// How often a stranger says everything.
 const ROUNDS: usize = 3;
-
-type Failure = Box<dyn Error>;
-
-fn failed(error: zenoh::Error) -> Failure {
-    error.to_string().into()
-}
 
 /// Everybody who should not get in, by name.
 fn strangers(certificates: &Certificates) -> Result<Vec<(&'static str, Shows)>, Failure> {
@@ -122,7 +115,7 @@ fn no_stranger_says_or_hears_anything_on_a_link() -> Outcome {
         assert_eq!(stolen.heard(), BTreeSet::new(), "{name}");
     }
     let names: Vec<&str> = let_in.iter().map(|(name, ..)| *name).collect();
-    eprintln!("strangers at the links: {} cells, 0 allowed, 0 arrived; a session, in which nothing passes: {names:?}", 6 * 8 * 4);
+    print(format_args!("strangers at the links: {} cells, 0 allowed, 0 arrived; a session, in which nothing passes: {names:?}", 6 * 8 * 4));
     assert!(names.iter().all(|name| *name == "certificate of another robot"), "{names:?}");
     Ok(())
 }
@@ -165,7 +158,7 @@ fn at_the_gateway(publisher: &mut Publisher, tries: &[Try], witness: &Session) -
         let book = Arc::clone(&book);
         let key = key.clone();
         let hear = move |sample: Sample| {
-            let said = sample.payload().try_to_string().map(|text| text.into_owned()).unwrap_or_default();
+            let said = sample.payload().try_to_string().map(std::borrow::Cow::into_owned).unwrap_or_default();
             if said.starts_with("forged") {
                 book.lock().unwrap_or_else(PoisonError::into_inner).insert(format!("{said} put {}", sample.key_expr()));
             }
@@ -226,7 +219,7 @@ fn at_the_gateway_watchers_hear_and_nobody_says_anything() -> Outcome {
     let witness = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Watcher)))?;
     let heard = at_the_gateway(&mut publisher, &tries, &witness)?;
     let expected: BTreeSet<String> = ["", "/json"].map(|kind| format!("watcher hear coxswain/{ROBOT}/state{kind}")).into_iter().collect();
-    eprintln!("telemetry: {} cells, {} allowed, {} arrived", let_in * 16 * 4, 2, heard.len());
+    print(format_args!("telemetry: {} cells, {} allowed, {} arrived", let_in * 16 * 4, 2, heard.len()));
     assert_eq!(heard, expected);
     assert_eq!(let_in, 9, "of the strangers one is of the same authority, and may nothing");
     Ok(())

@@ -2,8 +2,8 @@
 //!
 //! | module      | what it holds                                                         |
 //! |-------------|-----------------------------------------------------------------------|
-//! | [`issue`]   | the authority and what it signs, as files                             |
-//! | [`present`] | a folder of such files → what each process of a launch shows          |
+//! | `issue`     | the authority and what it signs, as files                             |
+//! | `present`   | a folder of such files → what each process of a launch shows          |
 
 pub mod issue;
 pub mod present;

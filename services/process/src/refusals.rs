@@ -158,7 +158,7 @@ mod tests {
         }
         let counts: Vec<u64> = told.iter().map(|(_, count)| *count).collect();
         assert_eq!(counts, [1, 1000, 1000]);
-        assert_eq!(book.due(begin + Duration::from_secs(60)), [("no certificate".to_owned(), 499)]);
+        assert_eq!(book.due(begin + Duration::from_mins(1)), [("no certificate".to_owned(), 499)]);
         assert_eq!(book.due(begin + Duration::from_secs(90)), []);
         book.note("no certificate".into());
         assert_eq!((book.due(begin + Duration::from_secs(61)), book.rest().len(), book.rest().len()), (Vec::new(), 1, 0));
