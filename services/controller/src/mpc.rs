@@ -10,32 +10,29 @@
 //! At a chance level, bounds on the state are drawn in by what the prediction may err (`caution`).
 //!
 //! The cost is on the deviation from the reference, and k counts along the prediction (eqs. 26 and 32 write x(k|k) and leave the
-//! reference out). One iteration: shift the last plan, predict with it, linearise, condense the states away, solve one convex
-//! quadratic program of fixed sparsity, apply its first input.
+//! reference out). One iteration: shift the last plan, predict with it, linearise, solve one convex
+//! quadratic program in stages, apply its first input.
 //!
 //! | here        | in the equations                | size      |
 //! |-------------|---------------------------------|-----------|
 //! | `target`    | t: input that holds the reference | N × 3   |
 //! | `deviation` | u − t, free in the first C periods, then constant | C × 3 |
-//! | `sensitivity` | ∂x_k/∂(deviation)             | 6 × 3C    |
 
 pub mod active_set;
 mod caution;
-mod condense;
 pub mod constraint;
 mod cost;
 mod expected;
 mod inherit;
 pub mod interior_point;
 pub mod qp;
-pub mod rows;
+pub mod riccati;
 pub mod solver;
 mod target;
 
 use crate::reference::ReferencePoint;
 use crate::settings::{Linearise, MpcSettings, SolverFaults};
 use caution::Caution;
-use condense::{Block, Condensed};
 use constraint::{InputLimits, Limits};
 use expected::Expectation;
 use interior_point::SolverError;
@@ -46,8 +43,9 @@ use model::main_model::MainModel;
 use model::predict::Belief;
 use model::robot::Robot;
 use model::{State, Velocity};
+use nalgebra::SMatrix;
 use protocol::clock::monotonic_nanos;
-use qp::QuadraticProgram;
+use qp::{QuadraticProgram, Vector, WIDTH};
 use solver::Solver;
 
 pub use cost::{Cost, TrackingError};
@@ -114,7 +112,6 @@ struct Outlook<'a> {
     last_input: &'a Velocity,
     /// From the first stage's on.
     reference: &'a [ReferencePoint],
-    condensed: &'a Condensed,
     caution: Option<&'a Caution>,
 }
 
@@ -143,15 +140,16 @@ pub struct Mpc {
     deviation: Vec<Velocity>,
     /// Disturbance that the targets have been worked out for.
     target_disturbance: Velocity,
-    condensed: Condensed,
     caution: Option<Caution>,
-    /// Memory of [`Cost::write`].
-    rows: Vec<Block>,
     program: QuadraticProgram,
+    /// ∂x⁺/∂g of each step, for a program that is made ready.
+    by_disturbance: Vec<SMatrix<f64, 6, 3>>,
     /// What `program` was made ready for, before the state has come.
     expectation: Option<Expectation>,
     solver: Solver,
     solution: Vec<f64>,
+    /// By how much states are moved.
+    moves: Vec<Vector>,
     turn: Turn,
 }
 
@@ -171,25 +169,21 @@ impl Mpc {
     pub fn formulated(formulation: Formulation, settings: &MpcSettings, inputs: &InputLimits, main: &MainModel) -> Result<Self, MpcError> {
         let (horizon, blocks) = (settings.horizon_steps, settings.control_horizon_steps);
         let limits = Limits::new(inputs, &settings.state_limits, horizon, blocks);
-        let mut condensed = Condensed::new(horizon, blocks);
-        let mut program = QuadraticProgram::new(3 * blocks + limits.slacks(), limits.rows());
-        limits.mark_structure(&mut program);
-        if settings.linearise == Linearise::Expected {
-            program.expect_surprise(condensed.expect_surprise());
-        }
+        let cost = Cost::new(settings, formulation, main)?;
+        let program = QuadraticProgram::new(horizon, blocks, limits.slacks(), limits.rows(), Limits::with_slacks(cost.prices()));
         let solver = Solver::new(settings.solver, &program)?;
         let still = Linearised {
             next: State::default(),
-            by_state: nalgebra::SMatrix::identity(),
-            by_input: nalgebra::SMatrix::zeros(),
-            by_acted: nalgebra::SMatrix::zeros(),
+            by_state: SMatrix::identity(),
+            by_input: SMatrix::zeros(),
+            by_acted: SMatrix::zeros(),
         };
         Ok(Self {
             horizon,
             blocks,
             formulation,
             linearise: settings.linearise,
-            cost: Cost::new(settings, formulation, main)?,
+            cost,
             limits,
             stages: vec![Stage::default(); horizon],
             steps: vec![still; horizon],
@@ -197,11 +191,11 @@ impl Mpc {
             planned: false,
             deviation: vec![[0.0; 3]; blocks],
             target_disturbance: [0.0; 3],
-            condensed,
             caution: Caution::at(settings.state_limits.chance_level, horizon),
-            solution: vec![0.0; program.variables()],
-            rows: vec![Block::zeros(); blocks],
+            solution: vec![0.0; program.unknowns()],
+            moves: vec![[0.0; WIDTH]; horizon + 1],
             program,
+            by_disturbance: vec![SMatrix::zeros(); horizon],
             expectation: None,
             solver,
             turn: Turn::default(),
@@ -284,7 +278,7 @@ impl Mpc {
         let Some(expected) = self.stages.first().map(|stage| stage.state) else { return };
         self.roll_out(&expected, last_input, belief);
         if self.predictable() {
-            self.condensed.propagate(&self.steps, belief.carry);
+            self.program.set_dynamics(&self.steps, belief.carry);
             self.beware(reference, belief);
             self.build(last_input, reference);
             let _answer = self.solver.solve(&self.program, &mut self.solution, &Turn::default());
@@ -331,17 +325,12 @@ impl Mpc {
             let since = Spent { linearise_nanos: monotonic_nanos() - begin, solve_nanos: 0 };
             return Solved { outcome, ahead: Spent::default(), since };
         }
-        self.condensed.propagate(&self.steps, belief.carry);
         self.beware(reference, belief);
         let linearised = monotonic_nanos();
+        self.program.set_dynamics(&self.steps, belief.carry);
         self.build(last_input, reference);
         let mut outcome = self.solver.solve(&self.program, &mut self.solution, &self.turn);
-        if outcome.usable() && !self.program.satisfied_by(&self.solution, 1e-6) {
-            outcome.status = Status::Wrong;
-        }
-        if outcome.usable() {
-            self.apply();
-        }
+        self.take(&mut outcome);
         let since = Spent { linearise_nanos: linearised - begin, solve_nanos: monotonic_nanos() - linearised };
         Solved { outcome, ahead: Spent::default(), since }
     }
@@ -398,10 +387,9 @@ impl Mpc {
     }
 
     fn build(&mut self, last_input: &Velocity, reference: &[ReferencePoint]) {
-        self.program.clear();
-        let (stages, terminal, condensed) = (&self.stages, &self.terminal, &self.condensed);
-        let outlook = Outlook { stages, terminal, last_input, reference, condensed, caution: self.caution.as_ref() };
-        self.cost.write(&outlook, &mut self.rows, &mut self.program);
+        let (stages, terminal) = (&self.stages, &self.terminal);
+        let outlook = Outlook { stages, terminal, last_input, reference, caution: self.caution.as_ref() };
+        self.cost.write(&outlook, &mut self.program);
         self.limits.write(&outlook, &mut self.program);
     }
 
@@ -417,25 +405,39 @@ impl Mpc {
         }
     }
 
-    /// Takes the solution into the plan: inputs exactly, states to first order.
-    fn apply(&mut self) {
-        let change = self.solution.get(..3 * self.blocks).unwrap_or(&[]);
-        for (deviation, change) in self.deviation.iter_mut().zip(change.chunks_exact(3)) {
-            for (value, by) in deviation.iter_mut().zip(change) {
-                *value += by;
-            }
+    /// Takes a usable solution into the plan, if it keeps the limits: inputs exactly, states to first order.
+    fn take(&mut self, outcome: &mut Outcome) {
+        if !outcome.usable() {
+            return;
         }
-        for (k, stage) in self.stages.iter_mut().enumerate() {
-            let block = k.min(self.blocks - 1);
-            if let Some(change) = change.get(3 * block..3 * block + 3) {
-                for (input, by) in stage.input.iter_mut().zip(change) {
-                    *input += by;
-                }
-            }
-            stage.input = self.limits.clamp(&stage.input);
-            stage.state = self.condensed.moved(k, &stage.state, change);
+        self.program.follow(&self.solution, &mut self.moves);
+        if !self.program.satisfied_by(&self.solution, &self.moves, 1e-6) {
+            outcome.status = Status::Wrong;
+            return;
         }
-        self.terminal = self.condensed.moved(self.horizon, &self.terminal, change);
+        let (change, _) = self.solution.as_chunks::<3>();
+        let free = change.get(..self.blocks).unwrap_or_default();
+        for (deviation, change) in self.deviation.iter_mut().zip(free) {
+            *deviation = std::array::from_fn(|axis| deviation[axis] + change[axis]);
+        }
+        let last = free.last().copied().unwrap_or_default();
+        let changes = free.iter().chain(std::iter::repeat(&last));
+        for ((stage, change), moved) in self.stages.iter_mut().zip(changes).zip(&self.moves) {
+            let input = std::array::from_fn(|axis| stage.input[axis] + change[axis]);
+            stage.input = self.limits.clamp(&input);
+            move_by(&mut stage.state, moved);
+        }
+        if let Some(moved) = self.moves.last() {
+            move_by(&mut self.terminal, moved);
+        }
+    }
+}
+
+/// Adds x of ξ to a state.
+fn move_by(state: &mut State, by: &Vector) {
+    for axis in 0..3 {
+        state.pose[axis] += by[axis];
+        state.velocity[axis] += by[axis + 3];
     }
 }
 

@@ -1,308 +1,414 @@
-//! A dual active-set method for strictly convex programs (Goldfarb and Idnani, Mathematical Programming 27, 1983).
+//! A dual active-set method for strictly convex programs (Goldfarb and Idnani, Mathematical Programming 27, 1983), in stages.
 //!
-//! It begins at the minimum without limits and takes in one violated row after the other, so that it costs next to nothing where few limits
-//! bind. Slacks at zero are the one exception: they cost a price as long as nothing asks for them, so their bounds are active at the start.
-//!
-//! ```text
-//! J Jᵀ = H⁻¹      Jᵀ N = (R, 0)ᵀ      N: the active rows' normals, which point inwards, column by column; R upper triangular
-//! ```
-//! A row p with the normal n is taken in along the step z of the unknowns, while the multipliers of the active rows change by −r:
+//! It begins at the minimum without rows and takes in one violated bound after the other, so that it costs next to nothing where few limits
+//! bind. Slacks at zero are the one exception: they cost a price as long as nothing asks for them, so they are held there at the start.
 //!
 //! ```text
-//! d = Jᵀ n = (d₁, d₂)      z = J₂ d₂      r = R⁻¹ d₁
+//! J Jᵀ = H⁻¹      Jᵀ N = Q R      N: the active bounds' normals, which point inwards; QᵀQ = 1, R upper triangular
 //! ```
-//! as far as the row asks for, or until a multiplier is zero: then that row is let go.
+//! J is never written down: [`Riccati`] multiplies by it and its transpose in O(N), and a slack adds an entry to v = J⁻¹x once it is no longer held.
+//! A bound with the normal n is taken in along the step z, while the multipliers of the active ones change by −r:
+//!
+//! ```text
+//! d = Jᵀ n      w = d − Q Qᵀ d      z = J w      r = R⁻¹ Qᵀ d
+//! ```
+//! as far as the bound asks for, or until a multiplier is zero: then that bound is let go. One such step is O(N (1 + active bounds)).
 
-use super::qp::QuadraticProgram;
+use super::qp::{INPUT, QuadraticProgram};
+use super::riccati::{Riccati, Trajectory};
 use super::solver::{Outcome, Status, Turn};
 use nalgebra::{DMatrix, DVector};
 
-/// By how much a row may be violated; rows are scaled to bounds of 1.
+/// By how much a bound may be violated; rows are scaled to bounds of 1.
 const VIOLATION: f64 = 1e-9;
-/// Share of a normal's square below which what is left of it beside the active rows is rounding.
+/// Share of a normal's square below which what is left of it beside the active ones is rounding.
 const DEPENDENT: f64 = 1e-16;
-/// What counts as a multiplier that grows smaller, per unit of the new row's.
+/// Share of a vector's square below which what is left of it beside others is made orthogonal to them once more.
+const CANCELLED: f64 = 0.25;
+/// What counts as a multiplier that grows smaller, per unit of the new bound's.
 const RELEASE: f64 = 1e-12;
-/// Most rows that are taken in or let go, in multiples of the number of unknowns and rows: a handful of steps is usual, and of 60 000 random programs
-/// that were hard on it none took more than 0.81 times that number.
+/// Most bounds that are taken in or let go, in multiples of the number of unknowns and bounds.
 const STEPS_MOST: usize = 2;
 
-/// The method with all its memory: set up once, then in place.
-pub struct ActiveSet {
-    /// U of H = UᵀU, of the part without slacks.
-    factor: DMatrix<f64>,
-    /// J, the active rows' part first.
-    basis: DMatrix<f64>,
-    /// Whether U and J are those of a program that has not been solved yet.
-    prepared: bool,
-    /// R.
-    triangle: DMatrix<f64>,
-    /// Active rows, in the order of R's columns, and their multipliers.
-    active: Vec<usize>,
-    multipliers: Vec<f64>,
-    is_active: Vec<bool>,
-    x: DVector<f64>,
-    /// b − G x.
-    distance: DVector<f64>,
-    /// n, d, z and r of the row that is taken in.
-    normal: DVector<f64>,
-    image: DVector<f64>,
-    step: DVector<f64>,
-    release: DVector<f64>,
+/// What may be active.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Bound {
+    /// Of a row, from above (0) or from below (1).
+    Row(usize, usize),
+    /// s ≥ 0 of a slack.
+    Slack(usize),
 }
 
-/// What a step towards a row came to.
+/// A slack's state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Slack {
+    /// At zero from the start.
+    Held,
+    /// It has this entry of v.
+    Free(usize),
+}
+
+/// Whose multiplier is zero.
+#[derive(Debug, Clone, Copy)]
+enum Released {
+    /// The active bound at this place.
+    Active(usize),
+    /// A slack that is held.
+    Slack(usize),
+}
+
+/// What a step towards a bound came to.
 enum Step {
-    /// The row is active.
+    /// The bound is active.
     TakenIn,
-    /// An active row was let go on the way.
+    /// Another was let go on the way.
     LetGo,
     /// No step leads there.
     Impossible,
 }
 
+/// The method with all its memory: set up once, then in place.
+pub struct ActiveSet {
+    factor: Riccati,
+    /// Whether that is of a program that can be solved.
+    prepared: bool,
+    /// Q and R.
+    basis: DMatrix<f64>,
+    triangle: DMatrix<f64>,
+    /// Active bounds, in the order of R's columns, and their multipliers; slacks that are held are not among them.
+    active: Vec<Bound>,
+    multipliers: Vec<f64>,
+    /// x.
+    at: Trajectory,
+    slacks: Vec<f64>,
+    slack_states: Vec<Slack>,
+    /// Of slacks that are held.
+    slack_multipliers: Vec<f64>,
+    /// How many entries v has.
+    entries: usize,
+    /// d, Qᵀd, w, z and r.
+    image: DVector<f64>,
+    shares: DVector<f64>,
+    rest: DVector<f64>,
+    step: Trajectory,
+    release: DVector<f64>,
+    /// The same of slacks that are held.
+    slack_release: Vec<f64>,
+}
+
 impl ActiveSet {
     /// Makes room for programs of the shape of `program`.
     pub fn new(program: &QuadraticProgram) -> Self {
-        let (unknowns, rows) = (program.variables(), program.bounds.len());
-        let dense = unknowns - program.slack_rows().len();
+        let (unknowns, slacks) = (program.unknowns(), program.slacks());
         Self {
-            factor: DMatrix::zeros(dense, dense),
-            basis: DMatrix::zeros(unknowns, unknowns),
+            factor: Riccati::new(program),
             prepared: false,
+            basis: DMatrix::zeros(unknowns, unknowns),
             triangle: DMatrix::zeros(unknowns, unknowns),
             active: Vec::with_capacity(unknowns),
             multipliers: Vec::with_capacity(unknowns),
-            is_active: vec![false; rows],
-            x: DVector::zeros(unknowns),
-            distance: DVector::zeros(rows),
-            normal: DVector::zeros(unknowns),
+            at: Trajectory::of(program),
+            slacks: vec![0.0; slacks],
+            slack_states: vec![Slack::Held; slacks],
+            slack_multipliers: vec![0.0; slacks],
+            entries: 0,
             image: DVector::zeros(unknowns),
-            step: DVector::zeros(unknowns),
+            shares: DVector::zeros(unknowns),
+            rest: DVector::zeros(unknowns),
+            step: Trajectory::of(program),
             release: DVector::zeros(unknowns),
+            slack_release: vec![0.0; slacks],
         }
     }
 
-    /// Solves `program`, and writes the answer to `solution` if there is one. Does not allocate.
+    /// Solves `program`, and writes inputs and slacks to `solution` if there is an answer. Does not allocate.
     pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
         self.prepare(program);
         self.finish(program, solution, turn)
     }
 
-    /// What there is to do before gradient and bounds are known. Does not allocate.
+    /// What there is to do before gradients and bounds are known. Does not allocate.
     pub fn prepare(&mut self, program: &QuadraticProgram) {
-        self.prepared = self.factorise(program);
-        if self.prepared {
-            self.invert(program);
-        }
+        self.prepared = self.factor.factorise(program) && program.prices.slack >= 0.0 && program.prices.slack_curvature > 0.0;
     }
 
-    /// Solves the program that was [prepared](Self::prepare), as often as that. Does not allocate.
+    /// Solves the program that was [prepared](Self::prepare), as often as that is wanted. Does not allocate.
     pub fn finish(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
         let mut iterations = 0;
         let status = if turn.is_over() { Status::OutOfTime } else { self.climb(program, turn, &mut iterations) };
-        if status == Status::Solved {
-            solution.copy_from_slice(self.x.as_slice());
+        if status == Status::Solved
+            && let Some((inputs, slacks)) = solution.split_at_mut_checked(INPUT * program.blocks())
+        {
+            inputs.copy_from_slice(self.at.inputs.as_flattened());
+            slacks.copy_from_slice(&self.slacks);
         }
         Outcome { status, iterations }
     }
 
-    /// Takes in what is violated, row by row, until nothing is.
+    /// Takes in what is violated, one after the other, until nothing is.
     fn climb(&mut self, program: &QuadraticProgram, turn: &Turn, iterations: &mut u32) -> Status {
-        if !(std::mem::take(&mut self.prepared) && self.begin(program)) {
+        if !self.prepared {
             return Status::Failed;
         }
-        while let Some(row) = self.most_violated(program) {
+        self.begin(program);
+        let most = STEPS_MOST * (program.unknowns() + 2 * program.rows.len() + program.slacks());
+        while let Some((bound, mut distance)) = self.most_violated(program) {
             let mut multiplier = 0.0;
             loop {
                 *iterations += 1;
-                if *iterations as usize > STEPS_MOST * (self.x.len() + self.is_active.len()) {
+                if *iterations as usize > most {
                     return Status::OutOfIterations;
                 }
                 if turn.is_over() {
                     return Status::OutOfTime;
                 }
-                match self.approach(program, row, &mut multiplier) {
+                match self.approach(program, bound, &mut distance, &mut multiplier) {
                     Step::TakenIn => break,
                     Step::LetGo => {}
                     Step::Impossible => return Status::Infeasible,
                 }
             }
         }
-        if self.x.iter().all(|value| value.is_finite()) { Status::Solved } else { Status::Failed }
+        let finite = self.at.inputs.as_flattened().iter().chain(&self.slacks).all(|value| value.is_finite());
+        if finite { Status::Solved } else { Status::Failed }
     }
 
-    /// H = UᵀU of the part without slacks. `false` if H is not positive definite.
-    fn factorise(&mut self, program: &QuadraticProgram) -> bool {
-        for column in 0..self.factor.ncols() {
-            for row in 0..=column {
-                let known = self.factor.column(row).rows(0, row).dot(&self.factor.column(column).rows(0, row));
-                let rest = program.hessian[(row, column)] - known;
-                self.factor[(row, column)] = if row < column { rest / self.factor[(row, row)] } else { rest.sqrt() };
-            }
-            // Neither zero nor the root of a negative number.
-            if !self.factor[(column, column)].is_normal() {
-                return false;
-            }
-        }
-        true
-    }
-
-    /// J for the slacks' rows alone.
-    fn invert(&mut self, program: &QuadraticProgram) {
-        let (dense, slacks) = (self.factor.ncols(), program.slack_rows().len());
-        self.basis.as_mut_slice().fill(0.0);
-        for slack in 0..slacks {
-            let unknown = dense + slack;
-            self.basis[(unknown, slack)] = 1.0 / program.hessian[(unknown, unknown)].sqrt();
-        }
-        for column in 0..dense {
-            let mut inverse = self.basis.column_mut(slacks + column);
-            inverse[column] = 1.0;
-            for row in (0..=column).rev() {
-                inverse[row] /= self.factor[(row, row)];
-                let value = inverse[row];
-                inverse.rows_mut(0, row).axpy(-value, &self.factor.column(row).rows(0, row), 1.0);
-            }
-        }
-    }
-
-    /// The minimum without rows, but with every slack at its bound. `false` if a slack costs nothing.
-    fn begin(&mut self, program: &QuadraticProgram) -> bool {
-        let (dense, slacks) = (self.factor.ncols(), program.slack_rows().len());
+    /// The minimum without rows, but with every slack held at zero.
+    fn begin(&mut self, program: &QuadraticProgram) {
         self.active.clear();
         self.multipliers.clear();
-        self.is_active.fill(false);
-        for (slack, &row) in program.slack_rows().iter().enumerate() {
-            let unknown = dense + slack;
-            let (inwards, curvature) = (-program.rows[(row, unknown)], program.hessian[(unknown, unknown)]);
-            self.x[unknown] = -program.bounds[row] / inwards;
-            let multiplier = (program.gradient[unknown] + curvature * self.x[unknown]) / inwards;
-            if !(curvature > 0.0 && multiplier >= 0.0) {
-                return false;
-            }
-            self.triangle.column_mut(slack).fill(0.0);
-            self.triangle[(slack, slack)] = inwards / curvature.sqrt();
-            self.active.push(row);
-            self.multipliers.push(multiplier);
-            self.is_active[row] = true;
-        }
-        let inverse = self.basis.view((0, slacks), (dense, dense));
-        let mut image = self.image.rows_mut(0, dense);
-        for (image, column) in image.iter_mut().zip(inverse.column_iter()) {
-            *image = column.iter().zip(&program.gradient).map(|(entry, slope)| entry * slope).sum();
-        }
-        self.x.rows_mut(0, dense).gemv(-1.0, &inverse, &image, 0.0);
-        true
+        self.slacks.fill(0.0);
+        self.slack_states.fill(Slack::Held);
+        self.slack_multipliers.fill(program.prices.slack);
+        self.entries = INPUT * program.blocks();
+        let mut image = self.image.rows_mut(0, self.entries);
+        self.factor.transposed_gradient(program, image.as_mut_slice());
+        image.neg_mut();
+        self.factor.apply(image.as_slice(), &mut self.at);
     }
 
-    /// The row that is violated most, if one is.
-    fn most_violated(&mut self, program: &QuadraticProgram) -> Option<usize> {
-        let (mut worst, mut least) = (None, -VIOLATION);
-        for (row, (distance, active)) in self.distance.iter_mut().zip(&self.is_active).enumerate() {
-            *distance = program.rows.taken_off(row, self.x.as_slice(), program.bounds[row]);
-            if *distance < least && !active {
-                (worst, least) = (Some(row), *distance);
+    /// The bound that is violated most, if one is, and its distance.
+    fn most_violated(&self, program: &QuadraticProgram) -> Option<(Bound, f64)> {
+        let mut worst = None;
+        let mut least = -VIOLATION;
+        let mut look = |bound: Bound, distance: f64| {
+            if distance < least && !self.active.contains(&bound) {
+                (worst, least) = (Some((bound, distance)), distance);
             }
+        };
+        for (index, row) in program.rows.iter().enumerate() {
+            let value = row.value(&self.at.states, &self.at.inputs);
+            let slack = row.slack.map_or(0.0, |slack| self.slacks[slack]);
+            look(Bound::Row(index, 0), row.bounds[0] + slack - value);
+            look(Bound::Row(index, 1), row.bounds[1] + slack + value);
+        }
+        for (index, slack) in self.slacks.iter().enumerate() {
+            look(Bound::Slack(index), *slack);
         }
         worst
     }
 
-    /// Goes towards the bound of `row`, whose multiplier so far is `multiplier`.
-    fn approach(&mut self, program: &QuadraticProgram, row: usize, multiplier: &mut f64) -> Step {
-        let (unknowns, held) = (self.x.len(), self.active.len());
-        self.normal.fill(0.0);
-        for (column, coefficient) in program.rows.row(row) {
-            self.normal[column] = -coefficient;
-        }
-        self.image.gemv_tr(1.0, &self.basis, &self.normal, 0.0);
-        let free = self.image.rows(held, unknowns - held);
-        let square = free.norm_squared();
-        self.step.gemv(1.0, &self.basis.columns(held, unknowns - held), &free, 0.0);
-        self.release.copy_from(&self.image);
-        for column in (0..held).rev() {
-            self.release[column] /= self.triangle[(column, column)];
-            let value = self.release[column];
-            self.release.rows_mut(0, column).axpy(-value, &self.triangle.column(column).rows(0, column), 1.0);
-        }
+    /// Goes towards `bound`, which is `distance` away and whose multiplier so far is `multiplier`.
+    fn approach(&mut self, program: &QuadraticProgram, bound: Bound, distance: &mut f64, multiplier: &mut f64) -> Step {
+        let whole = self.look_at(program, bound);
+        let square = self.take_off_active(whole);
+        self.find_release(program, bound);
         let (mut first, mut until_released) = (None, f64::INFINITY);
-        for (place, (held, release)) in self.multipliers.iter().zip(self.release.iter()).enumerate() {
-            if *release > RELEASE && held / release < until_released {
-                (first, until_released) = (Some(place), held / release);
+        let of_active = self.multipliers.iter().zip(self.release.iter()).enumerate().map(|(place, of)| (Released::Active(place), of));
+        let of_slacks = self.slack_multipliers.iter().zip(&self.slack_release).enumerate().map(|(slack, of)| (Released::Slack(slack), of));
+        for (which, (multiplier, release)) in of_active.chain(of_slacks) {
+            if *release > RELEASE && multiplier / release < until_released {
+                (first, until_released) = (Some(which), multiplier / release);
             }
         }
-        let independent = square > DEPENDENT * self.image.norm_squared();
-        let until_reached = if independent { -self.distance[row] / square } else { f64::INFINITY };
+        let independent = square > DEPENDENT * whole;
+        let until_reached = if independent { -*distance / square } else { f64::INFINITY };
         let length = until_reached.min(until_released);
         if !length.is_finite() {
             return Step::Impossible;
         }
-        for (held, release) in self.multipliers.iter_mut().zip(self.release.iter()) {
-            *held -= length * release;
+        let of_slacks = self.slack_multipliers.iter_mut().zip(&self.slack_release);
+        for (multiplier, release) in self.multipliers.iter_mut().zip(self.release.iter()).chain(of_slacks) {
+            *multiplier -= length * release;
         }
         *multiplier += length;
         if independent {
-            self.x.axpy(length, &self.step, 1.0);
-            self.distance[row] += length * square;
+            self.go(program, length);
+            *distance += length * square;
         }
         match first {
-            Some(place) if until_released < until_reached => {
-                self.let_go(place);
+            Some(which) if until_released < until_reached => {
+                match which {
+                    Released::Active(place) => self.let_go(place),
+                    Released::Slack(slack) => self.let_slack_go(program, slack),
+                }
                 Step::LetGo
             }
             _ => {
-                self.take_in(row, *multiplier, square);
+                self.take_in(bound, *multiplier, square);
                 Step::TakenIn
             }
         }
     }
 
-    /// Makes `row` active. A Householder reflection H₂ of J₂ turns d₂ into δ e₁, the end of R's new column.
-    ///
-    /// ```text
-    /// v = d₂ − δ e₁,  δ = ∓|d₂|      J₂ H₂ = J₂ − 2/(vᵀv) J₂v vᵀ,  J₂ v = z − δ J₂ e₁
-    /// ```
-    fn take_in(&mut self, row: usize, multiplier: f64, square: f64) {
-        let held = self.active.len();
-        let free = self.x.len() - held;
-        let end = -square.sqrt().copysign(self.image[held]);
-        let mut column = self.triangle.column_mut(held);
-        column.fill(0.0);
-        column.rows_mut(0, held).copy_from(&self.image.rows(0, held));
-        column[held] = end;
-        let length = square - end * self.image[held];
-        self.image[held] -= end;
-        self.step.axpy(-end, &self.basis.column(held), 1.0);
-        self.basis.columns_mut(held, free).ger(-1.0 / length, &self.step, &self.image.rows(held, free), 1.0);
-        self.active.push(row);
-        self.multipliers.push(multiplier);
-        self.is_active[row] = true;
+    /// d, whose square is returned.
+    fn look_at(&mut self, program: &QuadraticProgram, bound: Bound) -> f64 {
+        let mut image = self.image.rows_mut(0, self.entries);
+        match bound {
+            Bound::Row(row, side) => {
+                self.factor.transposed_row(&program.rows[row], image.as_mut_slice());
+                if side == 0 {
+                    image.neg_mut();
+                }
+            }
+            Bound::Slack(_) => image.fill(0.0),
+        }
+        if let Some(Slack::Free(entry)) = bound.slack(program).map(|slack| self.slack_states[slack]) {
+            image[entry] = entry_of_slack(program);
+        }
+        image.norm_squared()
     }
 
-    /// Lets the active row at `place` go. Givens rotations make R triangular again.
+    /// w, whose square is returned, and Qᵀd.
+    fn take_off_active(&mut self, whole: f64) -> f64 {
+        let (held, entries) = (self.active.len(), self.entries);
+        self.rest.rows_mut(0, entries).copy_from(&self.image.rows(0, entries));
+        self.shares.rows_mut(0, held).fill(0.0);
+        let mut square = whole;
+        loop {
+            let mut rest = self.rest.rows_mut(0, entries);
+            for (direction, share) in self.basis.column_iter().take(held).zip(self.shares.iter_mut()) {
+                let (direction, by) = (direction.rows(0, entries), direction.rows(0, entries).dot(&rest));
+                rest.axpy(-by, &direction, 1.0);
+                *share += by;
+            }
+            let before = std::mem::replace(&mut square, rest.norm_squared());
+            // Far less than before is what rounding has left as well, and has to be made orthogonal once more.
+            if square >= CANCELLED * before || square <= DEPENDENT * whole {
+                return square;
+            }
+        }
+    }
+
+    /// r, and what belongs to the slacks that are held.
+    fn find_release(&mut self, program: &QuadraticProgram, bound: Bound) {
+        self.release.copy_from(&self.shares);
+        for column in (0..self.active.len()).rev() {
+            self.release[column] /= self.triangle[(column, column)];
+            let value = self.release[column];
+            self.release.rows_mut(0, column).axpy(-value, &self.triangle.column(column).rows(0, column), 1.0);
+        }
+        self.slack_release.fill(0.0);
+        let with_release = self.active.iter().zip(self.release.iter().map(|release| -release));
+        for (bound, by) in with_release.chain([(&bound, 1.0)]) {
+            if let Some(slack) = bound.slack(program).filter(|slack| self.slack_states[*slack] == Slack::Held) {
+                self.slack_release[slack] += by;
+            }
+        }
+    }
+
+    /// x + length z.
+    fn go(&mut self, program: &QuadraticProgram, length: f64) {
+        self.factor.apply(self.rest.rows(0, self.entries).as_slice(), &mut self.step);
+        self.at.add(length, &self.step);
+        for (slack, state) in self.slacks.iter_mut().zip(&self.slack_states) {
+            if let Slack::Free(entry) = state {
+                *slack += length * self.rest[*entry] * entry_of_slack(program);
+            }
+        }
+    }
+
+    /// Makes `bound` active: w becomes a column of Q, and Qᵀd one of R.
+    fn take_in(&mut self, bound: Bound, multiplier: f64, square: f64) {
+        let (held, end) = (self.active.len(), square.sqrt());
+        let mut column = self.triangle.column_mut(held);
+        column.rows_mut(0, held).copy_from(&self.shares.rows(0, held));
+        column.rows_range_mut(held..).fill(0.0);
+        column[held] = end;
+        for (entry, rest) in self.basis.column_mut(held).iter_mut().zip(self.rest.iter()).take(self.entries) {
+            *entry = rest / end;
+        }
+        self.active.push(bound);
+        self.multipliers.push(multiplier);
+    }
+
+    /// Lets the active bound at `place` go. Givens rotations make R triangular again.
     fn let_go(&mut self, place: usize) {
         let kept = self.active.len() - 1;
-        let row = self.active.remove(place);
+        self.active.remove(place);
         self.multipliers.remove(place);
-        self.is_active[row] = false;
         for column in place..kept {
             self.triangle.swap_columns(column, column + 1);
         }
         for column in place..kept {
-            let (above, below) = (self.triangle[(column, column)], self.triangle[(column + 1, column)]);
-            let length = above.hypot(below);
-            let (cos, sin) = (above / length, below / length);
+            let rotation = Rotation::between(self.triangle[(column, column)], self.triangle[(column + 1, column)]);
             for other in column..kept {
-                let (above, below) = (self.triangle[(column, other)], self.triangle[(column + 1, other)]);
-                self.triangle[(column, other)] = cos * above + sin * below;
-                self.triangle[(column + 1, other)] = cos * below - sin * above;
+                let (above, below) = rotation.turn(self.triangle[(column, other)], self.triangle[(column + 1, other)]);
+                (self.triangle[(column, other)], self.triangle[(column + 1, other)]) = (above, below);
             }
-            for row in 0..self.x.len() {
-                let (left, right) = (self.basis[(row, column)], self.basis[(row, column + 1)]);
-                self.basis[(row, column)] = cos * left + sin * right;
-                self.basis[(row, column + 1)] = cos * right - sin * left;
+            for row in 0..self.entries {
+                let (left, right) = rotation.turn(self.basis[(row, column)], self.basis[(row, column + 1)]);
+                (self.basis[(row, column)], self.basis[(row, column + 1)]) = (left, right);
             }
         }
+    }
+
+    /// Holds `slack` no longer: v has an entry more, and so have the normals of the active rows that it lets off.
+    fn let_slack_go(&mut self, program: &QuadraticProgram, slack: usize) {
+        let (held, entry) = (self.active.len(), self.entries);
+        (self.slack_states[slack], self.slack_multipliers[slack]) = (Slack::Free(entry), 0.0);
+        self.entries += 1;
+        // A new row under R, and beside Q the new entry's unit vector: rotations make the row zero.
+        for (place, bound) in self.active.iter().enumerate() {
+            self.release[place] = if bound.slack(program) == Some(slack) { entry_of_slack(program) } else { 0.0 };
+            self.basis[(entry, place)] = 0.0;
+        }
+        self.rest.rows_mut(0, entry).fill(0.0);
+        self.rest[entry] = 1.0;
+        let first = self.release.iter().take(held).position(|entry| *entry != 0.0);
+        for column in first.unwrap_or(held)..held {
+            let rotation = Rotation::between(self.triangle[(column, column)], self.release[column]);
+            for other in column..held {
+                (self.triangle[(column, other)], self.release[other]) = rotation.turn(self.triangle[(column, other)], self.release[other]);
+            }
+            for (left, right) in self.basis.column_mut(column).iter_mut().zip(self.rest.iter_mut()).take(self.entries) {
+                (*left, *right) = rotation.turn(*left, *right);
+            }
+        }
+    }
+}
+
+impl Bound {
+    /// The slack that it is about, if there is one.
+    fn slack(self, program: &QuadraticProgram) -> Option<usize> {
+        match self {
+            Self::Row(row, _) => program.rows[row].slack,
+            Self::Slack(slack) => Some(slack),
+        }
+    }
+}
+
+/// A slack in v, of a slack in x; and the other way about.
+fn entry_of_slack(program: &QuadraticProgram) -> f64 {
+    1.0 / program.prices.slack_curvature.sqrt()
+}
+
+/// A Givens rotation.
+#[derive(Clone, Copy)]
+struct Rotation {
+    cos: f64,
+    sin: f64,
+}
+
+impl Rotation {
+    /// That which turns (above, below) to (length, 0).
+    fn between(above: f64, below: f64) -> Self {
+        let length = above.hypot(below);
+        Self { cos: above / length, sin: below / length }
+    }
+
+    fn turn(self, above: f64, below: f64) -> (f64, f64) {
+        (self.cos * above + self.sin * below, self.cos * below - self.sin * above)
     }
 }
 

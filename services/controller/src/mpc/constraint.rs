@@ -10,8 +10,7 @@
 //! Under caution the bounds on the state are drawn in, at most to where the two sides meet.
 
 use super::Outlook;
-use super::condense::{Block, Condensed};
-use super::qp::QuadraticProgram;
+use super::qp::{BEFORE, Prices, QuadraticProgram, Row};
 use crate::settings::StateLimits;
 use model::Velocity;
 use model::robot::{Robot, kinematics};
@@ -22,7 +21,10 @@ const SLACK_PRICE: f64 = 1e3;
 /// Curvature of that price: keeps the program strictly convex.
 const SLACK_CURVATURE: f64 = 1.0;
 
-/// What one row bounds. Each comes in both signs.
+/// Where the velocity begins in a state.
+const VELOCITY: usize = 3;
+
+/// What one row bounds, from above and below.
 #[derive(Debug, Clone, Copy)]
 enum Kind {
     /// |J u|/(r `ω_max`) of one wheel.
@@ -37,18 +39,8 @@ enum Kind {
     Heading,
     /// |v|/`v_max` of one axis; soft.
     Speed(usize),
-    /// Distance across the reference's course over the width to the left, or to the right where the sign is −1; soft.
-    Corridor,
-    /// s ≥ 0, of the corridor or of all others.
-    Slack { corridor: bool },
-}
-
-/// One row: what, in which period (for state rows: at whose end), and with which sign.
-#[derive(Debug, Clone, Copy)]
-struct Row {
-    kind: Kind,
-    period: usize,
-    sign: f64,
+    /// Distance across the reference's course over the width to the left, or to the right where the sign is −1, from above alone; soft.
+    Corridor(f64),
 }
 
 /// What inputs are held to.
@@ -89,8 +81,8 @@ pub struct Limits {
     /// Width to the left and to the right.
     corridor: [Option<f64>; 2],
     horizon: usize,
-    blocks: usize,
-    rows: Vec<Row>,
+    /// Each row's kind, and its period; a row on a state is about that period's end.
+    kinds: Vec<(Kind, usize)>,
 }
 
 impl Limits {
@@ -102,60 +94,54 @@ impl Limits {
             speed: [state.speed_mps, state.speed_mps, state.yaw_rate_radps],
             corridor: [state.corridor_left_m, state.corridor_right_m],
             horizon,
-            blocks,
-            rows: Vec::new(),
+            kinds: Vec::new(),
         };
-        this.rows = this.all_rows();
+        this.kinds = this.all_kinds(blocks);
         this
-    }
-
-    /// How many rows there are.
-    pub fn rows(&self) -> usize {
-        self.rows.len()
     }
 
     /// How many slacks there are.
     pub fn slacks(&self) -> usize {
-        if self.has_corridor() { 2 * self.horizon } else { self.horizon }
+        if self.corridor.iter().any(Option::is_some) { 2 * self.horizon } else { self.horizon }
     }
 
-    fn has_corridor(&self) -> bool {
-        self.corridor.iter().any(Option::is_some)
-    }
-
-    /// Column of the slack of a row.
-    fn slack(&self, row: &Row) -> usize {
-        let of_corridor = matches!(row.kind, Kind::Corridor | Kind::Slack { corridor: true });
-        3 * self.blocks + row.period + if of_corridor { self.horizon } else { 0 }
-    }
-
-    fn all_rows(&self) -> Vec<Row> {
-        let mut rows = Vec::new();
-        let mut both = |kind, period| rows.extend([1.0, -1.0].map(|sign| Row { kind, period, sign }));
-        for period in 0..self.blocks {
-            (0..4).for_each(|wheel| both(Kind::WheelSpeed(wheel), period));
-            (0..3).for_each(|axis| both(Kind::Input(axis), period));
-            if self.inputs.change.is_some() {
-                (0..3).for_each(|axis| both(Kind::Change(axis), period));
-            }
-            if self.inputs.current.is_some() {
-                (0..4).for_each(|wheel| both(Kind::Current(wheel), period));
-            }
+    fn all_kinds(&self, blocks: usize) -> Vec<(Kind, usize)> {
+        let mut kinds = Vec::new();
+        for period in 0..blocks {
+            kinds.extend((0..4).map(|wheel| (Kind::WheelSpeed(wheel), period)));
+            kinds.extend((0..3).map(|axis| (Kind::Input(axis), period)));
+            kinds.extend((0..3).filter(|_| self.inputs.change.is_some()).map(|axis| (Kind::Change(axis), period)));
+            kinds.extend((0..4).filter(|_| self.inputs.current.is_some()).map(|wheel| (Kind::Current(wheel), period)));
         }
         for period in 0..self.horizon {
-            if self.heading.is_some() {
-                both(Kind::Heading, period);
-            }
-            (0..3).filter(|&axis| self.speed[axis].is_some()).for_each(|axis| both(Kind::Speed(axis), period));
+            kinds.extend(self.heading.map(|_| (Kind::Heading, period)));
+            kinds.extend((0..3).filter(|&axis| self.speed[axis].is_some()).map(|axis| (Kind::Speed(axis), period)));
+            let sides = [1.0, -1.0].into_iter().zip(self.corridor);
+            kinds.extend(sides.filter(|(_, width)| width.is_some()).map(|(sign, _)| (Kind::Corridor(sign), period)));
         }
-        let slacks = |corridor| (0..self.horizon).map(move |period| Row { kind: Kind::Slack { corridor }, period, sign: -1.0 });
-        rows.extend(slacks(false));
-        if self.has_corridor() {
-            let sides = || [1.0, -1.0].into_iter().zip(self.corridor).filter_map(|(sign, width)| width.map(|_| sign));
-            rows.extend((0..self.horizon).flat_map(|period| sides().map(move |sign| Row { kind: Kind::Corridor, period, sign })));
-            rows.extend(slacks(true));
-        }
-        rows
+        kinds
+    }
+
+    /// The rows, before anything is known of a plan.
+    pub(super) fn rows(&self) -> Vec<Row> {
+        let row = |&(kind, period): &(Kind, usize)| {
+            let (stage, first, slack) = match kind {
+                Kind::WheelSpeed(_) | Kind::Input(_) => (period, 0, None),
+                Kind::Change(_) => (period, BEFORE, None),
+                Kind::Current(_) => (period, VELOCITY, Some(period)),
+                Kind::Heading => (period + 1, 0, Some(period)),
+                Kind::Speed(_) => (period + 1, VELOCITY, Some(period)),
+                Kind::Corridor(_) => (period + 1, 0, Some(self.horizon + period)),
+            };
+            let below = if matches!(kind, Kind::Corridor(_)) { f64::INFINITY } else { 1.0 };
+            Row { stage, first, by_state: [0.0; 3], by_input: [0.0; 3], slack, bounds: [1.0, below] }
+        };
+        self.kinds.iter().map(row).collect()
+    }
+
+    /// What the free inputs cost, and what slacks cost as well.
+    pub(super) fn with_slacks(inputs: Prices) -> Prices {
+        Prices { slack: SLACK_PRICE, slack_curvature: SLACK_CURVATURE, ..inputs }
     }
 
     /// The nearest input in the same direction that the wheels can do; what is no number counts as 0.
@@ -176,86 +162,41 @@ impl Limits {
         self.clamp(&near)
     }
 
-    /// Says where G may be other than zero.
-    pub(super) fn mark_structure(&self, program: &mut QuadraticProgram) {
-        let mut places = Vec::new();
-        for (index, row) in self.rows.iter().enumerate() {
-            let (first, last, soft) = match row.kind {
-                Kind::WheelSpeed(_) | Kind::Input(_) => (row.period, row.period + 1, false),
-                Kind::Change(_) => (row.period.saturating_sub(1), row.period + 1, false),
-                Kind::Current(_) | Kind::Heading | Kind::Speed(_) | Kind::Corridor => (0, (row.period + 1).min(self.blocks), true),
-                Kind::Slack { .. } => (0, 0, true),
-            };
-            places.extend((3 * first..3 * last).map(|column| (index, column)));
-            if soft {
-                places.push((index, self.slack(row)));
-            }
-        }
-        program.set_structure(places);
-        let mut slacks: Vec<_> = self.rows.iter().enumerate().filter(|(_, row)| matches!(row.kind, Kind::Slack { .. })).collect();
-        slacks.sort_by_key(|(_, row)| self.slack(row));
-        program.set_slack_rows(slacks.into_iter().map(|(index, _)| index).collect());
-    }
-
-    /// Writes every row and the price of the slacks, about the present plan. Does not allocate.
+    /// Writes every row, about the present plan. Does not allocate.
     pub(super) fn write(&self, outlook: &Outlook<'_>, program: &mut QuadraticProgram) {
-        let Outlook { stages, condensed, last_input, .. } = *outlook;
+        let Outlook { stages, last_input, .. } = *outlook;
         let InputLimits { wheel: of_wheel, current, input: largest, change } = &self.inputs;
         let (current, change) = (current.unwrap_or_default(), change.unwrap_or([f64::INFINITY; 3]));
-        for (index, row) in self.rows.iter().enumerate() {
-            let slack = self.slack(row);
-            let Some(stage) = stages.get(row.period) else { continue };
-            let after = outlook.state(row.period + 1);
-            let used = match row.kind {
-                Kind::WheelSpeed(wheel) => on_input(program, index, row, &of_wheel[wheel], &stage.input),
-                Kind::Input(axis) => on_input(program, index, row, &unit(axis, largest[axis]), &stage.input),
+        for (row, &(kind, period)) in program.rows.iter_mut().zip(&self.kinds) {
+            let Some(stage) = stages.get(period) else { continue };
+            let after = outlook.state(period + 1);
+            let used = match kind {
+                Kind::WheelSpeed(wheel) => on_input(row, &of_wheel[wheel], &stage.input),
+                Kind::Input(axis) => on_input(row, &unit(axis, largest[axis]), &stage.input),
                 Kind::Change(axis) => {
-                    let before = row.period.checked_sub(1).and_then(|k| stages.get(k)).map_or(last_input, |stage| &stage.input);
+                    let before = period.checked_sub(1).and_then(|k| stages.get(k)).map_or(last_input, |stage| &stage.input);
                     let coefficients = unit(axis, change[axis]);
-                    if row.period > 0 {
-                        put(program, index, 3 * (row.period - 1), &coefficients.map(|value| -row.sign * value));
-                    }
-                    on_input(program, index, row, &coefficients, &stage.input) - row.sign * dot(&coefficients, before)
+                    on_input(row, &coefficients, &stage.input) + on_state(row, &coefficients.map(|value| -value), before)
                 }
                 Kind::Current(wheel) => {
                     let coefficients = current[wheel];
-                    on_state(program, index, row.period, &coefficients.map(|value| -row.sign * value), 3, condensed);
-                    program.rows[(index, slack)] = -1.0;
-                    on_input(program, index, row, &coefficients, &stage.input) - row.sign * dot(&coefficients, &stage.state.velocity)
+                    on_input(row, &coefficients, &stage.input) + on_state(row, &coefficients.map(|value| -value), &stage.state.velocity)
                 }
-                Kind::Heading => {
-                    let coefficients = unit(2, self.heading.unwrap_or(f64::INFINITY)).map(|value| row.sign * value);
-                    on_state(program, index, row.period + 1, &coefficients, 0, condensed);
-                    program.rows[(index, slack)] = -1.0;
-                    dot(&coefficients, &after.pose) + drawn_in(outlook, row, &coefficients, 0, 1.0)
-                }
-                Kind::Speed(axis) => {
-                    let coefficients = unit(axis, self.speed[axis].unwrap_or(f64::INFINITY)).map(|value| row.sign * value);
-                    on_state(program, index, row.period + 1, &coefficients, 3, condensed);
-                    program.rows[(index, slack)] = -1.0;
-                    dot(&coefficients, &after.velocity) + drawn_in(outlook, row, &coefficients, 3, 1.0)
-                }
-                Kind::Corridor => {
-                    let Some(point) = outlook.reference.get(row.period + 1) else { continue };
+                Kind::Heading => on_state(row, &unit(2, self.heading.unwrap_or(f64::INFINITY)), &after.pose),
+                Kind::Speed(axis) => on_state(row, &unit(axis, self.speed[axis].unwrap_or(f64::INFINITY)), &after.velocity),
+                Kind::Corridor(sign) => {
+                    let Some(point) = outlook.reference.get(period + 1) else { continue };
                     let [left, right] = self.corridor.map(|width| width.unwrap_or(f64::INFINITY));
-                    let width = if row.sign > 0.0 { left } else { right };
-                    let [x, y] = point.leftwards().map(|value| row.sign * value / width);
-                    let coefficients = [x, y, 0.0];
-                    on_state(program, index, row.period + 1, &coefficients, 0, condensed);
-                    program.rows[(index, slack)] = -1.0;
-                    let middle = 0.5 * (left + right) / width;
-                    row.sign * point.lateral(&after.pose) / width + drawn_in(outlook, row, &coefficients, 0, middle)
-                }
-                Kind::Slack { .. } => {
-                    program.rows[(index, slack)] = -1.0;
-                    program.add_square(slack, SLACK_CURVATURE, 0.0);
-                    program.add_linear(slack, SLACK_PRICE);
-                    1.0
+                    let width = if sign > 0.0 { left } else { right };
+                    let [x, y] = point.leftwards().map(|value| sign * value / width);
+                    row.by_state = [x, y, 0.0];
+                    let most = 0.5 * (left + right) / width;
+                    row.bounds[0] = 1.0 - sign * point.lateral(&after.pose) / width - drawn_in(outlook, row, most);
+                    continue;
                 }
             };
-            if let Some(bound) = program.bounds.get_mut(index) {
-                *bound = 1.0 - used;
-            }
+            let margin = if row.stage > period { drawn_in(outlook, row, 1.0) } else { 0.0 };
+            row.bounds = [1.0 - used - margin, 1.0 + used - margin];
         }
     }
 }
@@ -264,12 +205,12 @@ fn dot(a: &Velocity, b: &Velocity) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// By how much a bound on three entries of a predicted state, from entry `first` on, is drawn in; at most by `most`.
-fn drawn_in(outlook: &Outlook<'_>, row: &Row, coefficients: &Velocity, first: usize, most: f64) -> f64 {
+/// By how much the bounds of a row on a predicted state are drawn in; at most by `most`.
+fn drawn_in(outlook: &Outlook<'_>, row: &Row, most: f64) -> f64 {
     let Some(caution) = outlook.caution else { return 0.0 };
     let mut direction = SVector::<f64, 6>::zeros();
-    direction.fixed_rows_mut::<3>(first).copy_from_slice(coefficients);
-    caution.margin(row.period + 1, &direction).min(most)
+    direction.fixed_rows_mut::<3>(row.first).copy_from_slice(&row.by_state);
+    caution.margin(row.stage, &direction).min(most)
 }
 
 /// 1/limit on one axis.
@@ -279,29 +220,14 @@ fn unit(axis: usize, limit: f64) -> Velocity {
     coefficients
 }
 
-/// Adds three coefficients to a row.
-fn put(program: &mut QuadraticProgram, index: usize, column: usize, coefficients: &Velocity) {
-    for (offset, value) in coefficients.iter().enumerate() {
-        program.rows[(index, column + offset)] += value;
-    }
+/// Lets a row hold the input of its period; returns what the present plan uses of it.
+fn on_input(row: &mut Row, coefficients: &Velocity, input: &Velocity) -> f64 {
+    row.by_input = *coefficients;
+    dot(coefficients, input)
 }
 
-/// A row on the input of its period; returns what the present plan uses of it.
-fn on_input(program: &mut QuadraticProgram, index: usize, row: &Row, coefficients: &Velocity, input: &Velocity) -> f64 {
-    let signed = coefficients.map(|value| row.sign * value);
-    put(program, index, 3 * row.period, &signed);
-    dot(&signed, input)
-}
-
-/// A row on three entries of state `k`, from entry `first` on.
-fn on_state(program: &mut QuadraticProgram, index: usize, k: usize, coefficients: &Velocity, first: usize, condensed: &Condensed) {
-    let through = |sensitivity: &Block| -> Velocity {
-        std::array::from_fn(|column| (0..3).map(|entry| coefficients[entry] * sensitivity[(first + entry, column)]).sum())
-    };
-    for block in 0..condensed.reach(k) {
-        put(program, index, 3 * block, &through(&condensed.block(k, block)));
-    }
-    for (place, block) in condensed.by_surprise(k).iter().enumerate() {
-        program.put_row_by_surprise(index, 3 * place, &through(block));
-    }
+/// Lets a row hold three entries of its state; returns what the present plan uses of it.
+fn on_state(row: &mut Row, coefficients: &Velocity, entries: &Velocity) -> f64 {
+    row.by_state = *coefficients;
+    dot(coefficients, entries)
 }

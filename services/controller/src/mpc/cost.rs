@@ -8,8 +8,7 @@
 //! in which the linearised axes separate, so that the LQR of [`model::lqr`] belongs to the same error. Other controllers take v − v_r of
 //! the body's frame as it is ([`Formulation::Plain`]).
 
-use super::condense::Block;
-use super::qp::QuadraticProgram;
+use super::qp::{Prices, QuadraticProgram};
 use super::{Formulation, Outlook, Stage};
 use crate::reference::ReferencePoint;
 use crate::settings::MpcSettings;
@@ -136,12 +135,16 @@ impl Cost {
         into_body * by_error * error.jacobian()
     }
 
-    /// Adds the cost of the present plan, to second order in the free inputs, to `program`. `rows` is memory for a block of errors per block
-    /// of inputs. Does not allocate.
-    pub(super) fn write(&self, outlook: &Outlook<'_>, rows: &mut [Block], program: &mut QuadraticProgram) {
-        let Outlook { condensed, stages, .. } = *outlook;
-        let horizon = stages.len();
-        for (k, point) in outlook.reference.iter().enumerate().take(horizon + 1).skip(1) {
+    /// What the free inputs cost of their own; slacks cost nothing yet.
+    pub(super) fn prices(&self) -> Prices {
+        Prices { input: self.input, change: self.change, slack: 0.0, slack_curvature: 0.0 }
+    }
+
+    /// Writes the cost of the present plan, to second order. O(N), does not allocate.
+    pub(super) fn write(&self, outlook: &Outlook<'_>, program: &mut QuadraticProgram) {
+        program.clear_gradients();
+        let horizon = outlook.stages.len();
+        for (k, (stage, point)) in program.stages.iter_mut().zip(outlook.reference).enumerate().skip(1) {
             let state = outlook.state(k);
             let factor = if k == horizon { self.terminal_factor } else { 1.0 };
             let weights = SVector::<f64, 6>::from(self.stage) * factor;
@@ -152,61 +155,31 @@ impl Cost {
                 }
                 Formulation::Plain => TrackingError::plain(state, point),
             };
-            let rows = rows.get_mut(..condensed.reach(k)).unwrap_or_default();
-            for (row, slot) in rows.iter_mut().enumerate() {
-                *slot = jacobian * condensed.block(k, row);
-            }
-            write_state(rows, &weights, &error, program);
-            for (place, block) in condensed.by_surprise(k).iter().enumerate() {
-                let weighted = weigh(&weights, &(jacobian * block));
-                for (row, of_row) in rows.iter().enumerate() {
-                    program.add_gradient_by_surprise(3 * row, 3 * place, &(of_row.transpose() * weighted));
-                }
-            }
+            let weighted = SMatrix::<f64, 6, 6>::from_fn(|row, column| weights[row] * jacobian[(row, column)]);
+            stage.curvature = jacobian.transpose() * weighted;
+            stage.gradient[..6].copy_from_slice(weighted.tr_mul(&error).as_slice());
         }
-        self.write_inputs(stages, outlook.last_input, condensed.blocks(), program);
+        self.write_inputs(outlook.stages, outlook.last_input, program);
     }
 
-    /// The target of a period whose input is the block from `at` on has moved.
-    pub(super) fn move_target(&self, at: usize, from: &Velocity, to: &Velocity, program: &mut QuadraticProgram) {
+    /// The target of period `k` has moved.
+    pub(super) fn move_target(&self, k: usize, from: &Velocity, to: &Velocity, program: &mut QuadraticProgram) {
         for axis in 0..3 {
-            program.add_linear(at + axis, self.input * (from[axis] - to[axis]));
+            program.add_slope(k, axis, self.input * (from[axis] - to[axis]));
         }
     }
 
     /// R on the distance from the target, S on the change.
-    fn write_inputs(&self, stages: &[Stage], last_input: &Velocity, blocks: usize, program: &mut QuadraticProgram) {
+    fn write_inputs(&self, stages: &[Stage], last_input: &Velocity, program: &mut QuadraticProgram) {
         let mut before = last_input;
         for (k, stage) in stages.iter().enumerate() {
-            let block = k.min(blocks - 1);
             for axis in 0..3 {
-                let here = 3 * block + axis;
-                program.add_square(here, self.input, stage.input[axis] - stage.target[axis]);
-                if k < blocks {
-                    let change = stage.input[axis] - before[axis];
-                    program.add_square(here, self.change, change);
-                    if block > 0 {
-                        program.add_difference(here - 3, here, self.change, change);
-                    }
+                program.add_slope(k, axis, self.input * (stage.input[axis] - stage.target[axis]));
+                if k < program.blocks() {
+                    program.add_change(k, axis, stage.input[axis] - before[axis]);
                 }
             }
             before = &stage.input;
         }
     }
-}
-
-/// Adds |e|² of one predicted state, to second order: `rows` are the error's Jacobians by the blocks of inputs.
-fn write_state(rows: &[Block], weights: &SVector<f64, 6>, error: &SVector<f64, 6>, program: &mut QuadraticProgram) {
-    let weighted = weights.component_mul(error);
-    for (column, of_column) in rows.iter().enumerate() {
-        program.add_gradient(3 * column, &(of_column.transpose() * weighted));
-        let weighted_column = weigh(weights, of_column);
-        for (row, of_row) in rows.iter().enumerate().take(column + 1) {
-            program.add_hessian(3 * row, 3 * column, &(of_row.transpose() * weighted_column));
-        }
-    }
-}
-
-fn weigh(weights: &SVector<f64, 6>, block: &Block) -> Block {
-    Block::from_fn(|row, column| weights[row] * block[(row, column)])
 }

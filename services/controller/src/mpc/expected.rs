@@ -1,7 +1,7 @@
 //! The other real-time iteration: linearised about the plan itself, so that all but the last step is done before the state comes.
 //!
 //! ```text
-//! before    shift ─ linearise along the plan ─ condense ─ write the program ─ factorise
+//! before    shift ─ linearise along the plan ─ write the program ─ factorise
 //! state ▶   surprise ─ gradient and bounds ─ solve ─ ▶ command
 //! ```
 //! The plan's states need not follow from each other under its inputs: what is missing between two of them, c, is made up to first order,
@@ -9,15 +9,19 @@
 //! ```text
 //! x̄_0 = x_0      x̄_{k+1} = f(x_k, u_k) + A_k (x̄_k − x_k)
 //! ```
-//! and the program is written about x̄. How it depends on what is still to come is linear, and written with it ([`Surprise`]).
+//! and the program is written about x̄. When the state s_0 comes, that is moved on by what surprises, again to first order:
+//!
+//! ```text
+//! δ_0 = s_0 − x̄_0      δ_{k+1} = A_k δ_k + (∂x⁺/∂g)_k δd  (+ C_0 δa₋₁ for k = 0)
+//! ```
 //!
 //! Reference: Diehl, Bock & Schlöder, *A real-time iteration scheme for nonlinear optimization in optimal feedback control*, 2005.
 
-use super::condense::Surprise;
+use super::qp::{STATE, WIDTH};
 use super::solver::Turn;
-use super::{Mpc, ReferencePoint, Solved, Spent, Status};
+use super::{Mpc, ReferencePoint, Solved, Spent, Status, move_by};
 use crate::settings::Linearise;
-use model::linearise::linearise;
+use model::linearise::{by_residual, linearise};
 use model::predict::Belief;
 use model::{State, Velocity};
 use nalgebra::SVector;
@@ -67,8 +71,10 @@ impl Mpc {
         if !self.predictable() {
             return;
         }
-        self.condensed.propagate(&self.steps, belief.carry);
-        self.condensed.propagate_surprise(&self.steps, self.stages.iter().map(|stage| stage.state), belief.main);
+        self.program.set_dynamics(&self.steps, belief.carry);
+        for ((of_disturbance, stage), step) in self.by_disturbance.iter_mut().zip(&self.stages).zip(&self.steps) {
+            *of_disturbance = by_residual(belief.main, &stage.state, &step.next);
+        }
         self.close_gaps();
         self.beware(reference, belief);
         let linearised = monotonic_nanos();
@@ -88,11 +94,10 @@ impl Mpc {
         self.expectation = None;
     }
 
-    /// Solves the program that is ready, and makes it ready again. Nothing to rehearse if there is none.
+    /// Solves the program that is ready, which stays so. Nothing to rehearse if there is none.
     pub(super) fn rehearse_expected(&mut self) -> bool {
         if self.expectation.is_some() {
             let _answer = self.solver.finish(&self.program, &mut self.solution, &Turn::default());
-            self.solver.prepare(&self.program);
         }
         self.expectation.is_some()
     }
@@ -101,26 +106,36 @@ impl Mpc {
     pub(super) fn iterate_expected(&mut self, state: &State, last_input: &Velocity, belief: &Belief<'_>) -> Option<Solved> {
         let begin = monotonic_nanos();
         let expected = self.expectation.take().filter(|expected| expected.covers(state, last_input, belief))?;
-        let surprise = Surprise::new((state, &belief.disturbance), (&expected.state, &expected.disturbance));
-        self.program.take_in(&surprise.0);
+        self.surprise(&expected, state, &belief.disturbance);
         self.correct_targets(belief);
         let mut outcome = self.solver.finish(&self.program, &mut self.solution, &self.turn);
-        if outcome.usable() && !self.program.satisfied_by(&self.solution, 1e-6) {
-            outcome.status = Status::Wrong;
-        }
-        for (k, stage) in self.stages.iter_mut().enumerate() {
-            stage.state = self.condensed.surprised(k, &stage.state, &surprise);
-        }
-        self.terminal = self.condensed.surprised(self.horizon, &self.terminal, &surprise);
-        if outcome.usable() {
-            self.apply();
-        }
+        self.take(&mut outcome);
         if !self.predictable() {
             self.reset();
             outcome.status = Status::Unpredictable;
         }
         let since = Spent { linearise_nanos: 0, solve_nanos: monotonic_nanos() - begin };
         Some(Solved { outcome, ahead: expected.spent, since })
+    }
+
+    /// Moves the plan's states, and the program with them, by what was not expected.
+    fn surprise(&mut self, expected: &Expectation, state: &State, disturbance: &Velocity) {
+        let less = |a: &Velocity, b: &Velocity| SVector::<f64, 3>::from_fn(|axis, _| a[axis] - b[axis]);
+        let (acted, disturbance) = (less(&state.acted, &expected.state.acted), less(disturbance, &expected.disturbance));
+        let mut moved = SVector::<f64, STATE>::from(state.to_array()) - SVector::from(expected.state.to_array());
+        let mut dynamics = self.steps.iter().zip(&self.by_disturbance);
+        let states = self.stages.iter_mut().map(|stage| &mut stage.state).chain([&mut self.terminal]);
+        for (k, (slot, state)) in self.moves.iter_mut().zip(states).enumerate() {
+            *slot = [0.0; WIDTH];
+            slot[..STATE].copy_from_slice(moved.as_slice());
+            move_by(state, slot);
+            let Some((step, by_disturbance)) = dynamics.next() else { break };
+            moved = step.by_state * moved + by_disturbance * disturbance;
+            if k == 0 {
+                moved += step.by_acted * acted;
+            }
+        }
+        self.program.displace(&self.moves);
     }
 
     /// Inputs of the present plan, and the Jacobians along its states.
@@ -152,10 +167,9 @@ impl Mpc {
     /// The inputs stay, and their distance from the target is another one.
     fn correct_targets(&mut self, belief: &Belief<'_>) {
         for k in 0..self.horizon {
-            let block = k.min(self.blocks - 1);
             let corrected = self.corrected_target(k, belief);
             let Some(stage) = self.stages.get_mut(k) else { return };
-            self.cost.move_target(3 * block, &stage.target, &corrected, &mut self.program);
+            self.cost.move_target(k, &stage.target, &corrected, &mut self.program);
             stage.target = corrected;
             if let Some(deviation) = self.deviation.get_mut(k) {
                 *deviation = std::array::from_fn(|axis| stage.input[axis] - corrected[axis]);

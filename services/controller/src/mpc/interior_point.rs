@@ -1,11 +1,13 @@
 //! Clarabel, an interior-point method, on a program of fixed sparsity: set up once, then only values change.
 //!
+//! It takes the program as it stands: its unknowns are u_0 to u_{C−1}, ξ_1 to ξ_N and the slacks, and that one state follows from another is a row.
+//!
 //! The rows are scaled to bounds of 1, so the solver's own equilibration is off. The budget is iterations, and in real time a deadline.
 
-use super::qp::QuadraticProgram;
+use super::qp::{BEFORE, INPUT, QuadraticProgram, STATE, WIDTH};
 use super::solver::{Outcome, Status, Turn};
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus};
+use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -32,12 +34,157 @@ const NEVER: u64 = u64::MAX;
 /// The solver and the values that it is given.
 pub struct Clarabel {
     solver: DefaultSolver<f64>,
-    /// Upper triangle of H, column by column.
-    hessian: Vec<f64>,
-    /// G at its structure, column by column.
-    rows: Vec<f64>,
+    layout: Layout,
+    /// Upper triangle of the curvatures, and the rows.
+    hessian: Entries,
+    rows: Entries,
+    gradient: Vec<f64>,
+    bounds: Vec<f64>,
     /// When the solver is to stop, which it looks at in every iteration, on the monotonic clock \[ns\].
     until: Arc<AtomicU64>,
+}
+
+/// Where unknowns are.
+#[derive(Debug, Clone, Copy)]
+struct Layout {
+    horizon: usize,
+    blocks: usize,
+    slacks: usize,
+}
+
+impl Layout {
+    fn input(self, k: usize) -> usize {
+        INPUT * k
+    }
+
+    /// ξ_k, k > 0.
+    fn state(self, k: usize) -> usize {
+        INPUT * self.blocks + WIDTH * (k - 1)
+    }
+
+    fn slack(self, slack: usize) -> usize {
+        INPUT * self.blocks + WIDTH * self.horizon + slack
+    }
+
+    fn unknowns(self) -> usize {
+        self.slack(self.slacks)
+    }
+}
+
+/// A sparse matrix whose entries come in the same order every time.
+struct Entries {
+    /// Row and column of each, in the order in which they come.
+    places: Vec<(usize, usize)>,
+    /// Where each is among the values, which are column by column.
+    slots: Vec<usize>,
+    values: Vec<f64>,
+}
+
+impl Entries {
+    /// Takes the places from one visit.
+    fn visited_by(visit: impl FnOnce(&mut dyn FnMut(usize, usize, f64))) -> Self {
+        let (mut places, mut drawn) = (Vec::new(), Vec::new());
+        visit(&mut |row, column, value| {
+            places.push((row, column));
+            drawn.push(value);
+        });
+        let mut order: Vec<usize> = (0..places.len()).collect();
+        order.sort_unstable_by_key(|&at| (places[at].1, places[at].0));
+        let mut slots = vec![0; places.len()];
+        for (slot, &at) in order.iter().enumerate() {
+            slots[at] = slot;
+        }
+        let mut this = Self { values: vec![0.0; places.len()], places, slots };
+        for (slot, value) in this.slots.iter().zip(drawn) {
+            this.values[*slot] = value;
+        }
+        this
+    }
+
+    /// Takes the values from another visit. Does not allocate.
+    fn update(&mut self, visit: impl FnOnce(&mut dyn FnMut(usize, usize, f64))) {
+        let mut slots = self.slots.iter();
+        visit(&mut |_, _, value| {
+            if let Some(place) = slots.next().and_then(|&slot| self.values.get_mut(slot)) {
+                *place = value;
+            }
+        });
+    }
+
+    fn csc(&self, rows: usize, columns: usize) -> CscMatrix<f64> {
+        let mut places = self.places.clone();
+        places.sort_unstable_by_key(|&(row, column)| (column, row));
+        let mut starts = vec![0; columns + 1];
+        for &(_, column) in &places {
+            starts.iter_mut().skip(column + 1).for_each(|start| *start += 1);
+        }
+        CscMatrix::new(rows, columns, starts, places.iter().map(|&(row, _)| row).collect(), self.values.clone())
+    }
+}
+
+/// The upper triangle of the curvatures.
+fn visit_hessian(program: &QuadraticProgram, layout: Layout, entry: &mut dyn FnMut(usize, usize, f64)) {
+    let prices = &program.prices;
+    for i in 0..INPUT * layout.blocks {
+        entry(i, i, prices.input + prices.change);
+    }
+    for (k, stage) in program.stages.iter().enumerate().skip(1) {
+        let at = layout.state(k);
+        for column in 0..STATE {
+            (0..=column).for_each(|row| entry(at + row, at + column, stage.curvature[(row, column)]));
+        }
+        for i in 0..INPUT {
+            let free = k < layout.blocks;
+            let before = if free { prices.change } else { prices.input };
+            entry(at + BEFORE + i, at + BEFORE + i, if k < layout.horizon { before } else { 0.0 });
+            if free {
+                entry(layout.input(k) + i, at + BEFORE + i, -prices.change);
+            }
+        }
+    }
+    for slack in 0..layout.slacks {
+        entry(layout.slack(slack), layout.slack(slack), prices.slack_curvature);
+    }
+}
+
+/// First F ξ + G u − ξ⁺ of each period, then what is bounded.
+fn visit_rows(program: &QuadraticProgram, layout: Layout, entry: &mut dyn FnMut(usize, usize, f64)) {
+    for (k, stage) in program.stages.iter().enumerate().take(layout.horizon) {
+        for row in 0..WIDTH {
+            let (at, axis) = (WIDTH * k + row, row % INPUT);
+            if k > 0 {
+                // p⁺ and a⁺ know no other axis than their own.
+                let columns = if row < STATE { 0..WIDTH } else { BEFORE + axis..BEFORE + axis + 1 };
+                columns.for_each(|column| entry(at, layout.state(k) + column, stage.transition[column][row]));
+            }
+            if k < layout.blocks {
+                let columns = if row < STATE { 0..INPUT } else { axis..axis + 1 };
+                columns.for_each(|column| entry(at, layout.input(k) + column, stage.drive[column][row]));
+            }
+            entry(at, layout.state(k + 1) + row, -1.0);
+        }
+    }
+    let mut at = WIDTH * layout.horizon;
+    for row in &program.rows {
+        for (bound, sign) in row.bounds.iter().zip([1.0, -1.0]) {
+            if *bound == f64::INFINITY {
+                continue;
+            }
+            if row.stage > 0 {
+                (0..3).for_each(|i| entry(at, layout.state(row.stage) + row.first + i, sign * row.by_state[i]));
+            }
+            if row.stage < layout.blocks {
+                (0..INPUT).for_each(|i| entry(at, layout.input(row.stage) + i, sign * row.by_input[i]));
+            }
+            if let Some(slack) = row.slack {
+                entry(at, layout.slack(slack), -1.0);
+            }
+            at += 1;
+        }
+    }
+    for slack in 0..layout.slacks {
+        entry(at + slack, layout.slack(slack), -1.0);
+    }
 }
 
 impl Clarabel {
@@ -46,11 +193,12 @@ impl Clarabel {
     /// # Errors
     /// [`SolverError`] if the solver refuses it.
     pub fn new(program: &QuadraticProgram) -> Result<Self, SolverError> {
-        let (variables, row_count) = (program.variables(), program.bounds.len());
-        let refused = |reason: String| SolverError { variables, rows: row_count, reason };
-        let upper: Vec<(usize, usize)> = (0..variables).flat_map(|column| (0..=column).map(move |row| (row, column))).collect();
-        let hessian: Vec<f64> = upper.iter().map(|(row, column)| if row == column { 1.0 } else { 0.0 }).collect();
-        let rows = vec![1.0; program.structure().len()];
+        let layout = Layout { horizon: program.horizon(), blocks: program.blocks(), slacks: program.slacks() };
+        let (variables, equations) = (layout.unknowns(), WIDTH * layout.horizon);
+        let bounded = program.rows.iter().flat_map(|row| row.bounds).filter(|bound| *bound < f64::INFINITY).count() + layout.slacks;
+        let refused = |reason: String| SolverError { variables, rows: equations + bounded, reason };
+        let hessian = Entries::visited_by(|entry| visit_hessian(program, layout, entry));
+        let rows = Entries::visited_by(|entry| visit_rows(program, layout, entry));
         let settings = DefaultSettingsBuilder::default()
             .verbose(false)
             .max_iter(ITERATIONS_MAX)
@@ -64,12 +212,13 @@ impl Clarabel {
             .direct_solve_method("qdldl".to_owned())
             .build()
             .map_err(|e| refused(e.to_string()))?;
+        let (gradient, bounds) = (vec![0.0; variables], vec![1.0; equations + bounded]);
         let mut solver = DefaultSolver::new(
-            &csc(variables, variables, &upper, &hessian),
-            &program.gradient,
-            &csc(row_count, variables, program.structure(), &rows),
-            &vec![1.0; row_count],
-            &[NonnegativeConeT(row_count)],
+            &hessian.csc(variables, variables),
+            &gradient,
+            &rows.csc(equations + bounded, variables),
+            &bounds,
+            &[ZeroConeT(equations), NonnegativeConeT(bounded)],
             settings,
         )
         .map_err(|e| refused(e.to_string()))?;
@@ -79,26 +228,37 @@ impl Clarabel {
             let until = deadline.load(Ordering::Relaxed);
             Turn { tick: None, until: (until != NEVER).then_some(until) }.is_over()
         });
-        Ok(Self { solver, hessian, rows, until })
+        Ok(Self { solver, layout, hessian, rows, gradient, bounds, until })
     }
 
-    /// Solves `program`, and writes the answer to `solution` if there is a usable one.
+    /// Takes the numbers of `program`.
+    fn update(&mut self, program: &QuadraticProgram) {
+        let layout = self.layout;
+        self.hessian.update(|entry| visit_hessian(program, layout, entry));
+        self.rows.update(|entry| visit_rows(program, layout, entry));
+        let inputs = program.stages.iter().take(layout.blocks).flat_map(|stage| stage.input_gradient);
+        let states = program.stages.iter().skip(1).flat_map(|stage| stage.gradient);
+        let slacks = std::iter::repeat_n(program.prices.slack, layout.slacks);
+        for (slot, slope) in self.gradient.iter_mut().zip(inputs.chain(states).chain(slacks)) {
+            *slot = slope;
+        }
+        let bounded = program.rows.iter().flat_map(|row| row.bounds).filter(|bound| *bound < f64::INFINITY);
+        let equations = std::iter::repeat_n(0.0, WIDTH * layout.horizon);
+        for (slot, bound) in self.bounds.iter_mut().zip(equations.chain(bounded).chain(std::iter::repeat(0.0))) {
+            *slot = bound;
+        }
+    }
+
+    /// Solves `program`, and writes inputs and slacks to `solution` if there is a usable answer.
     pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
         self.until.store(turn.until.unwrap_or(NEVER), Ordering::Relaxed);
-        let columns = program.variables();
-        let upper = (0..columns).flat_map(|column| (0..=column).map(move |row| (row, column)));
-        for (value, (row, column)) in self.hessian.iter_mut().zip(upper) {
-            *value = program.hessian[(row, column)];
-        }
-        for (value, &place) in self.rows.iter_mut().zip(program.structure()) {
-            *value = program.rows[place];
-        }
+        self.update(program);
         let updated = self
             .solver
-            .update_P(&self.hessian)
-            .and_then(|()| self.solver.update_q(&program.gradient))
-            .and_then(|()| self.solver.update_A(&self.rows))
-            .and_then(|()| self.solver.update_b(&program.bounds));
+            .update_P(&self.hessian.values)
+            .and_then(|()| self.solver.update_q(&self.gradient))
+            .and_then(|()| self.solver.update_A(&self.rows.values))
+            .and_then(|()| self.solver.update_b(&self.bounds));
         if updated.is_err() {
             return Outcome { status: Status::Failed, iterations: 0 };
         }
@@ -117,19 +277,11 @@ impl Clarabel {
         };
         let outcome = Outcome { status, iterations: answer.iterations };
         if outcome.usable() {
-            solution.copy_from_slice(&answer.x);
+            let inputs = answer.x.iter().take(self.layout.state(1));
+            for (slot, value) in solution.iter_mut().zip(inputs.chain(answer.x.iter().skip(self.layout.slack(0)))) {
+                *slot = *value;
+            }
         }
         outcome
     }
-}
-
-/// A matrix with the given places, which are sorted column by column.
-fn csc(rows: usize, columns: usize, places: &[(usize, usize)], values: &[f64]) -> CscMatrix<f64> {
-    let mut starts = vec![0; columns + 1];
-    for &(_, column) in places {
-        for start in starts.iter_mut().skip(column + 1) {
-            *start += 1;
-        }
-    }
-    CscMatrix::new(rows, columns, starts, places.iter().map(|&(row, _)| row).collect(), values.to_vec())
 }

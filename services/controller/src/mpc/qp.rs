@@ -1,161 +1,244 @@
-//! A convex quadratic program of fixed shape.
+//! A convex quadratic program in stages: inputs drive a state along the horizon, and slacks let rows off.
 //!
 //! ```text
-//! min ½ xᵀ H x + hᵀ x    subject to   G x ≤ b
+//! min  Σ_{k≤N} ½ xᵀ Q_k x + q_kᵀ ξ_k  +  Σ_{k<C} ½ R |u_k|² + ½ S |u_k − p_k|² + r_kᵀ u_k  +  Σ_{C≤k<N} ½ R |p_k|²  +  Σ ½ σ s² + ρ s
+//! s.t. ξ_0 = 0      ξ_{k+1} = F_k ξ_k + G_k u_k      ξ = (x, p, a)
+//!      −b₋ − s ≤ gᵀ ξ_k + hᵀ u_k ≤ b₊ + s      s ≥ 0
 //! ```
-//! x holds the changes of the free inputs first, then one slack per period. H is kept as its upper triangle.
-//!
-//! A program may be written before all is known that it depends on. h and b are then linear in what is still to come, the surprise s:
-//!
-//! ```text
-//! h = h₀ + P s      b = b₀ − Q s
-//! ```
+//! All are changes of the present plan: u of a free input, x of a state, p of the input of the period before, a of what acted in that. From
+//! period C on no input is free, and p stays.
 
-use super::rows::Rows;
-use nalgebra::{DMatrix, SMatrix, SVector};
+use model::linearise::Linearised;
+use nalgebra::SMatrix;
 
-/// The program's numbers and the places that may be other than zero.
-pub struct QuadraticProgram {
-    /// Upper triangle of H.
-    pub hessian: DMatrix<f64>,
-    /// h.
-    pub gradient: Vec<f64>,
-    /// G.
-    pub rows: Rows,
-    /// b.
-    pub bounds: Vec<f64>,
-    /// Places of G that may be other than zero (row, column), column by column.
-    structure: Vec<(usize, usize)>,
-    /// Rows that are the lower bounds of the slacks, in the order of these.
-    slack_rows: Vec<usize>,
-    /// P.
-    gradient_by_surprise: DMatrix<f64>,
+/// Entries of x.
+pub const STATE: usize = 6;
+/// Entries of u.
+pub const INPUT: usize = 3;
+/// Where p begins in ξ.
+pub const BEFORE: usize = STATE;
+/// Where a begins in ξ.
+pub const ACTED: usize = BEFORE + INPUT;
+/// Entries of ξ.
+pub const WIDTH: usize = ACTED + INPUT;
+
+/// ξ, or one column of a matrix that is multiplied by it.
+pub type Vector = [f64; WIDTH];
+
+/// The numbers of one period; of the last, which only ends the one before, without F, G and r.
+#[derive(Debug, Clone, Copy)]
+pub struct Stage {
+    /// F, column by column.
+    pub transition: [Vector; WIDTH],
+    /// G, column by column.
+    pub drive: [Vector; INPUT],
     /// Q.
-    rows_by_surprise: DMatrix<f64>,
+    pub curvature: SMatrix<f64, STATE, STATE>,
+    /// q.
+    pub gradient: Vector,
+    /// r.
+    pub input_gradient: [f64; INPUT],
+}
+
+impl Stage {
+    const ZERO: Self = Self {
+        transition: [[0.0; WIDTH]; WIDTH],
+        drive: [[0.0; WIDTH]; INPUT],
+        curvature: SMatrix::<f64, STATE, STATE>::from_array_storage(nalgebra::ArrayStorage([[0.0; STATE]; STATE])),
+        gradient: [0.0; WIDTH],
+        input_gradient: [0.0; INPUT],
+    };
+}
+
+/// What is bounded from above and below.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Row {
+    /// k.
+    pub stage: usize,
+    /// Which entry of ξ is the first of three that g multiplies.
+    pub first: usize,
+    /// g.
+    pub by_state: [f64; 3],
+    /// h; nothing, where the stage has no free input.
+    pub by_input: [f64; INPUT],
+    /// Which slack lets it off.
+    pub slack: Option<usize>,
+    /// b₊ and b₋; infinite from the start, where there is no such bound.
+    pub bounds: [f64; 2],
+}
+
+impl Row {
+    /// gᵀ ξ + hᵀ u. `inputs` are those of the free periods.
+    pub fn value(&self, states: &[Vector], inputs: &[[f64; INPUT]]) -> f64 {
+        let state = states.get(self.stage).and_then(|state| state.get(self.first..self.first + 3)).unwrap_or(&[0.0; 3]);
+        let input = inputs.get(self.stage).unwrap_or(&[0.0; INPUT]);
+        (0..3).map(|i| self.by_state[i] * state[i] + self.by_input[i] * input[i]).sum()
+    }
+}
+
+/// What inputs and slacks cost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prices {
+    /// R.
+    pub input: f64,
+    /// S.
+    pub change: f64,
+    /// ρ.
+    pub slack: f64,
+    /// σ.
+    pub slack_curvature: f64,
+}
+
+/// The program's numbers.
+#[derive(Debug, Clone)]
+pub struct QuadraticProgram {
+    /// N + 1 of them.
+    pub stages: Vec<Stage>,
+    /// What is bounded.
+    pub rows: Vec<Row>,
+    /// What inputs and slacks cost.
+    pub prices: Prices,
+    blocks: usize,
+    slacks: usize,
+    /// How many entries of ξ count; the others are zero, or nothing depends on them.
+    entries: usize,
 }
 
 impl QuadraticProgram {
-    /// A program of `variables` unknowns and `rows` inequalities, all zero and without structure.
-    pub fn new(variables: usize, rows: usize) -> Self {
-        Self {
-            hessian: DMatrix::zeros(variables, variables),
-            gradient: vec![0.0; variables],
-            rows: Rows::zeros(rows, variables),
-            bounds: vec![0.0; rows],
-            structure: Vec::new(),
-            slack_rows: Vec::new(),
-            gradient_by_surprise: DMatrix::zeros(variables, 0),
-            rows_by_surprise: DMatrix::zeros(rows, 0),
-        }
+    /// A program over `horizon` periods of which `blocks` have free inputs, without numbers.
+    pub fn new(horizon: usize, blocks: usize, slacks: usize, rows: Vec<Row>, prices: Prices) -> Self {
+        Self { stages: vec![Stage::ZERO; horizon + 1], rows, prices, blocks, slacks, entries: WIDTH }
     }
 
-    /// Makes room for a surprise of so many numbers.
-    pub fn expect_surprise(&mut self, numbers: usize) {
-        self.gradient_by_surprise = DMatrix::zeros(self.variables(), numbers);
-        self.rows_by_surprise = DMatrix::zeros(self.bounds.len(), numbers);
+    /// N.
+    pub fn horizon(&self) -> usize {
+        self.stages.len() - 1
     }
 
-    /// Number of unknowns.
-    pub fn variables(&self) -> usize {
-        self.gradient.len()
+    /// C.
+    pub fn blocks(&self) -> usize {
+        self.blocks
     }
 
-    /// Places of G that may be other than zero, column by column.
-    pub fn structure(&self) -> &[(usize, usize)] {
-        &self.structure
+    /// Number of slacks.
+    pub fn slacks(&self) -> usize {
+        self.slacks
     }
 
-    /// Says once which places of G may be other than zero.
-    pub fn set_structure(&mut self, mut places: Vec<(usize, usize)>) {
-        places.sort_unstable_by_key(|&(row, column)| (column, row));
-        places.dedup();
-        self.rows.set_structure(&places);
-        self.structure = places;
+    /// Number of inputs and slacks.
+    pub fn unknowns(&self) -> usize {
+        INPUT * self.blocks + self.slacks
     }
 
-    /// Rows that are the lower bounds of the slacks, in the order of these.
-    pub fn slack_rows(&self) -> &[usize] {
-        &self.slack_rows
+    /// How many entries of ξ count.
+    pub fn entries(&self) -> usize {
+        self.entries
     }
 
-    /// Says once that the last unknowns are slacks: in H each stands alone, and costs something from its lower bound, one of `rows`, on.
-    pub fn set_slack_rows(&mut self, rows: Vec<usize>) {
-        self.slack_rows = rows;
-    }
-
-    /// Sets all numbers to zero.
-    pub fn clear(&mut self) {
-        self.hessian.as_mut_slice().fill(0.0);
-        self.gradient.fill(0.0);
-        self.rows.clear();
-        self.bounds.fill(0.0);
-        self.gradient_by_surprise.as_mut_slice().fill(0.0);
-        self.rows_by_surprise.as_mut_slice().fill(0.0);
-    }
-
-    /// What was still to come has come: h and b are now what they are for this surprise.
-    pub fn take_in(&mut self, surprise: &[f64]) {
-        for (at, &number) in surprise.iter().enumerate().filter(|(_, number)| **number != 0.0) {
-            for (slope, by) in self.gradient.iter_mut().zip(self.gradient_by_surprise.column(at).iter()) {
-                *slope += by * number;
+    /// Writes F and G for new Jacobians,
+    ///
+    /// ```text
+    /// x⁺ = A x + B α + C a      p⁺ = u      a⁺ = α = (1 − w) u + w p      w: `carry`
+    /// ```
+    /// where u = p from period C on. O(N), does not allocate.
+    pub fn set_dynamics(&mut self, steps: &[Linearised], carry: f64) {
+        let looks_back = steps.iter().any(|step| step.by_acted.iter().any(|value| *value != 0.0));
+        let remembers = looks_back || carry != 0.0 || self.prices.change != 0.0 || self.blocks < self.horizon();
+        self.entries = match (remembers || self.rows.iter().any(|row| row.first == BEFORE), looks_back && carry != 0.0) {
+            (_, true) => WIDTH,
+            (true, false) => ACTED,
+            (false, false) => STATE,
+        };
+        for (k, (stage, step)) in self.stages.iter_mut().zip(steps).enumerate() {
+            let (free, carried) = if k < self.blocks { (1.0 - carry, carry) } else { (0.0, 1.0) };
+            for (column, by) in stage.transition.iter_mut().zip(step.by_state.column_iter()) {
+                column[..STATE].copy_from_slice(by.as_slice());
             }
-            for (bound, by) in self.bounds.iter_mut().zip(self.rows_by_surprise.column(at).iter()) {
-                *bound -= by * number;
+            for i in 0..INPUT {
+                let (mut input, mut before, mut acted) = ([0.0; WIDTH], [0.0; WIDTH], [0.0; WIDTH]);
+                for row in 0..STATE {
+                    (input[row], before[row]) = (free * step.by_input[(row, i)], carried * step.by_input[(row, i)]);
+                    // Where nothing is carried, a = p.
+                    let remembered = if carry == 0.0 { &mut before } else { &mut acted };
+                    remembered[row] += step.by_acted[(row, i)];
+                }
+                (input[BEFORE + i], before[BEFORE + i]) = if k < self.blocks { (1.0, 0.0) } else { (0.0, 1.0) };
+                (input[ACTED + i], before[ACTED + i]) = (free, carried);
+                (stage.drive[i], stage.transition[BEFORE + i], stage.transition[ACTED + i]) = (input, before, acted);
             }
         }
     }
 
-    /// Adds a block to the upper triangle of H, `row` ≤ `column`.
-    pub fn add_hessian(&mut self, row: usize, column: usize, block: &SMatrix<f64, 3, 3>) {
-        let mut place = self.hessian.fixed_view_mut::<3, 3>(row, column);
-        place += block;
-    }
-
-    /// Adds a block to P.
-    pub fn add_gradient_by_surprise(&mut self, row: usize, number: usize, block: &SMatrix<f64, 3, 3>) {
-        let mut place = self.gradient_by_surprise.fixed_view_mut::<3, 3>(row, number);
-        place += block;
-    }
-
-    /// Adds three coefficients to a row of Q.
-    pub fn put_row_by_surprise(&mut self, row: usize, number: usize, coefficients: &[f64; 3]) {
-        for (offset, value) in coefficients.iter().enumerate() {
-            self.rows_by_surprise[(row, number + offset)] += value;
+    /// Sets the gradients to zero.
+    pub fn clear_gradients(&mut self) {
+        for stage in &mut self.stages {
+            (stage.gradient, stage.input_gradient) = ([0.0; WIDTH], [0.0; INPUT]);
         }
     }
 
-    /// Adds three entries to h.
-    pub fn add_gradient(&mut self, at: usize, entries: &SVector<f64, 3>) {
-        for (slot, entry) in self.gradient.iter_mut().skip(at).zip(entries.iter()) {
-            *slot += entry;
+    /// Adds to the slope of the input of period `k` on one axis.
+    pub fn add_slope(&mut self, k: usize, axis: usize, slope: f64) {
+        if let Some(stage) = self.stages.get_mut(k) {
+            if k < self.blocks {
+                stage.input_gradient[axis] += slope;
+            } else {
+                stage.gradient[BEFORE + axis] += slope;
+            }
         }
     }
 
-    /// Adds ½ weight (value + `x_at`)².
-    pub fn add_square(&mut self, at: usize, weight: f64, value: f64) {
-        self.hessian[(at, at)] += weight;
-        self.add_linear(at, weight * value);
-    }
-
-    /// Turns ½ weight (value + `x_to`)² into ½ weight (value + `x_to` − `x_from`)², `from` < `to`.
-    pub fn add_difference(&mut self, from: usize, to: usize, weight: f64, value: f64) {
-        self.hessian[(from, from)] += weight;
-        self.hessian[(from, to)] -= weight;
-        self.add_linear(from, -weight * value);
-    }
-
-    /// Adds slope `x_at`.
-    pub fn add_linear(&mut self, at: usize, slope: f64) {
-        if let Some(entry) = self.gradient.get_mut(at) {
-            *entry += slope;
+    /// The input of the free period `k` differs from the one before by `change` on one axis.
+    pub fn add_change(&mut self, k: usize, axis: usize, change: f64) {
+        let slope = self.prices.change * change;
+        if let Some(stage) = self.stages.get_mut(k) {
+            stage.input_gradient[axis] += slope;
+            stage.gradient[BEFORE + axis] -= slope;
         }
     }
 
-    /// Whether `x` keeps every inequality to within `tolerance`, and is finite.
-    pub fn satisfied_by(&self, x: &[f64], tolerance: f64) -> bool {
-        if x.len() != self.variables() || x.iter().any(|value| !value.is_finite()) {
-            return false;
+    /// The plan's states have moved by `moved`, N + 1 of them, whose p and a are zero: completes gradients and bounds. O(N), does not allocate.
+    pub fn displace(&mut self, moved: &[Vector]) {
+        for (stage, moved) in self.stages.iter_mut().zip(moved) {
+            for (column, by) in stage.curvature.column_iter().zip(moved) {
+                for (slope, curvature) in stage.gradient.iter_mut().zip(column.iter()) {
+                    *slope += curvature * by;
+                }
+            }
         }
-        self.bounds.iter().enumerate().all(|(row, &bound)| self.rows.taken_off(row, x, bound) >= -tolerance * (1.0 + bound.abs()))
+        for row in &mut self.rows {
+            let used = row.value(moved, &[]);
+            row.bounds = [row.bounds[0] - used, row.bounds[1] + used];
+        }
+    }
+
+    /// States under `inputs`. O(N), does not allocate.
+    pub fn follow(&self, inputs: &[f64], states: &mut [Vector]) {
+        let mut now = [0.0; WIDTH];
+        let mut inputs = inputs.chunks_exact(INPUT).take(self.blocks);
+        for (slot, stage) in states.iter_mut().zip(&self.stages) {
+            *slot = now;
+            let input = inputs.next().unwrap_or_default();
+            let mut next = [0.0; WIDTH];
+            for (column, by) in stage.transition.iter().zip(&now).chain(stage.drive.iter().zip(input)) {
+                for (entry, value) in next.iter_mut().zip(column) {
+                    *entry += value * by;
+                }
+            }
+            now = next;
+        }
+    }
+
+    /// Whether inputs and slacks keep every row to within `tolerance`, with the states that [follow](Self::follow), and are finite.
+    pub fn satisfied_by(&self, unknowns: &[f64], states: &[Vector], tolerance: f64) -> bool {
+        let Some((inputs, slacks)) = unknowns.split_at_checked(INPUT * self.blocks) else { return false };
+        let (inputs, _) = inputs.as_chunks::<INPUT>();
+        unknowns.iter().all(|value| value.is_finite())
+            && slacks.len() == self.slacks
+            && slacks.iter().all(|slack| *slack >= -tolerance)
+            && self.rows.iter().all(|row| {
+                let (value, slack) = (row.value(states, inputs), row.slack.map_or(0.0, |slack| slacks[slack]));
+                let kept = |bound: f64, value: f64| bound + slack - value >= -tolerance * (1.0 + bound.abs());
+                (kept(row.bounds[0], value) || row.bounds[0] == f64::INFINITY) && (kept(row.bounds[1], -value) || row.bounds[1] == f64::INFINITY)
+            })
     }
 }
