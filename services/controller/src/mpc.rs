@@ -25,6 +25,8 @@ mod cost;
 mod expected;
 mod inherit;
 pub mod interior_point;
+#[cfg(test)]
+mod oracle;
 pub mod qp;
 pub mod riccati;
 pub mod solver;
@@ -172,12 +174,8 @@ impl Mpc {
         let cost = Cost::new(settings, formulation, main)?;
         let program = QuadraticProgram::new(horizon, blocks, limits.slacks(), limits.rows(), Limits::with_slacks(cost.prices()));
         let solver = Solver::new(settings.solver, &program)?;
-        let still = Linearised {
-            next: State::default(),
-            by_state: SMatrix::identity(),
-            by_input: SMatrix::zeros(),
-            by_acted: SMatrix::zeros(),
-        };
+        let still =
+            Linearised { next: State::default(), by_state: SMatrix::identity(), by_input: SMatrix::zeros(), by_acted: SMatrix::zeros() };
         Ok(Self {
             horizon,
             blocks,

@@ -7,12 +7,13 @@
 //! J Jᵀ = H⁻¹      Jᵀ N = Q R      N: the active bounds' normals, which point inwards; QᵀQ = 1, R upper triangular
 //! ```
 //! J is never written down: [`Riccati`] multiplies by it and its transpose in O(N), and a slack adds an entry to v = J⁻¹x once it is no longer held.
-//! A bound with the normal n is taken in along the step z, while the multipliers of the active ones change by −r:
+//! A bound with the normal n is taken in along w, while the multipliers of the active ones change by −r:
 //!
 //! ```text
-//! d = Jᵀ n      w = d − Q Qᵀ d      z = J w      r = R⁻¹ Qᵀ d
+//! d = Jᵀ n      w = d − Q Qᵀ d      r = R⁻¹ Qᵀ d
 //! ```
-//! as far as the bound asks for, or until a multiplier is zero: then that bound is let go. One such step is O(N (1 + active bounds)).
+//! as far as the bound asks for, or until a multiplier is zero: then that bound is let go. What goes on is v; x = J v is asked for when there is
+//! another bound to be looked for. One such step is O(N (1 + active bounds)).
 
 use super::qp::{INPUT, QuadraticProgram};
 use super::riccati::{Riccati, Trajectory};
@@ -78,7 +79,8 @@ pub struct ActiveSet {
     /// Active bounds, in the order of R's columns, and their multipliers; slacks that are held are not among them.
     active: Vec<Bound>,
     multipliers: Vec<f64>,
-    /// x.
+    /// v, and the x that belongs to it.
+    whitened: DVector<f64>,
     at: Trajectory,
     slacks: Vec<f64>,
     slack_states: Vec<Slack>,
@@ -86,11 +88,10 @@ pub struct ActiveSet {
     slack_multipliers: Vec<f64>,
     /// How many entries v has.
     entries: usize,
-    /// d, Qᵀd, w, z and r.
+    /// d, Qᵀd, w and r.
     image: DVector<f64>,
     shares: DVector<f64>,
     rest: DVector<f64>,
-    step: Trajectory,
     release: DVector<f64>,
     /// The same of slacks that are held.
     slack_release: Vec<f64>,
@@ -107,6 +108,7 @@ impl ActiveSet {
             triangle: DMatrix::zeros(unknowns, unknowns),
             active: Vec::with_capacity(unknowns),
             multipliers: Vec::with_capacity(unknowns),
+            whitened: DVector::zeros(unknowns),
             at: Trajectory::of(program),
             slacks: vec![0.0; slacks],
             slack_states: vec![Slack::Held; slacks],
@@ -115,7 +117,6 @@ impl ActiveSet {
             image: DVector::zeros(unknowns),
             shares: DVector::zeros(unknowns),
             rest: DVector::zeros(unknowns),
-            step: Trajectory::of(program),
             release: DVector::zeros(unknowns),
             slack_release: vec![0.0; slacks],
         }
@@ -181,14 +182,24 @@ impl ActiveSet {
         self.slack_states.fill(Slack::Held);
         self.slack_multipliers.fill(program.prices.slack);
         self.entries = INPUT * program.blocks();
-        let mut image = self.image.rows_mut(0, self.entries);
-        self.factor.transposed_gradient(program, image.as_mut_slice());
-        image.neg_mut();
-        self.factor.apply(image.as_slice(), &mut self.at);
+        let mut whitened = self.whitened.rows_mut(0, self.entries);
+        self.factor.transposed_gradient(program, whitened.as_mut_slice());
+        whitened.neg_mut();
+    }
+
+    /// x = J v.
+    fn place(&mut self, program: &QuadraticProgram) {
+        self.factor.apply(self.whitened.as_slice(), &mut self.at);
+        for (slack, state) in self.slacks.iter_mut().zip(&self.slack_states) {
+            if let Slack::Free(entry) = state {
+                *slack = self.whitened[*entry] * entry_of_slack(program);
+            }
+        }
     }
 
     /// The bound that is violated most, if one is, and its distance.
-    fn most_violated(&self, program: &QuadraticProgram) -> Option<(Bound, f64)> {
+    fn most_violated(&mut self, program: &QuadraticProgram) -> Option<(Bound, f64)> {
+        self.place(program);
         let mut worst = None;
         let mut least = -VIOLATION;
         let mut look = |bound: Bound, distance: f64| {
@@ -233,7 +244,8 @@ impl ActiveSet {
         }
         *multiplier += length;
         if independent {
-            self.go(program, length);
+            let entries = self.entries;
+            self.whitened.rows_mut(0, entries).axpy(length, &self.rest.rows(0, entries), 1.0);
             *distance += length * square;
         }
         match first {
@@ -272,17 +284,22 @@ impl ActiveSet {
     /// w, whose square is returned, and Qᵀd.
     fn take_off_active(&mut self, whole: f64) -> f64 {
         let (held, entries) = (self.active.len(), self.entries);
-        self.rest.rows_mut(0, entries).copy_from(&self.image.rows(0, entries));
-        self.shares.rows_mut(0, held).fill(0.0);
+        let stride = self.basis.nrows();
+        let (rest, shares) = (&mut self.rest.as_mut_slice()[..entries], &mut self.shares.as_mut_slice()[..held]);
+        let directions = || self.basis.as_slice().chunks_exact(stride).map(|direction| &direction[..entries]);
+        rest.copy_from_slice(&self.image.as_slice()[..entries]);
+        shares.fill(0.0);
         let mut square = whole;
         loop {
-            let mut rest = self.rest.rows_mut(0, entries);
-            for (direction, share) in self.basis.column_iter().take(held).zip(self.shares.iter_mut()) {
-                let (direction, by) = (direction.rows(0, entries), direction.rows(0, entries).dot(&rest));
-                rest.axpy(-by, &direction, 1.0);
-                *share += by;
+            let passed = &mut self.release.as_mut_slice()[..held];
+            for ((passed, share), direction) in passed.iter_mut().zip(&mut *shares).zip(directions()) {
+                *passed = dot(direction, rest);
+                *share += *passed;
             }
-            let before = std::mem::replace(&mut square, rest.norm_squared());
+            for (passed, direction) in passed.iter().zip(directions()) {
+                rest.iter_mut().zip(direction).for_each(|(rest, entry)| *rest -= passed * entry);
+            }
+            let before = std::mem::replace(&mut square, dot(rest, rest));
             // Far less than before is what rounding has left as well, and has to be made orthogonal once more.
             if square >= CANCELLED * before || square <= DEPENDENT * whole {
                 return square;
@@ -303,17 +320,6 @@ impl ActiveSet {
         for (bound, by) in with_release.chain([(&bound, 1.0)]) {
             if let Some(slack) = bound.slack(program).filter(|slack| self.slack_states[*slack] == Slack::Held) {
                 self.slack_release[slack] += by;
-            }
-        }
-    }
-
-    /// x + length z.
-    fn go(&mut self, program: &QuadraticProgram, length: f64) {
-        self.factor.apply(self.rest.rows(0, self.entries).as_slice(), &mut self.step);
-        self.at.add(length, &self.step);
-        for (slack, state) in self.slacks.iter_mut().zip(&self.slack_states) {
-            if let Slack::Free(entry) = state {
-                *slack += length * self.rest[*entry] * entry_of_slack(program);
             }
         }
     }
@@ -357,6 +363,7 @@ impl ActiveSet {
     fn let_slack_go(&mut self, program: &QuadraticProgram, slack: usize) {
         let (held, entry) = (self.active.len(), self.entries);
         (self.slack_states[slack], self.slack_multipliers[slack]) = (Slack::Free(entry), 0.0);
+        self.whitened[entry] = 0.0;
         self.entries += 1;
         // A new row under R, and beside Q the new entry's unit vector: rotations make the row zero.
         for (place, bound) in self.active.iter().enumerate() {
@@ -386,6 +393,17 @@ impl Bound {
             Self::Slack(slack) => Some(slack),
         }
     }
+}
+
+/// aᵀb, in four sums that do not wait for each other.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
+    let mut sums = [0.0; 4];
+    for (a, b) in a.iter().zip(b) {
+        (0..4).for_each(|lane| sums[lane] += a[lane] * b[lane]);
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
 /// A slack in v, of a slack in x; and the other way about.

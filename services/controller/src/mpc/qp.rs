@@ -238,7 +238,8 @@ impl QuadraticProgram {
             && self.rows.iter().all(|row| {
                 let (value, slack) = (row.value(states, inputs), row.slack.map_or(0.0, |slack| slacks[slack]));
                 let kept = |bound: f64, value: f64| bound + slack - value >= -tolerance * (1.0 + bound.abs());
-                (kept(row.bounds[0], value) || row.bounds[0] == f64::INFINITY) && (kept(row.bounds[1], -value) || row.bounds[1] == f64::INFINITY)
+                (kept(row.bounds[0], value) || row.bounds[0] == f64::INFINITY)
+                    && (kept(row.bounds[1], -value) || row.bounds[1] == f64::INFINITY)
             })
     }
 }

@@ -52,14 +52,6 @@ impl Trajectory {
     pub fn of(program: &QuadraticProgram) -> Self {
         Self { inputs: vec![[0.0; INPUT]; program.blocks()], states: vec![[0.0; WIDTH]; program.stages.len()] }
     }
-
-    /// Adds `by` times another one.
-    pub fn add(&mut self, by: f64, step: &Self) {
-        let states = self.states.as_flattened_mut().iter_mut().zip(step.states.as_flattened());
-        for (value, change) in self.inputs.as_flattened_mut().iter_mut().zip(step.inputs.as_flattened()).chain(states) {
-            *value += by * change;
-        }
-    }
 }
 
 /// J: set up once, then in place.
@@ -98,7 +90,8 @@ impl Riccati {
         add_curvature(&mut value, last);
         for (k, (factor, stage)) in self.factors.iter_mut().zip(stages).enumerate().rev() {
             let free = k < self.blocks;
-            let weighted: [Vector; WIDTH] = std::array::from_fn(|c| if c < D { times::<D>(&value, &stage.transition[c]) } else { [0.0; WIDTH] });
+            let weighted: [Vector; WIDTH] =
+                std::array::from_fn(|c| if c < D { times::<D>(&value, &stage.transition[c]) } else { [0.0; WIDTH] });
             factor.columns = stage.transition;
             let mut whitened = [[0.0; WIDTH]; INPUT];
             if free {

@@ -96,8 +96,9 @@ proptest! {
         mpc.begin_at(&state);
         mpc.prepare(&reference, &belief);
         mpc.roll_out(&state, &input, &belief);
-        mpc.condensed.propagate(&mpc.steps, belief.carry);
+        mpc.program.set_dynamics(&mpc.steps, belief.carry);
         mpc.build(&input, &reference);
+        let gradient = oracle::Dense::of(&mpc.program).gradient;
         let deviation = mpc.deviation.clone();
         let step = 1e-6;
         for variable in 0..9 {
@@ -107,7 +108,7 @@ proptest! {
                 true_cost(&mpc, &state, &deviation, &input, &reference, &belief)
             };
             let numeric = (moved(step) - moved(-step)) / (2.0 * step);
-            let written = mpc.program.gradient[variable];
+            let written = gradient[variable];
             prop_assert!((numeric - written).abs() < 1e-5 * (1.0 + numeric.abs()), "variable {}: {} is not {}", variable, written, numeric);
         }
     }
@@ -217,9 +218,8 @@ fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError>
     mpc.prepare(&circle(0, 7), &belief);
     let outcome = mpc.iterate(&state, &[1.5, 0.0, 0.75], &circle(0, 7), &belief).outcome;
     assert_eq!(outcome.status, Status::Solved);
-    let hessian = mpc.program.hessian.view((0, 0), (9, 9)).upper_triangle();
-    let full = &hessian + hessian.transpose() - nalgebra::DMatrix::from_diagonal(&hessian.diagonal());
-    let newton = full.lu().solve(&-nalgebra::DVector::from_row_slice(&mpc.program.gradient[..9]));
+    let program = oracle::Dense::of(&mpc.program);
+    let newton = program.hessian.view((0, 0), (9, 9)).lu().solve(&-program.gradient.rows(0, 9));
     let newton = newton.unwrap_or_else(|| nalgebra::DVector::zeros(9));
     for (ours, exact) in mpc.solution.iter().zip(newton.iter()) {
         assert!((ours - exact).abs() < 1e-6, "{ours} is not {exact}");
