@@ -88,6 +88,8 @@ pub struct ActiveSet {
     slack_multipliers: Vec<f64>,
     /// How many entries v has.
     entries: usize,
+    /// How many of them what is active, and what is taken in, has a say in.
+    reach: usize,
     /// d, Qᵀd, w and r.
     image: DVector<f64>,
     shares: DVector<f64>,
@@ -114,6 +116,7 @@ impl ActiveSet {
             slack_states: vec![Slack::Held; slacks],
             slack_multipliers: vec![0.0; slacks],
             entries: 0,
+            reach: 0,
             image: DVector::zeros(unknowns),
             shares: DVector::zeros(unknowns),
             rest: DVector::zeros(unknowns),
@@ -181,7 +184,7 @@ impl ActiveSet {
         self.slacks.fill(0.0);
         self.slack_states.fill(Slack::Held);
         self.slack_multipliers.fill(program.prices.slack);
-        self.entries = INPUT * program.blocks();
+        (self.entries, self.reach) = (INPUT * program.blocks(), 0);
         let mut whitened = self.whitened.rows_mut(0, self.entries);
         self.factor.transposed_gradient(program, whitened.as_mut_slice());
         whitened.neg_mut();
@@ -244,8 +247,7 @@ impl ActiveSet {
         }
         *multiplier += length;
         if independent {
-            let entries = self.entries;
-            self.whitened.rows_mut(0, entries).axpy(length, &self.rest.rows(0, entries), 1.0);
+            self.whitened.axpy(length, &self.rest, 1.0);
             *distance += length * square;
         }
         match first {
@@ -265,29 +267,30 @@ impl ActiveSet {
 
     /// d, whose square is returned.
     fn look_at(&mut self, program: &QuadraticProgram, bound: Bound) -> f64 {
-        let mut image = self.image.rows_mut(0, self.entries);
         match bound {
             Bound::Row(row, side) => {
-                self.factor.transposed_row(&program.rows[row], image.as_mut_slice());
+                let row = &program.rows[row];
+                self.factor.transposed_row(row, self.image.as_mut_slice());
                 if side == 0 {
-                    image.neg_mut();
+                    self.image.neg_mut();
                 }
+                self.reach = self.reach.max(INPUT * (row.stage + 1).min(program.blocks()));
             }
-            Bound::Slack(_) => image.fill(0.0),
+            Bound::Slack(_) => self.image.fill(0.0),
         }
         if let Some(Slack::Free(entry)) = bound.slack(program).map(|slack| self.slack_states[slack]) {
-            image[entry] = entry_of_slack(program);
+            self.image[entry] = entry_of_slack(program);
         }
-        image.norm_squared()
+        dot(&self.image.as_slice()[..self.reach], &self.image.as_slice()[..self.reach])
     }
 
     /// w, whose square is returned, and Qᵀd.
     fn take_off_active(&mut self, whole: f64) -> f64 {
-        let (held, entries) = (self.active.len(), self.entries);
+        let (held, reach) = (self.active.len(), self.reach);
         let stride = self.basis.nrows();
-        let (rest, shares) = (&mut self.rest.as_mut_slice()[..entries], &mut self.shares.as_mut_slice()[..held]);
-        let directions = || self.basis.as_slice().chunks_exact(stride).map(|direction| &direction[..entries]);
-        rest.copy_from_slice(&self.image.as_slice()[..entries]);
+        self.rest.copy_from(&self.image);
+        let (rest, shares) = (&mut self.rest.as_mut_slice()[..reach], &mut self.shares.as_mut_slice()[..held]);
+        let directions = || self.basis.as_slice().chunks_exact(stride).map(|direction| &direction[..reach]);
         shares.fill(0.0);
         let mut square = whole;
         loop {
@@ -331,9 +334,8 @@ impl ActiveSet {
         column.rows_mut(0, held).copy_from(&self.shares.rows(0, held));
         column.rows_range_mut(held..).fill(0.0);
         column[held] = end;
-        for (entry, rest) in self.basis.column_mut(held).iter_mut().zip(self.rest.iter()).take(self.entries) {
-            *entry = rest / end;
-        }
+        self.basis.set_column(held, &self.rest);
+        self.basis.column_mut(held).unscale_mut(end);
         self.active.push(bound);
         self.multipliers.push(multiplier);
     }
@@ -352,7 +354,7 @@ impl ActiveSet {
                 let (above, below) = rotation.turn(self.triangle[(column, other)], self.triangle[(column + 1, other)]);
                 (self.triangle[(column, other)], self.triangle[(column + 1, other)]) = (above, below);
             }
-            for row in 0..self.entries {
+            for row in 0..self.reach {
                 let (left, right) = rotation.turn(self.basis[(row, column)], self.basis[(row, column + 1)]);
                 (self.basis[(row, column)], self.basis[(row, column + 1)]) = (left, right);
             }
@@ -365,12 +367,12 @@ impl ActiveSet {
         (self.slack_states[slack], self.slack_multipliers[slack]) = (Slack::Free(entry), 0.0);
         self.whitened[entry] = 0.0;
         self.entries += 1;
+        self.reach = self.entries;
         // A new row under R, and beside Q the new entry's unit vector: rotations make the row zero.
         for (place, bound) in self.active.iter().enumerate() {
             self.release[place] = if bound.slack(program) == Some(slack) { entry_of_slack(program) } else { 0.0 };
-            self.basis[(entry, place)] = 0.0;
         }
-        self.rest.rows_mut(0, entry).fill(0.0);
+        self.rest.fill(0.0);
         self.rest[entry] = 1.0;
         let first = self.release.iter().take(held).position(|entry| *entry != 0.0);
         for column in first.unwrap_or(held)..held {

@@ -69,10 +69,13 @@ pub struct Row {
 
 impl Row {
     /// gᵀ ξ + hᵀ u. `inputs` are those of the free periods.
+    #[inline]
     pub fn value(&self, states: &[Vector], inputs: &[[f64; INPUT]]) -> f64 {
-        let state = states.get(self.stage).and_then(|state| state.get(self.first..self.first + 3)).unwrap_or(&[0.0; 3]);
-        let input = inputs.get(self.stage).unwrap_or(&[0.0; INPUT]);
-        (0..3).map(|i| self.by_state[i] * state[i] + self.by_input[i] * input[i]).sum()
+        let (g, h) = (&self.by_state, &self.by_input);
+        let entries = states.get(self.stage).and_then(|state| state.get(self.first..)?.first_chunk());
+        let of_state = entries.map_or(0.0, |[a, b, c]| g[0] * a + g[1] * b + g[2] * c);
+        let of_input = inputs.get(self.stage).map_or(0.0, |[a, b, c]| h[0] * a + h[1] * b + h[2] * c);
+        of_state + of_input
     }
 }
 

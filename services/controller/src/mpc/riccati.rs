@@ -276,6 +276,7 @@ fn inverse_factor(matrix: &[[f64; INPUT]; INPUT]) -> Option<[[f64; INPUT]; INPUT
 }
 
 /// A matrix, column by column, times a vector.
+#[inline]
 fn times<const D: usize>(columns: &[Vector; WIDTH], by: &Vector) -> Vector {
     let mut product = [0.0; WIDTH];
     for (column, by) in columns.iter().zip(by).take(D) {
@@ -284,12 +285,14 @@ fn times<const D: usize>(columns: &[Vector; WIDTH], by: &Vector) -> Vector {
     product
 }
 
+#[inline]
 fn add<const D: usize>(to: &mut Vector, by: f64, vector: &Vector) {
     for i in 0..D {
         to[i] += by * vector[i];
     }
 }
 
+#[inline]
 fn dot<const D: usize>(a: &Vector, b: &Vector) -> f64 {
     (0..D).map(|i| a[i] * b[i]).sum()
 }

@@ -36,6 +36,8 @@ pub(crate) struct Figures {
     /// From the state to the command.
     pub(crate) feedback_p50_us: f64,
     pub(crate) feedback_p99_us: f64,
+    /// Most iterations of the quadratic program's method in one period.
+    pub(crate) iterations_most: u32,
     /// Root mean square of the distance from the reference \[m\].
     pub(crate) rms_pos_err: f64,
     /// Sum of |u| over axes and periods.
@@ -51,7 +53,7 @@ pub(crate) fn drive(points: usize, horizon: usize) -> Result<Figures, Box<dyn Er
     let reference = problem::reference(PERIODS + horizon + 2);
     let first = reference.first().ok_or("a reference has points")?;
     let mut state = State { pose: first.pose, velocity: first.velocity, ..State::default() };
-    let (mut input, mut squares, mut usum) = ([0.0; 3], 0.0, 0.0);
+    let (mut input, mut squares, mut usum, mut iterations_most) = ([0.0; 3], 0.0, 0.0, 0);
     let mut times: [Vec<Duration>; 5] = std::array::from_fn(|_| Vec::with_capacity(PERIODS));
     mpc.begin_on(&reference);
     for (period, points) in reference.windows(horizon + 1).enumerate().take(PERIODS) {
@@ -65,6 +67,7 @@ pub(crate) fn drive(points: usize, horizon: usize) -> Result<Figures, Box<dyn Er
         if !solved.outcome.usable() {
             return Err(format!("period {period}: {:?}", solved.outcome).into());
         }
+        iterations_most = iterations_most.max(solved.outcome.iterations);
         let linearise = Duration::from_nanos(solved.ahead.linearise_nanos + solved.since.linearise_nanos);
         let solve = Duration::from_nanos(solved.ahead.solve_nanos + solved.since.solve_nanos);
         for (times, time) in times.iter_mut().zip([end - begin, processes.take_time(), linearise, solve, end - comes]) {
@@ -88,6 +91,7 @@ pub(crate) fn drive(points: usize, horizon: usize) -> Result<Figures, Box<dyn Er
         qp_p50_us: qp.percentile(0.5),
         feedback_p50_us: feedback.percentile(0.5),
         feedback_p99_us: feedback.percentile(0.99),
+        iterations_most,
         rms_pos_err: (squares / PERIODS as f64).sqrt(),
         usum,
     })
