@@ -5,6 +5,7 @@ mod closed_loop;
 #[path = "reference_problem/problem.rs"]
 mod problem;
 
+use controller::settings::Linearise;
 use model::learned::{Moment, Residual};
 use problem::{PERIOD, Processes, gp_data, reference};
 use std::error::Error;
@@ -44,7 +45,7 @@ fn the_processes_say_what_those_of_the_peers_say() -> Result<(), Box<dyn Error>>
 
 #[test]
 fn the_closed_loop_is_that_of_three_independent_peers() -> Result<(), Box<dyn Error>> {
-    let figures = closed_loop::drive(100, 10)?;
+    let figures = closed_loop::drive(100, 10, Linearise::Expected)?;
     assert!((figures.rms_pos_err - 0.35788).abs() < 2e-4 && (figures.usum - 1091.717).abs() < 0.2, "{figures:?}");
     Ok(())
 }

@@ -155,7 +155,7 @@ impl ActiveSet {
             return Status::Failed;
         }
         self.begin(program);
-        let most = STEPS_MOST * (program.unknowns() + 2 * program.rows.len() + program.slacks());
+        let most = steps_most(program);
         while let Some((bound, mut distance)) = self.most_violated(program) {
             let mut multiplier = 0.0;
             loop {
@@ -203,21 +203,20 @@ impl ActiveSet {
     /// The bound that is violated most, if one is, and its distance.
     fn most_violated(&mut self, program: &QuadraticProgram) -> Option<(Bound, f64)> {
         self.place(program);
-        let mut worst = None;
-        let mut least = -VIOLATION;
-        let mut look = |bound: Bound, distance: f64| {
-            if distance < least && !self.active.contains(&bound) {
-                (worst, least) = (Some((bound, distance)), distance);
-            }
-        };
+        let (mut worst, mut least) = (None, -VIOLATION);
         for (index, row) in program.rows.iter().enumerate() {
             let value = row.value(&self.at.states, &self.at.inputs);
-            let slack = row.slack.map_or(0.0, |slack| self.slacks[slack]);
-            look(Bound::Row(index, 0), row.bounds[0] + slack - value);
-            look(Bound::Row(index, 1), row.bounds[1] + slack + value);
+            let (above, below) = (row.bounds[0] - value, row.bounds[1] + value);
+            let (side, nearest) = if above < below { (0, above) } else { (1, below) };
+            let distance = nearest + row.slack.map_or(0.0, |slack| self.slacks[slack]);
+            if distance < least && !self.active.contains(&Bound::Row(index, side)) {
+                (worst, least) = (Some((Bound::Row(index, side), distance)), distance);
+            }
         }
         for (index, slack) in self.slacks.iter().enumerate() {
-            look(Bound::Slack(index), *slack);
+            if *slack < least && !self.active.contains(&Bound::Slack(index)) {
+                (worst, least) = (Some((Bound::Slack(index), *slack)), *slack);
+            }
         }
         worst
     }
@@ -411,6 +410,11 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// A slack in v, of a slack in x; and the other way about.
 fn entry_of_slack(program: &QuadraticProgram) -> f64 {
     1.0 / program.prices.slack_curvature.sqrt()
+}
+
+/// Most steps that are taken.
+fn steps_most(program: &QuadraticProgram) -> usize {
+    STEPS_MOST * (program.unknowns() + 2 * program.rows.len() + program.slacks())
 }
 
 /// A Givens rotation.

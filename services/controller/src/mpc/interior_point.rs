@@ -53,10 +53,6 @@ struct Layout {
 }
 
 impl Layout {
-    fn input(self, k: usize) -> usize {
-        INPUT * k
-    }
-
     /// ξ_k, k > 0.
     fn state(self, k: usize) -> usize {
         INPUT * self.blocks + WIDTH * (k - 1)
@@ -138,7 +134,7 @@ fn visit_hessian(program: &QuadraticProgram, layout: Layout, entry: &mut dyn FnM
             let before = if free { prices.change } else { prices.input };
             entry(at + BEFORE + i, at + BEFORE + i, if k < layout.horizon { before } else { 0.0 });
             if free {
-                entry(layout.input(k) + i, at + BEFORE + i, -prices.change);
+                entry(INPUT * k + i, at + BEFORE + i, -prices.change);
             }
         }
     }
@@ -159,7 +155,7 @@ fn visit_rows(program: &QuadraticProgram, layout: Layout, entry: &mut dyn FnMut(
             }
             if k < layout.blocks {
                 let columns = if row < STATE { 0..INPUT } else { axis..axis + 1 };
-                columns.for_each(|column| entry(at, layout.input(k) + column, stage.drive[column][row]));
+                columns.for_each(|column| entry(at, INPUT * k + column, stage.drive[column][row]));
             }
             entry(at, layout.state(k + 1) + row, -1.0);
         }
@@ -174,7 +170,7 @@ fn visit_rows(program: &QuadraticProgram, layout: Layout, entry: &mut dyn FnMut(
                 (0..3).for_each(|i| entry(at, layout.state(row.stage) + row.first + i, sign * row.by_state[i]));
             }
             if row.stage < layout.blocks {
-                (0..INPUT).for_each(|i| entry(at, layout.input(row.stage) + i, sign * row.by_input[i]));
+                (0..INPUT).for_each(|i| entry(at, INPUT * row.stage + i, sign * row.by_input[i]));
             }
             if let Some(slack) = row.slack {
                 entry(at, layout.slack(slack), -1.0);

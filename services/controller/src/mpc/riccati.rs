@@ -81,10 +81,7 @@ impl Riccati {
     }
 
     fn factorise_entries<const D: usize>(&mut self, program: &QuadraticProgram) -> bool {
-        let (last, stages) = match program.stages.split_last() {
-            Some(stages) => stages,
-            None => return false,
-        };
+        let Some((last, stages)) = program.stages.split_last() else { return false };
         // P, symmetric.
         let mut value = [[0.0; WIDTH]; WIDTH];
         add_curvature(&mut value, last);

@@ -2,6 +2,7 @@
 
 use super::problem::{self, Processes};
 use controller::mpc::{Formulation, Mpc};
+use controller::settings::{Linearise, MpcSettings};
 use model::State;
 use model::learned::Residual;
 use model::predict::Belief;
@@ -22,6 +23,8 @@ pub(crate) struct Figures {
     /// Horizon, all of it free.
     #[serde(rename = "N")]
     pub(crate) horizon: usize,
+    /// About what it is linearised.
+    pub(crate) linearise: Linearise,
     /// Periods that were timed.
     pub(crate) steps: usize,
     /// All of one period: what is done before the state comes, and after.
@@ -44,12 +47,13 @@ pub(crate) struct Figures {
     pub(crate) usum: f64,
 }
 
-/// Drives the problem with so many points of data and such a horizon.
-pub(crate) fn drive(points: usize, horizon: usize) -> Result<Figures, Box<dyn Error>> {
+/// Drives the problem with so many points of data and such a horizon. Peers linearise about what they expect.
+pub(crate) fn drive(points: usize, horizon: usize, linearise: Linearise) -> Result<Figures, Box<dyn Error>> {
     let (main, processes) = (problem::main_model(), Processes::new(points)?);
     let learned = (points > 0).then_some(&processes as &dyn Residual);
     let belief = Belief { main: &main, learned, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
-    let mut mpc = Mpc::formulated(Formulation::Plain, &problem::settings(horizon), &problem::inputs(), &main)?;
+    let settings = MpcSettings { linearise, ..problem::settings(horizon) };
+    let mut mpc = Mpc::formulated(Formulation::Plain, &settings, &problem::inputs(), &main)?;
     let reference = problem::reference(PERIODS + horizon + 2);
     let first = reference.first().ok_or("a reference has points")?;
     let mut state = State { pose: first.pose, velocity: first.velocity, ..State::default() };
@@ -68,9 +72,9 @@ pub(crate) fn drive(points: usize, horizon: usize) -> Result<Figures, Box<dyn Er
             return Err(format!("period {period}: {:?}", solved.outcome).into());
         }
         iterations_most = iterations_most.max(solved.outcome.iterations);
-        let linearise = Duration::from_nanos(solved.ahead.linearise_nanos + solved.since.linearise_nanos);
+        let linearised = Duration::from_nanos(solved.ahead.linearise_nanos + solved.since.linearise_nanos);
         let solve = Duration::from_nanos(solved.ahead.solve_nanos + solved.since.solve_nanos);
-        for (times, time) in times.iter_mut().zip([end - begin, processes.take_time(), linearise, solve, end - comes]) {
+        for (times, time) in times.iter_mut().zip([end - begin, processes.take_time(), linearised, solve, end - comes]) {
             times.push(time);
         }
         let planned = mpc.stages().first().ok_or("a plan has stages")?.input;
@@ -79,15 +83,16 @@ pub(crate) fn drive(points: usize, horizon: usize) -> Result<Figures, Box<dyn Er
         squares += (state.pose[0] - points[0].pose[0]).powi(2) + (state.pose[1] - points[0].pose[1]).powi(2);
         state = problem::plant(&state, &input);
     }
-    let [step, gp, linearise, qp, feedback] = times.each_ref().map(|times| Times::new(times));
+    let [step, gp, linearised, qp, feedback] = times.each_ref().map(|times| Times::new(times));
     Ok(Figures {
         points,
         horizon,
+        linearise,
         steps: PERIODS - WARM_UP,
         step_p50_us: step.percentile(0.5),
         step_p99_us: step.percentile(0.99),
         gp_p50_us: gp.percentile(0.5),
-        linearise_p50_us: linearise.percentile(0.5),
+        linearise_p50_us: linearised.percentile(0.5),
         qp_p50_us: qp.percentile(0.5),
         feedback_p50_us: feedback.percentile(0.5),
         feedback_p99_us: feedback.percentile(0.99),

@@ -148,6 +148,22 @@ proptest! {
 }
 
 #[test]
+fn half_of_the_steps_that_are_allowed_are_enough() {
+    let mut numbers = Numbers(2);
+    let mut worst: f64 = 0.0;
+    for _ in 0..3000 {
+        let horizon = 2 + numbers.below(12);
+        let (blocks, rows, slacks) = (1 + numbers.below(horizon), 1 + numbers.below(60), [0, horizon][numbers.below(2)]);
+        let program = program(&mut numbers, Shape { horizon, blocks, rows, slacks, decades: 6.0, bound_min: 0.0 });
+        let mut x = vec![0.0; program.unknowns()];
+        let outcome = ActiveSet::new(&program).solve(&program, &mut x, &Turn::default());
+        assert!(outcome.status == Status::Solved && keeps(&program, &x), "{outcome:?}");
+        worst = worst.max(f64::from(outcome.iterations) / steps_most(&program) as f64);
+    }
+    assert!(worst < 0.5, "{worst}");
+}
+
+#[test]
 fn what_cannot_be_answered_is_said() {
     let shape = Shape { horizon: 1, blocks: 1, rows: 0, slacks: 0, decades: 0.0, bound_min: 0.0 };
     let mut numbers = Numbers(3);
