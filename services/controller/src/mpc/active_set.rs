@@ -79,6 +79,8 @@ pub struct ActiveSet {
     /// Active bounds, in the order of R's columns, and their multipliers; slacks that are held are not among them.
     active: Vec<Bound>,
     multipliers: Vec<f64>,
+    /// What was violated when all bounds were looked at last.
+    violated: Vec<Bound>,
     /// v, and the x that belongs to it.
     whitened: DVector<f64>,
     at: Trajectory,
@@ -110,6 +112,7 @@ impl ActiveSet {
             triangle: DMatrix::zeros(unknowns, unknowns),
             active: Vec::with_capacity(unknowns),
             multipliers: Vec::with_capacity(unknowns),
+            violated: Vec::with_capacity(2 * program.rows.len() + slacks),
             whitened: DVector::zeros(unknowns),
             at: Trajectory::of(program),
             slacks: vec![0.0; slacks],
@@ -181,6 +184,7 @@ impl ActiveSet {
     fn begin(&mut self, program: &QuadraticProgram) {
         self.active.clear();
         self.multipliers.clear();
+        self.violated.clear();
         self.slacks.fill(0.0);
         self.slack_states.fill(Slack::Held);
         self.slack_multipliers.fill(program.prices.slack);
@@ -200,25 +204,48 @@ impl ActiveSet {
         }
     }
 
-    /// The bound that is violated most, if one is, and its distance.
+    /// A bound that is violated, if one is, and its distance: of those that were violated when all were looked at, the one that is most.
     fn most_violated(&mut self, program: &QuadraticProgram) -> Option<(Bound, f64)> {
         self.place(program);
-        let (mut worst, mut least) = (None, -VIOLATION);
+        self.worst_of_violated(program).or_else(|| {
+            self.look_for_violated(program);
+            self.worst_of_violated(program)
+        })
+    }
+
+    fn worst_of_violated(&self, program: &QuadraticProgram) -> Option<(Bound, f64)> {
+        let with_distance = self.violated.iter().map(|&bound| (bound, self.distance(program, bound)));
+        let still = with_distance.filter(|(bound, distance)| *distance < -VIOLATION && !self.active.contains(bound));
+        still.min_by(|(_, a), (_, b)| a.total_cmp(b))
+    }
+
+    /// How far x is from a bound.
+    fn distance(&self, program: &QuadraticProgram, bound: Bound) -> f64 {
+        let value = match bound {
+            Bound::Row(row, 0) => program.rows[row].bounds[0] - program.rows[row].value(&self.at.states, &self.at.inputs),
+            Bound::Row(row, _) => program.rows[row].bounds[1] + program.rows[row].value(&self.at.states, &self.at.inputs),
+            Bound::Slack(_) => 0.0,
+        };
+        value + bound.slack(program).map_or(0.0, |slack| self.slacks[slack])
+    }
+
+    /// Looks at all bounds but the active ones.
+    fn look_for_violated(&mut self, program: &QuadraticProgram) {
+        self.violated.clear();
+        let mut look = |bound: Bound, distance: f64| {
+            if distance < -VIOLATION && !self.active.contains(&bound) {
+                self.violated.push(bound);
+            }
+        };
         for (index, row) in program.rows.iter().enumerate() {
             let value = row.value(&self.at.states, &self.at.inputs);
-            let (above, below) = (row.bounds[0] - value, row.bounds[1] + value);
-            let (side, nearest) = if above < below { (0, above) } else { (1, below) };
-            let distance = nearest + row.slack.map_or(0.0, |slack| self.slacks[slack]);
-            if distance < least && !self.active.contains(&Bound::Row(index, side)) {
-                (worst, least) = (Some((Bound::Row(index, side), distance)), distance);
-            }
+            let slack = row.slack.map_or(0.0, |slack| self.slacks[slack]);
+            look(Bound::Row(index, 0), row.bounds[0] - value + slack);
+            look(Bound::Row(index, 1), row.bounds[1] + value + slack);
         }
         for (index, slack) in self.slacks.iter().enumerate() {
-            if *slack < least && !self.active.contains(&Bound::Slack(index)) {
-                (worst, least) = (Some((Bound::Slack(index), *slack)), *slack);
-            }
+            look(Bound::Slack(index), *slack);
         }
-        worst
     }
 
     /// Goes towards `bound`, which is `distance` away and whose multiplier so far is `multiplier`.
