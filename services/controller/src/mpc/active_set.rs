@@ -15,17 +15,16 @@
 //! as far as the bound asks for, or until a multiplier is zero: then that bound is let go. What goes on is v; x = J v is asked for when there is
 //! another bound to be looked for. One such step is O(N (1 + active bounds)).
 
+mod orthogonal;
+
 use super::qp::{INPUT, QuadraticProgram};
 use super::riccati::{Riccati, Trajectory};
 use super::solver::{Outcome, Status, Turn};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
+use orthogonal::{DEPENDENT, Orthogonal};
 
 /// By how much a bound may be violated; rows are scaled to bounds of 1.
 const VIOLATION: f64 = 1e-9;
-/// Share of a normal's square below which what is left of it beside the active ones is rounding.
-const DEPENDENT: f64 = 1e-16;
-/// Share of a vector's square below which what is left of it beside others is made orthogonal to them once more.
-const CANCELLED: f64 = 0.25;
 /// What counts as a multiplier that grows smaller, per unit of the new bound's.
 const RELEASE: f64 = 1e-12;
 /// Most bounds that are taken in or let go, in multiples of the number of unknowns and bounds.
@@ -74,8 +73,7 @@ pub struct ActiveSet {
     /// Whether that is of a program that can be solved.
     prepared: bool,
     /// Q and R.
-    basis: DMatrix<f64>,
-    triangle: DMatrix<f64>,
+    normals: Orthogonal,
     /// Active bounds, in the order of R's columns, and their multipliers; slacks that are held are not among them.
     active: Vec<Bound>,
     multipliers: Vec<f64>,
@@ -90,12 +88,8 @@ pub struct ActiveSet {
     slack_multipliers: Vec<f64>,
     /// How many entries v has.
     entries: usize,
-    /// How many of them what is active, and what is taken in, has a say in.
-    reach: usize,
-    /// d, Qᵀd, w and r.
+    /// d and r.
     image: DVector<f64>,
-    shares: DVector<f64>,
-    rest: DVector<f64>,
     release: DVector<f64>,
     /// The same of slacks that are held.
     slack_release: Vec<f64>,
@@ -108,8 +102,7 @@ impl ActiveSet {
         Self {
             factor: Riccati::new(program),
             prepared: false,
-            basis: DMatrix::zeros(unknowns, unknowns),
-            triangle: DMatrix::zeros(unknowns, unknowns),
+            normals: Orthogonal::new(unknowns),
             active: Vec::with_capacity(unknowns),
             multipliers: Vec::with_capacity(unknowns),
             violated: Vec::with_capacity(2 * program.rows.len() + slacks),
@@ -119,10 +112,7 @@ impl ActiveSet {
             slack_states: vec![Slack::Held; slacks],
             slack_multipliers: vec![0.0; slacks],
             entries: 0,
-            reach: 0,
             image: DVector::zeros(unknowns),
-            shares: DVector::zeros(unknowns),
-            rest: DVector::zeros(unknowns),
             release: DVector::zeros(unknowns),
             slack_release: vec![0.0; slacks],
         }
@@ -184,11 +174,12 @@ impl ActiveSet {
     fn begin(&mut self, program: &QuadraticProgram) {
         self.active.clear();
         self.multipliers.clear();
+        self.normals.clear();
         self.violated.clear();
         self.slacks.fill(0.0);
         self.slack_states.fill(Slack::Held);
         self.slack_multipliers.fill(program.prices.slack);
-        (self.entries, self.reach) = (INPUT * program.blocks(), 0);
+        self.entries = INPUT * program.blocks();
         let mut whitened = self.whitened.rows_mut(0, self.entries);
         self.factor.transposed_gradient(program, whitened.as_mut_slice());
         whitened.neg_mut();
@@ -250,8 +241,8 @@ impl ActiveSet {
 
     /// Goes towards `bound`, which is `distance` away and whose multiplier so far is `multiplier`.
     fn approach(&mut self, program: &QuadraticProgram, bound: Bound, distance: &mut f64, multiplier: &mut f64) -> Step {
-        let whole = self.look_at(program, bound);
-        let square = self.take_off_active(whole);
+        let reach = self.look_at(program, bound);
+        let (whole, square) = self.normals.take_apart(&self.image, reach);
         self.find_release(program, bound);
         let (mut first, mut until_released) = (None, f64::INFINITY);
         let of_active = self.multipliers.iter().zip(self.release.iter()).enumerate().map(|(place, of)| (Released::Active(place), of));
@@ -273,7 +264,7 @@ impl ActiveSet {
         }
         *multiplier += length;
         if independent {
-            self.whitened.axpy(length, &self.rest, 1.0);
+            self.whitened.axpy(length, self.normals.rest(), 1.0);
             *distance += length * square;
         }
         match first {
@@ -285,14 +276,15 @@ impl ActiveSet {
                 Step::LetGo
             }
             _ => {
-                self.take_in(bound, *multiplier, square);
+                self.take_in(bound, *multiplier);
                 Step::TakenIn
             }
         }
     }
 
-    /// d, whose square is returned.
-    fn look_at(&mut self, program: &QuadraticProgram, bound: Bound) -> f64 {
+    /// d, and how many of its first entries may be other than zero.
+    fn look_at(&mut self, program: &QuadraticProgram, bound: Bound) -> usize {
+        let mut reach = 0;
         match bound {
             Bound::Row(row, side) => {
                 let row = &program.rows[row];
@@ -300,50 +292,20 @@ impl ActiveSet {
                 if side == 0 {
                     self.image.neg_mut();
                 }
-                self.reach = self.reach.max(INPUT * (row.stage + 1).min(program.blocks()));
+                reach = INPUT * (row.stage + 1).min(program.blocks());
             }
             Bound::Slack(_) => self.image.fill(0.0),
         }
         if let Some(Slack::Free(entry)) = bound.slack(program).map(|slack| self.slack_states[slack]) {
             self.image[entry] = entry_of_slack(program);
+            reach = entry + 1;
         }
-        dot(&self.image.as_slice()[..self.reach], &self.image.as_slice()[..self.reach])
-    }
-
-    /// w, whose square is returned, and Qᵀd.
-    fn take_off_active(&mut self, whole: f64) -> f64 {
-        let (held, reach) = (self.active.len(), self.reach);
-        let stride = self.basis.nrows();
-        self.rest.copy_from(&self.image);
-        let (rest, shares) = (&mut self.rest.as_mut_slice()[..reach], &mut self.shares.as_mut_slice()[..held]);
-        let directions = || self.basis.as_slice().chunks_exact(stride).map(|direction| &direction[..reach]);
-        shares.fill(0.0);
-        let mut square = whole;
-        loop {
-            let passed = &mut self.release.as_mut_slice()[..held];
-            for ((passed, share), direction) in passed.iter_mut().zip(&mut *shares).zip(directions()) {
-                *passed = dot(direction, rest);
-                *share += *passed;
-            }
-            for (passed, direction) in passed.iter().zip(directions()) {
-                rest.iter_mut().zip(direction).for_each(|(rest, entry)| *rest -= passed * entry);
-            }
-            let before = std::mem::replace(&mut square, dot(rest, rest));
-            // Far less than before is what rounding has left as well, and has to be made orthogonal once more.
-            if square >= CANCELLED * before || square <= DEPENDENT * whole {
-                return square;
-            }
-        }
+        reach
     }
 
     /// r, and what belongs to the slacks that are held.
     fn find_release(&mut self, program: &QuadraticProgram, bound: Bound) {
-        self.release.copy_from(&self.shares);
-        for column in (0..self.active.len()).rev() {
-            self.release[column] /= self.triangle[(column, column)];
-            let value = self.release[column];
-            self.release.rows_mut(0, column).axpy(-value, &self.triangle.column(column).rows(0, column), 1.0);
-        }
+        self.normals.solve(&mut self.release);
         self.slack_release.fill(0.0);
         let with_release = self.active.iter().zip(self.release.iter().map(|release| -release));
         for (bound, by) in with_release.chain([(&bound, 1.0)]) {
@@ -353,63 +315,28 @@ impl ActiveSet {
         }
     }
 
-    /// Makes `bound` active: w becomes a column of Q, and Qᵀd one of R.
-    fn take_in(&mut self, bound: Bound, multiplier: f64, square: f64) {
-        let (held, end) = (self.active.len(), square.sqrt());
-        let mut column = self.triangle.column_mut(held);
-        column.rows_mut(0, held).copy_from(&self.shares.rows(0, held));
-        column.rows_range_mut(held..).fill(0.0);
-        column[held] = end;
-        self.basis.set_column(held, &self.rest);
-        self.basis.column_mut(held).unscale_mut(end);
+    fn take_in(&mut self, bound: Bound, multiplier: f64) {
+        self.normals.take_in();
         self.active.push(bound);
         self.multipliers.push(multiplier);
     }
 
-    /// Lets the active bound at `place` go. Givens rotations make R triangular again.
     fn let_go(&mut self, place: usize) {
-        let kept = self.active.len() - 1;
+        self.normals.let_go(place);
         self.active.remove(place);
         self.multipliers.remove(place);
-        for column in place..kept {
-            self.triangle.swap_columns(column, column + 1);
-        }
-        for column in place..kept {
-            let rotation = Rotation::between(self.triangle[(column, column)], self.triangle[(column + 1, column)]);
-            for other in column..kept {
-                let (above, below) = rotation.turn(self.triangle[(column, other)], self.triangle[(column + 1, other)]);
-                (self.triangle[(column, other)], self.triangle[(column + 1, other)]) = (above, below);
-            }
-            for row in 0..self.reach {
-                let (left, right) = rotation.turn(self.basis[(row, column)], self.basis[(row, column + 1)]);
-                (self.basis[(row, column)], self.basis[(row, column + 1)]) = (left, right);
-            }
-        }
     }
 
     /// Holds `slack` no longer: v has an entry more, and so have the normals of the active rows that it lets off.
     fn let_slack_go(&mut self, program: &QuadraticProgram, slack: usize) {
-        let (held, entry) = (self.active.len(), self.entries);
+        let entry = self.entries;
         (self.slack_states[slack], self.slack_multipliers[slack]) = (Slack::Free(entry), 0.0);
         self.whitened[entry] = 0.0;
         self.entries += 1;
-        self.reach = self.entries;
-        // A new row under R, and beside Q the new entry's unit vector: rotations make the row zero.
-        for (place, bound) in self.active.iter().enumerate() {
-            self.release[place] = if bound.slack(program) == Some(slack) { entry_of_slack(program) } else { 0.0 };
+        for (slot, bound) in self.release.iter_mut().zip(&self.active) {
+            *slot = if bound.slack(program) == Some(slack) { entry_of_slack(program) } else { 0.0 };
         }
-        self.rest.fill(0.0);
-        self.rest[entry] = 1.0;
-        let first = self.release.iter().take(held).position(|entry| *entry != 0.0);
-        for column in first.unwrap_or(held)..held {
-            let rotation = Rotation::between(self.triangle[(column, column)], self.release[column]);
-            for other in column..held {
-                (self.triangle[(column, other)], self.release[other]) = rotation.turn(self.triangle[(column, other)], self.release[other]);
-            }
-            for (left, right) in self.basis.column_mut(column).iter_mut().zip(self.rest.iter_mut()).take(self.entries) {
-                (*left, *right) = rotation.turn(*left, *right);
-            }
-        }
+        self.normals.add_row(entry, &mut self.release);
     }
 }
 
@@ -423,17 +350,6 @@ impl Bound {
     }
 }
 
-/// aᵀb, in four sums that do not wait for each other.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
-    let mut sums = [0.0; 4];
-    for (a, b) in a.iter().zip(b) {
-        (0..4).for_each(|lane| sums[lane] += a[lane] * b[lane]);
-    }
-    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
-}
-
 /// A slack in v, of a slack in x; and the other way about.
 fn entry_of_slack(program: &QuadraticProgram) -> f64 {
     1.0 / program.prices.slack_curvature.sqrt()
@@ -442,25 +358,6 @@ fn entry_of_slack(program: &QuadraticProgram) -> f64 {
 /// Most steps that are taken.
 fn steps_most(program: &QuadraticProgram) -> usize {
     STEPS_MOST * (program.unknowns() + 2 * program.rows.len() + program.slacks())
-}
-
-/// A Givens rotation.
-#[derive(Clone, Copy)]
-struct Rotation {
-    cos: f64,
-    sin: f64,
-}
-
-impl Rotation {
-    /// That which turns (above, below) to (length, 0).
-    fn between(above: f64, below: f64) -> Self {
-        let length = above.hypot(below);
-        Self { cos: above / length, sin: below / length }
-    }
-
-    fn turn(self, above: f64, below: f64) -> (f64, f64) {
-        (self.cos * above + self.sin * below, self.cos * below - self.sin * above)
-    }
 }
 
 #[cfg(test)]

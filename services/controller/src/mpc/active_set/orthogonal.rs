@@ -1,0 +1,168 @@
+//! Q R of a matrix that gains and loses columns, and gains a row now and then: the active bounds' normals.
+//!
+//! Columns come in by Gram and Schmidt, twice where once is not enough (Daniel, Gragg, Kaufman & Stewart, Mathematics of Computation 30, 1976), and go by Givens rotations.
+
+use nalgebra::{DMatrix, DVector};
+
+/// Share of a vector's square below which what is left of it beside the columns is rounding.
+pub(super) const DEPENDENT: f64 = 1e-16;
+/// Share of a vector's square below which what is left of it beside the columns is made orthogonal to them once more.
+const CANCELLED: f64 = 0.25;
+
+/// Q and R with their memory: set up once, then in place.
+pub(super) struct Orthogonal {
+    basis: DMatrix<f64>,
+    triangle: DMatrix<f64>,
+    /// How many columns there are.
+    columns: usize,
+    /// How many entries of a column may be other than zero.
+    reach: usize,
+    /// Of the vector that was taken apart last: Qᵀd, and w = d − Q Qᵀd with its square.
+    shares: DVector<f64>,
+    rest: DVector<f64>,
+    square: f64,
+    /// Memory of one pass.
+    passed: DVector<f64>,
+}
+
+impl Orthogonal {
+    /// Room for vectors of so many entries.
+    pub(super) fn new(entries: usize) -> Self {
+        Self {
+            basis: DMatrix::zeros(entries, entries),
+            triangle: DMatrix::zeros(entries, entries),
+            columns: 0,
+            reach: 0,
+            shares: DVector::zeros(entries),
+            rest: DVector::zeros(entries),
+            square: 0.0,
+            passed: DVector::zeros(entries),
+        }
+    }
+
+    /// Has no columns any more.
+    pub(super) fn clear(&mut self) {
+        (self.columns, self.reach) = (0, 0);
+    }
+
+    /// w.
+    pub(super) fn rest(&self) -> &DVector<f64> {
+        &self.rest
+    }
+
+    /// Takes d apart, of which at most the first `reach` entries are not zero; returns |d|² and |w|².
+    pub(super) fn take_apart(&mut self, d: &DVector<f64>, reach: usize) -> (f64, f64) {
+        self.reach = self.reach.max(reach);
+        self.rest.copy_from(d);
+        let (columns, reach, stride) = (self.columns, self.reach, self.basis.nrows());
+        let (rest, shares) = (&mut self.rest.as_mut_slice()[..reach], &mut self.shares.as_mut_slice()[..columns]);
+        let passed = &mut self.passed.as_mut_slice()[..columns];
+        let basis = || self.basis.as_slice().chunks_exact(stride).map(|column| &column[..reach]);
+        shares.fill(0.0);
+        let whole = dot(rest, rest);
+        self.square = whole;
+        loop {
+            for ((passed, share), column) in passed.iter_mut().zip(&mut *shares).zip(basis()) {
+                *passed = dot(column, rest);
+                *share += *passed;
+            }
+            for (passed, column) in passed.iter().zip(basis()) {
+                rest.iter_mut().zip(column).for_each(|(rest, entry)| *rest -= passed * entry);
+            }
+            let before = std::mem::replace(&mut self.square, dot(rest, rest));
+            // Far less than before is what rounding has left as well.
+            if self.square >= CANCELLED * before || self.square <= DEPENDENT * whole {
+                return (whole, self.square);
+            }
+        }
+    }
+
+    /// R⁻¹ Qᵀd.
+    pub(super) fn solve(&self, into: &mut DVector<f64>) {
+        into.copy_from(&self.shares);
+        for column in (0..self.columns).rev() {
+            into[column] /= self.triangle[(column, column)];
+            let value = into[column];
+            into.rows_mut(0, column).axpy(-value, &self.triangle.column(column).rows(0, column), 1.0);
+        }
+    }
+
+    /// Takes d in as the last column.
+    pub(super) fn take_in(&mut self) {
+        let (last, end) = (self.columns, self.square.sqrt());
+        let mut column = self.triangle.column_mut(last);
+        column.fill(0.0);
+        column.rows_mut(0, last).copy_from(&self.shares.rows(0, last));
+        column[last] = end;
+        self.basis.set_column(last, &self.rest);
+        self.basis.column_mut(last).unscale_mut(end);
+        self.columns += 1;
+    }
+
+    /// Lets the column at `place` go. Rotations make R triangular again.
+    pub(super) fn let_go(&mut self, place: usize) {
+        self.columns -= 1;
+        for column in place..self.columns {
+            self.triangle.swap_columns(column, column + 1);
+        }
+        for column in place..self.columns {
+            let rotation = Rotation::between(self.triangle[(column, column)], self.triangle[(column + 1, column)]);
+            for other in column..self.columns {
+                let (above, below) = rotation.turn(self.triangle[(column, other)], self.triangle[(column + 1, other)]);
+                (self.triangle[(column, other)], self.triangle[(column + 1, other)]) = (above, below);
+            }
+            for row in 0..self.reach {
+                let (left, right) = rotation.turn(self.basis[(row, column)], self.basis[(row, column + 1)]);
+                (self.basis[(row, column)], self.basis[(row, column + 1)]) = (left, right);
+            }
+        }
+    }
+
+    /// Every column has the entry at `place` as well, which was zero: those of `entries`, which is used up. Beside Q stands the new entry's unit
+    /// vector, under R the entries; rotations make them zero.
+    pub(super) fn add_row(&mut self, place: usize, entries: &mut DVector<f64>) {
+        self.reach = self.reach.max(place + 1);
+        self.rest.fill(0.0);
+        self.rest[place] = 1.0;
+        let first = entries.iter().take(self.columns).position(|entry| *entry != 0.0).unwrap_or(self.columns);
+        for column in first..self.columns {
+            let rotation = Rotation::between(self.triangle[(column, column)], entries[column]);
+            for other in column..self.columns {
+                (self.triangle[(column, other)], entries[other]) = rotation.turn(self.triangle[(column, other)], entries[other]);
+            }
+            for (left, right) in self.basis.column_mut(column).iter_mut().zip(self.rest.iter_mut()).take(self.reach) {
+                (*left, *right) = rotation.turn(*left, *right);
+            }
+        }
+    }
+}
+
+/// A Givens rotation.
+#[derive(Clone, Copy)]
+struct Rotation {
+    cos: f64,
+    sin: f64,
+}
+
+impl Rotation {
+    /// That which turns (above, below) to (length, 0).
+    fn between(above: f64, below: f64) -> Self {
+        let length = (above * above + below * below).sqrt();
+        Self { cos: above / length, sin: below / length }
+    }
+
+    fn turn(self, above: f64, below: f64) -> (f64, f64) {
+        (self.cos * above + self.sin * below, self.cos * below - self.sin * above)
+    }
+}
+
+/// aᵀb, in four sums that do not wait for each other.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
+    let mut sums = [0.0; 4];
+    for (a, b) in a.iter().zip(b) {
+        (0..4).for_each(|lane| sums[lane] += a[lane] * b[lane]);
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
+}
