@@ -78,10 +78,11 @@ fn publisher(settings: &Settings) -> Result<Publisher, GatewayError> {
         None => Publisher::open(&settings.telemetry, settings.run.period_nanos)?,
     };
     let (robot, endpoints) = (&settings.telemetry.robot, publisher.endpoints());
-    tracing::info!(%robot, endpoints = %endpoints.join(", "), "watchers are welcome");
+    // Before it is said: who reads that may look there at once.
     if let Err(error) = berth::note(root, endpoints) {
         tracing::warn!(%error, "the endpoints could not be noted for watchers on this machine");
     }
+    tracing::info!(%robot, endpoints = %endpoints.join(", "), "watchers are welcome");
     Ok(publisher)
 }
 
