@@ -123,6 +123,7 @@ fn tls(credentials: &Credentials, with_certificate: bool) -> Vec<(&'static str, 
     let mut settings = vec![
         ("transport/link/tls/root_ca_certificate", file(AUTHORITY_FILE)),
         ("transport/link/tls/verify_name_on_connect", json!(true)),
+        ("transport/link/tls/close_link_on_expiration", json!(true)),
         ("transport/link/tls/enable_mtls", json!(with_certificate)),
     ];
     if with_certificate {

@@ -237,3 +237,32 @@ fn a_watcher_sees_the_robot_with_its_certificate_and_not_without() -> Outcome {
     let mut watcher = watch(Some(certificates.of(Role::Watcher)))?;
     wait_until("a state", || publisher.publish(&state).is_ok() && watcher.next(Duration::from_millis(50)).is_ok_and(|word| word.is_some()))
 }
+
+#[test]
+fn a_link_ends_when_the_certificate_of_either_end_does() -> Outcome {
+    /// How long a certificate is valid that ends while it is in use [s]; doubled while the machine takes longer to connect.
+    const SHORT_S: i64 = 4;
+    let certificates = Certificates::new()?;
+    let long = certificates.of(Role::Robot);
+    let is_connected = |session: &Session| session.info().routers_zid().wait().next().is_some();
+    let mut ended = 0;
+    for server_is_short in [false, true] {
+        for round in 0..6 {
+            let short = certificates.issue("authority", &format!("short-{server_is_short}-{round}"), ROBOT, (-HOUR_S, SHORT_S << round))?;
+            let host = if server_is_short { of(&short, Role::RobotHost) } else { certificates.of(Role::RobotHost) };
+            let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], "maze", &host)?;
+            let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
+            let client = Shows::Certificate(if server_is_short { long.clone() } else { of(&short, Role::Robot) });
+            let connected = connect(&endpoint, &client).ok().filter(is_connected);
+            let Some(session) = connected else { continue };
+            let stays = (!server_is_short).then(|| connect(&endpoint, &Shows::Certificate(long.clone()))).transpose()?;
+            wait_until("the end of the link", || !is_connected(&session))?;
+            assert!(connect(&endpoint, &client).is_err(), "it is taken up again");
+            assert!(stays.as_ref().is_none_or(is_connected), "another one's certificate is still valid");
+            ended += 1;
+            break;
+        }
+    }
+    assert_eq!(ended, 2, "it never connected in time");
+    Ok(())
+}
