@@ -4,9 +4,9 @@ use bytemuck::Zeroable;
 use coxswain::assembly::Assembly;
 use coxswain::in_process;
 use coxswain::options::Options;
-use process::{Pace, Run, Scheduling};
+use process::Run;
 use promises::{Browser, Launched, Outcome, binaries, repository};
-use protocol::message::{Exposure, Plan, PlantState, ResidualSample, Rung, Truth};
+use protocol::message::{Plan, PlantState, ResidualSample, Rung, Truth};
 use protocol::port::Links;
 use recorder::segment::Segment;
 use serde_json::Value;
@@ -225,18 +225,7 @@ fn what_is_no_record_is_refused_with_its_name_and_nothing_is_written() -> Outcom
 fn described(folder: &Path) -> Result<Run, Box<dyn Error>> {
     fs::create_dir_all(folder)?;
     let links = Links::on_this_machine("test", folder.to_owned(), true, 1000);
-    let (log, folder) = ("info".to_owned(), folder.to_owned());
-    Ok(Run {
-        links,
-        folder,
-        log,
-        epoch_floor: 0,
-        restarted: false,
-        scheduling: Scheduling::default(),
-        period_nanos: 20_000_000,
-        pace: Pace::LockStep,
-        exposure: Exposure::Closed,
-    })
+    Ok(Run::new(folder, 20_000_000, links))
 }
 
 /// Writes a record of so many ticks at 50 Hz whose every number is another one every time, the worst that a page can have; at tick 7777

@@ -8,7 +8,7 @@ use crate::settings::Settings;
 use process::refusals::Book;
 use process::{Pace, Pulse, Stop, step_back};
 use protocol::clock::monotonic_nanos;
-use protocol::message::{Command, Credit, Participant, Phase, PlantState, Rung, Truth};
+use protocol::message::{Command, Credit, Participant, Phase, PlantState, Reason, Rung, Truth};
 use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 use protocol::topic::Topic;
 use std::time::{Duration, Instant};
@@ -95,7 +95,7 @@ struct Plant<'a> {
     /// Malformed commands that the gate has been told of.
     malformed: u64,
     /// Commands that were refused for other reasons.
-    refused: Book,
+    refused: Book<Reason>,
     epoch: u64,
     driven: bool,
 }
@@ -226,7 +226,7 @@ impl<'a> Plant<'a> {
                 self.pulse.phase(Phase::Running);
             }
             Ok(()) => {}
-            Err(reason) => self.refused.note(reason.to_string()),
+            Err(reason) => self.refused.note(reason),
         }
     }
 
@@ -251,7 +251,7 @@ impl<'a> Plant<'a> {
 }
 
 /// Logs how many commands were refused for a reason.
-fn tell((reason, count): &(String, u64)) {
+fn tell((reason, count): &(Reason, u64)) {
     tracing::warn!(count, "commands refused: {reason}");
 }
 

@@ -4,6 +4,8 @@
 
 #[path = "round_trip/bare.rs"]
 mod bare;
+#[path = "round_trip/ends.rs"]
+mod ends;
 #[path = "round_trip/network.rs"]
 mod network;
 

@@ -6,6 +6,8 @@
 
 #[path = "state_to_command/bare.rs"]
 mod bare;
+#[path = "../../protocol/benches/round_trip/ends.rs"]
+mod ends;
 
 use bare::Echo;
 use bytemuck::Zeroable;

@@ -1,18 +1,10 @@
 //! zenoh alone: as many bytes through the same kind of router, and nothing else.
 
+use super::ends::client;
 use super::{Failure, LONG};
 use criterion::Criterion;
 use std::sync::mpsc;
-use zenoh::{Config, Session, Wait};
-
-fn client(endpoint: &str) -> Result<Session, Failure> {
-    let mut config = Config::default();
-    for (key, value) in [("mode", "\"client\""), ("scouting/multicast/enabled", "false"), ("scouting/gossip/enabled", "false")] {
-        config.insert_json5(key, value)?;
-    }
-    config.insert_json5("connect/endpoints", &format!("[\"{endpoint}\"]"))?;
-    zenoh::open(config).wait()
-}
+use zenoh::Wait;
 
 /// Measures `bytes` there and back.
 pub(crate) fn measure(criterion: &mut Criterion, endpoint: &str, name: &str, bytes: usize) -> Result<(), Failure> {

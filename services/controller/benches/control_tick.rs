@@ -16,9 +16,9 @@ use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, PosteriorError, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
 use model::robot::Robot;
-use process::{Pace, Run, Scheduling};
+use process::Run;
 use protocol::clock::monotonic_nanos;
-use protocol::message::{Exposure, PlantState, Rung};
+use protocol::message::{PlantState, Rung};
 use protocol::port::Links;
 use std::error::Error;
 use std::hint::black_box;
@@ -31,17 +31,7 @@ const WARM_UP: u64 = 100;
 fn settings() -> Settings {
     let links = Links::on_this_machine("bench", "/tmp", true, 0);
     Settings {
-        run: Run {
-            links,
-            folder: "/tmp".into(),
-            log: "off".into(),
-            epoch_floor: 0,
-            restarted: false,
-            scheduling: Scheduling::default(),
-            period_nanos: 100_000_000,
-            pace: Pace::LockStep,
-            exposure: Exposure::Closed,
-        },
+        run: Run { log: "off".into(), ..Run::new("/tmp", 100_000_000, links) },
         duration_s: 25.0,
         start: [0.0; 3],
         robot: Robot::example(),

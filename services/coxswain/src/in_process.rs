@@ -7,8 +7,8 @@ use crate::experiment::oracle::Oracle;
 use crate::scenario::Scenario;
 use controller::settings::Method;
 use model::foresight::Foresight;
-use process::{Pace, Run, Scheduling, Stop};
-use protocol::message::{Exposure, Health, Participant, Phase};
+use process::{Run, Stop};
+use protocol::message::{Health, Participant, Phase};
 use protocol::port::{Exchange, Identity, OpenError, Ports, Since, Source};
 use recorder::summary::Summary;
 use std::path::Path;
@@ -65,17 +65,7 @@ pub fn drive<W: Send>(
     let exchange = Exchange::new(true, PATIENCE);
     let mut links = assembly.links("in-process", folder, &[]);
     links.lock_step = true;
-    let told = Run {
-        links,
-        folder: folder.to_path_buf(),
-        log: assembly.log.clone(),
-        epoch_floor: 0,
-        restarted: false,
-        scheduling: Scheduling::default(),
-        period_nanos: assembly.scenario.period_nanos(),
-        pace: Pace::LockStep,
-        exposure: Exposure::Closed,
-    };
+    let told = Run { log: assembly.log.clone(), ..Run::new(folder, assembly.scenario.period_nanos(), links) };
     let identity = || Identity::new(1);
     let ports = |role, identity| Ports::in_memory_with(&exchange, identity, &assembly.faults.of_messages().in_process(role));
     let (others, record) = (Stop::new(), Stop::new());

@@ -4,8 +4,8 @@ use bytemuck::Zeroable;
 use gateway::berth;
 use gateway::run::GatewayError;
 use gateway::settings::{About, PageSettings, Rates, Settings};
-use process::{Pace, Run, Scheduling, Stop};
-use protocol::message::{Exposure, Health, Participant, Phase, PlantState};
+use process::{Run, Stop};
+use protocol::message::{Health, Participant, Phase, PlantState};
 use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
 use protocol::telemetry::{Heard, TelemetrySettings, Watcher};
 use std::error::Error;
@@ -20,18 +20,7 @@ const SOON: Duration = Duration::from_millis(20);
 
 fn settings(folder: &Path, rates: Rates) -> Settings {
     let links = Links::on_this_machine("test", folder, true, 1000);
-    let (log, pace, folder) = ("info".to_owned(), Pace::LockStep, folder.to_owned());
-    let run = Run {
-        links,
-        folder,
-        log,
-        epoch_floor: 0,
-        restarted: false,
-        scheduling: Scheduling::default(),
-        period_nanos: 100_000_000,
-        pace,
-        exposure: Exposure::Closed,
-    };
+    let run = Run::new(folder, 100_000_000, links);
     let telemetry = TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "test".into(), credentials: None };
     Settings { run, telemetry, rates, page: PageSettings { listen: "127.0.0.1:0".into() }, about: About::default() }
 }

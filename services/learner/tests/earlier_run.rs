@@ -5,8 +5,8 @@ use learner::{Settings, run};
 use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
 use model::robot::Robot;
-use process::{Pace, Run, Scheduling, Stop};
-use protocol::message::{Exposure, ModelSnapshot, ResidualSample};
+use process::{Run, Stop};
+use protocol::message::{ModelSnapshot, ResidualSample};
 use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -19,17 +19,7 @@ const DELAY_TICKS: u64 = 3;
 fn settings(folder: &Path, resume: Option<PathBuf>) -> Settings {
     let links = Links::on_this_machine("earlier", folder, true, 5000);
     Settings {
-        run: Run {
-            links,
-            folder: folder.into(),
-            log: "off".into(),
-            epoch_floor: 0,
-            restarted: false,
-            scheduling: Scheduling::default(),
-            period_nanos: 100_000_000,
-            pace: Pace::LockStep,
-            exposure: Exposure::Closed,
-        },
+        run: Run { log: "off".into(), ..Run::new(folder, 100_000_000, links) },
         robot: Robot::example(),
         learner: LearnerSettings {
             layout: Layout::VelocitySlip,

@@ -5,8 +5,8 @@ use learner::{Settings, run};
 use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
 use model::robot::Robot;
-use process::{Pace, Run, Scheduling, Stop};
-use protocol::message::{Exposure, ModelSnapshot, ResidualSample};
+use process::{Run, Stop};
+use protocol::message::{ModelSnapshot, ResidualSample};
 use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
 use std::error::Error;
 use std::thread;
@@ -18,17 +18,7 @@ fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected:
     let exchange = Exchange::new(true, Duration::from_secs(5));
     let links = Links::on_this_machine("rejoin", folder.path(), true, 5000);
     let settings = Settings {
-        run: Run {
-            links,
-            folder: folder.path().into(),
-            log: "off".into(),
-            epoch_floor: 1,
-            restarted: true,
-            scheduling: Scheduling::default(),
-            period_nanos: 100_000_000,
-            pace: Pace::LockStep,
-            exposure: Exposure::Closed,
-        },
+        run: Run { log: "off".into(), epoch_floor: 1, restarted: true, ..Run::new(folder.path(), 100_000_000, links) },
         robot: Robot::example(),
         learner: LearnerSettings {
             layout: Layout::VelocitySlip,

@@ -19,13 +19,13 @@ const REASONS_MAX: usize = 16;
 /// What zenoh says behind a reason, of other causes.
 const HINT: &str = ". Hint:";
 
-static BOOK: Mutex<Book> = Mutex::new(Book::new());
+static BOOK: Mutex<Book<String>> = Mutex::new(Book::new());
 /// Whether this process itself plays the stranger.
 static PLAYED: AtomicBool = AtomicBool::new(false);
 
 /// Reason → how often it was given, and when that was told last.
 #[derive(Debug, Default)]
-pub struct Book(BTreeMap<String, Refused>);
+pub struct Book<R>(BTreeMap<R, Refused>);
 
 #[derive(Debug, Default)]
 struct Refused {
@@ -53,7 +53,7 @@ impl<S> Filter<S> for Refusals {
         }
         let mut message = Message::default();
         event.record(&mut message);
-        book().note(reason(metadata.target(), &message.0));
+        book().note_words(reason(metadata.target(), &message.0));
         false
     }
 }
@@ -74,7 +74,7 @@ pub fn unlogged<T>(play: impl FnOnce() -> T) -> T {
     played
 }
 
-fn book() -> MutexGuard<'static, Book> {
+fn book() -> MutexGuard<'static, Book<String>> {
     BOOK.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -98,29 +98,28 @@ fn reason(target: &str, message: &str) -> String {
     short.chars().take(200).collect()
 }
 
-impl Book {
+impl<R: Ord + Clone> Book<R> {
     /// With nothing in it.
     pub const fn new() -> Self {
         Self(BTreeMap::new())
     }
 
-    /// One more for this reason. Beyond sixteen reasons no more are told apart.
-    pub fn note(&mut self, reason: String) {
-        let reason = if self.0.len() < REASONS_MAX || self.0.contains_key(&reason) { reason } else { "other reasons".to_owned() };
+    /// One more for this reason.
+    pub fn note(&mut self, reason: R) {
         self.0.entry(reason).or_default().untold += 1;
     }
 
     /// The reasons that are to be told now, with how many there were since they were told last: each at once, and then every ten seconds at most.
-    pub fn due(&mut self, now: Instant) -> Vec<(String, u64)> {
+    pub fn due(&mut self, now: Instant) -> Vec<(R, u64)> {
         self.take(now, |refused| refused.told.is_none_or(|told| now.saturating_duration_since(told) >= PAUSE))
     }
 
     /// All that have not been told, whenever the last time was: at the end.
-    pub fn rest(&mut self) -> Vec<(String, u64)> {
+    pub fn rest(&mut self) -> Vec<(R, u64)> {
         self.take(Instant::now(), |_| true)
     }
 
-    fn take(&mut self, now: Instant, is_time: impl Fn(&Refused) -> bool) -> Vec<(String, u64)> {
+    fn take(&mut self, now: Instant, is_time: impl Fn(&Refused) -> bool) -> Vec<(R, u64)> {
         let is_due = |refused: &Refused| refused.untold > 0 && is_time(refused);
         let due = self.0.iter_mut().filter(|(_, refused)| is_due(refused));
         due.map(|(reason, refused)| {
@@ -128,6 +127,13 @@ impl Book {
             (reason.clone(), std::mem::take(&mut refused.untold))
         })
         .collect()
+    }
+}
+
+impl Book<String> {
+    /// One more for a reason in words of others. Beyond sixteen of them no more are told apart.
+    fn note_words(&mut self, reason: String) {
+        self.note(if self.0.len() < REASONS_MAX || self.0.contains_key(&reason) { reason } else { "other reasons".to_owned() });
     }
 }
 
@@ -153,21 +159,21 @@ mod tests {
         let (mut book, begin) = (Book::new(), Instant::now());
         let mut told = Vec::new();
         for hundredth in 0..2_500 {
-            book.note("no certificate".into());
+            book.note("no certificate".to_owned());
             told.extend(book.due(begin + Duration::from_millis(10 * hundredth)));
         }
         let counts: Vec<u64> = told.iter().map(|(_, count)| *count).collect();
         assert_eq!(counts, [1, 1000, 1000]);
         assert_eq!(book.due(begin + Duration::from_mins(1)), [("no certificate".to_owned(), 499)]);
         assert_eq!(book.due(begin + Duration::from_secs(90)), []);
-        book.note("no certificate".into());
+        book.note("no certificate".to_owned());
         assert_eq!((book.due(begin + Duration::from_secs(61)), book.rest().len(), book.rest().len()), (Vec::new(), 1, 0));
     }
 
     #[test]
     fn strangers_cannot_make_the_log_remember_without_end() {
         let mut book = Book::new();
-        (0..1000).for_each(|number| book.note(format!("reason {number}")));
+        (0..1000).for_each(|number| book.note_words(format!("reason {number}")));
         assert_eq!(book.0.len(), REASONS_MAX + 1);
     }
 

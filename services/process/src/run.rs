@@ -53,6 +53,21 @@ pub enum Pace {
 }
 
 impl Run {
+    /// Of the first start in a run whose files are in `folder`, in lock step if its links are.
+    pub fn new(folder: impl Into<PathBuf>, period_nanos: u64, links: Links) -> Self {
+        Self {
+            folder: folder.into(),
+            log: "info".to_owned(),
+            epoch_floor: 0,
+            restarted: false,
+            period_nanos,
+            pace: if links.lock_step { Pace::LockStep } else { Pace::RealTime },
+            scheduling: Scheduling::default(),
+            exposure: Exposure::Closed,
+            links,
+        }
+    }
+
     /// For a process that commands wait for, before it opens its ports: shared memory takes tens of milliseconds, for which it goes behind a loop that
     /// runs already, and before everything else. But if there will be threads of the network it goes first, since they go as the one that opens them.
     pub fn go_first_to_open(&self) {

@@ -182,27 +182,14 @@ impl<'a> Recorder<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use process::{Pace, Run, Scheduling};
-    use protocol::message::{Exposure, Health, PlantState};
+    use process::{Pace, Run};
+    use protocol::message::{Health, PlantState};
     use protocol::port::{Exchange, Identity, Links};
     use protocol::topic::Topic;
 
     fn settings(folder: &std::path::Path, pace: Pace) -> Settings {
         let links = Links::on_this_machine("test", folder.to_owned(), false, 1000);
-        let (log, folder) = ("info".to_owned(), folder.to_owned());
-        Settings {
-            run: Run {
-                links,
-                folder,
-                log,
-                epoch_floor: 1,
-                restarted: false,
-                scheduling: Scheduling::default(),
-                period_nanos: 100_000_000,
-                pace,
-                exposure: Exposure::Closed,
-            },
-        }
+        Settings { run: Run { epoch_floor: 1, pace, ..Run::new(folder, 100_000_000, links) } }
     }
 
     #[test]

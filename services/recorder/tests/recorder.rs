@@ -5,8 +5,8 @@ mod graph;
 
 use bytemuck::Zeroable;
 use graph::{Graph, SNAPSHOT_TICKS};
-use process::{Pace, Run, Scheduling, Stop};
-use protocol::message::{Credit, Exposure, Health, Participant, Rung};
+use process::{Pace, Run, Stop};
+use protocol::message::{Credit, Health, Participant, Rung};
 use protocol::port::{Exchange, Identity, Links, Ports, Since};
 use recorder::run::RecorderError;
 use recorder::segment::{self, RecordError};
@@ -28,20 +28,7 @@ const HEARTBEAT: Duration = Duration::from_millis(100);
 fn settings(folder: &Path, pace: Pace, restarted: bool) -> Settings {
     let lock_step = pace == Pace::LockStep;
     let links = Links::on_this_machine("test", folder, lock_step, 1000);
-    let folder = folder.to_owned();
-    Settings {
-        run: Run {
-            links,
-            folder,
-            log: "info".to_owned(),
-            epoch_floor: 1,
-            restarted,
-            scheduling: Scheduling::default(),
-            period_nanos: 100_000_000,
-            pace,
-            exposure: Exposure::Closed,
-        },
-    }
+    Settings { run: Run { epoch_floor: 1, restarted, ..Run::new(folder, 100_000_000, links) } }
 }
 
 /// A recorder on a thread of its own.

@@ -7,8 +7,7 @@ use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
-use process::{Pace, Run, Scheduling};
-use protocol::message::Exposure;
+use process::Run;
 use protocol::port::Links;
 
 fn controller() -> Result<Controller, ControllerError> {
@@ -18,17 +17,7 @@ fn controller() -> Result<Controller, ControllerError> {
 pub(crate) fn told() -> Settings {
     let links = Links::on_this_machine("test", "/tmp", true, 0);
     Settings {
-        run: Run {
-            links,
-            folder: "/tmp".into(),
-            log: "off".into(),
-            epoch_floor: 0,
-            restarted: false,
-            scheduling: Scheduling::default(),
-            period_nanos: 100_000_000,
-            pace: Pace::LockStep,
-            exposure: Exposure::Closed,
-        },
+        run: Run { log: "off".into(), ..Run::new("/tmp", 100_000_000, links) },
         duration_s: 10.0,
         start: [0.0; 3],
         robot: model::robot::Robot::example(),

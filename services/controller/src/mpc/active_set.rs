@@ -252,7 +252,7 @@ impl ActiveSet {
                 (first, until_released) = (Some(which), multiplier / release);
             }
         }
-        let independent = square > DEPENDENT * whole;
+        let independent = square > DEPENDENT * whole && self.normals.has_room();
         let until_reached = if independent { -*distance / square } else { f64::INFINITY };
         let length = until_reached.min(until_released);
         if !length.is_finite() {

@@ -200,11 +200,17 @@ mod tests {
         let news: Arc<str> = answer::event("news", &"x".repeat(1_000_000)).into();
         let mut received = 0_usize;
         let mut bytes = vec![0; 1_000_000];
+        // Where its thread gets no turn the quick one falls behind as well: all is taken back, and it hears the next thing that is told.
+        quick.get_ref().set_read_timeout(Some(Duration::from_millis(100)))?;
+        let begin = Instant::now();
         while received < 30_000_000 {
             server.viewers().tell(Some(&news), || Arc::clone(&news));
-            let count = quick.read(&mut bytes)?;
-            assert!(count > 0, "the quick one was sent away");
-            received += count;
+            match quick.read(&mut bytes) {
+                Ok(0) => return Err(io::Error::other("the quick one was sent away")),
+                Ok(count) => received += count,
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock && begin.elapsed() < PATIENCE => {}
+                Err(error) => return Err(error),
+            }
         }
         drop(blocked);
         Ok(())

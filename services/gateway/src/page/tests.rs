@@ -4,8 +4,8 @@ use super::Page;
 use crate::comparison::{self, Row};
 use crate::settings::{About, PageSettings, Rates, Settings};
 use bytemuck::Zeroable;
-use process::{Pace, Run, Scheduling};
-use protocol::message::{Exposure, Health, Participant, Phase, Plan, PlantState, Rung};
+use process::Run;
+use protocol::message::{Health, Participant, Phase, Plan, PlantState, Rung};
 use protocol::port::Links;
 use protocol::telemetry::TelemetrySettings;
 use serde_json::Value;
@@ -19,19 +19,8 @@ type Outcome = Result<(), Box<dyn Error>>;
 
 fn settings(folder: &Path, without_learning: Option<&Path>) -> Settings {
     let links = Links::on_this_machine("test", folder, true, 1000);
-    let (log, pace, folder) = ("info".to_owned(), Pace::LockStep, folder.to_owned());
     Settings {
-        run: Run {
-            links,
-            folder,
-            log,
-            epoch_floor: 0,
-            restarted: false,
-            scheduling: Scheduling::default(),
-            period_nanos: 100_000_000,
-            pace,
-            exposure: Exposure::Closed,
-        },
+        run: Run::new(folder, 100_000_000, links),
         telemetry: TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "</script><b>".into(), credentials: None },
         rates: Rates::default(),
         page: PageSettings { listen: "127.0.0.1:0".into() },

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{HasRun, Pace, Run, Scheduling};
+use crate::{HasRun, Pace, Run};
 use protocol::port::Links;
 use settings::Check;
 use settings::change::Rules;
@@ -25,17 +25,7 @@ impl HasRun for Plain {
 
 fn run(folder: &Path, pace: Pace) -> Run {
     let links = Links::on_this_machine("test", folder.to_owned(), pace == Pace::LockStep, 0);
-    Run {
-        folder: folder.to_owned(),
-        log: "off".into(),
-        epoch_floor: 0,
-        restarted: false,
-        scheduling: Scheduling::default(),
-        period_nanos: 1,
-        pace,
-        exposure: protocol::message::Exposure::Closed,
-        links,
-    }
+    Run { log: "off".into(), ..Run::new(folder, 1, links) }
 }
 
 fn wish(change: &str) -> Wish {

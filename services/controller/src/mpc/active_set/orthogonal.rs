@@ -45,6 +45,11 @@ impl Orthogonal {
         (self.columns, self.reach) = (0, 0);
     }
 
+    /// Whether there can be another column.
+    pub(super) fn has_room(&self) -> bool {
+        self.columns < self.basis.ncols()
+    }
+
     /// w.
     pub(super) fn rest(&self) -> &DVector<f64> {
         &self.rest
@@ -70,8 +75,9 @@ impl Orthogonal {
                 rest.iter_mut().zip(column).for_each(|(rest, entry)| *rest -= passed * entry);
             }
             let before = std::mem::replace(&mut self.square, dot(rest, rest));
-            // Far less than before is what rounding has left as well.
-            if self.square >= CANCELLED * before || self.square <= DEPENDENT * whole {
+            // Far less than before is what rounding has left as well. What is not a number is so at once.
+            let again = self.square < CANCELLED * before && self.square > DEPENDENT * whole;
+            if !again {
                 return (whole, self.square);
             }
         }
@@ -165,4 +171,22 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     }
     let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
     (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_a_number_comes_to_an_end_and_is_beside_no_column() {
+        let mut normals = Orthogonal::new(3);
+        let (_, square) = normals.take_apart(&DVector::from_vec(vec![1.0, 2.0, 2.0]), 3);
+        assert_eq!(square, 9.0);
+        normals.take_in();
+        for d in [[f64::NAN, 0.0, 0.0], [0.0, f64::INFINITY, 1.0], [f64::INFINITY, f64::NEG_INFINITY, 0.0], [f64::MAX; 3]] {
+            let (whole, square) = normals.take_apart(&DVector::from_row_slice(&d), 3);
+            let beside = square > DEPENDENT * whole;
+            assert!(!beside, "{d:?}: {square} of {whole}");
+        }
+    }
 }
