@@ -264,6 +264,19 @@ pub fn graph_file(graph: &str) -> PathBuf {
     repository().join("deploy/graphs").join(graph).with_extension("toml")
 }
 
+/// The graph in `deploy/graphs/` that is called `graph`, with these tables for its processes in place of its own: a file in `home`.
+///
+/// # Errors
+/// If there is no such graph, or the file cannot be written.
+pub fn graph_with(graph: &str, tables: &str, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
+    let text = fs::read_to_string(graph_file(graph))?;
+    let kept = text.split("\n[processes.").next().unwrap_or_default();
+    let kept = kept.replace("\"../", &format!("\"{}/", repository().join("deploy").display()));
+    let file = home.join("graph.toml");
+    fs::write(&file, format!("{kept}\n{tables}"))?;
+    Ok(file)
+}
+
 /// `coxswain launch GRAPH --out OUT OPTIONS…`.
 ///
 /// # Errors

@@ -3,7 +3,7 @@
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
 use promises::oracle::{Limits, acquit};
-use promises::{Launched, Outcome, Record, graph_file, launch_command, repository, signal};
+use promises::{Launched, Outcome, Record, graph_file, graph_with, launch_command, signal};
 use rustix::process::Signal;
 use std::collections::{BTreeMap, BTreeSet};
 use std::error::Error;
@@ -19,14 +19,8 @@ const BACK_WITHIN: u64 = 10;
 
 /// A graph like `name`, but whose processes may die often.
 fn patient(name: &str, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
-    let text = fs::read_to_string(graph_file(name))?.replace("[processes.", "[processes_of_the_file.");
-    let kept = text.split("[processes_of_the_file.").next().unwrap_or_default();
-    let deploy = repository().join("deploy");
-    let kept = kept.replace("\"../", &format!("\"{}/", deploy.display()));
     let many = |role: &str| format!("[processes.{role}]\nrestarts_per_minute = 1000\nback_off_millis = 0\nback_off_max_millis = 0\n");
-    let file = home.join("patient.toml");
-    fs::write(&file, format!("{kept}\n{}{}", many("plant"), many("controller")))?;
-    Ok(file)
+    graph_with(name, &format!("{}{}", many("plant"), many("controller")), home)
 }
 
 fn kill_both_ends_often(graph: &str) -> Outcome {

@@ -1,23 +1,12 @@
 //! Promise: processes run where, with the priority and the memory that their graph says; and what the system does not permit is said, before anything moves.
 
-use promises::{Launched, Outcome, graph_file, launch_command, repository};
+use promises::{Launched, Outcome, graph_with, launch_command};
 use std::fs;
-use std::path::{Path, PathBuf};
 use std::process::Command;
-
-/// The local graph with other tables for its processes.
-fn graph_with(tables: &str, home: &Path) -> Result<PathBuf, Box<dyn std::error::Error>> {
-    let text = fs::read_to_string(graph_file("local"))?;
-    let deploy = repository().join("deploy");
-    let kept = text.split("\n[processes.").next().unwrap_or_default().replace("\"../", &format!("\"{}/", deploy.display()));
-    let file = home.join("graph.toml");
-    fs::write(&file, format!("{kept}\n{tables}"))?;
-    Ok(file)
-}
 
 fn launched_with(tables: &str, before: &[&str]) -> Result<Launched, Box<dyn std::error::Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-    let launch = launch_command(&graph_with(tables, home.path())?, &home.path().join("run"), &["--duration", "600"])?;
+    let launch = launch_command(&graph_with("local", tables, home.path())?, &home.path().join("run"), &["--duration", "600"])?;
     let command = match before {
         [] => launch,
         [program, arguments @ ..] => {

@@ -12,14 +12,13 @@ mod ends;
 use bare::Echo;
 use bytemuck::Zeroable;
 use process::{PRIORITY, go_first, read_settings};
-use promises::{Launched, graph_file, launch_command, repository};
+use promises::{Launched, graph_with, launch_command};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, Message, Plan, PlantState};
 use protocol::port::{Identity, Links, Ports, Since, Sink, Source};
 use protocol::wire;
 use std::collections::BTreeMap;
 use std::error::Error;
-use std::fs;
 use std::path::Path;
 use std::thread;
 use std::time::Duration;
@@ -49,12 +48,8 @@ fn main() -> Result<(), Failure> {
 /// A launch without a robot: this bench is the robot.
 fn launch(graph: &str) -> Result<(Launched, Links), Box<dyn Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-    let text = fs::read_to_string(graph_file(graph))?;
-    let deploy = repository().join("deploy");
-    let kept = text.split("\n[processes.").next().unwrap_or_default().replace("\"../", &format!("\"{}/", deploy.display()));
     let alone = ["plant", "learner", "recorder"].map(|role| format!("[processes.{role}]\nenabled = false\n")).concat();
-    let file = home.path().join("graph.toml");
-    fs::write(&file, format!("{kept}\n{alone}"))?;
+    let file = graph_with(graph, &alone, home.path())?;
     let options = ["--scenario", "paper-20ms", "--duration", "600"];
     let launched = Launched::by(launch_command(&file, &home.path().join("run"), &options)?, home)?;
     launched.wait_for_log("controller", "started", 1)?;

@@ -1,29 +1,31 @@
-//! One control tick of the paper's scenario: observe, answer, explain; with the main model alone and with a learned one of 120 points. Then a
-//! million ticks on a circle, pushed off it every forty, with what the heap saw of them.
+//! One control tick of the paper's scenario: observe, answer, explain; with the main model alone and with a learned one of 120 points; and what
+//! makes a model of 200 points ready. Then a million ticks on a circle, pushed off it every forty, with what the heap saw of them.
 //!
 //! `cargo bench -p controller --bench control_tick`
 #![expect(clippy::print_stdout, reason = "figures are what a bench is for")]
 
-use controller::adopt::{Candidate, Handover};
+use controller::adopt::{Candidate, Expected, Handover, prepare};
 use controller::control::Controller;
 use controller::settings::{
     DelaySetting, LearnedSettings, Linearise, Method, MpcSettings, Settings, SolverFaults, SolverSetting, StateLimits, Weights,
 };
 use criterion::{Criterion, criterion_group};
-use model::State;
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, PosteriorError, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
 use model::robot::Robot;
+use model::{AXES, State};
 use process::Run;
 use protocol::clock::monotonic_nanos;
-use protocol::message::{PlantState, Rung};
+use protocol::message::{INPUTS_MAX, ModelSnapshot, PlantState, Rung, SnapshotHead};
 use protocol::port::Links;
 use std::error::Error;
 use std::hint::black_box;
 
 const POINTS: usize = 120;
+/// What of a velocity a model may explain.
+const BOUND: [f64; AXES] = [0.5; AXES];
 const TICKS: u64 = 1_000_000;
 /// Of them, those that are not watched.
 const WARM_UP: u64 = 100;
@@ -66,17 +68,56 @@ fn settings() -> Settings {
     }
 }
 
-/// A learned model of so many points along a drive at the scenario's speed.
-fn candidate(points: usize) -> Result<Box<Candidate>, PosteriorError> {
-    let normalisation = Normalisation { mean: [0.0; INPUTS], scale: [0.5; INPUTS] };
+const NORMALISATION: Normalisation<INPUTS> = Normalisation { mean: [0.0; INPUTS], scale: [0.5; INPUTS] };
+const HYPERPARAMETERS: Hyperparameters<INPUTS> = Hyperparameters::new([4.0; INPUTS], 0.01, 1e-5);
+
+/// So many normalised inputs along a drive at the scenario's speed, and what the main model misses there.
+fn data(points: usize) -> (Vec<[f64; INPUTS]>, Vec<[f64; AXES]>) {
     let wave = |i: usize, k: f64| (k * i as f64).sin();
     let inputs: Vec<[f64; INPUTS]> =
         (0..points).map(|i| [2.7 + 0.3 * wave(i, 0.7), 0.2 * wave(i, 1.1), 0.2 * wave(i, 0.3), 0.3, 0.0, 0.1 * wave(i, 1.9)]).collect();
-    let inputs: Vec<[f64; INPUTS]> = inputs.iter().map(|input| normalisation.apply(input)).collect();
-    let targets: Vec<[f64; 3]> = (0..points).map(|i| [-0.09 + 0.01 * wave(i, 0.9), 0.02 * wave(i, 1.3), 0.02 * wave(i, 0.2)]).collect();
-    let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([4.0; INPUTS], 0.01, 1e-5); 3])?;
-    let learned = Box::new(Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [0.5; 3], sample_variance: [0.0; 3] });
+    let targets = (0..points).map(|i| [-0.09 + 0.01 * wave(i, 0.9), 0.02 * wave(i, 1.3), 0.02 * wave(i, 0.2)]).collect();
+    (inputs.iter().map(|input| NORMALISATION.apply(input)).collect(), targets)
+}
+
+/// A learned model of so many points.
+fn candidate(points: usize) -> Result<Box<Candidate>, PosteriorError> {
+    let (inputs, targets) = data(points);
+    let posterior = Posterior::new(&inputs, &targets, &[HYPERPARAMETERS; AXES])?;
+    let learned = Box::new(Learned {
+        layout: Layout::VelocitySlip,
+        normalisation: NORMALISATION,
+        posterior,
+        bound: BOUND,
+        sample_variance: [0.0; AXES],
+    });
     Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(points) }))
+}
+
+/// The same as a learner sends it.
+fn snapshot(points: usize) -> Result<ModelSnapshot, Box<dyn Error>> {
+    let mut head: SnapshotHead = bytemuck::Zeroable::zeroed();
+    (head.version, head.inputs, head.input_scale) = (1, INPUTS as u32, [0.5; INPUTS_MAX]);
+    head.length_scale = [[4.0; INPUTS_MAX]; AXES];
+    (head.signal_variance, head.noise_variance) = ([0.01; AXES], [1e-5; AXES]);
+    let (inputs, targets) = data(points);
+    let posterior = Posterior::new(&inputs, &targets, &[HYPERPARAMETERS; AXES])?;
+    let mut snapshot = ModelSnapshot::new(head);
+    for (i, (input, target)) in inputs.iter().zip(&targets).enumerate() {
+        snapshot.push(input, *target, posterior.weights().map(|weights| weights[i]))?;
+    }
+    Ok(snapshot)
+}
+
+/// From a snapshot to a model that the control thread may take: checked, and its posterior made anew. Done on a thread beside the control thread.
+fn adoption(criterion: &mut Criterion) {
+    let expected = Expected { fingerprint: 0, layout: Layout::VelocitySlip, bound: BOUND };
+    let Ok(snapshot) = snapshot(200) else { return };
+    if let Err(refusal) = prepare(&snapshot, &expected) {
+        println!("not measured: {refusal}");
+        return;
+    }
+    criterion.bench_function("adoption of 200 points", |bencher| bencher.iter(|| prepare(black_box(&snapshot), &expected)));
 }
 
 fn control_tick(criterion: &mut Criterion) {
@@ -145,7 +186,7 @@ fn million_ticks() -> Result<(), Box<dyn Error>> {
     if heap.count_total > 0 { Err(format!("{} bytes were allocated", heap.bytes_total).into()) } else { Ok(()) }
 }
 
-criterion_group!(benches, control_tick);
+criterion_group!(benches, control_tick, adoption);
 
 fn main() -> Result<(), Box<dyn Error>> {
     benches();

@@ -16,7 +16,7 @@ use crate::service_manager::ServiceManager;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use crate::without_learning;
-use process::refusals::{self, Refusals};
+use process::refusals;
 use process::{PRIORITY, Pace, go_first, keep_to_user, wishes};
 use protocol::message::Participant;
 use protocol::port::{Breach, HalfMade, OpenError, Router, claim};
@@ -32,10 +32,9 @@ use std::sync::Mutex;
 use std::thread;
 use std::time::{Duration, Instant};
 use std::{env, io, slice};
-use tracing_subscriber::filter::FilterExt;
+use tracing_subscriber::Layer;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
-use tracing_subscriber::{EnvFilter, Layer};
 
 /// How often the launcher looks after its processes.
 const ROUND: Duration = Duration::from_millis(20);
@@ -402,9 +401,9 @@ fn programs_folder() -> Result<PathBuf, LaunchError> {
 fn open_log(folder: &Path, filter: &str) -> Result<(), LaunchError> {
     let failed = |source| LaunchError::System { what: "the launcher's log", source };
     let file = File::options().create(true).append(true).open(folder.join("coxswain.log")).map_err(failed)?;
-    let filter = EnvFilter::try_new(filter).map_err(|error| failed(io::Error::other(error)))?;
+    let filter = refusals::log_filter(filter).map_err(|error| failed(io::Error::other(error)))?;
     // A second run in one process, as in a test, keeps to the log of the first.
     let lines = tracing_subscriber::fmt::layer().with_ansi(false).with_writer(Mutex::new(file));
-    let _ = tracing_subscriber::registry().with(lines.with_filter(filter.and(Refusals))).try_init();
+    let _ = tracing_subscriber::registry().with(lines.with_filter(filter)).try_init();
     Ok(())
 }

@@ -1,5 +1,7 @@
 //! Who or what is turned away → one line in the log for each reason, and then one every so often with how many there were: of strangers at the network
-//! zenoh says so once for each of them, and of commands there are as many as somebody likes to send.
+//! and of messages without the right to them zenoh says so once for each, and of commands there are as many as somebody likes to send.
+
+mod rights;
 
 use std::collections::BTreeMap;
 use std::fmt::{Debug, Write};
@@ -8,13 +10,18 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tracing::field::{Field, Visit};
 use tracing::{Event, Level, Metadata};
+use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::{FilterExt, ParseError};
 use tracing_subscriber::layer::{Context, Filter};
 
 /// Pause between two lines for the same reason.
 const PAUSE: Duration = Duration::from_secs(10);
 
 /// Reasons that are told apart.
-const REASONS_MAX: usize = 16;
+const REASONS_MAX: usize = 32;
+
+/// Where zenoh says, message by message, who may what.
+const ACCESS: &str = "zenoh::net::routing::interceptor::access_control";
 
 /// What zenoh says behind a reason, of other causes.
 const HINT: &str = ". Hint:";
@@ -22,6 +29,15 @@ const HINT: &str = ". Hint:";
 static BOOK: Mutex<Book<String>> = Mutex::new(Book::new());
 /// Whether this process itself plays the stranger.
 static PLAYED: AtomicBool = AtomicBool::new(false);
+
+/// What goes into a log by `directives`: all but zenoh's words about who is turned away, which [`tell`] sums up.
+///
+/// # Errors
+///
+/// If `directives` are none.
+pub fn log_filter<S>(directives: &str) -> Result<impl Filter<S> + use<S>, ParseError> {
+    Ok(EnvFilter::try_new(format!("{directives},{ACCESS}=trace"))?.and(Refusals))
+}
 
 /// Reason → how often it was given, and when that was told last.
 #[derive(Debug, Default)]
@@ -35,8 +51,8 @@ struct Refused {
 }
 
 /// Takes zenoh's words about strangers out of a log, to be told by [`tell`].
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Refusals;
+#[derive(Debug, Clone, Copy)]
+struct Refusals;
 
 impl<S> Filter<S> for Refusals {
     fn enabled(&self, _metadata: &Metadata<'_>, _context: &Context<'_, S>) -> bool {
@@ -48,12 +64,17 @@ impl<S> Filter<S> for Refusals {
         if PLAYED.load(Ordering::Relaxed) && metadata.target().starts_with("zenoh") {
             return false;
         }
-        if !is_refusal(metadata) {
+        let is_of_rights = metadata.target() == ACCESS;
+        if !is_of_rights && !is_refusal(metadata) {
             return true;
         }
         let mut message = Message::default();
         event.record(&mut message);
-        book().note_words(reason(metadata.target(), &message.0));
+        if is_of_rights {
+            rights::refused(&message.0).into_iter().for_each(|reason| book().note_words(reason));
+        } else {
+            book().note_words(reason(&message.0));
+        }
         false
     }
 }
@@ -83,16 +104,12 @@ fn is_refusal(metadata: &Metadata<'_>) -> bool {
     match *metadata.level() {
         Level::WARN => target.starts_with("zenoh_link_tls"),
         Level::ERROR => target.starts_with("zenoh_transport::unicast::establishment::accept"),
-        Level::INFO => target.ends_with("interceptor::access_control"),
         _ => false,
     }
 }
 
 /// The same for all whom the same befalls.
-fn reason(target: &str, message: &str) -> String {
-    if target.ends_with("access_control") {
-        return "a certificate of no role here".to_owned();
-    }
+fn reason(message: &str) -> String {
     let short = message.split(HINT).next().unwrap_or(message);
     let short = short.split(" at /").next().unwrap_or(short);
     short.chars().take(200).collect()
@@ -179,8 +196,7 @@ mod tests {
 
     #[test]
     fn a_reason_is_told_without_what_zenoh_guesses_and_where_it_was_built() {
-        assert_eq!(reason("zenoh_link_tls::unicast", "peer sent no certificates. Hint: increase it."), "peer sent no certificates");
-        assert_eq!(reason("zenoh_transport::x", "Max transports reached at /home/x.rs:1."), "Max transports reached");
-        assert_eq!(reason("zenoh::net::access_control", "7f did not match any"), "a certificate of no role here");
+        assert_eq!(reason("peer sent no certificates. Hint: increase it."), "peer sent no certificates");
+        assert_eq!(reason("Max transports reached at /home/x.rs:1."), "Max transports reached");
     }
 }

@@ -1,6 +1,6 @@
 //! `main` of every process: arguments, settings, log, stop signals, body, exit code.
 
-use crate::refusals::Refusals;
+use crate::refusals::log_filter;
 use crate::{HasRun, Run, Stop, keep_to_user};
 use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches, Parser};
@@ -17,10 +17,9 @@ use std::process::ExitCode;
 use std::sync::Mutex;
 use std::thread;
 use std::time::Duration;
-use tracing_subscriber::filter::FilterExt;
+use tracing_subscriber::Layer;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
-use tracing_subscriber::{EnvFilter, Layer};
 
 /// How long a process may take to end by itself after its launcher died.
 const LAST_WORDS: Duration = Duration::from_secs(15);
@@ -116,7 +115,7 @@ fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow:
     let file = file.with_context(|| format!("the log {} cannot be opened", path.display()))?;
     let lines = tracing_subscriber::fmt::layer().with_ansi(false).with_writer(Mutex::new(file));
     tracing_subscriber::registry()
-        .with(lines.with_filter(EnvFilter::try_new(&run.log)?.and(Refusals)))
+        .with(lines.with_filter(log_filter(&run.log)?))
         .try_init()
         .map_err(|error| anyhow::anyhow!("the log cannot be started: {error}"))?;
     log_panics();

@@ -125,7 +125,8 @@ fn small_programs_have_the_answer_that_trying_all_sets_of_rows_gives() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    // 256 of them, or as many as PROPTEST_CASES says.
+    #![proptest_config(ProptestConfig::default())]
 
     #[test]
     fn large_programs_have_the_answer_of_the_interior_point_method(
