@@ -78,7 +78,7 @@ pub struct ActiveSet {
     active: Vec<Bound>,
     multipliers: Vec<f64>,
     /// What was violated when all bounds were looked at last.
-    violated: Vec<Bound>,
+    violated: Vec<(Bound, f64)>,
     /// v, and the x that belongs to it.
     whitened: DVector<f64>,
     at: Trajectory,
@@ -88,8 +88,9 @@ pub struct ActiveSet {
     slack_multipliers: Vec<f64>,
     /// How many entries v has.
     entries: usize,
-    /// d and r.
+    /// d, how many of its first entries may be other than zero, and r.
     image: DVector<f64>,
+    reach: usize,
     release: DVector<f64>,
     /// The same of slacks that are held.
     slack_release: Vec<f64>,
@@ -113,6 +114,7 @@ impl ActiveSet {
             slack_multipliers: vec![0.0; slacks],
             entries: 0,
             image: DVector::zeros(unknowns),
+            reach: 0,
             release: DVector::zeros(unknowns),
             slack_release: vec![0.0; slacks],
         }
@@ -149,7 +151,7 @@ impl ActiveSet {
         }
         self.begin(program);
         let most = steps_most(program);
-        while let Some((bound, mut distance)) = self.most_violated(program) {
+        while let Some((bound, mut distance)) = self.violated(program) {
             let mut multiplier = 0.0;
             loop {
                 *iterations += 1;
@@ -195,37 +197,32 @@ impl ActiveSet {
         }
     }
 
-    /// A bound that is violated, if one is, and its distance: of those that were violated when all were looked at, the one that is most.
-    fn most_violated(&mut self, program: &QuadraticProgram) -> Option<(Bound, f64)> {
-        self.place(program);
-        self.worst_of_violated(program).or_else(|| {
+    /// A bound that is violated, if one is, and its distance. All are looked at when nothing is left of what was violated the last time, the most first.
+    ///
+    /// Then d and its reach are those of that bound: its distance follows from them, without x.
+    fn violated(&mut self, program: &QuadraticProgram) -> Option<(Bound, f64)> {
+        loop {
+            while let Some((bound, _)) = self.violated.pop() {
+                self.look_at(program, bound);
+                let distance = bound.room(program) + self.image.rows(0, self.reach).dot(&self.whitened.rows(0, self.reach));
+                if distance < -VIOLATION {
+                    return Some((bound, distance));
+                }
+            }
+            self.place(program);
             self.look_for_violated(program);
-            self.worst_of_violated(program)
-        })
-    }
-
-    fn worst_of_violated(&self, program: &QuadraticProgram) -> Option<(Bound, f64)> {
-        let with_distance = self.violated.iter().map(|&bound| (bound, self.distance(program, bound)));
-        let still = with_distance.filter(|(bound, distance)| *distance < -VIOLATION && !self.active.contains(bound));
-        still.min_by(|(_, a), (_, b)| a.total_cmp(b))
-    }
-
-    /// How far x is from a bound.
-    fn distance(&self, program: &QuadraticProgram, bound: Bound) -> f64 {
-        let value = match bound {
-            Bound::Row(row, 0) => program.rows[row].bounds[0] - program.rows[row].value(&self.at.states, &self.at.inputs),
-            Bound::Row(row, _) => program.rows[row].bounds[1] + program.rows[row].value(&self.at.states, &self.at.inputs),
-            Bound::Slack(_) => 0.0,
-        };
-        value + bound.slack(program).map_or(0.0, |slack| self.slacks[slack])
+            if self.violated.is_empty() {
+                return None;
+            }
+            self.violated.sort_unstable_by(|(_, a), (_, b)| b.total_cmp(a));
+        }
     }
 
     /// Looks at all bounds but the active ones.
     fn look_for_violated(&mut self, program: &QuadraticProgram) {
-        self.violated.clear();
         let mut look = |bound: Bound, distance: f64| {
             if distance < -VIOLATION && !self.active.contains(&bound) {
-                self.violated.push(bound);
+                self.violated.push((bound, distance));
             }
         };
         for (index, row) in program.rows.iter().enumerate() {
@@ -241,8 +238,7 @@ impl ActiveSet {
 
     /// Goes towards `bound`, which is `distance` away and whose multiplier so far is `multiplier`.
     fn approach(&mut self, program: &QuadraticProgram, bound: Bound, distance: &mut f64, multiplier: &mut f64) -> Step {
-        let reach = self.look_at(program, bound);
-        let (whole, square) = self.normals.take_apart(&self.image, reach);
+        let (whole, square) = self.normals.take_apart(&self.image, self.reach);
         self.find_release(program, bound);
         let (mut first, mut until_released) = (None, f64::INFINITY);
         let of_active = self.multipliers.iter().zip(self.release.iter()).enumerate().map(|(place, of)| (Released::Active(place), of));
@@ -271,7 +267,10 @@ impl ActiveSet {
             Some(which) if until_released < until_reached => {
                 match which {
                     Released::Active(place) => self.let_go(place),
-                    Released::Slack(slack) => self.let_slack_go(program, slack),
+                    Released::Slack(slack) => {
+                        self.let_slack_go(program, slack);
+                        self.look_at(program, bound);
+                    }
                 }
                 Step::LetGo
             }
@@ -282,9 +281,9 @@ impl ActiveSet {
         }
     }
 
-    /// d, and how many of its first entries may be other than zero.
-    fn look_at(&mut self, program: &QuadraticProgram, bound: Bound) -> usize {
-        let mut reach = 0;
+    /// d of `bound`, and its reach.
+    fn look_at(&mut self, program: &QuadraticProgram, bound: Bound) {
+        self.reach = 0;
         match bound {
             Bound::Row(row, side) => {
                 let row = &program.rows[row];
@@ -292,15 +291,14 @@ impl ActiveSet {
                 if side == 0 {
                     self.image.neg_mut();
                 }
-                reach = INPUT * (row.stage + 1).min(program.blocks());
+                self.reach = INPUT * (row.stage + 1).min(program.blocks());
             }
             Bound::Slack(_) => self.image.fill(0.0),
         }
         if let Some(Slack::Free(entry)) = bound.slack(program).map(|slack| self.slack_states[slack]) {
             self.image[entry] = entry_of_slack(program);
-            reach = entry + 1;
+            self.reach = entry + 1;
         }
-        reach
     }
 
     /// r, and what belongs to the slacks that are held.
@@ -341,6 +339,14 @@ impl ActiveSet {
 }
 
 impl Bound {
+    /// How far it is away where everything is zero.
+    fn room(self, program: &QuadraticProgram) -> f64 {
+        match self {
+            Self::Row(row, side) => program.rows[row].bounds[side],
+            Self::Slack(_) => 0.0,
+        }
+    }
+
     /// The slack that it is about, if there is one.
     fn slack(self, program: &QuadraticProgram) -> Option<usize> {
         match self {
