@@ -1,7 +1,10 @@
 //! Attacks on a robot that drives: recorded and forged commands in the controller's own role, and floods at the door.
 
 use crate::session::{Certificates, Failure, Shows, connect, failed, print};
-use promises::{Launched, Message, Outcome, Record};
+use coxswain::assembly::Assembly;
+use coxswain::options::Options;
+use promises::oracle::{Limits, Rule, judge};
+use promises::{Launched, Message, Outcome, Record, graph_file};
 use protocol::access::Role;
 use protocol::message::Command;
 use protocol::wire;
@@ -13,6 +16,11 @@ use std::thread;
 use std::time::Duration;
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
+
+/// The gate brakes when what would act answers a state so old [T].
+const BRAKES_AFTER_PERIODS: f64 = 3.0;
+/// Of an age in periods.
+const ROUNDING: f64 = 1e-6;
 
 /// A launch of every link over the network, where it is to be met, and how its graph is called there.
 fn launched(certificates: &Certificates, options: &[&str]) -> Result<(Launched, String, String), Failure> {
@@ -67,6 +75,22 @@ fn acted(record: &Record) -> BTreeMap<u64, usize> {
     acted
 }
 
+/// Age of the oldest state whose answer acted [T], and how often an answer by `writer` acted after one of it to a later state: so a command that is
+/// said again, word for word, would show.
+fn oldest(record: &Record, writer: u64, limits: &Limits) -> (f64, usize) {
+    let (mut oldest, mut back, mut before) = (0.0_f64, 0, 0);
+    for truth in record.of("truth") {
+        oldest = oldest.max(truth.count("acting_age_nanos") as f64 * 1e-9 / limits.period_s);
+        if truth.count("acting_writer") == writer {
+            let answered = truth.count("acting_tick");
+            oldest = oldest.max(truth.stamp("tick") as f64 - answered as f64);
+            back += usize::from(answered < before);
+            before = answered;
+        }
+    }
+    (oldest, back)
+}
+
 /// Who is the launch's own controller.
 fn genuine(record: &Record) -> Result<u64, Failure> {
     Ok(record.of("plan").next().ok_or("no plan")?.stamp("writer"))
@@ -112,13 +136,24 @@ fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificat
     assert!(ended.status.success(), "{}", ended.text);
     let record = Record::read(&home.path().join("run"))?;
     let (acted, genuine) = (acted(&record), genuine(&record)?);
+    let limits = Limits::of(&Assembly::read(&Options::of_graph(&graph_file("network")))?);
+    let (oldest, back) = oldest(&record, genuine, &limits);
     let theirs: usize = acted.iter().filter(|(writer, _)| ![0, genuine].contains(writer)).map(|(_, periods)| periods).sum();
     let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
     record.of("state").for_each(|state: &Message| *reasons.entry(state.word("reason")).or_default() += 1);
     let refused = record.of("state").next_back().map_or(0, |state| state.count("refused"));
     print(format_args!("commands: {said} said again or forged in 6 ways, {theirs} acted, {refused} refused by the gate: {reasons:?}"));
+    print(format_args!(
+        "the own controller's: the oldest state whose answer acted was {oldest:.2} T old, {back} acted after one to a later state"
+    ));
     assert!(said > 1_000, "only {said} were said");
     assert_eq!(theirs, 0, "{acted:?}");
+    assert!(oldest <= BRAKES_AFTER_PERIODS + ROUNDING, "{oldest} T");
+    assert_eq!(back, 0, "an old command acted again");
+    // Whatever is forged is in the record as well, and counted as lost by nobody.
+    let violations: Vec<String> =
+        judge(&record, &limits).iter().filter(|found| found.rule != Rule::Count).map(ToString::to_string).collect();
+    assert_eq!(violations, [""; 0]);
     assert!(refused > 0, "{reasons:?}");
     assert!(acted.get(&genuine).is_some_and(|periods| *periods > 50), "the robot was driven by its own controller: {acted:?}");
     Ok(())
@@ -176,10 +211,10 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
         counts[2] += usize::from(gateway.put(format!("{base}/health/data/flood"), long.clone()).wait().is_ok());
         driven(13)
     })?;
-    let log = std::fs::read_to_string(launched.folder().join("coxswain.log"))?;
     drop((watcher, gateway, held));
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
+    let log = std::fs::read_to_string(home.path().join("run/coxswain.log"))?;
     let record = Record::read(&home.path().join("run"))?;
     assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(160));
     let genuine = genuine(&record)?;
@@ -199,7 +234,9 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
         during as f64 / before as f64
     ));
     let lines = log.lines().filter(|line| line.contains("turned away at the network")).count();
-    assert!(log.contains("may not Declare Subscriber on command"), "nothing is told of {subscriptions} refused subscriptions:\n{log}");
+    let of_subscriptions = log.lines().filter(|line| line.contains("may not Declare Subscriber on command count="));
+    let told: usize = of_subscriptions.filter_map(|line| line.rsplit('=').next()?.parse::<usize>().ok()).sum();
+    assert_eq!(told, subscriptions, "each refused subscription is told once:\n{log}");
     assert!(log.contains("turned away at the network: received corrupt message"), "nothing is told of {connections} strangers:\n{log}");
     assert!(lines <= 3 * 16, "{lines} lines for {connections} strangers");
     assert!(!log.contains("zenoh_link_tls"), "{log}");

@@ -206,8 +206,9 @@ impl<'a> Loop<'a> {
         }
         let epoch = self.claim_epoch(state)?;
         let mut sample = self.controller.observe(state, self.handover, epoch);
-        self.commands.send(self.controller.answer(state, self.handover))?;
+        let command = self.controller.answer(state, self.handover);
         let nanos = monotonic_nanos() - begin;
+        self.commands.send(command)?;
         if let Some(fault) = self.controller.sensor_fault() {
             self.pulse.health().set_last_error(fault.text());
         }

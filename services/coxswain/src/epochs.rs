@@ -12,10 +12,13 @@ use std::{fs, io};
 /// Highest epoch that still has a next one in TOML, whose numbers have a sign.
 const EPOCH_MAX: u64 = i64::MAX as u64 - 1;
 
-/// Highest epoch of each role that was given out or observed. Every change is on disk before it counts.
+/// Highest epoch of each role that was given out or observed. Every change is on disk before it counts, as long as the disk takes it: a robot that
+/// drives does not end because of a full one, and its launcher knows them all the same.
 #[derive(Debug)]
 pub struct Epochs {
     file: PathBuf,
+    /// Whether the file lacks the last of them.
+    behind: bool,
     /// What every role begins above.
     floor: u64,
     highest: BTreeMap<String, u64>,
@@ -53,13 +56,13 @@ impl Epochs {
     /// If the file is there but cannot be read.
     pub fn open(file: &Path, floor: u64) -> io::Result<Self> {
         let EpochsFile(highest) = if file.try_exists()? { settings::read(file).map_err(io::Error::other)? } else { EpochsFile::default() };
-        Ok(Self { file: file.to_path_buf(), floor, highest })
+        Ok(Self { file: file.to_path_buf(), behind: false, floor, highest })
     }
 
     /// Highest epoch of `role` so far, above which an instance that starts now begins. The next one is taken as given out.
     ///
     /// # Errors
-    /// If it cannot be kept.
+    /// If there is no next one.
     pub fn give(&mut self, role: Participant) -> io::Result<u64> {
         let floor = self.highest(role);
         let next = floor.checked_add(1).ok_or_else(|| too_great(role, floor))?;
@@ -70,7 +73,7 @@ impl Epochs {
     /// Takes note of an epoch that an instance of `role` speaks in.
     ///
     /// # Errors
-    /// If it cannot be kept.
+    /// If it has no next one.
     pub fn observe(&mut self, role: Participant, epoch: u64) -> io::Result<()> {
         if epoch > self.highest(role) { self.keep(role, epoch) } else { Ok(()) }
     }
@@ -85,6 +88,17 @@ impl Epochs {
             return Err(too_great(role, epoch));
         }
         self.highest.insert(role.text().to_owned(), epoch);
+        let written = self.write();
+        if let Err(error) = &written
+            && !self.behind
+        {
+            tracing::error!(%error, file = %self.file.display(), "epochs cannot be kept on disk: the next launch in this folder does not know of them");
+        }
+        self.behind = written.is_err();
+        Ok(())
+    }
+
+    fn write(&self) -> io::Result<()> {
         let text = toml::to_string(&self.highest).map_err(io::Error::other)?;
         let half = self.file.with_extension("toml.half");
         fs::write(&half, text)?;
@@ -155,6 +169,20 @@ mod tests {
         assert!(epochs.give(Participant::Controller).is_err());
         assert_eq!(Epochs::open(&file, 0)?.highest(Participant::Controller), EPOCH_MAX);
         assert!(Epochs::open(&file, u64::MAX)?.give(Participant::Plant).is_err());
+        Ok(())
+    }
+
+    #[test]
+    fn a_disk_that_takes_nothing_ends_no_run() -> io::Result<()> {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("run/epochs.toml");
+        let mut epochs = Epochs::open(&file, 0)?;
+        assert_eq!(epochs.give(Participant::Controller)?, 0);
+        epochs.observe(Participant::Controller, 4)?;
+        assert_eq!(epochs.give(Participant::Controller)?, 4, "known, if not kept");
+        fs::create_dir(folder.path().join("run"))?;
+        epochs.observe(Participant::Plant, 2)?;
+        assert_eq!(Epochs::open(&file, 0)?.highest(Participant::Controller), 5, "with the next one that can be kept all are");
         Ok(())
     }
 

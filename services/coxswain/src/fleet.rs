@@ -7,6 +7,7 @@ use crate::epochs::{Epochs, unheard_of};
 use crate::graph::is_needed;
 use crate::role::END_ORDER;
 use crate::roster::Roster;
+use crate::silence::Silence;
 use crate::watch::View;
 use process::{Pace, Run};
 use protocol::message::{Participant, Phase};
@@ -19,12 +20,6 @@ use std::time::{Duration, Instant, SystemTime};
 
 /// How long a process may take to be ready.
 const READY_WITHIN: Duration = Duration::from_mins(1);
-
-/// How long one that is started again may say nothing.
-const STARTS_WITHIN: Duration = Duration::from_secs(10);
-
-/// Most that one round counts as silence.
-const ROUND_MOST: Duration = Duration::from_millis(40);
 
 /// A process cannot take part.
 #[derive(Debug, thiserror::Error)]
@@ -100,6 +95,15 @@ pub enum Event {
         /// How.
         ending: Ending,
     },
+    /// Somebody who is to be started again could not be.
+    NotStarted {
+        /// Who.
+        role: Participant,
+        /// Why.
+        trouble: String,
+        /// How long until it is tried anew; nothing, if the robot does without.
+        wait: Option<Duration>,
+    },
     /// Somebody who had died was started again.
     Restarted {
         /// Who.
@@ -148,31 +152,6 @@ enum State {
     Running(Child),
     /// Dead, to be started again then.
     Due(Instant),
-}
-
-/// How long somebody has said nothing, in rounds of the launcher: one that is kept from running itself accuses nobody.
-#[derive(Debug, Default)]
-struct Silence {
-    /// When the last Health was sent; none before the first.
-    heard: Option<u64>,
-    lasted: Duration,
-    /// It was killed for it, and dies as soon as the system lets it.
-    punished: bool,
-}
-
-impl Silence {
-    /// How long it lasts, once that is longer than `patience`: once, since nobody is killed twice. Before the first word it may last as long as
-    /// a start may take, but not of one that is `stopped`: that does not start.
-    fn broken_by(&mut self, said: Option<u64>, round: Duration, patience: Duration, stopped: impl FnOnce() -> bool) -> Option<Duration> {
-        if said != self.heard {
-            *self = Self { heard: said, lasted: Duration::ZERO, punished: self.punished };
-            return None;
-        }
-        self.lasted += round.min(ROUND_MOST);
-        let broken = !self.punished && self.lasted > patience && (self.heard.is_some() || self.lasted > STARTS_WITHIN || stopped());
-        self.punished |= broken;
-        broken.then_some(self.lasted)
-    }
 }
 
 impl<'a> Fleet<'a> {
@@ -315,9 +294,22 @@ impl<'a> Fleet<'a> {
             events.push(Event::Finished);
         }
         for role in self.due(now) {
-            events.push(Event::Restarted { role, epoch_floor: self.start(role)? });
+            events.push(match self.start(role) {
+                Ok(epoch_floor) => Event::Restarted { role, epoch_floor },
+                Err(error) if real_time => self.postpone(role, error, now)?,
+                Err(error) => return Err(error),
+            });
         }
         Ok(events)
+    }
+
+    /// Somebody cannot be started again, on a full disk for instance: it is tried anew as if he had died, as often as that is allowed.
+    fn postpone(&mut self, role: Participant, error: FleetError, now: Instant) -> Result<Event, FleetError> {
+        let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
+        let Some(member) = self.members.get_mut(&role) else { return Err(error) };
+        let wait = member.restarts.after_death(&policy, now);
+        member.state = wait.map_or(State::Ended, |wait| State::Due(now + wait));
+        if wait.is_none() && is_needed(role) { Err(error) } else { Ok(Event::NotStarted { role, trouble: error.to_string(), wait }) }
     }
 
     /// Those whose wait is over.
@@ -393,34 +385,5 @@ fn end_by_force(mut child: Child) -> String {
     match child.wait() {
         Ok(_) => complaint,
         Err(error) => format!("{complaint}; {error}"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const ROUND: Duration = Duration::from_millis(20);
-    const PATIENCE: Duration = Duration::from_millis(400);
-
-    /// Rounds until the silence is broken, if it is within 20 s.
-    fn rounds(silence: &mut Silence, said: Option<u64>, stopped: bool) -> Option<u32> {
-        (1..1000).find(|_| silence.broken_by(said, ROUND, PATIENCE, || stopped).is_some())
-    }
-
-    #[test]
-    fn one_that_starts_may_be_silent_for_longer_unless_it_is_stopped() {
-        assert_eq!(rounds(&mut Silence::default(), None, false), Some(501));
-        assert_eq!(rounds(&mut Silence::default(), None, true), Some(21));
-        let mut silence = Silence::default();
-        assert_eq!(silence.broken_by(Some(1), ROUND, PATIENCE, || false), None);
-        assert_eq!(rounds(&mut silence, Some(1), false), Some(21));
-    }
-
-    #[test]
-    fn nobody_is_killed_twice_for_one_silence() {
-        let mut silence = Silence::default();
-        assert_eq!(rounds(&mut silence, None, true), Some(21));
-        assert_eq!(rounds(&mut silence, None, true), None, "the system takes its time to let it die");
     }
 }

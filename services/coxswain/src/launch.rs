@@ -186,8 +186,13 @@ fn run_at(
 ) -> Result<Outcome, LaunchError> {
     let folder = folder::create(out, &assembly.scenario_name, berth.id())?;
     person.terminal.say(heading(&assembly));
-    if let Some(certificates) = &assembly.certificates {
-        person.terminal.say(certificates);
+    match &assembly.certificates {
+        Some(certificates) => person.terminal.say(certificates),
+        None => {
+            if let Some(within) = within_reach(&assembly).filter(|_| assembly.exposed.is_empty()) {
+                person.terminal.say(within);
+            }
+        }
     }
     for exposed in &assembly.exposed {
         person.terminal.say(format_args!("INSECURE: {exposed}"));
@@ -225,6 +230,17 @@ fn run_at(
     conclude(&voyage, &mut person.terminal);
     let outcome = outcome?;
     if complaints.is_empty() { Ok(outcome) } else { Err(LaunchError::Ending { complaints }) }
+}
+
+/// What is open without certificates: nobody is asked who he is, but nobody is heard either who is not on this machine.
+fn within_reach(assembly: &Assembly) -> Option<&'static str> {
+    if assembly.networked() {
+        Some("network: this machine alone (no certificates); each of its users can drive the robot")
+    } else if assembly.roles().any(|role| role == Participant::Gateway) {
+        Some("network: this machine alone (no certificates); each of its users can watch the robot")
+    } else {
+        None
+    }
 }
 
 /// A router whose threads go first in real time, since states and commands pass through it; what this process starts does not.
@@ -266,6 +282,7 @@ fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
     for complaint in &complaints {
         tracing::error!("{complaint}");
     }
+    refusals::tell_rest();
     Ok(Ended { outcome, complaints })
 }
 
@@ -353,6 +370,11 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
                     tracing::error!(%role, %ending, "given up");
                     person.terminal.say(format_args!("{role} ended with {ending} too often; the run goes on without it"));
                 }
+                Event::NotStarted { role, trouble, wait } => {
+                    tracing::error!(%role, trouble, ?wait, "cannot be started again");
+                    let next = wait.map_or_else(|| "the run goes on without it".to_owned(), |wait| format!("it is tried anew in {wait:?}"));
+                    person.terminal.say(format_args!("{role} cannot be started again: {trouble}; {next}"));
+                }
                 Event::Restarted { role, epoch_floor } => tracing::info!(%role, epoch_floor, "started again"),
             }
         }
@@ -401,7 +423,7 @@ fn programs_folder() -> Result<PathBuf, LaunchError> {
 fn open_log(folder: &Path, filter: &str) -> Result<(), LaunchError> {
     let failed = |source| LaunchError::System { what: "the launcher's log", source };
     let file = File::options().create(true).append(true).open(folder.join("coxswain.log")).map_err(failed)?;
-    let filter = refusals::log_filter(filter).map_err(|error| failed(io::Error::other(error)))?;
+    let filter = refusals::log_filter(filter, true).map_err(|error| failed(io::Error::other(error)))?;
     // A second run in one process, as in a test, keeps to the log of the first.
     let lines = tracing_subscriber::fmt::layer().with_ansi(false).with_writer(Mutex::new(file));
     let _ = tracing_subscriber::registry().with(lines.with_filter(filter)).try_init();

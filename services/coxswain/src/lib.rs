@@ -22,6 +22,7 @@
 //! | [`faults`]   | the file of faults: what goes wrong on purpose                                       |
 //! | [`saboteur`] | does it to the processes, and writes down when                                       |
 //! | [`roster`]   | who plays which role at this moment                                                  |
+//! | `silence`    | who says nothing for too long                                                        |
 //! | [`fleet`]    | all processes: start in order, restart, end in order                                 |
 //! | [`launch`]   | one run from reading to sweeping                                                     |
 //! | [`service_manager`] | tells the one that started the launch, if one did, that its loop turns         |
@@ -63,6 +64,7 @@ pub mod saboteur;
 pub mod scenario;
 pub mod service_manager;
 pub mod set;
+mod silence;
 pub mod terminal;
 pub mod watch;
 pub mod without_learning;

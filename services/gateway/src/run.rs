@@ -4,7 +4,6 @@ use crate::berth;
 use crate::lane::{HealthLane, Lane};
 use crate::page::{Feed, Page, PageError};
 use crate::settings::{Rates, Settings};
-use process::refusals;
 use process::wishes::Answers;
 use process::{Pulse, Stop};
 use protocol::message::{ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth};
@@ -40,12 +39,13 @@ pub enum GatewayError {
 /// [`GatewayError`]. Whatever it is, the robot does not notice.
 pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), GatewayError> {
     let mut pulse = Pulse::new(ports, Participant::Gateway)?.exposed(settings.run.exposure);
-    let mut relay = Relay::open(ports, &settings.rates)?;
+    let rates = settings.rates.of(settings.run.exposure);
+    let mut relay = Relay::open(ports, &rates)?;
     let mut publisher = publisher(settings)?;
     let mut page = page(settings)?;
     pulse.phase(Phase::Ready);
     let mut answers = if settings.run.restarted { Answers::from_now_on(&settings.run.folder) } else { Answers::all(&settings.run.folder) };
-    let breath = settings.rates.shortest_interval() / 2;
+    let breath = rates.shortest_interval() / 2;
     while !stop.requested() {
         if relay.plans.source.wait(PATIENCE)? {
             pulse.phase(Phase::Running);
@@ -57,7 +57,6 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
         }
         relay.count(&mut pulse);
         pulse.beat();
-        refusals::tell(Instant::now());
         // Whatever comes meanwhile is looked at together.
         thread::sleep(breath);
     }

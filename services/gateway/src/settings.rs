@@ -1,6 +1,7 @@
 //! What a person may set: where watchers connect, where the live page is served, and how often each topic is shown.
 
 use process::{HasRun, Run};
+use protocol::message::Exposure;
 use protocol::telemetry::{TelemetryError, TelemetrySettings};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
@@ -124,7 +125,16 @@ impl Default for Rates {
     }
 }
 
+/// Rate at which Health is shown at least of a robot that strangers can reach \[Hz\].
+const EXPOSED_HEALTH: f64 = 1.0;
+
 impl Rates {
+    /// Those that are kept of a robot of this `exposure`: if strangers can reach it, whoever looks is told, and that is in every Health.
+    pub(crate) fn of(self, exposure: Exposure) -> Self {
+        let least = if exposure == Exposure::Closed { 0.0 } else { EXPOSED_HEALTH };
+        Self { health: self.health.max(least), ..self }
+    }
+
     /// Time between two messages at `rate`, none if there shall be none.
     pub fn interval(rate: f64) -> Option<Duration> {
         (rate > 0.0).then(|| Duration::try_from_secs_f64(1.0 / rate).unwrap_or(Duration::MAX))
@@ -184,6 +194,14 @@ mod tests {
             assert_eq!(refused, Err(Impossible::new("plan", "0 to 1000 Hz")));
         }
         assert_eq!(Rates { plan: 0.0, ..Rates::default() }.check(), Ok(()));
+    }
+
+    #[test]
+    fn no_rate_hides_that_strangers_can_reach_the_robot() {
+        let silent = Rates { health: 0.0, ..Rates::default() };
+        assert_eq!(silent.of(Exposure::Closed), silent);
+        assert_eq!(silent.of(Exposure::Watched).health, 1.0);
+        assert_eq!(Rates::default().of(Exposure::Watched), Rates::default());
     }
 
     #[test]

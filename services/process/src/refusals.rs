@@ -22,6 +22,8 @@ const REASONS_MAX: usize = 32;
 
 /// Where zenoh says, message by message, who may what.
 const ACCESS: &str = "zenoh::net::routing::interceptor::access_control";
+/// Where it says whom it has no room for.
+const DOOR: &str = "zenoh_transport::unicast::manager";
 
 /// What zenoh says behind a reason, of other causes.
 const HINT: &str = ". Hint:";
@@ -30,13 +32,15 @@ static BOOK: Mutex<Book<String>> = Mutex::new(Book::new());
 /// Whether this process itself plays the stranger.
 static PLAYED: AtomicBool = AtomicBool::new(false);
 
-/// What goes into a log by `directives`: all but zenoh's words about who is turned away, which [`tell`] sums up.
+/// What goes into a log by `directives`: all but zenoh's words about who is turned away, which [`tell`] sums up. To whom others connect zenoh says more of
+/// that, at its lowest level.
 ///
 /// # Errors
 ///
 /// If `directives` are none.
-pub fn log_filter<S>(directives: &str) -> Result<impl Filter<S> + use<S>, ParseError> {
-    Ok(EnvFilter::try_new(format!("{directives},{ACCESS}=trace"))?.and(Refusals))
+pub fn log_filter<S>(directives: &str, serves: bool) -> Result<impl Filter<S> + use<S>, ParseError> {
+    let more = if serves { format!(",{ACCESS}=trace,{DOOR}=trace") } else { String::new() };
+    Ok(EnvFilter::try_new(directives.to_owned() + &more)?.and(Refusals))
 }
 
 /// Reason → how often it was given, and when that was told last.
@@ -64,16 +68,16 @@ impl<S> Filter<S> for Refusals {
         if PLAYED.load(Ordering::Relaxed) && metadata.target().starts_with("zenoh") {
             return false;
         }
-        let is_of_rights = metadata.target() == ACCESS;
-        if !is_of_rights && !is_refusal(metadata) {
-            return true;
-        }
+        let judge: fn(&str) -> Option<String> = match metadata.target() {
+            ACCESS if *metadata.level() >= Level::INFO => rights::refused,
+            DOOR if *metadata.level() >= Level::INFO => no_room,
+            _ if is_refusal(metadata) => |message| Some(reason(message)),
+            _ => return true,
+        };
         let mut message = Message::default();
         event.record(&mut message);
-        if is_of_rights {
-            rights::refused(&message.0).into_iter().for_each(|reason| book().note_words(reason));
-        } else {
-            book().note_words(reason(&message.0));
+        if let Some(reason) = judge(&message.0) {
+            book().note_words(reason);
         }
         false
     }
@@ -82,7 +86,17 @@ impl<S> Filter<S> for Refusals {
 /// Logs who has been turned away since it was last told, each reason at once and then every ten seconds at most. To be called again and again.
 pub fn tell(now: Instant) {
     let due = book().due(now);
-    for (reason, count) in due {
+    log(&due);
+}
+
+/// Logs who has not been told of yet, at the end.
+pub fn tell_rest() {
+    let rest = book().rest();
+    log(&rest);
+}
+
+fn log(reasons: &[(String, u64)]) {
+    for (reason, count) in reasons {
         tracing::warn!(count, "turned away at the network: {reason}");
     }
 }
@@ -106,6 +120,12 @@ fn is_refusal(metadata: &Metadata<'_>) -> bool {
         Level::ERROR => target.starts_with("zenoh_transport::unicast::establishment::accept"),
         _ => false,
     }
+}
+
+/// Whom there is no room for, if that is what zenoh says.
+fn no_room(message: &str) -> Option<String> {
+    let full = message.starts_with("Max transports reached").then_some("no session is free");
+    full.or_else(|| message.starts_with("Closing link for preventing").then_some("too many at the door at once")).map(str::to_owned)
 }
 
 /// The same for all whom the same befalls.
@@ -197,6 +217,8 @@ mod tests {
     #[test]
     fn a_reason_is_told_without_what_zenoh_guesses_and_where_it_was_built() {
         assert_eq!(reason("peer sent no certificates. Hint: increase it."), "peer sent no certificates");
-        assert_eq!(reason("Max transports reached at /home/x.rs:1."), "Max transports reached");
+        assert_eq!(reason("Received invalid message at /home/x.rs:1."), "Received invalid message");
+        assert_eq!(no_room("Max transports reached (128). Denying new transport with peer: 7f").as_deref(), Some("no session is free"));
+        assert_eq!(no_room("Accepting link... tls/127.0.0.1:1"), None);
     }
 }

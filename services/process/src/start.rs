@@ -1,6 +1,6 @@
 //! `main` of every process: arguments, settings, log, stop signals, body, exit code.
 
-use crate::refusals::log_filter;
+use crate::refusals;
 use crate::{HasRun, Run, Stop, keep_to_user};
 use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches, Parser};
@@ -16,10 +16,13 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
+
+/// Pause between two looks at who was turned away.
+const TELLS_EVERY: Duration = Duration::from_secs(1);
 
 /// How long a process may take to end by itself after its launcher died.
 const LAST_WORDS: Duration = Duration::from_secs(15);
@@ -94,7 +97,9 @@ where
         return ExitCode::from(REFUSED);
     }
     tracing::info!(pid = std::process::id(), settings = %arguments.settings.display(), "started");
-    match body(settings, &stop) {
+    let ended = body(settings, &stop);
+    refusals::tell_rest();
+    match ended {
         Ok(()) => {
             tracing::info!(requested = stop.requested(), "ended");
             ExitCode::SUCCESS
@@ -115,10 +120,17 @@ fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow:
     let file = file.with_context(|| format!("the log {} cannot be opened", path.display()))?;
     let lines = tracing_subscriber::fmt::layer().with_ansi(false).with_writer(Mutex::new(file));
     tracing_subscriber::registry()
-        .with(lines.with_filter(log_filter(&run.log)?))
+        .with(lines.with_filter(refusals::log_filter(&run.log, name == Participant::Gateway.text())?))
         .try_init()
         .map_err(|error| anyhow::anyhow!("the log cannot be started: {error}"))?;
     log_panics();
+    let tell = || {
+        loop {
+            refusals::tell(Instant::now());
+            thread::sleep(TELLS_EVERY);
+        }
+    };
+    thread::Builder::new().name("refusals".into()).spawn(tell).context("who is turned away cannot be told")?;
     stop.on_signals().context("signals cannot be caught")?;
     if stop_with_stdin {
         // A stopped process would not see its input end: the launcher's death wakes it.

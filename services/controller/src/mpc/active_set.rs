@@ -12,8 +12,8 @@
 //! ```text
 //! d = Jᵀ n      w = d − Q Qᵀ d      r = R⁻¹ Qᵀ d
 //! ```
-//! as far as the bound asks for, or until a multiplier is zero: then that bound is let go. What goes on is v; x = J v is asked for when there is
-//! another bound to be looked for. One such step is O(N (1 + active bounds)).
+//! as far as the bound asks for, or until a multiplier is zero: then that bound is let go. What goes on is v, by
+//! which the distance of a bound b + nᵀx is b + dᵀv; x = J v is worked out when all bounds are looked at. One such step is O(N (1 + active bounds)).
 
 mod orthogonal;
 
@@ -72,6 +72,8 @@ pub struct ActiveSet {
     factor: Riccati,
     /// Whether that is of a program that can be solved.
     prepared: bool,
+    /// Most steps that are taken.
+    most: usize,
     /// Q and R.
     normals: Orthogonal,
     /// Active bounds, in the order of R's columns, and their multipliers; slacks that are held are not among them.
@@ -103,6 +105,7 @@ impl ActiveSet {
         Self {
             factor: Riccati::new(program),
             prepared: false,
+            most: steps_most(program),
             normals: Orthogonal::new(unknowns),
             active: Vec::with_capacity(unknowns),
             multipliers: Vec::with_capacity(unknowns),
@@ -150,12 +153,11 @@ impl ActiveSet {
             return Status::Failed;
         }
         self.begin(program);
-        let most = steps_most(program);
         while let Some((bound, mut distance)) = self.violated(program) {
             let mut multiplier = 0.0;
             loop {
                 *iterations += 1;
-                if *iterations as usize > most {
+                if *iterations as usize > self.most {
                     return Status::OutOfIterations;
                 }
                 if turn.is_over() {
@@ -201,6 +203,7 @@ impl ActiveSet {
     ///
     /// Then d and its reach are those of that bound: its distance follows from them, without x.
     fn violated(&mut self, program: &QuadraticProgram) -> Option<(Bound, f64)> {
+        let mut looked = false;
         loop {
             while let Some((bound, _)) = self.violated.pop() {
                 self.look_at(program, bound);
@@ -209,11 +212,13 @@ impl ActiveSet {
                     return Some((bound, distance));
                 }
             }
-            self.place(program);
-            self.look_for_violated(program);
-            if self.violated.is_empty() {
+            // What only x says is violated, and not v, is so by rounding.
+            if looked {
                 return None;
             }
+            looked = true;
+            self.place(program);
+            self.look_for_violated(program);
             self.violated.sort_unstable_by(|(_, a), (_, b)| b.total_cmp(a));
         }
     }
@@ -361,7 +366,7 @@ fn entry_of_slack(program: &QuadraticProgram) -> f64 {
     1.0 / program.prices.slack_curvature.sqrt()
 }
 
-/// Most steps that are taken.
+/// Most steps for programs of the shape of `program`.
 fn steps_most(program: &QuadraticProgram) -> usize {
     STEPS_MOST * (program.unknowns() + 2 * program.rows.len() + program.slacks())
 }

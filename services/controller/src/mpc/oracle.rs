@@ -95,6 +95,26 @@ impl Dense {
         }
     }
 
+    /// How far `x`, with a multiplier per row, is from being an answer: the most that is left of a gradient, that a multiplier is below zero, or that a row with a
+    /// multiplier is away from its bound, each beside what it is made of (Karush, Kuhn and Tucker). Rows are those of the program with a bound, upper before lower, then slacks.
+    pub(crate) fn misses(&self, x: &DVector<f64>, multipliers: &[f64]) -> f64 {
+        assert_eq!(multipliers.len(), self.rows.len());
+        let bent = &self.hessian * x;
+        let (mut left, mut scale) = (&bent + &self.gradient, bent.abs() + self.gradient.abs().add_scalar(1.0));
+        let most = multipliers.iter().copied().fold(1.0, f64::max);
+        let mut misses: f64 = 0.0;
+        for ((row, bound), &multiplier) in self.rows.iter().zip(multipliers) {
+            left += row * multiplier;
+            scale += row.abs() * multiplier.abs();
+            misses = misses.max(-multiplier / most);
+            if multiplier > 1e-9 * most {
+                let made_of = 1.0 + bound.abs() + row.abs().dot(&x.abs());
+                misses = misses.max((row.dot(x) - bound).abs() / made_of);
+            }
+        }
+        misses.max(left.abs().component_div(&scale).max())
+    }
+
     /// The answer, by trying every set of active rows.
     pub(crate) fn brute_force(&self) -> Option<DVector<f64>> {
         let unknowns = self.gradient.len();

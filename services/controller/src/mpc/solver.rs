@@ -77,7 +77,7 @@ impl Outcome {
 
 /// The method that was asked for; behind the active-set method stands Clarabel, for whatever it cannot answer.
 pub struct Solver {
-    active_set: Option<ActiveSet>,
+    pub(super) active_set: Option<ActiveSet>,
     clarabel: Clarabel,
     faults: SolverFaults,
 }

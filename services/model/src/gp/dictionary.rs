@@ -137,10 +137,11 @@ impl<const D: usize> Dictionary<D> {
         }
         self.last = Some(observation);
         self.count += 1;
-        let deviations = self.deviations(&observation);
+        let unexplained = self.look_at(&observation);
+        let deviations = self.deviations(&observation, unexplained);
         match self.surprise.judge(&deviations) {
             Verdict::Admit(doubt) => {
-                self.admit(observation, self.count, doubt);
+                self.admit(observation, self.count, doubt, unexplained);
                 Outcome::Admitted
             }
             Verdict::Hold => {
@@ -164,7 +165,8 @@ impl<const D: usize> Dictionary<D> {
         for place in 0..self.held.len() {
             let (made, observation) = self.held[place];
             if made > last {
-                self.admit(observation, made, 0.0);
+                let unexplained = self.look_at(&observation);
+                self.admit(observation, made, 0.0, unexplained);
             }
         }
         self.held.clear();
@@ -174,7 +176,8 @@ impl<const D: usize> Dictionary<D> {
     pub fn restore(&mut self, observation: Observation<D>, noise_scale: f64) {
         let numbers = observation.input.iter().chain(&observation.target).chain([&noise_scale]);
         if numbers.into_iter().all(|value| value.is_finite()) {
-            self.admit(observation, self.count, (noise_scale - 1.0).max(0.0));
+            let unexplained = self.look_at(&observation);
+            self.admit(observation, self.count, (noise_scale - 1.0).max(0.0), unexplained);
         }
     }
 
@@ -184,33 +187,35 @@ impl<const D: usize> Dictionary<D> {
         self.work_out_anew();
     }
 
-    /// z of each output: the innovation, relative to what the uncertainty of the function at its place lets expect.
-    fn deviations(&mut self, observation: &Observation<D>) -> [f64; 3] {
-        let left = self.foretell(&self.selection.normalisation.apply(&observation.input), 1.0);
-        let expected = (left / self.selection.kernel.noise_variance).sqrt();
+    /// z of each output: the innovation of who was looked at, relative to what the uncertainty of the function at its place lets expect.
+    fn deviations(&self, observation: &Observation<D>, unexplained: f64) -> [f64; 3] {
+        let noise_variance = self.selection.kernel.noise_variance;
+        let expected = ((unexplained + noise_variance) / noise_variance).sqrt();
         std::array::from_fn(|output| {
             let foretold: f64 = self.entries.iter().zip(&self.solved).map(|(entry, share)| share * entry.observation.target[output]).sum();
             (observation.target[output] - foretold) / expected
         })
     }
 
-    /// P c of a sample at `input` goes to `solved`; gives its variance beyond what the others foretell, noise included: at least the noise.
-    fn foretell(&mut self, input: &[f64; D], noise_scale: f64) -> f64 {
-        let Hyperparameters { kernel, noise_variance } = &self.selection.kernel;
+    /// P c of a sample goes to `solved`; gives what the others do not foretell of the function's variance at its place.
+    fn look_at(&mut self, observation: &Observation<D>) -> f64 {
+        let input = self.selection.normalisation.apply(&observation.input);
+        let kernel = &self.selection.kernel.kernel;
         let size = self.entries.len();
         for (covariance, entry) in self.covariances.iter_mut().zip(&self.entries) {
-            *covariance = kernel.value(&entry.input, input);
+            *covariance = kernel.value(&entry.input, &input);
         }
         self.inverse.solve(&self.covariances[..size], &mut self.solved[..size]);
         let explained: f64 = self.covariances[..size].iter().zip(&self.solved[..size]).map(|(a, b)| a * b).sum();
-        (kernel.prior(input) - explained).max(0.0) + noise_variance * noise_scale
+        (kernel.prior(&input) - explained).max(0.0)
     }
 
-    fn admit(&mut self, observation: Observation<D>, made: u64, doubt: f64) {
+    /// Takes in a sample that was just looked at.
+    fn admit(&mut self, observation: Observation<D>, made: u64, doubt: f64, unexplained: f64) {
         let input = self.selection.normalisation.apply(&observation.input);
         let mut entry = Entry { observation, input, made, doubt, held_scale: 1.0 };
         entry.held_scale = self.noise_scale(&entry);
-        let left = self.foretell(&input, entry.held_scale);
+        let left = unexplained + self.selection.kernel.noise_variance * entry.held_scale;
         self.inverse.insert(&self.solved[..self.entries.len()], left);
         self.entries.push(entry);
         if self.entries.len() > self.selection.capacity {

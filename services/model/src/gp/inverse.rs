@@ -44,9 +44,14 @@ impl Inverse {
     }
 
     /// P c. O(n²); does not allocate.
+    ///
+    /// P is symmetric, so rows are its columns: their multiples are added up, in which nothing waits for the sum before.
     pub(crate) fn solve(&self, covariances: &[f64], solved: &mut [f64]) {
-        for (solved, row) in solved.iter_mut().zip(self.rows()) {
-            *solved = row.iter().zip(covariances).map(|(a, b)| a * b).sum();
+        solved.fill(0.0);
+        for (row, covariance) in self.rows().zip(covariances) {
+            for (solved, value) in solved.iter_mut().zip(row) {
+                *solved += covariance * value;
+            }
         }
     }
 

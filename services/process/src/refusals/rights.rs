@@ -5,12 +5,12 @@
 
 use protocol::access::Role;
 use protocol::topic::Topic;
-use std::cell::Cell;
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// What zenoh says before it works out, once for a key, what of each kind of message is allowed there: nobody has sent any of them.
-const WORKED_OUT: &str = "ACL (ingress): caching";
+const WORKED_OUT: &str = "ACL (ingress): caching permissions for `";
 
 /// Kinds of message that it then speaks of, one after the other.
 const KINDS: u8 = 9;
@@ -28,8 +28,8 @@ const NO_ROLE: &str = "a certificate of no role here";
 static GUESTS: Mutex<BTreeMap<String, String>> = Mutex::new(BTreeMap::new());
 
 thread_local! {
-    /// How many of the next words about rights are of messages that nobody has sent.
-    static UNSENT: Cell<u8> = const { Cell::new(0) };
+    /// Of which key the next words about rights, and how many of them, are of messages that nobody has sent.
+    static UNSENT: RefCell<(String, u8)> = const { RefCell::new((String::new(), 0)) };
 }
 
 /// Who may not what, by what zenoh says.
@@ -38,16 +38,15 @@ pub(super) fn refused(message: &str) -> Option<String> {
         introduce(session, NO_ROLE);
         return Some(NO_ROLE.to_owned());
     }
-    if message.starts_with(WORKED_OUT) {
-        UNSENT.set(KINDS);
+    if let Some(key) = message.strip_prefix(WORKED_OUT) {
+        UNSENT.replace((key.split('`').next()?.to_owned(), KINDS));
         return None;
     }
     let (who, what) = message.split_once("authorized to ")?;
     let (kind, key) = what.split_once(" (ingress) on ")?;
     let session = if let Some((session, subject)) = who.split_once(" on ") {
         introduce(session, role(subject)?);
-        if UNSENT.get() > 0 {
-            UNSENT.set(UNSENT.get() - 1);
+        if is_unsent(key) {
             return None;
         }
         session
@@ -56,6 +55,15 @@ pub(super) fn refused(message: &str) -> Option<String> {
     };
     let who = who.ends_with("un").then(|| guests().get(session).cloned())?;
     Some(format!("{} may not {kind} on {}", who.as_deref().unwrap_or("somebody"), place(key)))
+}
+
+/// Whether the word about `key` is of a message that nobody has sent.
+fn is_unsent(key: &str) -> bool {
+    UNSENT.with_borrow_mut(|(of, left)| {
+        let unsent = *left > 0 && of == key;
+        *left = if unsent { *left - 1 } else { 0 };
+        unsent
+    })
 }
 
 /// Notes whose session it is.
@@ -110,6 +118,8 @@ mod tests {
         assert_eq!((0..KINDS).find_map(|_| refused(put)), None);
         let cached = "Using cached result: 7e is unauthorized to Put (ingress) on coxswain-link/g/state/data/1";
         assert_eq!(refused(cached).as_deref(), Some("watcher.pilot may not Put on state"));
+        assert_eq!(refused(put).as_deref(), Some("watcher.pilot may not Put on state"));
+        assert_eq!(refused("ACL (ingress): caching permissions for `a/b` ..."), None, "of somebody of no role, nothing is said then");
         assert_eq!(refused(put).as_deref(), Some("watcher.pilot may not Put on state"));
     }
 }

@@ -31,7 +31,7 @@ fn error(set: &mut Dictionary<1>, sign: f64) -> f64 {
     let places = (-20..=20).map(|i| 0.1 * f64::from(i));
     places
         .map(|x| {
-            set.foretell(&[x], 1.0);
+            set.look_at(&at(x, 0.0));
             let foretold: f64 = set.entries.iter().zip(&set.solved).map(|(entry, share)| share * entry.observation.target[0]).sum();
             (foretold - sign * (x.sin() + 1.5)).abs()
         })
