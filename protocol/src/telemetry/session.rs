@@ -122,6 +122,8 @@ fn config(mode: &str) -> Result<Config, TelemetryError> {
         ("adminspace/enabled", json!(false)),
         ("scouting/multicast/enabled", json!(false)),
         ("scouting/gossip/enabled", json!(false)),
+        // Else opening takes this long, for others that might be found.
+        ("scouting/delay", json!(0)),
         ("transport/unicast/open_timeout", json!(OPEN_TIMEOUT_MILLIS)),
         ("transport/unicast/accept_timeout", json!(OPEN_TIMEOUT_MILLIS)),
         ("transport/link/tx/lease", json!(LEASE_MILLIS)),

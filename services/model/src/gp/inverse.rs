@@ -17,9 +17,11 @@
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
+use faer::traits::pulp::Arch;
 use faer::{Mat, Par};
 
 use crate::gp::covariance::{NotPositiveDefinite, factor_scratch, factorise};
+use crate::gp::vectorise::vectorise;
 
 /// P, with room for a fixed number of samples.
 #[derive(Debug, Clone)]
@@ -30,12 +32,13 @@ pub(crate) struct Inverse {
     values: Vec<f64>,
     /// The row that is taken out.
     leaving: Vec<f64>,
+    machine: Arch,
 }
 
 impl Inverse {
     /// Of no samples, with room for `capacity`.
     pub(crate) fn new(capacity: usize) -> Self {
-        Self { size: 0, stride: capacity, values: vec![0.0; capacity * capacity], leaving: vec![0.0; capacity] }
+        Self { size: 0, stride: capacity, values: vec![0.0; capacity * capacity], leaving: vec![0.0; capacity], machine: Arch::new() }
     }
 
     /// Pᵢᵢ of each sample.
@@ -48,23 +51,23 @@ impl Inverse {
     /// P is symmetric, so rows are its columns: their multiples are added up, in which nothing waits for the sum before.
     pub(crate) fn solve(&self, covariances: &[f64], solved: &mut [f64]) {
         solved.fill(0.0);
-        for (row, covariance) in self.rows().zip(covariances) {
-            for (solved, value) in solved.iter_mut().zip(row) {
-                *solved += covariance * value;
+        vectorise(self.machine, || {
+            for (row, covariance) in self.rows().zip(covariances) {
+                add(solved, *covariance, row);
             }
-        }
+        });
     }
 
     /// Takes in a sample behind the others: `solved` is P c and `left` is s > 0. O(n²); does not allocate.
     pub(crate) fn insert(&mut self, solved: &[f64], left: f64) {
         let size = self.size;
-        for (row, &first) in self.values.chunks_exact_mut(self.stride).zip(&solved[..size]) {
-            let share = first / left;
-            for (value, second) in row.iter_mut().zip(&solved[..size]) {
-                *value += share * second;
+        vectorise(self.machine, || {
+            for (row, &first) in self.values.chunks_exact_mut(self.stride).zip(&solved[..size]) {
+                let share = first / left;
+                add(row, share, &solved[..size]);
+                row[size] = -share;
             }
-            row[size] = -share;
-        }
+        });
         let last = &mut self.values[size * self.stride..];
         for (value, solved) in last.iter_mut().zip(&solved[..size]) {
             *value = -solved / left;
@@ -78,13 +81,12 @@ impl Inverse {
         let (size, stride) = (self.size, self.stride);
         self.leaving[..size].copy_from_slice(&self.values[place * stride..place * stride + size]);
         let leaving = &self.leaving[..size];
-        for (row, &first) in self.values.chunks_exact_mut(stride).zip(leaving) {
-            let share = first / leaving[place];
-            for (value, second) in row.iter_mut().zip(leaving) {
-                *value -= share * second;
+        vectorise(self.machine, || {
+            for (row, &first) in self.values.chunks_exact_mut(stride).zip(leaving) {
+                add(row, -first / leaving[place], leaving);
+                row.copy_within(place + 1..size, place);
             }
-            row.copy_within(place + 1..size, place);
-        }
+        });
         self.values.copy_within((place + 1) * stride..size * stride, place * stride);
         self.size -= 1;
     }
@@ -110,6 +112,15 @@ impl Inverse {
 
     fn rows(&self) -> impl Iterator<Item = &[f64]> {
         self.values.chunks_exact(self.stride.max(1)).take(self.size).map(|row| &row[..self.size])
+    }
+}
+
+/// Adds `share` times `row`, as far as that goes.
+#[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+#[inline(always)]
+fn add(to: &mut [f64], share: f64, row: &[f64]) {
+    for (to, value) in to.iter_mut().zip(row) {
+        *to += share * value;
     }
 }
 
