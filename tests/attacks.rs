@@ -2,6 +2,8 @@
 
 #[path = "attacks/driven.rs"]
 mod driven;
+#[path = "attacks/gateway.rs"]
+mod gateway;
 #[path = "attacks/matrix.rs"]
 mod matrix;
 #[path = "attacks/self_test.rs"]

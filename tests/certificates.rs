@@ -6,6 +6,7 @@ use promises::oracle::{Limits, acquit};
 use promises::{Hosts, Launched, Outcome, Reader, Record, binaries, graph_file, launch_command, repository};
 use std::error::Error;
 use std::fs;
+use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use tempfile::TempDir;
@@ -31,10 +32,20 @@ fn certificates(home: &Path, addresses: &[String]) -> Result<PathBuf, Box<dyn Er
     Ok(folder)
 }
 
+/// Makes `folder` for this user alone, whatever the umask of whoever runs the tests.
+fn private(folder: &Path) -> std::io::Result<()> {
+    fs::DirBuilder::new().recursive(true).mode(0o700).create(folder)
+}
+
+/// Whether the launch into `home` has tried, before anything started, to get in without a certificate.
+fn tried_as_a_stranger(home: &TempDir) -> std::io::Result<bool> {
+    Ok(fs::read_to_string(home.path().join("run/coxswain.log"))?.contains("strangers are kept out of the network"))
+}
+
 /// What the machine of `roles` is given of `certificates`.
 fn carried(certificates: &Path, to: &Path, roles: &[&str]) -> Result<String, Box<dyn Error>> {
     for role in roles {
-        fs::create_dir_all(to.join(role))?;
+        private(&to.join(role))?;
         for file in ["certificate.pem", "key.pem", "authority.pem"] {
             fs::copy(certificates.join(role).join(file), to.join(role).join(file))?;
         }
@@ -61,6 +72,7 @@ fn in_lock_step_certificates_change_no_bit() -> Outcome {
         assert!(ended.status.success(), "{}", ended.text);
         let told = ended.text.contains("certificates of robot mecanum") && ended.text.contains("listening at tls/");
         assert_eq!(told, options.contains(&"--certificates"), "{}", ended.text);
+        assert_eq!(tried_as_a_stranger(&home)?, told, "{}", ended.text);
         commands(&home.path().join("run"))
     };
     let (without, with) = (run(&[])?, run(&["--certificates", given])?);
@@ -113,10 +125,10 @@ fn robot_controller_and_watcher_on_three_hosts_meet_with_certificates_alone() ->
     }
 
     let (ended, home) = near.end()?;
-    assert!(ended.status.success(), "{}", ended.text);
+    assert!(ended.status.success() && tried_as_a_stranger(&home)?, "{}", ended.text);
     assert!(!ended.text.contains("INSECURE"), "{}", ended.text);
-    let (ended, _) = far.end()?;
-    assert!(ended.status.success(), "{}", ended.text);
+    let (ended, far_home) = far.end()?;
+    assert!(ended.status.success() && tried_as_a_stranger(&far_home)?, "{}", ended.text);
     let record = Record::read(&home.path().join("run"))?;
     acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file("plant-host")))?))?;
     assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(150));
@@ -152,12 +164,20 @@ fn certificates_that_will_not_do_are_refused_before_anything_starts() -> Outcome
     let swapped = refusal(&swapped, "network", &[])?;
     assert!(swapped.contains("is for the role watcher, expected one for robot"), "{swapped}");
     let other = folder.path().join("other");
-    fs::create_dir(&other)?;
+    private(&other)?;
     certificates(&other, &[])?;
     let mixed = folder.path().join("mixed");
     carried(&given, &mixed, &["robot-host", "robot", "learner", "recorder"])?;
     carried(&other.join("certificates"), &mixed, &["controller"])?;
     let mixed = refusal(&mixed, "network", &[])?;
     assert!(mixed.contains("make all of them together"), "{mixed}");
+    for (name, mode) in [("", 0o777), ("controller", 0o777), ("controller/authority.pem", 0o666), ("robot-host/key.pem", 0o640)] {
+        let open = folder.path().join(format!("open-{mode:o}-{}", name.replace('/', "-")));
+        carried(&given, &open, &["robot-host", "robot", "controller", "learner", "recorder"])?;
+        let path = open.join(name).components().collect::<PathBuf>();
+        fs::set_permissions(&path, fs::Permissions::from_mode(mode))?;
+        let refused = refusal(&open, "network", &[])?;
+        assert!(refused.contains(&format!("{} has mode {mode:o}", path.display())) && refused.contains("expected"), "{refused}");
+    }
     Ok(())
 }

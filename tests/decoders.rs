@@ -3,12 +3,12 @@
 //! Each takes any bytes at all, never panics, and says which promise was broken, if one was. The corpus of a decoder, files that it is given
 //! in every run of the tests, is in `tests/fuzz/corpus` in the folder of its name.
 //!
-//! | module     | what it decodes                                            |
-//! |------------|------------------------------------------------------------|
-//! | `messages` | messages in memory and on the network, snapshots on disk   |
-//! | `settings` | every TOML file                                            |
-//! | `records`  | points of a reference, records, summaries                  |
-//! | `others`   | what browsers and `coxswain set` ask for, who launched a graph |
+//! | module     | what it decodes                                                              |
+//! |------------|------------------------------------------------------------------------------|
+//! | `messages` | messages in memory and on the network, snapshots on disk                     |
+//! | `settings` | every TOML file                                                              |
+//! | `records`  | points of a reference, records, summaries                                    |
+//! | `others`   | what browsers and `coxswain set` ask for, who launched a graph, certificates |
 
 mod messages;
 mod others;
@@ -37,7 +37,7 @@ pub type Verdict = Result<Fate, String>;
 pub type Decoder = fn(&[u8]) -> Verdict;
 
 /// Every decoder, by name.
-pub const ALL: [(&str, Decoder); 21] = [
+pub const ALL: [(&str, Decoder); 22] = [
     ("frame", messages::frame),
     ("wire", messages::wire),
     ("snapshot_file", messages::snapshot_file),
@@ -59,6 +59,7 @@ pub const ALL: [(&str, Decoder); 21] = [
     ("launcher", others::launcher),
     ("change", others::change),
     ("wish", others::wish),
+    ("certificate", others::certificate),
 ];
 
 /// The decoder that is called `name`.

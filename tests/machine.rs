@@ -132,6 +132,9 @@ fn a_folder_that_is_not_its_users_alone_is_refused_before_anything_is_made_there
     open("replaceable", 0o777)?;
     private("replaceable/run")?;
     refused.push(("replaceable/run", "expected to lie where others cannot replace it"));
+    private("replaceable/deep")?;
+    private("replaceable/deep/run")?;
+    refused.push(("replaceable/deep/run", "replaceable has mode 777"));
     for (name, expected) in refused {
         let (code, said) = launch(&at(name), home.path())?;
         assert_eq!(code, Some(2), "{name}: {said}");

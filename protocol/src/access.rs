@@ -22,11 +22,14 @@ mod endpoint;
 mod role;
 mod rules;
 mod tls;
+mod writers;
 
 pub use certificate::{Certificate, valid_until};
 pub use credentials::{AUTHORITY_FILE, AccessError, CERTIFICATE_FILE, Credentials, KEY_FILE};
 pub use endpoint::{from_here, host_in, is_any};
 pub use role::Role;
+pub use rules::of_telemetry;
+pub use writers::{Changeable, changeable, replaceable};
 
-pub(crate) use rules::{of_client, of_links, of_telemetry, of_watcher, size_limits};
+pub(crate) use rules::{of_client, of_links, of_watcher, size_limits};
 pub(crate) use tls::{guarded, over_tls};

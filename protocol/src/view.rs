@@ -119,7 +119,7 @@ recorded!(Plan, "controller → watchers: what it intends, what it believes, and
     "rung": Shape::Word(words::rungs), "rung that the controller stands on" => plan.rung().text();
     "learned_axes": Shape::Integer, "velocity axes on which the learned model is used: 1 forward, 2 left, 4 yaw, added up" => plan.learned_axes;
     "delay_micros": Shape::Integer, "time from a command to the wheels, as the plan takes it [µs]" => plan.delay_micros;
-    "tick_nanos": Shape::Integer, "state received to command sent [ns]" => plan.tick_nanos;
+    "tick_nanos": Shape::Integer, "state received to command worked out [ns]" => plan.tick_nanos;
     "linearise_nanos": Shape::Integer, "of it prediction and linearisation [ns]" => plan.linearise_nanos;
     "solve_nanos": Shape::Integer, "of it the quadratic program [ns]" => plan.solve_nanos;
     "disturbance": Shape::Numbers, "disturbance that the observer estimates, per period [m/s, m/s, rad/s]" => plan.disturbance;

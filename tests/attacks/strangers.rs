@@ -1,28 +1,29 @@
-//! Strangers at both doors, the router of the links and the gateway's telemetry: what they say is heard by nobody, and they hear nothing.
+//! Strangers at the router of the links: what they say is heard by nobody, and they hear nothing.
 
 use crate::session::{Certificates, Failure, HOUR_S, ROBOT, Shows, connect, failed, of, print};
-use bytemuck::Zeroable;
 use promises::{Outcome, wait_until};
 use protocol::VERSION;
-use protocol::access::{Credentials, Role};
-use protocol::message::{Message, PlantState};
+use protocol::access::Role;
 use protocol::port::Router;
-use protocol::telemetry::{Publisher, TelemetrySettings};
 use protocol::topic::Topic;
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
-use std::time::Duration;
-use zenoh::sample::Sample;
+use std::time::{Duration, Instant};
+use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 /// What is said is given so long to arrive, after what may arrive has.
 const GRACE: Duration = Duration::from_secs(1);
 /// How often a stranger says everything.
 const ROUNDS: usize = 3;
+/// How long what may arrive has to arrive. Far longer than it takes on any machine.
+const GIVES_UP_AFTER: Duration = Duration::from_secs(90);
+/// What a stranger tries on a topic: put, delete, subscribe, tokens of a writer and of a reader.
+const STRANGE_DEEDS: usize = 5;
 
 /// Everybody who should not get in, by name.
-fn strangers(certificates: &Certificates) -> Result<Vec<(&'static str, Shows)>, Failure> {
+pub(crate) fn strangers(certificates: &Certificates) -> Result<Vec<(&'static str, Shows)>, Failure> {
     let foreign = certificates.issue("another-authority", "foreign", ROBOT, (-HOUR_S, HOUR_S))?;
     let expired = certificates.issue("authority", "expired", ROBOT, (-HOUR_S, -60))?;
     let future = certificates.issue("authority", "future", ROBOT, (HOUR_S, 2 * HOUR_S))?;
@@ -47,10 +48,48 @@ struct Ears(Arc<Mutex<BTreeSet<String>>>);
 impl Ears {
     fn listen(&self, session: &Session, key: String) -> Result<zenoh::pubsub::Subscriber<()>, Failure> {
         let ears = self.clone();
-        let hear = move |sample: Sample| {
-            ears.0.lock().unwrap_or_else(PoisonError::into_inner).insert(format!("{} {}", sample.kind(), sample.key_expr()));
+        session.declare_subscriber(key).callback(move |sample| ears.note(&sample)).wait().map_err(failed)
+    }
+
+    /// Notes who comes and goes.
+    fn see(&self, session: &Session, key: String) -> Result<zenoh::pubsub::Subscriber<()>, Failure> {
+        let ears = self.clone();
+        let see = move |sample: Sample| {
+            // They go at the end of the test.
+            if sample.kind() == SampleKind::Put {
+                ears.note(&sample);
+            }
         };
-        session.declare_subscriber(key).callback(hear).wait().map_err(failed)
+        session.liveliness().declare_subscriber(key).history(true).callback(see).wait().map_err(failed)
+    }
+
+    /// Notes who is there.
+    fn look(&self, session: &Session, key: String) -> Result<(), Failure> {
+        let ears = self.clone();
+        let see = move |reply: zenoh::query::Reply| {
+            if let Ok(sample) = reply.result() {
+                ears.note(sample);
+            }
+        };
+        session.liveliness().get(key).timeout(GRACE).callback(see).wait().map_err(failed)
+    }
+
+    /// Notes that the stranger `name` hears something on `topic`.
+    fn stolen(&self, name: &str, topic: Topic) -> impl Fn(Sample) + Send + Sync + 'static {
+        let (ears, theft) = (self.clone(), Self::theft(name, topic));
+        move |_| ears.write(theft.clone())
+    }
+
+    fn theft(name: &str, topic: Topic) -> String {
+        format!("{name} hears {}", topic.name())
+    }
+
+    fn note(&self, sample: &Sample) {
+        self.write(format!("{} {}", sample.kind(), sample.key_expr()));
+    }
+
+    fn write(&self, what: String) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(what);
     }
 
     fn heard(&self) -> BTreeSet<String> {
@@ -58,65 +97,139 @@ impl Ears {
     }
 }
 
+/// Graph, as it is called on the network.
+const GRAPH: &str = "maze";
+
+fn data(topic: Topic, id: &str) -> String {
+    format!("coxswain-link/{GRAPH}/{}/data/{id}", topic.name())
+}
+
+fn token(topic: Topic, end: &str, id: &str) -> String {
+    format!("coxswain-link/{GRAPH}/{}/{end}/{VERSION}/{}/newest-wins/{id}", topic.name(), topic.message())
+}
+
+/// A stranger with a session.
+struct LetIn {
+    name: &'static str,
+    /// Its number among all that have tried.
+    number: usize,
+    says: Session,
+    /// Another one, since in its own one hears oneself.
+    hears: Session,
+}
+
+/// Those who get a session of all who `connect` in their own way.
+fn let_in(strangers: &[(&'static str, Shows)], connect: &dyn Fn(&Shows) -> Result<Session, Failure>) -> Result<Vec<LetIn>, Failure> {
+    let mut found = Vec::new();
+    for (number, (name, shows)) in strangers.iter().enumerate() {
+        // Some are told at once, some only find that nothing comes of what they do.
+        if let Ok(says) = connect(shows) {
+            found.push(LetIn { name, number, says, hears: connect(shows)? });
+        }
+    }
+    Ok(found)
+}
+
+/// What `strangers` say that honest ones hear, and what they hear, beside what honest ones say to each other: all of it once `is_all` says so.
+fn on_the_links(
+    honest: &dyn Fn(Role) -> Result<Session, Failure>,
+    strangers: &[LetIn],
+    is_all: &dyn Fn(&BTreeSet<String>) -> bool,
+) -> Result<BTreeSet<String>, Failure> {
+    let (robot, controller, learner, recorder) =
+        (honest(Role::Robot)?, honest(Role::Controller)?, honest(Role::Learner)?, honest(Role::Recorder)?);
+    let ends = Topic::ALL.map(|topic| match topic {
+        Topic::State => (topic, &robot, &controller),
+        Topic::Command => (topic, &controller, &robot),
+        Topic::Residual => (topic, &controller, &learner),
+        Topic::Snapshot => (topic, &learner, &controller),
+        Topic::Plan => (topic, &controller, &recorder),
+        Topic::Health | Topic::Truth => (topic, &robot, &recorder),
+        Topic::Credit => (topic, &recorder, &robot),
+    });
+    let ears = Ears::default();
+    let (mut listening, mut tokens) = (Vec::new(), Vec::new());
+    for (topic, writer, reader) in ends {
+        listening.push(ears.listen(reader, data(topic, "*"))?);
+        listening.push(ears.see(writer, format!("coxswain-link/{GRAPH}/{}/reader/**", topic.name()))?);
+        for (session, end) in [(writer, "writer"), (reader, "reader")] {
+            tokens.push(session.liveliness().declare_token(token(topic, end, "honest")).wait().map_err(failed)?);
+        }
+        for LetIn { name, number, says, hears } in strangers {
+            for end in ["writer", "reader"] {
+                tokens.push(says.liveliness().declare_token(token(topic, end, &format!("stranger-{number}"))).wait().map_err(failed)?);
+            }
+            let stolen = ears.stolen(name, topic);
+            listening.push(hears.declare_subscriber(data(topic, "*")).callback(stolen).wait().map_err(failed)?);
+        }
+    }
+    let begin = Instant::now();
+    for round in 0.. {
+        if round >= ROUNDS && (is_all(&ears.heard()) || begin.elapsed() > GIVES_UP_AFTER) {
+            break;
+        }
+        for (topic, writer, reader) in ends {
+            for LetIn { number, says, .. } in strangers {
+                let key = data(topic, &format!("stranger-{number}"));
+                says.put(&key, "x").wait().map_err(failed)?;
+                says.delete(&key).wait().map_err(failed)?;
+            }
+            writer.put(data(topic, "honest"), "x").wait().map_err(failed)?;
+            ears.look(reader, format!("coxswain-link/{GRAPH}/{}/writer/**", topic.name()))?;
+        }
+        thread::sleep(GRACE / 4);
+    }
+    thread::sleep(GRACE);
+    drop((listening, tokens));
+    Ok(ears.heard())
+}
+
+/// What is to be heard on the links: of `id`, by honest ones.
+fn said_by(id: &str, kinds: &[&str]) -> BTreeSet<String> {
+    let of = |topic| {
+        let said = kinds.iter().map(move |kind| format!("{kind} {}", data(topic, id)));
+        said.chain(["writer", "reader"].map(|end| format!("PUT {}", token(topic, end, id))))
+    };
+    Topic::ALL.into_iter().flat_map(of).collect()
+}
+
 #[test]
 fn no_stranger_says_or_hears_anything_on_a_link() -> Outcome {
     let certificates = Certificates::new()?;
-    let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], "maze", &certificates.of(Role::RobotHost))?;
+    let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(Role::RobotHost))?;
     let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
     let honest = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
-    let (robot, controller, learner) = (honest(Role::Robot)?, honest(Role::Controller)?, honest(Role::Learner)?);
-    let (recorder, host) = (honest(Role::Recorder)?, honest(Role::ControlHost)?);
-    let data = |topic: Topic, id: &str| format!("coxswain-link/maze/{}/data/{id}", topic.name());
-    let ears = Ears::default();
-    let mut listening = Vec::new();
-    for (topic, reader) in [
-        (Topic::State, &controller),
-        (Topic::Command, &robot),
-        (Topic::Residual, &learner),
-        (Topic::Snapshot, &controller),
-        (Topic::Plan, &recorder),
-        (Topic::Health, &recorder),
-        (Topic::Truth, &recorder),
-        (Topic::Credit, &robot),
-    ] {
-        listening.push(ears.listen(reader, data(topic, "*"))?);
-    }
-    let mut let_in = Vec::new();
-    for (name, shows) in strangers(&certificates)? {
-        // Some are told at once, some only find that nothing comes of what they do.
-        if let Ok(session) = connect(&endpoint, &shows) {
-            // In another session, since in its own one hears oneself.
-            let (stolen, listener) = (Ears::default(), connect(&endpoint, &shows)?);
-            let heard = Topic::ALL.into_iter().map(|topic| stolen.listen(&listener, data(topic, "*"))).collect::<Result<Vec<_>, _>>()?;
-            let_in.push((name, session, stolen, (listener, heard)));
-        }
-    }
-    for _ in 0..ROUNDS {
-        for topic in Topic::ALL {
-            for (number, (_, session, ..)) in let_in.iter().enumerate() {
-                let key = data(topic, &format!("stranger-{number}"));
-                session.put(&key, "x").wait().map_err(failed)?;
-                session.delete(&key).wait().map_err(failed)?;
-                let token = format!("coxswain-link/maze/{}/writer/{VERSION}/{}/newest-wins/x", topic.name(), topic.message());
-                drop(session.liveliness().declare_token(token).wait().map_err(failed)?);
-            }
-        }
-        robot.put(data(Topic::State, "honest"), "x").wait().map_err(failed)?;
-        controller.put(data(Topic::Command, "honest"), "x").wait().map_err(failed)?;
-        host.put(data(Topic::Snapshot, "honest"), "x").wait().map_err(failed)?;
-        thread::sleep(GRACE / 4);
-    }
-    wait_until("what honest ones say", || ears.heard().len() >= 3)?;
-    thread::sleep(GRACE);
-    let expected: BTreeSet<String> =
-        [Topic::State, Topic::Command, Topic::Snapshot].map(|topic| format!("PUT {}", data(topic, "honest"))).into_iter().collect();
-    assert_eq!(ears.heard(), expected);
-    for (name, _, stolen, _) in &let_in {
-        assert_eq!(stolen.heard(), BTreeSet::new(), "{name}");
-    }
-    let names: Vec<&str> = let_in.iter().map(|(name, ..)| *name).collect();
-    print(format_args!("strangers at the links: {} cells, 0 allowed, 0 arrived; a session, in which nothing passes: {names:?}", 6 * 8 * 4));
+    let strangers = strangers(&certificates)?;
+    let let_in = let_in(&strangers, &|shows| connect(&endpoint, shows))?;
+    let expected = said_by("honest", &["PUT"]);
+    let heard = on_the_links(&honest, &let_in, &|heard| expected.is_subset(heard))?;
+    let names: Vec<&str> = let_in.iter().map(|stranger| stranger.name).collect();
+    let arrived = heard.difference(&expected).count();
+    let cells = strangers.len() * Topic::ALL.len() * STRANGE_DEEDS;
+    print(format_args!(
+        "strangers at the links: {cells} cells, 0 allowed, {arrived} arrived; a session, in which nothing passes: {names:?}"
+    ));
+    assert_eq!(heard, expected);
     assert!(names.iter().all(|name| *name == "certificate of another robot"), "{names:?}");
+    Ok(())
+}
+
+/// Else nothing would be seen of strangers whatever they did.
+#[test]
+fn without_certificates_everything_that_strangers_try_on_a_link_arrives() -> Outcome {
+    let certificates = Certificates::new()?;
+    let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
+    let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
+    let open = || connect(&endpoint, &Shows::Nothing);
+    let let_in = let_in(&strangers(&certificates)?, &|_| open())?;
+    let mut expected = said_by("honest", &["PUT"]);
+    for LetIn { name, number, .. } in &let_in {
+        expected.extend(said_by(&format!("stranger-{number}"), &["PUT", "DELETE"]));
+        expected.extend(Topic::ALL.map(|topic| Ears::theft(name, topic)));
+    }
+    let heard = on_the_links(&|_| open(), &let_in, &|heard| expected.is_subset(heard))?;
+    assert_eq!(heard, expected);
+    assert_eq!(expected.len(), 24 + 6 * Topic::ALL.len() * STRANGE_DEEDS);
     Ok(())
 }
 
@@ -136,106 +249,6 @@ fn a_client_believes_no_router_that_is_none() -> Outcome {
     assert!(connect(&endpoint, &Shows::Certificate(certificates.of(Role::Robot))).is_err(), "a name that is not in the certificate");
     drop(other);
     Ok(())
-}
-
-/// One who tries, by name, and the sessions in which it says and hears something.
-type Try = (String, Session, Session);
-
-/// What each role tries at the gateway: whether it is heard there, or hears.
-fn at_the_gateway(publisher: &mut Publisher, tries: &[Try], witness: &Session) -> Result<BTreeSet<String>, Failure> {
-    let book = Arc::new(Mutex::new(BTreeSet::new()));
-    let note = |what: String| {
-        let book = Arc::clone(&book);
-        move || {
-            book.lock().unwrap_or_else(PoisonError::into_inner).insert(what.clone());
-        }
-    };
-    let mut declared = Vec::new();
-    let mut rest = Vec::new();
-    let keys: Vec<String> =
-        Topic::ALL.into_iter().flat_map(|topic| ["", "/json"].map(|kind| format!("coxswain/{ROBOT}/{}{kind}", topic.name()))).collect();
-    for key in &keys {
-        let book = Arc::clone(&book);
-        let key = key.clone();
-        let hear = move |sample: Sample| {
-            let said = sample.payload().try_to_string().map(std::borrow::Cow::into_owned).unwrap_or_default();
-            if said.starts_with("forged") {
-                book.lock().unwrap_or_else(PoisonError::into_inner).insert(format!("{said} put {}", sample.key_expr()));
-            }
-        };
-        declared.push(witness.declare_subscriber(&key).callback(hear).wait().map_err(failed)?);
-        for (name, _, session) in tries {
-            let heard = note(format!("{name} hear {key}"));
-            declared.push(session.declare_subscriber(&key).callback(move |_| heard()).wait().map_err(failed)?);
-            let asked = note(format!("{name} be asked {key}"));
-            rest.push(session.declare_queryable(&key).callback(move |_| asked()).wait().map_err(failed)?);
-        }
-    }
-    let mut state: PlantState = Zeroable::zeroed();
-    (state.stamp.version, state.stamp.kind) = (VERSION, PlantState::KIND);
-    for _ in 0..ROUNDS {
-        for key in &keys {
-            for (name, session, _) in tries {
-                session.put(key, format!("forged by {name}")).wait().map_err(failed)?;
-                session.delete(key).wait().map_err(failed)?;
-            }
-            witness.get(key).timeout(GRACE).callback(drop).wait().map_err(failed)?;
-        }
-        publisher.publish(&state)?;
-        thread::sleep(GRACE / 2);
-    }
-    thread::sleep(GRACE);
-    drop((declared, rest));
-    let book = book.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    Ok(book)
-}
-
-fn gateway(certificates: &Certificates) -> Result<(Publisher, String), Failure> {
-    let settings = TelemetrySettings {
-        listen: vec!["tcp/127.0.0.1:0".into()],
-        robot: ROBOT.into(),
-        credentials: Some(certificates.of(Role::Gateway)),
-    };
-    let publisher = Publisher::open(&settings, 100_000_000)?;
-    let endpoint = publisher.endpoints().first().ok_or("it listens nowhere")?.clone();
-    Ok((publisher, endpoint))
-}
-
-#[test]
-fn at_the_gateway_watchers_hear_and_nobody_says_anything() -> Outcome {
-    let certificates = Certificates::new()?;
-    let (mut publisher, endpoint) = gateway(&certificates)?;
-    let mut tries = Vec::new();
-    for role in Role::ALL {
-        let open = || connect(&endpoint, &Shows::Certificate(certificates.of(role)));
-        tries.push((role.name().to_owned(), open()?, open()?));
-    }
-    for (name, shows) in strangers(&certificates)? {
-        if let Ok(session) = connect(&endpoint, &shows) {
-            tries.push((name.to_owned(), session, connect(&endpoint, &shows)?));
-        }
-    }
-    let let_in = tries.len();
-    let witness = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Watcher)))?;
-    let heard = at_the_gateway(&mut publisher, &tries, &witness)?;
-    let expected: BTreeSet<String> = ["", "/json"].map(|kind| format!("watcher hear coxswain/{ROBOT}/state{kind}")).into_iter().collect();
-    print(format_args!("telemetry: {} cells, {} allowed, {} arrived", let_in * 16 * 4, 2, heard.len()));
-    assert_eq!(heard, expected);
-    assert_eq!(let_in, 9, "of the strangers one is of the same authority, and may nothing");
-    Ok(())
-}
-
-#[test]
-fn a_watcher_sees_the_robot_with_its_certificate_and_not_without() -> Outcome {
-    use protocol::telemetry::Watcher;
-    let certificates = Certificates::new()?;
-    let (mut publisher, endpoint) = gateway(&certificates)?;
-    let mut state: PlantState = Zeroable::zeroed();
-    (state.stamp.version, state.stamp.kind) = (VERSION, PlantState::KIND);
-    let watch = |credentials: Option<Credentials>| Watcher::open_as(&endpoint, None, credentials.as_ref());
-    assert!(watch(None).is_err());
-    let mut watcher = watch(Some(certificates.of(Role::Watcher)))?;
-    wait_until("a state", || publisher.publish(&state).is_ok() && watcher.next(Duration::from_millis(50)).is_ok_and(|word| word.is_some()))
 }
 
 #[test]

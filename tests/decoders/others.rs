@@ -1,10 +1,11 @@
-//! What browsers ask of the live page and a person of a controller that drives, and the file that says who launched a graph.
+//! What browsers ask of the live page and a person of a controller that drives, the file that says who launched a graph, and certificates.
 
 use super::{Fate, Verdict, corpus, promise, refused};
 use controller::control::tuning::RULES;
 use coxswain::berth;
 use process::wishes::{Inbox, NotAsked, welcome};
 use process::{Pace, read_settings};
+use protocol::access::{Certificate, valid_until};
 use protocol::message::Participant;
 use settings::change::{Change, changed};
 use std::fs;
@@ -76,5 +77,17 @@ pub(super) fn wish(bytes: &[u8]) -> Verdict {
         Some(Err(NotAsked::LockStep)) => Err("this is real time".into()),
         Some(Err(error)) => refused(&error.to_string()),
         Some(Ok(wish)) => change(wish.change.as_bytes()),
+    }
+}
+
+/// A certificate is refused with a sentence, or names role and robot, and is valid until the time that everybody reads in it.
+pub(super) fn certificate(bytes: &[u8]) -> Verdict {
+    let until = valid_until(bytes);
+    match Certificate::parse(bytes) {
+        Ok(certificate) => {
+            promise(until == Ok(certificate.until_s), || format!("valid until {}, or until {until:?}?", certificate.until_s))?;
+            Ok(Fate::Used)
+        }
+        Err(why) => refused(&why),
     }
 }

@@ -157,8 +157,8 @@ pub(crate) fn of_client(robot: &str) -> Value {
     control(robot, [Role::RobotHost, Role::ControlHost].map(|role| (role, everything())))
 }
 
-/// For the gateway: watchers hear what it says.
-pub(crate) fn of_telemetry(robot: &str) -> Value {
+/// For the gateway of `robot`, as zenoh's `access_control`: watchers hear what it says, and nothing else passes.
+pub fn of_telemetry(robot: &str) -> Value {
     let mut allowed = Allowed::default();
     for key in ["coxswain/*/*", "coxswain/*/*/json"] {
         allowed.add(Flow::Ingress, "declare_subscriber", key);

@@ -32,7 +32,7 @@ pub struct Plan {
     pub learned_axes: u32,
     /// Time from a command to the wheels, as the plan takes it \[µs\].
     pub delay_micros: u32,
-    /// State received to command sent \[ns\].
+    /// State received to command worked out \[ns\].
     pub tick_nanos: u64,
     /// Of it: prediction and linearisation, the Gaussian process included \[ns\].
     pub linearise_nanos: u64,

@@ -3,16 +3,13 @@
 //! Whoever could write there could drive the robot, or have a file written over that is none of the run's. A folder that is not as it must be
 //! is refused and not mended: somebody has made it so, and may have been in it already.
 
+use protocol::access::{Changeable, replaceable};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 /// What others than the owner may do, in a mode.
 const GROUP_AND_OTHERS: u32 = 0o077;
-/// Others may write.
-const OTHERS_WRITE: u32 = 0o002;
-/// Nobody removes or renames what is another's.
-const STICKY: u32 = 0o1000;
 /// What a mode says of permissions.
 const PERMISSIONS: u32 = 0o7777;
 
@@ -46,14 +43,12 @@ pub enum NotPrivate {
         mode: u32,
     },
     /// Others can put another folder in its place.
-    #[error("{}: expected to lie where others cannot replace it, but {} has mode {mode:o}", folder.display(), parent.display())]
+    #[error("{}: expected to lie where others cannot replace it, but {above}", folder.display())]
     Replaceable {
         /// The folder.
         folder: PathBuf,
-        /// What it lies in.
-        parent: PathBuf,
-        /// Permissions of that.
-        mode: u32,
+        /// What it lies in, however far above.
+        above: Changeable,
     },
     /// The file system refuses.
     #[error("{}: {source}", folder.display())]
@@ -99,13 +94,10 @@ pub fn check(folder: &Path) -> Result<(), NotPrivate> {
     if found.mode() & GROUP_AND_OTHERS != 0 {
         return Err(NotPrivate::Open { mode: found.mode() & PERMISSIONS, folder });
     }
-    let parent = folder.join("..");
-    let around = fs::metadata(&parent).map_err(failed)?;
-    if around.mode() & OTHERS_WRITE != 0 && around.mode() & STICKY == 0 {
-        let parent = parent.canonicalize().map_err(failed)?;
-        return Err(NotPrivate::Replaceable { mode: around.mode() & PERMISSIONS, parent, folder });
+    match replaceable(&folder).map_err(failed)? {
+        Some(above) => Err(NotPrivate::Replaceable { folder, above }),
+        None => Ok(()),
     }
-    Ok(())
 }
 
 #[cfg(test)]
@@ -169,6 +161,30 @@ mod tests {
         assert!(refused.starts_with("FOLDER: expected to lie where others cannot replace it, but ") && refused.ends_with("has mode 777"));
         fs::set_permissions(parent.path(), fs::Permissions::from_mode(0o1777))?;
         make(&parent.path().join("folder"))?;
+        Ok(())
+    }
+
+    #[test]
+    fn a_folder_is_refused_whose_way_others_can_replace_however_far_above() -> Result<(), Box<dyn Error>> {
+        let home = tempfile::tempdir()?;
+        let (open, parent) = (home.path().join("open"), home.path().join("open/deep/deeper"));
+        make(&parent)?;
+        make(&parent.join("folder"))?;
+        for mode in [0o777, 0o757] {
+            fs::set_permissions(&open, fs::Permissions::from_mode(mode))?;
+            let refused = said(&parent, |_| Ok(()))?;
+            assert_eq!(
+                refused,
+                format!("FOLDER: expected to lie where others cannot replace it, but {} has mode {mode:o}", open.display())
+            );
+        }
+        if rustix::process::geteuid().is_root() {
+            // Only root can give a folder away.
+            fs::set_permissions(&open, fs::Permissions::from_mode(0o755))?;
+            chown(&open, Some(65_534), None)?;
+            let refused = said(&parent, |_| Ok(()))?;
+            assert_eq!(refused, format!("FOLDER: expected to lie where others cannot replace it, but {} is of user 65534", open.display()));
+        }
         Ok(())
     }
 

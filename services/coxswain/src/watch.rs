@@ -48,7 +48,7 @@ pub struct PlanView {
     pub position_error: f64,
     /// Version of the learned model in use; 0 is the main model alone.
     pub model_version: u64,
-    /// State received to command sent \[ns\].
+    /// State received to command worked out \[ns\].
     pub tick_nanos: u64,
     /// Rung that the controller stands on.
     pub rung: Rung,

@@ -72,7 +72,7 @@ pub struct PlanRow {
     pub stamp: Mark,
     /// Epoch of the plant.
     pub plant_epoch: u64,
-    /// State received to command sent \[ns\].
+    /// State received to command worked out \[ns\].
     pub tick_nanos: u64,
     /// x, y, yaw, forward, left and yaw velocity of the reference at this tick \[m, rad, m/s, rad/s\].
     #[serde(deserialize_with = "first_row")]

@@ -45,7 +45,7 @@ pub struct Summary {
     pub position_max_m: Option<f64>,
     /// Difference of heading and reference heading from 3 s on, the short way round, RMS \[rad\].
     pub heading_rmse_rad: Option<f64>,
-    /// State received to command sent, half of all ticks took no longer \[µs\].
+    /// State received to command worked out, half of all ticks took no longer \[µs\].
     pub tick_p50_us: Option<f64>,
     /// 99 of 100 ticks took no longer \[µs\].
     pub tick_p99_us: Option<f64>,

@@ -132,7 +132,7 @@ fn tracking() -> Value {
         ("standard_deviation", number("of the learned residual at the measured state, larger one of forward and left [m/s]")),
         ("model_version", number("learned model in use, 0 is the main model alone")),
         ("rung", number("on which the controller stands: 1 fresh plan, 2 shifted plan, 3 LQR, and so on down")),
-        ("tick_micros", number("state received to command sent [us]")),
+        ("tick_micros", number("state received to command worked out [us]")),
     ])
 }
 

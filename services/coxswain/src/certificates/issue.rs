@@ -11,7 +11,7 @@
 //! ```
 //! A folder is there whole or not at all, and nothing is ever overwritten.
 
-use protocol::access::{AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role, valid_until};
+use protocol::access::{AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role, changeable, valid_until};
 use protocol::port::is_graph_name;
 use rcgen::{BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair, KeyUsagePurpose, date_time_ymd};
 use std::fs::{self, DirBuilder, OpenOptions};
@@ -122,7 +122,7 @@ pub fn issue(authority: &Path, out: &Path, order: &Order) -> Result<Made, IssueE
     if let Some(address) = order.addresses.iter().find(|address| !is_host(address)) {
         return Err(IssueError::Address { address: address.clone() });
     }
-    if authority.starts_with(out) {
+    if place_of(authority)?.starts_with(place_of(out)?) {
         return Err(IssueError::Inside { authority: authority.to_path_buf(), out: out.to_path_buf() });
     }
     check_new(out)?;
@@ -146,6 +146,13 @@ pub fn issue(authority: &Path, out: &Path, order: &Order) -> Result<Made, IssueE
         Ok(())
     })?;
     Ok(Made { new_authority, certificates })
+}
+
+/// Where `path` leads, from `/` on and with no links as far as it is there already.
+fn place_of(path: &Path) -> Result<PathBuf, IssueError> {
+    let written = std::path::absolute(path).map_err(|source| IssueError::FileSystem { path: path.to_path_buf(), source })?;
+    let above = written.ancestors().find_map(|above| Some((above.canonicalize().ok()?, written.strip_prefix(above).ok()?)));
+    Ok(above.map_or_else(|| written.clone(), |(real, rest)| real.join(rest)))
 }
 
 fn is_host(text: &str) -> bool {
@@ -208,11 +215,17 @@ fn make_authority(folder: &Path, from_s: i64) -> Result<(), IssueError> {
 /// Whoever signs, and its certificate as PEM.
 fn authority_in(folder: &Path, order: &Order) -> Result<(Issuer<'static, KeyPair>, String), IssueError> {
     let failed = |reason: String| IssueError::Authority { authority: folder.to_path_buf(), reason };
-    let key_file = folder.join(KEY_FILE);
+    let (key_file, certificate_file) = (folder.join(KEY_FILE), folder.join(AUTHORITY_FILE));
     let read = |path: &Path| fs::read_to_string(path).map_err(|source| failed(format!("{}: {source}", path.display())));
-    let (key, certificate) = (read(&key_file)?, read(&folder.join(AUTHORITY_FILE))?);
+    let (key, certificate) = (read(&key_file)?, read(&certificate_file)?);
     if fs::metadata(&key_file).is_ok_and(|found| found.mode() & GROUP_AND_OTHERS != 0) {
         return Err(failed(format!("{} can be read by others than its owner: expected mode 0600", key_file.display())));
+    }
+    // What others have put there nobody shall believe.
+    for path in [folder, &key_file, &certificate_file] {
+        if let Some(found) = changeable(path).map_err(|error| failed(format!("{}: {error}", path.display())))? {
+            return Err(failed(format!("{found}: expected what is of this user or root and nobody else can write")));
+        }
     }
     let until_s = valid_until(certificate.as_bytes()).map_err(failed)?;
     if until_s < order.until_s {
@@ -242,7 +255,7 @@ fn whole(folder: &Path, fill: impl FnOnce(&Path) -> Result<(), IssueError>) -> R
         move |source| IssueError::FileSystem { path, source }
     };
     if let Some(parent) = folder.parent() {
-        fs::create_dir_all(parent).map_err(failed(parent))?;
+        DirBuilder::new().recursive(true).mode(0o700).create(parent).map_err(failed(parent))?;
     }
     let mut half = folder.as_os_str().to_owned();
     half.push(format!(".half-{}", std::process::id()));
@@ -311,6 +324,55 @@ mod tests {
         fs::set_permissions(authority.join(KEY_FILE), fs::Permissions::from_mode(0o644))?;
         let refused = issue(&authority, &folder.path().join("more"), &order());
         assert!(refused.is_err_and(|error| error.to_string().contains("expected mode 0600")));
+        Ok(())
+    }
+
+    #[test]
+    fn what_others_can_write_is_refused_with_its_mode() -> Result<(), Box<dyn Error>> {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir()?;
+        let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
+        issue(&authority, &out, &order())?;
+        let robot = Credentials::in_folder(out.join("robot"));
+        let set = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode));
+        for (path, open, closed) in [
+            (out.clone(), 0o777, 0o755),
+            (out.clone(), 0o775, 0o700),
+            (out.join("robot"), 0o770, 0o700),
+            (robot.file(AUTHORITY_FILE), 0o666, 0o644),
+            (robot.file(AUTHORITY_FILE), 0o660, 0o600),
+            (robot.file(CERTIFICATE_FILE), 0o606, 0o600),
+        ] {
+            set(&path, open)?;
+            let said = robot.read().err().map_or_else(String::new, |error| error.to_string());
+            let expected = format!("{} has mode {open:o}: expected what is of this user or root and nobody else can write", path.display());
+            assert!(said.starts_with(&expected), "{said}");
+            set(&path, closed)?;
+            robot.read()?;
+        }
+        set(folder.path(), 0o777)?;
+        let refused = robot.read().err().map_or_else(String::new, |error| error.to_string());
+        assert!(refused.contains("expected to lie where others cannot replace it, but ") && refused.ends_with("has mode 777"), "{refused}");
+        set(&authority, 0o777)?;
+        let refused = issue(&authority, &folder.path().join("more"), &order()).err().map_or_else(String::new, |error| error.to_string());
+        assert!(refused.contains("has mode 777: expected what is of this user or root"), "{refused}");
+        Ok(())
+    }
+
+    #[test]
+    fn an_authority_in_the_certificates_is_refused_however_it_is_written() -> Result<(), Box<dyn Error>> {
+        let folder = tempfile::tempdir()?;
+        let out = folder.path().canonicalize()?.join("out");
+        let up: PathBuf = std::env::current_dir()?.components().skip(1).map(|_| "..").collect();
+        let relative = up.join(out.strip_prefix("/")?);
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink(folder.path(), &link)?;
+        for (authority, out) in [(out.join("a"), relative.clone()), (relative.join("a"), out.clone()), (link.join("out/a"), out.clone())] {
+            let refused = issue(&authority, &out, &order());
+            assert!(matches!(refused, Err(IssueError::Inside { .. })), "{} in {}", authority.display(), out.display());
+        }
+        assert!(!out.exists());
+        issue(&up.join(link.strip_prefix("/")?).join("a"), &relative, &order())?;
         Ok(())
     }
 

@@ -82,7 +82,7 @@ pub struct Picture {
     pub error: Trail<f64>,
     /// One-step errors.
     pub one_step: Trail<OneStep>,
-    /// State received to command sent \[ns\].
+    /// State received to command worked out \[ns\].
     pub tick_nanos: Trail<u64>,
     /// Its processes.
     pub processes: BTreeMap<Participant, Process>,

@@ -167,7 +167,10 @@ pub fn exercises(extent: Extent, apart: bool) -> Vec<Exercise> {
     all
 }
 
-/// SIGKILL, swept over the phase of the period, and every fifth time once more while the successor starts.
+/// The second of two kills that belong together comes so long after the first at most \[s\].
+const EARLY_S: f64 = 0.3;
+
+/// SIGKILL, swept over the phase of the period, and every fifth time once more: swept over the time in which the successor starts.
 fn kills(extent: Extent, all: &mut Vec<Exercise>) {
     for (participant, every_s) in [(Controller, 0.9), (Plant, 1.3), (Learner, 2.5), (Recorder, 1.0), (Gateway, 1.0)] {
         let (quick, whole) = (if participant == Learner { 3 } else { 6 }, 210_u32);
@@ -179,7 +182,8 @@ fn kills(extent: Extent, all: &mut Vec<Exercise>) {
             let early = regular / 5;
             let mut faults = process("kill", participant, 1.5, every_s, regular, "");
             if early > 0 {
-                faults += &process("kill", participant, 1.5 + 0.06, 5.0 * every_s, early, "");
+                let step = EARLY_S / f64::from(early);
+                faults += &process("kill", participant, 1.5 + 0.5 * step, 5.0 * every_s + step, early, "");
             }
             let duration_s = 1.5 + f64::from(regular) * every_s + if participant == Learner { 4.0 } else { 2.0 };
             let launch = Launch { duration_s, faults, restarts: Some(participant), undisturbed: !needed(participant), ..Launch::default() };

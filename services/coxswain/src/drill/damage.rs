@@ -1,18 +1,21 @@
-//! Damaged messages, offered to the readers of every topic and, as commands, to the gate.
+//! Damaged messages, offered to the readers of every topic and, as commands, to the gate: as they are in memory, and as they are on the network.
 //!
 //! It is done in a process of its own, [`print()`]: so a panic would be seen, and what it does to the memory.
+
+mod numbers;
 
 use super::measure::Measured;
 use super::session::Trouble;
 use gate::{Bounds, Gate};
 use model::robot::Robot;
 use protocol::VERSION;
-use protocol::frame;
+use protocol::frame::{self, DecodeError};
 use protocol::message::{
     Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, Reason, ResidualSample, Rung, SnapshotHead, Stamp, TAIL_MAX, Truth,
 };
 use protocol::port::{Exchange, Identity, Ports, Since, Source};
 use protocol::topic::OnTopic;
+use protocol::wire;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
@@ -28,7 +31,7 @@ const EPOCH: u64 = 7;
 const CONTROLLER: (u64, u64) = (3, 5);
 /// The tick that is to be answered.
 const TICK: u64 = 1;
-/// What no number of a command may be.
+/// What no number that is used may be.
 const BAD: [f64; 5] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, -1e300];
 /// Most that all of it may add to the memory in use, beyond what the first tenth needed \[KiB\].
 const GROWTH_KIBIBYTES: u64 = 512;
@@ -80,10 +83,53 @@ pub(super) fn run(count: u64, seed: u64) -> Result<Measured, Trouble> {
     Ok(Measured { injections, violations, notes, ..Measured::default() })
 }
 
-/// Nine of ten are commands for the gate, the others go to the readers of all topics.
+/// How a message is said.
+#[derive(Debug, Clone, Copy)]
+enum Encoding {
+    /// As it lies in memory, shared or not.
+    Memory,
+    /// As a program in another language reads it.
+    Network,
+}
+
+impl Encoding {
+    const BOTH: [Self; 2] = [Self::Memory, Self::Network];
+
+    /// Either of both.
+    fn any(random: &mut Pcg64Mcg) -> Self {
+        if random.random() { Self::Memory } else { Self::Network }
+    }
+
+    /// As a program of this version says it.
+    fn sealed<T: Message>(self, message: T) -> Vec<u8> {
+        self.sealed_as(message, VERSION, T::KIND)
+    }
+
+    fn sealed_as<T: Message>(self, mut message: T, version: u16, kind: u16) -> Vec<u8> {
+        *message.stamp_mut() = Stamp { version, kind, ..*message.stamp() };
+        let mut bytes = vec![0; message.byte_len()];
+        match self {
+            Self::Memory => frame::encode(&message, &mut bytes),
+            Self::Network => {
+                wire::encode(&message, &mut bytes);
+            }
+        }
+        bytes
+    }
+
+    fn decode<T: Message>(self, bytes: &[u8]) -> Result<T, DecodeError> {
+        match self {
+            Self::Memory => frame::decode(bytes),
+            Self::Network => wire::decode(bytes),
+        }
+    }
+}
+
+/// Every number that a receiver looks at, and then: nine of ten are commands for the gate, the others go to the readers of all topics.
 fn offer(count: u64, seed: u64) -> Result<Offered, Trouble> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let mut offered = Offered::default();
+    numbers::offer(&mut offered)?;
     for tenth in 0..10 {
         let share = count / 10 + u64::from(tenth < count % 10);
         let to_readers = share / 10;
@@ -103,11 +149,13 @@ fn resident_kibibytes() -> Result<u64, Trouble> {
 
 fn offer_to_gate(count: u64, random: &mut Pcg64Mcg, offered: &mut Offered) -> Result<(), Trouble> {
     let gate = obeying()?;
-    let sealed_good = sealed(good());
-    accepted(&sealed_good, &gate).map_err(|reason| format!("the undamaged command was refused: {reason}"))?;
+    for encoding in Encoding::BOTH {
+        accepted(&encoding.sealed(good()), encoding, &gate).map_err(|reason| format!("the undamaged command was refused: {reason}"))?;
+    }
     for _ in 0..count {
-        let bytes = damaged(&sealed_good, random);
-        if accepted(&bytes, &gate).is_ok() {
+        let encoding = Encoding::any(random);
+        let bytes = damaged(encoding, random);
+        if accepted(&bytes, encoding, &gate).is_ok() {
             offered.violations.push(format!("damaged command {} was accepted", offered.injections));
         }
         offered.injections += 1;
@@ -139,30 +187,22 @@ fn good() -> Command {
     command
 }
 
-/// As a program of this version says it.
-fn sealed<T: Message>(message: T) -> Vec<u8> {
-    sealed_as(message, VERSION, T::KIND)
-}
-
-fn sealed_as<T: Message>(mut message: T, version: u16, kind: u16) -> Vec<u8> {
-    *message.stamp_mut() = Stamp { version, kind, ..*message.stamp() };
-    let mut bytes = vec![0; message.byte_len()];
-    frame::encode(&message, &mut bytes);
-    bytes
-}
-
 /// Another number than this one.
 fn other_than(one: u16, random: &mut Pcg64Mcg) -> u16 {
     one.wrapping_add(random.random_range(1..=u16::MAX))
 }
 
 /// Damaged on the way (bits, length), or by a writer that has gone mad, or is of another version, and seals what it says.
-fn damaged(good: &[u8], random: &mut Pcg64Mcg) -> Vec<u8> {
-    let mut command = self::good();
+fn damaged(encoding: Encoding, random: &mut Pcg64Mcg) -> Vec<u8> {
+    let mut command = good();
     match random.random_range(0..5_u8) {
-        0 => return with_other_bits(good, random),
-        1 => return good.get(..random.random_range(0..good.len())).unwrap_or_default().to_vec(),
-        2 => return sealed_as(command, other_than(VERSION, random), Command::KIND),
+        0 => return with_other_bits(&encoding.sealed(command), random),
+        1 => {
+            let mut bytes = encoding.sealed(command);
+            bytes.truncate(random.random_range(0..bytes.len()));
+            return bytes;
+        }
+        2 => return encoding.sealed_as(command, other_than(VERSION, random), Command::KIND),
         3 => {
             // Every number of it in turn: the input, and the tail to its last entry.
             let bad = BAD[random.random_range(0..BAD.len())];
@@ -174,14 +214,15 @@ fn damaged(good: &[u8], random: &mut Pcg64Mcg) -> Vec<u8> {
         _ => match random.random_range(0..7_u8) {
             0 => command.plant_epoch = EPOCH.wrapping_add(random.random_range(1..u64::MAX)),
             1 => command.stamp.tick = TICK.wrapping_add(random.random_range(1..u64::MAX)),
-            2 => command.tail_len = random.random_range(1 + TAIL_MAX as u32..=u32::MAX),
+            // On the network a tail cannot be said to be longer than it is.
+            2 if matches!(encoding, Encoding::Memory) => command.tail_len = random.random_range(1 + TAIL_MAX as u32..=u32::MAX),
             3 => command.rung = random.random_range(7..=u32::MAX),
             4 => command.stamp.epoch = random.random_range(0..CONTROLLER.0),
             5 => command.stamp.writer = CONTROLLER.1.wrapping_add(random.random_range(1..u64::MAX)),
-            _ => return sealed_as(command, VERSION, other_than(Command::KIND, random)),
+            _ => return encoding.sealed_as(command, VERSION, other_than(Command::KIND, random)),
         },
     }
-    sealed(command)
+    encoding.sealed(command)
 }
 
 fn with_other_bits(good: &[u8], random: &mut Pcg64Mcg) -> Vec<u8> {
@@ -198,8 +239,8 @@ fn with_other_bits(good: &[u8], random: &mut Pcg64Mcg) -> Vec<u8> {
 }
 
 /// What decoder and gate say of it.
-fn accepted(bytes: &[u8], gate: &Gate) -> Result<(), String> {
-    let command = frame::decode::<Command>(bytes).map_err(|error| error.to_string())?;
+fn accepted(bytes: &[u8], encoding: Encoding, gate: &Gate) -> Result<(), String> {
+    let command: Command = encoding.decode(bytes).map_err(|error| error.to_string())?;
     gate.clone().offer(&command, PERIOD + PERIOD / 4).map_err(|reason: Reason| reason.to_string())
 }
 
@@ -220,25 +261,37 @@ fn offer_to_readers(count: u64, random: &mut Pcg64Mcg, offered: &mut Offered) ->
 fn offer_to_reader<T: OnTopic + Clone>(good: &T, count: u64, random: &mut Pcg64Mcg, offered: &mut Offered) -> Result<(), Trouble> {
     let ports = Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(1));
     let (mut source, mut sink): (Source<T>, _) = (ports.source(Since::First)?, ports.raw_sink(T::TOPIC)?);
-    let sealed_good = sealed(good.clone());
-    frame::decode::<T>(&sealed_good)?;
+    for encoding in Encoding::BOTH {
+        encoding.decode::<T>(&encoding.sealed(good.clone()))?;
+    }
+    let mut sent = 0;
     for _ in 0..count {
-        let bytes = match random.random_range(0..4_u8) {
-            0 => with_other_bits(&sealed_good, random),
-            // Carriers may move whole words.
-            1 => sealed_good.get(..8 * random.random_range(1..sealed_good.len() / 8)).unwrap_or_default().to_vec(),
-            2 => sealed_as(good.clone(), other_than(VERSION, random), T::KIND),
-            _ => sealed_as(good.clone(), VERSION, other_than(T::KIND, random)),
+        let encoding = Encoding::any(random);
+        let mut bytes = encoding.sealed(good.clone());
+        match random.random_range(0..4_u8) {
+            0 => bytes = with_other_bits(&bytes, random),
+            // Carriers of memory may move whole words.
+            1 if matches!(encoding, Encoding::Memory) => bytes.truncate(8 * random.random_range(1..bytes.len() / 8)),
+            1 => bytes.truncate(random.random_range(0..bytes.len())),
+            2 => bytes = encoding.sealed_as(good.clone(), other_than(VERSION, random), T::KIND),
+            _ => bytes = encoding.sealed_as(good.clone(), VERSION, other_than(T::KIND, random)),
+        }
+        let taken_in = match encoding {
+            Encoding::Memory => {
+                sink.send_raw(&bytes)?;
+                sent += 1;
+                source.next()?.is_some()
+            }
+            Encoding::Network => wire::decode::<T>(&bytes).is_ok(),
         };
-        sink.send_raw(&bytes)?;
-        if source.next()?.is_some() {
+        if taken_in {
             offered.violations.push(format!("damaged {} {} was taken in", T::NAME, offered.injections));
         }
         offered.injections += 1;
     }
     let refused = source.tally().refused;
-    if refused != count {
-        offered.violations.push(format!("{refused} of {count} damaged messages on topic {} were counted", T::TOPIC.name()));
+    if refused != sent {
+        offered.violations.push(format!("{refused} of {sent} damaged messages on topic {} were counted", T::TOPIC.name()));
     }
     Ok(())
 }
@@ -250,7 +303,8 @@ mod tests {
     #[test]
     fn of_many_damaged_messages_none_is_accepted_and_all_are_counted() -> Result<(), Trouble> {
         let offered = offer(20_000, 1)?;
-        assert_eq!((offered.injections, offered.violations), (20_000, Vec::new()));
+        assert_eq!(offered.violations, Vec::<String>::new());
+        assert!(offered.injections > 20_000, "{} with those of single numbers", offered.injections);
         Ok(())
     }
 }

@@ -7,6 +7,7 @@ use super::partition::partition;
 use super::record::Record;
 use super::session::{Home, Trouble, permits_little_shared_memory};
 use super::{damage, launchers, refusals, rivals};
+use crate::faults::FaultsFile;
 use crate::saboteur::{Injected, LIST};
 use process::{Stop, Witness};
 use rand::{Rng, SeedableRng};
@@ -80,6 +81,10 @@ fn launch_with_faults(carrier: Carrier, launch: &Launch, deploy: &Path, seed: u6
         let injected = injected(session.run());
         let record = session.record()?;
         let mut measured = measure(&record, launch, &home.limits()?, &injected, &gaps);
+        let asked = asked_of_processes(launch)?;
+        if injected.len() as u64 != asked {
+            measured.violations.push(format!("{} of {asked} faults of processes were injected", injected.len()));
+        }
         let on_links = refusals::on_links(session.run())?;
         measured.injections += on_links.iter().map(|fault| fault.count).sum::<u64>();
         // The world knows no chance: all of it happens, once it has come so far.
@@ -190,6 +195,12 @@ pub(super) fn left_behind(home: &Home, names: &[String]) -> Vec<String> {
     home.left_behind(names).into_iter().map(|file| format!("{file} was left behind")).collect()
 }
 
+/// How many faults of processes a launch is to have: it is as long as all of them take.
+fn asked_of_processes(launch: &Launch) -> Result<u64, Trouble> {
+    let faults: FaultsFile = settings::parse(&launch.faults, Path::new("faults.toml"))?;
+    Ok(faults.process.iter().map(|fault| u64::from(fault.times)).sum())
+}
+
 /// What the launcher did to processes.
 fn injected(run: &Path) -> Vec<Injected> {
     let text = fs::read_to_string(run.join(LIST)).unwrap_or_default();
@@ -198,4 +209,23 @@ fn injected(run: &Path) -> Vec<Injected> {
 
 fn last_line(text: &str) -> &str {
     text.lines().next_back().unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drill::catalogue::{Extent, exercises};
+
+    #[test]
+    fn a_launch_goes_on_until_the_last_of_its_faults_of_processes_has_come() -> Result<(), Trouble> {
+        for exercise in [Extent::Quick, Extent::Whole].into_iter().flat_map(|extent| exercises(extent, true)) {
+            let Task::Launch(launch) = &exercise.task else { continue };
+            let faults: FaultsFile = settings::parse(&launch.faults, Path::new("faults.toml"))?;
+            for fault in &faults.process {
+                let last = fault.times(Duration::from_millis(20), 1).last().unwrap_or_default().as_secs_f64();
+                assert!(last + 1.0 < launch.duration_s, "{} of {}: the last comes after {last} s", exercise.fault, exercise.target);
+            }
+        }
+        Ok(())
+    }
 }

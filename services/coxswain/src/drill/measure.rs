@@ -4,6 +4,12 @@
 //! |----------------|-----------------------------------------------------------------------------------------------------------------|
 //! | worst reaction | age of the oldest state, in periods, whose answer still acted on the wheels; from 3 on the gate must brake       |
 //! | worst restart  | from the end of a process to its successor in use: a fresh plan of new epochs acted, a snapshot was published, or it said that it is ready |
+//!
+//! | way back of         | killed, at most | stopped for good, at most: it has first to be found hung             |
+//! |---------------------|-----------------|----------------------------------------------------------------------|
+//! | plant, controller   | 1 s             | 1 s in all                                                           |
+//! | recorder, gateway   | 1 s             | 1 s and [`hung_after`](Processes::hung_after), which is 2.5 s         |
+//! | learner             | 5 s             | 5 s and the same                                                     |
 
 use super::catalogue::Launch;
 use super::oracle::{Limits, Rule, Violation, judge};
@@ -16,12 +22,13 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::ops::Range;
 
-/// Longest way back of whom the robot needs \[s\].
-const NEEDED_BACK_WITHIN_S: f64 = 1.0;
-/// Longest way back of others \[s\].
-const BACK_WITHIN_S: f64 = 5.0;
-/// A process that is ended so soon after its predecessor is on its way back: how long that takes counts from its own end \[ns\].
-const EARLY_NANOS: u64 = 200_000_000;
+/// Longest way back \[s\].
+const BACK_WITHIN_S: f64 = 1.0;
+/// Longest way back of the learner, which is back when it has learnt \[s\].
+const LEARNER_BACK_WITHIN_S: f64 = 5.0;
+/// A process that is ended so soon after its predecessor is on its way back: how long that takes counts from its own end. The catalogue has
+/// them at most 300 ms apart, and a period for the phase \[ns\].
+const EARLY_NANOS: u64 = 350_000_000;
 /// A command acts for so many periods at most.
 const BRAKES_AFTER: u64 = 3;
 /// Longest time below a fresh plan that a fault of at most half a second may cause \[s\].
@@ -137,29 +144,37 @@ fn fell(state: &Message) -> bool {
 fn judge_restarts(record: &Record, who: Participant, injected: &[Injected], violations: &mut Vec<String>) -> Option<f64> {
     let hung_after = Processes::default().hung_after(who).as_millis() as u64;
     let ends = |fault: &&Injected| fault.participant == Some(who) && fault.millis.is_none_or(|millis| millis > hung_after);
-    let ended: Vec<u64> = injected.iter().filter(ends).map(|fault| fault.nanos).collect();
+    let ended: Vec<&Injected> = injected.iter().filter(ends).collect();
     let back = comebacks(record, who);
-    let limit = if is_needed(who) { NEEDED_BACK_WITHIN_S } else { BACK_WITHIN_S };
     let (mut worst, mut since) = (None, None);
-    for (index, &at) in ended.iter().enumerate() {
+    for (index, &fault) in ended.iter().enumerate() {
+        let at = fault.nanos;
         let next = back.iter().copied().find(|&back| back > at);
-        if let Some(&again) = ended.get(index + 1).filter(|&&again| next.is_none_or(|next| next > again)) {
+        let again = ended.get(index + 1).map(|fault| fault.nanos);
+        if let Some(again) = again.filter(|&again| next.is_none_or(|next| next > again)) {
             // It ended once more on its way back: on purpose, or because it was not back yet when it should have been.
-            since = (again - at > EARLY_NANOS).then(|| since.unwrap_or(at));
+            since = since.or((again - at > EARLY_NANOS).then_some(fault));
             continue;
         }
-        let at = since.take().unwrap_or(at);
         let Some(next) = next else {
             violations.push(format!("{who} was never in use again after fault {index}"));
             continue;
         };
-        let took = (next - at) as f64 * 1e-9;
+        let since = since.take().unwrap_or(fault);
+        let (took, limit) = ((next - since.nanos) as f64 * 1e-9, back_within_s(who, since));
         if took > limit {
             violations.push(format!("{who} was in use again {took:.2} s after fault {index}, expected {limit} s at most"));
         }
         worst = Some(took.max(worst.unwrap_or(0.0)));
     }
     worst
+}
+
+/// Longest way back of `who` from `fault` \[s\].
+fn back_within_s(who: Participant, fault: &Injected) -> f64 {
+    let way = if who == Participant::Learner { LEARNER_BACK_WITHIN_S } else { BACK_WITHIN_S };
+    let stopped = fault.millis.is_some() && !is_needed(who);
+    if stopped { way + Processes::default().hung_after(who).as_secs_f64() } else { way }
 }
 
 /// When another instance of `who` was in use for the first time, on the monotonic clock \[ns\].
@@ -299,11 +314,23 @@ mod tests {
     }
 
     #[test]
+    fn whom_the_robot_does_not_need_has_to_be_found_hung_before_its_way_back_begins() {
+        let limits = Participant::ALL.iter().map(|&who| {
+            let fault = |millis| Injected { kind: "stop".into(), participant: Some(who), pid: None, nanos: 0, millis };
+            [back_within_s(who, &fault(None)), back_within_s(who, &fault(Some(4000)))]
+        });
+        let limits: Vec<_> = limits.collect();
+        assert_eq!(limits, [[1.0, 1.0], [1.0, 1.0], [5.0, 7.5], [1.0, 3.5], [1.0, 3.5]]);
+    }
+
+    #[test]
     fn a_way_back_counts_from_the_first_end_that_was_not_made_good() {
         assert_eq!(judged(&[0, 1300, 2400], &[1000, 2000]), (Some(0.4), Vec::new()));
         let (worst, violations) = judged(&[0, 3200], &[1000, 1900, 2800]);
         assert_eq!((worst, violations.len()), (Some(2.2), 1), "nobody was in use when it was ended again: {violations:?}");
         assert_eq!(judged(&[0, 1500], &[1000, 1060]), (Some(0.44), Vec::new()), "ended on purpose on its way back");
+        let (worst, violations) = judged(&[0, 6000], &[1000, 1900, 1960, 2800]);
+        assert_eq!((worst, violations.len()), (Some(5.0), 1), "an end on purpose in between makes nothing good: {violations:?}");
         let (_, violations) = judged(&[0], &[1000, 1900]);
         assert!(violations.iter().any(|found| found.contains("never in use again")), "{violations:?}");
     }

@@ -81,7 +81,7 @@ pub(super) struct Plan {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct PlanTick {
     pub(super) tick: u64,
-    /// State received to command sent \[ns\].
+    /// State received to command worked out \[ns\].
     pub(super) tick_nanos: u64,
     /// Version of the learned model in use; 0 is the main model alone.
     pub(super) version: u64,

@@ -13,7 +13,7 @@ const LANE: f64 = 10.0;
 
 /// What each tick took.
 pub(super) fn ticks(records: &Records<'_>) -> Figure {
-    let about = "State received to command sent. The deadline is the period that the command acts in.";
+    let about = "State received to command worked out. The deadline is the period that the command acts in.";
     let mut figure = Figure::new("ticks", "Tick times against the deadline", about);
     figure.missing = records.without(Topic::Plan);
     let millis = |record: &Record| record.plans.iter().map(|plan| plan.tick_nanos as f64 * 1e-6).collect::<Vec<_>>();

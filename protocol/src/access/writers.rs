@@ -1,0 +1,191 @@
+//! A file or folder → who beside this user and root could change it, or put another in its place.
+//!
+//! Whoever `/` belongs to counts as root: in a user namespace of its own, where root has another number, nothing else tells who that is.
+
+use std::fs;
+use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+/// The group may write.
+const GROUP_WRITES: u32 = 0o020;
+/// Others may write.
+const OTHERS_WRITE: u32 = 0o002;
+/// Nobody removes or renames what is another's.
+const STICKY: u32 = 0o1000;
+/// What a mode says of permissions.
+const PERMISSIONS: u32 = 0o7777;
+
+/// Something that somebody beside this user and root could change.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Changeable {
+    /// Its owner could.
+    #[error("{} is of user {owner}", path.display())]
+    Foreign {
+        /// File or folder.
+        path: PathBuf,
+        /// Whose it is.
+        owner: u32,
+    },
+    /// Its group, or all others, could.
+    #[error("{} has mode {mode:o}", path.display())]
+    Open {
+        /// File or folder.
+        path: PathBuf,
+        /// Its permissions.
+        mode: u32,
+    },
+}
+
+/// Whether somebody else could change what is at `path`.
+///
+/// # Errors
+/// What the file system says.
+pub fn changeable(path: &Path) -> io::Result<Option<Changeable>> {
+    let found = fs::metadata(path)?;
+    if !is_trusted(found.uid())? {
+        return Ok(Some(Changeable::Foreign { path: path.to_owned(), owner: found.uid() }));
+    }
+    let is_open = found.mode() & (GROUP_WRITES | OTHERS_WRITE) != 0;
+    Ok(is_open.then(|| Changeable::Open { path: path.to_owned(), mode: found.mode() & PERMISSIONS }))
+}
+
+/// What is above `path`, as it is written or as it leads through links, by which somebody else could put something else there.
+///
+/// A folder where nobody renames what is another's will do, as `/tmp`; and one that the group can write in which its owner is alone.
+///
+/// # Errors
+/// What the file system says.
+pub fn replaceable(path: &Path) -> io::Result<Option<Changeable>> {
+    let (written, real) = (std::path::absolute(path)?, path.canonicalize()?);
+    for above in written.ancestors().chain(real.ancestors()) {
+        let found = fs::symlink_metadata(above)?;
+        let (owner, mode) = (found.uid(), found.mode() & PERMISSIONS);
+        if !is_trusted(owner)? {
+            return Ok(Some(Changeable::Foreign { path: above.to_owned(), owner }));
+        }
+        // Of a link the mode says nothing, and what is there itself is not judged by who writes into it.
+        if found.is_symlink() || above == written || above == real || mode & STICKY != 0 {
+            continue;
+        }
+        if mode & OTHERS_WRITE != 0 || (mode & GROUP_WRITES != 0 && !is_alone(owner, found.gid())) {
+            return Ok(Some(Changeable::Open { path: above.to_owned(), mode }));
+        }
+    }
+    Ok(None)
+}
+
+/// Whether `owner` is this user or root.
+fn is_trusted(owner: u32) -> io::Result<bool> {
+    Ok(owner == 0 || owner == rustix::process::geteuid().as_raw() || owner == fs::metadata("/")?.uid())
+}
+
+/// Whether `owner` is the only one in `group`, by the files of this machine. Not if they do not tell.
+fn is_alone(owner: u32, group: u32) -> bool {
+    let read = |file| fs::read_to_string(file).unwrap_or_default();
+    is_alone_by(&read("/etc/passwd"), &read("/etc/group"), owner, group)
+}
+
+fn is_alone_by(users: &str, groups: &str, owner: u32, group: u32) -> bool {
+    let is = |field: Option<&&str>, number: u32| field.and_then(|text| text.parse().ok()) == Some(number);
+    let fields = |line| str::split(line, ':').collect::<Vec<&str>>();
+    let users: Vec<Vec<&str>> = users.lines().map(fields).collect();
+    let names: Vec<&str> = users.iter().filter(|user| is(user.get(2), owner)).filter_map(|user| user.first().copied()).collect();
+    let another = users.iter().any(|user| is(user.get(3), group) && !is(user.get(2), owner));
+    let mut same = groups.lines().map(fields).filter(|line| is(line.get(2), group)).peekable();
+    let is_known = !names.is_empty() && same.peek().is_some();
+    let members = same.flat_map(|line| line.get(3).map_or_else(Vec::new, |members| members.split(',').collect()));
+    let mut others = members.filter(|member| !member.is_empty() && !names.contains(member));
+    is_known && !another && others.next().is_none()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::error::Error;
+    use std::os::unix::fs::{PermissionsExt, chown, symlink};
+
+    type Outcome = Result<(), Box<dyn Error>>;
+
+    fn set(path: &Path, mode: u32) -> io::Result<()> {
+        fs::set_permissions(path, fs::Permissions::from_mode(mode))
+    }
+
+    #[test]
+    fn what_its_user_alone_can_write_nobody_changes_or_replaces() -> Outcome {
+        let home = tempfile::tempdir()?;
+        let file = home.path().join("file");
+        fs::write(&file, "")?;
+        for mode in [0o600, 0o644, 0o755] {
+            set(&file, mode)?;
+            assert_eq!((changeable(&file)?, replaceable(&file)?), (None, None), "{mode:o}");
+        }
+        for mode in [0o620, 0o602, 0o666] {
+            set(&file, mode)?;
+            assert_eq!(changeable(&file)?, Some(Changeable::Open { path: file.clone(), mode }));
+        }
+        assert!(changeable(&home.path().join("none")).is_err());
+        Ok(())
+    }
+
+    #[test]
+    fn a_folder_that_others_can_write_is_found_however_far_above_it_is() -> Outcome {
+        let home = tempfile::tempdir()?;
+        let (open, deep) = (home.path().join("open"), home.path().join("open/deep/deeper"));
+        fs::create_dir_all(&deep)?;
+        set(&open.join("deep"), 0o755)?;
+        for (mode, is_found) in [(0o777, true), (0o757, true), (0o1777, false), (0o755, false), (0o700, false)] {
+            set(&open, mode)?;
+            let expected = is_found.then(|| Changeable::Open { path: open.clone(), mode });
+            assert_eq!(replaceable(&deep)?, expected, "{mode:o}");
+        }
+        assert_eq!(replaceable(Path::new("/"))?, None);
+        Ok(())
+    }
+
+    #[test]
+    fn a_link_is_no_way_around() -> Outcome {
+        let (home, elsewhere) = (tempfile::tempdir()?, tempfile::tempdir()?);
+        let (open, private) = (elsewhere.path().join("open"), elsewhere.path().join("open/private"));
+        fs::create_dir_all(&private)?;
+        let link = home.path().join("link");
+        symlink(&private, &link)?;
+        set(&open, 0o777)?;
+        assert_eq!(replaceable(&link)?, Some(Changeable::Open { path: open.canonicalize()?, mode: 0o777 }), "where it leads");
+        set(&open, 0o755)?;
+        assert_eq!(replaceable(&link)?, None);
+        set(home.path(), 0o777)?;
+        assert_eq!(replaceable(&link)?, Some(Changeable::Open { path: home.path().to_owned(), mode: 0o777 }), "where it is");
+        Ok(())
+    }
+
+    #[test]
+    fn what_is_another_users_can_be_changed_by_him() -> Outcome {
+        if !rustix::process::geteuid().is_root() {
+            // Only root can give a file away.
+            return Ok(());
+        }
+        let home = tempfile::tempdir()?;
+        let inner = home.path().join("inner");
+        fs::create_dir(&inner)?;
+        chown(&inner, Some(65_534), None)?;
+        let expected = Some(Changeable::Foreign { path: inner.clone(), owner: 65_534 });
+        assert_eq!(changeable(&inner)?, expected);
+        fs::create_dir(inner.join("own"))?;
+        assert_eq!(replaceable(&inner.join("own"))?, expected);
+        Ok(())
+    }
+
+    #[test]
+    fn a_group_is_its_owners_own_only_if_nobody_else_is_known_to_be_in_it() {
+        let users =
+            "root:x:0:0::/root:/bin/sh\nann:x:1000:1000::/home/ann:/bin/sh\nbob:x:1001:1001::/home/bob:/bin/sh\ncid:x:1002:50::/:/bin/sh";
+        let groups = "root:x:0:\nann:x:1000:\nbob:x:1001:bob,ann\nstaff:x:50:\nown:x:60:ann";
+        let alone = |owner, group| is_alone_by(users, groups, owner, group);
+        assert!(alone(1000, 1000) && alone(0, 0) && alone(1000, 60));
+        assert!(!alone(1001, 1001), "another one is a member");
+        assert!(!alone(1000, 50), "it is another one's first group");
+        assert!(!alone(1000, 70) && !alone(7, 1000), "who is not known");
+        assert!(!is_alone_by("", "", 1000, 1000));
+    }
+}
