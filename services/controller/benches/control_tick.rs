@@ -1,5 +1,5 @@
 //! One control tick of the paper's scenario: observe, answer, explain; with the main model alone and with a learned one of 120 points; and what
-//! makes a model of 200 points ready. Then a million ticks on a circle, pushed off it every forty, with what the heap saw of them.
+//! makes a model of 200 points ready. Then a million ticks on a circle, pushed off it every forty, with what the heap and the system saw of them.
 //!
 //! `cargo bench -p controller --bench control_tick`
 #![expect(clippy::print_stdout, reason = "figures are what a bench is for")]
@@ -145,7 +145,17 @@ fn control_tick(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Whether the heap stays as it is for a million ticks, the optimiser with its limits included; and their times.
+/// Page faults of this thread so far.
+fn page_faults() -> Result<u64, Box<dyn Error>> {
+    let stat = std::fs::read_to_string("/proc/thread-self/stat")?;
+    // Behind the name: state, five numbers, flags, minor faults, those of children, major ones.
+    let behind_name = stat.rsplit_once(')').ok_or("no name in /proc/thread-self/stat")?.1;
+    let fields: Vec<&str> = behind_name.split_whitespace().collect();
+    let of = |place: usize| fields.get(place).and_then(|field| field.parse::<u64>().ok()).ok_or("no faults in /proc/thread-self/stat");
+    Ok(of(7)? + of(9)?)
+}
+
+/// Whether the heap stays as it is for a million ticks, the optimiser with its limits included, and no page is missing; and their times.
 fn million_ticks() -> Result<(), Box<dyn Error>> {
     let mut told = settings();
     told.duration_s = 1e-9 * (TICKS * told.run.period_nanos) as f64;
@@ -155,7 +165,7 @@ fn million_ticks() -> Result<(), Box<dyn Error>> {
     let handover = Handover::default();
     let mut measured: PlantState = bytemuck::Zeroable::zeroed();
     measured.stamp.epoch = 1;
-    let (mut robot, mut fresh, mut times) = (State::default(), 0_u64, vec![0; TICKS as usize]);
+    let (mut robot, mut fresh, mut times) = (State::default(), 0_u64, vec![1; TICKS as usize]);
     let mut drive = |ticks: std::ops::Range<u64>| {
         for tick in ticks {
             if tick.is_multiple_of(40) {
@@ -175,12 +185,14 @@ fn million_ticks() -> Result<(), Box<dyn Error>> {
         }
     };
     drive(0..WARM_UP);
+    let before = page_faults()?;
     let heap = allocation_counter::measure(|| drive(WARM_UP..TICKS));
+    let faults = page_faults()? - before;
     times.sort_unstable();
     let micros = |share: f64| 1e-3 * times[(share * (TICKS - 1) as f64) as usize] as f64;
     let [p50, p99, p9999] = [0.5, 0.99, 0.9999].map(micros);
     println!(
-        r#"{{"ticks":{TICKS},"fresh_plans":{fresh},"allocations":{},"answer_p50_us":{p50},"answer_p99_us":{p99},"answer_p9999_us":{p9999}}}"#,
+        r#"{{"ticks":{TICKS},"fresh_plans":{fresh},"allocations":{},"page_faults":{faults},"answer_p50_us":{p50},"answer_p99_us":{p99},"answer_p9999_us":{p9999}}}"#,
         heap.count_total
     );
     if heap.count_total > 0 { Err(format!("{} bytes were allocated", heap.bytes_total).into()) } else { Ok(()) }
