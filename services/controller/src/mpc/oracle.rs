@@ -115,6 +115,11 @@ impl Dense {
         misses.max(left.abs().component_div(&scale).max())
     }
 
+    /// By how much less than the answer with these multipliers `x` may cost, because of the bounds that it breaks (weak duality).
+    pub(crate) fn gains(&self, x: &DVector<f64>, multipliers: &[f64]) -> f64 {
+        self.rows.iter().zip(multipliers).map(|((row, bound), multiplier)| multiplier * (row.dot(x) - bound).max(0.0)).sum()
+    }
+
     /// The answer, by trying every set of active rows.
     pub(crate) fn brute_force(&self) -> Option<DVector<f64>> {
         let unknowns = self.gradient.len();

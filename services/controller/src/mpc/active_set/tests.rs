@@ -153,12 +153,14 @@ proptest! {
         let reference = Clarabel::new(&program).map_err(|e: SolverError| TestCaseError::fail(e.to_string()))?.solve(&program, &mut theirs, &Turn::default());
         prop_assert_eq!(outcome.status, Status::Solved);
         prop_assert!(keeps(&program, &ours));
-        let misses = Dense::of(&program).misses(&DVector::from_column_slice(&ours), &multipliers(&solver, &program));
+        let (dense, multipliers) = (Dense::of(&program), multipliers(&solver, &program));
+        let misses = dense.misses(&DVector::from_column_slice(&ours), &multipliers);
         prop_assert!(misses < 1e-6, "{}", misses);
-        // Where curvatures span many decades, what the interior point method finds may break bounds, and cost less.
-        if reference.usable() && keeps(&program, &theirs) {
+        // Where curvatures span many decades, what the interior point method finds breaks bounds by its tolerance, and costs less.
+        if reference.usable() {
+            let gains = dense.gains(&DVector::from_column_slice(&theirs), &multipliers);
             let (ours, theirs) = (cost(&program, &ours), cost(&program, &theirs));
-            prop_assert!(ours < theirs + 1e-6 * (1.0 + theirs.abs()), "{} is more than {}", ours, theirs);
+            prop_assert!(ours < theirs + gains + 1e-6 * (1.0 + theirs.abs()), "{} is more than {} and {}", ours, theirs, gains);
         }
     }
 }
