@@ -1,5 +1,6 @@
 //! Where a process finds its certificate, and whether it can be used.
 
+use super::writers::PERMISSIONS;
 use super::{Certificate, Changeable, Role, changeable, replaceable};
 use serde::{Deserialize, Serialize};
 use std::fs;
@@ -16,8 +17,6 @@ pub const AUTHORITY_FILE: &str = "authority.pem";
 
 /// What others than the owner may do, in a mode.
 const GROUP_AND_OTHERS: u32 = 0o077;
-/// What a mode says of permissions.
-const PERMISSIONS: u32 = 0o7777;
 
 /// Certificate and key of one role: a folder with three files.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

@@ -14,7 +14,7 @@ const OTHERS_WRITE: u32 = 0o002;
 /// Nobody removes or renames what is another's.
 const STICKY: u32 = 0o1000;
 /// What a mode says of permissions.
-const PERMISSIONS: u32 = 0o7777;
+pub(super) const PERMISSIONS: u32 = 0o7777;
 
 /// Something that somebody beside this user and root could change.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

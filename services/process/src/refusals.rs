@@ -168,7 +168,7 @@ impl<R: Ord + Clone> Book<R> {
 }
 
 impl Book<String> {
-    /// One more for a reason in words of others. Beyond sixteen of them no more are told apart.
+    /// One more for a reason in words of others. Beyond so many of them no more are told apart.
     fn note_words(&mut self, reason: String) {
         self.note(if self.0.len() < REASONS_MAX || self.0.contains_key(&reason) { reason } else { "other reasons".to_owned() });
     }

@@ -165,6 +165,8 @@ fn search<const D: usize>(
         let nowhere = (f64::INFINITY, DVector::zeros(point.len()));
         let Some(log) = LogHyperparameters::from_slice(point.as_slice()) else { return nowhere };
         let hyperparameters = log.exp();
+        // O(n³) is long: whoever else waits for the processor has it in between.
+        std::thread::yield_now();
         let Evaluation { log_likelihood, gradient, jitter } = match likelihood.evaluate(&hyperparameters) {
             Ok(evaluation) => evaluation,
             Err(error) => {

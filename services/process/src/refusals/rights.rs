@@ -34,7 +34,8 @@ thread_local! {
 
 /// Who may not what, by what zenoh says.
 pub(super) fn refused(message: &str) -> Option<String> {
-    if let Some((session, _)) = message.split_once(" did not match any configured ACL subject") {
+    // The session's name comes first, and has no space; a key, which its author chose, comes last.
+    if let Some((session, _)) = message.split_once(' ').filter(|(_, rest)| rest.starts_with("did not match any configured ACL subject")) {
         introduce(session, NO_ROLE);
         return Some(NO_ROLE.to_owned());
     }
@@ -106,6 +107,8 @@ mod tests {
         assert_eq!(refused(&put.replace("unauthorized", "authorized")), None);
         assert_eq!(refused(&put.replace("ingress", "egress")), None);
         assert_eq!(refused("9f did not match any configured ACL subject. Default").as_deref(), Some("a certificate of no role here"));
+        let forged = put.replace("<b>", "x did not match any configured ACL subject");
+        assert_eq!(refused(&forged).as_deref(), Some("watcher.pilot may not Put on command"), "whatever the key says");
         let query = "Using cached result: 9f is unauthorized to Query (ingress) on coxswain-link/g/command/join/1";
         assert_eq!(refused(query).as_deref(), Some("a certificate of no role here may not Query on command"));
         assert_eq!(refused(&query.replace("9f", "af")).as_deref(), Some("somebody may not Query on command"));
