@@ -11,7 +11,7 @@
 //! | `scheduling` | [`Scheduling`]: processors, locked memory and priority, as a person sets them |
 //! | `witness` | [`Witness`]: when the machine let nobody run                                 |
 //! | `seat`  | [`Seat`]: a thread held on its processor                                       |
-//! | [`refusals`] | strangers who are turned away at the network ▶ a few lines in the log       |
+//! | [`refusals`] | who and what is turned away at the network ▶ a few lines in the log          |
 //! | [`wishes`] | a person ▶ a running process: changes to its settings                       |
 
 mod owner;
