@@ -1,14 +1,21 @@
 //! Promise: with certificates the graph runs over the network as it does without, on one machine and across three.
 
+use bytemuck::Zeroable;
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
 use promises::oracle::{Limits, acquit};
-use promises::{Hosts, Launched, Outcome, Reader, Record, binaries, graph_file, launch_command, repository};
+use promises::{GIVES_UP_AFTER, Hosts, Launched, Outcome, Reader, Record, binaries, graph_file, launch_command, repository};
+use protocol::access::{Credentials, Role};
+use protocol::message::{Command as Said, PlantState};
+use protocol::port::{Carrier, Carriers, Identity, Links, Ports, Router, Since};
+use protocol::threads;
+use protocol::topic::OnTopic;
 use std::error::Error;
 use std::fs;
 use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::thread;
 use tempfile::TempDir;
 
 fn home() -> std::io::Result<TempDir> {
@@ -51,6 +58,68 @@ fn carried(certificates: &Path, to: &Path, roles: &[&str]) -> Result<String, Box
         }
     }
     Ok(to.to_str().ok_or("no text")?.to_owned())
+}
+
+/// Messages that each of two says to the other.
+const CROWD: u64 = 20_000;
+/// How many more one has said than heard, at most: fewer than find room at the other.
+const LEAD_MAX: u64 = 200;
+
+/// Says `CROWD` messages and hears as many, on one link.
+fn crowd<S: OnTopic, H: OnTopic>(links: &Links, mut message: S) -> Result<Vec<u64>, Box<dyn Error + Send + Sync>> {
+    let ports = Ports::open(links, Identity::new(1))?;
+    let (mut sink, mut source) = (ports.sink::<S>()?, ports.source::<H>(Since::First)?);
+    let (mut said, mut heard) = (0, Vec::new());
+    while said < CROWD || heard.len() < CROWD as usize {
+        if said < CROWD && said < heard.len() as u64 + LEAD_MAX {
+            said += 1;
+            message.stamp_mut().tick = said;
+            sink.send(&mut message)?;
+        } else if !source.wait(GIVES_UP_AFTER)? {
+            return Err(format!("{said} said and {} heard of {CROWD}, then nothing for {GIVES_UP_AFTER:?}", heard.len()).into());
+        }
+        while let Some(message) = source.next()? {
+            heard.push(message.stamp().tick);
+        }
+    }
+    Ok(heard)
+}
+
+#[test]
+fn what_crosses_a_link_with_certificates_in_both_directions_at_once_arrives_whole() -> Outcome {
+    let folder = home()?;
+    let given = certificates(folder.path(), &[])?;
+    let of = |role: Role| Credentials::in_folder(given.join(role.name()));
+    let router = Router::guarded(&["tls/127.0.0.1:0".to_owned()], &[], "crowd", &of(Role::RobotHost))?;
+    let links = |role: Role| Links {
+        carriers: Carriers::all(Carrier::Network),
+        connect: router.own_endpoints().to_vec(),
+        credentials: Some(of(role)),
+        ..Links::on_this_machine("crowd", folder.path().to_owned(), true, 60_000)
+    };
+    let (robot, controller) = (links(Role::Robot), links(Role::Controller));
+    let (robot, controller) = thread::scope(|scope| {
+        let robot = scope.spawn(|| crowd::<PlantState, Said>(&robot, PlantState::zeroed()));
+        let controller = scope.spawn(|| crowd::<Said, PlantState>(&controller, Said::zeroed()));
+        (robot.join(), controller.join())
+    });
+    for heard in [robot, controller] {
+        let heard = heard.map_err(|_| "it panicked")?.map_err(|error| error.to_string())?;
+        assert!(heard.iter().copied().eq(1..=CROWD), "{} heard", heard.len());
+    }
+    Ok(())
+}
+
+#[test]
+fn a_program_that_is_not_told_of_its_networks_threads_tells_itself() -> Outcome {
+    let folder = home()?;
+    let given = certificates(folder.path(), &[])?;
+    let options = ["--certificates", given.to_str().ok_or("no text")?, "--pace", "lock-step", "--duration", "1"];
+    let mut command = launch_command(&graph_file("network"), &folder.path().join("run"), &options)?;
+    command.env_remove(threads::VARIABLE);
+    let (ended, _home) = Launched::by(command, folder)?.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    Ok(())
 }
 
 fn commands(folder: &Path) -> Result<Vec<String>, Box<dyn Error>> {

@@ -32,7 +32,7 @@ use tempfile::TempDir;
 pub type Outcome = Result<(), Box<dyn Error>>;
 
 /// How long something that must happen may take before the test gives up on it. Far beyond what it takes.
-const GIVES_UP_AFTER: Duration = Duration::from_mins(2);
+pub const GIVES_UP_AFTER: Duration = Duration::from_mins(2);
 
 /// The repository.
 pub fn repository() -> &'static Path {
@@ -187,6 +187,20 @@ impl Launched {
             told.is_some()
         })?;
         told.ok_or_else(|| format!("nothing under {key:?}").into())
+    }
+
+    /// The rest of the line in which a person has been told `what`, once that was so.
+    ///
+    /// # Errors
+    /// If it never is.
+    pub fn told_a_person(&self, what: &str) -> Result<String, Box<dyn Error>> {
+        let mut told = None;
+        self.wait_until(&format!("{what:?} on the terminal"), || {
+            let text = self.text().unwrap_or_default();
+            told = text.lines().find_map(|line| Some(line.split_once(what)?.1.to_owned()));
+            told.is_some()
+        })?;
+        told.ok_or_else(|| format!("nothing of {what:?}").into())
     }
 
     /// Where the gateway listens, once it does.

@@ -11,6 +11,7 @@
 //! | [`telemetry`] | what anyone may watch, over zenoh                                   |
 //! | [`access`]  | who may say and hear what on the network, and by which certificate   |
 //! | [`clock`]   | the monotonic clock that stamps carry                                |
+//! | [`threads`] | the threads with which zenoh reads and writes its links              |
 //!
 //! There is no mathematics here.
 
@@ -21,6 +22,7 @@ pub mod message;
 pub mod port;
 mod reason;
 pub mod telemetry;
+pub mod threads;
 pub mod topic;
 pub mod view;
 pub mod wire;

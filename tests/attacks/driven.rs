@@ -4,13 +4,15 @@ use crate::session::{Certificates, Failure, Shows, connect, failed, print};
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
 use promises::oracle::{Limits, Rule, judge};
-use promises::{Launched, Message, Outcome, Record, graph_file};
+use promises::{Launched, Message, Outcome, Record, graph_file, signal};
 use protocol::access::Role;
 use protocol::message::Command;
 use protocol::wire;
+use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::net::TcpStream;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
@@ -181,11 +183,64 @@ fn middle(plans: &[&Message]) -> u64 {
     nanos.get(nanos.len() / 2).copied().unwrap_or(0)
 }
 
+/// Knocks at `address` with what is no TLS, a hundred times a second, while `while_knocking` runs; says how often.
+fn knocking<T>(address: &str, while_knocking: impl FnOnce() -> Result<T, Failure>) -> Result<(T, usize), Failure> {
+    let over = AtomicBool::new(false);
+    let knock = || {
+        let mut knocks = 0;
+        while !over.load(Ordering::Acquire) {
+            if let Ok(mut stream) = TcpStream::connect(address) {
+                // Nobody need hear it.
+                let _ = stream.write_all(b"let me in");
+                knocks += 1;
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
+        knocks
+    };
+    thread::scope(|scope| {
+        let knocker = scope.spawn(knock);
+        let done = while_knocking();
+        over.store(true, Ordering::Release);
+        Ok((done?, knocker.join().map_err(|_| "it panicked")?))
+    })
+}
+
+#[test]
+fn who_dies_while_strangers_knock_at_the_door_is_back_and_nobody_else_goes() -> Outcome {
+    let certificates = Certificates::new()?;
+    let (launched, _, _) = launched(&certificates, &["--duration", "30"])?;
+    let endpoint = launched.told_a_person("listening at ")?;
+    let address = endpoint.split_once('/').ok_or("no endpoint")?.1.to_owned();
+    let ((), knocks) = knocking(&address, || {
+        // By then the queue at the door is so long that nobody gets in there for a minute.
+        thread::sleep(Duration::from_secs(5));
+        signal(launched.process("controller", None)?, Signal::KILL)?;
+        launched.wait_for_log("controller", "answering a plant", 2)?;
+        signal(launched.process("recorder", None)?, Signal::KILL)?;
+        launched.wait_for_log("recorder", "started", 2)?;
+        thread::sleep(Duration::from_secs(5));
+        Ok(())
+    })?;
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let record = Record::read(&home.path().join("run"))?;
+    let rungs: Vec<&str> = record.of("state").map(|state| state.word("rung")).collect();
+    let missed = rungs.iter().skip(1).filter(|rung| **rung != "fresh plan").count();
+    print(format_args!("{knocks} knocks; controller and recorder killed: {missed} of {} periods without a fresh plan", rungs.len()));
+    assert!(knocks > 500, "{knocks}");
+    assert_eq!(rungs.last().copied(), Some("fresh plan"));
+    // That of the controller and of the recorder.
+    assert_eq!(ended.text.matches("is started again").count(), 2, "{}", ended.text);
+    Ok(())
+}
+
 #[test]
 fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> Outcome {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "16"])?;
-    let address = endpoint.split_once('/').ok_or("no endpoint")?.1.to_owned();
+    let door = launched.told_a_person("listening at ")?;
+    let address = door.split_once('/').ok_or("no endpoint")?.1.to_owned();
     let quiet = std::time::Instant::now();
     let driven = |seconds: u64| quiet.elapsed() >= Duration::from_secs(seconds);
     launched.wait_until("half of the drive", || driven(7))?;

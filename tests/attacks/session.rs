@@ -100,8 +100,13 @@ pub(crate) fn router(shows: &Shows, more: &[(&str, Value)]) -> Result<(Session, 
     for _ in 0..20 {
         let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
         let endpoint = format!("{protocol}/127.0.0.1:{port}");
-        let mut settings =
-            vec![("mode", json!("router")), ("listen/endpoints", json!([endpoint])), ("scouting/multicast/enabled", json!(false))];
+        let mut settings = vec![
+            ("mode", json!("router")),
+            ("listen/endpoints", json!([endpoint])),
+            ("scouting/multicast/enabled", json!(false)),
+            // Room for what is too long: the thread that passes it on is the one that would have to make room.
+            ("transport/link/tx/queue/size/data", json!(16)),
+        ];
         if let Shows::NoCertificate(credentials) | Shows::Certificate(credentials) = shows {
             settings.extend(tls(credentials, matches!(shows, Shows::Certificate(_))));
             settings.push(("transport/link/tls/listen_private_key", json!(credentials.file(KEY_FILE))));

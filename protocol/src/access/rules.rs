@@ -5,7 +5,6 @@
 
 use super::Role;
 use crate::topic::Topic;
-use crate::wire;
 use serde_json::{Value, json};
 
 /// Keys of the tokens by which routers are known.
@@ -181,10 +180,10 @@ fn everything() -> Allowed {
     allowed
 }
 
-/// Longest messages that a router takes in, by topic.
-pub(crate) fn size_limits(graph: &str) -> Value {
+/// Longest messages that a router takes in, by topic, of which snapshots may have `most` bytes.
+pub(crate) fn size_limits(graph: &str, most: usize) -> Value {
     let limit = |topic: Topic| {
-        let bytes = if topic == Topic::Snapshot { wire::BYTES_MAX } else { SHORT_BYTES_MAX };
+        let bytes = if topic == Topic::Snapshot { most } else { SHORT_BYTES_MAX };
         json!({
             "id": topic.name(),
             "messages": ["put", "delete", "query", "reply"],

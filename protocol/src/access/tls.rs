@@ -1,11 +1,19 @@
 //! zenoh's configuration → the same over TLS, with certificates at both ends.
 
 use super::{AUTHORITY_FILE, CERTIFICATE_FILE, Credentials, KEY_FILE};
+use crate::threads;
 use serde_json::{Value, json};
 use zenoh::Config;
 
 /// `config` over TLS alone: both ends show a certificate, the name of who is connected to is verified, and a link ends when a certificate does.
+///
+/// # Errors
+/// If zenoh would read and write a link with two threads.
 pub(crate) fn guarded(mut config: Config, credentials: &Credentials, more: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
+    if !threads::are_set() {
+        let (variable, threads) = (threads::VARIABLE, threads::THREADS);
+        return Err(format!("TLS needs {variable}={threads} in the environment from the start: zenoh would damage its own memory").into());
+    }
     let file = |name| json!(credentials.file(name));
     let tls = [
         ("transport/link/protocols", json!(["tls"])),

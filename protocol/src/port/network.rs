@@ -37,6 +37,13 @@ use std::time::Duration;
 /// How long the others may take to answer when a port is opened.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
+/// Longest message \[bytes\]. A router passes on what has arrived with the thread that writes: [`SNAPSHOTS`] messages of this length find room in a
+/// queue of 16 batches of 64 KiB, so that it never has to wait for itself.
+const BYTES_MAX: usize = 420_000;
+
+/// Most snapshots that wait anywhere.
+const SNAPSHOTS: usize = 2;
+
 /// This thread's membership in one graph.
 pub(super) struct Network {
     line: Arc<Line>,
@@ -78,7 +85,8 @@ impl Network {
     }
 
     fn quality(&self, topic: Topic) -> Quality {
-        topic.quality(self.lock_step)
+        let quality = topic.quality(self.lock_step);
+        if topic == Topic::Snapshot { Quality { depth: SNAPSHOTS, ..quality } } else { quality }
     }
 }
 

@@ -11,7 +11,7 @@ use controller::settings::LearnedSettings;
 use gateway::settings::About;
 use model::robot::Robot;
 use process::{Pace, Run};
-use protocol::access::{Credentials, Role, from_here};
+use protocol::access::{Credentials, Role};
 use protocol::message::{Exposure, Participant};
 use protocol::port::{Carrier, Faults, Links};
 use serde::{Deserialize, Serialize};
@@ -151,14 +151,13 @@ impl Assembly {
 
     /// How its links run, without faults: those of the graph called `id`, whose carriers keep their files in `root` and join the network at `router`.
     pub fn links(&self, id: &str, root: &Path, router: &[String]) -> Links {
-        let guarded = self.certificates.is_some();
         Links {
             graph: id.to_owned(),
             lock_step: self.graph.pace == Pace::LockStep,
             root: root.to_path_buf(),
             patience_millis: self.graph.lock_step_patience_millis,
             carriers: self.graph.links.clone(),
-            connect: if guarded { router.iter().map(|endpoint| from_here(endpoint)).collect() } else { router.to_vec() },
+            connect: router.to_vec(),
             network_graph: self.graph.network.graph.clone(),
             credentials: self.certificates.as_ref().filter(|_| self.networked()).map(Certificates::of_host),
             faults: Faults::default(),

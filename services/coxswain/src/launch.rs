@@ -215,11 +215,11 @@ fn run_at(
         refusals::unlogged(|| router.self_test())?;
         tracing::info!("strangers are kept out of the network");
     }
-    let endpoints = router.as_ref().map(|router| router.endpoints().to_vec()).unwrap_or_default();
-    if !endpoints.is_empty() {
-        person.terminal.say(format_args!("network: listening at {}", endpoints.join(", ")));
+    if let Some(router) = &router {
+        person.terminal.say(format_args!("network: listening at {}", router.endpoints().join(", ")));
     }
-    let links = assembly.links(berth.id(), &berth.root(), &endpoints);
+    let endpoints = router.as_ref().map(Router::own_endpoints).unwrap_or_default();
+    let links = assembly.links(berth.id(), &berth.root(), endpoints);
     let voyage = Voyage { assembly, links, programs, folder };
     // From here on it can be asked for changes.
     wishes::welcome(&voyage.folder).and_then(|()| berth.note_run(&voyage.folder)).map_err(|source| {

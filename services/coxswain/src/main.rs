@@ -13,6 +13,7 @@ use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
 use coxswain::set::SetOptions;
 use coxswain::terminal::Terminal;
 use process::Stop;
+use protocol::threads;
 use rustix::process::{Signal, getpid, kill_process, set_parent_process_death_signal};
 use std::process::ExitCode;
 use std::{io, thread};
@@ -74,6 +75,10 @@ enum Experiment {
 }
 
 fn main() -> ExitCode {
+    if let Err(error) = threads::set() {
+        Terminal::new().say(format_args!("coxswain: the program cannot be started anew: {error}"));
+        return ExitCode::FAILURE;
+    }
     match Arguments::parse().command {
         Command::Launch(options) => launch(&options),
         Command::Watch(options) => watch(&options),

@@ -5,6 +5,7 @@ use crate::{HasRun, Run, Stop, keep_to_user};
 use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches, Parser};
 use protocol::message::Participant;
+use protocol::threads;
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -74,6 +75,10 @@ where
     S: DeserializeOwned + Check + HasRun,
 {
     let name = participant.text();
+    if let Err(error) = threads::set() {
+        say(name, format_args!("the program cannot be started anew: {error}"));
+        return ExitCode::from(FAILED);
+    }
     let matches = Arguments::command().name(name).get_matches();
     let arguments = match Arguments::from_arg_matches(&matches) {
         Ok(arguments) => arguments,

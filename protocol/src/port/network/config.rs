@@ -1,8 +1,8 @@
 //! zenoh's configuration: its defaults, never a file of the user's, and nothing found that was not named.
 
+use super::BYTES_MAX;
 use super::guard::Guard;
 use crate::access::{guarded, of_client, of_links, size_limits};
-use crate::wire;
 use serde_json::{Value, json};
 use zenoh::Config;
 
@@ -19,8 +19,10 @@ const RETRY_MILLIS_MAX: u64 = 300;
 /// Batches of 64 KiB that may wait on a link, of each priority: all that zenoh allows, since a burst that finds none free is dropped.
 const BATCHES: usize = 16;
 
-/// How long a client's sender waits for a free batch before it drops a message \[µs\]. A router must not: it has others to serve.
+/// How long a client's sender waits for a free batch before it drops a message \[µs\]. A router must not: it has others to serve, and none gets free
+/// while it waits, since the thread that waits is the one that writes.
 const CLIENT_WAIT_MICROS: u64 = 100_000;
+const ROUTER_WAIT_MICROS: u64 = 0;
 
 /// What zenoh adds to a message at most, with room to spare \[bytes\].
 const OVERHEAD_BYTES_MAX: usize = 4_096;
@@ -37,6 +39,7 @@ pub(super) fn client(connect: &[String], open_millis: u64, guard: Option<&Guard>
         ("connect/exit_on_failure", json!(true)),
         ("listen/endpoints", json!([])),
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(CLIENT_WAIT_MICROS)),
+        ("transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", json!(CLIENT_WAIT_MICROS)),
     ])?;
     let Some(guard) = guard else { return Ok(config) };
     guarded(config, &guard.credentials, &[("access_control", of_client(&guard.robot))])
@@ -52,11 +55,13 @@ pub(super) fn router(listen: &[String], connect: &[String], guard: Option<&Guard
         ("connect/exit_on_failure", json!(false)),
         // Else opening takes this long, for routers that might be found.
         ("scouting/delay", json!(0)),
+        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(ROUTER_WAIT_MICROS)),
+        ("transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", json!(ROUTER_WAIT_MICROS)),
     ])?;
     let Some(guard) = guard else { return Ok(config) };
     let limits = [
         ("access_control", of_links(&guard.graph, &guard.robot)),
-        ("low_pass_filter", size_limits(&guard.graph)),
+        ("low_pass_filter", size_limits(&guard.graph, BYTES_MAX)),
         ("transport/unicast/max_sessions", json!(SESSIONS_MAX)),
         ("transport/unicast/accept_pending", json!(SESSIONS_MAX)),
     ];
@@ -73,7 +78,7 @@ fn configured(settings: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
         ("transport/unicast/open_timeout", json!(ATTEMPT_MILLIS)),
         ("transport/unicast/accept_timeout", json!(ATTEMPT_MILLIS)),
         ("transport/link/tx/lease", json!(LEASE_MILLIS)),
-        ("transport/link/rx/max_message_size", json!(wire::BYTES_MAX + OVERHEAD_BYTES_MAX)),
+        ("transport/link/rx/max_message_size", json!(BYTES_MAX + OVERHEAD_BYTES_MAX)),
     ];
     let priorities = ["control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low", "background"];
     let mut config = Config::default();

@@ -4,7 +4,7 @@ use super::keys::Keys;
 use super::line::{Declared, Held, Line};
 use super::presence::{self, Own, Presence, Role, check, draw_id, list};
 use super::readers::{Newcomer, Readers};
-use super::{Network, failed, no_thread};
+use super::{BYTES_MAX, Network, failed, no_thread};
 use crate::port::carrier::{Encoding, Outlet};
 use crate::port::{OpenError, Reservation, SendError};
 use crate::topic::{Delivery, Quality, Topic};
@@ -133,6 +133,9 @@ impl Outlet for NetworkOutlet {
     }
 
     fn send(&mut self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<(), SendError> {
+        if length > BYTES_MAX {
+            return Err(SendError::TooLong { topic: self.topic, bytes: length, most: BYTES_MAX });
+        }
         let mut bytes = self.departures.spare.pop().unwrap_or_default();
         bytes.resize(length, 0);
         fill(&mut bytes);
@@ -250,9 +253,10 @@ impl Post {
             Topic::Plan | Topic::Health | Topic::Truth => Priority::DataLow,
             Topic::Snapshot => Priority::Background,
         };
-        // A snapshot takes many batches. Where the newest wins, each of them would have to go at once, or the whole were dropped.
-        let blocks = quality.delivery == Delivery::Lossless || topic == Topic::Snapshot;
-        let congestion = if blocks { CongestionControl::Block } else { CongestionControl::Drop };
+        let congestion = match quality.delivery {
+            Delivery::Lossless => CongestionControl::Block,
+            Delivery::NewestWins => CongestionControl::Drop,
+        };
         let data = keys.data(&id);
         let remembered = if quality.delivery == Delivery::Lossless { quality.depth } else { quality.history };
         let last = VecDeque::with_capacity(remembered);

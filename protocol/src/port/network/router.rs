@@ -13,6 +13,7 @@ use crate::port::OpenError;
 use crate::reason::first_line;
 use std::collections::BTreeSet;
 use std::net::TcpListener;
+use std::slice;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -33,12 +34,18 @@ const LOOK: Duration = Duration::from_millis(20);
 /// How long the tokens of those that it has joined may be missing.
 const PATIENCE: Duration = Duration::from_secs(3);
 
+/// Where a router that asks for certificates listens besides, for the processes of its own launch. zenoh's listener waits 100 ms after each handshake
+/// that fails, and so whoever knocks at a door ten times a second lets nobody in there: strangers on the network do not reach this one.
+const DOOR: &str = "tls/127.0.0.1:0";
+
 /// Keys of the routers' tokens: the last part is the router's zenoh id.
 pub(super) const TOKENS: &str = "coxswain-router/*";
 
 /// A router: the processes of one launch connect to it, and routers of other launches join. It ends when it is dropped.
 pub struct Router {
     endpoints: Vec<String>,
+    /// Where the processes of this launch connect, if it is not there.
+    door: Option<String>,
     guard: Option<Guard>,
     signs: Sender<Sign>,
     /// Holds the router until it is told to end.
@@ -86,18 +93,20 @@ impl Router {
     }
 
     fn begin(listen: &[String], connect: Vec<String>, guard: Option<Guard>) -> Result<Self, OpenError> {
-        let draws = listen.iter().any(|endpoint| endpoint.ends_with(":0"));
+        let draws = guard.is_some() || listen.iter().any(|endpoint| endpoint.ends_with(":0"));
         let (signs, told) = channel();
         let mut attempt = 1;
         loop {
             let endpoints = listen.iter().map(|endpoint| with_port(endpoint)).collect::<Result<Vec<_>, _>>()?;
+            let door = guard.as_ref().map(|_| with_port(DOOR)).transpose()?;
+            let all: Vec<String> = endpoints.iter().chain(&door).cloned().collect();
             let failed = |reason: String| OpenError::Router { endpoints: endpoints.join(", "), reason };
-            match Life::begin(&endpoints, &connect, guard.as_ref(), &signs) {
+            match Life::begin(&all, &connect, guard.as_ref(), &signs) {
                 Ok(life) => {
-                    let keeper = Keeper { listen: endpoints.clone(), connect, guard: guard.clone(), signs: signs.clone(), told };
+                    let keeper = Keeper { listen: all, connect, guard: guard.clone(), signs: signs.clone(), told };
                     let keeper = thread::Builder::new().name("router".to_owned()).spawn(move || keeper.keep(life));
                     let keeper = Some(keeper.map_err(|error| failed(format!("no thread: {error}")))?);
-                    return Ok(Self { endpoints, guard, signs, keeper });
+                    return Ok(Self { endpoints, door, guard, signs, keeper });
                 }
                 Err(_) if draws && attempt < DRAWS => attempt += 1,
                 Err(error) => return Err(failed(first_line(&error))),
@@ -112,12 +121,18 @@ impl Router {
     /// The first [`Breach`].
     pub fn self_test(&self) -> Result<(), Breach> {
         let Some(guard) = &self.guard else { return Ok(()) };
-        self.endpoints.iter().try_for_each(|endpoint| self_test(&from_here(endpoint), &guard.graph, &guard.credentials))
+        let endpoints = self.endpoints.iter().chain(&self.door);
+        endpoints.into_iter().try_for_each(|endpoint| self_test(&from_here(endpoint), &guard.graph, &guard.credentials))
     }
 
     /// Where it listens, with the ports that were drawn.
     pub fn endpoints(&self) -> &[String] {
         &self.endpoints
+    }
+
+    /// Where the processes of its own launch connect: where nobody else on the network can, if there are certificates.
+    pub fn own_endpoints(&self) -> &[String] {
+        self.door.as_ref().map_or(&self.endpoints, slice::from_ref)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Whether a router keeps strangers out: tried from the inside, as one, before anything depends on it.
 //!
-//! zenoh tells one who is refused nothing. So what must not arrive is followed, on the same way, by what may: when that is there, the other would
-//! have been.
+//! zenoh tells one who is refused nothing. So what must not arrive is said between two messages that may, on the same way: when the first is
+//! there, the other would be passed on, and when the last is there, it would have come.
 
 use super::config;
 use super::guard::Guard;
@@ -10,9 +10,10 @@ use crate::access::{AUTHORITY_FILE, AccessError, Credentials, Role};
 use crate::reason::first_line;
 use crate::topic::Topic;
 use serde_json::json;
-use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::mpsc::channel;
 use std::thread;
 use std::time::{Duration, Instant};
+use zenoh::qos::CongestionControl;
 use zenoh::{Config, Session, Wait};
 
 /// How long what may arrive may take.
@@ -23,6 +24,11 @@ const ATTEMPT_MILLIS: u64 = 2_000;
 const READER: &str = "self-test";
 /// More than any message on a topic of short ones \[bytes\].
 const OVERSIZE_BYTES: usize = 128 * 1024;
+/// What may pass, before and after \[bytes\].
+const BEFORE_BYTES: usize = 1;
+const AFTER_BYTES: usize = 2;
+/// Pause before what may pass is said again.
+const SAID_AGAIN_AFTER: Duration = Duration::from_millis(200);
 
 /// A router is not to be relied on.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -119,43 +125,45 @@ enum Arrived {
     Oversize,
 }
 
-/// Says in `role` what it must not say, then what it may. None if not even that arrives.
+/// Says in `role` what it must not say, between two times what it may. None if not even that arrives.
 fn as_another(listener: &Session, speaker: &Session, graph: &str, role: Role) -> Result<Option<Arrived>, zenoh::Error> {
     let forbidden = Topic::ALL.into_iter().find(|topic| role.hears().contains(topic) && !role.says().contains(topic));
-    let key = |topic: Topic, id: &str| format!("coxswain-link/{graph}/{}/history/{READER}/{id}", topic.name());
+    // Others may be testing themselves.
+    let own = draw_id();
+    let key = |topic: Topic| format!("coxswain-link/{graph}/{}/history/{READER}/{own}", topic.name());
     let (tell, heard) = channel();
     let mut listening = Vec::new();
     for topic in forbidden.into_iter().chain([Topic::Health]) {
         let tell = tell.clone();
-        let hear = move |sample: zenoh::sample::Sample| {
-            // Nobody listens any more once all is known.
-            let _ = tell.send((topic, sample.payload().len(), sample.key_expr().as_str().to_owned()));
-        };
-        listening.push(listener.declare_subscriber(key(topic, "*")).callback(hear).wait()?);
+        // Nobody listens any more once all is known.
+        let hear = move |sample: zenoh::sample::Sample| tell.send((topic, sample.payload().len())).unwrap_or_default();
+        listening.push(listener.declare_subscriber(key(topic)).callback(hear).wait()?);
     }
-    // Others may be testing themselves.
-    let own = draw_id();
-    let begin = Instant::now();
-    let mut arrived = Arrived::Nothing;
-    while begin.elapsed() < ARRIVES_WITHIN {
-        if let Some(topic) = forbidden {
-            speaker.put(key(topic, &own), "x").wait()?;
-        }
-        speaker.put(key(Topic::Health, &own), vec![0; OVERSIZE_BYTES]).wait()?;
-        speaker.put(key(Topic::Health, &own), "x").wait()?;
-        loop {
-            match heard.recv_timeout(Duration::from_millis(200)) {
-                Ok((_, _, key)) if !key.ends_with(&own) => {}
-                Ok((Topic::Health, 1, _)) => return Ok(Some(arrived)),
-                Ok((Topic::Health, ..)) if arrived == Arrived::Nothing => arrived = Arrived::Oversize,
-                Ok((Topic::Health, ..)) => {}
-                Ok((topic, ..)) => arrived = Arrived::Forbidden(topic.name()),
-                // The router may not have known of the listener yet.
-                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
-            }
+    let say = |topic: Topic, bytes: usize| speaker.put(key(topic), vec![0; bytes]).congestion_control(CongestionControl::Block).wait();
+    let deadline = Instant::now() + ARRIVES_WITHIN;
+    // The router does not know the listener at once; it knows it for the other topic as well once it passes this on, since that was declared before.
+    loop {
+        say(Topic::Health, BEFORE_BYTES)?;
+        match heard.recv_timeout(SAID_AGAIN_AFTER) {
+            Ok(_) => break,
+            Err(_) if Instant::now() < deadline => {}
+            Err(_) => return Ok(None),
         }
     }
-    Ok(None)
+    if let Some(topic) = forbidden {
+        say(topic, BEFORE_BYTES)?;
+    }
+    say(Topic::Health, OVERSIZE_BYTES)?;
+    say(Topic::Health, AFTER_BYTES)?;
+    loop {
+        match heard.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+            Ok((Topic::Health, BEFORE_BYTES)) => {}
+            Ok((Topic::Health, AFTER_BYTES)) => return Ok(Some(Arrived::Nothing)),
+            Ok((Topic::Health, _)) => return Ok(Some(Arrived::Oversize)),
+            Ok((topic, _)) => return Ok(Some(Arrived::Forbidden(topic.name()))),
+            Err(_) => return Ok(None),
+        }
+    }
 }
 
 /// The configuration of one who has read no documentation but zenoh's.

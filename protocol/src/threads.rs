@@ -1,0 +1,46 @@
+//! The threads of zenoh: one reads and writes all links, and one makes them, whoever begins.
+//!
+//! zenoh 1.10 lets one thread read a TLS connection while another writes it, which rustls does not allow
+//! ([zenoh issue 2557](https://github.com/eclipse-zenoh/zenoh/issues/2557)): a writer that comes at a bad moment finds the connection's state taken away, and
+//! the link ends, or the memory of the process is damaged. With one thread for both there is no such moment; and less is handed from thread to
+//! thread, so that a round trip through a router is shorter as well.
+//!
+//! A link is to end when the certificate of its other end does. With one thread to make a link and another to watch for that, one that is made in the
+//! last second of a certificate may be looked for before it is there, and then never ends.
+//!
+//! zenoh learns of its threads from the environment alone, before the first session of a process.
+
+use std::env;
+use std::io;
+use std::os::unix::process::CommandExt;
+use std::process::Command;
+
+/// The variable that zenoh reads.
+pub const VARIABLE: &str = "ZENOH_RUNTIME";
+
+/// What it has to say: who reads is the one who writes, and who accepts the one who connects.
+pub const THREADS: &str = "(rx:(handover:tx),acc:(handover:net))";
+
+/// Whether they are so in this process.
+pub fn are_set() -> bool {
+    env::var_os(VARIABLE).is_some_and(|value| value == THREADS)
+}
+
+/// Sets them, for this process and all that it starts: unless they are, the program starts anew in its own place, with the same arguments. To be
+/// called first of all.
+///
+/// # Errors
+/// What the system says if the program cannot be started anew.
+pub fn set() -> io::Result<()> {
+    if are_set() {
+        return Ok(());
+    }
+    let mut arguments = env::args_os();
+    let mut anew = Command::new(env::current_exe()?);
+    anew.env(VARIABLE, THREADS);
+    if let Some(name) = arguments.next() {
+        anew.arg0(name);
+    }
+    // It returns only if it fails.
+    Err(anew.args(arguments).exec())
+}
