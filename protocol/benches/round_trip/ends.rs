@@ -14,7 +14,14 @@ use zenoh::{Session, Wait};
 /// A zenoh client of the router at `endpoint`.
 pub(crate) fn client(endpoint: &str) -> Result<Session, Failure> {
     let mut config = zenoh::Config::default();
-    for (key, value) in [("mode", "\"client\""), ("scouting/multicast/enabled", "false"), ("scouting/gossip/enabled", "false")] {
+    let settings = [
+        ("mode", "\"client\""),
+        ("scouting/multicast/enabled", "false"),
+        ("scouting/gossip/enabled", "false"),
+        // Room for all of a snapshot, as in the project's own sessions: the thread that answers is the one that would make room.
+        ("transport/link/tx/queue/size/data", "16"),
+    ];
+    for (key, value) in settings {
         config.insert_json5(key, value)?;
     }
     config.insert_json5("connect/endpoints", &format!("[\"{endpoint}\"]"))?;
