@@ -15,6 +15,7 @@ use std::fs;
 use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Barrier;
 use std::thread;
 use tempfile::TempDir;
 
@@ -65,10 +66,11 @@ const CROWD: u64 = 20_000;
 /// How many more one has said than heard, at most: fewer than find room at the other.
 const LEAD_MAX: u64 = 200;
 
-/// Says `CROWD` messages and hears as many, on one link.
-fn crowd<S: OnTopic, H: OnTopic>(links: &Links, mut message: S) -> Result<Vec<u64>, Box<dyn Error + Send + Sync>> {
-    let ports = Ports::open(links, Identity::new(1))?;
-    let (mut sink, mut source) = (ports.sink::<S>()?, ports.source::<H>(Since::First)?);
+/// Says `CROWD` messages and hears as many, on one link, once `both` are there to hear.
+fn crowd<S: OnTopic, H: OnTopic>(links: &Links, both: &Barrier, mut message: S) -> Result<Vec<u64>, Box<dyn Error + Send + Sync>> {
+    let opened = Ports::open(links, Identity::new(1)).and_then(|ports| Ok((ports.sink::<S>()?, ports.source::<H>(Since::First)?)));
+    both.wait();
+    let (mut sink, mut source) = opened?;
     let (mut said, mut heard) = (0, Vec::new());
     while said < CROWD || heard.len() < CROWD as usize {
         if said < CROWD && said < heard.len() as u64 + LEAD_MAX {
@@ -97,10 +99,10 @@ fn what_crosses_a_link_with_certificates_in_both_directions_at_once_arrives_whol
         credentials: Some(of(role)),
         ..Links::on_this_machine("crowd", folder.path().to_owned(), true, 60_000)
     };
-    let (robot, controller) = (links(Role::Robot), links(Role::Controller));
+    let (robot, controller, both) = (links(Role::Robot), links(Role::Controller), Barrier::new(2));
     let (robot, controller) = thread::scope(|scope| {
-        let robot = scope.spawn(|| crowd::<PlantState, Said>(&robot, PlantState::zeroed()));
-        let controller = scope.spawn(|| crowd::<Said, PlantState>(&controller, Said::zeroed()));
+        let robot = scope.spawn(|| crowd::<PlantState, Said>(&robot, &both, PlantState::zeroed()));
+        let controller = scope.spawn(|| crowd::<Said, PlantState>(&controller, &both, Said::zeroed()));
         (robot.join(), controller.join())
     });
     for heard in [robot, controller] {

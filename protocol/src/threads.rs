@@ -8,6 +8,9 @@
 //! A link is to end when the certificate of its other end does. With one thread to make a link and another to watch for that, one that is made in the
 //! last second of a certificate may be looked for before it is there, and then never ends.
 //!
+//! What is left: when a certificate ends, the thread that makes links flushes and closes a link that the other one may just be reading. And a callback of zenoh's must
+//! not wait for zenoh (close a session, ask it who is there): tokio would go on reading and writing elsewhere meanwhile.
+//!
 //! zenoh learns of its threads from the environment alone, before the first session of a process.
 
 use std::env;

@@ -2,6 +2,7 @@
 
 use coxswain::certificates::issue::{Order, issue};
 use protocol::access::{AUTHORITY_FILE, CERTIFICATE_FILE, Credentials, KEY_FILE, Role};
+use protocol::threads;
 use serde_json::{Value, json};
 use std::error::Error;
 use std::fmt::Display;
@@ -72,6 +73,7 @@ pub(crate) fn of(folder: &Path, role: Role) -> Credentials {
 
 /// A client of whoever listens at `endpoint`. Fails within seconds if nobody answers or wants it.
 pub(crate) fn connect(endpoint: &str, shows: &Shows) -> Result<Session, Box<dyn Error>> {
+    assert!(threads::are_set(), "{}={} is missing in the environment", threads::VARIABLE, threads::THREADS);
     let (_, address) = endpoint.split_once('/').ok_or("no endpoint")?;
     let protocol = if matches!(shows, Shows::Nothing) { "tcp" } else { "tls" };
     let mut settings = vec![
@@ -95,6 +97,7 @@ pub(crate) fn connect(endpoint: &str, shows: &Shows) -> Result<Session, Box<dyn 
 
 /// A router of somebody's own making, and where it listens.
 pub(crate) fn router(shows: &Shows, more: &[(&str, Value)]) -> Result<(Session, String), Box<dyn Error>> {
+    assert!(threads::are_set(), "{}={} is missing in the environment", threads::VARIABLE, threads::THREADS);
     let protocol = if matches!(shows, Shows::Nothing) { "tcp" } else { "tls" };
     // Between the choice of a port and its use somebody else may take it.
     for _ in 0..20 {

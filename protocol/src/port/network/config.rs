@@ -57,11 +57,13 @@ pub(super) fn router(listen: &[String], connect: &[String], guard: Option<&Guard
         ("scouting/delay", json!(0)),
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(ROUTER_WAIT_MICROS)),
         ("transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", json!(ROUTER_WAIT_MICROS)),
+        // In lock step nothing is dropped: a link on which nothing moves any more ends instead.
+        ("transport/link/tx/queue/congestion_control/block/wait_before_close", json!(ROUTER_WAIT_MICROS)),
     ])?;
     let Some(guard) = guard else { return Ok(config) };
     let limits = [
         ("access_control", of_links(&guard.graph, &guard.robot)),
-        ("low_pass_filter", size_limits(&guard.graph, BYTES_MAX)),
+        ("low_pass_filter", size_limits(&guard.graph, BYTES_MAX + OVERHEAD_BYTES_MAX)),
         ("transport/unicast/max_sessions", json!(SESSIONS_MAX)),
         ("transport/unicast/accept_pending", json!(SESSIONS_MAX)),
     ];
