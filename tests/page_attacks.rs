@@ -147,6 +147,8 @@ fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refu
     let launched = Launched::new(&["--duration", "110"])?;
     let address = launched.page_address()?;
     let place = place(&address);
+    // The page may be there before the robot drives.
+    launched.wait_for_log("controller", "answering a plant", 1)?;
     for check in [answers_its_readers, takes_nothing, refuses_strangers, refuses_the_rest, answers_its_readers] {
         check(place, &format!("Host: {place}"))?;
     }
