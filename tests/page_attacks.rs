@@ -148,7 +148,7 @@ fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refu
     let address = launched.page_address()?;
     let place = place(&address);
     // The page may be there before the robot drives.
-    std::thread::sleep(std::time::Duration::from_secs(3));
+    launched.wait_for_log("controller", "answering a plant", 1)?;
     for check in [answers_its_readers, takes_nothing, refuses_strangers, refuses_the_rest, answers_its_readers] {
         check(place, &format!("Host: {place}"))?;
     }
@@ -191,7 +191,7 @@ fn a_name_with_markup_is_text_on_the_page_and_in_the_report() -> Outcome {
     // What a person says who changes something, and why it was refused, is shown and recorded, too.
     let mut set = Command::new(binaries()?.join("coxswain"));
     set.args(["set", &format!("mpc.solver={MARKUP}")]).env("TMPDIR", launched.home()).env("USER", MARKUP).env_remove("SUDO_USER");
-    std::thread::sleep(std::time::Duration::from_secs(3));
+    launched.wait_for_log("controller", "answering a plant", 1)?;
     let refused = set.output()?;
     assert_eq!(refused.status.code(), Some(2), "{refused:?}");
     browser.wait_for("/onerror/.test(document.getElementById('log').innerText)")?;

@@ -38,7 +38,7 @@ use std::time::Duration;
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Longest message \[bytes\]. A router passes on what has arrived with the thread that writes: [`SNAPSHOTS`] messages of this length find room in a
-/// queue of 16 batches of 64 KiB, so that it never has to wait for itself.
+/// queue of 16 batches of 64 KiB, since it cannot wait for itself.
 const BYTES_MAX: usize = 420_000;
 
 /// Most snapshots that wait anywhere.

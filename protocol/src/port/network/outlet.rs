@@ -312,6 +312,19 @@ mod tests {
     use std::sync::atomic::AtomicU64;
 
     #[test]
+    fn what_no_router_could_pass_on_at_once_is_refused_where_it_is_sent() -> Result<(), Box<dyn Error>> {
+        let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
+        let (carriers, connect) = (Carriers::all(Carrier::Network), router.endpoints().to_vec());
+        let network = Network::open(&Links { carriers, connect, ..Links::on_this_machine("t", "", false, 100) })?;
+        let mut outlet = NetworkOutlet::open(&network, Topic::Snapshot, Reservation::Growing)?;
+        outlet.send(BYTES_MAX, &mut |bytes| bytes.fill(0))?;
+        let refused = outlet.send(BYTES_MAX + 1, &mut |bytes| bytes.fill(0)).err().map(|error| error.to_string());
+        let said = "a message of 420001 bytes on topic snapshot is too long for the network, which carries 420000";
+        assert_eq!(refused.as_deref(), Some(said));
+        Ok(())
+    }
+
+    #[test]
     fn what_gives_way_in_the_queue_is_counted_one_by_one() -> Result<(), Box<dyn Error>> {
         const SENT: u64 = 1000;
         let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
