@@ -10,8 +10,8 @@ use serde_json::{Value, json};
 /// Keys of the tokens by which routers are known.
 const ROUTERS: &str = "coxswain-router/*";
 
-/// Longest message on every topic but snapshot \[bytes\].
-const SHORT_BYTES_MAX: usize = 64 * 1024;
+/// Most bytes of one put. A longer message goes in pieces.
+pub(crate) const PUT_BYTES_MAX: usize = 64 * 1024;
 
 /// Every kind of message that zenoh's access control knows.
 const ALL_MESSAGES: [&str; 9] = [
@@ -180,17 +180,14 @@ fn everything() -> Allowed {
     allowed
 }
 
-/// Longest messages that a router takes in, by topic, of which snapshots may have `most` bytes.
-pub(crate) fn size_limits(graph: &str, most: usize) -> Value {
-    let limit = |topic: Topic| {
-        let bytes = if topic == Topic::Snapshot { most } else { SHORT_BYTES_MAX };
-        json!({
-            "id": topic.name(),
-            "messages": ["put", "delete", "query", "reply"],
-            "flows": ["ingress"],
-            "key_exprs": [format!("{}/**", base(graph, topic))],
-            "size_limit": bytes,
-        })
-    };
-    Value::Array(Topic::ALL.map(limit).to_vec())
+/// Longest messages that a router takes in.
+pub(crate) fn size_limits(graph: &str) -> Value {
+    let keys: Vec<_> = Topic::ALL.iter().map(|topic| format!("{}/**", base(graph, *topic))).collect();
+    json!([{
+        "id": "links",
+        "messages": ["put", "delete", "query", "reply"],
+        "flows": ["ingress"],
+        "key_exprs": keys,
+        "size_limit": PUT_BYTES_MAX,
+    }])
 }

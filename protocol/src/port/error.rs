@@ -131,16 +131,6 @@ pub enum SendError {
         /// How long the writer waited.
         waited: Duration,
     },
-    /// The carrier does not carry so much at once. Nobody has got the message.
-    #[error("a message of {bytes} bytes on topic {} is too long for the network, which carries {most}", topic.name())]
-    TooLong {
-        /// The topic.
-        topic: Topic,
-        /// Its length on the wire.
-        bytes: usize,
-        /// What can be.
-        most: usize,
-    },
     /// The carrier failed.
     #[error("topic {} cannot be written: {reason}", topic.name())]
     Carrier {

@@ -11,6 +11,7 @@ mod inlet;
 mod keys;
 mod line;
 mod outlet;
+mod pieces;
 mod presence;
 mod readers;
 mod router;
@@ -36,13 +37,6 @@ use std::time::Duration;
 
 /// How long the others may take to answer when a port is opened.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
-
-/// Longest message \[bytes\]. A router passes on what has arrived with the thread that writes: [`SNAPSHOTS`] messages of this length find room in a
-/// queue of 16 batches of 64 KiB, since it cannot wait for itself.
-const BYTES_MAX: usize = 420_000;
-
-/// Most snapshots that wait anywhere.
-const SNAPSHOTS: usize = 2;
 
 /// This thread's membership in one graph.
 pub(super) struct Network {
@@ -85,8 +79,7 @@ impl Network {
     }
 
     fn quality(&self, topic: Topic) -> Quality {
-        let quality = topic.quality(self.lock_step);
-        if topic == Topic::Snapshot { Quality { depth: SNAPSHOTS, ..quality } } else { quality }
+        topic.quality(self.lock_step)
     }
 }
 

@@ -1,8 +1,7 @@
 //! zenoh's configuration: its defaults, never a file of the user's, and nothing found that was not named.
 
-use super::BYTES_MAX;
 use super::guard::Guard;
-use crate::access::{guarded, of_client, of_links, size_limits};
+use crate::access::{PUT_BYTES_MAX, guarded, of_client, of_links, size_limits};
 use serde_json::{Value, json};
 use zenoh::Config;
 
@@ -24,8 +23,8 @@ const BATCHES: usize = 16;
 const CLIENT_WAIT_MICROS: u64 = 100_000;
 const ROUTER_WAIT_MICROS: u64 = 0;
 
-/// What zenoh adds to a message at most, with room to spare \[bytes\].
-const OVERHEAD_BYTES_MAX: usize = 4_096;
+/// Longest message that is put together from fragments \[bytes\]. Ours have none; it is what whoever looks for too long a message has to hear.
+const FRAGMENTED_BYTES_MAX: usize = 2 * PUT_BYTES_MAX;
 
 /// Most sessions with a router that asks for certificates, and most that are just being opened. Each process of a graph has a few.
 const SESSIONS_MAX: usize = 128;
@@ -63,7 +62,7 @@ pub(super) fn router(listen: &[String], connect: &[String], guard: Option<&Guard
     let Some(guard) = guard else { return Ok(config) };
     let limits = [
         ("access_control", of_links(&guard.graph, &guard.robot)),
-        ("low_pass_filter", size_limits(&guard.graph, BYTES_MAX + OVERHEAD_BYTES_MAX)),
+        ("low_pass_filter", size_limits(&guard.graph)),
         ("transport/unicast/max_sessions", json!(SESSIONS_MAX)),
         ("transport/unicast/accept_pending", json!(SESSIONS_MAX)),
     ];
@@ -80,7 +79,7 @@ fn configured(settings: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
         ("transport/unicast/open_timeout", json!(ATTEMPT_MILLIS)),
         ("transport/unicast/accept_timeout", json!(ATTEMPT_MILLIS)),
         ("transport/link/tx/lease", json!(LEASE_MILLIS)),
-        ("transport/link/rx/max_message_size", json!(BYTES_MAX + OVERHEAD_BYTES_MAX)),
+        ("transport/link/rx/max_message_size", json!(FRAGMENTED_BYTES_MAX)),
     ];
     let priorities = ["control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low", "background"];
     let mut config = Config::default();

@@ -3,6 +3,7 @@
 use super::bell::{Bell, Slept};
 use super::keys::{Keys, last};
 use super::line::{Declared, Held, Line};
+use super::pieces::{Label, Unfinished};
 use super::presence::{self, Own, Role, check, draw_id};
 use super::{ANSWER_TIMEOUT, Network, failed, no_thread};
 use crate::port::carrier::{Encoding, Inlet};
@@ -69,6 +70,8 @@ struct Origin {
     reported: Option<u64>,
     /// Since when something is missing in front of what comes.
     missing: Option<Instant>,
+    /// A long message on its way.
+    unfinished: Unfinished,
 }
 
 /// How long a lossless reader waits for what is missing to be said again, before it goes on without.
@@ -205,29 +208,30 @@ impl Arrivals {
 
     /// Called by zenoh.
     fn arrived(&self, sample: &Sample) {
-        let number = sample.attachment().and_then(|number| <[u8; 8]>::try_from(&*number.to_bytes()).ok()).map(u64::from_le_bytes);
+        let label = sample.attachment().and_then(|label| Label::of(&label.to_bytes()));
+        let number = label.map(|label| label.number);
         let mut ledger = self.ledger();
         let origin = ledger.origin(last(sample.key_expr().as_str()));
+        if number.is_some_and(|number| number <= origin.last) {
+            // It says so because it does not know how far this reader has come.
+            origin.reported = None;
+            return self.wake_reporter();
+        }
+        let Some(bytes) = self.whole(origin, label, sample) else { return };
         if let Some(number) = number {
-            if number <= origin.last {
-                // It says so because it does not know how far this reader has come.
-                origin.reported = None;
-                self.wake_reporter();
-                return;
-            }
             if self.quality.delivery == Delivery::Lossless && origin.waits_for_what_is_before(number) {
-                return;
+                return self.recycle(bytes);
             }
             origin.last = number;
         }
+        let parcel = Parcel { origin: origin.serial, bytes };
         if self.quality.delivery == Delivery::NewestWins {
-            let parcel = self.parcel(origin.serial, sample);
             if let Some(oldest) = self.waiting.force_push(parcel) {
                 self.recycle(oldest.bytes);
             }
         } else {
             // A writer that does not keep to the room that it has loses what is too much.
-            if origin.waiting < self.quality.depth as u64 && self.waiting.push(self.parcel(origin.serial, sample)).is_ok() {
+            if origin.waiting < self.quality.depth as u64 && self.waiting.push(parcel).is_ok() {
                 origin.waiting += 1;
             }
             if number.is_some() && origin.report_is_due(self.quality.depth as u64) {
@@ -238,13 +242,16 @@ impl Arrivals {
         self.bell.ring();
     }
 
-    fn parcel(&self, origin: u64, sample: &Sample) -> Parcel {
+    /// The message, unless there is more of it to come.
+    fn whole(&self, origin: &mut Origin, label: Option<Label>, sample: &Sample) -> Option<Vec<u8>> {
+        let slices = sample.payload().slices();
+        if let Some(Label { number, place: Some(place) }) = label {
+            return origin.unfinished.take(number, place, slices);
+        }
         let mut bytes = self.spare.pop().unwrap_or_default();
         bytes.clear();
-        for slice in sample.payload().slices() {
-            bytes.extend_from_slice(slice);
-        }
-        Parcel { origin, bytes }
+        slices.for_each(|slice| bytes.extend_from_slice(slice));
+        Some(bytes)
     }
 
     fn recycle(&self, bytes: Vec<u8>) {
@@ -299,7 +306,8 @@ impl Ledger {
                 self.origins.remove(oldest);
             }
             self.next += 1;
-            self.origins.push(Origin { serial: self.next, id: id.to_owned(), last: 0, waiting: 0, reported: None, missing: None });
+            let (serial, id) = (self.next, id.to_owned());
+            self.origins.push(Origin { serial, id, last: 0, waiting: 0, reported: None, missing: None, unfinished: Unfinished::default() });
             self.origins.len() - 1
         });
         &mut self.origins[index]

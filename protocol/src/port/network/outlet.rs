@@ -2,13 +2,15 @@
 
 use super::keys::Keys;
 use super::line::{Declared, Held, Line};
+use super::pieces::{Label, PIECE_BYTES_MAX, PIECES_AT_ONCE, pieces};
 use super::presence::{self, Own, Presence, Role, check, draw_id, list};
 use super::readers::{Newcomer, Readers};
-use super::{BYTES_MAX, Network, failed, no_thread};
+use super::{Network, failed, no_thread};
 use crate::port::carrier::{Encoding, Outlet};
 use crate::port::{OpenError, Reservation, SendError};
 use crate::topic::{Delivery, Quality, Topic};
 use crossbeam_queue::ArrayQueue;
+use std::cell::Cell;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -133,9 +135,6 @@ impl Outlet for NetworkOutlet {
     }
 
     fn send(&mut self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<(), SendError> {
-        if length > BYTES_MAX {
-            return Err(SendError::TooLong { topic: self.topic, bytes: length, most: BYTES_MAX });
-        }
         let mut bytes = self.departures.spare.pop().unwrap_or_default();
         bytes.resize(length, 0);
         fill(&mut bytes);
@@ -243,6 +242,8 @@ struct Post {
     /// The last messages, with their numbers: as many as late joiners get, or, on a lossless link, as a reader that was cut off can have missed.
     last: VecDeque<(u64, ZBytes)>,
     remembered: usize,
+    /// Pieces sent since the router was last asked whether it has passed them on.
+    unasked: Cell<usize>,
 }
 
 impl Post {
@@ -260,7 +261,7 @@ impl Post {
         let data = keys.data(&id);
         let remembered = if quality.delivery == Delivery::Lossless { quality.depth } else { quality.history };
         let last = VecDeque::with_capacity(remembered);
-        Self { line, keys, id, data, quality, priority, congestion, last, remembered }
+        Self { line, keys, id, data, quality, priority, congestion, last, remembered, unasked: Cell::new(0) }
     }
 
     fn send(&mut self, parcel: &Parcel) {
@@ -271,7 +272,7 @@ impl Post {
             }
             self.last.push_back((parcel.number, bytes.clone()));
         }
-        self.put(&self.data, parcel.number, bytes);
+        self.put(&self.data, parcel.number, &bytes);
     }
 
     /// Says to one reader again what it has not heard: the history to a new one, everything to one that comes back.
@@ -280,14 +281,29 @@ impl Post {
         let history = self.last.iter().rev().take(self.quality.history).next_back().map_or(u64::MAX, |(number, _)| *number);
         let first = reader.had.map_or(history, |had| had + 1);
         for (number, bytes) in self.last.iter().filter(|(number, _)| *number >= first) {
-            self.put(&key, *number, bytes.clone());
+            self.put(&key, *number, bytes);
+        }
+    }
+
+    fn put(&self, key: &str, number: u64, bytes: &ZBytes) {
+        if bytes.len() <= PIECE_BYTES_MAX {
+            return self.put_piece(key, Label { number, place: None }, bytes.clone());
+        }
+        let bytes = bytes.to_bytes();
+        for (range, label) in pieces(number, bytes.len()) {
+            if self.unasked.get() == PIECES_AT_ONCE {
+                self.flush();
+                self.unasked.set(0);
+            }
+            self.put_piece(key, label, ZBytes::from(&bytes[range]));
+            self.unasked.update(|pieces| pieces + 1);
         }
     }
 
     /// Not express: zenoh waits for nothing while the link is free, and an express message takes a whole batch, of which a burst finds too few.
-    fn put(&self, key: &str, number: u64, bytes: ZBytes) {
+    fn put_piece(&self, key: &str, label: Label, bytes: ZBytes) {
         let session = self.line.session();
-        let put = session.put(key, bytes).attachment(number.to_le_bytes().as_slice());
+        let put = session.put(key, bytes).attachment(label.to_bytes());
         let put = put.priority(self.priority).congestion_control(self.congestion);
         // Without a link to the router a message is lost like one on a cut cable: its readers count it.
         let _ = put.wait();
@@ -310,19 +326,6 @@ mod tests {
     use std::error::Error;
     use std::sync::Mutex;
     use std::sync::atomic::AtomicU64;
-
-    #[test]
-    fn what_no_router_could_pass_on_at_once_is_refused_where_it_is_sent() -> Result<(), Box<dyn Error>> {
-        let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
-        let (carriers, connect) = (Carriers::all(Carrier::Network), router.endpoints().to_vec());
-        let network = Network::open(&Links { carriers, connect, ..Links::on_this_machine("t", "", false, 100) })?;
-        let mut outlet = NetworkOutlet::open(&network, Topic::Snapshot, Reservation::Growing)?;
-        outlet.send(BYTES_MAX, &mut |bytes| bytes.fill(0))?;
-        let refused = outlet.send(BYTES_MAX + 1, &mut |bytes| bytes.fill(0)).err().map(|error| error.to_string());
-        let said = "a message of 420001 bytes on topic snapshot is too long for the network, which carries 420000";
-        assert_eq!(refused.as_deref(), Some(said));
-        Ok(())
-    }
 
     #[test]
     fn what_gives_way_in_the_queue_is_counted_one_by_one() -> Result<(), Box<dyn Error>> {

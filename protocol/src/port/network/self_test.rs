@@ -6,7 +6,7 @@
 use super::config;
 use super::guard::Guard;
 use super::presence::draw_id;
-use crate::access::{AUTHORITY_FILE, AccessError, Credentials, Role};
+use crate::access::{AUTHORITY_FILE, AccessError, Credentials, PUT_BYTES_MAX, Role};
 use crate::reason::first_line;
 use crate::topic::Topic;
 use serde_json::json;
@@ -22,8 +22,8 @@ const ARRIVES_WITHIN: Duration = Duration::from_secs(10);
 const ATTEMPT_MILLIS: u64 = 2_000;
 /// Id of the reader to which all of this is said, so that nobody else hears it.
 const READER: &str = "self-test";
-/// More than any message on a topic of short ones \[bytes\].
-const OVERSIZE_BYTES: usize = 128 * 1024;
+/// More than any put may have.
+const OVERSIZE_BYTES: usize = PUT_BYTES_MAX + 1;
 /// What may pass, before and after \[bytes\].
 const BEFORE_BYTES: usize = 1;
 const AFTER_BYTES: usize = 2;
@@ -56,7 +56,7 @@ pub enum Breach {
         topic: &'static str,
     },
     /// A message of any length passes.
-    #[error("a message of {OVERSIZE_BYTES} bytes passed at {endpoint} on the topic health, where a few hundred do")]
+    #[error("a message of {OVERSIZE_BYTES} bytes passed at {endpoint} where at most {PUT_BYTES_MAX} do")]
     Oversize {
         /// Where.
         endpoint: String,
