@@ -6,7 +6,7 @@ use protocol::port::{Carrier, Carriers, Exchange, Identity, Links, Ports, Router
 use protocol::topic::OnTopic;
 use protocol::{frame, wire};
 use std::error::Error;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 use tempfile::TempDir;
 
@@ -168,8 +168,11 @@ impl Fence {
 
     /// Ends when what a reader on the same ports has heard is with all others there too.
     pub(crate) fn cross(&mut self) -> Outcome {
-        self.sink.send(&mut Health::zeroed())?;
-        hear(&mut self.source)?;
+        // Others may cross to the same place.
+        static CROSSINGS: AtomicU64 = AtomicU64::new(0);
+        let own = CROSSINGS.fetch_add(1, Ordering::Relaxed);
+        self.sink.send(&mut Health { heartbeat: own, ..Health::zeroed() })?;
+        while hear(&mut self.source)?.heartbeat != own {}
         Ok(())
     }
 }
