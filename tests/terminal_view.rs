@@ -67,8 +67,11 @@ const DRIVING: [&str; 12] = [
 /// Waits until the robot has been driving with a learned model for a while; with the screen.
 fn see_it_drive(view: &mut Screen) -> Result<String, Box<dyn Error>> {
     view.wait_for(&DRIVING)?;
+    // By their rows: what happened last, in the last line, may be that one of them "is running".
+    let is_at_work = |shown: &str, who: &str| shown.contains(&format!("{who:<10} running"));
     let shown = view.wait("all processes at work, and a model", |shown| {
-        shown.matches("running").count() == 5 && shown.contains("model ") && !shown.contains("main model alone")
+        let all = ["plant", "controller", "learner", "recorder", "gateway"].iter().all(|who| is_at_work(shown, who));
+        all && shown.contains("model ") && !shown.contains("main model alone")
     })?;
     let before = tick(&shown).ok_or("no tick")?;
     let from = if env::var_os(CAPTURES).is_some() { CAPTURED_FROM } else { before + 5 };
