@@ -92,7 +92,7 @@ fn what_crosses_a_link_with_certificates_in_both_directions_at_once_arrives_whol
     let folder = home()?;
     let given = certificates(folder.path(), &[])?;
     let of = |role: Role| Credentials::in_folder(given.join(role.name()));
-    let router = Router::guarded(&["tls/127.0.0.1:0".to_owned()], &[], "crowd", &of(Role::RobotHost))?;
+    let router = Router::guarded(&["tls/127.0.0.1:0".to_owned()], &[], "crowd", &of(Role::RobotHost), true)?;
     let links = |role: Role| Links {
         carriers: Carriers::all(Carrier::Network),
         connect: router.own_endpoints().to_vec(),

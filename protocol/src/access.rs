@@ -31,5 +31,5 @@ pub use role::Role;
 pub use rules::of_telemetry;
 pub use writers::{Changeable, changeable, replaceable};
 
-pub(crate) use rules::{PUT_BYTES_MAX, of_client, of_links, of_watcher, size_limits};
+pub(crate) use rules::{gaps, of_client, of_links, of_watcher, qualities};
 pub(crate) use tls::{guarded, over_tls};

@@ -1,12 +1,13 @@
 //! Attacks on a robot that drives: recorded and forged commands in the controller's own role, and floods at the door.
 
 use crate::session::{Certificates, Failure, Shows, connect, failed, print};
+use bytemuck::Zeroable;
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
 use promises::oracle::{Limits, Rule, judge};
 use promises::{Launched, Message, Outcome, Record, graph_file, signal};
 use protocol::access::Role;
-use protocol::message::Command;
+use protocol::message::{Command, Health};
 use protocol::wire;
 use rustix::process::Signal;
 use std::collections::BTreeMap;
@@ -15,7 +16,8 @@ use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+use zenoh::qos::CongestionControl;
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
@@ -166,8 +168,11 @@ fn forged(forger: &Session, mut command: Command, number: Option<&[u8]>, key: &s
     forge(&mut command);
     let mut out = Vec::new();
     wire::encode(&command, &mut out);
-    let own = key.rsplit_once('/').map_or(key, |(data, _)| data).to_owned() + "/forger";
+    let own = key.rsplit_once('/').map_or(key, |(data, _)| data).to_owned() + "/controller.forger";
+    // Closer together most would not even come as far as the gate.
+    thread::sleep(Duration::from_micros(300));
     forger.put(own, out.clone()).wait().map_err(failed)?;
+    thread::sleep(Duration::from_micros(300));
     let put = forger.put(key, out);
     match number {
         Some(number) => put.attachment(number).wait().map_err(failed)?,
@@ -237,12 +242,43 @@ fn who_dies_while_strangers_knock_at_the_door_is_back_and_nobody_else_goes() -> 
 }
 
 #[test]
+fn a_role_that_floods_the_heartbeats_silences_nobody() -> Outcome {
+    let certificates = Certificates::new()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "20"])?;
+    let learner = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let key = format!("coxswain-link/{graph}/health/data/learner.flood");
+    let mut heartbeat = Vec::new();
+    wire::encode(&Health::zeroed(), &mut heartbeat);
+    let (begin, mut said) = (Instant::now(), 0_usize);
+    launched.wait_until("five seconds of the flood", || {
+        let burst = Instant::now();
+        while burst.elapsed() < Duration::from_millis(500) {
+            said += usize::from(learner.put(&key, heartbeat.as_slice()).congestion_control(CongestionControl::Drop).wait().is_ok());
+        }
+        begin.elapsed() > Duration::from_secs(5)
+    })?;
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let log = std::fs::read_to_string(home.path().join("run/coxswain.log"))?;
+    let record = Record::read(&home.path().join("run"))?;
+    let heard = record.of("health").filter(|health| health.word("participant") == "?").count();
+    let fresh = record.of("state").filter(|state| state.word("rung") == "fresh plan").count();
+    print(format_args!("heartbeats: {said} said by one role in 5 s, {heard} of them recorded; {fresh} of 201 periods on fresh plans"));
+    assert!(said > 10_000, "{said}");
+    assert!(log.contains("turned away at the network: a role says more than any needs to"), "{log}");
+    assert!(log.contains("learner says more on health than 200 messages a second"), "{log}");
+    assert!(!ended.text.contains("is started again"), "{}", ended.text);
+    assert!(fresh > 150, "{fresh}");
+    Ok(())
+}
+
+#[test]
 fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> Outcome {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "16"])?;
     let door = launched.told_a_person("listening at ")?;
     let address = door.split_once('/').ok_or("no endpoint")?.1.to_owned();
-    let quiet = std::time::Instant::now();
+    let quiet = Instant::now();
     let driven = |seconds: u64| quiet.elapsed() >= Duration::from_secs(seconds);
     launched.wait_until("half of the drive", || driven(7))?;
     let open = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
@@ -264,7 +300,7 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
             let key = format!("{base}/command/data/{}", counts[1]);
             counts[1] += usize::from(watcher.declare_subscriber(key).callback(drop).background().wait().is_ok());
         }
-        counts[2] += usize::from(gateway.put(format!("{base}/health/data/flood"), long.clone()).wait().is_ok());
+        counts[2] += usize::from(gateway.put(format!("{base}/health/data/gateway.flood"), long.clone()).wait().is_ok());
         driven(13)
     })?;
     drop((watcher, gateway, held));
@@ -289,6 +325,7 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
         during / 1000,
         during as f64 / before as f64
     ));
+    assert!(log.contains("turned away at the network: a message is longer than any may be"), "{log}");
     let lines = log.lines().filter(|line| line.contains("turned away at the network")).count();
     let of_subscriptions = log.lines().filter(|line| line.contains("may not Declare Subscriber on command count="));
     let told: usize = of_subscriptions.filter_map(|line| line.rsplit('=').next()?.parse::<usize>().ok()).sum();

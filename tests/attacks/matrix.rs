@@ -34,6 +34,8 @@ enum Deed {
     Put,
     /// Say it to one reader, as if that had come late.
     PutHistory,
+    /// Say it in the name of a role that one is not.
+    PutInAnotherName,
     /// Tell a writer how much room there is.
     PutRoom,
     /// Delete what a writer has said.
@@ -59,9 +61,10 @@ enum Deed {
 }
 
 impl Deed {
-    const ALL: [Self; 13] = [
+    const ALL: [Self; 14] = [
         Self::Put,
         Self::PutHistory,
+        Self::PutInAnotherName,
         Self::PutRoom,
         Self::Delete,
         Self::Subscribe,
@@ -82,7 +85,7 @@ impl Deed {
             Self::Put | Self::PutHistory | Self::WriterToken | Self::Queryable | Self::TokenSubscriber => says,
             Self::PutRoom | Self::ReaderToken | Self::Subscribe => hears,
             Self::Query | Self::TokenQuery => says || hears,
-            Self::Delete | Self::SubscribeAll | Self::Reply => false,
+            Self::PutInAnotherName | Self::Delete | Self::SubscribeAll | Self::Reply => false,
         }
     }
 }
@@ -95,10 +98,11 @@ type Cell = (Role, Topic, Deed);
 struct Book(Arc<Mutex<BTreeSet<Cell>>>);
 
 impl Book {
-    /// Notes a deed of the role that is named as the last part of `key`.
+    /// Notes a deed of the attacker that is named as the last part of `key`.
     fn note(&self, key: &str, topic: Topic, deed: Deed) {
-        if let Some(role) = Role::named(last(key)) {
-            self.write((role, topic, deed));
+        let Some((name, role)) = last(key).split_once('.') else { return };
+        if let Some(role) = Role::named(role) {
+            self.write((role, topic, if name == role.name() { deed } else { Deed::PutInAnotherName }));
         }
     }
 
@@ -113,6 +117,17 @@ impl Book {
 
 fn last(key: &str) -> &str {
     key.rsplit('/').next().unwrap_or(key)
+}
+
+/// How one who is `role` calls itself when it says something in the name of `name`.
+fn named(name: Role, role: Role) -> String {
+    format!("{}.{}", name.name(), role.name())
+}
+
+/// One in whose name `role` must not speak on `topic`; if there is one, one who may do so there.
+fn another(role: Role, topic: Topic) -> Result<Role, Failure> {
+    let others = Role::ALL.into_iter().filter(|other| *other != role && !role.brings(topic).contains(other));
+    Ok(others.max_by_key(|other| other.says().contains(&topic)).ok_or("it may speak for everybody")?)
 }
 
 fn base(topic: Topic) -> String {
@@ -151,8 +166,8 @@ impl Declared {
 
 /// Both ends of every topic, as they should be.
 struct Honest {
-    /// Writer and reader of each topic.
-    ends: Vec<(Topic, Session, Session)>,
+    /// Writer, with its role, and reader of each topic.
+    ends: Vec<(Topic, Role, Session, Session)>,
     declared: Declared,
     book: Book,
 }
@@ -162,17 +177,21 @@ impl Honest {
         let (robot, controller) = (open(Role::Robot)?, open(Role::Controller)?);
         let (learner, recorder) = (open(Role::Learner)?, open(Role::Recorder)?);
         let of = |topic| match topic {
-            Topic::State => (&robot, &controller),
-            Topic::Command => (&controller, &robot),
-            Topic::Residual => (&controller, &learner),
-            Topic::Snapshot => (&learner, &controller),
-            Topic::Plan => (&controller, &recorder),
-            Topic::Health | Topic::Truth => (&robot, &recorder),
-            Topic::Credit => (&recorder, &robot),
+            Topic::State => (Role::Robot, &robot, &controller),
+            Topic::Command => (Role::Controller, &controller, &robot),
+            Topic::Residual => (Role::Controller, &controller, &learner),
+            Topic::Snapshot => (Role::Learner, &learner, &controller),
+            Topic::Plan => (Role::Controller, &controller, &recorder),
+            Topic::Health | Topic::Truth => (Role::Robot, &robot, &recorder),
+            Topic::Credit => (Role::Recorder, &recorder, &robot),
         };
-        let ends = Topic::ALL.map(|topic| (topic, of(topic).0.clone(), of(topic).1.clone())).to_vec();
+        let ends = Topic::ALL.map(|topic| {
+            let (role, writer, reader) = of(topic);
+            (topic, role, writer.clone(), reader.clone())
+        });
+        let ends = ends.to_vec();
         let mut honest = Self { ends, declared: Declared::default(), book: book.clone() };
-        for (topic, writer, reader) in honest.ends.clone() {
+        for (topic, _, writer, reader) in honest.ends.clone() {
             honest.listen(topic, &writer, &reader)?;
         }
         Ok(honest)
@@ -203,8 +222,8 @@ impl Honest {
 
     /// Says and asks what honest ones do.
     fn round(&self) -> Result<(), Failure> {
-        for (topic, writer, reader) in &self.ends {
-            writer.put(format!("{}/data/{HONEST}", base(*topic)), "true").wait().map_err(failed)?;
+        for (topic, role, writer, reader) in &self.ends {
+            writer.put(format!("{}/data/{}.{HONEST}", base(*topic), role.name()), "true").wait().map_err(failed)?;
             let question = reader.get(format!("{}/join/*", base(*topic))).target(QueryTarget::All).timeout(PAUSE);
             let book = self.book.clone();
             let topic = *topic;
@@ -248,11 +267,11 @@ impl Attacker {
 
     fn declare(&mut self, topic: Topic) -> Result<(), Failure> {
         let Self { role, session, wide, declared, book } = self;
-        let (role, own) = (*role, role.name());
+        let (role, own) = (*role, named(*role, *role));
         let honest = |deed: Deed| {
             let book = book.clone();
             move |sample: Sample| {
-                if last(sample.key_expr().as_str()) == HONEST {
+                if last(sample.key_expr().as_str()).ends_with(HONEST) {
                     book.write((role, topic, deed));
                 }
             }
@@ -260,8 +279,8 @@ impl Attacker {
         declared.hear(session, format!("{}/data/*", base(topic)), honest(Deed::Subscribe))?;
         declared.hear(wide, format!("{}/**", base(topic)), honest(Deed::SubscribeAll))?;
         declared.see(session, format!("{}/reader/**", base(topic)), honest(Deed::TokenSubscriber))?;
-        declared.show(session, token(topic, "reader", own))?;
-        declared.show(session, token(topic, "writer", own))?;
+        declared.show(session, token(topic, "reader", &own))?;
+        declared.show(session, token(topic, "writer", &own))?;
         let asked = book.clone();
         let key = format!("{}/join/{own}", base(topic));
         let name: KeyExpr<'static> = KeyExpr::try_from(key.clone()).map_err(failed)?;
@@ -277,10 +296,11 @@ impl Attacker {
     }
 
     fn round(&self) -> Result<(), Failure> {
-        let (role, own) = (self.role, self.role.name());
+        let (role, own) = (self.role, named(self.role, self.role));
         for topic in Topic::ALL {
-            let base = base(topic);
-            for key in [format!("{base}/data/{own}"), format!("{base}/history/{HONEST}/{own}"), format!("{base}/room/{HONEST}/{own}")] {
+            let (base, others) = (base(topic), named(another(role, topic)?, role));
+            let ways = [format!("data/{own}"), format!("data/{others}"), format!("history/{HONEST}/{own}"), format!("room/{HONEST}/{own}")];
+            for key in ways.map(|way| format!("{base}/{way}")) {
                 self.session.put(key, "false").wait().map_err(failed)?;
             }
             self.session.delete(format!("{base}/data/{own}")).wait().map_err(failed)?;
@@ -327,7 +347,7 @@ fn cells() -> impl Iterator<Item = Cell> {
 #[test]
 fn every_role_does_exactly_what_it_may_on_every_key() -> Outcome {
     let certificates = Certificates::new()?;
-    let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(Role::RobotHost))?;
+    let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(Role::RobotHost), false)?;
     let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
     assert!(endpoint.starts_with("tls/"), "{endpoint}");
     let open = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
@@ -353,6 +373,6 @@ fn without_certificates_everything_that_is_tried_arrives() -> Outcome {
     let arrived = tried(&|_| connect(&endpoint, &Shows::Nothing), &all)?;
     let missing: Vec<&Cell> = all.difference(&arrived).collect();
     assert!(missing.is_empty(), "not seen: {missing:?}");
-    assert_eq!(all.len(), 832);
+    assert_eq!(all.len(), 896);
     Ok(())
 }

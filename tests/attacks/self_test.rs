@@ -12,7 +12,9 @@ const GRAPH: &str = "maze";
 fn a_router_as_it_should_be_passes_its_self_test() -> Outcome {
     let certificates = Certificates::new()?;
     for role in [Role::RobotHost, Role::ControlHost] {
-        Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(role))?.self_test()?;
+        for lock_step in [false, true] {
+            Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(role), lock_step)?.self_test()?;
+        }
     }
     Ok(())
 }

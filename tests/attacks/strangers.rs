@@ -100,8 +100,19 @@ impl Ears {
 /// Graph, as it is called on the network.
 const GRAPH: &str = "maze";
 
-fn data(topic: Topic, id: &str) -> String {
-    format!("coxswain-link/{GRAPH}/{}/data/{id}", topic.name())
+fn data(topic: Topic, writer: &str) -> String {
+    format!("coxswain-link/{GRAPH}/{}/data/{writer}", topic.name())
+}
+
+/// Where somebody says something on `topic` in the name of the role that may.
+fn said(topic: Topic, id: &str) -> String {
+    let writer = match topic {
+        Topic::State | Topic::Health | Topic::Truth => Role::Robot,
+        Topic::Command | Topic::Residual | Topic::Plan => Role::Controller,
+        Topic::Snapshot => Role::Learner,
+        Topic::Credit => Role::Recorder,
+    };
+    data(topic, &format!("{}.{id}", writer.name()))
 }
 
 fn token(topic: Topic, end: &str, id: &str) -> String {
@@ -170,11 +181,11 @@ fn on_the_links(
         }
         for (topic, writer, reader) in ends {
             for LetIn { number, says, .. } in strangers {
-                let key = data(topic, &format!("stranger-{number}"));
+                let key = said(topic, &format!("stranger-{number}"));
                 says.put(&key, "x").wait().map_err(failed)?;
                 says.delete(&key).wait().map_err(failed)?;
             }
-            writer.put(data(topic, "honest"), "x").wait().map_err(failed)?;
+            writer.put(said(topic, "honest"), "x").wait().map_err(failed)?;
             ears.look(reader, format!("coxswain-link/{GRAPH}/{}/writer/**", topic.name()))?;
         }
         thread::sleep(GRACE / 4);
@@ -187,8 +198,8 @@ fn on_the_links(
 /// What is to be heard on the links: of `id`, by honest ones.
 fn said_by(id: &str, kinds: &[&str]) -> BTreeSet<String> {
     let of = |topic| {
-        let said = kinds.iter().map(move |kind| format!("{kind} {}", data(topic, id)));
-        said.chain(["writer", "reader"].map(|end| format!("PUT {}", token(topic, end, id))))
+        let words = kinds.iter().map(move |kind| format!("{kind} {}", said(topic, id)));
+        words.chain(["writer", "reader"].map(|end| format!("PUT {}", token(topic, end, id))))
     };
     Topic::ALL.into_iter().flat_map(of).collect()
 }
@@ -196,7 +207,7 @@ fn said_by(id: &str, kinds: &[&str]) -> BTreeSet<String> {
 #[test]
 fn no_stranger_says_or_hears_anything_on_a_link() -> Outcome {
     let certificates = Certificates::new()?;
-    let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(Role::RobotHost))?;
+    let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(Role::RobotHost), false)?;
     let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
     let honest = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
     let strangers = strangers(&certificates)?;
@@ -239,12 +250,12 @@ fn a_client_believes_no_router_that_is_none() -> Outcome {
     let other = certificates.issue("authority", "other", "roomba", (-HOUR_S, HOUR_S))?;
     // As who has stolen a certificate with which one only connects, and waits for others to connect to it.
     for role in [Role::Watcher, Role::Controller, Role::Robot] {
-        let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], "maze", &certificates.of(role))?;
+        let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], "maze", &certificates.of(role), false)?;
         let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
         assert!(connect(&endpoint, &Shows::Certificate(certificates.of(Role::Robot))).is_err(), "{}", role.name());
     }
     // A certificate for this address is not one for another.
-    let router = Router::guarded(&["tcp/127.0.0.2:0".to_owned()], &[], "maze", &certificates.of(Role::RobotHost))?;
+    let router = Router::guarded(&["tcp/127.0.0.2:0".to_owned()], &[], "maze", &certificates.of(Role::RobotHost), false)?;
     let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
     assert!(connect(&endpoint, &Shows::Certificate(certificates.of(Role::Robot))).is_err(), "a name that is not in the certificate");
     drop(other);
@@ -263,7 +274,7 @@ fn a_link_ends_when_the_certificate_of_either_end_does() -> Outcome {
         for round in 0..6 {
             let short = certificates.issue("authority", &format!("short-{server_is_short}-{round}"), ROBOT, (-HOUR_S, SHORT_S << round))?;
             let host = if server_is_short { of(&short, Role::RobotHost) } else { certificates.of(Role::RobotHost) };
-            let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], "maze", &host)?;
+            let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], "maze", &host, false)?;
             let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
             let client = Shows::Certificate(if server_is_short { long.clone() } else { of(&short, Role::Robot) });
             let connected = connect(&endpoint, &client).ok().filter(is_connected);

@@ -64,7 +64,7 @@ class Network:
         self.session = zenoh.open(config)
         self.graph, self.lock_step = f"coxswain-link/{graph}", lock_step
         self.writer = secrets.randbelow((1 << 64) - 1) + 1
-        self.identity = f"{self.writer:016x}"
+        self.identity = f"robot.{self.writer:016x}"
         self.events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self.readers: set[str] = set()
         self.last_state: tuple[bytes, bytes] | None = None

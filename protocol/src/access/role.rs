@@ -78,6 +78,17 @@ impl Role {
         }
     }
 
+    /// Whose messages on `topic` it brings, which it says: its own and, of a host, those of the processes of its machine.
+    pub fn brings(self, topic: Topic) -> Vec<Self> {
+        let is_here = |role: &Self| self.is_host() && !role.is_host() && role.says().iter().all(|topic| self.says().contains(topic));
+        Self::ALL.into_iter().filter(|role| role.says().contains(&topic) && (*role == self || is_here(role))).collect()
+    }
+
+    /// Whether roles that are no hosts share `topic`.
+    pub(crate) fn share(topic: Topic) -> bool {
+        Self::ALL.iter().filter(|role| !role.is_host() && role.says().contains(&topic)).count() > 1
+    }
+
     /// Topics that it reads.
     #[expect(clippy::match_same_arms, reason = "a table, one row per role")]
     pub const fn hears(self) -> &'static [Topic] {
@@ -128,6 +139,24 @@ mod tests {
         let [robot, control] = [Role::RobotHost, Role::ControlHost].map(Role::says);
         assert!([Topic::State, Topic::Truth].iter().all(|topic| robot.contains(topic) && !control.contains(topic)));
         assert!([Topic::Command, Topic::Residual, Topic::Snapshot].iter().all(|topic| control.contains(topic) && !robot.contains(topic)));
+    }
+
+    #[test]
+    fn a_host_brings_what_its_own_machine_says_and_everybody_else_what_he_says_himself() {
+        assert_eq!(Role::RobotHost.brings(Topic::State), [Role::Robot, Role::RobotHost]);
+        assert_eq!(Role::RobotHost.brings(Topic::Health), [Role::Robot, Role::Recorder, Role::Gateway, Role::RobotHost]);
+        assert_eq!(Role::ControlHost.brings(Topic::Command), [Role::Controller, Role::ControlHost]);
+        let all = [Role::Controller, Role::Learner, Role::Recorder, Role::Gateway, Role::ControlHost];
+        assert_eq!(Role::ControlHost.brings(Topic::Health), all);
+        for role in Role::ALL.into_iter().filter(|role| !role.is_host()) {
+            assert!(role.says().iter().all(|topic| role.brings(*topic) == [role]), "{role:?}");
+        }
+    }
+
+    #[test]
+    fn only_heartbeats_are_of_several_roles() {
+        let shared: Vec<Topic> = Topic::ALL.into_iter().filter(|topic| Role::share(*topic)).collect();
+        assert_eq!(shared, [Topic::Health]);
     }
 
     #[test]

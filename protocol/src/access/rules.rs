@@ -10,9 +10,6 @@ use serde_json::{Value, json};
 /// Keys of the tokens by which routers are known.
 const ROUTERS: &str = "coxswain-router/*";
 
-/// Most bytes of one put. A longer message goes in pieces.
-pub(crate) const PUT_BYTES_MAX: usize = 64 * 1024;
-
 /// Every kind of message that zenoh's access control knows.
 const ALL_MESSAGES: [&str; 9] = [
     "put",
@@ -42,11 +39,13 @@ impl Allowed {
         self.0.push((flow, message, key.into()));
     }
 
-    /// What a writer of the topic with this `base` does and is told.
-    fn writer(&mut self, base: &str) {
+    /// What a writer of the topic with this `base` does and is told. The names of writers begin with their roles, and no others pass.
+    fn writer(&mut self, base: &str, roles: &[Role]) {
         use Flow::{Egress, Ingress};
-        self.add(Ingress, "put", format!("{base}/data/*"));
-        self.add(Ingress, "put", format!("{base}/history/*/*"));
+        for role in roles {
+            self.add(Ingress, "put", format!("{base}/data/{}.$*", role.name()));
+            self.add(Ingress, "put", format!("{base}/history/*/{}.$*", role.name()));
+        }
         self.add(Ingress, "liveliness_token", format!("{base}/writer/**"));
         self.add(Ingress, "liveliness_query", format!("{base}/**"));
         self.add(Ingress, "declare_liveliness_subscriber", format!("{base}/reader/**"));
@@ -114,7 +113,7 @@ fn base(graph: &str, topic: Topic) -> String {
 fn on_links(role: Role, graph: &str) -> Allowed {
     let mut allowed = Allowed::default();
     for topic in role.says() {
-        allowed.writer(&base(graph, *topic));
+        allowed.writer(&base(graph, *topic), &role.brings(*topic));
     }
     for topic in role.hears() {
         allowed.reader(&base(graph, *topic));
@@ -180,14 +179,31 @@ fn everything() -> Allowed {
     allowed
 }
 
-/// Longest messages that a router takes in.
-pub(crate) fn size_limits(graph: &str) -> Value {
-    let keys: Vec<_> = Topic::ALL.iter().map(|topic| format!("{}/**", base(graph, *topic))).collect();
-    json!([{
-        "id": "links",
-        "messages": ["put", "delete", "query", "reply"],
-        "flows": ["ingress"],
-        "key_exprs": keys,
-        "size_limit": PUT_BYTES_MAX,
-    }])
+/// Messages of one role that pass on one topic and link in real time \[1/s\], no two of them closer together than that: five times what the
+/// shortest period needs.
+const PER_SECOND: u32 = 5_000;
+
+/// How often who says what passes, as zenoh's `downsampling`. Not history, nor snapshots: these come in several pieces at once.
+pub(crate) fn gaps(graph: &str) -> Value {
+    let rule =
+        |topic: Topic, role: Role| json!({ "key_expr": format!("{}/data/{}.$*", base(graph, topic), role.name()), "freq": PER_SECOND });
+    let of = |role: Role| role.says().iter().filter(|topic| **topic != Topic::Snapshot).map(move |topic| rule(*topic, role));
+    let rules: Vec<Value> = Role::ALL.into_iter().flat_map(of).collect();
+    json!([{ "id": "rates", "messages": ["put"], "flows": ["ingress"], "rules": rules }])
+}
+
+/// That what is said goes on in real time with the `priority` of its topic, as zenoh's `qos/network`, whatever its author wants: else who floods one topic, in a hurry,
+/// keeps the others waiting, and who insists on being waited for ends the links of those who are slow.
+pub(crate) fn qualities(graph: &str, priority: fn(Topic) -> &'static str) -> Value {
+    let rule = |topic: Topic| {
+        let base = base(graph, topic);
+        json!({
+            "id": topic.name(),
+            "messages": ["put", "delete"],
+            "flows": ["ingress"],
+            "key_exprs": [format!("{base}/data/*"), format!("{base}/history/*/*"), format!("{base}/room/*/*")],
+            "overwrite": { "priority": priority(topic), "congestion_control": "drop", "express": false },
+        })
+    };
+    Value::Array(Topic::ALL.map(rule).to_vec())
 }

@@ -13,6 +13,7 @@ mod line;
 mod outlet;
 mod pieces;
 mod presence;
+mod rates;
 mod readers;
 mod router;
 mod self_test;
@@ -23,6 +24,7 @@ pub use self_test::{Breach, self_test};
 use super::carrier::{Inlet, Outlet};
 use super::watched::Audience;
 use super::{Links, OpenError, Reservation};
+use crate::access::Role;
 use crate::reason::first_line;
 use crate::topic::{Quality, Topic};
 use guard::Guard;
@@ -42,6 +44,8 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 pub(super) struct Network {
     line: Arc<Line>,
     graph: String,
+    /// Of whom the certificate is, if there is one.
+    role: Option<Role>,
     lock_step: bool,
     patience: Duration,
     /// Keys of the presences of this line.
@@ -56,11 +60,13 @@ impl Network {
         }
         let guard = links.credentials.as_ref().map(|credentials| Guard::new(credentials, links.network_graph()));
         let guard = guard.transpose().map_err(|error| failed(error.to_string()))?;
+        let role = guard.as_ref().map(|guard| guard.role);
         let line = Line::open(&links.connect, guard);
         let line = line.map_err(|error| failed(format!("no router answers at {}: {}", links.connect.join(", "), first_line(&error))))?;
         Ok(Self {
             line,
             graph: links.network_graph().to_owned(),
+            role,
             lock_step: links.lock_step,
             patience: links.patience(),
             own: Rc::default(),

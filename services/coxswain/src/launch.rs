@@ -250,8 +250,9 @@ fn open_router(assembly: &Assembly, id: &str) -> Result<Router, OpenError> {
             go_first(PRIORITY);
         }
         let Network { listen, connect, graph, .. } = &assembly.graph.network;
+        let (graph, lock_step) = (graph.as_deref().unwrap_or(id), assembly.graph.pace == Pace::LockStep);
         match &assembly.certificates {
-            Some(certificates) => Router::guarded(listen, connect, graph.as_deref().unwrap_or(id), &certificates.of_host()),
+            Some(certificates) => Router::guarded(listen, connect, graph, &certificates.of_host(), lock_step),
             None => Router::open(listen, connect),
         }
     };

@@ -24,6 +24,13 @@ const REASONS_MAX: usize = 32;
 const ACCESS: &str = "zenoh::net::routing::interceptor::access_control";
 /// Where it says whom it has no room for.
 const DOOR: &str = "zenoh_transport::unicast::manager";
+/// Where it says, among much else, what is too long to be taken in.
+const ARRIVALS: &str = "zenoh_transport::unicast::universal::rx";
+/// How it says that.
+const TOO_LONG: &str = "Defragmentation buffer full";
+/// Where it says what comes too often, and how.
+const RATES: &str = "zenoh::net::routing::interceptor::downsampling";
+const TOO_OFTEN: &str = "Message dropped by the downsampling";
 
 /// What zenoh says behind a reason, of other causes.
 const HINT: &str = ". Hint:";
@@ -39,7 +46,7 @@ static PLAYED: AtomicBool = AtomicBool::new(false);
 ///
 /// If `directives` are none.
 pub fn log_filter<S>(directives: &str, serves: bool) -> Result<impl Filter<S> + use<S>, ParseError> {
-    let more = if serves { format!(",{ACCESS}=trace,{DOOR}=trace") } else { String::new() };
+    let more = if serves { format!(",{ACCESS}=trace,{DOOR}=trace,{ARRIVALS}=trace,{RATES}=trace") } else { String::new() };
     Ok(EnvFilter::try_new(directives.to_owned() + &more)?.and(Refusals))
 }
 
@@ -71,12 +78,19 @@ impl<S> Filter<S> for Refusals {
         let judge: fn(&str) -> Option<String> = match metadata.target() {
             ACCESS if *metadata.level() >= Level::INFO => rights::refused,
             DOOR if *metadata.level() >= Level::INFO => no_room,
+            ARRIVALS if *metadata.level() >= Level::DEBUG => too_long,
+            RATES if *metadata.level() >= Level::INFO => too_often,
             _ if is_refusal(metadata) => |message| Some(reason(message)),
             _ => return true,
         };
-        let mut message = Message::default();
+        let only = match metadata.target() {
+            ARRIVALS => TOO_LONG,
+            RATES => TOO_OFTEN,
+            _ => "",
+        };
+        let mut message = Message { only, text: String::new() };
         event.record(&mut message);
-        if let Some(reason) = judge(&message.0) {
+        if let Some(reason) = judge(&message.text) {
             book().note_words(reason);
         }
         false
@@ -128,6 +142,16 @@ fn no_room(message: &str) -> Option<String> {
     full.or_else(|| message.starts_with("Closing link for preventing").then_some("too many at the door at once")).map(str::to_owned)
 }
 
+/// That a message was too long, if that is what zenoh says.
+fn too_long(message: &str) -> Option<String> {
+    message.starts_with(TOO_LONG).then(|| "a message is longer than any may be".to_owned())
+}
+
+/// That a message came too soon after another, if that is what zenoh says.
+fn too_often(message: &str) -> Option<String> {
+    message.starts_with(TOO_OFTEN).then(|| "a role says more than any needs to".to_owned())
+}
+
 /// The same for all whom the same befalls.
 fn reason(message: &str) -> String {
     let short = message.split(HINT).next().unwrap_or(message);
@@ -174,15 +198,25 @@ impl Book<String> {
     }
 }
 
-/// The text of an event.
-#[derive(Default)]
-struct Message(String);
+/// The text of an event, or, if it is only looked whether it begins with something, no more than tells that: zenoh has something to say of each message.
+struct Message {
+    only: &'static str,
+    text: String,
+}
+
+impl Write for Message {
+    fn write_str(&mut self, more: &str) -> std::fmt::Result {
+        self.text.push_str(more);
+        let goes_on = self.only.is_empty() || self.only.len() > self.text.len() && self.only.starts_with(&self.text);
+        if goes_on { Ok(()) } else { Err(std::fmt::Error) }
+    }
+}
 
 impl Visit for Message {
     fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
         if field.name() == "message" {
-            // Into a text it never fails.
-            let _ = write!(self.0, "{value:?}");
+            // It ends where enough is known.
+            let _ = write!(self, "{value:?}");
         }
     }
 }
@@ -220,5 +254,18 @@ mod tests {
         assert_eq!(reason("Received invalid message at /home/x.rs:1."), "Received invalid message");
         assert_eq!(no_room("Max transports reached (128). Denying new transport with peer: 7f").as_deref(), Some("no session is free"));
         assert_eq!(no_room("Accepting link... tls/127.0.0.1:1"), None);
+    }
+
+    #[test]
+    fn of_what_arrives_no_more_is_read_than_tells_that_it_is_of_no_interest() {
+        let read = |text: &dyn Debug| {
+            let mut message = Message { only: TOO_LONG, text: String::new() };
+            let _ = write!(message, "{text:?}");
+            message.text
+        };
+        let full = "Defragmentation buffer full: 65537 bytes. Capacity: 65536.";
+        assert_eq!(too_long(&read(&format_args!("{full}"))).as_deref(), Some("a message is longer than any may be"));
+        let frame = read(&format_args!("Received: {:?}", [0_u8; 1000]));
+        assert_eq!((frame.as_str(), too_long(&frame)), ("Received: ", None));
     }
 }

@@ -1,7 +1,8 @@
 //! zenoh's configuration: its defaults, never a file of the user's, and nothing found that was not named.
 
 use super::guard::Guard;
-use crate::access::{PUT_BYTES_MAX, guarded, of_client, of_links, size_limits};
+use super::outlet::priority;
+use crate::access::{gaps, guarded, of_client, of_links, qualities};
 use serde_json::{Value, json};
 use zenoh::Config;
 
@@ -23,8 +24,8 @@ const BATCHES: usize = 16;
 const CLIENT_WAIT_MICROS: u64 = 100_000;
 const ROUTER_WAIT_MICROS: u64 = 0;
 
-/// Longest message that is put together from fragments \[bytes\]. Ours have none; it is what whoever looks for too long a message has to hear.
-const FRAGMENTED_BYTES_MAX: usize = 2 * PUT_BYTES_MAX;
+/// Longest message, with all that zenoh adds \[bytes\]: one batch. Ours are shorter.
+pub(super) const BYTES_MAX: usize = 64 * 1024;
 
 /// Most sessions with a router that asks for certificates, and most that are just being opened. Each process of a graph has a few.
 const SESSIONS_MAX: usize = 128;
@@ -60,12 +61,14 @@ pub(super) fn router(listen: &[String], connect: &[String], guard: Option<&Guard
         ("transport/link/tx/queue/congestion_control/block/wait_before_close", json!(ROUTER_WAIT_MICROS)),
     ])?;
     let Some(guard) = guard else { return Ok(config) };
-    let limits = [
+    let mut limits = vec![
         ("access_control", of_links(&guard.graph, &guard.robot)),
-        ("low_pass_filter", size_limits(&guard.graph)),
         ("transport/unicast/max_sessions", json!(SESSIONS_MAX)),
         ("transport/unicast/accept_pending", json!(SESSIONS_MAX)),
     ];
+    if guard.real_time {
+        limits.extend([("downsampling", gaps(&guard.graph)), ("qos/network", qualities(&guard.graph, |topic| priority(topic).1))]);
+    }
     guarded(config, &guard.credentials, &limits)
 }
 
@@ -79,7 +82,7 @@ fn configured(settings: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
         ("transport/unicast/open_timeout", json!(ATTEMPT_MILLIS)),
         ("transport/unicast/accept_timeout", json!(ATTEMPT_MILLIS)),
         ("transport/link/tx/lease", json!(LEASE_MILLIS)),
-        ("transport/link/rx/max_message_size", json!(FRAGMENTED_BYTES_MAX)),
+        ("transport/link/rx/max_message_size", json!(BYTES_MAX)),
     ];
     let priorities = ["control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low", "background"];
     let mut config = Config::default();

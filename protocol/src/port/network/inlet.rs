@@ -5,6 +5,7 @@ use super::keys::{Keys, last};
 use super::line::{Declared, Held, Line};
 use super::pieces::{Label, Unfinished};
 use super::presence::{self, Own, Role, check, draw_id};
+use super::rates::Rates;
 use super::{ANSWER_TIMEOUT, Network, failed, no_thread};
 use crate::port::carrier::{Encoding, Inlet};
 use crate::port::{OpenError, ReceiveError};
@@ -56,6 +57,8 @@ struct Parcel {
 struct Ledger {
     next: u64,
     origins: Vec<Origin>,
+    /// How often each role is heard, if that is limited.
+    rates: Option<Rates>,
 }
 
 /// One writer as this reader sees it.
@@ -81,9 +84,9 @@ impl NetworkInlet {
     /// A reader that the writers know of.
     pub(super) fn open(network: &Network, topic: Topic) -> Result<Self, OpenError> {
         check(network, topic, Role::Reader)?;
-        let (keys, id) = (Keys::of(network, topic), draw_id());
+        let (keys, id) = (Keys::of(network, topic), draw_id(network.role));
         let (line, failed) = (&network.line, failed(topic));
-        let arrivals = Arrivals::new(network.quality(topic)).map_err(|error| failed(error.into()))?;
+        let arrivals = Arrivals::new(network.quality(topic), Rates::on(topic, network)).map_err(|error| failed(error.into()))?;
         let arrivals = Arc::new(arrivals);
         let presence = presence::key(network, topic, Role::Reader, &id);
         let (token, shared, heard) = (presence.clone(), Arc::clone(&arrivals), [keys.data("*"), keys.history(&id, "*")]);
@@ -111,7 +114,8 @@ impl NetworkInlet {
     /// A reader that no writer knows of, and that none waits for.
     pub(super) fn watch(network: &Network, topic: Topic) -> Result<Self, OpenError> {
         let failed = failed(topic);
-        let arrivals = Arc::new(Arrivals::new(topic.watched_quality()).map_err(|error| failed(error.into()))?);
+        let arrivals = Arrivals::new(topic.watched_quality(), Rates::on(topic, network)).map_err(|error| failed(error.into()))?;
+        let arrivals = Arc::new(arrivals);
         let (shared, data) = (Arc::clone(&arrivals), Keys::of(network, topic).data("*"));
         let declare =
             move |session: &Session| Ok(Declared { _token: None, _subscribers: vec![listen(session, &data, &shared)?], _queryable: None });
@@ -189,7 +193,7 @@ impl Drop for NetworkInlet {
 }
 
 impl Arrivals {
-    fn new(quality: Quality) -> Result<Self, std::io::Error> {
+    fn new(quality: Quality, rates: Option<Rates>) -> Result<Self, std::io::Error> {
         // Each writer of a lossless link is promised room for itself, and for its history.
         let capacity = match quality.delivery {
             Delivery::NewestWins => quality.depth,
@@ -200,7 +204,7 @@ impl Arrivals {
             waiting: ArrayQueue::new(capacity),
             spare: ArrayQueue::new(quality.depth + 2),
             bell: Bell::new()?,
-            ledger: Mutex::default(),
+            ledger: Mutex::new(Ledger { rates, ..Ledger::default() }),
             reporter: Mutex::default(),
             closing: AtomicBool::new(false),
         })
@@ -210,8 +214,12 @@ impl Arrivals {
     fn arrived(&self, sample: &Sample) {
         let label = sample.attachment().and_then(|label| Label::of(&label.to_bytes()));
         let number = label.map(|label| label.number);
+        let writer = last(sample.key_expr().as_str());
         let mut ledger = self.ledger();
-        let origin = ledger.origin(last(sample.key_expr().as_str()));
+        if ledger.rates.as_mut().is_some_and(|rates| !rates.admit(writer, Instant::now())) {
+            return;
+        }
+        let origin = ledger.origin(writer);
         if number.is_some_and(|number| number <= origin.last) {
             // It says so because it does not know how far this reader has come.
             origin.reported = None;

@@ -64,7 +64,7 @@ impl NetworkOutlet {
     pub(super) fn open(network: &Network, topic: Topic, reservation: Reservation) -> Result<Self, OpenError> {
         check(network, topic, Role::Writer)?;
         let quality = network.quality(topic);
-        let (keys, id) = (Keys::of(network, topic), draw_id());
+        let (keys, id) = (Keys::of(network, topic), draw_id(network.role));
         let departures = Arc::new(Departures::new(quality, reservation));
         let failed = failed(topic);
 
@@ -230,6 +230,16 @@ impl Departures {
     }
 }
 
+/// Which messages go first where several wait for one link, and what zenoh's configuration calls that.
+pub(super) const fn priority(topic: Topic) -> (Priority, &'static str) {
+    match topic {
+        Topic::State | Topic::Command => (Priority::RealTime, "real_time"),
+        Topic::Residual | Topic::Credit => (Priority::DataHigh, "data_high"),
+        Topic::Plan | Topic::Health | Topic::Truth => (Priority::DataLow, "data_low"),
+        Topic::Snapshot => (Priority::Background, "background"),
+    }
+}
+
 /// How messages of one writer go to zenoh.
 struct Post {
     line: Arc<Line>,
@@ -248,12 +258,7 @@ struct Post {
 
 impl Post {
     fn new(line: Arc<Line>, topic: Topic, quality: Quality, keys: Keys, id: String) -> Self {
-        let priority = match topic {
-            Topic::State | Topic::Command => Priority::RealTime,
-            Topic::Residual | Topic::Credit => Priority::DataHigh,
-            Topic::Plan | Topic::Health | Topic::Truth => Priority::DataLow,
-            Topic::Snapshot => Priority::Background,
-        };
+        let (priority, _) = priority(topic);
         let congestion = match quality.delivery {
             Delivery::Lossless => CongestionControl::Block,
             Delivery::NewestWins => CongestionControl::Drop,

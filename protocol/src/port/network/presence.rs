@@ -3,6 +3,7 @@
 use super::keys::Keys;
 use super::{ANSWER_TIMEOUT, Network, failed};
 use crate::VERSION;
+use crate::access;
 use crate::port::OpenError;
 use crate::topic::{Delivery, Topic};
 use std::cell::RefCell;
@@ -78,10 +79,11 @@ fn delivery_name(delivery: Delivery) -> &'static str {
 
 const UNPACED: &str = "unpaced";
 
-/// A name that no other port has.
-pub(super) fn draw_id() -> String {
+/// A name that no other port has. With a certificate it begins with the role, without which routers take in nothing from a writer.
+pub(super) fn draw_id(role: Option<access::Role>) -> String {
     let seed = RandomState::new();
-    format!("{:016x}", seed.hash_one((std::process::id(), crate::clock::monotonic_nanos())))
+    let name = format!("{:016x}", seed.hash_one((std::process::id(), crate::clock::monotonic_nanos())));
+    role.map_or(name.clone(), |role| format!("{}.{name}", role.name()))
 }
 
 /// A port of this process, which counts as there as long as this lives.

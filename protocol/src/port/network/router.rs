@@ -81,13 +81,20 @@ impl Router {
     }
 
     /// The same over TLS, for those alone whose certificate is of the same robot and authority; each may do what its role in the graph called
-    /// `graph` needs. Endpoints that name `tcp` are taken for `tls`.
+    /// `graph` needs, and, unless the graph runs in lock step, say no more in a second than any does. Endpoints that name `tcp` are taken for `tls`.
     ///
     /// # Errors
     /// [`OpenError::Router`], also if the certificate cannot be read.
-    pub fn guarded(listen: &[String], connect: &[String], graph: &str, credentials: &Credentials) -> Result<Self, OpenError> {
+    pub fn guarded(
+        listen: &[String],
+        connect: &[String],
+        graph: &str,
+        credentials: &Credentials,
+        lock_step: bool,
+    ) -> Result<Self, OpenError> {
         let failed = |reason| OpenError::Router { endpoints: listen.join(", "), reason };
         let guard = Guard::new(credentials, graph).map_err(|error| failed(error.to_string()))?;
+        let guard = Guard { real_time: !lock_step, ..guard };
         let over_tls = |endpoints: &[String]| -> Vec<String> { endpoints.iter().map(|endpoint| over_tls(endpoint)).collect() };
         Self::begin(&over_tls(listen), over_tls(connect), Some(guard))
     }

@@ -6,7 +6,7 @@
 use super::config;
 use super::guard::Guard;
 use super::presence::draw_id;
-use crate::access::{AUTHORITY_FILE, AccessError, Credentials, PUT_BYTES_MAX, Role};
+use crate::access::{AUTHORITY_FILE, AccessError, Credentials, Role};
 use crate::reason::first_line;
 use crate::topic::Topic;
 use serde_json::json;
@@ -22,8 +22,8 @@ const ARRIVES_WITHIN: Duration = Duration::from_secs(10);
 const ATTEMPT_MILLIS: u64 = 2_000;
 /// Id of the reader to which all of this is said, so that nobody else hears it.
 const READER: &str = "self-test";
-/// More than any put may have.
-const OVERSIZE_BYTES: usize = PUT_BYTES_MAX + 1;
+/// More than a message may have.
+const OVERSIZE_BYTES: usize = config::BYTES_MAX + 1;
 /// What may pass, before and after \[bytes\].
 const BEFORE_BYTES: usize = 1;
 const AFTER_BYTES: usize = 2;
@@ -56,7 +56,7 @@ pub enum Breach {
         topic: &'static str,
     },
     /// A message of any length passes.
-    #[error("a message of {OVERSIZE_BYTES} bytes passed at {endpoint} where at most {PUT_BYTES_MAX} do")]
+    #[error("a message of {OVERSIZE_BYTES} bytes passed at {endpoint} where at most {} do", config::BYTES_MAX)]
     Oversize {
         /// Where.
         endpoint: String,
@@ -105,7 +105,12 @@ pub fn self_test(endpoint: &str, graph: &str, credentials: &Credentials) -> Resu
     }
     let role = guard.credentials.read().map_err(|error: AccessError| unknown(error.to_string()))?.role;
     let open = || {
-        let opened = config::client(std::slice::from_ref(&tls), ATTEMPT_MILLIS, Some(guard)).and_then(|config| zenoh::open(config).wait());
+        let config = config::client(std::slice::from_ref(&tls), ATTEMPT_MILLIS, Some(guard)).and_then(|mut config| {
+            // To hear what the router should not have passed on.
+            config.insert_json5("transport/link/rx/max_message_size", &json!(2 * OVERSIZE_BYTES).to_string())?;
+            Ok(config)
+        });
+        let opened = config.and_then(|config| zenoh::open(config).wait());
         opened.map_err(|error| unknown(first_line(&error)))
     };
     let arrived = as_another(&open()?, &open()?, &guard.graph, role).map_err(|error| unknown(first_line(&error)))?;
@@ -129,7 +134,7 @@ enum Arrived {
 fn as_another(listener: &Session, speaker: &Session, graph: &str, role: Role) -> Result<Option<Arrived>, zenoh::Error> {
     let forbidden = Topic::ALL.into_iter().find(|topic| role.hears().contains(topic) && !role.says().contains(topic));
     // Others may be testing themselves.
-    let own = draw_id();
+    let own = draw_id(Some(role));
     let key = |topic: Topic| format!("coxswain-link/{graph}/{}/history/{READER}/{own}", topic.name());
     let (tell, heard) = channel();
     let mut listening = Vec::new();
