@@ -52,6 +52,9 @@ pub fn run(settings: &Settings, ports: &Ports, identity: Identity, stop: &Stop) 
     plant.refused.rest().iter().for_each(tell);
     plant.pulse.phase(Phase::Finished);
     step_back();
+    if settings.run.pace == Pace::RealTime {
+        plant.pulse.insist();
+    }
     Ok(())
 }
 

@@ -5,9 +5,13 @@ use protocol::clock::monotonic_nanos;
 use protocol::message::{Exposure, Health, Participant, Phase};
 use protocol::port::{OpenError, Ports, Sink, Tally};
 use protocol::topic::{OnTopic, Topic};
+use std::thread;
+use std::time::Duration;
 
 /// Heartbeats go out this far apart at least \[ns\].
 const INTERVAL_NANOS: u64 = 100_000_000;
+/// Pauses before last words are said again.
+const AGAIN_AFTER: [Duration; 2] = [Duration::from_millis(20), Duration::from_millis(80)];
 
 /// Heartbeat and counters of this process: owns what it says of itself.
 ///
@@ -72,6 +76,15 @@ impl Pulse {
         }
     }
 
+    /// Says last words again, and once more. Nobody is there afterwards to repeat them, others end by them, and a router lets go of what comes right
+    /// behind something else of the same role. Takes a tenth of a second.
+    pub fn insist(&mut self) {
+        for pause in AGAIN_AFTER {
+            thread::sleep(pause);
+            self.send_now();
+        }
+    }
+
     /// Speaks in another epoch from now on.
     pub fn set_epoch(&mut self, epoch: u64) {
         self.before = self.sink.sent();
@@ -123,6 +136,18 @@ mod tests {
         assert_eq!((health.participant(), health.phase()), (Some(Participant::Learner), Phase::Ready));
         assert_eq!((health.pid, health.stamp.epoch), (std::process::id(), 4));
         assert!(source.next()?.is_none());
+        Ok(())
+    }
+
+    #[test]
+    fn last_words_are_said_again() -> Result<(), Box<dyn Error>> {
+        let (mut pulse, mut source) = pair()?;
+        pulse.phase(Phase::Finished);
+        pulse.insist();
+        for time in 0..3 {
+            let health = source.next()?.ok_or_else(|| format!("said {time} times"))?;
+            assert_eq!(health.phase(), Phase::Finished);
+        }
         Ok(())
     }
 
