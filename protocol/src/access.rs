@@ -21,6 +21,7 @@ mod credentials;
 mod endpoint;
 mod role;
 mod rules;
+mod strangers;
 mod tls;
 mod writers;
 
@@ -29,7 +30,9 @@ pub use credentials::{AUTHORITY_FILE, AccessError, CERTIFICATE_FILE, Credentials
 pub use endpoint::{from_here, host_in, is_any};
 pub use role::Role;
 pub use rules::of_telemetry;
+pub use strangers::Breach;
 pub use writers::{Changeable, changeable, replaceable};
 
 pub(crate) use rules::{gaps, of_client, of_links, of_watcher, qualities};
+pub(crate) use strangers::keeps_strangers_out;
 pub(crate) use tls::{guarded, over_tls};

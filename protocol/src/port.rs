@@ -47,7 +47,7 @@ pub use error::{OpenError, ReceiveError, SendError};
 pub use faults::{End, Fault, Faults, ImpossibleFault, Kind};
 pub use links::{Carrier, Carriers, GRAPH_NAME_MAX, Links, is_graph_name};
 pub use memory::Exchange;
-pub use network::{Breach, Router, self_test};
+pub use network::{Router, self_test};
 pub use sequence::Since;
 pub use shared_memory::{HalfMade, SweepReport, claim, sweep};
 pub use sink::{RawSink, Sink};

@@ -31,6 +31,7 @@
 //! ```
 
 mod publisher;
+mod self_test;
 mod session;
 mod watcher;
 

@@ -1,10 +1,17 @@
-//! A router that keeps nobody out is found out before anything depends on it.
+//! A door that keeps nobody out is found out before anything depends on it.
 
-use crate::session::{Certificates, Shows, router};
-use promises::Outcome;
-use protocol::access::Role;
-use protocol::port::{Breach, Router, self_test};
+use crate::session::{Certificates, Failure, Shows, router};
+use promises::{Ended, Launched, Outcome, graph_file, launch_command};
+use protocol::access::{Breach, Role};
+use protocol::port::{Router, self_test};
 use serde_json::json;
+use std::path::Path;
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+use tempfile::TempDir;
+use zenoh::Wait;
 
 const GRAPH: &str = "maze";
 
@@ -44,5 +51,82 @@ fn a_router_that_is_configured_wrongly_is_not_relied_on() -> Outcome {
     assert!(matches!(any_length, Some(Breach::Oversize { .. })), "{any_length:?}");
     let nobody = self_test("tls/127.0.0.1:1", GRAPH, &credentials);
     assert!(matches!(nobody, Err(Breach::Unknown { .. })), "{nobody:?}");
+    Ok(())
+}
+
+/// In place of the C library's `connect`: whoever connects anywhere on the network lands at one port of this machine, as behind a packet filter
+/// that has been turned.
+const TURNED: &str = r#"
+#define _GNU_SOURCE
+#include <arpa/inet.h>
+#include <dlfcn.h>
+#include <stdlib.h>
+int connect(int socket, const struct sockaddr *address, socklen_t length) {
+    int (*original)(int, const struct sockaddr *, socklen_t) = dlsym(RTLD_NEXT, "connect");
+    struct sockaddr_in turned;
+    if (address->sa_family != AF_INET) return original(socket, address, length);
+    turned = *(const struct sockaddr_in *)address;
+    turned.sin_port = htons(atoi(getenv("TURNED_TO")));
+    return original(socket, (const struct sockaddr *)&turned, sizeof turned);
+}
+"#;
+
+/// What a launch of `graph` with certificates comes to whose own doors all lead to `endpoint`.
+fn launched_behind(endpoint: &str, graph: &str, certificates: &Path) -> Result<(Ended, TempDir), Failure> {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let (source, library) = (home.path().join("turned.c"), home.path().join("turned.so"));
+    std::fs::write(&source, TURNED)?;
+    assert!(Command::new("gcc").args(["-shared", "-fPIC", "-o"]).args([&library, &source]).arg("-ldl").status()?.success());
+    let options = ["--certificates", certificates.to_str().ok_or("no text")?];
+    let mut command = launch_command(&graph_file(graph), &home.path().join("run"), &options)?;
+    let port = endpoint.rsplit_once(':').ok_or("no endpoint")?.1;
+    command.env("LD_PRELOAD", library).env("TURNED_TO", port);
+    Launched::by(command, home)?.end()
+}
+
+/// That it ended for `reason`, and the plant was never started.
+fn assert_never_drove(launched: &(Ended, TempDir), reason: &str) {
+    let (ended, home) = launched;
+    assert!(!ended.status.success() && ended.text.contains(reason), "{reason}: {}", ended.text);
+    assert!(!home.path().join("run/plant.log").exists(), "{}", ended.text);
+}
+
+#[test]
+fn no_robot_drives_whose_router_lets_strangers_in() -> Outcome {
+    let certificates = Certificates::new()?;
+    let (_open, endpoint) = router(&Shows::Nothing, &[])?;
+    let launched = launched_behind(&endpoint, "network", &certificates.folder())?;
+    assert_never_drove(&launched, "a stranger without TLS was let in at ");
+    assert!(!launched.1.path().join("run/recorder.log").exists(), "somebody was started: {}", launched.0.text);
+    Ok(())
+}
+
+#[test]
+fn no_robot_drives_that_strangers_or_other_roles_can_watch() -> Outcome {
+    let certificates = Certificates::new()?;
+    let gateway = certificates.of(Role::Gateway);
+    let doors = [
+        (Shows::Nothing, "a stranger without TLS was let in at "),
+        (Shows::NoCertificate(gateway.clone()), "a stranger without a certificate was let in at "),
+        (Shows::Certificate(gateway), "the role gateway hears at "),
+    ];
+    for (shows, reason) in doors {
+        let (session, endpoint) = router(&shows, &[])?;
+        let ended = AtomicBool::new(false);
+        let launched = thread::scope(|scope| {
+            let talks = scope.spawn(|| -> Result<(), zenoh::Error> {
+                while !ended.load(Ordering::Relaxed) {
+                    session.put("coxswain/mecanum/health", "to whoever listens").wait()?;
+                    thread::sleep(Duration::from_millis(20));
+                }
+                Ok(())
+            });
+            let launched = launched_behind(&endpoint, "local", &certificates.folder()).map_err(|error| error.to_string());
+            ended.store(true, Ordering::Relaxed);
+            talks.join().map_err(|_| "it panicked".to_owned())?.map_err(|error| error.to_string())?;
+            launched
+        })?;
+        assert_never_drove(&launched, reason);
+    }
     Ok(())
 }

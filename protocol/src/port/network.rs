@@ -19,7 +19,7 @@ mod router;
 mod self_test;
 
 pub use router::Router;
-pub use self_test::{Breach, self_test};
+pub use self_test::self_test;
 
 use super::carrier::{Inlet, Outlet};
 use super::watched::Audience;

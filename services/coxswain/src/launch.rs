@@ -18,8 +18,9 @@ use crate::watch::Watch;
 use crate::without_learning;
 use process::refusals;
 use process::{PRIORITY, Pace, go_first, keep_to_user, wishes};
+use protocol::access::Breach;
 use protocol::message::Participant;
-use protocol::port::{Breach, HalfMade, OpenError, Router, claim};
+use protocol::port::{HalfMade, OpenError, Router, claim};
 use recorder::report;
 use settings::SettingsError;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -289,13 +290,17 @@ fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
 
 /// Starts everybody, each when the one before is ready. An outcome only if the run is over before it began.
 fn start(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Person) -> Result<Option<Outcome>, LaunchError> {
-    // A gateway only looks on: in real time it starts beside the others, and is waited for when the robot drives.
+    // A gateway only looks on: in real time it starts beside the others, and is waited for when the robot drives; with certificates before, since
+    // it is ready when it has found strangers kept out.
     let real_time = voyage.assembly.graph.pace == Pace::RealTime;
-    let (beside, waited): (Vec<_>, Vec<_>) = voyage.assembly.roles().partition(|&role| real_time && role == Participant::Gateway);
+    let (beside, mut order): (Vec<_>, Vec<_>) = voyage.assembly.roles().partition(|&role| real_time && role == Participant::Gateway);
     for &role in &beside {
         fleet.start(role)?;
     }
-    for role in waited.into_iter().chain(beside.iter().copied()) {
+    let waits = |&role: &Participant| role == Participant::Plant && voyage.assembly.certificates.is_some();
+    let place = order.iter().position(waits).unwrap_or(order.len());
+    order.splice(place..place, beside.iter().copied());
+    for role in order {
         if !beside.contains(&role) {
             fleet.start(role)?;
         }

@@ -5,7 +5,8 @@ use crate::lane::{HealthLane, Lane};
 use crate::page::{Feed, Page, PageError};
 use crate::settings::{Rates, Settings};
 use process::wishes::Answers;
-use process::{Pulse, Stop};
+use process::{Pulse, Stop, refusals};
+use protocol::access::Breach;
 use protocol::message::{ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth};
 use protocol::port::{OpenError, Ports, ReceiveError, Tally};
 use protocol::telemetry::{Publisher, TelemetryError, TelemetrySettings};
@@ -31,6 +32,9 @@ pub enum GatewayError {
     /// No way to browsers.
     #[error(transparent)]
     Page(#[from] PageError),
+    /// A way for strangers.
+    #[error(transparent)]
+    Breach(#[from] Breach),
 }
 
 /// Shows what is said until `stop` is requested.
@@ -43,6 +47,12 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
     let mut relay = Relay::open(ports, &rates)?;
     let mut publisher = publisher(settings)?;
     let mut page = page(settings)?;
+    // One that comes back listens where it was tested when it came first, and as it did then.
+    if let Some(credentials) = settings.telemetry.credentials.as_ref().filter(|_| !settings.run.restarted) {
+        pulse.send_now();
+        refusals::unlogged(|| publisher.self_test(credentials, pulse.health()))?;
+        tracing::info!("strangers are kept out of the telemetry");
+    }
     pulse.phase(Phase::Ready);
     let mut answers = if settings.run.restarted { Answers::from_now_on(&settings.run.folder) } else { Answers::all(&settings.run.folder) };
     let breath = rates.shortest_interval() / 2;

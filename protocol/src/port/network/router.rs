@@ -7,8 +7,8 @@
 
 use super::config;
 use super::guard::Guard;
-use super::self_test::{Breach, self_test};
-use crate::access::{Credentials, from_here, over_tls};
+use super::self_test::self_test;
+use crate::access::{Breach, Credentials, from_here, over_tls};
 use crate::port::OpenError;
 use crate::reason::first_line;
 use std::collections::BTreeSet;

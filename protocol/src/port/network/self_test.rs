@@ -6,15 +6,14 @@
 use super::config;
 use super::guard::Guard;
 use super::presence::draw_id;
-use crate::access::{AUTHORITY_FILE, AccessError, Credentials, Role};
+use crate::access::{AccessError, Breach, Credentials, Role, keeps_strangers_out, over_tls};
 use crate::reason::first_line;
 use crate::topic::Topic;
 use serde_json::json;
 use std::sync::mpsc::channel;
-use std::thread;
 use std::time::{Duration, Instant};
 use zenoh::qos::CongestionControl;
-use zenoh::{Config, Session, Wait};
+use zenoh::{Session, Wait};
 
 /// How long what may arrive may take.
 const ARRIVES_WITHIN: Duration = Duration::from_secs(10);
@@ -30,47 +29,6 @@ const AFTER_BYTES: usize = 2;
 /// Pause before what may pass is said again.
 const SAID_AGAIN_AFTER: Duration = Duration::from_millis(200);
 
-/// A router is not to be relied on.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Breach {
-    /// Whoever likes gets in.
-    #[error("a stranger without TLS was let in at {endpoint}")]
-    Plain {
-        /// Where.
-        endpoint: String,
-    },
-    /// Certificates are not asked for.
-    #[error("a stranger without a certificate was let in at {endpoint}")]
-    NoCertificate {
-        /// Where.
-        endpoint: String,
-    },
-    /// Roles make no difference.
-    #[error("the role {role} was heard at {endpoint} on the topic {topic}, which it must not write")]
-    WrongRole {
-        /// Where.
-        endpoint: String,
-        /// The role that was tried.
-        role: &'static str,
-        /// The topic.
-        topic: &'static str,
-    },
-    /// A message of any length passes.
-    #[error("a message of {OVERSIZE_BYTES} bytes passed at {endpoint} where at most {} do", config::BYTES_MAX)]
-    Oversize {
-        /// Where.
-        endpoint: String,
-    },
-    /// It cannot be told.
-    #[error("whether strangers are kept out at {endpoint} cannot be told: {reason}")]
-    Unknown {
-        /// Where.
-        endpoint: String,
-        /// What went wrong.
-        reason: String,
-    },
-}
-
 /// Tries to get in at `endpoint`, the router of the graph called `graph`, as who should not: a stranger, and a host that shows `credentials` and
 /// says what a host does not.
 ///
@@ -79,33 +37,13 @@ pub enum Breach {
 pub fn self_test(endpoint: &str, graph: &str, credentials: &Credentials) -> Result<(), Breach> {
     let guard = Guard::new(credentials, graph);
     let guard = &guard.map_err(|error| Breach::Unknown { endpoint: endpoint.to_owned(), reason: error.to_string() })?;
-    let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);
+    keeps_strangers_out(endpoint, &guard.credentials)?;
+    let tls = [over_tls(endpoint)];
     let endpoint = || endpoint.to_owned();
     let unknown = |reason: String| Breach::Unknown { endpoint: endpoint(), reason };
-    let tls = format!("tls/{address}");
-    let plain = stranger(&format!("tcp/{address}"), &[]);
-    let without = stranger(
-        &tls,
-        &[
-            ("transport/link/tls/root_ca_certificate", json!(guard.credentials.file(AUTHORITY_FILE))),
-            ("transport/link/tls/enable_mtls", json!(false)),
-        ],
-    );
-    let (plain, without) = thread::scope(|scope| {
-        let plain = scope.spawn(move || gets_in(plain));
-        let without = scope.spawn(move || gets_in(without));
-        (plain.join(), without.join())
-    });
-    let panicked = |_| unknown("the attempt panicked".to_owned());
-    if plain.map_err(panicked)? {
-        return Err(Breach::Plain { endpoint: endpoint() });
-    }
-    if without.map_err(panicked)? {
-        return Err(Breach::NoCertificate { endpoint: endpoint() });
-    }
     let role = guard.credentials.read().map_err(|error: AccessError| unknown(error.to_string()))?.role;
     let open = || {
-        let config = config::client(std::slice::from_ref(&tls), ATTEMPT_MILLIS, Some(guard)).and_then(|mut config| {
+        let config = config::client(&tls, ATTEMPT_MILLIS, Some(guard)).and_then(|mut config| {
             // To hear what the router should not have passed on.
             config.insert_json5("transport/link/rx/max_message_size", &json!(2 * OVERSIZE_BYTES).to_string())?;
             Ok(config)
@@ -118,7 +56,7 @@ pub fn self_test(endpoint: &str, graph: &str, credentials: &Credentials) -> Resu
         None => Err(unknown(format!("what may pass did not arrive within {ARRIVES_WITHIN:?}"))),
         Some(Arrived::Nothing) => Ok(()),
         Some(Arrived::Forbidden(topic)) => Err(Breach::WrongRole { endpoint: endpoint(), role: role.name(), topic }),
-        Some(Arrived::Oversize) => Err(Breach::Oversize { endpoint: endpoint() }),
+        Some(Arrived::Oversize) => Err(Breach::Oversize { endpoint: endpoint(), bytes: OVERSIZE_BYTES, most: config::BYTES_MAX }),
     }
 }
 
@@ -169,25 +107,4 @@ fn as_another(listener: &Session, speaker: &Session, graph: &str, role: Role) ->
             Err(_) => return Ok(None),
         }
     }
-}
-
-/// The configuration of one who has read no documentation but zenoh's.
-fn stranger(endpoint: &str, more: &[(&str, serde_json::Value)]) -> Result<Config, zenoh::Error> {
-    let mut config = Config::default();
-    let own = [
-        ("mode", json!("client")),
-        ("connect/endpoints", json!([endpoint])),
-        ("connect/timeout_ms", json!(0)),
-        ("connect/exit_on_failure", json!(true)),
-        ("scouting/multicast/enabled", json!(false)),
-        ("transport/unicast/open_timeout", json!(ATTEMPT_MILLIS)),
-    ];
-    for (key, value) in own.iter().chain(more) {
-        config.insert_json5(key, &value.to_string())?;
-    }
-    Ok(config)
-}
-
-fn gets_in(config: Result<Config, zenoh::Error>) -> bool {
-    config.and_then(|config| zenoh::open(config).wait()).is_ok()
 }

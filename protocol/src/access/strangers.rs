@@ -1,0 +1,111 @@
+//! Whether those are kept out who show no certificate: tried at an endpoint of our own, as one of them, before anything depends on it.
+
+use super::{AUTHORITY_FILE, Credentials};
+use serde_json::{Value, json};
+use std::thread;
+use zenoh::{Config, Wait};
+
+/// How long one attempt may take \[ms\].
+const ATTEMPT_MILLIS: u64 = 2_000;
+
+/// A door of ours is not to be relied on.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Breach {
+    /// Whoever likes gets in.
+    #[error("a stranger without TLS was let in at {endpoint}")]
+    Plain {
+        /// Where.
+        endpoint: String,
+    },
+    /// Certificates are not asked for.
+    #[error("a stranger without a certificate was let in at {endpoint}")]
+    NoCertificate {
+        /// Where.
+        endpoint: String,
+    },
+    /// Roles make no difference to what is said.
+    #[error("the role {role} was heard at {endpoint} on the topic {topic}, which it must not write")]
+    WrongRole {
+        /// Where.
+        endpoint: String,
+        /// The role that was tried.
+        role: &'static str,
+        /// The topic.
+        topic: &'static str,
+    },
+    /// Roles make no difference to who watches.
+    #[error("the role {role} hears at {endpoint} what watchers alone may hear")]
+    NoWatcher {
+        /// Where.
+        endpoint: String,
+        /// The role that was tried.
+        role: &'static str,
+    },
+    /// A message of any length passes.
+    #[error("a message of {bytes} bytes passed at {endpoint} where at most {most} do")]
+    Oversize {
+        /// Where.
+        endpoint: String,
+        /// Of the message.
+        bytes: usize,
+        /// That may pass.
+        most: usize,
+    },
+    /// It cannot be told.
+    #[error("whether strangers are kept out at {endpoint} cannot be told: {reason}")]
+    Unknown {
+        /// Where.
+        endpoint: String,
+        /// What went wrong.
+        reason: String,
+    },
+}
+
+/// Tries to get a session at `endpoint` without TLS, and over TLS without a certificate, believing the authority of `credentials`.
+///
+/// # Errors
+/// The first [`Breach`].
+pub(crate) fn keeps_strangers_out(endpoint: &str, credentials: &Credentials) -> Result<(), Breach> {
+    let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);
+    let endpoint = || endpoint.to_owned();
+    let plain = stranger(&format!("tcp/{address}"), &[]);
+    let without = [
+        ("transport/link/tls/root_ca_certificate", json!(credentials.file(AUTHORITY_FILE))),
+        ("transport/link/tls/enable_mtls", json!(false)),
+    ];
+    let without = stranger(&format!("tls/{address}"), &without);
+    let (plain, without) = thread::scope(|scope| {
+        let plain = scope.spawn(move || gets_in(plain));
+        let without = scope.spawn(move || gets_in(without));
+        (plain.join(), without.join())
+    });
+    let panicked = |_| Breach::Unknown { endpoint: endpoint(), reason: "the attempt panicked".to_owned() };
+    if plain.map_err(panicked)? {
+        return Err(Breach::Plain { endpoint: endpoint() });
+    }
+    if without.map_err(panicked)? {
+        return Err(Breach::NoCertificate { endpoint: endpoint() });
+    }
+    Ok(())
+}
+
+/// The configuration of one who has read no documentation but zenoh's.
+fn stranger(endpoint: &str, more: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
+    let mut config = Config::default();
+    let own = [
+        ("mode", json!("client")),
+        ("connect/endpoints", json!([endpoint])),
+        ("connect/timeout_ms", json!(0)),
+        ("connect/exit_on_failure", json!(true)),
+        ("scouting/multicast/enabled", json!(false)),
+        ("transport/unicast/open_timeout", json!(ATTEMPT_MILLIS)),
+    ];
+    for (key, value) in own.iter().chain(more) {
+        config.insert_json5(key, &value.to_string())?;
+    }
+    Ok(config)
+}
+
+fn gets_in(config: Result<Config, zenoh::Error>) -> bool {
+    config.and_then(|config| zenoh::open(config).wait()).is_ok()
+}

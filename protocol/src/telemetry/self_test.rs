@@ -1,0 +1,48 @@
+//! Whether a gateway keeps out who is no watcher: tried by itself, before anybody relies on it.
+
+use super::Publisher;
+use super::session::connect;
+use crate::access::{Breach, Credentials, from_here, keeps_strangers_out};
+use crate::message::Health;
+use crate::reason::first_line;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
+use zenoh::Wait;
+
+/// How often something is said to one who must not hear it, who listens so long each time. One who may hears the first of them.
+const TIMES: usize = 10;
+const LISTENS_FOR: Duration = Duration::from_millis(100);
+
+impl Publisher {
+    /// Tries to watch, wherever it listens: over TCP, without a certificate, and in the role of `credentials`, which is no watcher's. Meanwhile
+    /// `word` is published.
+    ///
+    /// # Errors
+    /// The first [`Breach`].
+    pub fn self_test(&mut self, credentials: &Credentials, word: &Health) -> Result<(), Breach> {
+        for endpoint in self.endpoints().to_vec() {
+            self.is_silent_at(from_here(&endpoint), credentials, word)?;
+        }
+        Ok(())
+    }
+
+    fn is_silent_at(&mut self, endpoint: String, credentials: &Credentials, word: &Health) -> Result<(), Breach> {
+        let unknown = |reason: String| Breach::Unknown { endpoint: endpoint.clone(), reason };
+        keeps_strangers_out(&endpoint, credentials)?;
+        let role = credentials.read().map_err(|error| unknown(error.to_string()))?.role;
+        let session = connect(&endpoint, Some(credentials)).map_err(|error| unknown(error.to_string()))?;
+        let (tell, heard) = channel();
+        // Nobody listens any more once something has been heard.
+        let subscriber = session.declare_subscriber("coxswain/**").callback(move |_| tell.send(()).unwrap_or_default());
+        let _subscriber = subscriber.wait().map_err(|error| unknown(first_line(&error)))?;
+        for _ in 0..TIMES {
+            self.publish(word).map_err(|error| unknown(error.to_string()))?;
+            match heard.recv_timeout(LISTENS_FOR) {
+                Ok(()) => return Err(Breach::NoWatcher { endpoint, role: role.name() }),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Err(unknown("the session has ended".to_owned())),
+            }
+        }
+        Ok(())
+    }
+}
