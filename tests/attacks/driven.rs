@@ -7,6 +7,7 @@ use coxswain::options::Options;
 use promises::oracle::{Limits, Rule, judge};
 use promises::{Launched, Message, Outcome, Record, graph_file, signal};
 use protocol::access::Role;
+use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, Health};
 use protocol::wire;
 use rustix::process::Signal;
@@ -25,6 +26,11 @@ use zenoh::{Session, Wait};
 const BRAKES_AFTER_PERIODS: f64 = 3.0;
 /// Of an age in periods.
 const ROUNDING: f64 = 1e-6;
+
+/// Floods, by turns with as long a calm.
+const FLOODS: usize = 7;
+/// How long each lasts, at least.
+const FLOOD_LASTS: Duration = Duration::from_secs(1);
 
 /// A launch of every link over the network, where it is to be met, and how its graph is called there.
 fn launched(certificates: &Certificates, options: &[&str]) -> Result<(Launched, String, String), Failure> {
@@ -275,18 +281,15 @@ fn a_role_that_floods_the_heartbeats_silences_nobody() -> Outcome {
 #[test]
 fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> Outcome {
     let certificates = Certificates::new()?;
-    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "16"])?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "18"])?;
     let door = launched.told_a_person("listening at ")?;
     let address = door.split_once('/').ok_or("no endpoint")?.1.to_owned();
-    let quiet = Instant::now();
-    let driven = |seconds: u64| quiet.elapsed() >= Duration::from_secs(seconds);
-    launched.wait_until("half of the drive", || driven(7))?;
     let open = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
     let (watcher, gateway) = (open(Role::Watcher)?, open(Role::Gateway)?);
     let (mut held, mut counts) = (Vec::new(), [0_usize; 3]);
     let base = format!("coxswain-link/{graph}");
     let long = vec![0_u8; 8 * 1024 * 1024];
-    launched.wait_until("the other half", || {
+    let mut wave = || {
         for _ in 0..20 {
             if let Ok(mut stream) = TcpStream::connect(&address) {
                 let _ = stream.write_all(b"let me in");
@@ -301,29 +304,46 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
             counts[1] += usize::from(watcher.declare_subscriber(key).callback(drop).background().wait().is_ok());
         }
         counts[2] += usize::from(gateway.put(format!("{base}/health/data/gateway.flood"), long.clone()).wait().is_ok());
-        driven(13)
-    })?;
+    };
+    // By turns with as long a calm, so that whatever else the machine does befalls both.
+    let mut floods = Vec::new();
+    while floods.len() < FLOODS {
+        thread::sleep(FLOOD_LASTS);
+        let begin = Instant::now();
+        let from = monotonic_nanos();
+        while begin.elapsed() < FLOOD_LASTS {
+            wave();
+        }
+        floods.push(from..monotonic_nanos());
+    }
     drop((watcher, gateway, held));
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     let log = std::fs::read_to_string(home.path().join("run/coxswain.log"))?;
     let record = Record::read(&home.path().join("run"))?;
-    assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(160));
+    assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(180));
     let genuine = genuine(&record)?;
     assert!(acted(&record).keys().all(|writer| [0, genuine].contains(writer)));
     let long_messages = record.of("health").filter(|health| health.word("participant") == "?").count();
     assert_eq!(long_messages, 0);
-    let plans: Vec<&Message> = record.of("plan").collect();
-    let (before, during) = (plans.get(10..60).unwrap_or_default(), plans.get(80..125).unwrap_or_default());
+    let flooded = |message: &&Message| floods.iter().any(|flood| flood.contains(&message.stamp("sent_nanos")));
+    // Until the first plan there is nothing to wait for, and after the last flood no calm.
+    let last = floods.last().map_or(0, |flood| flood.end);
+    let driving = |kind| record.of(kind).filter(move |message| message.stamp("tick") >= 10 && message.stamp("sent_nanos") < last);
+    let (during, before): (Vec<&Message>, Vec<&Message>) = driving("plan").partition(flooded);
+    let states: Vec<&Message> = driving("state").filter(flooded).collect();
+    let fresh = states.iter().filter(|state| state.word("rung") == "fresh plan").count();
     let [connections, subscriptions, fragments] = counts;
-    let fresh = record.of("state").skip(80).take(45).filter(|state| state.word("rung") == "fresh plan").count();
-    let (before, during) = (middle(before), middle(during));
+    let (calm, flood) = (middle(&before), middle(&during));
     print(format_args!(
-        "floods: {connections} connections, {subscriptions} subscriptions, {fragments} messages of 8 MiB; control tick p50 {} us before, {} us \
-         during, ratio {:.2}; {fresh} of 45 periods on fresh plans",
-        before / 1000,
-        during / 1000,
-        during as f64 / before as f64
+        "floods: {connections} connections, {subscriptions} subscriptions, {fragments} messages of 8 MiB; control tick p50 {} us in {} periods \
+         between them, {} us in {} during, ratio {:.2}; {fresh} of {} periods on fresh plans",
+        calm / 1000,
+        before.len(),
+        flood / 1000,
+        during.len(),
+        flood as f64 / calm as f64,
+        states.len()
     ));
     assert!(log.contains("turned away at the network: a message is longer than any may be"), "{log}");
     let lines = log.lines().filter(|line| line.contains("turned away at the network")).count();
