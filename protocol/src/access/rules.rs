@@ -192,8 +192,8 @@ pub(crate) fn gaps(graph: &str) -> Value {
     json!([{ "id": "rates", "messages": ["put"], "flows": ["ingress"], "rules": rules }])
 }
 
-/// That what is said goes on in real time with the `priority` of its topic, as zenoh's `qos/network`, whatever its author wants: else who floods one topic, in a hurry,
-/// keeps the others waiting, and who insists on being waited for ends the links of those who are slow.
+/// That what is said goes on in real time with the `priority` of its topic, as zenoh's `qos/network`, whatever its author wants: else who floods
+/// one topic, in a hurry, keeps the others waiting, and who insists on being waited for ends the links of those who are slow.
 pub(crate) fn qualities(graph: &str, priority: fn(Topic) -> &'static str) -> Value {
     let rule = |topic: Topic| {
         let base = base(graph, topic);
