@@ -40,14 +40,14 @@ pub enum GatewayError {
 /// Shows what is said until `stop` is requested.
 ///
 /// # Errors
-/// [`GatewayError`]. Whatever it is, the robot does not notice.
+/// [`GatewayError`]. A robot that drives does not notice; one that is to start, with certificates, waits for the first gateway of its launch.
 pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), GatewayError> {
     let mut pulse = Pulse::new(ports, Participant::Gateway)?.exposed(settings.run.exposure);
     let rates = settings.rates.of(settings.run.exposure);
     let mut relay = Relay::open(ports, &rates)?;
     let mut publisher = publisher(settings)?;
     let mut page = page(settings)?;
-    // One that comes back listens where it was tested when it came first, and as it did then.
+    // One that comes back does so without: its settings are those that were tested, and watchers wait for it.
     if let Some(credentials) = settings.telemetry.credentials.as_ref().filter(|_| !settings.run.restarted) {
         pulse.send_now();
         refusals::unlogged(|| publisher.self_test(credentials, pulse.health()))?;

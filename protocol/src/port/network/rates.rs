@@ -1,7 +1,7 @@
 //! How often one role is heard on a topic that several write: else who floods it displaces what the others say.
 //!
-//! A topic of one role needs no limit. Its queue is bounded, the newest displace the oldest, and whoever has the certificate of that role could say
-//! all of it anyway.
+//! A topic of one role needs no limit at its readers. Its queue is bounded, the newest displace the oldest, and whoever has the certificate of that
+//! role could say all of it anyway. What keeps a router busy is limited there, on all topics.
 
 use super::Network;
 use crate::access::Role;
