@@ -2,6 +2,8 @@
 
 #[path = "attacks/driven.rs"]
 mod driven;
+#[path = "attacks/floods.rs"]
+mod floods;
 #[path = "attacks/gateway.rs"]
 mod gateway;
 #[path = "attacks/matrix.rs"]

@@ -33,6 +33,6 @@ pub use rules::of_telemetry;
 pub use strangers::Breach;
 pub use writers::{Changeable, changeable, replaceable};
 
-pub(crate) use rules::{gaps, of_client, of_links, of_watcher, qualities};
+pub(crate) use rules::{TESTER, gaps, of_client, of_links, of_watcher, qualities};
 pub(crate) use strangers::keeps_strangers_out;
 pub(crate) use tls::{guarded, over_tls};

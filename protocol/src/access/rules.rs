@@ -30,6 +30,9 @@ enum Flow {
     Egress,
 }
 
+/// Reader to which a router's test of itself speaks, so that nobody else hears it.
+pub(crate) const TESTER: &str = "self-test";
+
 /// What one role may do.
 #[derive(Debug, Default)]
 struct Allowed(Vec<(Flow, &'static str, String)>);
@@ -40,34 +43,40 @@ impl Allowed {
     }
 
     /// What a writer of the topic with this `base` does and is told. The names of writers begin with their roles, and no others pass.
-    fn writer(&mut self, base: &str, roles: &[Role]) {
+    fn writer(&mut self, base: &str, roles: &[Role], needs: Needs) {
         use Flow::{Egress, Ingress};
         for role in roles {
             self.add(Ingress, "put", format!("{base}/data/{}.$*", role.name()));
-            self.add(Ingress, "put", format!("{base}/history/*/{}.$*", role.name()));
+            if needs.history {
+                self.add(Ingress, "put", format!("{base}/history/*/{}.$*", role.name()));
+            }
         }
         self.add(Ingress, "liveliness_token", format!("{base}/writer/**"));
         self.add(Ingress, "liveliness_query", format!("{base}/**"));
         self.add(Ingress, "declare_liveliness_subscriber", format!("{base}/reader/**"));
-        self.add(Ingress, "declare_subscriber", format!("{base}/room/*/*"));
         self.add(Ingress, "declare_queryable", format!("{base}/join/*"));
         self.add(Ingress, "query", format!("{base}/join/*"));
-        self.add(Egress, "put", format!("{base}/room/*/*"));
+        if needs.room {
+            self.add(Ingress, "declare_subscriber", format!("{base}/room/*/*"));
+            self.add(Egress, "put", format!("{base}/room/*/*"));
+        }
         self.add(Egress, "liveliness_token", format!("{base}/**"));
         self.add(Egress, "query", format!("{base}/join/*"));
     }
 
     /// What a reader of the topic with this `base` does and is told.
-    fn reader(&mut self, base: &str) {
+    fn reader(&mut self, base: &str, needs: Needs) {
         use Flow::{Egress, Ingress};
-        self.add(Ingress, "put", format!("{base}/room/*/*"));
+        if needs.room {
+            self.add(Ingress, "put", format!("{base}/room/*/*"));
+        }
         self.add(Ingress, "liveliness_token", format!("{base}/reader/**"));
         self.add(Ingress, "liveliness_query", format!("{base}/**"));
-        self.add(Ingress, "declare_subscriber", format!("{base}/data/*"));
-        self.add(Ingress, "declare_subscriber", format!("{base}/history/*/*"));
         self.add(Ingress, "query", format!("{base}/join/*"));
-        self.add(Egress, "put", format!("{base}/data/*"));
-        self.add(Egress, "put", format!("{base}/history/*/*"));
+        for key in [Some("data/*"), needs.history.then_some("history/*/*")].into_iter().flatten() {
+            self.add(Ingress, "declare_subscriber", format!("{base}/{key}"));
+            self.add(Egress, "put", format!("{base}/{key}"));
+        }
         self.add(Egress, "liveliness_token", format!("{base}/**"));
     }
 
@@ -84,6 +93,14 @@ impl Allowed {
         for message in ["liveliness_query", "declare_liveliness_subscriber"] {
             self.add(Egress, message, ROUTERS);
         }
+    }
+
+    /// What a host's router says to itself when it tests itself, on the topic with this `base`.
+    fn tester(&mut self, base: &str, role: Role) {
+        use Flow::{Egress, Ingress};
+        self.add(Ingress, "put", format!("{base}/history/{TESTER}/{}.$*", role.name()));
+        self.add(Ingress, "declare_subscriber", format!("{base}/history/{TESTER}/*"));
+        self.add(Egress, "put", format!("{base}/history/{TESTER}/*"));
     }
 
     /// One rule for each kind of message and way.
@@ -105,18 +122,34 @@ impl Allowed {
     }
 }
 
+/// What the links of one topic do beside saying something.
+#[derive(Debug, Clone, Copy)]
+struct Needs {
+    /// Say it again to one reader.
+    history: bool,
+    /// Tell the writer what room there is.
+    room: bool,
+}
+
+impl Needs {
+    /// Those of `topic`. In real time nobody waits for room, and nobody who comes back is told what it missed.
+    const fn of(topic: Topic, lock_step: bool) -> Self {
+        Self { history: lock_step || topic.quality(lock_step).history > 0, room: lock_step }
+    }
+}
+
 fn base(graph: &str, topic: Topic) -> String {
     format!("coxswain-link/{graph}/{}", topic.name())
 }
 
 /// What `role` may do at the router of a graph.
-fn on_links(role: Role, graph: &str) -> Allowed {
+fn on_links(role: Role, graph: &str, lock_step: bool) -> Allowed {
     let mut allowed = Allowed::default();
     for topic in role.says() {
-        allowed.writer(&base(graph, *topic), &role.brings(*topic));
+        allowed.writer(&base(graph, *topic), &role.brings(*topic), Needs::of(*topic, lock_step));
     }
     for topic in role.hears() {
-        allowed.reader(&base(graph, *topic));
+        allowed.reader(&base(graph, *topic), Needs::of(*topic, lock_step));
     }
     if role != Role::Watcher {
         allowed.add(Flow::Ingress, "liveliness_query", ROUTERS);
@@ -125,6 +158,7 @@ fn on_links(role: Role, graph: &str) -> Allowed {
     }
     if role.is_host() {
         allowed.host(graph, role);
+        allowed.tester(&base(graph, Topic::Health), role);
     }
     allowed
 }
@@ -146,8 +180,8 @@ fn control(robot: &str, roles: impl IntoIterator<Item = (Role, Allowed)>) -> Val
 }
 
 /// For the router of the graph called `graph` on the network.
-pub(crate) fn of_links(graph: &str, robot: &str) -> Value {
-    control(robot, Role::ALL.map(|role| (role, on_links(role, graph))))
+pub(crate) fn of_links(graph: &str, robot: &str, lock_step: bool) -> Value {
+    control(robot, Role::ALL.map(|role| (role, on_links(role, graph, lock_step))))
 }
 
 /// For a client of such a router, which believes nobody else.
@@ -180,30 +214,43 @@ fn everything() -> Allowed {
 }
 
 /// Messages of one role that pass on one topic and link in real time \[1/s\], no two of them closer together than that: five times what the
-/// shortest period needs.
+/// shortest period needs. What is said again to those who come counts apart.
 const PER_SECOND: u32 = 5_000;
+/// The same of snapshots, or pieces of them, each of which is as long as a message may be: 65 MB/s.
+const SNAPSHOTS_PER_SECOND: u32 = 1_000;
 
-/// How often who says what passes, as zenoh's `downsampling`. Not history, nor snapshots: these come in several pieces at once.
+/// How often who says what passes, as zenoh's `downsampling`.
 pub(crate) fn gaps(graph: &str) -> Value {
-    let rule =
-        |topic: Topic, role: Role| json!({ "key_expr": format!("{}/data/{}.$*", base(graph, topic), role.name()), "freq": PER_SECOND });
-    let of = |role: Role| role.says().iter().filter(|topic| **topic != Topic::Snapshot).map(move |topic| rule(*topic, role));
+    let of = |role: Role| {
+        role.says().iter().flat_map(move |topic| {
+            let frequency = if *topic == Topic::Snapshot { SNAPSHOTS_PER_SECOND } else { PER_SECOND };
+            let key = move |place: &str| format!("{}/{place}/{}.$*", base(graph, *topic), role.name());
+            ["data", "history/*"].map(|place| json!({ "key_expr": key(place), "freq": frequency }))
+        })
+    };
     let rules: Vec<Value> = Role::ALL.into_iter().flat_map(of).collect();
     json!([{ "id": "rates", "messages": ["put"], "flows": ["ingress"], "rules": rules }])
 }
 
-/// That what is said goes on in real time with the `priority` of its topic, as zenoh's `qos/network`, whatever its author wants: else who floods
-/// one topic, in a hurry, keeps the others waiting, and who insists on being waited for ends the links of those who are slow.
+/// That what is said and asked goes on in real time as it does with us, as zenoh's `qos/network`, whatever its author wants: what is said with the
+/// `priority` of its topic, and nothing is waited for. Else who floods one topic, in a hurry, keeps the others waiting, and who insists on being
+/// waited for ends the links of those who are slow.
 pub(crate) fn qualities(graph: &str, priority: fn(Topic) -> &'static str) -> Value {
-    let rule = |topic: Topic| {
+    let said = |topic: Topic| {
         let base = base(graph, topic);
         json!({
             "id": topic.name(),
             "messages": ["put", "delete"],
             "flows": ["ingress"],
-            "key_exprs": [format!("{base}/data/*"), format!("{base}/history/*/*"), format!("{base}/room/*/*")],
+            "key_exprs": [format!("{base}/data/*"), format!("{base}/history/*/*")],
             "overwrite": { "priority": priority(topic), "congestion_control": "drop", "express": false },
         })
     };
-    Value::Array(Topic::ALL.map(rule).to_vec())
+    let asked = json!({
+        "id": "questions",
+        "messages": ["query"],
+        "flows": ["ingress"],
+        "overwrite": { "congestion_control": "drop", "express": false },
+    });
+    Value::Array(Topic::ALL.map(said).into_iter().chain([asked]).collect())
 }

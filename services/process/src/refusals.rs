@@ -28,9 +28,8 @@ const DOOR: &str = "zenoh_transport::unicast::manager";
 const ARRIVALS: &str = "zenoh_transport::unicast::universal::rx";
 /// How it says that.
 const TOO_LONG: &str = "Defragmentation buffer full";
-/// Where it says what comes too often, and how.
+/// Where it says what comes too often.
 const RATES: &str = "zenoh::net::routing::interceptor::downsampling";
-const TOO_OFTEN: &str = "Message dropped by the downsampling";
 
 /// What zenoh says behind a reason, of other causes.
 const HINT: &str = ". Hint:";
@@ -79,15 +78,11 @@ impl<S> Filter<S> for Refusals {
             ACCESS if *metadata.level() >= Level::INFO => rights::refused,
             DOOR if *metadata.level() >= Level::INFO => no_room,
             ARRIVALS if *metadata.level() >= Level::DEBUG => too_long,
-            RATES if *metadata.level() >= Level::INFO => too_often,
+            RATES if *metadata.level() >= Level::INFO => rights::too_often,
             _ if is_refusal(metadata) => |message| Some(reason(message)),
             _ => return true,
         };
-        let only = match metadata.target() {
-            ARRIVALS => TOO_LONG,
-            RATES => TOO_OFTEN,
-            _ => "",
-        };
+        let only = if metadata.target() == ARRIVALS { TOO_LONG } else { "" };
         let mut message = Message { only, text: String::new() };
         event.record(&mut message);
         if let Some(reason) = judge(&message.text) {
@@ -145,11 +140,6 @@ fn no_room(message: &str) -> Option<String> {
 /// That a message was too long, if that is what zenoh says.
 fn too_long(message: &str) -> Option<String> {
     message.starts_with(TOO_LONG).then(|| "a message is longer than any may be".to_owned())
-}
-
-/// That a message came too soon after another, if that is what zenoh says.
-fn too_often(message: &str) -> Option<String> {
-    message.starts_with(TOO_OFTEN).then(|| "a role says more than any needs to".to_owned())
 }
 
 /// The same for all whom the same befalls.

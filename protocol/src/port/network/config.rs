@@ -62,7 +62,7 @@ pub(super) fn router(listen: &[String], connect: &[String], guard: Option<&Guard
     ])?;
     let Some(guard) = guard else { return Ok(config) };
     let mut limits = vec![
-        ("access_control", of_links(&guard.graph, &guard.robot)),
+        ("access_control", of_links(&guard.graph, &guard.robot, !guard.real_time)),
         ("transport/unicast/max_sessions", json!(SESSIONS_MAX)),
         ("transport/unicast/accept_pending", json!(SESSIONS_MAX)),
     ];

@@ -89,9 +89,11 @@ impl NetworkInlet {
         let arrivals = Arrivals::new(network.quality(topic), Rates::on(topic, network)).map_err(|error| failed(error.into()))?;
         let arrivals = Arc::new(arrivals);
         let presence = presence::key(network, topic, Role::Reader, &id);
-        let (token, shared, heard) = (presence.clone(), Arc::clone(&arrivals), [keys.data("*"), keys.history(&id, "*")]);
+        let says_again = arrivals.quality.history > 0 || arrivals.quality.delivery == Delivery::Lossless;
+        let heard = [Some(keys.data("*")), says_again.then(|| keys.history(&id, "*"))];
+        let (token, shared) = (presence.clone(), Arc::clone(&arrivals));
         let declare = move |session: &Session| {
-            let subscribers = heard.iter().map(|key| listen(session, key, &shared)).collect::<Result<_, _>>()?;
+            let subscribers = heard.iter().flatten().map(|key| listen(session, key, &shared)).collect::<Result<_, _>>()?;
             let token = session.liveliness().declare_token(&token).wait()?;
             Ok(Declared { _token: Some(token), _subscribers: subscribers, _queryable: None })
         };

@@ -24,6 +24,12 @@ use zenoh::{Session, Wait};
 /// How long a writer that is closed may take to send what waits.
 const FLUSH_TIMEOUT: Duration = Duration::from_secs(1);
 
+/// Pause between what two readers are told again that have come at once: five times that between two messages that a router passes on.
+const NEXT_AFTER: Duration = Duration::from_millis(1);
+
+/// The same between two snapshots, or pieces of them, where routers limit rates: ten times what they ask for, since on the way they may come closer.
+const NEXT_PIECE_AFTER: Duration = Duration::from_millis(10);
+
 /// How long a lossless writer sleeps before it looks again whether its own queue has room.
 const QUEUE_PAUSE: Duration = Duration::from_micros(100);
 
@@ -69,7 +75,7 @@ impl NetworkOutlet {
         let failed = failed(topic);
 
         let (done, sent) = channel();
-        let mut post = Post::new(Arc::clone(&network.line), topic, quality, keys.clone(), id.clone());
+        let mut post = Post::new(network, topic, keys.clone(), id.clone());
         let shared = Arc::clone(&departures);
         let run = move || {
             shared.depart(&mut post);
@@ -84,20 +90,23 @@ impl NetworkOutlet {
         let presence = presence::key(network, topic, Role::Writer, &id);
         let (token, shared, greeter) = (presence.clone(), Arc::clone(&departures), sender.clone());
         let declare = move |session: &Session| {
-            let departures = Arc::clone(&shared);
-            let room = session.declare_subscriber(keys.room(&id, "*")).callback(move |sample| departures.readers.room_made(&sample));
-            let room = room.wait()?;
+            let mut subscribers = Vec::new();
+            if quality.delivery == Delivery::Lossless {
+                let departures = Arc::clone(&shared);
+                let room = session.declare_subscriber(keys.room(&id, "*")).callback(move |sample| departures.readers.room_made(&sample));
+                subscribers.push(room.wait()?);
+            }
             let (departures, greeter) = (Arc::clone(&shared), greeter.clone());
             let readers = session.liveliness().declare_subscriber(keys.readers()).history(true).callback(move |sample| {
                 departures.readers.presence_changed(&sample);
                 departures.greet.store(true, Ordering::Release);
                 greeter.unpark();
             });
-            let readers = readers.wait()?;
+            subscribers.push(readers.wait()?);
             // A query ends when all that it was passed to have let go of it: it needs no answer.
             let join = session.declare_queryable(keys.join(&id)).callback(drop).wait()?;
             let token = session.liveliness().declare_token(&token).wait()?;
-            Ok(Declared { _token: Some(token), _subscribers: vec![readers, room], _queryable: Some(join) })
+            Ok(Declared { _token: Some(token), _subscribers: subscribers, _queryable: Some(join) })
         };
         let held = network.line.hold(Box::new(declare)).map_err(&failed)?;
         let own = Own::new(network, presence);
@@ -223,8 +232,12 @@ impl Departures {
     /// Gives the history to those who have come.
     fn greet(&self, post: &Post) {
         if self.greet.swap(false, Ordering::Acquire) {
-            for newcomer in self.readers.take_newcomers() {
-                post.repeat(&newcomer);
+            for (index, newcomer) in self.readers.take_newcomers().iter().enumerate() {
+                if index > 0 {
+                    // What comes right behind another a router may let go of.
+                    thread::sleep(NEXT_AFTER);
+                }
+                post.repeat(newcomer);
             }
         }
     }
@@ -254,10 +267,13 @@ struct Post {
     remembered: usize,
     /// Pieces sent since the router was last asked whether it has passed them on.
     unasked: Cell<usize>,
+    /// Where routers limit how often snapshots come: when the last one, or a piece of one, was sent.
+    apart: Option<Cell<Option<Instant>>>,
 }
 
 impl Post {
-    fn new(line: Arc<Line>, topic: Topic, quality: Quality, keys: Keys, id: String) -> Self {
+    fn new(network: &Network, topic: Topic, keys: Keys, id: String) -> Self {
+        let (line, quality) = (Arc::clone(&network.line), network.quality(topic));
         let (priority, _) = priority(topic);
         let congestion = match quality.delivery {
             Delivery::Lossless => CongestionControl::Block,
@@ -266,7 +282,9 @@ impl Post {
         let data = keys.data(&id);
         let remembered = if quality.delivery == Delivery::Lossless { quality.depth } else { quality.history };
         let last = VecDeque::with_capacity(remembered);
-        Self { line, keys, id, data, quality, priority, congestion, last, remembered, unasked: Cell::new(0) }
+        let is_limited = network.role.is_some() && topic == Topic::Snapshot && quality.delivery == Delivery::NewestWins;
+        let apart = is_limited.then(Cell::default);
+        Self { line, keys, id, data, quality, priority, congestion, last, remembered, unasked: Cell::new(0), apart }
     }
 
     fn send(&mut self, parcel: &Parcel) {
@@ -305,8 +323,19 @@ impl Post {
         }
     }
 
+    /// Waits until what is sent next does not come too close behind the last at any router.
+    fn keep_apart(&self) {
+        let Some(last) = &self.apart else { return };
+        if last.get().is_some_and(|last| last.elapsed() < NEXT_PIECE_AFTER) {
+            self.flush();
+            thread::sleep(NEXT_PIECE_AFTER);
+        }
+        last.set(Some(Instant::now()));
+    }
+
     /// Not express: zenoh waits for nothing while the link is free, and an express message takes a whole batch, of which a burst finds too few.
     fn put_piece(&self, key: &str, label: Label, bytes: ZBytes) {
+        self.keep_apart();
         let session = self.line.session();
         let put = session.put(key, bytes).attachment(label.to_bytes());
         let put = put.priority(self.priority).congestion_control(self.congestion);

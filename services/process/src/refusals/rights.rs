@@ -1,4 +1,4 @@
-//! zenoh's words about rights, at its lowest level → who may not what, if somebody wanted it.
+//! zenoh's words about rights and rates, at its lowest level → who may not what, if somebody wanted it, and who wants it too often.
 //!
 //! It says "… is authorized to Put (ingress) on key" or "unauthorized" of each message that arrives, "(egress)" of each that leaves; and calls the sender by certificate
 //! where it works that out, and by the name of its session alone where it knows already.
@@ -17,6 +17,9 @@ const KINDS: u8 = 9;
 
 /// What it says before what it knows already.
 const KNOWN: &str = "Using cached result: ";
+
+/// What it says before what comes too soon after another.
+const DROPPED: &str = "Message dropped by the downsampling interceptor: ";
 
 /// Sessions whose certificates are remembered: more than a router lets in at a time.
 const GUESTS_MAX: usize = 256;
@@ -56,6 +59,17 @@ pub(super) fn refused(message: &str) -> Option<String> {
     };
     let who = who.ends_with("un").then(|| guests().get(session).cloned())?;
     Some(format!("{} may not {kind} on {}", who.as_deref().unwrap_or("somebody"), place(key)))
+}
+
+/// Who says more than passes, and on what, by what zenoh says.
+pub(super) fn too_often(message: &str) -> Option<String> {
+    let (what, from) = message.strip_prefix(DROPPED)?.rsplit_once(") from:")?;
+    let (_, key) = what.split_once('(')?;
+    // Here it calls the session by the first digits of its name.
+    let digits = from.rsplit('/').next()?.split(':').next()?;
+    let guests = guests();
+    let guest = guests.range(digits.to_owned()..).next().filter(|(session, _)| session.starts_with(digits));
+    Some(format!("{} says more on {} than anybody needs to", guest.map_or("somebody", |(_, who)| who), place(key)))
 }
 
 /// Whether the word about `key` is of a message that nobody has sent.
@@ -112,6 +126,22 @@ mod tests {
         let query = "Using cached result: 9f is unauthorized to Query (ingress) on coxswain-link/g/command/join/1";
         assert_eq!(refused(query).as_deref(), Some("a certificate of no role here may not Query on command"));
         assert_eq!(refused(&query.replace("9f", "af")).as_deref(), Some("somebody may not Query on command"));
+    }
+
+    #[test]
+    fn who_says_too_much_is_told_by_his_role_and_nothing_that_he_chose() {
+        let put = "6f01ab on lo+CertCommonName(learner.pilot)+tls+6f01ab is authorized to Put (ingress) on coxswain-link/g/health/data/<b>";
+        assert_eq!(refused(put), None);
+        let often = |key: &str, session: &str| {
+            too_often(&format!(
+                "Message dropped by the downsampling interceptor: Push(coxswain-link/g/{key}) from:south:0:client/{session}:3"
+            ))
+        };
+        let told = Some("learner.pilot says more on health than anybody needs to");
+        assert_eq!(often("health/data/learner.1", "6f01").as_deref(), told);
+        assert_eq!(often("health/data/robot.1) from:south:0:client/7f01:3", "6f01").as_deref(), told);
+        assert_eq!(often("command/data/x", "6e01").as_deref(), Some("somebody says more on command than anybody needs to"));
+        assert_eq!(too_often("Some message(s) have been dropped"), None);
     }
 
     #[test]

@@ -1,0 +1,246 @@
+//! Floods, by strangers and by who has a certificate of the robot.
+
+use crate::driven::{acted, genuine, launched};
+use crate::session::{Certificates, Failure, Shows, connect, failed, print};
+use bytemuck::Zeroable;
+use promises::{Message, Outcome, Record};
+use protocol::access::Role;
+use protocol::clock::monotonic_nanos;
+use protocol::message::Health;
+use protocol::wire;
+use std::io::Write;
+use std::net::TcpStream;
+use std::thread;
+use std::time::{Duration, Instant};
+use zenoh::bytes::ZBytes;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::QueryTarget;
+use zenoh::{Session, Wait};
+
+/// Floods, by turns with as long a calm.
+const FLOODS: usize = 7;
+/// How long each lasts, at least.
+const FLOOD_LASTS: Duration = Duration::from_secs(1);
+
+/// Time from a state to its command [ns], the middle one of those plans.
+fn middle(plans: &[&Message]) -> u64 {
+    let mut nanos: Vec<u64> = plans.iter().map(|plan| plan.count("tick_nanos")).collect();
+    nanos.sort_unstable();
+    nanos.get(nanos.len() / 2).copied().unwrap_or(0)
+}
+
+#[test]
+fn a_role_that_floods_the_heartbeats_silences_nobody() -> Outcome {
+    let certificates = Certificates::new()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "20"])?;
+    let learner = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let key = format!("coxswain-link/{graph}/health/data/learner.flood");
+    let mut heartbeat = Vec::new();
+    wire::encode(&Health::zeroed(), &mut heartbeat);
+    let (begin, mut said) = (Instant::now(), 0_usize);
+    launched.wait_until("five seconds of the flood", || {
+        let burst = Instant::now();
+        while burst.elapsed() < Duration::from_millis(500) {
+            said += usize::from(learner.put(&key, heartbeat.as_slice()).congestion_control(CongestionControl::Drop).wait().is_ok());
+        }
+        begin.elapsed() > Duration::from_secs(5)
+    })?;
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let log = std::fs::read_to_string(home.path().join("run/coxswain.log"))?;
+    let record = Record::read(&home.path().join("run"))?;
+    let heard = record.of("health").filter(|health| health.word("participant") == "?").count();
+    let fresh = record.of("state").filter(|state| state.word("rung") == "fresh plan").count();
+    print(format_args!("heartbeats: {said} said by one role in 5 s, {heard} of them recorded; {fresh} of 201 periods on fresh plans"));
+    assert!(said > 10_000, "{said}");
+    assert!(log.contains("turned away at the network: learner.mecanum says more on health than anybody needs to"), "{log}");
+    assert!(log.contains("learner says more on health than 200 messages a second"), "{log}");
+    assert!(!ended.text.contains("is started again"), "{}", ended.text);
+    assert!(fresh > 150, "{fresh}");
+    Ok(())
+}
+
+#[test]
+fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> Outcome {
+    let certificates = Certificates::new()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "18"])?;
+    let door = launched.told_a_person("listening at ")?;
+    let address = door.split_once('/').ok_or("no endpoint")?.1.to_owned();
+    let open = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
+    let (watcher, gateway) = (open(Role::Watcher)?, open(Role::Gateway)?);
+    let (mut held, mut counts) = (Vec::new(), [0_usize; 3]);
+    let base = format!("coxswain-link/{graph}");
+    let long = vec![0_u8; 8 * 1024 * 1024];
+    let mut wave = || {
+        for _ in 0..20 {
+            if let Ok(mut stream) = TcpStream::connect(&address) {
+                let _ = stream.write_all(b"let me in");
+                counts[0] += 1;
+                if held.len() < 200 {
+                    held.push(stream);
+                }
+            }
+        }
+        for _ in 0..100 {
+            let key = format!("{base}/command/data/{}", counts[1]);
+            counts[1] += usize::from(watcher.declare_subscriber(key).callback(drop).background().wait().is_ok());
+        }
+        counts[2] += usize::from(gateway.put(format!("{base}/health/data/gateway.flood"), long.clone()).wait().is_ok());
+    };
+    // By turns with as long a calm, so that whatever else the machine does befalls both.
+    let mut floods = Vec::new();
+    while floods.len() < FLOODS {
+        thread::sleep(FLOOD_LASTS);
+        let begin = Instant::now();
+        let from = monotonic_nanos();
+        while begin.elapsed() < FLOOD_LASTS {
+            wave();
+        }
+        floods.push(from..monotonic_nanos());
+    }
+    drop((watcher, gateway, held));
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let log = std::fs::read_to_string(home.path().join("run/coxswain.log"))?;
+    let record = Record::read(&home.path().join("run"))?;
+    assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(180));
+    let genuine = genuine(&record)?;
+    assert!(acted(&record).keys().all(|writer| [0, genuine].contains(writer)));
+    let long_messages = record.of("health").filter(|health| health.word("participant") == "?").count();
+    assert_eq!(long_messages, 0);
+    let flooded = |message: &&Message| floods.iter().any(|flood| flood.contains(&message.stamp("sent_nanos")));
+    // Until the first plan there is nothing to wait for, and after the last flood no calm.
+    let last = floods.last().map_or(0, |flood| flood.end);
+    let driving = |kind| record.of(kind).filter(move |message| message.stamp("tick") >= 10 && message.stamp("sent_nanos") < last);
+    let (during, before): (Vec<&Message>, Vec<&Message>) = driving("plan").partition(flooded);
+    let states: Vec<&Message> = driving("state").filter(flooded).collect();
+    let fresh = states.iter().filter(|state| state.word("rung") == "fresh plan").count();
+    let [connections, subscriptions, fragments] = counts;
+    let (calm, flood) = (middle(&before), middle(&during));
+    print(format_args!(
+        "floods: {connections} connections, {subscriptions} subscriptions, {fragments} messages of 8 MiB; control tick p50 {} us in {} periods \
+         between them, {} us in {} during, ratio {:.2}; {fresh} of {} periods on fresh plans",
+        calm / 1000,
+        before.len(),
+        flood / 1000,
+        during.len(),
+        flood as f64 / calm as f64,
+        states.len()
+    ));
+    assert!(log.contains("turned away at the network: a message is longer than any may be"), "{log}");
+    let lines = log.lines().filter(|line| line.contains("turned away at the network")).count();
+    let of_subscriptions = log.lines().filter(|line| line.contains("may not Declare Subscriber on command count="));
+    let told: usize = of_subscriptions.filter_map(|line| line.rsplit('=').next()?.parse::<usize>().ok()).sum();
+    assert_eq!(told, subscriptions, "each refused subscription is told once:\n{log}");
+    assert!(log.contains("turned away at the network: received corrupt message"), "nothing is told of {connections} strangers:\n{log}");
+    assert!(lines <= 3 * 16, "{lines} lines for {connections} strangers");
+    assert!(!log.contains("zenoh_link_tls"), "{log}");
+    assert!(connections > 100 && subscriptions > 100 && fragments > 0, "{counts:?}");
+    Ok(())
+}
+
+/// What somebody says or asks within his role.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Excess {
+    /// The controller, what moves the robot.
+    Commands,
+    /// The learner, what the controller drives by.
+    Snapshots,
+    /// The learner, to the controller alone, as if that had come late.
+    History,
+    /// The gateway, whether the robot is there.
+    Questions,
+    /// The gateway, what room it has for states, which nobody may say in real time.
+    Room,
+}
+
+impl Excess {
+    const ALL: [Self; 5] = [Self::Commands, Self::Snapshots, Self::History, Self::Questions, Self::Room];
+
+    fn role(self) -> Role {
+        match self {
+            Self::Commands => Role::Controller,
+            Self::Snapshots | Self::History => Role::Learner,
+            Self::Questions | Self::Room => Role::Gateway,
+        }
+    }
+
+    /// The other end that it is for, if it is for one alone, below the keys of the graph.
+    fn end(self) -> Option<(&'static str, Role)> {
+        match self {
+            Self::History => Some(("snapshot/reader", Role::Controller)),
+            Self::Room => Some(("state/writer", Role::Robot)),
+            Self::Commands | Self::Snapshots | Self::Questions => None,
+        }
+    }
+
+    /// Says or asks it once at the keys below `link`, in a hurry, to be waited for; `other` is the id of the other end.
+    fn once(self, session: &Session, link: &str, other: &str) -> bool {
+        let key = match self {
+            Self::Commands => format!("{link}/command/data/controller.flood"),
+            Self::Snapshots => format!("{link}/snapshot/data/learner.flood"),
+            Self::History => format!("{link}/snapshot/history/{other}/learner.flood"),
+            Self::Questions => {
+                let question = session.get(format!("{link}/state/join/*")).target(QueryTarget::All).priority(Priority::RealTime);
+                return question.congestion_control(CongestionControl::Block).callback(drop).wait().is_ok();
+            }
+            Self::Room => format!("{link}/state/room/{other}/gateway.flood"),
+        };
+        let put = session.put(key, ZBytes::from([0_u8; 64].as_slice())).priority(Priority::RealTime);
+        put.congestion_control(CongestionControl::Block).wait().is_ok()
+    }
+}
+
+/// Id of the port of `role` at one end of a topic, below the keys of the graph.
+fn port(session: &Session, link: &str, (end, role): (&str, Role)) -> Result<String, Failure> {
+    let tokens = session.liveliness().get(format!("{link}/{end}/**")).wait().map_err(failed)?;
+    let keys = tokens.iter().filter_map(|token| Some(token.into_result().ok()?.key_expr().as_str().to_owned()));
+    let ids: Vec<String> = keys.filter_map(|key| Some(key.rsplit('/').next()?.to_owned())).collect();
+    let its = ids.iter().find(|id| id.starts_with(role.name()));
+    Ok(its.ok_or_else(|| format!("no {} among {ids:?}", role.name()))?.clone())
+}
+
+#[test]
+fn a_role_that_floods_what_it_may_say_or_ask_silences_nobody() -> Outcome {
+    let certificates = Certificates::new()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "22"])?;
+    let link = format!("coxswain-link/{graph}");
+    let mut floods = Vec::new();
+    for excess in Excess::ALL.repeat(2) {
+        let session = connect(&endpoint, &Shows::Certificate(certificates.of(excess.role())))?;
+        let other = excess.end().map(|end| port(&session, &link, end)).transpose()?.unwrap_or_default();
+        thread::sleep(FLOOD_LASTS);
+        let (begin, from, mut said) = (Instant::now(), monotonic_nanos(), 0_usize);
+        while begin.elapsed() < FLOOD_LASTS {
+            said += usize::from(excess.once(&session, &link, &other));
+        }
+        floods.push((excess, said, from..monotonic_nanos()));
+    }
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let log = std::fs::read_to_string(home.path().join("run/coxswain.log"))?;
+    let record = Record::read(&home.path().join("run"))?;
+    for excess in Excess::ALL {
+        let of: Vec<_> = floods.iter().filter(|(of, ..)| *of == excess).collect();
+        let said: usize = of.iter().map(|(_, said, _)| said).sum();
+        let within = |message: &&Message| of.iter().any(|(.., time)| time.contains(&message.stamp("sent_nanos")));
+        let plans: Vec<&Message> = record.of("plan").filter(within).collect();
+        let states: Vec<&Message> = record.of("state").filter(within).collect();
+        let fresh = states.iter().filter(|state| state.word("rung") == "fresh plan").count();
+        print(format_args!(
+            "{excess:?}: {said} in 2 s by one role; control tick p50 {} us; {fresh} of {} periods on fresh plans",
+            middle(&plans) / 1000,
+            states.len()
+        ));
+        assert!(said > 5_000, "{said}");
+    }
+    assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(220));
+    assert!(!ended.text.contains("is started again"), "{}", ended.text);
+    let genuine = genuine(&record)?;
+    assert!(acted(&record).keys().all(|writer| [0, genuine].contains(writer)));
+    for who in ["controller.mecanum says more on command", "learner.mecanum says more on snapshot", "gateway.mecanum may not Put on state"]
+    {
+        assert!(log.contains(&format!("turned away at the network: {who}")), "{who} is not told:\n{log}");
+    }
+    Ok(())
+}
