@@ -6,7 +6,7 @@ use coxswain::options::Options;
 use promises::oracle::{Limits, acquit};
 use promises::{GIVES_UP_AFTER, Hosts, Launched, Outcome, Reader, Record, binaries, graph_file, launch_command, repository};
 use protocol::access::{Credentials, Role};
-use protocol::message::{Command as Said, PlantState};
+use protocol::message::{Command as Said, Message as _, ModelSnapshot, PlantState, SnapshotHead};
 use protocol::port::{Carrier, Carriers, Identity, Links, Ports, Router, Since};
 use protocol::threads;
 use protocol::topic::OnTopic;
@@ -87,19 +87,63 @@ fn crowd<S: OnTopic, H: OnTopic>(links: &Links, both: &Barrier, mut message: S) 
     Ok(heard)
 }
 
+/// A router with certificates, and the links of each role by it.
+struct Meeting {
+    folder: TempDir,
+    given: PathBuf,
+    router: Router,
+    lock_step: bool,
+}
+
+impl Meeting {
+    fn new(lock_step: bool) -> Result<Self, Box<dyn Error>> {
+        let folder = home()?;
+        let given = certificates(folder.path(), &[])?;
+        let host = Credentials::in_folder(given.join(Role::RobotHost.name()));
+        let router = Router::guarded(&["tls/127.0.0.1:0".to_owned()], &[], "crowd", &host, lock_step)?;
+        Ok(Self { folder, given, router, lock_step })
+    }
+
+    fn links(&self, role: Role) -> Links {
+        Links {
+            carriers: Carriers::all(Carrier::Network),
+            connect: self.router.own_endpoints().to_vec(),
+            credentials: Some(Credentials::in_folder(self.given.join(role.name()))),
+            ..Links::on_this_machine("crowd", self.folder.path().to_owned(), self.lock_step, 60_000)
+        }
+    }
+}
+
+/// Routers limit how often snapshots, and pieces of them, may come.
+#[test]
+fn in_real_time_snapshots_of_a_megabyte_cross_a_link_with_certificates_whole_and_one_behind_the_other() -> Outcome {
+    let meeting = Meeting::new(false)?;
+    let ports = |role| Ports::open(&meeting.links(role), Identity::new(1));
+    let (learner, controller, recorder) = (ports(Role::Learner)?, ports(Role::Controller)?, ports(Role::Recorder)?);
+    let mut sink = learner.sink::<ModelSnapshot>()?;
+    let mut sources = [controller.source::<ModelSnapshot>(Since::First)?, recorder.source(Since::First)?];
+    let point = [0.25; 6];
+    for version in 1..=3 {
+        let mut snapshot = ModelSnapshot::new(SnapshotHead { version, inputs: 6, ..SnapshotHead::zeroed() });
+        (0..12_000).try_for_each(|_| snapshot.push(&point, [1.0; 3], [2.0; 3]))?;
+        assert!(snapshot.byte_len() > 1_000_000);
+        sink.send(&mut snapshot)?;
+    }
+    for source in &mut sources {
+        for version in 1..=3 {
+            assert!(source.wait(GIVES_UP_AFTER)?, "snapshot {version} does not come");
+            let snapshot = source.next()?.ok_or("nothing has come")?;
+            assert_eq!((snapshot.head.version, snapshot.byte_len() > 1_000_000), (version, true));
+        }
+        assert_eq!(source.tally().lost, 0);
+    }
+    Ok(())
+}
+
 #[test]
 fn what_crosses_a_link_with_certificates_in_both_directions_at_once_arrives_whole() -> Outcome {
-    let folder = home()?;
-    let given = certificates(folder.path(), &[])?;
-    let of = |role: Role| Credentials::in_folder(given.join(role.name()));
-    let router = Router::guarded(&["tls/127.0.0.1:0".to_owned()], &[], "crowd", &of(Role::RobotHost), true)?;
-    let links = |role: Role| Links {
-        carriers: Carriers::all(Carrier::Network),
-        connect: router.own_endpoints().to_vec(),
-        credentials: Some(of(role)),
-        ..Links::on_this_machine("crowd", folder.path().to_owned(), true, 60_000)
-    };
-    let (robot, controller, both) = (links(Role::Robot), links(Role::Controller), Barrier::new(2));
+    let meeting = Meeting::new(true)?;
+    let (robot, controller, both) = (meeting.links(Role::Robot), meeting.links(Role::Controller), Barrier::new(2));
     let (robot, controller) = thread::scope(|scope| {
         let robot = scope.spawn(|| crowd::<PlantState, Said>(&robot, &both, PlantState::zeroed()));
         let controller = scope.spawn(|| crowd::<Said, PlantState>(&controller, &both, Said::zeroed()));

@@ -50,11 +50,8 @@ pub fn run(settings: &Settings, ports: &Ports, identity: Identity, stop: &Stop) 
     }
     plant.report();
     plant.refused.rest().iter().for_each(tell);
-    plant.pulse.phase(Phase::Finished);
+    plant.pulse.last_words(Phase::Finished, settings.run.pace);
     step_back();
-    if settings.run.pace == Pace::RealTime {
-        plant.pulse.insist();
-    }
     Ok(())
 }
 

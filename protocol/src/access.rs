@@ -34,5 +34,5 @@ pub use strangers::Breach;
 pub use writers::{Changeable, changeable, replaceable};
 
 pub(crate) use rules::{TESTER, gaps, of_client, of_links, of_watcher, qualities};
-pub(crate) use strangers::keeps_strangers_out;
+pub(crate) use strangers::{ATTEMPT_MILLIS, keeps_strangers_out};
 pub(crate) use tls::{guarded, over_tls};

@@ -1,9 +1,10 @@
 //! A door that keeps nobody out is found out before anything depends on it.
 
 use crate::session::{Certificates, Failure, Shows, router};
-use promises::{Ended, Launched, Outcome, graph_file, launch_command};
+use promises::{Ended, Launched, Outcome, graph_file, launch_command, signal};
 use protocol::access::{Breach, Role};
 use protocol::port::{Router, self_test};
+use rustix::process::Signal;
 use serde_json::json;
 use std::path::Path;
 use std::process::Command;
@@ -39,11 +40,11 @@ fn a_router_that_is_configured_wrongly_is_not_relied_on() -> Outcome {
     let asks_for_none = tested(Shows::NoCertificate(credentials.clone()), &[])?;
     assert!(matches!(asks_for_none, Some(Breach::NoCertificate { .. })), "{asks_for_none:?}");
     let no_roles = tested(Shows::Certificate(credentials.clone()), &[])?;
-    assert!(matches!(no_roles, Some(Breach::WrongRole { role: "robot-host", topic: "command", .. })), "{no_roles:?}");
+    assert!(matches!(no_roles, Some(Breach::WrongRole { role: "robot-host", topic: "residual", .. })), "{no_roles:?}");
     let deny = json!({
         "enabled": true,
         "default_permission": "allow",
-        "rules": [{ "id": "r", "messages": ["put"], "flows": ["ingress"], "permission": "deny", "key_exprs": ["coxswain-link/*/command/**"] }],
+        "rules": [{ "id": "r", "messages": ["put"], "flows": ["ingress"], "permission": "deny", "key_exprs": ["coxswain-link/*/residual/**"] }],
         "subjects": [{ "id": "s" }],
         "policies": [{ "rules": ["r"], "subjects": ["s"] }],
     });
@@ -54,8 +55,8 @@ fn a_router_that_is_configured_wrongly_is_not_relied_on() -> Outcome {
     Ok(())
 }
 
-/// In place of the C library's `connect`: whoever connects anywhere on the network lands at one port of this machine, as behind a packet filter
-/// that has been turned.
+/// In place of the C library's `connect`: whoever connects to any port lands at one of the same address, as behind a packet filter that has been
+/// turned.
 const TURNED: &str = r#"
 #define _GNU_SOURCE
 #include <arpa/inet.h>
@@ -80,7 +81,10 @@ fn launched_behind(endpoint: &str, graph: &str, certificates: &Path) -> Result<(
     let options = ["--certificates", certificates.to_str().ok_or("no text")?];
     let mut command = launch_command(&graph_file(graph), &home.path().join("run"), &options)?;
     let port = endpoint.rsplit_once(':').ok_or("no endpoint")?.1;
-    command.env("LD_PRELOAD", library).env("TURNED_TO", port);
+    command.env("LD_PRELOAD", &library).env("TURNED_TO", port);
+    // Where nothing may be run from there, the loader would only say so.
+    let loads = Command::new("true").env("LD_PRELOAD", &library).output()?;
+    assert!(loads.stderr.is_empty(), "{}", String::from_utf8_lossy(&loads.stderr));
     Launched::by(command, home)?.end()
 }
 
@@ -128,5 +132,22 @@ fn no_robot_drives_that_strangers_or_other_roles_can_watch() -> Outcome {
         })?;
         assert_never_drove(&launched, reason);
     }
+    Ok(())
+}
+
+#[test]
+fn a_gateway_that_is_killed_while_it_tries_its_door_tries_it_again_before_watchers_are_welcome() -> Outcome {
+    let certificates = Certificates::new()?;
+    let folder = certificates.folder();
+    let launched = Launched::graph("local", &["--certificates", folder.to_str().ok_or("no text")?, "--duration", "2"])?;
+    // The next thing that it does takes a second.
+    launched.wait_for_log("gateway", "the live page is served", 1)?;
+    signal(launched.process("gateway", None)?, Signal::KILL)?;
+    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let log = std::fs::read_to_string(home.path().join("run/gateway.log"))?;
+    let (tried, welcome) = (log.find("strangers are kept out of the telemetry"), log.find("watchers are welcome"));
+    assert!(tried.is_some() && tried < welcome, "{log}");
     Ok(())
 }

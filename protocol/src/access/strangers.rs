@@ -1,12 +1,16 @@
 //! Whether those are kept out who show no certificate: tried at an endpoint of our own, as one of them, before anything depends on it.
 
 use super::{AUTHORITY_FILE, Credentials};
+use crate::reason::first_line;
 use serde_json::{Value, json};
 use std::thread;
+use std::time::{Duration, Instant};
 use zenoh::{Config, Wait};
 
-/// How long one attempt may take \[ms\].
-const ATTEMPT_MILLIS: u64 = 2_000;
+/// How long one attempt may take \[ms\]. One that is refused ends far sooner.
+pub(crate) const ATTEMPT_MILLIS: u64 = 2_000;
+/// Attempts, if they take so long.
+const ATTEMPTS: u32 = 3;
 
 /// A door of ours is not to be relied on.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -68,25 +72,28 @@ pub enum Breach {
 pub(crate) fn keeps_strangers_out(endpoint: &str, credentials: &Credentials) -> Result<(), Breach> {
     let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);
     let endpoint = || endpoint.to_owned();
+    let unknown = |reason: String| Breach::Unknown { endpoint: endpoint(), reason };
     let plain = stranger(&format!("tcp/{address}"), &[]);
     let without = [
         ("transport/link/tls/root_ca_certificate", json!(credentials.file(AUTHORITY_FILE))),
         ("transport/link/tls/enable_mtls", json!(false)),
     ];
     let without = stranger(&format!("tls/{address}"), &without);
+    let [plain, without] = [plain, without].map(|config| config.map_err(|error| unknown(first_line(&error))));
+    let (plain, without) = (plain?, without?);
     let (plain, without) = thread::scope(|scope| {
-        let plain = scope.spawn(move || gets_in(plain));
-        let without = scope.spawn(move || gets_in(without));
-        (plain.join(), without.join())
+        let attempts = [&plain, &without].map(|config| scope.spawn(|| gets_in(config)));
+        let [plain, without] = attempts.map(|attempt| attempt.join().unwrap_or_else(|_| Err("the attempt panicked".to_owned())));
+        (plain, without)
     });
-    let panicked = |_| Breach::Unknown { endpoint: endpoint(), reason: "the attempt panicked".to_owned() };
-    if plain.map_err(panicked)? {
+    // Whoever lets everybody in does not answer TLS.
+    if plain == Ok(true) {
         return Err(Breach::Plain { endpoint: endpoint() });
     }
-    if without.map_err(panicked)? {
+    if without.map_err(unknown)? {
         return Err(Breach::NoCertificate { endpoint: endpoint() });
     }
-    Ok(())
+    plain.map(|_| ()).map_err(unknown)
 }
 
 /// The configuration of one who has read no documentation but zenoh's.
@@ -106,6 +113,16 @@ fn stranger(endpoint: &str, more: &[(&str, Value)]) -> Result<Config, zenoh::Err
     Ok(config)
 }
 
-fn gets_in(config: Result<Config, zenoh::Error>) -> bool {
-    config.and_then(|config| zenoh::open(config).wait()).is_ok()
+/// Whether one with this configuration gets a session; why not, if that cannot be told.
+fn gets_in(config: &Config) -> Result<bool, String> {
+    for _ in 0..ATTEMPTS {
+        let begin = Instant::now();
+        if zenoh::open(config.clone()).wait().is_ok() {
+            return Ok(true);
+        }
+        if begin.elapsed() < Duration::from_millis(ATTEMPT_MILLIS) {
+            return Ok(false);
+        }
+    }
+    Err(format!("a stranger has got no answer within {ATTEMPT_MILLIS} ms, {ATTEMPTS} times"))
 }

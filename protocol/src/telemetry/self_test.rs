@@ -6,12 +6,14 @@ use crate::access::{Breach, Credentials, from_here, keeps_strangers_out};
 use crate::message::Health;
 use crate::reason::first_line;
 use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use zenoh::Wait;
 
 /// How often something is said to one who must not hear it, who listens so long each time. One who may hears the first of them.
 const TIMES: usize = 10;
 const LISTENS_FOR: Duration = Duration::from_millis(100);
+/// How long it tries to connect.
+const CONNECTS_WITHIN: Duration = Duration::from_secs(3);
 
 impl Publisher {
     /// Tries to watch, wherever it listens: over TCP, without a certificate, and in the role of `credentials`, which is no watcher's. Meanwhile
@@ -30,7 +32,15 @@ impl Publisher {
         let unknown = |reason: String| Breach::Unknown { endpoint: endpoint.clone(), reason };
         keeps_strangers_out(&endpoint, credentials)?;
         let role = credentials.read().map_err(|error| unknown(error.to_string()))?.role;
-        let session = connect(&endpoint, Some(credentials)).map_err(|error| unknown(error.to_string()))?;
+        let deadline = Instant::now() + CONNECTS_WITHIN;
+        let session = loop {
+            match connect(&endpoint, Some(credentials)) {
+                Ok(session) => break session,
+                // After each stranger who knocks, nobody is let in for a tenth of a second.
+                Err(_) if Instant::now() < deadline => {}
+                Err(error) => return Err(unknown(error.to_string())),
+            }
+        };
         let (tell, heard) = channel();
         // Nobody listens any more once something has been heard.
         let subscriber = session.declare_subscriber("coxswain/**").callback(move |_| tell.send(()).unwrap_or_default());

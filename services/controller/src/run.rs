@@ -190,7 +190,7 @@ impl<'a> Loop<'a> {
             self.report();
         }
         self.report();
-        self.pulse.phase(Phase::Finished);
+        self.pulse.last_words(Phase::Finished, self.settings.run.pace);
         Ok(())
     }
 

@@ -297,8 +297,9 @@ fn start(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Per
     for &role in &beside {
         fleet.start(role)?;
     }
-    let waits = |&role: &Participant| role == Participant::Plant && voyage.assembly.certificates.is_some();
-    let place = order.iter().position(waits).unwrap_or(order.len());
+    let place_of = |last: Participant| order.iter().position(|&role| role == last).filter(|_| voyage.assembly.certificates.is_some());
+    // Where the robot is on another machine, it does not move without a controller.
+    let place = place_of(Participant::Plant).or_else(|| place_of(Participant::Controller)).unwrap_or(order.len());
     order.splice(place..place, beside.iter().copied());
     for role in order {
         if !beside.contains(&role) {

@@ -45,14 +45,15 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
     let mut pulse = Pulse::new(ports, Participant::Gateway)?.exposed(settings.run.exposure);
     let rates = settings.rates.of(settings.run.exposure);
     let mut relay = Relay::open(ports, &rates)?;
-    let mut publisher = publisher(settings)?;
+    let (mut publisher, place) = publisher(settings)?;
     let mut page = page(settings)?;
-    // One that comes back does so without: its settings are those that were tested, and watchers wait for it.
-    if let Some(credentials) = settings.telemetry.credentials.as_ref().filter(|_| !settings.run.restarted) {
+    // One that comes back does so without: it has been tested where it listens now, and watchers wait for it.
+    if let Some(credentials) = settings.telemetry.credentials.as_ref().filter(|_| place == Place::New) {
         pulse.send_now();
         refusals::unlogged(|| publisher.self_test(credentials, pulse.health()))?;
         tracing::info!("strangers are kept out of the telemetry");
     }
+    welcome(settings, publisher.endpoints());
     pulse.phase(Phase::Ready);
     let mut answers = if settings.run.restarted { Answers::from_now_on(&settings.run.folder) } else { Answers::all(&settings.run.folder) };
     let breath = rates.shortest_interval() / 2;
@@ -70,29 +71,40 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
         // Whatever comes meanwhile is looked at together.
         thread::sleep(breath);
     }
-    pulse.phase(Phase::Finished);
+    pulse.last_words(Phase::Finished, settings.run.pace);
     Ok(publisher.close()?)
 }
 
+/// Where a gateway listens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Place {
+    /// Where one has welcomed watchers before.
+    Known,
+    /// Where none has.
+    New,
+}
+
 /// Listens where this role listened before, if it has been restarted, so that watchers find it again; else where the settings say.
-fn publisher(settings: &Settings) -> Result<Publisher, GatewayError> {
+fn publisher(settings: &Settings) -> Result<(Publisher, Place), GatewayError> {
     let root = &settings.run.links.root;
     let before = berth::endpoints(root);
     let again = || {
         let telemetry = TelemetrySettings { listen: before.clone(), ..settings.telemetry.clone() };
         (!before.is_empty()).then(|| Publisher::open(&telemetry, settings.run.period_nanos).ok()).flatten()
     };
-    let publisher = match again() {
-        Some(publisher) => publisher,
-        None => Publisher::open(&settings.telemetry, settings.run.period_nanos)?,
-    };
-    let (robot, endpoints) = (&settings.telemetry.robot, publisher.endpoints());
+    Ok(match again() {
+        Some(publisher) => (publisher, Place::Known),
+        None => (Publisher::open(&settings.telemetry, settings.run.period_nanos)?, Place::New),
+    })
+}
+
+/// Tells watchers of this machine where they find it.
+fn welcome(settings: &Settings, endpoints: &[String]) {
     // Before it is said: who reads that may look there at once.
-    if let Err(error) = berth::note(root, endpoints) {
+    if let Err(error) = berth::note(&settings.run.links.root, endpoints) {
         tracing::warn!(%error, "the endpoints could not be noted for watchers on this machine");
     }
-    tracing::info!(%robot, endpoints = %endpoints.join(", "), "watchers are welcome");
-    Ok(publisher)
+    tracing::info!(robot = %settings.telemetry.robot, endpoints = %endpoints.join(", "), "watchers are welcome");
 }
 
 /// Serves the live page where this role served it before, if it has been restarted, so that open pages come back; else where the settings say.

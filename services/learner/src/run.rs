@@ -227,7 +227,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             self.report();
         }
         self.report();
-        self.pulse.phase(Phase::Finished);
+        self.pulse.last_words(Phase::Finished, self.settings.run.pace);
         Ok(())
     }
 

@@ -1,5 +1,6 @@
 //! process → everyone: the heartbeat of one process.
 
+use crate::Pace;
 use bytemuck::Zeroable;
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Exposure, Health, Participant, Phase};
@@ -76,10 +77,12 @@ impl Pulse {
         }
     }
 
-    /// Says last words again, and once more. Nobody is there afterwards to repeat them, others end by them, and a router lets go of what comes right
-    /// behind something else of the same role. Takes a tenth of a second.
-    pub fn insist(&mut self) {
-        for pause in AGAIN_AFTER {
+    /// Says in which phase this process ends, in real time again, and once more: nobody is there afterwards to repeat it, others end by it, and a
+    /// router lets go of what comes right behind something else of the same role. That takes a tenth of a second.
+    pub fn last_words(&mut self, phase: Phase, pace: Pace) {
+        self.health.phase = phase.code();
+        self.send_now();
+        for pause in AGAIN_AFTER.into_iter().filter(|_| pace == Pace::RealTime) {
             thread::sleep(pause);
             self.send_now();
         }
@@ -140,13 +143,15 @@ mod tests {
     }
 
     #[test]
-    fn last_words_are_said_again() -> Result<(), Box<dyn Error>> {
-        let (mut pulse, mut source) = pair()?;
-        pulse.phase(Phase::Finished);
-        pulse.insist();
-        for time in 0..3 {
-            let health = source.next()?.ok_or_else(|| format!("said {time} times"))?;
-            assert_eq!(health.phase(), Phase::Finished);
+    fn last_words_are_said_again_in_real_time() -> Result<(), Box<dyn Error>> {
+        for (pace, times) in [(Pace::RealTime, 3), (Pace::LockStep, 1)] {
+            let (mut pulse, mut source) = pair()?;
+            pulse.last_words(Phase::Finished, pace);
+            for time in 0..times {
+                let health = source.next()?.ok_or_else(|| format!("said {time} times"))?;
+                assert_eq!(health.phase(), Phase::Finished);
+            }
+            assert!(source.next()?.is_none());
         }
         Ok(())
     }

@@ -8,7 +8,7 @@ use crate::segment::{self, RecordError, Segment};
 use crate::settings::Settings;
 use crate::store::Store;
 use crate::summary::{Summary, SummaryError};
-use process::{Pulse, Stop};
+use process::{Pace, Pulse, Stop};
 use protocol::message::{Participant, Phase};
 use protocol::port::{OpenError, Ports, ReceiveError, Since};
 use std::error::Error;
@@ -53,17 +53,16 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<Summary, R
     let outcome = Segment::create(&settings.run)
         .map_err(RecorderError::from)
         .and_then(|segment| Recorder::open(ports, settings, segment, &mut pulse)?.record(settings, stop));
-    tell(&mut pulse, outcome)
+    tell(&mut pulse, settings.run.pace, outcome)
 }
 
 /// Tells the others how it ended.
-fn tell(pulse: &mut Pulse, outcome: Result<Summary, RecorderError>) -> Result<Summary, RecorderError> {
+fn tell(pulse: &mut Pulse, pace: Pace, outcome: Result<Summary, RecorderError>) -> Result<Summary, RecorderError> {
     match &outcome {
-        Ok(_) => pulse.phase(Phase::Finished),
+        Ok(_) => pulse.last_words(Phase::Finished, pace),
         Err(error) => {
             pulse.health().set_last_error(&cause_first(error));
-            pulse.health().phase = Phase::Degraded.code();
-            pulse.send_now();
+            pulse.last_words(Phase::Degraded, pace);
         }
     }
     outcome
@@ -182,7 +181,7 @@ impl<'a> Recorder<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use process::{Pace, Run};
+    use process::Run;
     use protocol::message::{Health, PlantState};
     use protocol::port::{Exchange, Identity, Links};
     use protocol::topic::Topic;
@@ -201,7 +200,7 @@ mod tests {
         let segment = segment::tests::without_room()?;
         let mut pulse = Pulse::new(&ports, Participant::Recorder)?;
         let outcome = Recorder::open(&ports, &settings, segment, &mut pulse)?.record(&settings, &Stop::new());
-        let outcome = tell(&mut pulse, outcome);
+        let outcome = tell(&mut pulse, Pace::LockStep, outcome);
         assert!(matches!(outcome, Err(RecorderError::Record(RecordError::Write { .. }))), "{outcome:?}");
         let last = healths.latest()?.ok_or("no health")?;
         assert!(last.last_error().ends_with(": full/record.mcap cannot be written"), "{}", last.last_error());

@@ -6,7 +6,7 @@
 use super::config;
 use super::guard::Guard;
 use super::presence::draw_id;
-use crate::access::{AccessError, Breach, Credentials, Role, TESTER, keeps_strangers_out, over_tls};
+use crate::access::{ATTEMPT_MILLIS, AccessError, Breach, Credentials, Role, TESTER, keeps_strangers_out, over_tls};
 use crate::reason::first_line;
 use crate::topic::Topic;
 use serde_json::json;
@@ -18,8 +18,6 @@ use zenoh::{Session, Wait};
 
 /// How long what may arrive may take.
 const ARRIVES_WITHIN: Duration = Duration::from_secs(10);
-/// How long one attempt of a stranger may take \[ms\].
-const ATTEMPT_MILLIS: u64 = 2_000;
 /// More than a message may have.
 const OVERSIZE_BYTES: usize = config::BYTES_MAX + 1;
 /// What may pass, before and after \[bytes\].
