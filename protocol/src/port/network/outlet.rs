@@ -361,6 +361,15 @@ mod tests {
     use std::sync::Mutex;
     use std::sync::atomic::AtomicU64;
 
+    /// One says it to zenoh, and the other to its configuration.
+    #[test]
+    fn a_priority_has_the_name_that_it_has_in_a_configuration() {
+        for topic in Topic::ALL {
+            let (priority, name) = priority(topic);
+            assert_eq!(format!("{priority:?}").to_lowercase(), name.replace('_', ""), "{topic:?}");
+        }
+    }
+
     #[test]
     fn what_gives_way_in_the_queue_is_counted_one_by_one() -> Result<(), Box<dyn Error>> {
         const SENT: u64 = 1000;

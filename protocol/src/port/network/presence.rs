@@ -83,7 +83,10 @@ const UNPACED: &str = "unpaced";
 pub(super) fn draw_id(role: Option<access::Role>) -> String {
     let seed = RandomState::new();
     let name = format!("{:016x}", seed.hash_one((std::process::id(), crate::clock::monotonic_nanos())));
-    role.map_or(name.clone(), |role| format!("{}.{name}", role.name()))
+    match role {
+        Some(role) => format!("{}.{name}", role.name()),
+        None => name,
+    }
 }
 
 /// A port of this process, which counts as there as long as this lives.

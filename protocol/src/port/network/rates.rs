@@ -47,11 +47,24 @@ impl Rates {
         let heard = self.roles.entry(role).or_default();
         let is_heard = heard.admit(now);
         if let Some(count) = heard.due(now) {
-            let (role, topic) = (role.name(), self.topic.name());
-            tracing::warn!(count, "{role} says more on {topic} than {PER_SECOND} messages a second: the rest is not heard");
+            tell(role, self.topic, count);
         }
         is_heard
     }
+}
+
+impl Drop for Rates {
+    /// Tells the log who has not been told of yet.
+    fn drop(&mut self) {
+        for (role, heard) in self.roles.iter().filter(|(_, heard)| heard.untold > 0) {
+            tell(*role, self.topic, heard.untold);
+        }
+    }
+}
+
+fn tell(role: Role, topic: Topic, count: u64) {
+    let (role, topic) = (role.name(), topic.name());
+    tracing::warn!(count, "{role} says more on {topic} than {PER_SECOND} messages a second: the rest is not heard");
 }
 
 impl Heard {
