@@ -221,6 +221,18 @@ fn a_role_that_floods_what_it_may_say_or_ask_silences_nobody() -> Outcome {
     assert!(ended.status.success(), "{}", ended.text);
     let log = std::fs::read_to_string(home.path().join("run/coxswain.log"))?;
     let record = Record::read(&home.path().join("run"))?;
+    // As many seconds of flood as of calm, by turns.
+    let last = floods.last().map_or(0, |(.., time)| time.end);
+    let driving = record.of("plan").filter(|plan| plan.stamp("tick") >= 10 && plan.stamp("sent_nanos") < last);
+    let flooded = |plan: &&Message| floods.iter().any(|(.., time)| time.contains(&plan.stamp("sent_nanos")));
+    let (during, between): (Vec<&Message>, Vec<&Message>) = driving.partition(flooded);
+    let (calm, flood) = (middle(&between), middle(&during));
+    let ratio = flood as f64 / calm as f64;
+    print(format_args!(
+        "within a role: control tick p50 {} us between the floods, {} us during, ratio {ratio:.2}",
+        calm / 1000,
+        flood / 1000
+    ));
     for excess in Excess::ALL {
         let of: Vec<_> = floods.iter().filter(|(of, ..)| *of == excess).collect();
         let said: usize = of.iter().map(|(_, said, _)| said).sum();
