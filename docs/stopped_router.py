@@ -23,13 +23,20 @@ with tempfile.TemporaryDirectory() as folder:
         # The launch itself is the router.
         launch = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         end = time.monotonic() + 24
-        time.sleep(3)
-        while launch.poll() is None and time.monotonic() < end:
-            launch.send_signal(signal.SIGSTOP)
-            time.sleep(stopped_s * draw.uniform(0.5, 1.5))
+        try:
+            time.sleep(3)
+            while launch.poll() is None and time.monotonic() < end:
+                launch.send_signal(signal.SIGSTOP)
+                time.sleep(stopped_s * draw.uniform(0.5, 1.5))
+                launch.send_signal(signal.SIGCONT)
+                stops += 1
+                time.sleep(draw.uniform(0.2, 0.4))
+        except BaseException:
             launch.send_signal(signal.SIGCONT)
-            stops += 1
-            time.sleep(draw.uniform(0.2, 0.4))
-        assert launch.wait() == 0, f"the launch ended with {launch.returncode}"
+            launch.terminate()
+            raise
+        finally:
+            launch.wait()
+        assert launch.returncode == 0, f"the launch ended with {launch.returncode}"
         summary = json.loads(pathlib.Path(f"{out}/summary.json").read_text())
         print(f"stopped {stops} times: {summary['periods_missed']} of {summary['periods']} periods without a fresh plan", flush=True)

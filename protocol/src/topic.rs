@@ -52,6 +52,18 @@ pub struct Quality {
     pub delivery: Delivery,
 }
 
+impl Quality {
+    /// Whether something is said again to one reader: to one that comes late, or, where nothing may be lost, to one that comes back.
+    pub const fn says_again(&self) -> bool {
+        self.history > 0 || self.is_paced()
+    }
+
+    /// Whether readers tell the writer what room there is.
+    pub const fn is_paced(&self) -> bool {
+        matches!(self.delivery, Delivery::Lossless)
+    }
+}
+
 impl Topic {
     /// Every topic, in the order of the counters of [`Health`].
     pub const ALL: [Self; TOPIC_COUNT] =

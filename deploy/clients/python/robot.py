@@ -86,7 +86,8 @@ class Network:
 
         link = f"{self.graph}/{topic}"
         self.kept.append(self.session.declare_subscriber(f"{link}/data/*", hear))
-        self.kept.append(self.session.declare_subscriber(f"{link}/history/{self.identity}/*", hear))
+        if self.lock_step:
+            self.kept.append(self.session.declare_subscriber(f"{link}/history/{self.identity}/*", hear))
         self.kept.append(self.session.liveliness().declare_token(f"{link}/reader/{Wire.VERSION}/{kind.__name__}/unpaced/{self.identity}"))
 
     def _on_reader(self, sample: zenoh.Sample) -> None:

@@ -4,7 +4,7 @@
 //! has a key expression that includes its own.
 
 use super::Role;
-use crate::topic::Topic;
+use crate::topic::{Quality, Topic};
 use serde_json::{Value, json};
 
 /// Keys of the tokens by which routers are known.
@@ -43,11 +43,11 @@ impl Allowed {
     }
 
     /// What a writer of the topic with this `base` does and is told. The names of writers begin with their roles, and no others pass.
-    fn writer(&mut self, base: &str, roles: &[Role], needs: Needs) {
+    fn writer(&mut self, base: &str, roles: &[Role], quality: Quality) {
         use Flow::{Egress, Ingress};
         for role in roles {
             self.add(Ingress, "put", format!("{base}/data/{}.$*", role.name()));
-            if needs.history {
+            if quality.says_again() {
                 self.add(Ingress, "put", format!("{base}/history/*/{}.$*", role.name()));
             }
         }
@@ -56,7 +56,7 @@ impl Allowed {
         self.add(Ingress, "declare_liveliness_subscriber", format!("{base}/reader/**"));
         self.add(Ingress, "declare_queryable", format!("{base}/join/*"));
         self.add(Ingress, "query", format!("{base}/join/*"));
-        if needs.room {
+        if quality.is_paced() {
             self.add(Ingress, "declare_subscriber", format!("{base}/room/*/*"));
             self.add(Egress, "put", format!("{base}/room/*/*"));
         }
@@ -65,15 +65,15 @@ impl Allowed {
     }
 
     /// What a reader of the topic with this `base` does and is told.
-    fn reader(&mut self, base: &str, needs: Needs) {
+    fn reader(&mut self, base: &str, quality: Quality) {
         use Flow::{Egress, Ingress};
-        if needs.room {
+        if quality.is_paced() {
             self.add(Ingress, "put", format!("{base}/room/*/*"));
         }
         self.add(Ingress, "liveliness_token", format!("{base}/reader/**"));
         self.add(Ingress, "liveliness_query", format!("{base}/**"));
         self.add(Ingress, "query", format!("{base}/join/*"));
-        for key in [Some("data/*"), needs.history.then_some("history/*/*")].into_iter().flatten() {
+        for key in [Some("data/*"), quality.says_again().then_some("history/*/*")].into_iter().flatten() {
             self.add(Ingress, "declare_subscriber", format!("{base}/{key}"));
             self.add(Egress, "put", format!("{base}/{key}"));
         }
@@ -122,22 +122,6 @@ impl Allowed {
     }
 }
 
-/// What the links of one topic do beside saying something.
-#[derive(Debug, Clone, Copy)]
-struct Needs {
-    /// Say it again to one reader.
-    history: bool,
-    /// Tell the writer what room there is.
-    room: bool,
-}
-
-impl Needs {
-    /// Those of `topic`. In real time nobody waits for room, and nobody who comes back is told what it missed.
-    const fn of(topic: Topic, lock_step: bool) -> Self {
-        Self { history: lock_step || topic.quality(lock_step).history > 0, room: lock_step }
-    }
-}
-
 fn base(graph: &str, topic: Topic) -> String {
     format!("coxswain-link/{graph}/{}", topic.name())
 }
@@ -146,10 +130,10 @@ fn base(graph: &str, topic: Topic) -> String {
 fn on_links(role: Role, graph: &str, lock_step: bool) -> Allowed {
     let mut allowed = Allowed::default();
     for topic in role.says() {
-        allowed.writer(&base(graph, *topic), &role.brings(*topic), Needs::of(*topic, lock_step));
+        allowed.writer(&base(graph, *topic), &role.brings(*topic), topic.quality(lock_step));
     }
     for topic in role.hears() {
-        allowed.reader(&base(graph, *topic), Needs::of(*topic, lock_step));
+        allowed.reader(&base(graph, *topic), topic.quality(lock_step));
     }
     if role != Role::Watcher {
         allowed.add(Flow::Ingress, "liveliness_query", ROUTERS);
@@ -233,7 +217,7 @@ pub(crate) fn gaps(graph: &str) -> Value {
 }
 
 /// That what is said and asked goes on in real time as it does with us, as zenoh's `qos/network`, whatever its author wants: what is said with the
-/// `priority` of its topic, and nothing is waited for. Else who floods one topic, in a hurry, keeps the others waiting, and who insists on being
+/// `priority` of its topic, questions behind everything, and nothing is waited for. Else who floods one topic, in a hurry, keeps the others waiting, and who insists on being
 /// waited for ends the links of those who are slow.
 pub(crate) fn qualities(graph: &str, priority: fn(Topic) -> &'static str) -> Value {
     let said = |topic: Topic| {
@@ -250,7 +234,7 @@ pub(crate) fn qualities(graph: &str, priority: fn(Topic) -> &'static str) -> Val
         "id": "questions",
         "messages": ["query"],
         "flows": ["ingress"],
-        "overwrite": { "congestion_control": "drop", "express": false },
+        "overwrite": { "priority": "background", "congestion_control": "drop", "express": false },
     });
     Value::Array(Topic::ALL.map(said).into_iter().chain([asked]).collect())
 }

@@ -6,6 +6,7 @@ use crate::access::{Breach, Credentials, from_here, keeps_strangers_out};
 use crate::message::Health;
 use crate::reason::first_line;
 use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
 
@@ -13,7 +14,9 @@ use zenoh::Wait;
 const TIMES: usize = 10;
 const LISTENS_FOR: Duration = Duration::from_millis(100);
 /// How long it tries to connect.
-const CONNECTS_WITHIN: Duration = Duration::from_secs(3);
+const CONNECTS_WITHIN: Duration = Duration::from_secs(10);
+/// Pause between two attempts.
+const TRIES_AGAIN_AFTER: Duration = Duration::from_millis(50);
 
 impl Publisher {
     /// Tries to watch, wherever it listens: over TCP, without a certificate, and in the role of `credentials`, which is no watcher's. Meanwhile
@@ -37,7 +40,7 @@ impl Publisher {
             match connect(&endpoint, Some(credentials)) {
                 Ok(session) => break session,
                 // After each stranger who knocks, nobody is let in for a tenth of a second.
-                Err(_) if Instant::now() < deadline => {}
+                Err(_) if Instant::now() < deadline => thread::sleep(TRIES_AGAIN_AFTER),
                 Err(error) => return Err(unknown(error.to_string())),
             }
         };

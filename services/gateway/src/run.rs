@@ -49,7 +49,6 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
     let mut page = page(settings)?;
     // One that comes back does so without: it has been tested where it listens now, and watchers wait for it.
     if let Some(credentials) = settings.telemetry.credentials.as_ref().filter(|_| place == Place::New) {
-        pulse.send_now();
         refusals::unlogged(|| publisher.self_test(credentials, pulse.health()))?;
         tracing::info!("strangers are kept out of the telemetry");
     }

@@ -89,8 +89,7 @@ impl NetworkInlet {
         let arrivals = Arrivals::new(network.quality(topic), Rates::on(topic, network)).map_err(|error| failed(error.into()))?;
         let arrivals = Arc::new(arrivals);
         let presence = presence::key(network, topic, Role::Reader, &id);
-        let says_again = arrivals.quality.history > 0 || arrivals.quality.delivery == Delivery::Lossless;
-        let heard = [Some(keys.data("*")), says_again.then(|| keys.history(&id, "*"))];
+        let heard = [Some(keys.data("*")), arrivals.quality.says_again().then(|| keys.history(&id, "*"))];
         let (token, shared) = (presence.clone(), Arc::clone(&arrivals));
         let declare = move |session: &Session| {
             let subscribers = heard.iter().flatten().map(|key| listen(session, key, &shared)).collect::<Result<_, _>>()?;

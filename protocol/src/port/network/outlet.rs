@@ -24,10 +24,8 @@ use zenoh::{Session, Wait};
 /// How long a writer that is closed may take to send what waits.
 const FLUSH_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Pause between what two readers are told again that have come at once: five times that between two messages that a router passes on.
-const NEXT_AFTER: Duration = Duration::from_millis(1);
-
-/// The same between two snapshots, or pieces of them, where routers limit rates: ten times what they ask for, since on the way they may come closer.
+/// Pause between two snapshots, or pieces of them, where routers limit rates: ten times what they ask for, since on their way to the next router they
+/// may come closer.
 const NEXT_PIECE_AFTER: Duration = Duration::from_millis(10);
 
 /// How long a lossless writer sleeps before it looks again whether its own queue has room.
@@ -91,7 +89,7 @@ impl NetworkOutlet {
         let (token, shared, greeter) = (presence.clone(), Arc::clone(&departures), sender.clone());
         let declare = move |session: &Session| {
             let mut subscribers = Vec::new();
-            if quality.delivery == Delivery::Lossless {
+            if quality.is_paced() {
                 let departures = Arc::clone(&shared);
                 let room = session.declare_subscriber(keys.room(&id, "*")).callback(move |sample| departures.readers.room_made(&sample));
                 subscribers.push(room.wait()?);
@@ -201,7 +199,7 @@ impl Departures {
         Self {
             waiting: ArrayQueue::new(quality.depth),
             spare,
-            readers: Readers::default(),
+            readers: Readers::of(quality.readers),
             greet: AtomicBool::new(false),
             closing: AtomicBool::new(false),
         }
@@ -232,12 +230,8 @@ impl Departures {
     /// Gives the history to those who have come.
     fn greet(&self, post: &Post) {
         if self.greet.swap(false, Ordering::Acquire) {
-            for (index, newcomer) in self.readers.take_newcomers().iter().enumerate() {
-                if index > 0 {
-                    // What comes right behind another a router may let go of.
-                    thread::sleep(NEXT_AFTER);
-                }
-                post.repeat(newcomer);
+            for newcomer in self.readers.take_newcomers() {
+                post.repeat(&newcomer);
             }
         }
     }
@@ -267,7 +261,7 @@ struct Post {
     remembered: usize,
     /// Pieces sent since the router was last asked whether it has passed them on.
     unasked: Cell<usize>,
-    /// Where routers limit how often snapshots come: when the last one, or a piece of one, was sent.
+    /// Where routers limit how often snapshots come: when the router had taken the last one, or a piece of one.
     apart: Option<Cell<Option<Instant>>>,
 }
 
@@ -314,7 +308,7 @@ impl Post {
         }
         let bytes = bytes.to_bytes();
         for (range, label) in pieces(number, bytes.len()) {
-            if self.unasked.get() == PIECES_AT_ONCE {
+            if self.apart.is_none() && self.unasked.get() == PIECES_AT_ONCE {
                 self.flush();
                 self.unasked.set(0);
             }
@@ -323,24 +317,20 @@ impl Post {
         }
     }
 
-    /// Waits until what is sent next does not come too close behind the last at any router.
-    fn keep_apart(&self) {
-        let Some(last) = &self.apart else { return };
-        if last.get().is_some_and(|last| last.elapsed() < NEXT_PIECE_AFTER) {
-            self.flush();
-            thread::sleep(NEXT_PIECE_AFTER);
-        }
-        last.set(Some(Instant::now()));
-    }
-
     /// Not express: zenoh waits for nothing while the link is free, and an express message takes a whole batch, of which a burst finds too few.
     fn put_piece(&self, key: &str, label: Label, bytes: ZBytes) {
-        self.keep_apart();
+        if let Some(taken) = self.apart.as_ref().and_then(Cell::get) {
+            thread::sleep(NEXT_PIECE_AFTER.saturating_sub(taken.elapsed()));
+        }
         let session = self.line.session();
         let put = session.put(key, bytes).attachment(label.to_bytes());
         let put = put.priority(self.priority).congestion_control(self.congestion);
         // Without a link to the router a message is lost like one on a cut cable: its readers count it.
         let _ = put.wait();
+        if let Some(taken) = &self.apart {
+            self.flush();
+            taken.set(Some(Instant::now()));
+        }
     }
 
     /// Waits until the router has taken everything: a question of the same priority follows it, and is answered.

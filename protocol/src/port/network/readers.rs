@@ -7,10 +7,11 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 use zenoh::sample::{Sample, SampleKind};
 
-#[derive(Default)]
 pub(super) struct Readers {
     known: Mutex<Known>,
     moved: Condvar,
+    /// Most of them at one time.
+    places: usize,
 }
 
 /// A reader that has just come, or come back.
@@ -36,6 +37,11 @@ struct Known {
 }
 
 impl Readers {
+    /// None yet; `places` of them may be there at one time.
+    pub(super) fn of(places: usize) -> Self {
+        Self { known: Mutex::default(), moved: Condvar::new(), places }
+    }
+
     /// Takes in that a token has come or gone.
     pub(super) fn presence_changed(&self, sample: &Sample) {
         let Some(presence) = Presence::of(sample.key_expr().as_str()) else { return };
@@ -66,7 +72,8 @@ impl Readers {
             let taken = had.unwrap_or(known.sent);
             known.taken.entry(presence.id.to_owned()).or_insert(taken);
         }
-        if !known.newcomers.iter().any(|newcomer| newcomer.id == presence.id) {
+        // Whoever may hear a topic can show as many tokens as he likes.
+        if known.newcomers.len() < self.places && !known.newcomers.iter().any(|newcomer| newcomer.id == presence.id) {
             known.newcomers.push(Newcomer { id: presence.id.to_owned(), had });
         }
     }

@@ -69,7 +69,11 @@ pub(super) fn too_often(message: &str) -> Option<String> {
     let digits = from.rsplit('/').next()?.split(':').next()?;
     let guests = guests();
     let guest = guests.range(digits.to_owned()..).next().filter(|(session, _)| session.starts_with(digits));
-    Some(format!("{} says more on {} than anybody needs to", guest.map_or("somebody", |(_, who)| who), place(key)))
+    let (who, place) = (guest.map_or("somebody", |(_, who)| who), place(key));
+    // Rates are looked at before rights.
+    let role = who.split('.').next().and_then(Role::named);
+    let may = role.is_none_or(|role| role.says().iter().any(|topic| topic.name() == place));
+    Some(if may { format!("{who} says more on {place} than anybody needs to") } else { format!("{who} may not Put on {place}") })
 }
 
 /// Whether the word about `key` is of a message that nobody has sent.
@@ -86,7 +90,7 @@ fn introduce(session: &str, who: &str) {
     let mut guests = guests();
     if !guests.contains_key(session) {
         if guests.len() == GUESTS_MAX {
-            guests.clear();
+            guests.pop_first();
         }
         guests.insert(session.to_owned(), who.to_owned());
     }
@@ -141,6 +145,7 @@ mod tests {
         assert_eq!(often("health/data/learner.1", "6f01").as_deref(), told);
         assert_eq!(often("health/data/robot.1) from:south:0:client/7f01:3", "6f01").as_deref(), told);
         assert_eq!(often("command/data/x", "6e01").as_deref(), Some("somebody says more on command than anybody needs to"));
+        assert_eq!(often("command/data/x", "6f01").as_deref(), Some("learner.pilot may not Put on command"));
         assert_eq!(too_often("Some message(s) have been dropped"), None);
     }
 
