@@ -11,7 +11,6 @@ use protocol::wire;
 use rustix::process::Signal;
 use std::io::Write;
 use std::net::TcpStream;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 use zenoh::bytes::ZBytes;
@@ -27,13 +26,6 @@ const FLOOD_LASTS: Duration = Duration::from_secs(1);
 /// Of a long question [bytes]: as long as it may be.
 const LONG_BYTES: usize = 60_000;
 
-/// One flood at a time: what it comes to shall not be that of another.
-static ALONE: Mutex<()> = Mutex::new(());
-
-fn alone() -> MutexGuard<'static, ()> {
-    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Time from a state to its command [ns], the middle one of those plans.
 fn middle(plans: &[&Message]) -> u64 {
     let mut nanos: Vec<u64> = plans.iter().map(|plan| plan.count("tick_nanos")).collect();
@@ -43,8 +35,7 @@ fn middle(plans: &[&Message]) -> u64 {
 
 #[test]
 fn a_role_that_floods_the_heartbeats_silences_nobody() -> Outcome {
-    let _alone = alone();
-    let certificates = Certificates::new()?;
+    let certificates = Certificates::for_a_flood()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "20"])?;
     let learner = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
     let key = format!("coxswain-link/{graph}/health/data/learner.flood");
@@ -76,8 +67,7 @@ fn a_role_that_floods_the_heartbeats_silences_nobody() -> Outcome {
 
 #[test]
 fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> Outcome {
-    let _alone = alone();
-    let certificates = Certificates::new()?;
+    let certificates = Certificates::for_a_flood()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "18"])?;
     let door = launched.told_a_person("listening at ")?;
     let address = door.split_once('/').ok_or("no endpoint")?.1.to_owned();
@@ -120,7 +110,8 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
     let record = Record::read(&home.path().join("run"))?;
     assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(180));
     let genuine = genuine(&record)?;
-    assert!(acted(&record).keys().all(|writer| [0, genuine].contains(writer)));
+    let acted = acted(&record);
+    assert!(acted.keys().all(|writer| [0, genuine].contains(writer)), "{acted:?}: {}", ended.text);
     let long_messages = record.of("health").filter(|health| health.word("participant") == "?").count();
     assert_eq!(long_messages, 0);
     let flooded = |message: &&Message| floods.iter().any(|flood| flood.contains(&message.stamp("sent_nanos")));
@@ -227,8 +218,7 @@ fn port(session: &Session, link: &str, (end, role): (&str, Role)) -> Result<Stri
 
 #[test]
 fn a_role_that_floods_what_it_may_say_or_ask_silences_nobody() -> Outcome {
-    let _alone = alone();
-    let certificates = Certificates::new()?;
+    let certificates = Certificates::for_a_flood()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "300"])?;
     let link = format!("coxswain-link/{graph}");
     let mut floods = Vec::new();
@@ -277,7 +267,8 @@ fn a_role_that_floods_what_it_may_say_or_ask_silences_nobody() -> Outcome {
     }
     assert!(!ended.text.contains("is started again"), "{}", ended.text);
     let genuine = genuine(&record)?;
-    assert!(acted(&record).keys().all(|writer| [0, genuine].contains(writer)));
+    let acted = acted(&record);
+    assert!(acted.keys().all(|writer| [0, genuine].contains(writer)), "{acted:?}: {}", ended.text);
     for who in ["controller.mecanum says more on command", "learner.mecanum says more on snapshot", "gateway.mecanum may not Put on state"]
     {
         assert!(log.contains(&format!("turned away at the network: {who}")), "{who} is not told:\n{log}");

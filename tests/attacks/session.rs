@@ -9,6 +9,7 @@ use std::fmt::Display;
 use std::io::{self, Write};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
+use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use std::time::{SystemTime, UNIX_EPOCH};
 use tempfile::TempDir;
 use zenoh::{Config, Session, Wait};
@@ -22,9 +23,14 @@ pub(crate) const ROBOT: &str = "mecanum";
 /// An hour [s].
 pub(crate) const HOUR_S: i64 = 3_600;
 
+/// Tests that flood a robot run with no other beside them: what that comes to shall not be the other's doing.
+static FLOODED: RwLock<()> = RwLock::new(());
+
 /// Certificates that were made for one test.
 pub(crate) struct Certificates {
     home: TempDir,
+    _beside: Option<RwLockReadGuard<'static, ()>>,
+    _alone: Option<RwLockWriteGuard<'static, ()>>,
 }
 
 /// How one who connects shows who it is.
@@ -41,7 +47,16 @@ pub(crate) enum Shows {
 impl Certificates {
     /// Those of [`ROBOT`], for an hour.
     pub(crate) fn new() -> Result<Self, Box<dyn Error>> {
-        let certificates = Self { home: tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")? };
+        Self::make(Some(FLOODED.read().unwrap_or_else(PoisonError::into_inner)), None)
+    }
+
+    /// The same, for a test that floods.
+    pub(crate) fn for_a_flood() -> Result<Self, Box<dyn Error>> {
+        Self::make(None, Some(FLOODED.write().unwrap_or_else(PoisonError::into_inner)))
+    }
+
+    fn make(beside: Option<RwLockReadGuard<'static, ()>>, alone: Option<RwLockWriteGuard<'static, ()>>) -> Result<Self, Box<dyn Error>> {
+        let certificates = Self { home: tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?, _beside: beside, _alone: alone };
         certificates.issue("authority", "certificates", ROBOT, (-HOUR_S, HOUR_S))?;
         Ok(certificates)
     }
