@@ -59,7 +59,9 @@ fn a_role_that_floods_the_heartbeats_silences_nobody() -> Outcome {
     assert!(said > 10_000, "{said}");
     assert!(log.contains("turned away at the network: learner.mecanum says more on health than anybody needs to"), "{log}");
     assert!(log.contains("learner says more on health than 200 messages a second"), "{log}");
-    assert!(!ended.text.contains("is started again"), "{}", ended.text);
+    // His own role he can silence: its heartbeats are among his.
+    let mut lost = ended.text.lines().filter(|line| line.contains("is started again"));
+    assert!(lost.all(|line| line.starts_with("learner ")), "{}", ended.text);
     assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(200));
     assert!(fresh > 0);
     Ok(())
