@@ -1,4 +1,5 @@
-//! How often one role is heard on a topic that several write: else who floods it displaces what the others say.
+//! How often one role is heard on a topic that several write: else who floods it displaces what the others say. Each role has a few places, a writer
+//! keeps his own while he says something, and so who floods in the name of a role displaces no writer of it either who was there before.
 //!
 //! A topic of one role needs no limit at its readers. Its queue is bounded, the newest displace the oldest, and whoever has the certificate of that
 //! role could say all of it anyway. What keeps a router busy is limited there, on all topics.
@@ -9,10 +10,14 @@ use crate::topic::Topic;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// Messages of one role that are heard \[1/s\]: twenty times what processes that are well say.
-const PER_SECOND: u32 = 200;
+/// Writers of one role that are heard at one time: one process, its successor, and as many again.
+const PLACES: usize = 4;
+/// A place is free again after so long a silence: as long as a link may be silent.
+const FREE_AFTER: Duration = Duration::from_secs(2);
+/// Messages of one writer that are heard \[1/s\]: five times what processes that are well say.
+const PER_SECOND: u32 = 50;
 /// How many of them may come at once.
-const AT_ONCE: u32 = 64;
+const AT_ONCE: u32 = 16;
 /// Time in which there is room for one more.
 const INTERVAL: Duration = Duration::from_millis(1_000 / PER_SECOND as u64);
 /// Pause between two lines in the log about the same role.
@@ -27,11 +32,19 @@ pub(super) struct Rates {
 /// What one role has said.
 #[derive(Default)]
 struct Heard {
-    /// When there is room for as many as may come at once; nothing if there always was.
-    empty: Option<Instant>,
+    places: [Option<Place>; PLACES],
     /// Refused since it was last told.
     untold: u64,
     told: Option<Instant>,
+}
+
+/// One writer who is heard.
+struct Place {
+    writer: String,
+    /// When he said something last, heard or not.
+    said: Instant,
+    /// When there is room for as many as may come at once.
+    empty: Instant,
 }
 
 impl Rates {
@@ -45,7 +58,7 @@ impl Rates {
         // Routers let nobody else pass.
         let Some(role) = id.split_once('.').and_then(|(role, _)| Role::named(role)) else { return false };
         let heard = self.roles.entry(role).or_default();
-        let is_heard = heard.admit(now);
+        let is_heard = heard.admit(id, now);
         if let Some(count) = heard.due(now) {
             tell(role, self.topic, count);
         }
@@ -64,19 +77,29 @@ impl Drop for Rates {
 
 fn tell(role: Role, topic: Topic, count: u64) {
     let (role, topic) = (role.name(), topic.name());
-    tracing::warn!(count, "{role} says more on {topic} than {PER_SECOND} messages a second: the rest is not heard");
+    tracing::warn!(
+        count,
+        "{role} says more on {topic} than {PER_SECOND} messages a second from each of {PLACES} writers: the rest is not heard"
+    );
 }
 
 impl Heard {
-    fn admit(&mut self, now: Instant) -> bool {
-        let empty = self.empty.map_or(now, |empty| empty.max(now)) + INTERVAL;
-        let is_heard = empty - now <= INTERVAL * AT_ONCE;
-        if is_heard {
-            self.empty = Some(empty);
-        } else {
-            self.untold += 1;
-        }
+    fn admit(&mut self, writer: &str, now: Instant) -> bool {
+        let is_heard = self.place(writer, now).is_some_and(|place| place.admit(now));
+        self.untold += u64::from(!is_heard);
         is_heard
+    }
+
+    /// The place of `writer`, or one that is free.
+    fn place(&mut self, writer: &str, now: Instant) -> Option<&mut Place> {
+        let is_his = |place: &Option<Place>| place.as_ref().is_some_and(|place| place.writer == writer);
+        let is_free = |place: &Option<Place>| place.as_ref().is_none_or(|place| now.saturating_duration_since(place.said) >= FREE_AFTER);
+        let own = self.places.iter().position(is_his);
+        let index = own.or_else(|| self.places.iter().position(is_free))?;
+        if own.is_none() {
+            self.places[index] = Some(Place { writer: writer.to_owned(), said: now, empty: now });
+        }
+        self.places[index].as_mut()
     }
 
     /// How many have been refused since that was told last, if it is to be told now: the first at once.
@@ -89,6 +112,18 @@ impl Heard {
     }
 }
 
+impl Place {
+    fn admit(&mut self, now: Instant) -> bool {
+        self.said = now;
+        let empty = self.empty.max(now) + INTERVAL;
+        let is_heard = empty - now <= INTERVAL * AT_ONCE;
+        if is_heard {
+            self.empty = empty;
+        }
+        is_heard
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -98,7 +133,7 @@ mod tests {
         let (mut admitted, mut told) = (0, Vec::new());
         for message in 0..messages {
             let now = begin + Duration::from_secs(seconds.into()) * message / messages;
-            admitted += u32::from(heard.admit(now));
+            admitted += u32::from(heard.admit("learner.00", now));
             told.extend(heard.due(now));
         }
         (admitted, told)
@@ -110,9 +145,9 @@ mod tests {
         assert_eq!(heard(&mut role, begin, PER_SECOND * 60, 60), (PER_SECOND * 60, Vec::new()));
         // What has waited while a link was cut comes at once.
         let later = begin + Duration::from_mins(2);
-        assert!((0..AT_ONCE).all(|_| role.admit(later)));
-        assert!(!role.admit(later));
-        assert!(role.admit(later + INTERVAL));
+        assert!((0..AT_ONCE).all(|_| role.admit("learner.00", later)));
+        assert!(!role.admit("learner.00", later));
+        assert!(role.admit("learner.00", later + INTERVAL));
     }
 
     #[test]
@@ -132,5 +167,24 @@ mod tests {
         assert_eq!(learner, AT_ONCE as usize);
         assert!(rates.admit("controller.00", now) && rates.admit("robot-host.00", now));
         assert!(!rates.admit("root.00", now) && !rates.admit("00", now));
+    }
+
+    #[test]
+    fn who_floods_in_the_name_of_a_role_displaces_no_writer_of_it_who_was_there_before() {
+        let mut rates = Rates { topic: Topic::Health, roles: BTreeMap::new() };
+        let begin = Instant::now();
+        assert!(rates.admit("learner.honest", begin));
+        let mut forged = 0;
+        for tenth in 1..=100 {
+            let now = begin + Duration::from_millis(100) * tenth;
+            // By one name, and by another each time.
+            forged += (0..500).filter(|_| rates.admit("learner.flood", now)).count();
+            forged += (0..500).filter(|number| rates.admit(&format!("learner.{tenth}-{number}"), now)).count();
+            assert!(rates.admit("learner.honest", now), "not heard after {tenth} tenths of a second");
+        }
+        let most = (PLACES - 1) * (PER_SECOND * 10 + AT_ONCE) as usize;
+        assert!(forged > 0 && forged <= most, "{forged} of {most}");
+        // Who is silent for long has lost his place, and finds another when there is one.
+        assert!(rates.admit("learner.next", begin + Duration::from_secs(10) + FREE_AFTER));
     }
 }
