@@ -6,7 +6,8 @@
 //! thread, so that a round trip through a router is shorter as well.
 //!
 //! A link is to end when the certificate of its other end does. With one thread to make a link and another to watch for that, one that is made in the
-//! last second of a certificate may be looked for before it is there, and then never ends.
+//! last second of a certificate may be looked for before it is there, and then never ends. zenoh would make a client's first link with the thread
+//! that opens the session, so sessions are opened by `open` here.
 //!
 //! What is left: when a certificate ends, the thread that makes links flushes and closes a link that the other one may just be reading. And a callback of zenoh's must
 //! not wait for zenoh (close a session, ask it who is there): tokio would go on reading and writing elsewhere meanwhile.
@@ -17,6 +18,9 @@ use std::env;
 use std::io;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
+use std::sync::mpsc::channel;
+use zenoh::internal::runtime::{RuntimeBuilder, ZRuntime};
+use zenoh::{Config, Session};
 
 /// The variable that zenoh reads.
 pub const VARIABLE: &str = "ZENOH_RUNTIME";
@@ -46,4 +50,20 @@ pub fn set() -> io::Result<()> {
     }
     // It returns only if it fails.
     Err(anew.args(arguments).exec())
+}
+
+/// Opens a session as zenoh does, but with the thread that makes all other links.
+pub(crate) fn open(config: Config) -> Result<Session, zenoh::Error> {
+    let (tell, told) = channel();
+    ZRuntime::Net.spawn(async move {
+        let opened = async {
+            let mut runtime = RuntimeBuilder::new(config).build().await?;
+            let session = zenoh::session::init(runtime.clone().into()).await?;
+            runtime.start().await?;
+            Ok(session)
+        };
+        // Who has asked waits for the answer.
+        let _ = tell.send(opened.await);
+    });
+    told.recv().unwrap_or_else(|_| Err("zenoh's thread for links has ended".into()))
 }

@@ -1,15 +1,18 @@
 //! Strangers at the router of the links: what they say is heard by nobody, and they hear nothing.
 
-use crate::session::{Certificates, Failure, HOUR_S, ROBOT, Shows, connect, failed, of, print};
+use crate::session::{Certificates, Failure, HOUR_S, ROBOT, Shows, connect, failed, of, print, router};
 use promises::{Outcome, wait_until};
 use protocol::VERSION;
 use protocol::access::Role;
-use protocol::port::Router;
+use protocol::message::PlantState;
+use protocol::port::{Carrier, Carriers, Identity, Links, OpenError, Ports, Router, Since, Source};
 use protocol::topic::Topic;
+use serde_json::json;
 use std::collections::BTreeSet;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Barrier, Mutex, PoisonError};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
@@ -262,36 +265,98 @@ fn a_client_believes_no_router_that_is_none() -> Outcome {
     Ok(())
 }
 
+/// How long a certificate is valid that ends while it is in use [s]; doubled while the machine takes longer to connect.
+const SHORT_S: i64 = 4;
+/// How often that is tried.
+const SHORTS: i64 = 6;
+
 #[test]
-fn a_link_ends_when_the_certificate_of_either_end_does() -> Outcome {
-    /// How long a certificate is valid that ends while it is in use [s]; doubled while the machine takes longer to connect.
-    const SHORT_S: i64 = 4;
+fn a_router_ends_a_link_when_the_certificate_of_who_has_connected_does() -> Outcome {
     let certificates = Certificates::new()?;
-    let long = certificates.of(Role::Robot);
+    let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(Role::RobotHost), false)?;
+    let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
     let is_connected = |session: &Session| session.info().routers_zid().wait().next().is_some();
-    let mut ended = 0;
-    for server_is_short in [false, true] {
-        for round in 0..6 {
-            let short = certificates.issue("authority", &format!("short-{server_is_short}-{round}"), ROBOT, (-HOUR_S, SHORT_S << round))?;
-            let host = if server_is_short { of(&short, Role::RobotHost) } else { certificates.of(Role::RobotHost) };
-            let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], "maze", &host, false)?;
-            let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
-            let client = Shows::Certificate(if server_is_short { long.clone() } else { of(&short, Role::Robot) });
-            let connected = connect(&endpoint, &client).ok().filter(is_connected);
-            let Some(session) = connected else { continue };
-            let stays = (!server_is_short).then(|| connect(&endpoint, &Shows::Certificate(long.clone()))).transpose()?;
-            wait_until("the end of the link", || !is_connected(&session))?;
-            // The second with which a certificate ends is part of it: who connects in it may get in, and is sent away at once.
-            if let Ok(late) = connect(&endpoint, &client) {
-                wait_until("the end of a link that was made too late", || !is_connected(&late))?;
+    for round in 0..SHORTS {
+        let short = certificates.issue("authority", &format!("short-{round}"), ROBOT, (-HOUR_S, SHORT_S << round))?;
+        let client = Shows::Certificate(of(&short, Role::Robot));
+        let Some(session) = connect(&endpoint, &client).ok().filter(is_connected) else { continue };
+        let stays = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Robot)))?;
+        wait_until("the end of the link", || !is_connected(&session))?;
+        // The second with which a certificate ends is part of it: who connects in it may get in, and is sent away at once.
+        if let Ok(late) = connect(&endpoint, &client) {
+            wait_until("the end of a link that was made too late", || !is_connected(&late))?;
+        }
+        thread::sleep(Duration::from_millis(1_100));
+        assert!(connect(&endpoint, &client).is_err(), "it is taken up again");
+        assert!(is_connected(&stays), "another one's certificate is still valid");
+        return Ok(());
+    }
+    Err("it never connected in time".into())
+}
+
+/// Opens a port like a process of ours.
+fn join(links: &Links) -> Result<(Ports, Source<PlantState>), OpenError> {
+    let ports = Ports::open(links, Identity::new(1))?;
+    let source = ports.source(Since::First)?;
+    Ok((ports, source))
+}
+
+#[test]
+fn a_client_ends_a_link_when_the_certificate_of_its_router_does() -> Outcome {
+    /// Each tries once or twice: who finds that its link has ended looks about for a second.
+    const AT_ONCE: usize = 24;
+    let certificates = Certificates::new()?;
+    for round in 0..SHORTS {
+        let short = certificates.issue("authority", &format!("short-{round}"), ROBOT, (-HOUR_S, SHORT_S << round))?;
+        let host = of(&short, Role::RobotHost);
+        let end = UNIX_EPOCH + Duration::from_secs(host.read()?.until_s.try_into()?);
+        let ended = || SystemTime::now().duration_since(end).ok();
+        // One that keeps its links whatever happens: it is for the clients to end them.
+        let (router, endpoint) = router(&Shows::Certificate(host), &[("transport/link/tls/close_link_on_expiration", json!(false))])?;
+        let links = Links {
+            carriers: Carriers::all(Carrier::Network),
+            connect: vec![endpoint],
+            credentials: Some(certificates.of(Role::Controller)),
+            ..Links::on_this_machine(GRAPH, certificates.folder(), false, 60_000)
+        };
+        let linked = || router.liveliness().get("coxswain-link/**").wait().is_ok_and(|tokens| tokens.iter().next().is_some());
+        let Ok(_early) = join(&links) else { continue };
+        if ended().is_some() {
+            continue;
+        }
+        wait_until("the first link", linked)?;
+        let tried = AtomicUsize::new(0);
+        let all_known = Barrier::new(AT_ONCE + 1);
+        thread::scope(|scope| {
+            for _ in 0..AT_ONCE {
+                scope.spawn(|| {
+                    let mut joined = Vec::new();
+                    // The second with which a certificate ends is part of it: who connects in it may get in.
+                    while ended().is_none_or(|since| since < Duration::from_secs(1)) {
+                        if ended().is_some() {
+                            tried.fetch_add(1, Ordering::Relaxed);
+                            // Most find at once that their link has ended.
+                            joined.extend(join(&links));
+                        } else {
+                            thread::sleep(Duration::from_millis(1));
+                        }
+                    }
+                    all_known.wait();
+                    // They stay until it has been seen what becomes of them.
+                    all_known.wait();
+                });
             }
-            thread::sleep(Duration::from_millis(1_100));
-            assert!(connect(&endpoint, &client).is_err(), "it is taken up again");
-            assert!(stays.as_ref().is_none_or(is_connected), "another one's certificate is still valid");
-            ended += 1;
-            break;
+            all_known.wait();
+            let over = wait_until("the end of all links", || !linked());
+            all_known.wait();
+            over
+        })?;
+        let tried = tried.into_inner();
+        print(format_args!("tries to connect in the last second of a router's certificate: {tried}; no link has outlasted it"));
+        assert!(join(&links).is_err(), "it is taken up again");
+        if tried > 0 {
+            return Ok(());
         }
     }
-    assert_eq!(ended, 2, "it never connected in time");
-    Ok(())
+    Err("nobody ever connected in time".into())
 }

@@ -3,10 +3,11 @@
 use super::{TelemetryError, TelemetrySettings};
 use crate::access::{Credentials, guarded, of_telemetry, of_watcher, over_tls};
 use crate::reason::first_line;
+use crate::threads;
 use serde_json::json;
 use std::net::TcpListener;
 use zenoh::config::EndPoint;
-use zenoh::{Config, Session, Wait};
+use zenoh::{Config, Session};
 
 /// How long the other end may take to say who it is \[ms\].
 const OPEN_TIMEOUT_MILLIS: u64 = 3000;
@@ -75,7 +76,7 @@ fn open_listening(endpoints: &[String], credentials: Option<&Credentials>) -> Re
     set(&mut config, "transport/unicast/accept_pending", &json!(WATCHERS_MAX))?;
     if let Some(credentials) = credentials {
         let control = of_telemetry(&robot_of(credentials)?);
-        return zenoh::open(guarded(config, credentials, &[("access_control", control)]).map_err(failed)?).wait().map_err(failed);
+        return threads::open(guarded(config, credentials, &[("access_control", control)]).map_err(failed)?).map_err(failed);
     }
     // What arrives here is declarations of interest. Everything that says something is dropped, so that no watcher hears it either.
     set(
@@ -95,7 +96,7 @@ fn open_listening(endpoints: &[String], credentials: Option<&Credentials>) -> Re
             "policies": [{ "rules": ["look, do not touch"], "subjects": ["anyone"] }],
         }),
     )?;
-    zenoh::open(config).wait().map_err(failed)
+    threads::open(config).map_err(failed)
 }
 
 /// A session with the gateway at `endpoint`. Fails within seconds if nobody answers.
@@ -110,7 +111,7 @@ pub(super) fn connect(endpoint: &str, credentials: Option<&Credentials>) -> Resu
         let control = of_watcher(&robot_of(credentials)?);
         config = guarded(config, credentials, &[("access_control", control)]).map_err(failed)?;
     }
-    zenoh::open(config).wait().map_err(failed)
+    threads::open(config).map_err(failed)
 }
 
 fn config(mode: &str) -> Result<Config, TelemetryError> {

@@ -7,6 +7,7 @@
 
 use super::guard::Guard;
 use super::{ANSWER_TIMEOUT, config, keys, router};
+use crate::threads;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -79,7 +80,7 @@ pub(super) struct Held {
 impl Line {
     /// Connects to one of the routers at `connect`, with a certificate if there is a `guard`.
     pub(super) fn open(connect: &[String], guard: Option<Guard>) -> Result<Arc<Self>, zenoh::Error> {
-        let session = zenoh::open(config::client(connect, OPEN_MILLIS, guard.as_ref())?).wait()?;
+        let session = threads::open(config::client(connect, OPEN_MILLIS, guard.as_ref())?)?;
         // Asked at once: a router that goes before the keeper's first look has shown its token all the same.
         let ours = !neighbours(&session).is_disjoint(&ask_for_tokens(&session)?);
         let (sight, seen) = look_out(&session)?;
@@ -172,7 +173,7 @@ impl Shared {
     }
 
     fn begin_session(&self) -> Result<(), zenoh::Error> {
-        let session = zenoh::open(config::client(&self.connect, OPEN_AGAIN_MILLIS, self.guard.as_ref())?).wait()?;
+        let session = threads::open(config::client(&self.connect, OPEN_AGAIN_MILLIS, self.guard.as_ref())?)?;
         let (sight, seen) = look_out(&session)?;
         let mut state = self.state();
         (state.session, state.sight, state.seen) = (session.clone(), sight, seen);
@@ -276,7 +277,7 @@ mod tests {
         for _ in 0..router::DRAWS {
             let endpoint = router::with_port("tcp/127.0.0.1:0")?;
             let config = config::router(slice::from_ref(&endpoint), &[], None).map_err(|error| error.to_string())?;
-            if let Ok(session) = zenoh::open(config).wait() {
+            if let Ok(session) = threads::open(config) {
                 return Ok((session, endpoint));
             }
         }
