@@ -7,7 +7,7 @@
 //!
 //! A link is to end when the certificate of its other end does. With one thread to make a link and another to watch for that, one that is made in the
 //! last second of a certificate may be looked for before it is there, and then never ends. zenoh would make a client's first link with the thread
-//! that opens the session, so sessions are opened by `open` here.
+//! that opens the session, so clients are opened here.
 //!
 //! What is left: when a certificate ends, the thread that makes links flushes and closes a link that the other one may just be reading. And a callback of zenoh's must
 //! not wait for zenoh (close a session, ask it who is there): tokio would go on reading and writing elsewhere meanwhile.
@@ -16,11 +16,12 @@
 
 use std::env;
 use std::io;
+use std::ops::Deref;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 use std::sync::mpsc::channel;
-use zenoh::internal::runtime::{RuntimeBuilder, ZRuntime};
-use zenoh::{Config, Session};
+use zenoh::internal::runtime::{Runtime, RuntimeBuilder, ZRuntime};
+use zenoh::{Config, Session, Wait};
 
 /// The variable that zenoh reads.
 pub const VARIABLE: &str = "ZENOH_RUNTIME";
@@ -52,18 +53,50 @@ pub fn set() -> io::Result<()> {
     Err(anew.args(arguments).exec())
 }
 
-/// Opens a session as zenoh does, but with the thread that makes all other links.
-pub(crate) fn open(config: Config) -> Result<Session, zenoh::Error> {
-    let (tell, told) = channel();
-    ZRuntime::Net.spawn(async move {
-        let opened = async {
-            let mut runtime = RuntimeBuilder::new(config).build().await?;
-            let session = zenoh::session::init(runtime.clone().into()).await?;
-            runtime.start().await?;
-            Ok(session)
-        };
-        // Who has asked waits for the answer.
-        let _ = tell.send(opened.await);
-    });
-    told.recv().unwrap_or_else(|_| Err("zenoh's thread for links has ended".into()))
+/// A client's session, whose first link is made by the thread that makes all others. It ends when it is dropped.
+pub(crate) struct Client {
+    session: Session,
+    runtime: Runtime,
+}
+
+impl Client {
+    /// Connects, as `zenoh::open` does.
+    pub(crate) fn open(config: Config) -> Result<Self, zenoh::Error> {
+        let (tell, told) = channel();
+        ZRuntime::Net.spawn(async move {
+            // Who has asked waits for the answer.
+            let _ = tell.send(connect(config).await);
+        });
+        told.recv().unwrap_or_else(|_| Err("zenoh's thread for links has ended".into()))
+    }
+
+    /// Ends it, also for those who still have it.
+    pub(crate) fn close(&self) -> Result<(), zenoh::Error> {
+        let session = self.session.close().wait();
+        self.runtime.close().wait().and(session)
+    }
+}
+
+async fn connect(config: Config) -> Result<Client, zenoh::Error> {
+    let mut runtime = RuntimeBuilder::new(config).build().await?;
+    let session = zenoh::session::init(runtime.clone().into()).wait()?;
+    let client = Client { session, runtime: runtime.clone() };
+    runtime.start().await?;
+    Ok(client)
+}
+
+impl Deref for Client {
+    type Target = Session;
+
+    fn deref(&self) -> &Session {
+        &self.session
+    }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        if let Err(error) = self.close() {
+            tracing::debug!(%error, "the session has ended already");
+        }
+    }
 }

@@ -3,11 +3,11 @@
 use super::{TelemetryError, TelemetrySettings};
 use crate::access::{Credentials, guarded, of_telemetry, of_watcher, over_tls};
 use crate::reason::first_line;
-use crate::threads;
+use crate::threads::Client;
 use serde_json::json;
 use std::net::TcpListener;
 use zenoh::config::EndPoint;
-use zenoh::{Config, Session};
+use zenoh::{Config, Session, Wait};
 
 /// How long the other end may take to say who it is \[ms\].
 const OPEN_TIMEOUT_MILLIS: u64 = 3000;
@@ -76,7 +76,7 @@ fn open_listening(endpoints: &[String], credentials: Option<&Credentials>) -> Re
     set(&mut config, "transport/unicast/accept_pending", &json!(WATCHERS_MAX))?;
     if let Some(credentials) = credentials {
         let control = of_telemetry(&robot_of(credentials)?);
-        return threads::open(guarded(config, credentials, &[("access_control", control)]).map_err(failed)?).map_err(failed);
+        return zenoh::open(guarded(config, credentials, &[("access_control", control)]).map_err(failed)?).wait().map_err(failed);
     }
     // What arrives here is declarations of interest. Everything that says something is dropped, so that no watcher hears it either.
     set(
@@ -96,11 +96,11 @@ fn open_listening(endpoints: &[String], credentials: Option<&Credentials>) -> Re
             "policies": [{ "rules": ["look, do not touch"], "subjects": ["anyone"] }],
         }),
     )?;
-    threads::open(config).map_err(failed)
+    zenoh::open(config).wait().map_err(failed)
 }
 
 /// A session with the gateway at `endpoint`. Fails within seconds if nobody answers.
-pub(super) fn connect(endpoint: &str, credentials: Option<&Credentials>) -> Result<Session, TelemetryError> {
+pub(super) fn connect(endpoint: &str, credentials: Option<&Credentials>) -> Result<Client, TelemetryError> {
     check_endpoint(endpoint)?;
     let endpoint = &spoken(endpoint, credentials);
     let failed = |error| TelemetryError::Connect { endpoint: endpoint.to_owned(), reason: first_line(&error) };
@@ -111,7 +111,7 @@ pub(super) fn connect(endpoint: &str, credentials: Option<&Credentials>) -> Resu
         let control = of_watcher(&robot_of(credentials)?);
         config = guarded(config, credentials, &[("access_control", control)]).map_err(failed)?;
     }
-    threads::open(config).map_err(failed)
+    Client::open(config).map_err(failed)
 }
 
 fn config(mode: &str) -> Result<Config, TelemetryError> {

@@ -6,12 +6,13 @@ use crate::access::Credentials;
 use crate::frame::DecodeError;
 use crate::message::{Health, Plan, PlantState};
 use crate::reason::first_line;
+use crate::threads::Client;
 use crate::topic::Topic;
 use std::time::{Duration, Instant};
+use zenoh::Wait;
 use zenoh::handlers::{RingChannel, RingChannelHandler};
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::Sample;
-use zenoh::{Session, Wait};
 
 /// Most values that wait to be looked at; the oldest give way.
 const WAITING_MAX: usize = 64;
@@ -41,7 +42,7 @@ pub struct Word {
 /// Hears states, plans and health of the robots at one endpoint.
 pub struct Watcher {
     samples: Subscriber<RingChannelHandler<Sample>>,
-    session: Session,
+    session: Client,
     refused: u64,
 }
 

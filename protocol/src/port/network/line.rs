@@ -7,7 +7,7 @@
 
 use super::guard::Guard;
 use super::{ANSWER_TIMEOUT, config, keys, router};
-use crate::threads;
+use crate::threads::Client;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -57,7 +57,7 @@ struct Shared {
 type Sight = Arc<Mutex<BTreeSet<String>>>;
 
 struct State {
-    session: Session,
+    session: Arc<Client>,
     sight: Sight,
     seen: Subscriber<()>,
     ports: BTreeMap<u64, Port>,
@@ -80,7 +80,7 @@ pub(super) struct Held {
 impl Line {
     /// Connects to one of the routers at `connect`, with a certificate if there is a `guard`.
     pub(super) fn open(connect: &[String], guard: Option<Guard>) -> Result<Arc<Self>, zenoh::Error> {
-        let session = threads::open(config::client(connect, OPEN_MILLIS, guard.as_ref())?)?;
+        let session = Arc::new(Client::open(config::client(connect, OPEN_MILLIS, guard.as_ref())?)?);
         // Asked at once: a router that goes before the keeper's first look has shown its token all the same.
         let ours = !neighbours(&session).is_disjoint(&ask_for_tokens(&session)?);
         let (sight, seen) = look_out(&session)?;
@@ -93,8 +93,8 @@ impl Line {
     }
 
     /// The present session. What is said in it while there is no router is lost.
-    pub(super) fn session(&self) -> Session {
-        self.shared.state().session.clone()
+    pub(super) fn session(&self) -> Arc<Client> {
+        Arc::clone(&self.shared.state().session)
     }
 
     /// Declares a port, now and in each session that follows.
@@ -152,7 +152,7 @@ impl Shared {
     fn is_connected(&self, ours: &mut bool) -> bool {
         let state = self.state();
         let declared = state.ports.values().all(|port| port.declared.is_some());
-        let (session, sight) = (state.session.clone(), Arc::clone(&state.sight));
+        let (session, sight) = (Arc::clone(&state.session), Arc::clone(&state.sight));
         drop(state);
         let neighbours = neighbours(&session);
         let shown = !neighbours.is_disjoint(&lock(&sight));
@@ -163,20 +163,20 @@ impl Shared {
     /// Somebody whose token is declared again before it was taken back seems to have been there all the time: so first the end.
     fn end_session(&self) {
         let mut state = self.state();
-        let old = state.session.clone();
+        let old = Arc::clone(&state.session);
         let gone: Vec<_> = state.ports.values_mut().filter_map(|port| port.declared.take()).collect();
         drop(state);
         drop(gone);
-        if let Err(error) = old.close().wait() {
+        if let Err(error) = old.close() {
             tracing::debug!(%error, "the session has ended already");
         }
     }
 
     fn begin_session(&self) -> Result<(), zenoh::Error> {
-        let session = threads::open(config::client(&self.connect, OPEN_AGAIN_MILLIS, self.guard.as_ref())?)?;
+        let session = Arc::new(Client::open(config::client(&self.connect, OPEN_AGAIN_MILLIS, self.guard.as_ref())?)?);
         let (sight, seen) = look_out(&session)?;
         let mut state = self.state();
-        (state.session, state.sight, state.seen) = (session.clone(), sight, seen);
+        (state.session, state.sight, state.seen) = (Arc::clone(&session), sight, seen);
         for port in state.ports.values_mut() {
             port.declared = Some((port.declare)(&session)?);
         }
@@ -277,7 +277,7 @@ mod tests {
         for _ in 0..router::DRAWS {
             let endpoint = router::with_port("tcp/127.0.0.1:0")?;
             let config = config::router(slice::from_ref(&endpoint), &[], None).map_err(|error| error.to_string())?;
-            if let Ok(session) = threads::open(config) {
+            if let Ok(session) = zenoh::open(config).wait() {
                 return Ok((session, endpoint));
             }
         }

@@ -11,7 +11,6 @@ use super::self_test::self_test;
 use crate::access::{Breach, Credentials, from_here, over_tls};
 use crate::port::OpenError;
 use crate::reason::first_line;
-use crate::threads;
 use std::collections::BTreeSet;
 use std::net::TcpListener;
 use std::slice;
@@ -157,7 +156,7 @@ impl Drop for Router {
 impl Life {
     /// Who joins others is told when one of them is not to be seen any more.
     fn begin(listen: &[String], connect: &[String], guard: Option<&Guard>, signs: &Sender<Sign>) -> Result<Self, zenoh::Error> {
-        let session = threads::open(config::router(listen, connect, guard)?)?;
+        let session = zenoh::open(config::router(listen, connect, guard)?).wait()?;
         let token = session.liveliness().declare_token(TOKENS.replace('*', &session.zid().to_string())).wait()?;
         let signs = signs.clone();
         let tell = move |sample: zenoh::sample::Sample| {

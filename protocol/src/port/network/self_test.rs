@@ -8,7 +8,6 @@ use super::guard::Guard;
 use super::presence::draw_id;
 use crate::access::{ATTEMPT_MILLIS, AccessError, Breach, Credentials, Role, TESTER, keeps_strangers_out, over_tls};
 use crate::reason::first_line;
-use crate::threads;
 use crate::topic::Topic;
 use serde_json::json;
 use std::sync::mpsc::channel;
@@ -48,7 +47,7 @@ pub fn self_test(endpoint: &str, graph: &str, credentials: &Credentials) -> Resu
             config.insert_json5("transport/link/rx/max_message_size", &json!(2 * OVERSIZE_BYTES).to_string())?;
             Ok(config)
         });
-        config.and_then(threads::open)
+        config.and_then(|config| zenoh::open(config).wait())
     };
     let open = || {
         let deadline = Instant::now() + ARRIVES_WITHIN;
