@@ -19,6 +19,7 @@ use std::io;
 use std::ops::Deref;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use zenoh::internal::runtime::{Runtime, RuntimeBuilder, ZRuntime};
 use zenoh::{Config, Session, Wait};
@@ -57,6 +58,7 @@ pub fn set() -> io::Result<()> {
 pub(crate) struct Client {
     session: Session,
     runtime: Runtime,
+    ended: AtomicBool,
 }
 
 impl Client {
@@ -67,22 +69,27 @@ impl Client {
             // Who has asked waits for the answer.
             let _ = tell.send(connect(config).await);
         });
-        told.recv().unwrap_or_else(|_| Err("zenoh's thread for links has ended".into()))
+        let (client, connected) = told.recv().unwrap_or_else(|_| Err("zenoh's thread for links has ended".into()))?;
+        connected.map(|()| client)
     }
 
     /// Ends it, also for those who still have it.
     pub(crate) fn close(&self) -> Result<(), zenoh::Error> {
+        if self.ended.swap(true, Ordering::Relaxed) {
+            return Ok(());
+        }
         let session = self.session.close().wait();
         self.runtime.close().wait().and(session)
     }
 }
 
-async fn connect(config: Config) -> Result<Client, zenoh::Error> {
+/// A client, and whether it is connected. One that is not has to end as well, which zenoh's thread must not wait for.
+async fn connect(config: Config) -> Result<(Client, Result<(), zenoh::Error>), zenoh::Error> {
     let mut runtime = RuntimeBuilder::new(config).build().await?;
     let session = zenoh::session::init(runtime.clone().into()).wait()?;
-    let client = Client { session, runtime: runtime.clone() };
-    runtime.start().await?;
-    Ok(client)
+    let client = Client { session, runtime: runtime.clone(), ended: AtomicBool::new(false) };
+    let connected = runtime.start().await;
+    Ok((client, connected))
 }
 
 impl Deref for Client {
@@ -96,7 +103,7 @@ impl Deref for Client {
 impl Drop for Client {
     fn drop(&mut self) {
         if let Err(error) = self.close() {
-            tracing::debug!(%error, "the session has ended already");
+            tracing::debug!(%error, "the session did not end in order");
         }
     }
 }
