@@ -6,6 +6,8 @@ mod driven;
 mod floods;
 #[path = "attacks/gateway.rs"]
 mod gateway;
+#[path = "attacks/heartbeats.rs"]
+mod heartbeats;
 #[path = "attacks/matrix.rs"]
 mod matrix;
 #[path = "attacks/self_test.rs"]
@@ -14,3 +16,5 @@ mod self_test;
 mod session;
 #[path = "attacks/strangers.rs"]
 mod strangers;
+#[path = "attacks/told.rs"]
+mod told;

@@ -2,12 +2,9 @@
 
 use crate::driven::{acted, genuine, launched};
 use crate::session::{Certificates, Failure, Shows, connect, failed, print};
-use bytemuck::Zeroable;
 use promises::{Message, Outcome, Record, signal};
 use protocol::access::Role;
 use protocol::clock::monotonic_nanos;
-use protocol::message::Health;
-use protocol::wire;
 use rustix::process::Signal;
 use std::io::Write;
 use std::net::TcpStream;
@@ -23,6 +20,9 @@ const FLOODS: usize = 7;
 /// How long each lasts, at least.
 const FLOOD_LASTS: Duration = Duration::from_secs(1);
 
+/// Time from a state to its command, in the floods to between them, at most.
+const SLOWER_MOST: f64 = 1.25;
+
 /// Of a long question [bytes]: as long as it may be.
 const LONG_BYTES: usize = 60_000;
 
@@ -31,38 +31,6 @@ fn middle(plans: &[&Message]) -> u64 {
     let mut nanos: Vec<u64> = plans.iter().map(|plan| plan.count("tick_nanos")).collect();
     nanos.sort_unstable();
     nanos.get(nanos.len() / 2).copied().unwrap_or(0)
-}
-
-#[test]
-fn a_role_that_floods_the_heartbeats_silences_nobody() -> Outcome {
-    let certificates = Certificates::for_a_flood()?;
-    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "20"])?;
-    let learner = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
-    let key = format!("coxswain-link/{graph}/health/data/learner.flood");
-    let mut heartbeat = Vec::new();
-    wire::encode(&Health::zeroed(), &mut heartbeat);
-    let (begin, mut said) = (Instant::now(), 0_usize);
-    launched.wait_until("five seconds of the flood", || {
-        let burst = Instant::now();
-        while burst.elapsed() < Duration::from_millis(500) {
-            said += usize::from(learner.put(&key, heartbeat.as_slice()).congestion_control(CongestionControl::Drop).wait().is_ok());
-        }
-        begin.elapsed() > Duration::from_secs(5)
-    })?;
-    let (ended, home) = launched.end()?;
-    assert!(ended.status.success(), "{}", ended.text);
-    let log = std::fs::read_to_string(home.path().join("run/coxswain.log"))?;
-    let record = Record::read(&home.path().join("run"))?;
-    let heard = record.of("health").filter(|health| health.word("participant") == "?").count();
-    let fresh = record.of("state").filter(|state| state.word("rung") == "fresh plan").count();
-    print(format_args!("heartbeats: {said} said by one role in 5 s, {heard} of them recorded; {fresh} of 201 periods on fresh plans"));
-    assert!(said > 10_000, "{said}");
-    assert!(log.contains("turned away at the network: learner.mecanum says more on health than anybody needs to"), "{log}");
-    assert!(log.contains("learner says more on health than 50 messages a second from each of 4 writers"), "{log}");
-    assert!(!ended.text.contains("is started again"), "{}", ended.text);
-    assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(200));
-    assert!(fresh > 150, "{fresh}");
-    Ok(())
 }
 
 #[test]
@@ -133,6 +101,9 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
         flood as f64 / calm as f64,
         states.len()
     ));
+    assert!(states.len() > 30 && fresh * 10 >= states.len() * 9, "{fresh} of {} periods on fresh plans", states.len());
+    // By turns with the calm, within one run: a ratio that no other load of the machine makes.
+    assert!(flood as f64 <= SLOWER_MOST * calm as f64, "control tick p50 {flood} ns in the floods, {calm} ns between them");
     assert!(log.contains("turned away at the network: a message is longer than any may be"), "{log}");
     let lines = log.lines().filter(|line| line.contains("turned away at the network")).count();
     let of_subscriptions = log.lines().filter(|line| line.contains("may not Declare Subscriber on command count="));
@@ -251,6 +222,7 @@ fn a_role_that_floods_what_it_may_say_or_ask_silences_nobody() -> Outcome {
         calm / 1000,
         flood / 1000
     ));
+    let (mut driven, mut periods) = (0, 0);
     for excess in Excess::ALL {
         let of: Vec<_> = floods.iter().filter(|(of, ..)| *of == excess).collect();
         let said: usize = of.iter().map(|(_, said, _)| said).sum();
@@ -264,8 +236,10 @@ fn a_role_that_floods_what_it_may_say_or_ask_silences_nobody() -> Outcome {
             states.len()
         ));
         assert!(said > 100, "{said}");
+        (driven, periods) = (driven + fresh, periods + states.len());
     }
     assert!(!ended.text.contains("is started again"), "{}", ended.text);
+    assert!(periods > 50 && driven * 10 >= periods * 9, "{driven} of {periods} periods on fresh plans");
     let genuine = genuine(&record)?;
     let acted = acted(&record);
     assert!(acted.keys().all(|writer| [0, genuine].contains(writer)), "{acted:?}: {}", ended.text);

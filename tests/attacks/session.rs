@@ -47,7 +47,7 @@ pub(crate) enum Shows {
 impl Certificates {
     /// Those of [`ROBOT`], for an hour.
     pub(crate) fn new() -> Result<Self, Box<dyn Error>> {
-        Self::make(Some(FLOODED.read().unwrap_or_else(PoisonError::into_inner)), None)
+        Self::make(Some(no_flood()), None)
     }
 
     /// The same, for a test that floods.
@@ -79,6 +79,11 @@ impl Certificates {
     pub(crate) fn of(&self, role: Role) -> Credentials {
         of(&self.folder(), role)
     }
+}
+
+/// While it is held nobody floods a robot.
+pub(crate) fn no_flood() -> RwLockReadGuard<'static, ()> {
+    FLOODED.read().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The certificate of `role` in `folder`.

@@ -147,13 +147,19 @@ fn on_links(role: Role, graph: &str, lock_step: bool) -> Allowed {
     allowed
 }
 
+/// That `role` may nothing. Without a rule that says so zenoh would not say either whom it refuses what.
+fn nothing(role: &str) -> Value {
+    let (id, flows) = (format!("{role} nothing"), ["ingress", "egress"]);
+    json!({ "id": id, "messages": ALL_MESSAGES, "flows": flows, "permission": "deny", "key_exprs": ["**"] })
+}
+
 /// Access control from what each role may do; who is no such role of `robot` may nothing.
 fn control(robot: &str, roles: impl IntoIterator<Item = (Role, Allowed)>) -> Value {
     let (mut rules, mut subjects, mut policies) = (Vec::new(), Vec::new(), Vec::new());
     for (role, allowed) in roles {
-        let own = allowed.rules(role.name());
+        let mut own = allowed.rules(role.name());
         if own.is_empty() {
-            continue;
+            own.push(nothing(role.name()));
         }
         let ids: Vec<Value> = own.iter().map(|rule| rule["id"].clone()).collect();
         subjects.push(json!({ "id": role.name(), "link_protocols": ["tls"], "cert_common_names": [role.subject(robot)] }));
@@ -180,7 +186,8 @@ pub fn of_telemetry(robot: &str) -> Value {
         allowed.add(Flow::Ingress, "declare_subscriber", key);
         allowed.add(Flow::Egress, "put", key);
     }
-    control(robot, [(Role::Watcher, allowed)])
+    let of = |role| (role, if role == Role::Watcher { std::mem::take(&mut allowed) } else { Allowed::default() });
+    control(robot, Role::ALL.map(of))
 }
 
 /// For a watcher, which believes the gateway of its robot alone.

@@ -18,8 +18,11 @@ const LEASE_MILLIS: u64 = 2000;
 /// How long a value may wait for room on its way to one slow watcher before that watcher misses it \[µs\].
 const WAIT_BEFORE_DROP_MICROS: u64 = 100;
 
-/// Longest message that is taken in: a publishing session expects no more than declarations, a watcher no more than a snapshot \[bytes\].
-const MESSAGE_MAX_BYTES: u64 = 16 * 1024 * 1024;
+/// Longest message that a watcher takes in: more than a snapshot has, as bytes or as JSON \[bytes\].
+const HEARD_MAX_BYTES: u64 = 16 * 1024 * 1024;
+
+/// Longest message that a publishing session takes in, to which nothing is said but who wants to hear what \[bytes\].
+const ASKED_MAX_BYTES: u64 = 64 * 1024;
 
 /// Most watchers at one time.
 const WATCHERS_MAX: usize = 64;
@@ -74,6 +77,7 @@ fn open_listening(endpoints: &[String], credentials: Option<&Credentials>) -> Re
     set(&mut config, "listen/endpoints", &json!(endpoints))?;
     set(&mut config, "transport/unicast/max_sessions", &json!(WATCHERS_MAX))?;
     set(&mut config, "transport/unicast/accept_pending", &json!(WATCHERS_MAX))?;
+    set(&mut config, "transport/link/rx/max_message_size", &json!(ASKED_MAX_BYTES))?;
     if let Some(credentials) = credentials {
         let control = of_telemetry(&robot_of(credentials)?);
         return zenoh::open(guarded(config, credentials, &[("access_control", control)]).map_err(failed)?).wait().map_err(failed);
@@ -129,7 +133,7 @@ fn config(mode: &str) -> Result<Config, TelemetryError> {
         ("transport/unicast/accept_timeout", json!(OPEN_TIMEOUT_MILLIS)),
         ("transport/link/tx/lease", json!(LEASE_MILLIS)),
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(WAIT_BEFORE_DROP_MICROS)),
-        ("transport/link/rx/max_message_size", json!(MESSAGE_MAX_BYTES)),
+        ("transport/link/rx/max_message_size", json!(HEARD_MAX_BYTES)),
     ] {
         set(&mut config, key, &value)?;
     }

@@ -204,11 +204,15 @@ impl<'a> Loop<'a> {
         if let Some(ours) = self.epoch.filter(|&ours| ours < state.controller_epoch) {
             return Err(RunError::Replaced { ours, theirs: state.controller_epoch });
         }
+        let is_first = self.epoch.is_none();
         let epoch = self.claim_epoch(state)?;
         let mut sample = self.controller.observe(state, self.handover, epoch);
         let command = self.controller.answer(state, self.handover);
         let nanos = monotonic_nanos() - begin;
         self.commands.send(command)?;
+        if is_first {
+            self.pulse.phase(Phase::Running);
+        }
         if let Some(fault) = self.controller.sensor_fault() {
             self.pulse.health().set_last_error(fault.text());
         }
@@ -270,7 +274,6 @@ impl<'a> Loop<'a> {
         self.residuals.set_epoch(epoch);
         self.plans.set_epoch(epoch);
         self.pulse.set_epoch(epoch);
-        self.pulse.phase(Phase::Running);
         self.epoch = Some(epoch);
         Ok(epoch)
     }

@@ -2,13 +2,14 @@
 
 use crate::role::program;
 use crate::service_manager::VARIABLES;
+use process::Lifeline;
 use protocol::message::Participant;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs::{self, File};
 use std::io;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
-use std::process::{Child as SystemChild, Command, ExitStatus, Stdio};
+use std::process::{Child as SystemChild, Command, ExitStatus};
 
 /// Lines of a log that are shown when a process died.
 const LAST_LINES: usize = 5;
@@ -17,8 +18,9 @@ const LAST_LINES: usize = 5;
 #[derive(Debug)]
 pub struct Child {
     role: Participant,
-    /// Its standard input, which ends when the launcher dies, is kept in here.
     system: SystemChild,
+    /// Its standard input, which ends when the launcher dies.
+    lifeline: Lifeline,
 }
 
 /// How a process ended.
@@ -32,6 +34,7 @@ impl Child {
     /// If it cannot be started.
     pub fn start(role: Participant, programs: &Path, settings: &Path, run: &Path) -> io::Result<Self> {
         let output = File::options().create(true).append(true).open(output_file(run, role))?;
+        let (lifeline, input) = Lifeline::new()?;
         let mut command = Command::new(programs.join(program(role)));
         for variable in VARIABLES {
             command.env_remove(variable);
@@ -40,14 +43,14 @@ impl Child {
             .arg("--settings")
             .arg(settings)
             .arg("--stop-with-stdin")
-            .stdin(Stdio::piped())
+            .stdin(input)
             .stdout(output.try_clone()?)
             .stderr(output)
             .process_group(0)
             // Who runs out of memory while it prints a backtrace waits for itself, and never dies.
             .env("RUST_BACKTRACE", "0")
             .spawn()?;
-        Ok(Self { role, system })
+        Ok(Self { role, system, lifeline })
     }
 
     /// Who it is.
@@ -63,6 +66,12 @@ impl Child {
     /// The same, as the system takes it.
     pub fn id(&self) -> Pid {
         Pid::from_child(&self.system)
+    }
+
+    /// What it has said by now. Nobody else can speak in its place.
+    pub fn heard(&mut self) -> &Lifeline {
+        self.lifeline.listen();
+        &self.lifeline
     }
 
     /// How it ended, if it has.

@@ -133,8 +133,8 @@ pub struct Fleet<'a> {
     epochs: Epochs,
     members: BTreeMap<Participant, Member>,
     roster: Roster,
-    /// When the round before was, and how often somebody had listened by then.
-    tended: Option<(Instant, u64)>,
+    /// When the round before was.
+    tended: Option<Instant>,
 }
 
 /// One role, and who plays it.
@@ -181,6 +181,12 @@ impl<'a> Fleet<'a> {
         self.members.values().map(|member| member.restarts.total()).sum()
     }
 
+    /// Process and heartbeats of who plays `role`, once there are any.
+    pub fn heartbeats(&mut self, role: Participant) -> Option<(u32, u64)> {
+        let State::Running(child) = &mut self.members.get_mut(&role)?.state else { return None };
+        Some((child.pid(), child.heard().beats())).filter(|(_, beats)| *beats > 0)
+    }
+
     /// Starts the process of `role`, with new settings above all epochs that have been. Gives the highest of those.
     ///
     /// # Errors
@@ -219,7 +225,7 @@ impl<'a> Fleet<'a> {
     ///
     /// # Errors
     /// [`FleetError`] if it has died, or does not get ready.
-    pub fn is_ready(&mut self, role: Participant, since: Instant, view: &View) -> Result<bool, FleetError> {
+    pub fn is_ready(&mut self, role: Participant, since: Instant) -> Result<bool, FleetError> {
         let Some(member) = self.members.get_mut(&role) else { return Ok(false) };
         let State::Running(child) = &mut member.state else { return Ok(false) };
         if let Some(ending) = bury(&self.roster, child)? {
@@ -233,7 +239,7 @@ impl<'a> Fleet<'a> {
             }
             return Err(FleetError::NeverReady { role, ending, last_words: last_words(&self.voyage.folder, role) });
         }
-        let ready = view.health(role).is_some_and(|health| health.pid == child.pid() && health.phase != Phase::Starting);
+        let ready = child.heard().phase() != Phase::Starting;
         let processes = &self.voyage.assembly.graph.processes;
         let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
         if !ready && real_time && since.elapsed() > processes.hung_after(role) && child.is_stopped() {
@@ -251,9 +257,7 @@ impl<'a> Fleet<'a> {
     /// [`FleetError`] if the run cannot go on.
     pub fn tend(&mut self, view: &View, now: Instant) -> Result<Vec<Event>, FleetError> {
         let mut events = Vec::new();
-        // Who does not listen hears no silence.
-        let listened = |&(before, rounds): &(Instant, u64)| (view.rounds() > rounds).then(|| now.saturating_duration_since(before));
-        let round = self.tended.replace((now, view.rounds())).as_ref().and_then(listened).unwrap_or_default();
+        let round = self.tended.replace(now).map_or(Duration::ZERO, |before| now.saturating_duration_since(before));
         let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
         for (&role, member) in &mut self.members {
             if let Some(health) = view.health(role) {
@@ -263,8 +267,8 @@ impl<'a> Fleet<'a> {
             let Some(ending) = bury(&self.roster, child)? else {
                 // In lock step whoever waits is silent, and its patience ends the run.
                 let patience = self.voyage.assembly.graph.processes.hung_after(role);
-                let said = view.health(role).filter(|health| health.pid == child.pid()).map(|health| health.sent_nanos);
-                if real_time && let Some(silence) = member.silence.broken_by(said, round, patience, || child.is_stopped()) {
+                let beats = child.heard().beats();
+                if real_time && let Some(silence) = member.silence.broken_by(beats, round, patience, || child.is_stopped()) {
                     child.kill();
                     events.push(Event::Hung { role, silence });
                 }

@@ -264,7 +264,7 @@ fn open_router(assembly: &Assembly, id: &str) -> Result<Router, OpenError> {
 fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
     let mut fleet = Fleet::new(voyage).map_err(|source| LaunchError::System { what: "the epochs of the run", source })?;
     let watch = Watch::open(&voyage.links)?;
-    let outcome = match start(&mut fleet, voyage, &watch, person) {
+    let outcome = match start(&mut fleet, voyage, person) {
         Ok(None) => {
             invite(voyage, &mut person.terminal);
             person.manager.ready();
@@ -289,7 +289,7 @@ fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
 }
 
 /// Starts everybody, each when the one before is ready. An outcome only if the run is over before it began.
-fn start(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Person) -> Result<Option<Outcome>, LaunchError> {
+fn start(fleet: &mut Fleet<'_>, voyage: &Voyage, person: &mut Person) -> Result<Option<Outcome>, LaunchError> {
     // A gateway only looks on: in real time it starts beside the others, and is waited for when the robot drives; with certificates before, since
     // it is ready when it has found strangers kept out.
     let real_time = voyage.assembly.graph.pace == Pace::RealTime;
@@ -306,7 +306,7 @@ fn start(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Per
             fleet.start(role)?;
         }
         let since = Instant::now();
-        while !fleet.is_ready(role, since, &watch.view())? {
+        while !fleet.is_ready(role, since)? {
             if let Some(signal) = person.asks_to_end() {
                 return Ok(Some(Outcome::Signal(signal)));
             }
@@ -385,7 +385,7 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
                 Event::Restarted { role, epoch_floor } => tracing::info!(%role, epoch_floor, "started again"),
             }
         }
-        person.manager.feed(&view, now);
+        person.manager.feed(|role| fleet.heartbeats(role), now);
         let restarts = fleet.restarts();
         person.terminal.progress(now, || view.plan().map(|plan| progress::line(&plan, period_nanos, duration_s, restarts)));
         thread::sleep(ROUND);

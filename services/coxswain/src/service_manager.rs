@@ -7,10 +7,9 @@
 //! |                | belong to this launch, have each turned at least once                                                    |
 //! | `STOPPING=1`   | the processes are asked to end                                                                           |
 //!
-//! A loop's own thread counts its rounds into its Health: who hangs is silent, and what is silent feeds no watchdog. All of it happens on the
+//! A loop's own thread tells the launcher its heartbeats: who hangs is silent, and what is silent feeds no watchdog. All of it happens on the
 //! launcher's thread, and nobody is waited for: what the service manager does not take is not said.
 
-use crate::watch::{HealthView, View};
 use protocol::message::Participant;
 use std::collections::BTreeMap;
 use std::env;
@@ -73,9 +72,9 @@ impl ServiceManager {
         self.say("READY=1");
     }
 
-    /// Feeds the watchdog at `now`, if it is time and the loops have turned.
-    pub fn feed(&mut self, view: &View, now: Instant) {
-        if self.watchdog.as_mut().is_some_and(|watchdog| watchdog.is_fed(|role| view.health(role), now)) {
+    /// Feeds the watchdog at `now`, if it is time and the loops have turned, of which `heard` says the process and its heartbeats.
+    pub fn feed(&mut self, heard: impl FnMut(Participant) -> Option<(u32, u64)>, now: Instant) {
+        if self.watchdog.as_mut().is_some_and(|watchdog| watchdog.is_fed(heard, now)) {
             self.say("WATCHDOG=1");
         }
     }
@@ -103,15 +102,15 @@ impl Watchdog {
     }
 
     /// Whether it is time, and every loop has turned since it was so last.
-    fn is_fed(&mut self, heard: impl Fn(Participant) -> Option<HealthView>, now: Instant) -> bool {
+    fn is_fed(&mut self, heard: impl FnMut(Participant) -> Option<(u32, u64)>, now: Instant) -> bool {
         if self.next.is_some_and(|next| now < next) {
             return false;
         }
-        let rounds = |role: Participant| heard(role).map(|health| (health.pid, health.heartbeat));
-        if self.loops.iter().any(|(&role, before)| rounds(role).is_none() || rounds(role) == *before) {
+        let beats: Vec<Option<(u32, u64)>> = self.loops.keys().copied().map(heard).collect();
+        if self.loops.values().zip(&beats).any(|(before, beats)| beats.is_none() || beats == before) {
             return false;
         }
-        self.loops.iter_mut().for_each(|(&role, before)| *before = rounds(role));
+        self.loops.values_mut().zip(beats).for_each(|(before, beats)| *before = beats);
         self.next = Some(now + self.every);
         true
     }
@@ -120,19 +119,14 @@ impl Watchdog {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::message::Phase;
 
     const EVERY: Duration = Duration::from_secs(1);
-
-    fn at(pid: u32, heartbeat: u64) -> HealthView {
-        HealthView { pid, epoch: 1, phase: Phase::Running, sent_nanos: 0, heartbeat }
-    }
 
     #[test]
     fn the_watchdog_is_fed_by_every_loop_that_drives_and_by_none_that_stands_still() {
         let mut watchdog = Watchdog::new(EVERY, Participant::ALL);
         let begin = Instant::now();
-        let mut fed = |seconds: u32, plant, controller: Option<HealthView>| {
+        let mut fed = |seconds: u32, plant, controller: Option<(u32, u64)>| {
             let heard = |role| match role {
                 Participant::Plant => Some(plant),
                 Participant::Controller => controller,
@@ -140,22 +134,22 @@ mod tests {
             };
             watchdog.is_fed(heard, begin + EVERY * seconds)
         };
-        assert!(!fed(0, at(1, 5), None), "nothing has been heard of the controller");
-        assert!(fed(1, at(1, 6), Some(at(2, 1))));
-        assert!(!fed(1, at(1, 7), Some(at(2, 2))), "it is not time");
-        assert!(!fed(2, at(1, 8), Some(at(2, 1))), "the controller hangs");
-        assert!(!fed(9, at(1, 99), Some(at(2, 1))), "and goes on hanging");
-        assert!(fed(10, at(1, 100), Some(at(3, 1))), "another has taken its place");
-        assert!(!fed(11, at(1, 100), Some(at(3, 2))), "the gate hangs");
-        assert!(fed(12, at(1, 101), Some(at(3, 2))));
+        assert!(!fed(0, (1, 5), None), "nothing has been heard of the controller");
+        assert!(fed(1, (1, 6), Some((2, 1))));
+        assert!(!fed(1, (1, 7), Some((2, 2))), "it is not time");
+        assert!(!fed(2, (1, 8), Some((2, 1))), "the controller hangs");
+        assert!(!fed(9, (1, 99), Some((2, 1))), "and goes on hanging");
+        assert!(fed(10, (1, 100), Some((3, 1))), "another has taken its place");
+        assert!(!fed(11, (1, 100), Some((3, 2))), "the gate hangs");
+        assert!(fed(12, (1, 101), Some((3, 2))));
     }
 
     #[test]
     fn a_launch_without_a_loop_that_drives_is_watched_by_what_it_has() {
         let mut watchdog = Watchdog::new(EVERY, &[Participant::Recorder, Participant::Gateway]);
         let now = Instant::now();
-        assert!(!watchdog.is_fed(|role| (role == Participant::Recorder).then(|| at(1, 1)), now));
-        assert!(watchdog.is_fed(|_| Some(at(1, 1)), now));
+        assert!(!watchdog.is_fed(|role| (role == Participant::Recorder).then_some((1, 1)), now));
+        assert!(watchdog.is_fed(|_| Some((1, 1)), now));
     }
 
     #[test]

@@ -20,23 +20,15 @@ const PATIENCE: Duration = Duration::from_millis(20);
 pub struct View {
     health: BTreeMap<Participant, HealthView>,
     plan: Option<PlanView>,
-    /// Rounds of listening.
-    rounds: u64,
 }
 
 /// What counts of a Health.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HealthView {
-    /// Process id.
-    pub pid: u32,
     /// Epoch that it speaks in.
     pub epoch: u64,
     /// How far it has come.
     pub phase: Phase,
-    /// When it said so, on its own clock \[ns\].
-    pub sent_nanos: u64,
-    /// Rounds of its loop.
-    pub heartbeat: u64,
 }
 
 /// What counts of a Plan.
@@ -73,21 +65,10 @@ impl View {
         self.plan
     }
 
-    /// How often somebody has listened. Silence of others means nothing while this does not grow.
-    pub fn rounds(&self) -> u64 {
-        self.rounds
-    }
-
-    /// One more round of listening is over.
-    pub fn count_round(&mut self) {
-        self.rounds += 1;
-    }
-
     /// Hears a Health.
     pub fn take_in(&mut self, health: &Health) {
         if let Some(role) = health.participant() {
-            let (pid, epoch, sent_nanos) = (health.pid, health.stamp.epoch, health.stamp.sent_nanos);
-            self.health.insert(role, HealthView { pid, epoch, phase: health.phase(), sent_nanos, heartbeat: health.heartbeat });
+            self.health.insert(role, HealthView { epoch: health.stamp.epoch, phase: health.phase() });
         }
     }
 }
@@ -178,7 +159,6 @@ impl Ears {
         while let Some(health) = self.health.next()? {
             lock(view).take_in(&health);
         }
-        lock(view).count_round();
         Ok(())
     }
 }

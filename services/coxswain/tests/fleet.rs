@@ -6,7 +6,7 @@ use coxswain::options::Options;
 use coxswain::role::{START_ORDER, program};
 use coxswain::watch::View;
 use process::Pace;
-use protocol::message::{Health, Participant, Phase};
+use protocol::message::Participant;
 use std::error::Error;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -19,6 +19,9 @@ type Outcome = Result<(), Box<dyn Error>>;
 
 /// Plays its role until it is told to end, then says so.
 const OBEDIENT: &str = "trap 'echo $0 >> \"$(dirname \"$0\")/ended\"; exit 0' TERM; echo up >> \"$0.up\"; while :; do sleep 0.01; done";
+/// Does not hear, and says that it is ready as often as it is given a word.
+const SPEAKS: &str =
+    "trap '' TERM; echo up >> \"$0.up\"; while :; do [ -e \"$0.word\" ] && printf '\\001' >&0 && rm \"$0.word\"; sleep 0.01; done";
 /// Does not hear.
 const DEAF: &str = "trap '' TERM; echo up >> \"$0.up\"; while :; do sleep 0.01; done";
 
@@ -187,49 +190,49 @@ fn whom_the_robot_does_not_need_is_given_up_when_it_dies_over_and_over_and_the_r
     Ok(())
 }
 
-/// Health of `role` in process `pid`, sent at `sent_nanos`.
-fn health(role: Participant, pid: u32, sent_nanos: u64) -> Health {
-    let mut health: Health = bytemuck::Zeroable::zeroed();
-    (health.participant, health.phase, health.pid) = (role.code(), Phase::Running.code(), pid);
-    health.stamp.sent_nanos = sent_nanos;
-    health
-}
-
 #[test]
 fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_launcher_that_was_away() -> Outcome {
-    let Fixture { voyage, .. } = &fixture(DEAF, (Participant::Plant, DEAF))?;
+    let Fixture { voyage, .. } = &fixture(SPEAKS, (Participant::Plant, DEAF))?;
     let mut fleet = Fleet::new(voyage)?;
     fleet.start(Participant::Controller)?;
+    assert!(!fleet.is_ready(Participant::Controller, Instant::now())?, "it has said nothing");
+    assert_eq!(fleet.heartbeats(Participant::Controller), None);
     let roster = fleet.roster();
     let pid = || roster.lock().get(&Participant::Controller).map(|pid| pid.as_raw_pid());
     let first = pid().ok_or("nobody plays the controller")?;
-    let mut view = View::default();
     let (round, mut now) = (Duration::from_millis(20), Instant::now());
-    let mut tend = |fleet: &mut Fleet<'_>, view: &mut View, passed: Duration| {
+    let mut tend = |fleet: &mut Fleet<'_>, passed: Duration| {
         now += passed;
-        view.count_round();
-        fleet.tend(view, now)
+        fleet.tend(&View::default(), now)
     };
-    for sent in 0..50 {
-        view.take_in(&health(Participant::Controller, u32::try_from(first)?, sent));
-        assert_eq!(tend(&mut fleet, &mut view, round)?, [], "it has spoken");
+    let word = voyage.programs.join(format!("{}.word", program(Participant::Controller)));
+    for _ in 0..50 {
+        fs::write(&word, "")?;
+        while word.exists() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        for _ in 0..15 {
+            assert_eq!(tend(&mut fleet, round)?, [], "it has spoken");
+        }
     }
-    assert_eq!(tend(&mut fleet, &mut view, Duration::from_mins(1))?, [], "the launcher was stopped for a minute, not the controller");
-    for _ in 0..1000 {
-        assert_eq!(fleet.tend(&view, Instant::now())?, [], "who does not listen accuses nobody");
-    }
+    assert!(fleet.is_ready(Participant::Controller, Instant::now())?);
+    assert_eq!(fleet.heartbeats(Participant::Controller), Some((u32::try_from(first)?, 50)));
+    assert_eq!(tend(&mut fleet, Duration::from_mins(1))?, [], "the launcher was stopped for a minute, not the controller");
+    // That counts as a short one, and so much had passed since the last word.
+    let passed = Duration::from_millis(40) + round * 14;
     let mut rounds = 0;
     let silence = loop {
         rounds += 1;
-        if let [Event::Hung { role: Participant::Controller, silence }] = tend(&mut fleet, &mut view, round)?[..] {
+        if let [Event::Hung { role: Participant::Controller, silence }] = tend(&mut fleet, round)?[..] {
             break silence;
         }
         assert!(rounds < 100, "nobody noticed");
     };
     assert!((Duration::from_millis(400)..Duration::from_millis(450)).contains(&silence), "{silence:?}");
+    assert_eq!(silence, passed + round * rounds);
     while pid() == Some(first) || pid().is_none() {
         std::thread::sleep(Duration::from_millis(1));
-        tend(&mut fleet, &mut view, Duration::ZERO)?;
+        tend(&mut fleet, Duration::ZERO)?;
     }
     assert!(fs::read_to_string(format!("/proc/{first}/stat")).is_err(), "it is dead and buried before its successor starts");
     fleet.end(|_| Duration::ZERO, || true);
@@ -254,7 +257,7 @@ fn death_before_readiness_is_told_with_its_last_words() -> Outcome {
     let mut fleet = Fleet::new(voyage)?;
     fleet.start(Participant::Recorder)?;
     let told = loop {
-        match fleet.is_ready(Participant::Recorder, Instant::now(), &View::default()) {
+        match fleet.is_ready(Participant::Recorder, Instant::now()) {
             Ok(_) => std::thread::sleep(Duration::from_millis(5)),
             Err(error) => break error.to_string(),
         }

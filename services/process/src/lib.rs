@@ -5,6 +5,7 @@
 //! | `run`   | [`Run`]: what the launcher tells every process, the table `[run]` of its settings |
 //! | `start` | [`main`]: arguments, settings, log, stop signals, body, exit code              |
 //! | `stop`  | [`Stop`]: the request to end, and who may make it                              |
+//! | `lifeline` | [`Lifeline`]: the same heartbeat, told to the launcher alone                   |
 //! | `pulse` | [`Pulse`]: the heartbeat that goes out as `Health`                             |
 //! | `owner` | [`keep_to_user`]: nobody else reads what this process makes                       |
 //! | `priority` | [`go_first`]: what a command waits for runs before everything else           |
@@ -14,6 +15,7 @@
 //! | [`refusals`] | who and what is turned away at the network ▶ a few lines in the log          |
 //! | [`wishes`] | a person ▶ a running process: changes to its settings                       |
 
+mod lifeline;
 mod owner;
 mod priority;
 mod pulse;
@@ -26,6 +28,7 @@ mod stop;
 pub mod wishes;
 mod witness;
 
+pub use lifeline::Lifeline;
 pub use owner::keep_to_user;
 pub use priority::{PRIORITY, give_way, go_first, may_go_first, step_back};
 pub use pulse::Pulse;

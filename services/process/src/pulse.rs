@@ -1,6 +1,6 @@
-//! process → everyone: the heartbeat of one process.
+//! process → everyone: the heartbeat of one process, and by a line of its own → its launcher.
 
-use crate::Pace;
+use crate::{Pace, lifeline};
 use bytemuck::Zeroable;
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Exposure, Health, Participant, Phase};
@@ -70,6 +70,7 @@ impl Pulse {
     /// Says it now.
     pub fn send_now(&mut self) {
         self.last_nanos = monotonic_nanos();
+        lifeline::beat(self.health.phase);
         self.health.sent[Topic::Health.index()] = self.sink.sent() - self.before + 1;
         self.health.dropped[Topic::Health.index()] = self.sink.dropped();
         if self.sink.send(&mut self.health).is_err() {

@@ -31,8 +31,8 @@ const TOO_LONG: &str = "Defragmentation buffer full";
 /// Where it says what comes too often.
 const RATES: &str = "zenoh::net::routing::interceptor::downsampling";
 
-/// What zenoh says behind a reason, of other causes.
-const HINT: &str = ". Hint:";
+/// What zenoh says behind a reason: other causes, where in its code, when a certificate was or will be good.
+const ASIDES: [&str; 3] = [". Hint:", " at /", ": verification time"];
 
 static BOOK: Mutex<Book<String>> = Mutex::new(Book::new());
 /// Whether this process itself plays the stranger.
@@ -144,8 +144,7 @@ fn too_long(message: &str) -> Option<String> {
 
 /// The same for all whom the same befalls.
 fn reason(message: &str) -> String {
-    let short = message.split(HINT).next().unwrap_or(message);
-    let short = short.split(" at /").next().unwrap_or(short);
+    let short = ASIDES.iter().fold(message, |message, aside| message.split(aside).next().unwrap_or(message));
     short.chars().take(200).collect()
 }
 
@@ -242,6 +241,7 @@ mod tests {
     fn a_reason_is_told_without_what_zenoh_guesses_and_where_it_was_built() {
         assert_eq!(reason("peer sent no certificates. Hint: increase it."), "peer sent no certificates");
         assert_eq!(reason("Received invalid message at /home/x.rs:1."), "Received invalid message");
+        assert_eq!(reason("certificate expired: verification time 9 (UNIX), but certificate is not valid after 8"), "certificate expired");
         assert_eq!(no_room("Max transports reached (128). Denying new transport with peer: 7f").as_deref(), Some("no session is free"));
         assert_eq!(no_room("Accepting link... tls/127.0.0.1:1"), None);
     }

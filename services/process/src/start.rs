@@ -1,7 +1,6 @@
 //! `main` of every process: arguments, settings, log, stop signals, body, exit code.
 
-use crate::refusals;
-use crate::{HasRun, Run, Stop, keep_to_user};
+use crate::{HasRun, Run, Stop, keep_to_user, lifeline, refusals};
 use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches, Parser};
 use protocol::message::Participant;
@@ -40,7 +39,7 @@ struct Arguments {
     /// TOML file with everything this process is told.
     #[arg(long, value_name = "FILE")]
     settings: PathBuf,
-    /// End when the standard input ends, as it does when the launcher dies.
+    /// End when the standard input ends, as it does when the launcher dies; if it is a socket, the launcher is told there that the loop turns.
     #[arg(long)]
     stop_with_stdin: bool,
 }
@@ -140,6 +139,7 @@ fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow:
     if stop_with_stdin {
         // A stopped process would not see its input end: the launcher's death wakes it.
         set_parent_process_death_signal(Some(Signal::CONT)).context("the launcher's death cannot be watched")?;
+        lifeline::hold();
         let stop = stop.clone();
         let watch = move || {
             stop.at_end_of(io::stdin().lock());

@@ -217,8 +217,11 @@ impl Arrivals {
         let number = label.map(|label| label.number);
         let writer = last(sample.key_expr().as_str());
         let mut ledger = self.ledger();
-        if ledger.rates.as_mut().is_some_and(|rates| !rates.admit(writer, Instant::now())) {
-            return;
+        if let Some(rates) = &mut ledger.rates {
+            let now = Instant::now();
+            if !(rates.admit(writer, now) && rates.believe(writer, &sample.payload().to_bytes(), now)) {
+                return;
+            }
         }
         let origin = ledger.origin(writer);
         if number.is_some_and(|number| number <= origin.last) {

@@ -1,12 +1,15 @@
-//! How often one role is heard on a topic that several write: else who floods it displaces what the others say. Each role has a few places, a writer
-//! keeps his own while he says something, and so who floods in the name of a role displaces no writer of it either who was there before.
+//! Who is heard on a topic that several roles write, the heartbeats. Nobody is heard in the name of another: routers see to it by the name of the writer, and here it is held
+//! against what is said. And nobody more often than is usual: else who floods it displaces what the others say. Each role has a few places, a writer keeps his own while he
+//! says something, and so who floods in the name of a role displaces no writer of it either who was there before.
 //!
 //! A topic of one role needs no limit at its readers. Its queue is bounded, the newest displace the oldest, and whoever has the certificate of that
 //! role could say all of it anyway. What keeps a router busy is limited there, on all topics.
 
 use super::Network;
 use crate::access::Role;
+use crate::message::Health;
 use crate::topic::Topic;
+use crate::wire;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -33,7 +36,16 @@ pub(super) struct Rates {
 #[derive(Default)]
 struct Heard {
     places: [Option<Place>; PLACES],
-    /// Refused since it was last told.
+    /// What was too much.
+    surplus: Refused,
+    /// What is not his to say.
+    false_words: Refused,
+}
+
+/// What has been refused, for the log.
+#[derive(Default)]
+struct Refused {
+    /// Since it was last told.
     untold: u64,
     told: Option<Instant>,
 }
@@ -56,26 +68,56 @@ impl Rates {
     /// Whether what the writer called `id` says `now` is heard. Tells the log, now and then, who says too much.
     pub(super) fn admit(&mut self, id: &str, now: Instant) -> bool {
         // Routers let nobody else pass.
-        let Some(role) = id.split_once('.').and_then(|(role, _)| Role::named(role)) else { return false };
+        let Some(role) = role_of(id) else { return false };
         let heard = self.roles.entry(role).or_default();
         let is_heard = heard.admit(id, now);
-        if let Some(count) = heard.due(now) {
-            tell(role, self.topic, count);
+        if let Some(count) = heard.surplus.due(now) {
+            tell_surplus(role, self.topic, count);
         }
         is_heard
     }
+
+    /// Whether the writer called `id` may say `message` `now`: a heartbeat, of a process in his role. Tells the log, now and then, who says others.
+    pub(super) fn believe(&mut self, id: &str, message: &[u8], now: Instant) -> bool {
+        let Some(role) = role_of(id) else { return false };
+        let whose = wire::decode::<Health>(message).ok().and_then(|health| health.participant()).map(Role::from);
+        if whose == Some(role) {
+            return true;
+        }
+        let heard = self.roles.entry(role).or_default();
+        heard.false_words.untold += 1;
+        if let Some(count) = heard.false_words.due(now) {
+            tell_false_words(role, self.topic, count);
+        }
+        false
+    }
+}
+
+/// The role that a writer's name begins with.
+fn role_of(id: &str) -> Option<Role> {
+    id.split_once('.').and_then(|(role, _)| Role::named(role))
 }
 
 impl Drop for Rates {
     /// Tells the log who has not been told of yet.
     fn drop(&mut self) {
-        for (role, heard) in self.roles.iter().filter(|(_, heard)| heard.untold > 0) {
-            tell(*role, self.topic, heard.untold);
+        for (&role, Heard { surplus, false_words, .. }) in &self.roles {
+            if surplus.untold > 0 {
+                tell_surplus(role, self.topic, surplus.untold);
+            }
+            if false_words.untold > 0 {
+                tell_false_words(role, self.topic, false_words.untold);
+            }
         }
     }
 }
 
-fn tell(role: Role, topic: Topic, count: u64) {
+fn tell_false_words(role: Role, topic: Topic, count: u64) {
+    let (role, topic) = (role.name(), topic.name());
+    tracing::warn!(count, "{role} says on {topic} what is no word of its own: it is not heard");
+}
+
+fn tell_surplus(role: Role, topic: Topic, count: u64) {
     let (role, topic) = (role.name(), topic.name());
     tracing::warn!(
         count,
@@ -86,7 +128,7 @@ fn tell(role: Role, topic: Topic, count: u64) {
 impl Heard {
     fn admit(&mut self, writer: &str, now: Instant) -> bool {
         let is_heard = self.place(writer, now).is_some_and(|place| place.admit(now));
-        self.untold += u64::from(!is_heard);
+        self.surplus.untold += u64::from(!is_heard);
         is_heard
     }
 
@@ -101,7 +143,9 @@ impl Heard {
         }
         self.places[index].as_mut()
     }
+}
 
+impl Refused {
     /// How many have been refused since that was told last, if it is to be told now: the first at once.
     fn due(&mut self, now: Instant) -> Option<u64> {
         let is_due = self.untold > 0 && self.told.is_none_or(|told| now.saturating_duration_since(told) >= PAUSE);
@@ -127,6 +171,9 @@ impl Place {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::VERSION;
+    use crate::message::{Message, Participant};
+    use bytemuck::Zeroable;
 
     /// Of so many messages, evenly over so many seconds, those that are heard, and what the log is told.
     fn heard(heard: &mut Heard, begin: Instant, messages: u32, seconds: u32) -> (u32, Vec<u64>) {
@@ -134,7 +181,7 @@ mod tests {
         for message in 0..messages {
             let now = begin + Duration::from_secs(seconds.into()) * message / messages;
             admitted += u32::from(heard.admit("learner.00", now));
-            told.extend(heard.due(now));
+            told.extend(heard.surplus.due(now));
         }
         (admitted, told)
     }
@@ -157,6 +204,30 @@ mod tests {
         assert!((PER_SECOND * 25..PER_SECOND * 25 + AT_ONCE + 1).contains(&admitted), "{admitted}");
         assert_eq!((told.len(), told[0]), (3, 1));
         assert!(told.iter().skip(1).all(|count| (97_000..100_000).contains(count)), "{told:?}");
+    }
+
+    #[test]
+    fn nobody_is_believed_who_speaks_in_the_name_of_another() {
+        let mut rates = Rates { topic: Topic::Health, roles: BTreeMap::new() };
+        let now = Instant::now();
+        let mut says = |id: &str, participant: Participant| {
+            let mut health = Health::zeroed();
+            (health.stamp.version, health.stamp.kind, health.participant) = (VERSION, Health::KIND, participant.code());
+            let mut message = Vec::new();
+            wire::encode(&health, &mut message);
+            rates.believe(id, &message, now)
+        };
+        for &participant in Participant::ALL {
+            for role in Role::ALL {
+                let is_his = Role::from(participant) == role;
+                assert_eq!(says(&format!("{}.00", role.name()), participant), is_his, "{role:?} of {participant}");
+            }
+            assert!(!says("root.00", participant) && !says("", participant));
+        }
+        assert!(!rates.believe("robot.00", b"no heartbeat", now));
+        let refused = |role| rates.roles.get(&role).map_or(0, |heard: &Heard| heard.false_words.untold);
+        // The first of each is told at once.
+        assert_eq!((refused(Role::Robot), refused(Role::Learner), refused(Role::RobotHost)), (4, 3, 4));
     }
 
     #[test]

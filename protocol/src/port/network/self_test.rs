@@ -81,12 +81,13 @@ fn as_another(listener: &Session, speaker: &Session, graph: &str, role: Role) ->
     // One on which it may hear what is said to one reader, in real time as well.
     let may_be_heard = |topic: &Topic| role.hears().contains(topic) && topic.quality(false).says_again();
     let forbidden = Topic::ALL.into_iter().find(|topic| may_be_heard(topic) && !role.says().contains(topic));
+    let Some(forbidden) = forbidden else { return Err(format!("{} hears nothing that it may not say", role.name()).into()) };
     // Others may be testing themselves.
     let own = draw_id(Some(role));
     let key = |topic: Topic| format!("coxswain-link/{graph}/{}/history/{TESTER}/{own}", topic.name());
     let (tell, heard) = channel();
     let mut listening = Vec::new();
-    for topic in forbidden.into_iter().chain([Topic::Health]) {
+    for topic in [forbidden, Topic::Health] {
         let tell = tell.clone();
         // Nobody listens any more once all is known.
         let hear = move |sample: zenoh::sample::Sample| tell.send((topic, sample.payload().len())).unwrap_or_default();
@@ -103,9 +104,7 @@ fn as_another(listener: &Session, speaker: &Session, graph: &str, role: Role) ->
             Err(_) => return Ok(None),
         }
     }
-    if let Some(topic) = forbidden {
-        say(topic, BEFORE_BYTES)?;
-    }
+    say(forbidden, BEFORE_BYTES)?;
     thread::sleep(NEXT_AFTER);
     say(Topic::Health, OVERSIZE_BYTES)?;
     loop {

@@ -1,0 +1,103 @@
+//! process ▶ launcher: that its loop turns, and how far it has come, on the socket that is its standard input.
+//!
+//! The same goes out as `Health` for everybody who wants to know. But who decides by it whether a process lives hears that from the process itself: on a network somebody
+//! else could keep it from being heard, or say it in its place.
+//!
+//! One byte, the code of its [`Phase`], is one heartbeat. The other way nothing is said, and the end is the launcher's death.
+
+use protocol::message::Phase;
+use rustix::net::{SendFlags, send};
+use std::io::{self, Read};
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Whether the standard input of this process is such a line.
+static HELD: AtomicBool = AtomicBool::new(false);
+
+/// From now on the standard input of this process is a line to its launcher.
+pub(crate) fn hold() {
+    HELD.store(true, Ordering::Relaxed);
+}
+
+/// One heartbeat, if there is a launcher. Does not wait: one that has not listened for long misses it.
+pub(crate) fn beat(phase: u32) {
+    if HELD.load(Ordering::Relaxed) {
+        // Who has another input, as a pipe, has no launcher that listens.
+        let _ = send(io::stdin(), &[phase as u8], SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+    }
+}
+
+/// The launcher's end of the line to one process. When it is dropped that process ends.
+#[derive(Debug)]
+pub struct Lifeline {
+    line: UnixStream,
+    beats: u64,
+    phase: Phase,
+}
+
+impl Lifeline {
+    /// A line, and the standard input of the process that is to hold its other end.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn new() -> io::Result<(Self, OwnedFd)> {
+        let (line, other) = UnixStream::pair()?;
+        line.set_nonblocking(true)?;
+        Ok((Self { line, beats: 0, phase: Phase::Starting }, other.into()))
+    }
+
+    /// Takes in what has been said by now. Does not wait.
+    pub fn listen(&mut self) {
+        let mut said = [0; 64];
+        // Nothing more to be heard, or nobody there any more: the system says how he ended.
+        while let Ok(count @ 1..) = self.line.read(&mut said) {
+            self.beats += count as u64;
+            let last = said.get(count - 1).and_then(|&code| Phase::try_from(u32::from(code)).ok());
+            self.phase = last.unwrap_or(self.phase);
+        }
+    }
+
+    /// Heartbeats heard.
+    pub fn beats(&self) -> u64 {
+        self.beats
+    }
+
+    /// How far the process has come, by the last of them.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    #[test]
+    fn each_byte_is_a_heartbeat_and_the_last_says_how_far_it_has_come() -> io::Result<()> {
+        let (mut lifeline, other) = Lifeline::new()?;
+        lifeline.listen();
+        assert_eq!((lifeline.beats(), lifeline.phase()), (0, Phase::Starting));
+        let mut other = UnixStream::from(other);
+        for _ in 0..100 {
+            other.write_all(&[Phase::Ready.code() as u8])?;
+        }
+        other.write_all(&[Phase::Running.code() as u8, 99])?;
+        lifeline.listen();
+        assert_eq!((lifeline.beats(), lifeline.phase()), (102, Phase::Ready), "what is no phase says nothing of it");
+        other.write_all(&[Phase::Running.code() as u8])?;
+        drop(other);
+        lifeline.listen();
+        assert_eq!((lifeline.beats(), lifeline.phase()), (103, Phase::Running), "what was said before the end counts");
+        Ok(())
+    }
+
+    #[test]
+    fn a_line_that_is_dropped_ends_the_input_of_its_process() -> io::Result<()> {
+        let (lifeline, other) = Lifeline::new()?;
+        drop(lifeline);
+        assert_eq!(UnixStream::from(other).read(&mut [0])?, 0);
+        Ok(())
+    }
+}

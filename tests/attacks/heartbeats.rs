@@ -1,0 +1,257 @@
+//! Heartbeats that are false, or too many: by who has a certificate with which some can be said.
+
+use crate::driven::launched;
+use crate::session::{Certificates, Failure, ROBOT, Shows, connect, failed, print};
+use bytemuck::Zeroable;
+use promises::{Launched, Outcome, Record, graph_file, launch_command, signal};
+use protocol::VERSION;
+use protocol::access::Role;
+use protocol::clock::monotonic_nanos;
+use protocol::message::{Health, Message, Participant, Phase};
+use protocol::wire;
+use rustix::process::Signal;
+use std::fs;
+use std::thread;
+use std::time::{Duration, Instant};
+use zenoh::qos::CongestionControl;
+use zenoh::{Session, Wait};
+
+/// Process that no system has.
+const NO_PROCESS: u32 = u32::MAX;
+/// A liar says something so often.
+const LIES_EVERY: Duration = Duration::from_millis(50);
+/// How long a robot drives on while somebody lies.
+const LIES_FOR: Duration = Duration::from_secs(5);
+/// How often who shows too many tokens does so for [`SHOWS_FOR`], by turns with as long a calm.
+const SHOWS: usize = 3;
+const SHOWS_FOR: Duration = Duration::from_secs(1);
+/// Time that a robot is given to drive again.
+const DRIVES_AGAIN_AFTER_S: f64 = 3.0;
+
+/// That `participant`, as the process `pid`, is in `phase`.
+fn heartbeat(participant: Participant, pid: u32, phase: Phase) -> Vec<u8> {
+    let mut health = Health::zeroed();
+    (health.stamp.version, health.stamp.kind, health.stamp.epoch) = (VERSION, Health::KIND, 1);
+    // Always another one, as of a loop that turns.
+    (health.stamp.sent_nanos, health.stamp.sequence, health.heartbeat) = (monotonic_nanos(), monotonic_nanos(), monotonic_nanos());
+    (health.participant, health.phase, health.pid) = (participant.code(), phase.code(), pid);
+    let mut message = Vec::new();
+    wire::encode(&health, &mut message);
+    message
+}
+
+/// Says a heartbeat by the writer called `name`.
+fn say(session: &Session, graph: &str, name: &str, message: Vec<u8>) -> Outcome {
+    let put = session.put(format!("coxswain-link/{graph}/health/data/{name}"), message);
+    put.congestion_control(CongestionControl::Drop).wait().map_err(failed)
+}
+
+/// Says what `word` gives, for each of `names`, until `over`.
+fn lie(session: &Session, graph: &str, names: &[&str], word: impl Fn() -> Vec<u8>, mut over: impl FnMut() -> bool) -> Outcome {
+    while !over() {
+        for name in names {
+            say(session, graph, name, word())?;
+        }
+        thread::sleep(LIES_EVERY);
+    }
+    Ok(())
+}
+
+/// Asks a launch to end, and gives what it told, its log and its record.
+fn ended(launched: Launched) -> Result<(String, String, Record), Failure> {
+    signal(launched.pid(), Signal::TERM)?;
+    let (ended, home) = launched.end()?;
+    assert_eq!(ended.status.code(), Some(128 + Signal::TERM.as_raw()), "{}", ended.text);
+    let log = fs::read_to_string(home.path().join("run/coxswain.log"))?;
+    Ok((ended.text, log, Record::read(&home.path().join("run"))?))
+}
+
+#[test]
+fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_else() -> Outcome {
+    let certificates = Certificates::for_a_flood()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "20"])?;
+    let learner = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let key = format!("coxswain-link/{graph}/health/data/learner.flood");
+    let (begin, mut said) = (Instant::now(), 0_usize);
+    launched.wait_until("five seconds of the flood", || {
+        let burst = Instant::now();
+        while burst.elapsed() < Duration::from_millis(500) {
+            for (participant, phase) in [(Participant::Learner, Phase::Running), (Participant::Plant, Phase::Finished)] {
+                let put = learner.put(&key, heartbeat(participant, NO_PROCESS, phase));
+                said += usize::from(put.congestion_control(CongestionControl::Drop).wait().is_ok());
+            }
+        }
+        begin.elapsed() > LIES_FOR
+    })?;
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let log = fs::read_to_string(home.path().join("run/coxswain.log"))?;
+    let record = Record::read(&home.path().join("run"))?;
+    let forged: Vec<&str> = record
+        .of("health")
+        .filter(|health| health.count("pid") == u64::from(NO_PROCESS))
+        .map(|health| health.word("participant"))
+        .collect();
+    let fresh = record.of("state").filter(|state| state.word("rung") == "fresh plan").count();
+    print(format_args!(
+        "heartbeats: {said} said by one role in 5 s, {} of them recorded; {fresh} of 201 periods on fresh plans",
+        forged.len()
+    ));
+    assert!(said > 10_000, "{said}");
+    // Fifty in each second are heard, of one writer, and sixteen at once.
+    assert!(!forged.is_empty() && forged.len() < 50 * 7 + 16, "{}", forged.len());
+    assert!(forged.iter().all(|participant| *participant == "learner"), "{forged:?}");
+    assert!(log.contains("turned away at the network: learner.mecanum says more on health than anybody needs to"), "{log}");
+    assert!(log.contains("learner says more on health than 50 messages a second from each of 4 writers"), "{log}");
+    assert!(log.contains("learner says on health what is no word of its own"), "{log}");
+    assert!(!ended.text.contains("is started again"), "{}", ended.text);
+    assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(200));
+    assert!(fresh > 150, "{fresh}");
+    Ok(())
+}
+
+#[test]
+fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives() -> Outcome {
+    let certificates = Certificates::new()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
+    let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Controller)))?;
+    let pid = launched.process("controller", None)?;
+    let word = || heartbeat(Participant::Controller, pid, Phase::Running);
+    let lie_until = |what: &str, holds: &dyn Fn() -> bool| {
+        launched.wait_until(what, || {
+            thread::sleep(LIES_EVERY);
+            say(&liar, &graph, "controller.liar", word()).is_ok() && holds()
+        })
+    };
+    let begin = Instant::now();
+    lie_until("some lies", &|| begin.elapsed() > Duration::from_secs(1))?;
+    signal(pid, Signal::STOP)?;
+    lie_until("the end of who hangs", &|| !launched.processes().contains(&pid))?;
+    let answers = || fs::read_to_string(launched.folder().join("controller.log")).unwrap_or_default().matches("answering a plant").count();
+    lie_until("its successor", &|| answers() == 2)?;
+    let (text, log, record) = ended(launched)?;
+    assert_eq!(text.matches("controller has been silent").count(), 1, "{text}");
+    assert_eq!(text.matches("is started again").count(), 1, "{text}");
+    assert!(log.contains("hangs, and was killed"), "{log}");
+    let lies = record.of("health").filter(|health| health.count("pid") == u64::from(pid)).count();
+    assert!(lies > 10, "nobody heard the lies");
+    Ok(())
+}
+
+#[test]
+fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many_names() -> Outcome {
+    let certificates = Certificates::new()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
+    let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let names: Vec<String> = (0..8).map(|name| format!("learner.{name}")).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let word = || heartbeat(Participant::Learner, NO_PROCESS, Phase::Running);
+    let lie_for = |time: Duration| {
+        let begin = Instant::now();
+        lie(&liar, &graph, &names, word, || begin.elapsed() > time)
+    };
+    lie_for(Duration::from_secs(1))?;
+    let pid = launched.process("learner", None)?;
+    signal(pid, Signal::KILL)?;
+    // Longer than its place is kept, and than a learner may be silent.
+    lie_for(LIES_FOR)?;
+    let next = launched.process("learner", Some(pid))?;
+    lie_for(LIES_FOR)?;
+    assert!(launched.processes().contains(&next), "the second has gone as well");
+    let (text, log, record) = ended(launched)?;
+    assert_eq!(text.matches("is started again").count(), 1, "{text}");
+    assert!(!text.contains("has been silent"), "{text}");
+    assert!(log.contains("learner says more on health than 50 messages a second from each of 4 writers"), "{log}");
+    let of = |pid: u32| record.of("health").filter(move |health| health.count("pid") == u64::from(pid)).count();
+    print(format_args!(
+        "heartbeats by eight names: {} recorded, {} of the learner, {} of its successor",
+        of(NO_PROCESS),
+        of(pid),
+        of(next)
+    ));
+    assert!(of(NO_PROCESS) > 50);
+    let models: Vec<u64> = record.of("plan").map(|plan| plan.count("model_version")).collect();
+    let before = record.of("snapshot").count();
+    assert!(before > 5 && models.last() > models.iter().nth_back(30), "no new models come: {models:?}");
+    Ok(())
+}
+
+#[test]
+fn nobody_ends_a_run_by_saying_that_the_plant_of_another_machine_has_finished() -> Outcome {
+    let certificates = Certificates::new()?;
+    let folder = certificates.folder();
+    let own = ["--certificates", folder.to_str().ok_or("no text")?];
+    let home = || tempfile::Builder::new().prefix("cx").tempdir_in("/tmp");
+    let launch = |graph: &str, name: &str, options: &[&str]| -> Result<Launched, Failure> {
+        let home = home()?;
+        // A name of its own: others run on this machine as well.
+        let text = fs::read_to_string(graph_file(graph))?.replace("graph = \"mecanum\"", &format!("graph = \"{name}\""));
+        let graphs = graph_file(graph).parent().ok_or("no folder")?.display().to_string();
+        fs::write(home.path().join("graph.toml"), text.replace("\"../", &format!("\"{graphs}/../")))?;
+        let mut command = launch_command(&home.path().join("graph.toml"), &home.path().join("run"), &own)?;
+        command.args(options);
+        Launched::by(command, home)
+    };
+    let name = format!("{ROBOT}-{}", std::process::id());
+    let near = launch("plant-host", &name, &["--duration", "20", "--listen", "tcp/127.0.0.1:0"])?;
+    let endpoint = near.told_a_person("listening at ")?.replace("tls/", "tcp/");
+    let far = launch("control-host", &name, &["--connect", &endpoint])?;
+    far.wait_for_log("controller", "answering a plant", 1)?;
+    let door = far.told("controller", "connect")?;
+    let liar = connect(&door, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let word = || heartbeat(Participant::Plant, NO_PROCESS, Phase::Finished);
+    let begin = Instant::now();
+    lie(&liar, &name, &["learner.liar"], word, || begin.elapsed() > LIES_FOR)?;
+    assert!(!far.processes().is_empty(), "it has ended");
+    let (ended, home) = near.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let (far_ended, far_home) = far.end()?;
+    assert!(far_ended.status.success(), "{}", far_ended.text);
+    let log = fs::read_to_string(far_home.path().join("run/coxswain.log"))?;
+    assert!(log.contains("learner says on health what is no word of its own"), "{log}");
+    let record = Record::read(&home.path().join("run"))?;
+    let rungs: Vec<&str> = record.of("state").map(|state| state.word("rung")).collect();
+    assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(200));
+    let last = rungs.iter().rev().take(50).filter(|rung| **rung == "fresh plan").count();
+    assert!(last > 45, "{last} of the last 50 periods on fresh plans");
+    Ok(())
+}
+
+#[test]
+fn who_shows_thousands_of_tokens_has_nobody_killed_and_the_robot_drives_on_afterwards() -> Outcome {
+    let certificates = Certificates::for_a_flood()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
+    let gateway = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Gateway)))?;
+    let (mut shown, mut floods) = (0_usize, Vec::new());
+    for _ in 0..SHOWS {
+        thread::sleep(SHOWS_FOR);
+        let (begin, from) = (Instant::now(), monotonic_nanos());
+        while begin.elapsed() < SHOWS_FOR {
+            let key = format!("coxswain-link/{graph}/state/reader/gateway.{:x}", monotonic_nanos());
+            let token = gateway.liveliness().declare_token(key).wait();
+            shown += usize::from(token.is_ok());
+        }
+        floods.push(from..monotonic_nanos());
+    }
+    drop(gateway);
+    thread::sleep(Duration::from_secs_f64(2.0 * DRIVES_AGAIN_AFTER_S));
+    let (text, _, record) = ended(launched)?;
+    let rungs = |wanted: &dyn Fn(u64) -> bool| -> Vec<&str> {
+        record.of("state").filter(|state| wanted(state.stamp("sent_nanos"))).map(|state| state.word("rung")).collect()
+    };
+    let fresh = |rungs: &[&str]| rungs.iter().filter(|rung| **rung == "fresh plan").count();
+    let during = rungs(&|nanos| floods.iter().any(|flood| flood.contains(&nanos)));
+    let driven_again = floods.last().map_or(0, |flood| flood.end) + (DRIVES_AGAIN_AFTER_S * 1e9) as u64;
+    let after = rungs(&|nanos| nanos > driven_again);
+    print(format_args!(
+        "tokens: {shown} shown in {SHOWS} s by one role; {} of {} periods on fresh plans meanwhile, {} of {} afterwards",
+        fresh(&during),
+        during.len(),
+        fresh(&after),
+        after.len()
+    ));
+    assert!(shown > 500, "{shown}");
+    assert!(!text.contains("is started again") && !text.contains("has been silent"), "{text}");
+    assert!(after.len() > 10 && fresh(&after) * 10 >= after.len() * 9, "{after:?}");
+    Ok(())
+}

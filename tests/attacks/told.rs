@@ -1,0 +1,150 @@
+//! Who is turned away is told in the log: each refusal counts once, in few lines.
+
+use crate::driven::launched;
+use crate::session::{Certificates, Failure, Shows, connect, failed, print};
+use crate::strangers::strangers;
+use promises::{Launched, Outcome, signal};
+use protocol::access::Role;
+use rustix::process::Signal;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::thread;
+use std::time::Duration;
+use zenoh::{Session, Wait};
+
+/// How often each is tried.
+const TIMES: usize = 12;
+/// After each stranger nobody is let in for a tenth of a second.
+const KNOCKS_EVERY: Duration = Duration::from_millis(300);
+/// More than any message may have, and less than twice that [bytes].
+const LONG_BYTES: usize = 100_000;
+
+/// By what, and how often, somebody has been turned away, as a log tells it.
+fn told(log: &str) -> BTreeMap<String, (usize, usize)> {
+    let mut told: BTreeMap<String, (usize, usize)> = BTreeMap::new();
+    for line in log.lines() {
+        let reason = line.split_once("turned away at the network: ").and_then(|(_, said)| said.rsplit_once(" count="));
+        if let Some((reason, count)) = reason {
+            let (lines, times) = told.entry(reason.to_owned()).or_default();
+            *lines += 1;
+            *times += count.parse::<usize>().unwrap_or(0);
+        }
+    }
+    told
+}
+
+/// What who watches does below the keys of a link, each of which he may not.
+fn deeds(session: &Session, link: &str) -> Result<(), Failure> {
+    let key = |place: &str| format!("{link}/command/{place}");
+    session.put(key("data/watcher.1"), "").wait().map_err(failed)?;
+    session.delete(key("data/watcher.1")).wait().map_err(failed)?;
+    session.get(key("join/1")).callback(drop).wait().map_err(failed)?;
+    session.liveliness().get(key("writer/*")).callback(drop).wait().map_err(failed)?;
+    // Each of these is taken back when it is dropped; what was never let in is not refused once more.
+    session.declare_queryable(key("join/*")).callback(drop).wait().map_err(failed)?;
+    drop(session.liveliness().declare_token(key("reader/watcher.1")).wait().map_err(failed)?);
+    session.liveliness().declare_subscriber(key("writer/*")).callback(drop).wait().map_err(failed)?;
+    session.declare_subscriber(key("data/*")).callback(drop).wait().map_err(failed)?;
+    Ok(())
+}
+
+/// Holds what a log tells against who has been turned away, by what and how often.
+fn are_told<'a>(door: &str, log: &str, expected: impl Iterator<Item = (&'a str, usize)>) {
+    let told = told(log);
+    for (reason, (lines, times)) in &told {
+        print(format_args!("{door}: {times} times in {lines} lines: {reason}"));
+    }
+    for (reason, expected) in expected {
+        let (lines, times) = told.get(reason).copied().unwrap_or_default();
+        assert_eq!(times, expected, "{door}: {reason}");
+        // The first at once, then one every ten seconds, and what is left at the end.
+        assert!(lines <= 3, "{door}: {lines} lines: {reason}");
+    }
+}
+
+#[test]
+fn each_refusal_at_a_router_is_told_once_in_few_lines() -> Outcome {
+    let certificates = Certificates::new()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
+    let link = format!("coxswain-link/{graph}");
+    let watcher = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Watcher)))?;
+    for _ in 0..TIMES {
+        deeds(&watcher, &link)?;
+    }
+    let gateway = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Gateway)))?;
+    for _ in 0..TIMES {
+        gateway.put(format!("{link}/health/data/gateway.1"), vec![0; LONG_BYTES]).wait().map_err(failed)?;
+        thread::sleep(KNOCKS_EVERY / 10);
+    }
+    let address = endpoint.split_once('/').ok_or("no endpoint")?.1;
+    for _ in 0..TIMES {
+        let mut stranger = TcpStream::connect(address)?;
+        stranger.write_all(b"let me in, let me in")?;
+        // Until it has been refused.
+        let _ = stranger.read_to_end(&mut Vec::new());
+        thread::sleep(KNOCKS_EVERY);
+    }
+    for (name, shows) in strangers(&certificates)? {
+        for _ in 0..TIMES {
+            let session = connect(&endpoint, &shows);
+            thread::sleep(KNOCKS_EVERY);
+            assert_eq!(session.is_ok(), name == "certificate of another robot");
+        }
+    }
+    signal(launched.pid(), Signal::TERM)?;
+    let (ended, home) = launched.end()?;
+    let log = fs::read_to_string(home.path().join("run/coxswain.log"))?;
+    let kinds = [
+        "Put",
+        "Delete",
+        "Query",
+        "Liveliness Query",
+        "Declare Queryable",
+        "Liveliness Token",
+        "Declare Liveliness Subscriber",
+        "Declare Subscriber",
+    ];
+    let of_watcher = kinds.map(|kind| format!("watcher.mecanum may not {kind} on command"));
+    let once = [
+        "a certificate of no role here",
+        "a message is longer than any may be",
+        "invalid peer certificate: BadSignature",
+        "invalid peer certificate: certificate expired",
+        "invalid peer certificate: certificate not valid yet",
+        "peer sent no certificates",
+    ];
+    let expected = of_watcher.iter().map(String::as_str).chain(once).map(|reason| (reason, TIMES));
+    // Those who speak no TLS, whether they speak zenoh or not.
+    are_told("router", &log, expected.chain([("received corrupt message of type InvalidContentType", 2 * TIMES)]));
+    assert!(!ended.text.contains("is started again"), "{}", ended.text);
+    Ok(())
+}
+
+#[test]
+fn each_refusal_at_a_gateway_is_told_once_in_few_lines() -> Outcome {
+    let certificates = Certificates::new()?;
+    let folder = certificates.folder();
+    let launched = Launched::graph("local", &["--certificates", folder.to_str().ok_or("no text")?, "--duration", "600"])?;
+    let endpoint = launched.gateway_endpoint()?;
+    let watcher = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Watcher)))?;
+    let learner = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    for _ in 0..TIMES {
+        watcher.put("coxswain/mecanum/command", vec![0; LONG_BYTES]).wait().map_err(failed)?;
+        watcher.put("coxswain/mecanum/command", "").wait().map_err(failed)?;
+        learner.declare_subscriber("coxswain/mecanum/command").callback(drop).wait().map_err(failed)?;
+        thread::sleep(KNOCKS_EVERY / 10);
+    }
+    signal(launched.pid(), Signal::TERM)?;
+    let (ended, home) = launched.end()?;
+    let log = fs::read_to_string(home.path().join("run/gateway.log"))?;
+    let at_gateway = [
+        "a message is longer than any may be",
+        "watcher.mecanum may not Put on command",
+        "learner.mecanum may not Declare Subscriber on command",
+    ];
+    are_told("gateway", &log, at_gateway.into_iter().map(|reason| (reason, TIMES)));
+    assert!(!ended.text.contains("is started again"), "{}", ended.text);
+    Ok(())
+}
