@@ -11,8 +11,8 @@ use std::time::Duration;
 
 /// Heartbeats go out this far apart at least \[ns\].
 const INTERVAL_NANOS: u64 = 100_000_000;
-/// Pauses before last words are said again.
-const AGAIN_AFTER: [Duration; 2] = [Duration::from_millis(20), Duration::from_millis(80)];
+/// Pauses before last words in real time, and before they are said again: a router lets go of what comes right behind something else of the same role.
+const LAST_AFTER: [Duration; 3] = [Duration::from_millis(2), Duration::from_millis(20), Duration::from_millis(80)];
 
 /// Heartbeat and counters of this process: owns what it says of itself.
 ///
@@ -78,13 +78,13 @@ impl Pulse {
         }
     }
 
-    /// Says in which phase this process ends, in real time again, and once more: nobody is there afterwards to repeat it, others end by it, and a
-    /// router lets go of what comes right behind something else of the same role. That takes a tenth of a second.
+    /// Says in which phase this process ends, in real time again, and once more: nobody is there afterwards to repeat it, and others end by it. That
+    /// takes a tenth of a second.
     pub fn last_words(&mut self, phase: Phase, pace: Pace) {
         self.health.phase = phase.code();
-        self.send_now();
-        for pause in AGAIN_AFTER.into_iter().filter(|_| pace == Pace::RealTime) {
-            thread::sleep(pause);
+        let pauses: &[Duration] = if pace == Pace::RealTime { &LAST_AFTER } else { &[Duration::ZERO] };
+        for pause in pauses {
+            thread::sleep(*pause);
             self.send_now();
         }
     }
