@@ -208,7 +208,8 @@ struct Drive {
 }
 
 impl Drive {
-    /// Launches both. The robot shows itself on its cable to the third host, the watcher's. `tables` goes into its graph file, the rest is said on the command line.
+    /// Launches both. The robot shows itself on its cable to the third host, the watcher's. `tables` goes into its graph file, the rest is said
+    /// on the command line.
     fn begin(hosts: &Hosts, tables: &str, near: &[&str], far: &[&str]) -> Result<Self, Box<dyn Error>> {
         let graphs = repository().join("deploy/graphs");
         let text = fs::read_to_string(graph_file("plant-host"))?.replace("\"../", &format!("\"{}/../", graphs.display()));
@@ -227,7 +228,8 @@ impl Drive {
         Ok(Self { near, far })
     }
 
-    /// Waits for the end of both, and gives the record. Both have tried to get in as strangers, and say nothing of strangers who could; or neither, and they do.
+    /// Waits for the end of both, and gives the record. Both have tried to get in as strangers, and say nothing of strangers who could; or
+    /// neither, and they do.
     fn end(self, with_certificates: bool) -> Result<Record, Box<dyn Error>> {
         let ends = [self.near.end()?, self.far.end()?];
         for (ended, home) in &ends {

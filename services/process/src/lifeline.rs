@@ -1,7 +1,7 @@
 //! process ▶ launcher: that its loop turns, and how far it has come, on the socket that is its standard input.
 //!
-//! The same goes out as `Health` for everybody who wants to know. But who decides by it whether a process lives hears that from the process itself: on a network somebody
-//! else could keep it from being heard, or say it in its place.
+//! The same goes out as `Health` for everybody who wants to know. But who decides by it whether a process lives hears that from the process
+//! itself: on a network somebody else could keep it from being heard, or say it in its place.
 //!
 //! One byte, the code of its [`Phase`], is one heartbeat. The other way nothing is said, and the end is the launcher's death.
 

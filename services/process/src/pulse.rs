@@ -11,7 +11,8 @@ use std::time::Duration;
 
 /// Heartbeats go out this far apart at least \[ns\].
 const INTERVAL_NANOS: u64 = 100_000_000;
-/// Pauses before last words in real time, and before they are said again: a router lets go of what comes right behind something else of the same role.
+/// Pauses before last words in real time, and before they are said again: a router lets go of what comes right behind something else of the
+/// same role.
 const LAST_AFTER: [Duration; 3] = [Duration::from_millis(2), Duration::from_millis(20), Duration::from_millis(80)];
 
 /// Heartbeat and counters of this process: owns what it says of itself.
