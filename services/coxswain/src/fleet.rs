@@ -261,7 +261,7 @@ impl<'a> Fleet<'a> {
         let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
         for (&role, member) in &mut self.members {
             if let Some(health) = view.health(role) {
-                self.epochs.observe(role, health.epoch).map_err(|source| FleetError::System { role, source })?;
+                self.epochs.hear(role, health.epoch);
             }
             let State::Running(child) = &mut member.state else { continue };
             let Some(ending) = bury(&self.roster, child)? else {

@@ -12,6 +12,9 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// How often a line is read at one time, by 64 heartbeats: who says more than anybody needs to keeps no launcher.
+const READS_MOST: usize = 64;
+
 /// Whether the standard input of this process is such a line.
 static HELD: AtomicBool = AtomicBool::new(false);
 
@@ -50,8 +53,9 @@ impl Lifeline {
     /// Takes in what has been said by now. Does not wait.
     pub fn listen(&mut self) {
         let mut said = [0; 64];
-        // Nothing more to be heard, or nobody there any more: the system says how he ended.
-        while let Ok(count @ 1..) = self.line.read(&mut said) {
+        for _ in 0..READS_MOST {
+            // Nothing more to be heard, or nobody there any more: the system says how he ended.
+            let Ok(count @ 1..) = self.line.read(&mut said) else { return };
             self.beats += count as u64;
             let last = said.get(count - 1).and_then(|&code| Phase::try_from(u32::from(code)).ok());
             self.phase = last.unwrap_or(self.phase);
@@ -90,6 +94,17 @@ mod tests {
         drop(other);
         lifeline.listen();
         assert_eq!((lifeline.beats(), lifeline.phase()), (103, Phase::Running), "what was said before the end counts");
+        Ok(())
+    }
+
+    #[test]
+    fn who_writes_without_end_is_heard_a_bit_at_a_time() -> io::Result<()> {
+        let (mut lifeline, other) = Lifeline::new()?;
+        UnixStream::from(other).write_all(&[Phase::Running.code() as u8; 3 * 64 * READS_MOST])?;
+        for time in 1..=3 {
+            lifeline.listen();
+            assert_eq!(lifeline.beats(), time * 64 * READS_MOST as u64);
+        }
         Ok(())
     }
 
