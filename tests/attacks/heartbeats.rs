@@ -32,8 +32,13 @@ const DRIVES_AGAIN_AFTER_S: f64 = 3.0;
 
 /// That `participant`, as the process `pid`, is in `phase`.
 fn heartbeat(participant: Participant, pid: u32, phase: Phase) -> Vec<u8> {
+    heartbeat_of(0, 1, participant, pid, phase)
+}
+
+/// The same by `writer`, in `epoch`.
+fn heartbeat_of(writer: u64, epoch: u64, participant: Participant, pid: u32, phase: Phase) -> Vec<u8> {
     let mut health = Health::zeroed();
-    (health.stamp.version, health.stamp.kind, health.stamp.epoch) = (VERSION, Health::KIND, 1);
+    (health.stamp.version, health.stamp.kind, health.stamp.epoch, health.stamp.writer) = (VERSION, Health::KIND, epoch, writer);
     // Always another one, as of a loop that turns.
     (health.stamp.sent_nanos, health.stamp.sequence, health.heartbeat) = (monotonic_nanos(), monotonic_nanos(), monotonic_nanos());
     (health.participant, health.phase, health.pid) = (participant.code(), phase.code(), pid);
@@ -129,6 +134,11 @@ fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives()
     };
     let begin = Instant::now();
     lie_until("some lies", &|| begin.elapsed() > Duration::from_secs(1))?;
+    // Above the last of those there would be none for its successor.
+    for (writer, epoch) in [(1, u64::MAX), (2, i64::MAX as u64), (3, i64::MAX as u64 - 1)] {
+        thread::sleep(LIES_EVERY);
+        say(&liar, &graph, "controller.liar", heartbeat_of(writer, epoch, Participant::Controller, pid, Phase::Running))?;
+    }
     signal(pid, Signal::STOP)?;
     lie_until("the end of who hangs", &|| !launched.processes().contains(&pid))?;
     let answers = || fs::read_to_string(launched.folder().join("controller.log")).unwrap_or_default().matches("answering a plant").count();
@@ -137,6 +147,7 @@ fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives()
     assert_eq!(text.matches("controller has been silent").count(), 1, "{text}");
     assert_eq!(text.matches("is started again").count(), 1, "{text}");
     assert!(log.contains("hangs, and was killed"), "{log}");
+    assert!(log.contains("somebody says an epoch that leaves too few above it"), "{log}");
     // Who lies has no number of his own.
     let lies = record.of("health").filter(|health| health.count("pid") == u64::from(pid) && health.stamp("writer") == 0).count();
     assert!(lies > 10, "nobody heard the lies");
