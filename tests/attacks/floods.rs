@@ -179,7 +179,7 @@ impl Excess {
 }
 
 /// Id of the port of `role` at one end of a topic, below the keys of the graph.
-fn port(session: &Session, link: &str, (end, role): (&str, Role)) -> Result<String, Failure> {
+pub(crate) fn port(session: &Session, link: &str, (end, role): (&str, Role)) -> Result<String, Failure> {
     let tokens = session.liveliness().get(format!("{link}/{end}/**")).wait().map_err(failed)?;
     let keys = tokens.iter().filter_map(|token| Some(token.into_result().ok()?.key_expr().as_str().to_owned()));
     let ids: Vec<String> = keys.filter_map(|key| Some(key.rsplit('/').next()?.to_owned())).collect();

@@ -1,6 +1,7 @@
 //! Heartbeats that are false, or too many: by who has a certificate with which some can be said.
 
 use crate::driven::launched;
+use crate::floods::port;
 use crate::session::{Certificates, Failure, ROBOT, Shows, connect, failed, print};
 use bytemuck::Zeroable;
 use promises::{Launched, Outcome, Record, graph_file, launch_command, signal};
@@ -16,11 +17,13 @@ use std::time::{Duration, Instant};
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
+/// What a controller's log says of a model that it takes up, before its version.
+const ADOPTED: &str = "model adopted version=";
 /// Process that no system has.
 const NO_PROCESS: u32 = u32::MAX;
 /// A liar says something so often.
 const LIES_EVERY: Duration = Duration::from_millis(50);
-/// Pause before the next name, for the same reason.
+/// Pause before the next name: a router lets go of what comes right behind something else of the same role.
 const NEXT_AFTER: Duration = Duration::from_millis(2);
 /// How long a robot drives on while somebody lies.
 const LIES_FOR: Duration = Duration::from_secs(5);
@@ -92,6 +95,7 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
         }
         begin.elapsed() > LIES_FOR
     })?;
+    let lasted = begin.elapsed().as_secs_f64();
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     let log = fs::read_to_string(home.path().join("run/coxswain.log"))?;
@@ -103,12 +107,12 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
         .collect();
     let fresh = record.of("state").filter(|state| state.word("rung") == "fresh plan").count();
     print(format_args!(
-        "heartbeats: {said} said by one role in 5 s, {} of them recorded; {fresh} of 201 periods on fresh plans",
+        "heartbeats: {said} said by one role in {lasted:.1} s, {} of them recorded; {fresh} of 201 periods on fresh plans",
         forged.len()
     ));
     assert!(said > 10_000, "{said}");
-    // Fifty in each second are heard, of one writer, and sixteen at once.
-    assert!(!forged.is_empty() && forged.len() < 50 * 7 + 16, "{}", forged.len());
+    // Fifty in each second are heard, of one writer, and sixteen at once; the last may be heard a little after they are said.
+    assert!(!forged.is_empty() && forged.len() as f64 <= 50.0 * (lasted + 1.0) + 16.0, "{} in {lasted} s", forged.len());
     assert!(forged.iter().all(|participant| *participant == "learner"), "{forged:?}");
     assert!(log.contains("turned away at the network: learner.mecanum says more on health than anybody needs to"), "{log}");
     assert!(log.contains("learner says more on health than 50 messages a second from each of 4 writers"), "{log}");
@@ -134,7 +138,7 @@ fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives()
     };
     let begin = Instant::now();
     lie_until("some lies", &|| begin.elapsed() > Duration::from_secs(1))?;
-    // Above the last of those there would be none for its successor.
+    // Above them there would be none for its successor.
     for (writer, epoch) in [(1, u64::MAX), (2, i64::MAX as u64), (3, i64::MAX as u64 - 1)] {
         thread::sleep(LIES_EVERY);
         say(&liar, &graph, "controller.liar", heartbeat_of(writer, epoch, Participant::Controller, pid, Phase::Running))?;
@@ -147,7 +151,8 @@ fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives()
     assert_eq!(text.matches("controller has been silent").count(), 1, "{text}");
     assert_eq!(text.matches("is started again").count(), 1, "{text}");
     assert!(log.contains("hangs, and was killed"), "{log}");
-    assert!(log.contains("somebody says an epoch that leaves too few above it"), "{log}");
+    let epoch = record.of("plan").last().map(|plan| plan.stamp("epoch"));
+    assert!(epoch.is_some_and(|epoch| epoch < u64::from(u32::MAX)), "{epoch:?} follows epochs that somebody else has said");
     // Who lies has no number of his own.
     let lies = record.of("health").filter(|health| health.count("pid") == u64::from(pid) && health.stamp("writer") == 0).count();
     assert!(lies > 10, "nobody heard the lies");
@@ -165,11 +170,19 @@ fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many
     let lie_for = |time: Duration| lie(&liar, &graph, &names, word, NEXT_AFTER, time);
     lie_for(Duration::from_secs(1))?;
     let pid = launched.process("learner", None)?;
+    launched.wait_for_log("controller", ADOPTED, 1)?;
     signal(pid, Signal::KILL)?;
+    let adopted = || {
+        let log = fs::read_to_string(launched.folder().join("controller.log")).unwrap_or_default();
+        log.rsplit_once(ADOPTED).and_then(|(_, rest)| rest.split(' ').next()?.parse::<u64>().ok())
+    };
+    let before = adopted();
     // Longer than its place is kept, and the second time than one that starts may be silent.
     lie_for(LIES_FOR)?;
     let next = launched.process("learner", Some(pid))?;
     lie_for(2 * LIES_FOR)?;
+    // One may have been on its way when the first was killed.
+    launched.wait_until("new models", || lie_for(LIES_EVERY).is_ok() && adopted() > before.map(|before| before + 1))?;
     assert!(launched.processes().contains(&next), "the second has gone as well");
     let (text, log, record) = ended(launched)?;
     assert_eq!(text.matches("is started again").count(), 1, "{text}");
@@ -183,9 +196,51 @@ fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many
         of(next)
     ));
     assert!(of(NO_PROCESS) > 50);
+    Ok(())
+}
+
+#[test]
+fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_launch_says_so() -> Outcome {
+    let certificates = Certificates::for_a_flood()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
+    let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let name = port(&liar, &format!("coxswain-link/{graph}/health"), ("writer", Role::Learner))?;
+    let pid = launched.process("learner", None)?;
+    let key = format!("coxswain-link/{graph}/health/data/{name}");
+    let word = || heartbeat(Participant::Learner, NO_PROCESS, Phase::Running);
+    let (begin, from, mut said) = (Instant::now(), monotonic_nanos(), 0_usize);
+    while begin.elapsed() < LIES_FOR {
+        said += usize::from(liar.put(&key, word()).congestion_control(CongestionControl::Drop).wait().is_ok());
+    }
+    let flood = from..monotonic_nanos();
+    // Then one message with the last number that there is: whatever the learner says after it has been said before.
+    thread::sleep(LIES_EVERY);
+    liar.put(&key, word()).attachment(u64::MAX.to_le_bytes()).express(true).wait().map_err(failed)?;
+    launched.told_a_person("learner runs, but on the graph's links nobody has heard its last ")?;
+    assert!(launched.processes().contains(&pid), "it has been killed");
+    let (text, log, record) = ended(launched)?;
+    assert!(!text.contains("is started again") && !text.contains("has been silent"), "{text}");
+    assert_eq!(text.matches("nobody has heard").count(), 1, "{text}");
+    assert!(log.contains("learner.mecanum says more on health than anybody needs to"), "{log}");
+    let heard = |participant: &str| {
+        let of = |health: &&promises::Message| flood.contains(&health.stamp("sent_nanos")) && health.count("pid") != u64::from(NO_PROCESS);
+        record.health_of(participant).filter(of).count()
+    };
+    let states = || record.of("state").filter(|state| state.stamp("sent_nanos") > flood.start);
+    let fresh = states().filter(|state| state.word("rung") == "fresh plan").count();
+    print(format_args!(
+        "heartbeats: {said} said under the learner's own name in 5 s; meanwhile recorded {} of the learner, {} of the plant, {} of the \
+         controller; {fresh} of {} periods on fresh plans since",
+        heard("learner"),
+        heard("plant"),
+        heard("controller"),
+        states().count()
+    ));
+    assert!(said > 10_000, "{said}");
+    assert!(heard("plant") > 10 && heard("controller") > 10, "they are silenced as well");
+    assert!(fresh * 10 >= states().count() * 9, "{fresh} of {}", states().count());
     let models: Vec<u64> = record.of("plan").map(|plan| plan.count("model_version")).collect();
-    let before = record.of("snapshot").count();
-    assert!(before > 5 && models.last() > models.iter().nth_back(30), "no new models come: {models:?}");
+    assert!(models.last() > models.iter().nth_back(50), "no new models come: {models:?}");
     Ok(())
 }
 

@@ -12,9 +12,6 @@ use std::{fs, io};
 /// Highest epoch that still has a next one in TOML, whose numbers have a sign.
 const EPOCH_MAX: u64 = i64::MAX as u64 - 1;
 
-/// More than are ever given out above one that is heard.
-const LEFT_ABOVE: u64 = 1 << 32;
-
 /// Highest epoch of each role that was given out or observed. Every change is on disk before it counts, as long as the disk takes it: a robot that
 /// drives does not end because of a full one, and its launcher knows them all the same.
 #[derive(Debug)]
@@ -22,8 +19,6 @@ pub struct Epochs {
     file: PathBuf,
     /// Whether the file lacks the last of them.
     behind: bool,
-    /// Whether an epoch was heard that is not believed.
-    disbelieved: bool,
     /// What every role begins above.
     floor: u64,
     highest: BTreeMap<String, u64>,
@@ -61,7 +56,7 @@ impl Epochs {
     /// If the file is there but cannot be read.
     pub fn open(file: &Path, floor: u64) -> io::Result<Self> {
         let EpochsFile(highest) = if file.try_exists()? { settings::read(file).map_err(io::Error::other)? } else { EpochsFile::default() };
-        Ok(Self { file: file.to_path_buf(), behind: false, disbelieved: false, floor, highest })
+        Ok(Self { file: file.to_path_buf(), behind: false, floor, highest })
     }
 
     /// Highest epoch of `role` so far, above which an instance that starts now begins. The next one is taken as given out.
@@ -75,23 +70,12 @@ impl Epochs {
         Ok(floor)
     }
 
-    /// Takes note of an epoch that an instance of `role` speaks in.
+    /// Takes note of an epoch above which the next instance of `role` is to begin.
     ///
     /// # Errors
     /// If it has no next one.
     pub fn observe(&mut self, role: Participant, epoch: u64) -> io::Result<()> {
         if epoch > self.highest(role) { self.keep(role, epoch) } else { Ok(()) }
-    }
-
-    /// The same of an epoch that a Health says, which may be false: one that leaves too few above it is not believed.
-    pub fn hear(&mut self, role: Participant, epoch: u64) {
-        // Up to there it can be kept.
-        if epoch <= EPOCH_MAX - LEFT_ABOVE {
-            let _ = self.observe(role, epoch);
-        } else if !self.disbelieved {
-            tracing::error!(%role, epoch, "somebody says an epoch that leaves too few above it; it is not believed");
-            self.disbelieved = true;
-        }
     }
 
     /// Highest epoch of `role`; the floor before the first.
@@ -185,20 +169,6 @@ mod tests {
         assert!(epochs.give(Participant::Controller).is_err());
         assert_eq!(Epochs::open(&file, 0)?.highest(Participant::Controller), EPOCH_MAX);
         assert!(Epochs::open(&file, u64::MAX)?.give(Participant::Plant).is_err());
-        Ok(())
-    }
-
-    #[test]
-    fn an_epoch_that_is_heard_never_uses_up_those_that_are_to_be_given() -> io::Result<()> {
-        let folder = tempfile::tempdir()?;
-        let mut epochs = Epochs::open(&folder.path().join("epochs.toml"), 0)?;
-        for false_word in [u64::MAX, EPOCH_MAX + 1, EPOCH_MAX, EPOCH_MAX - LEFT_ABOVE + 1] {
-            epochs.hear(Participant::Learner, false_word);
-        }
-        assert_eq!(epochs.give(Participant::Learner)?, 0);
-        epochs.hear(Participant::Learner, EPOCH_MAX - LEFT_ABOVE);
-        assert_eq!(epochs.give(Participant::Learner)?, EPOCH_MAX - LEFT_ABOVE);
-        assert_eq!(epochs.give(Participant::Learner)?, EPOCH_MAX - LEFT_ABOVE + 1);
         Ok(())
     }
 

@@ -7,7 +7,7 @@ use crate::epochs::{Epochs, unheard_of};
 use crate::graph::is_needed;
 use crate::role::END_ORDER;
 use crate::roster::Roster;
-use crate::silence::Silence;
+use crate::silence::{Silence, Unheard};
 use crate::watch::View;
 use process::{Pace, Run};
 use protocol::message::{Participant, Phase};
@@ -88,6 +88,13 @@ pub enum Event {
         /// For how long.
         silence: Duration,
     },
+    /// Somebody's loop turns, but on the graph's links nobody hears of it.
+    Unheard {
+        /// Who.
+        role: Participant,
+        /// For so many heartbeats.
+        beats: u64,
+    },
     /// Somebody died once too often whom the robot does not need, and stays down.
     GivenUp {
         /// Who.
@@ -143,6 +150,7 @@ struct Member {
     restarts: Restarts,
     state: State,
     silence: Silence,
+    unheard: Unheard,
 }
 
 #[derive(Debug, Default)]
@@ -217,7 +225,7 @@ impl<'a> Fleet<'a> {
         tracing::info!(%role, pid = child.pid(), epoch_floor, "started");
         self.roster.lock().insert(role, child.id());
         member.state = State::Running(child);
-        member.silence = Silence::default();
+        (member.silence, member.unheard) = (Silence::default(), Unheard::default());
         Ok(epoch_floor)
     }
 
@@ -260,9 +268,6 @@ impl<'a> Fleet<'a> {
         let round = self.tended.replace(now).map_or(Duration::ZERO, |before| now.saturating_duration_since(before));
         let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
         for (&role, member) in &mut self.members {
-            if let Some(health) = view.health(role) {
-                self.epochs.hear(role, health.epoch);
-            }
             let State::Running(child) = &mut member.state else { continue };
             let Some(ending) = bury(&self.roster, child)? else {
                 // In lock step whoever waits is silent, and its patience ends the run.
@@ -272,6 +277,8 @@ impl<'a> Fleet<'a> {
                     child.kill();
                     events.push(Event::Hung { role, silence });
                 }
+                let heard = view.health(role).map_or(0, |health| health.heard);
+                events.extend(member.unheard.since(beats, heard).map(|beats| Event::Unheard { role, beats }));
                 continue;
             };
             member.state = State::Ended;

@@ -373,6 +373,10 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
                     tracing::warn!(%role, ?silence, "hangs, and was killed");
                     person.terminal.say(format_args!("{role} has been silent for {:.1} s, and was killed", silence.as_secs_f64()));
                 }
+                Event::Unheard { role, beats } => {
+                    tracing::error!(%role, beats, "runs, but nobody hears its heartbeats on the graph's links");
+                    person.terminal.say(format_args!("{role} runs, but on the graph's links nobody has heard its last {beats} heartbeats"));
+                }
                 Event::GivenUp { role, ending } => {
                     tracing::error!(%role, %ending, "given up");
                     person.terminal.say(format_args!("{role} ended with {ending} too often; the run goes on without it"));

@@ -1,4 +1,4 @@
-//! Who says nothing for too long.
+//! Who says nothing for too long, and whom nobody hears.
 
 use std::time::Duration;
 
@@ -39,9 +39,48 @@ impl Silence {
     }
 }
 
+/// So many heartbeats in a row that nobody hears are too many: those of ten seconds.
+const UNHEARD_MOST: u64 = 100;
+
+/// How long somebody whose loop turns has not been heard on the graph's links: each heartbeat goes out there as well, as a Health.
+#[derive(Debug, Default)]
+pub(crate) struct Unheard {
+    /// Health of its role heard by now, of whichever process.
+    heard: u64,
+    /// Heartbeats at that time.
+    beats: u64,
+    told: bool,
+}
+
+impl Unheard {
+    /// How many heartbeats in a row nobody heard, once that are too many: once, since nobody can do anything about it but look.
+    pub(crate) fn since(&mut self, beats: u64, heard: u64) -> Option<u64> {
+        if heard != self.heard {
+            *self = Self { heard, beats, told: self.told };
+        }
+        let unheard = beats.saturating_sub(self.beats);
+        let is_news = !self.told && unheard > UNHEARD_MOST;
+        self.told |= is_news;
+        is_news.then_some(unheard)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn who_turns_but_is_not_heard_is_told_of_once() {
+        let told = |heard: &dyn Fn(u64) -> u64| {
+            let mut unheard = Unheard::default();
+            (1..=1_000).filter_map(|beats| unheard.since(beats, heard(beats))).collect::<Vec<_>>()
+        };
+        assert!(told(&|beats| beats).is_empty());
+        assert!(told(&|beats| beats / 100).is_empty(), "one in a hundred is enough");
+        assert_eq!(told(&|_| 0), [101]);
+        assert_eq!(told(&|beats| beats.min(500)), [101]);
+        assert_eq!(told(&|beats| beats / 200), [101]);
+    }
 
     const ROUND: Duration = Duration::from_millis(20);
     const PATIENCE: Duration = Duration::from_millis(400);

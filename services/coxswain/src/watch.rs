@@ -25,9 +25,9 @@ pub struct View {
 /// What counts of a Health.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HealthView {
-    /// Epoch that it speaks in.
-    pub epoch: u64,
-    /// How far it has come.
+    /// How many have been heard of that role.
+    pub heard: u64,
+    /// How far it has come, by the last of them.
     pub phase: Phase,
 }
 
@@ -55,7 +55,7 @@ pub struct Watch {
 }
 
 impl View {
-    /// Last Health of a role.
+    /// Health of a role, if there was any.
     pub fn health(&self, role: Participant) -> Option<HealthView> {
         self.health.get(&role).copied()
     }
@@ -68,7 +68,8 @@ impl View {
     /// Hears a Health.
     pub fn take_in(&mut self, health: &Health) {
         if let Some(role) = health.participant() {
-            self.health.insert(role, HealthView { epoch: health.stamp.epoch, phase: health.phase() });
+            let heard = self.health(role).map_or(0, |before| before.heard) + 1;
+            self.health.insert(role, HealthView { heard, phase: health.phase() });
         }
     }
 }

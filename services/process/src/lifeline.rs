@@ -3,7 +3,8 @@
 //! The same goes out as `Health` for everybody who wants to know. But who decides by it whether a process lives hears that from the process
 //! itself: on a network somebody else could keep it from being heard, or say it in its place.
 //!
-//! One byte, the code of its [`Phase`], is one heartbeat. The other way nothing is said, and the end is the launcher's death.
+//! One byte, the code of its [`Phase`], is one heartbeat. The other way nothing is said, and the end is the launcher's death: end of file, or, if
+//! there was something that the launcher had not read, a connection that is reset.
 
 use protocol::message::Phase;
 use rustix::net::{SendFlags, send};
@@ -76,6 +77,7 @@ impl Lifeline {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Stop;
     use std::io::Write;
 
     #[test]
@@ -113,6 +115,22 @@ mod tests {
         let (lifeline, other) = Lifeline::new()?;
         drop(lifeline);
         assert_eq!(UnixStream::from(other).read(&mut [0])?, 0);
+        Ok(())
+    }
+
+    #[test]
+    fn a_launcher_that_dies_with_heartbeats_unread_ends_its_processes_as_well() -> io::Result<()> {
+        let unread = || -> io::Result<UnixStream> {
+            let (_lifeline, other) = Lifeline::new()?;
+            let mut other = UnixStream::from(other);
+            other.write_all(&[Phase::Running.code() as u8; 100])?;
+            Ok(other)
+        };
+        let how = unread()?.read(&mut [0]).map_err(|error| error.kind());
+        assert_eq!(how, Err(io::ErrorKind::ConnectionReset), "not the end of a file");
+        let stop = Stop::new();
+        stop.at_end_of(unread()?);
+        assert!(stop.requested());
         Ok(())
     }
 }

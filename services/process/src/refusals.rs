@@ -17,8 +17,8 @@ use tracing_subscriber::layer::{Context, Filter};
 /// Pause between two lines for the same reason.
 const PAUSE: Duration = Duration::from_secs(10);
 
-/// Reasons that are told apart.
-const REASONS_MAX: usize = 32;
+/// Reasons in words of others that are told apart.
+const OTHERS_MAX: usize = 32;
 
 /// Where zenoh says, message by message, who may what.
 const ACCESS: &str = "zenoh::net::routing::interceptor::access_control";
@@ -34,7 +34,7 @@ const RATES: &str = "zenoh::net::routing::interceptor::downsampling";
 /// What zenoh says behind a reason: other causes, where in its code, when a certificate was or will be good.
 const ASIDES: [&str; 3] = [". Hint:", " at /", ": verification time"];
 
-static BOOK: Mutex<Book<String>> = Mutex::new(Book::new());
+static BOOK: Mutex<Book<Reason>> = Mutex::new(Book::new());
 /// Whether this process itself plays the stranger.
 static PLAYED: AtomicBool = AtomicBool::new(false);
 
@@ -47,6 +47,15 @@ static PLAYED: AtomicBool = AtomicBool::new(false);
 pub fn log_filter<S>(directives: &str, serves: bool) -> Result<impl Filter<S> + use<S>, ParseError> {
     let more = if serves { format!(",{ACCESS}=trace,{DOOR}=trace,{ARRIVALS}=trace,{RATES}=trace") } else { String::new() };
     Ok(EnvFilter::try_new(directives.to_owned() + &more)?.and(Refusals))
+}
+
+/// Why somebody is turned away.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+enum Reason {
+    /// In words of ours: no more of them than there are roles, kinds of messages and topics.
+    Ours(String),
+    /// In zenoh's, which depend on what a stranger sends.
+    Others(String),
 }
 
 /// Reason → how often it was given, and when that was told last.
@@ -74,12 +83,12 @@ impl<S> Filter<S> for Refusals {
         if PLAYED.load(Ordering::Relaxed) && metadata.target().starts_with("zenoh") {
             return false;
         }
-        let judge: fn(&str) -> Option<String> = match metadata.target() {
-            ACCESS if *metadata.level() >= Level::INFO => rights::refused,
-            DOOR if *metadata.level() >= Level::INFO => no_room,
-            ARRIVALS if *metadata.level() >= Level::DEBUG => too_long,
-            RATES if *metadata.level() >= Level::INFO => rights::too_often,
-            _ if is_refusal(metadata) => |message| Some(reason(message)),
+        let judge: fn(&str) -> Option<Reason> = match metadata.target() {
+            ACCESS if *metadata.level() >= Level::INFO => |message| rights::refused(message).map(Reason::Ours),
+            DOOR if *metadata.level() >= Level::INFO => |message| no_room(message).map(Reason::Ours),
+            ARRIVALS if *metadata.level() >= Level::DEBUG => |message| too_long(message).map(Reason::Ours),
+            RATES if *metadata.level() >= Level::INFO => |message| rights::too_often(message).map(Reason::Ours),
+            _ if is_refusal(metadata) => |message| Some(Reason::Others(without_asides(message))),
             _ => return true,
         };
         let only = if metadata.target() == ARRIVALS { TOO_LONG } else { "" };
@@ -104,8 +113,8 @@ pub fn tell_rest() {
     log(&rest);
 }
 
-fn log(reasons: &[(String, u64)]) {
-    for (reason, count) in reasons {
+fn log(reasons: &[(Reason, u64)]) {
+    for (Reason::Ours(reason) | Reason::Others(reason), count) in reasons {
         tracing::warn!(count, "turned away at the network: {reason}");
     }
 }
@@ -118,7 +127,7 @@ pub fn unlogged<T>(play: impl FnOnce() -> T) -> T {
     played
 }
 
-fn book() -> MutexGuard<'static, Book<String>> {
+fn book() -> MutexGuard<'static, Book<Reason>> {
     BOOK.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -143,7 +152,7 @@ fn too_long(message: &str) -> Option<String> {
 }
 
 /// The same for all whom the same befalls.
-fn reason(message: &str) -> String {
+fn without_asides(message: &str) -> String {
     let short = ASIDES.iter().fold(message, |message, aside| message.split(aside).next().unwrap_or(message));
     short.chars().take(200).collect()
 }
@@ -180,10 +189,12 @@ impl<R: Ord + Clone> Book<R> {
     }
 }
 
-impl Book<String> {
-    /// One more for a reason in words of others. Beyond so many of them no more are told apart.
-    fn note_words(&mut self, reason: String) {
-        self.note(if self.0.len() < REASONS_MAX || self.0.contains_key(&reason) { reason } else { "other reasons".to_owned() });
+impl Book<Reason> {
+    /// One more for this reason. Beyond so many in words of others no more of those are told apart.
+    fn note_words(&mut self, reason: Reason) {
+        let others = || self.0.keys().filter(|known| matches!(known, Reason::Others(_))).count();
+        let is_known = matches!(reason, Reason::Ours(_)) || self.0.contains_key(&reason);
+        self.note(if is_known || others() < OTHERS_MAX { reason } else { Reason::Ours("other reasons".to_owned()) });
     }
 }
 
@@ -213,6 +224,7 @@ impl Visit for Message {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use protocol::topic::Topic;
 
     #[test]
     fn a_flood_of_strangers_is_a_line_every_ten_seconds() {
@@ -233,15 +245,37 @@ mod tests {
     #[test]
     fn strangers_cannot_make_the_log_remember_without_end() {
         let mut book = Book::new();
-        (0..1000).for_each(|number| book.note_words(format!("reason {number}")));
-        assert_eq!(book.0.len(), REASONS_MAX + 1);
+        (0..1000).for_each(|number| book.note_words(Reason::Others(format!("reason {number}"))));
+        assert_eq!(book.0.len(), OTHERS_MAX + 1);
+    }
+
+    #[test]
+    fn whoever_is_refused_whatever_else_before_is_named() {
+        let mut book = Book::new();
+        (0..1000).for_each(|number| book.note_words(Reason::Others(format!("reason {number}"))));
+        let mut named = Vec::new();
+        for kind in ["Put", "Delete", "Query", "Reply", "Declare Queryable", "Liveliness Token", "Liveliness Query", "Declare Subscriber"] {
+            for topic in Topic::ALL {
+                let key = format!("coxswain-link/g/{}/data/x", topic.name());
+                let said = format!("7d on lo+CertCommonName(watcher.pilot)+tls+7d is unauthorized to {kind} (ingress) on {key}");
+                if let Some(reason) = rights::refused(&said) {
+                    book.note_words(Reason::Ours(reason));
+                }
+                named.push(Reason::Ours(format!("watcher.pilot may not {kind} on {}", topic.name())));
+            }
+        }
+        let told = book.due(Instant::now());
+        assert!(named.iter().all(|reason| told.contains(&(reason.clone(), 1))), "{told:?}");
     }
 
     #[test]
     fn a_reason_is_told_without_what_zenoh_guesses_and_where_it_was_built() {
-        assert_eq!(reason("peer sent no certificates. Hint: increase it."), "peer sent no certificates");
-        assert_eq!(reason("Received invalid message at /home/x.rs:1."), "Received invalid message");
-        assert_eq!(reason("certificate expired: verification time 9 (UNIX), but certificate is not valid after 8"), "certificate expired");
+        assert_eq!(without_asides("peer sent no certificates. Hint: increase it."), "peer sent no certificates");
+        assert_eq!(without_asides("Received invalid message at /home/x.rs:1."), "Received invalid message");
+        assert_eq!(
+            without_asides("certificate expired: verification time 9 (UNIX), but certificate is not valid after 8"),
+            "certificate expired"
+        );
         assert_eq!(no_room("Max transports reached (128). Denying new transport with peer: 7f").as_deref(), Some("no session is free"));
         assert_eq!(no_room("Accepting link... tls/127.0.0.1:1"), None);
     }

@@ -1,7 +1,7 @@
 //! Who is heard on a topic that several roles write, the heartbeats. Nobody is heard in the name of another: routers see to it by the name of
 //! the writer, and here it is held against what is said. And nobody more often than is usual: else who floods it displaces what the others say.
 //! Each role has a few places, a writer keeps his own while he says something, and so who floods in the name of a role displaces no writer of it
-//! either who was there before.
+//! either who was there before. Who does so under the very name of a writer displaces that one: routers know the role of a link, and not whose it is.
 //!
 //! A topic of one role needs no limit at its readers. Its queue is bounded, the newest displace the oldest, and whoever has the certificate of that
 //! role could say all of it anyway. What keeps a router busy is limited there, on all topics.
