@@ -213,10 +213,13 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
         said += usize::from(liar.put(&key, word()).congestion_control(CongestionControl::Drop).wait().is_ok());
     }
     let flood = from..monotonic_nanos();
-    // Then one message with the last number that there is: whatever the learner says after it has been said before.
-    thread::sleep(LIES_EVERY);
-    liar.put(&key, word()).attachment(u64::MAX.to_le_bytes()).express(true).wait().map_err(failed)?;
-    launched.told_a_person("learner runs, but on the graph's links nobody has heard its last ")?;
+    // Then the last number that there is: whatever the learner says after it has been said before. Behind the flood it may take several to be heard.
+    launched.wait_until("a word of whom nobody hears", || {
+        thread::sleep(LIES_EVERY);
+        let put = liar.put(&key, word()).attachment(u64::MAX.to_le_bytes()).express(true).wait();
+        let log = fs::read_to_string(launched.folder().join("coxswain.log")).unwrap_or_default();
+        put.is_ok() && log.contains("runs, but nobody hears its heartbeats")
+    })?;
     assert!(launched.processes().contains(&pid), "it has been killed");
     let (text, log, record) = ended(launched)?;
     assert!(!text.contains("is started again") && !text.contains("has been silent"), "{text}");
