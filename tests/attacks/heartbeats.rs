@@ -200,6 +200,28 @@ fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many
 }
 
 #[test]
+fn who_shows_ports_of_another_protocol_keeps_nobody_from_coming_back() -> Outcome {
+    let certificates = Certificates::new()?;
+    let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
+    let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let ports = format!("coxswain-link/{graph}/health/writer");
+    let others = ["1/Health/newest-wins", "4/Sonnet/newest-wins", "4/Health/lossless"];
+    let show = |other| liar.liveliness().declare_token(format!("{ports}/{other}/learner.{}", monotonic_nanos())).wait().map_err(failed);
+    let _tokens = others.map(show).into_iter().collect::<Result<Vec<_>, _>>()?;
+    for (role, says) in [("recorder", "started"), ("controller", "answering a plant")] {
+        let said = fs::read_to_string(launched.folder().join(format!("{role}.log")))?.matches(says).count();
+        signal(launched.process(role, None)?, Signal::KILL)?;
+        launched.wait_for_log(role, says, said + 1)?;
+    }
+    // For as long as they would take to end by what they see.
+    thread::sleep(LIES_FOR / 2);
+    let (text, _, record) = ended(launched)?;
+    assert_eq!(text.matches("is started again").count(), 2, "{text}");
+    assert_eq!(record.of("state").last().map(|state| state.word("rung")), Some("fresh plan"));
+    Ok(())
+}
+
+#[test]
 fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_launch_says_so() -> Outcome {
     let certificates = Certificates::for_a_flood()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
@@ -223,6 +245,7 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
     assert!(launched.processes().contains(&pid), "it has been killed");
     let (text, log, record) = ended(launched)?;
     assert!(!text.contains("is started again") && !text.contains("has been silent"), "{text}");
+    assert!(text.contains("learner runs, but on the graph's links nobody has heard its last"), "{text}");
     assert_eq!(text.matches("nobody has heard").count(), 1, "{text}");
     assert!(log.contains("learner.mecanum says more on health than anybody needs to"), "{log}");
     let heard = |participant: &str| {
@@ -243,7 +266,7 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
     assert!(heard("plant") > 10 && heard("controller") > 10, "they are silenced as well");
     assert!(fresh * 10 >= states().count() * 9, "{fresh} of {}", states().count());
     let models: Vec<u64> = record.of("plan").map(|plan| plan.count("model_version")).collect();
-    assert!(models.last() > models.iter().nth_back(50), "no new models come: {models:?}");
+    assert!(models.len() > 50 && models.last() > models.iter().nth_back(50), "no new models come: {models:?}");
     Ok(())
 }
 

@@ -47,21 +47,24 @@ const UNHEARD_MOST: u64 = 100;
 pub(crate) struct Unheard {
     /// Health of its role heard by now, of whichever process.
     heard: u64,
-    /// Heartbeats at that time.
+    /// Heartbeats by now.
     beats: u64,
+    /// Rounds since it was heard in which there was a heartbeat: a launcher that was away finds many at once, before it has heard anything.
+    rounds: u64,
     told: bool,
 }
 
 impl Unheard {
-    /// How many heartbeats in a row nobody heard, once that are too many: once, since nobody can do anything about it but look.
+    /// How many heartbeats in a row nobody heard, once that are too many: once, until it is heard again.
     pub(crate) fn since(&mut self, beats: u64, heard: u64) -> Option<u64> {
         if heard != self.heard {
-            *self = Self { heard, beats, told: self.told };
+            *self = Self { heard, beats, ..Self::default() };
         }
-        let unheard = beats.saturating_sub(self.beats);
-        let is_news = !self.told && unheard > UNHEARD_MOST;
+        self.rounds += u64::from(beats != self.beats);
+        self.beats = beats;
+        let is_news = !self.told && self.rounds > UNHEARD_MOST;
         self.told |= is_news;
-        is_news.then_some(unheard)
+        is_news.then_some(self.rounds)
     }
 }
 
@@ -79,7 +82,9 @@ mod tests {
         assert!(told(&|beats| beats / 100).is_empty(), "one in a hundred is enough");
         assert_eq!(told(&|_| 0), [101]);
         assert_eq!(told(&|beats| beats.min(500)), [101]);
-        assert_eq!(told(&|beats| beats / 200), [101]);
+        assert_eq!(told(&|beats| beats / 500), [101, 101], "each time anew");
+        let mut away = Unheard::default();
+        assert_eq!((away.since(50, 50), away.since(500, 50), away.since(501, 499)), (None, None, None), "the launcher was stopped");
     }
 
     const ROUND: Duration = Duration::from_millis(20);

@@ -58,7 +58,7 @@ impl Lifeline {
             // Nothing more to be heard, or nobody there any more: the system says how he ended.
             let Ok(count @ 1..) = self.line.read(&mut said) else { return };
             self.beats += count as u64;
-            let last = said.get(count - 1).and_then(|&code| Phase::try_from(u32::from(code)).ok());
+            let last = said.iter().take(count).rev().find_map(|&code| Phase::try_from(u32::from(code)).ok());
             self.phase = last.unwrap_or(self.phase);
         }
     }
@@ -91,7 +91,7 @@ mod tests {
         }
         other.write_all(&[Phase::Running.code() as u8, 99])?;
         lifeline.listen();
-        assert_eq!((lifeline.beats(), lifeline.phase()), (102, Phase::Ready), "what is no phase says nothing of it");
+        assert_eq!((lifeline.beats(), lifeline.phase()), (102, Phase::Running), "what is no phase says nothing of it");
         other.write_all(&[Phase::Running.code() as u8])?;
         drop(other);
         lifeline.listen();

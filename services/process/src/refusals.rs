@@ -34,6 +34,10 @@ const RATES: &str = "zenoh::net::routing::interceptor::downsampling";
 /// What zenoh says behind a reason: other causes, where in its code, when a certificate was or will be good.
 const ASIDES: [&str; 3] = [". Hint:", " at /", ": verification time"];
 
+/// Behind these words comes what a stranger has sent, of which there is as much as he likes.
+const BY_STRANGERS: [&str; 5] =
+    ["received fatal alert", "received corrupt message", "received unexpected message", "peer misbehaved", "peer is incompatible"];
+
 static BOOK: Mutex<Book<Reason>> = Mutex::new(Book::new());
 /// Whether this process itself plays the stranger.
 static PLAYED: AtomicBool = AtomicBool::new(false);
@@ -154,6 +158,7 @@ fn too_long(message: &str) -> Option<String> {
 /// The same for all whom the same befalls.
 fn without_asides(message: &str) -> String {
     let short = ASIDES.iter().fold(message, |message, aside| message.split(aside).next().unwrap_or(message));
+    let short = BY_STRANGERS.iter().find(|words| short.starts_with(**words)).unwrap_or(&short);
     short.chars().take(200).collect()
 }
 
@@ -271,6 +276,8 @@ mod tests {
     #[test]
     fn a_reason_is_told_without_what_zenoh_guesses_and_where_it_was_built() {
         assert_eq!(without_asides("peer sent no certificates. Hint: increase it."), "peer sent no certificates");
+        assert_eq!(without_asides("received fatal alert: Unknown(0x2a)"), "received fatal alert");
+        assert_eq!(without_asides("invalid peer certificate: Expired"), "invalid peer certificate: Expired");
         assert_eq!(without_asides("Received invalid message at /home/x.rs:1."), "Received invalid message");
         assert_eq!(
             without_asides("certificate expired: verification time 9 (UNIX), but certificate is not valid after 8"),

@@ -129,7 +129,8 @@ pub(super) fn list(network: &Network, topic: Topic) -> Result<BTreeSet<String>, 
     Ok(found)
 }
 
-/// Fails unless there is a place for one more port in `role`, and all others speak the same way.
+/// Fails unless there is a place for one more port in `role`, and all others speak the same way. With certificates who speaks another way does not
+/// count: else one who is let in could keep everybody else from coming back.
 pub(super) fn check(network: &Network, topic: Topic, role: Role) -> Result<(), OpenError> {
     let quality = network.quality(topic);
     let limit = match role {
@@ -148,9 +149,15 @@ pub(super) fn check(network: &Network, topic: Topic, role: Role) -> Result<(), O
 /// Counts those in `role`.
 fn look(network: &Network, topic: Topic, role: Role) -> Result<usize, OpenError> {
     let delivery = network.quality(topic).delivery;
-    let mut count = 0;
+    let (mut count, mut strange) = (0, 0_usize);
     for key in list(network, topic)? {
         let Some(presence) = Presence::of(&key) else { continue };
+        let is_alike = [delivery_name(delivery), UNPACED].contains(&presence.delivery)
+            && (presence.version, presence.message) == (VERSION.to_string().as_str(), topic.message());
+        if network.role.is_some() && !is_alike {
+            strange += 1;
+            continue;
+        }
         if presence.version != VERSION.to_string() || presence.message != topic.message() {
             return Err(OpenError::Incompatible {
                 topic,
@@ -164,6 +171,9 @@ fn look(network: &Network, topic: Topic, role: Role) -> Result<usize, OpenError>
             return Err(OpenError::Delivery { topic, delivery });
         }
         count += usize::from(presence.role == role.name());
+    }
+    if strange > 0 {
+        tracing::warn!(topic = topic.name(), strange, "somebody shows ports of another protocol: they do not count");
     }
     Ok(count)
 }

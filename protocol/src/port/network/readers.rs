@@ -21,8 +21,8 @@ pub(super) struct Newcomer {
     pub(super) had: Option<u64>,
 }
 
-/// Cut-off readers that are remembered.
-const LEFT_MAX: usize = 64;
+/// Paced readers that are remembered, and as many that are cut off: more than there are places for.
+const REMEMBERED_MAX: usize = 64;
 
 #[derive(Default)]
 struct Known {
@@ -51,7 +51,7 @@ impl Readers {
                 let mut known = self.lock();
                 known.newcomers.retain(|newcomer| newcomer.id != presence.id);
                 if let Some(taken) = known.taken.remove(presence.id) {
-                    if known.left.len() >= LEFT_MAX {
+                    if known.left.len() >= REMEMBERED_MAX {
                         known.left.pop_first();
                     }
                     known.left.insert(presence.id.to_owned(), taken);
@@ -66,13 +66,13 @@ impl Readers {
     pub(super) fn came(&self, presence: &Presence<'_>) {
         let mut known = self.lock();
         let mut had = known.left.remove(presence.id);
-        if presence.is_paced() {
+        // Whoever may hear a topic can show as many tokens as he likes.
+        if presence.is_paced() && (known.taken.len() < REMEMBERED_MAX || known.taken.contains_key(presence.id)) {
             // One that was never seen to go may have missed something all the same.
             had = had.or_else(|| known.taken.get(presence.id).copied());
             let taken = had.unwrap_or(known.sent);
             known.taken.entry(presence.id.to_owned()).or_insert(taken);
         }
-        // Whoever may hear a topic can show as many tokens as he likes.
         if known.newcomers.len() < self.places && !known.newcomers.iter().any(|newcomer| newcomer.id == presence.id) {
             known.newcomers.push(Newcomer { id: presence.id.to_owned(), had });
         }

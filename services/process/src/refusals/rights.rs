@@ -88,12 +88,11 @@ fn is_unsent(key: &str) -> bool {
 /// Notes whose session it is.
 fn introduce(session: &str, who: &str) {
     let mut guests = guests();
-    if !guests.contains_key(session) {
-        if guests.len() == GUESTS_MAX {
-            guests.pop_first();
-        }
-        guests.insert(session.to_owned(), who.to_owned());
+    if guests.len() == GUESTS_MAX && !guests.contains_key(session) {
+        guests.pop_first();
     }
+    // A session chooses its name, and may take that of one before.
+    guests.insert(session.to_owned(), who.to_owned());
 }
 
 fn guests() -> MutexGuard<'static, BTreeMap<String, String>> {
