@@ -21,19 +21,51 @@ fn deploy_with(to: &Path, file: &str, from: &str, by: &str) -> Outcome {
 #[test]
 fn each_wrong_setting_is_named_with_its_file_and_line_and_nothing_is_started() -> Outcome {
     for (file, from, by, expected) in [
-        ("scenarios/paper.toml", "mass_kg = 22.0", "mass_kg = -22.0", ["paper.toml:", "mass_kg", "-22"]),
-        ("scenarios/paper.toml", "mass_kg = 22.0", "mass_pounds = 22.0", ["paper.toml:", "mass_pounds", "mass_kg"]),
-        ("scenarios/paper.toml", "horizon_steps = 5 ", "horizon_steps = 500", ["paper.toml:", "horizon_steps", "40"]),
-        ("scenarios/paper.toml", "speed_mps = 2.7", "speed_mps = \"fast\"", ["paper.toml:11", "fast", "expected a number"]),
-        ("robots/mecanum.toml", "wheel_radius_m = 0.05", "wheel_radius_m = 0.0", ["mecanum.toml:", "wheel_radius_m", "greater than 0"]),
-        ("graphs/local.toml", "shared-memory\" ", "carrier-pigeon\" ", ["local.toml:", "carrier-pigeon", "shared-memory"]),
+        (
+            "scenarios/paper.toml",
+            "mass_kg = 22.0",
+            "mass_kg = -22.0",
+            ["paper.toml:", "mass_kg", "-22"],
+        ),
+        (
+            "scenarios/paper.toml",
+            "mass_kg = 22.0",
+            "mass_pounds = 22.0",
+            ["paper.toml:", "mass_pounds", "mass_kg"],
+        ),
+        (
+            "scenarios/paper.toml",
+            "horizon_steps = 5 ",
+            "horizon_steps = 500",
+            ["paper.toml:", "horizon_steps", "40"],
+        ),
+        (
+            "scenarios/paper.toml",
+            "speed_mps = 2.7",
+            "speed_mps = \"fast\"",
+            ["paper.toml:11", "fast", "expected a number"],
+        ),
+        (
+            "robots/mecanum.toml",
+            "wheel_radius_m = 0.05",
+            "wheel_radius_m = 0.0",
+            ["mecanum.toml:", "wheel_radius_m", "greater than 0"],
+        ),
+        (
+            "graphs/local.toml",
+            "shared-memory\" ",
+            "carrier-pigeon\" ",
+            ["local.toml:", "carrier-pigeon", "shared-memory"],
+        ),
         ("graphs/local.toml", "paper.toml", "papyrus.toml", ["papyrus.toml", "", ""]),
         ("graphs/local.toml", "[links]", "[links", ["local.toml:", "", ""]),
     ] {
         let home = tempfile::tempdir_in("/tmp")?;
         deploy_with(home.path(), file, from, by)?;
         let out = home.path().join("run");
-        let output = launch_command(&home.path().join("graphs/local.toml"), &out, &[])?.env("TMPDIR", home.path()).output()?;
+        let output = launch_command(&home.path().join("graphs/local.toml"), &out, &[])?
+            .env("TMPDIR", home.path())
+            .output()?;
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{by}: {text}");
         for part in expected {
@@ -49,13 +81,43 @@ fn each_wrong_setting_is_named_with_its_file_and_line_and_nothing_is_started() -
 fn an_impossible_fault_is_named_with_its_file_and_line_and_nothing_is_started() -> Outcome {
     let good = fs::read_to_string(repository().join("deploy/faults/example.toml"))?;
     for (from, by, pace, expected) in [
-        ("kind = \"jitter\"", "kind = \"flutter\"", "real-time", ["faults.toml:11", "flutter", "jitter"]),
-        ("millis = 15", "milliseconds = 15", "real-time", ["faults.toml:12", "milliseconds", "millis"]),
-        ("probability = 0.3", "probability = 1.3", "real-time", ["faults.toml:16", "1.3", "at most 1"]),
-        ("field = \"velocity\"", "field = \"speed\"", "real-time", ["faults.toml:23", "speed", "velocity"]),
-        ("seed = 7", "seed = 7\nprocesses = 1", "real-time", ["faults.toml:6", "processes", "solver"]),
+        (
+            "kind = \"jitter\"",
+            "kind = \"flutter\"",
+            "real-time",
+            ["faults.toml:11", "flutter", "jitter"],
+        ),
+        (
+            "millis = 15",
+            "milliseconds = 15",
+            "real-time",
+            ["faults.toml:12", "milliseconds", "millis"],
+        ),
+        (
+            "probability = 0.3",
+            "probability = 1.3",
+            "real-time",
+            ["faults.toml:16", "1.3", "at most 1"],
+        ),
+        (
+            "field = \"velocity\"",
+            "field = \"speed\"",
+            "real-time",
+            ["faults.toml:23", "speed", "velocity"],
+        ),
+        (
+            "seed = 7",
+            "seed = 7\nprocesses = 1",
+            "real-time",
+            ["faults.toml:6", "processes", "solver"],
+        ),
         ("every_s = 4.0", "", "real-time", ["faults.toml:49", "every_s", "kill"]),
-        ("sensor = \"velocity\"", "sensor = \"smell\"", "real-time", ["faults.toml:91", "smell", "everything"]),
+        (
+            "sensor = \"velocity\"",
+            "sensor = \"smell\"",
+            "real-time",
+            ["faults.toml:91", "smell", "everything"],
+        ),
         ("seed = 7", "seed = 7", "lock-step", ["faults.toml:12", "millis", "messages"]),
     ] {
         let home = tempfile::tempdir_in("/tmp")?;
@@ -63,7 +125,10 @@ fn an_impossible_fault_is_named_with_its_file_and_line_and_nothing_is_started() 
         assert!(good.contains(from), "{from}");
         fs::write(&file, good.replacen(from, by, 1))?;
         let options = ["--pace", pace, "--faults", &file.to_string_lossy()];
-        let output = launch_command(&repository().join("deploy/graphs/local.toml"), &out, &options)?.env("TMPDIR", home.path()).output()?;
+        let output =
+            launch_command(&repository().join("deploy/graphs/local.toml"), &out, &options)?
+                .env("TMPDIR", home.path())
+                .output()?;
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{by}: {text}");
         for part in expected {
@@ -88,7 +153,9 @@ fn a_folder_that_holds_another_run_is_refused() -> Outcome {
 #[test]
 fn whoever_waits_for_a_launch_that_refuses_to_start_is_told_what_it_said() -> Outcome {
     let launched = Launched::new(&["--scenario", "papyrus"])?;
-    let told = launched.wait_for_log("gateway", "watchers are welcome", 1).map_err(|error| error.to_string());
+    let told = launched
+        .wait_for_log("gateway", "watchers are welcome", 1)
+        .map_err(|error| error.to_string());
     assert!(told.as_ref().is_err_and(|told| told.contains("papyrus")), "{told:?}");
     Ok(())
 }

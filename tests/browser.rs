@@ -56,7 +56,11 @@ impl Browser {
         let program = program()?;
         let profile = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
         let mut command = Command::new("sh");
-        command.args(["-c", WITH_PIPE]).arg(profile.path().join("complaints.log")).arg(&program).args(ARGUMENTS);
+        command
+            .args(["-c", WITH_PIPE])
+            .arg(profile.path().join("complaints.log"))
+            .arg(&program)
+            .args(ARGUMENTS);
         command.arg(format!("--user-data-dir={}", profile.path().join("profile").display()));
         command.env("HOME", profile.path()).env("TMPDIR", profile.path());
         // A group of its own, which a test may stop or kill.
@@ -76,9 +80,13 @@ impl Browser {
             }
         });
         let (requested, complaints) = (Vec::new(), Vec::new());
-        let mut browser = Self { child, input, answers, session: None, calls: 0, requested, complaints, profile };
+        let mut browser =
+            Self { child, input, answers, session: None, calls: 0, requested, complaints, profile };
         let tab = browser.call("Target.createTarget", &json!({"url": "about:blank"}))?;
-        let attached = browser.call("Target.attachToTarget", &json!({"targetId": tab["targetId"], "flatten": true}))?;
+        let attached = browser.call(
+            "Target.attachToTarget",
+            &json!({"targetId": tab["targetId"], "flatten": true}),
+        )?;
         browser.session = attached["sessionId"].as_str().map(str::to_owned);
         for domain in ["Page", "Runtime", "Network", "Log"] {
             browser.call(&format!("{domain}.enable"), &json!({}))?;
@@ -130,8 +138,15 @@ impl Browser {
             other => return Err(format!("which key is {other}?").into()),
         };
         let down = if text.is_empty() { "rawKeyDown" } else { "keyDown" };
-        self.call("Input.dispatchKeyEvent", &json!({"type": down, "key": key, "windowsVirtualKeyCode": code, "text": text}))?;
-        self.call("Input.dispatchKeyEvent", &json!({"type": "keyUp", "key": key, "windowsVirtualKeyCode": code})).map(drop)
+        self.call(
+            "Input.dispatchKeyEvent",
+            &json!({"type": down, "key": key, "windowsVirtualKeyCode": code, "text": text}),
+        )?;
+        self.call(
+            "Input.dispatchKeyEvent",
+            &json!({"type": "keyUp", "key": key, "windowsVirtualKeyCode": code}),
+        )
+        .map(drop)
     }
 
     /// What `expression` comes to on the page.
@@ -139,7 +154,10 @@ impl Browser {
     /// # Errors
     /// If it throws.
     pub fn ask(&mut self, expression: &str) -> Result<Value, Box<dyn Error>> {
-        let mut answer = self.call("Runtime.evaluate", &json!({"expression": expression, "returnByValue": true, "awaitPromise": true}))?;
+        let mut answer = self.call(
+            "Runtime.evaluate",
+            &json!({"expression": expression, "returnByValue": true, "awaitPromise": true}),
+        )?;
         if answer.get("exceptionDetails").is_some() {
             return Err(format!("{expression}: {}", answer["exceptionDetails"]).into());
         }
@@ -195,7 +213,10 @@ impl Browser {
             "(({{x, y, width, height}}) => ({{x: x + scrollX, y: y + scrollY, width, height, scale: 1}}))
                 (document.querySelector({selector:?}).getBoundingClientRect())"
         ))?;
-        let picture = self.call("Page.captureScreenshot", &json!({"format": "png", "clip": place, "captureBeyondViewport": true}))?;
+        let picture = self.call(
+            "Page.captureScreenshot",
+            &json!({"format": "png", "clip": place, "captureBeyondViewport": true}),
+        )?;
         let count = self.ask(&format!(
             "(async () => {{
                 const wanted = getComputedStyle(document.documentElement).getPropertyValue('--{colour}').trim();
@@ -243,12 +264,18 @@ impl Browser {
         if let Some(session) = &self.session {
             message["sessionId"] = json!(session);
         }
-        let sent = self.input.write_all(format!("{message}\0").as_bytes()).and_then(|()| self.input.flush());
+        let sent = self
+            .input
+            .write_all(format!("{message}\0").as_bytes())
+            .and_then(|()| self.input.flush());
         sent.map_err(|error| format!("{method}: {error}; {}", self.last_words()))?;
         let begin = Instant::now();
         loop {
             let left = ANSWERS_WITHIN.saturating_sub(begin.elapsed());
-            let mut told = self.answers.recv_timeout(left).map_err(|error| format!("{method}: {error}; {}", self.last_words()))?;
+            let mut told = self
+                .answers
+                .recv_timeout(left)
+                .map_err(|error| format!("{method}: {error}; {}", self.last_words()))?;
             if told["id"] != json!(self.calls) {
                 self.overhear(&told);
             } else if told.get("error").is_some() {
@@ -262,8 +289,12 @@ impl Browser {
     fn overhear(&mut self, told: &Value) {
         let parameters = &told["params"];
         match told["method"].as_str() {
-            Some("Network.requestWillBeSent") => self.requested.extend(parameters["request"]["url"].as_str().map(str::to_owned)),
-            Some("Runtime.exceptionThrown") => self.complaints.push(parameters["exceptionDetails"].to_string()),
+            Some("Network.requestWillBeSent") => {
+                self.requested.extend(parameters["request"]["url"].as_str().map(str::to_owned));
+            }
+            Some("Runtime.exceptionThrown") => {
+                self.complaints.push(parameters["exceptionDetails"].to_string());
+            }
             Some("Log.entryAdded") if parameters["entry"]["level"] == "error" => {
                 self.complaints.push(parameters["entry"]["text"].to_string());
             }
@@ -272,7 +303,8 @@ impl Browser {
     }
 
     fn last_words(&self) -> String {
-        let said = fs::read_to_string(self.profile.path().join("complaints.log")).unwrap_or_default();
+        let said =
+            fs::read_to_string(self.profile.path().join("complaints.log")).unwrap_or_default();
         format!("the browser said: {}", said.trim())
     }
 }
@@ -282,7 +314,9 @@ impl Drop for Browser {
         self.session = None;
         // Its helpers end with it if it may say goodbye.
         let asked = self.call("Browser.close", &json!({}));
-        let ended = asked.and_then(|_| wait_until("the end of the browser", || !matches!(self.child.try_wait(), Ok(None))));
+        let ended = asked.and_then(|_| {
+            wait_until("the end of the browser", || !matches!(self.child.try_wait(), Ok(None)))
+        });
         if ended.is_err() {
             let _ = self.child.kill();
             let _ = self.child.wait();
@@ -292,8 +326,10 @@ impl Drop for Browser {
 
 fn program() -> Result<PathBuf, String> {
     let folders = std::env::var_os("PATH").unwrap_or_default();
-    let found =
-        NAMES.iter().flat_map(|name| std::env::split_paths(&folders).map(move |folder| folder.join(name))).find(|path| path.is_file());
+    let found = NAMES
+        .iter()
+        .flat_map(|name| std::env::split_paths(&folders).map(move |folder| folder.join(name)))
+        .find(|path| path.is_file());
     found.ok_or_else(|| {
         format!("the live page is tested in a real browser, but PATH has none of {}: install Debian's chromium", NAMES.join(", "))
     })

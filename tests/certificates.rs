@@ -4,7 +4,10 @@ use bytemuck::Zeroable;
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
 use promises::oracle::{Limits, acquit};
-use promises::{GIVES_UP_AFTER, Hosts, Launched, Outcome, Reader, Record, binaries, graph_file, launch_command, repository};
+use promises::{
+    GIVES_UP_AFTER, Hosts, Launched, Outcome, Reader, Record, binaries, graph_file, launch_command,
+    repository,
+};
 use protocol::access::{Credentials, Role};
 use protocol::message::{Command as Said, Message as _, ModelSnapshot, PlantState, SnapshotHead};
 use protocol::port::{Carrier, Carriers, Identity, Links, Ports, Router, Since};
@@ -48,7 +51,8 @@ fn private(folder: &Path) -> std::io::Result<()> {
 
 /// Whether the launch into `home` has tried, before anything started, to get in without a certificate.
 fn tried_as_a_stranger(home: &TempDir) -> std::io::Result<bool> {
-    Ok(fs::read_to_string(home.path().join("run/coxswain.log"))?.contains("strangers are kept out of the network"))
+    Ok(fs::read_to_string(home.path().join("run/coxswain.log"))?
+        .contains("strangers are kept out of the network"))
 }
 
 /// What the machine of `roles` is given of `certificates`.
@@ -68,8 +72,13 @@ const CROWD: u64 = 20_000;
 const LEAD_MAX: u64 = 200;
 
 /// Says `CROWD` messages and hears as many, on one link, once `both` are there to hear.
-fn crowd<S: OnTopic, H: OnTopic>(links: &Links, both: &Barrier, mut message: S) -> Result<Vec<u64>, Box<dyn Error + Send + Sync>> {
-    let opened = Ports::open(links, Identity::new(1)).and_then(|ports| Ok((ports.sink::<S>()?, ports.source::<H>(Since::First)?)));
+fn crowd<S: OnTopic, H: OnTopic>(
+    links: &Links,
+    both: &Barrier,
+    mut message: S,
+) -> Result<Vec<u64>, Box<dyn Error + Send + Sync>> {
+    let opened = Ports::open(links, Identity::new(1))
+        .and_then(|ports| Ok((ports.sink::<S>()?, ports.source::<H>(Since::First)?)));
     both.wait();
     let (mut sink, mut source) = opened?;
     let (mut said, mut heard) = (0, Vec::new());
@@ -79,7 +88,11 @@ fn crowd<S: OnTopic, H: OnTopic>(links: &Links, both: &Barrier, mut message: S) 
             message.stamp_mut().tick = said;
             sink.send(&mut message)?;
         } else if !source.wait(GIVES_UP_AFTER)? {
-            return Err(format!("{said} said and {} heard of {CROWD}, then nothing for {GIVES_UP_AFTER:?}", heard.len()).into());
+            return Err(format!(
+                "{said} said and {} heard of {CROWD}, then nothing for {GIVES_UP_AFTER:?}",
+                heard.len()
+            )
+            .into());
         }
         while let Some(message) = source.next()? {
             heard.push(message.stamp().tick);
@@ -101,7 +114,8 @@ impl Meeting {
         let folder = home()?;
         let given = certificates(folder.path(), &[])?;
         let host = Credentials::in_folder(given.join(Role::RobotHost.name()));
-        let router = Router::guarded(&["tls/127.0.0.1:0".to_owned()], &[], "crowd", &host, lock_step)?;
+        let router =
+            Router::guarded(&["tls/127.0.0.1:0".to_owned()], &[], "crowd", &host, lock_step)?;
         Ok(Self { folder, given, router, lock_step })
     }
 
@@ -117,15 +131,19 @@ impl Meeting {
 
 /// Routers limit how often snapshots, and pieces of them, may come.
 #[test]
-fn in_real_time_snapshots_of_a_megabyte_cross_a_link_with_certificates_whole_and_one_behind_the_other() -> Outcome {
+fn in_real_time_snapshots_of_a_megabyte_cross_a_link_with_certificates_whole_and_one_behind_the_other()
+-> Outcome {
     let meeting = Meeting::new(false)?;
     let ports = |role| Ports::open(&meeting.links(role), Identity::new(1));
-    let (learner, controller, recorder) = (ports(Role::Learner)?, ports(Role::Controller)?, ports(Role::Recorder)?);
+    let (learner, controller, recorder) =
+        (ports(Role::Learner)?, ports(Role::Controller)?, ports(Role::Recorder)?);
     let mut sink = learner.sink::<ModelSnapshot>()?;
-    let mut sources = [controller.source::<ModelSnapshot>(Since::First)?, recorder.source(Since::First)?];
+    let mut sources =
+        [controller.source::<ModelSnapshot>(Since::First)?, recorder.source(Since::First)?];
     let point = [0.25; 6];
     for version in 1..=3 {
-        let mut snapshot = ModelSnapshot::new(SnapshotHead { version, inputs: 6, ..SnapshotHead::zeroed() });
+        let mut snapshot =
+            ModelSnapshot::new(SnapshotHead { version, inputs: 6, ..SnapshotHead::zeroed() });
         (0..12_000).try_for_each(|_| snapshot.push(&point, [1.0; 3], [2.0; 3]))?;
         assert!(snapshot.byte_len() > 1_000_000);
         sink.send(&mut snapshot)?;
@@ -144,10 +162,12 @@ fn in_real_time_snapshots_of_a_megabyte_cross_a_link_with_certificates_whole_and
 #[test]
 fn what_crosses_a_link_with_certificates_in_both_directions_at_once_arrives_whole() -> Outcome {
     let meeting = Meeting::new(true)?;
-    let (robot, controller, both) = (meeting.links(Role::Robot), meeting.links(Role::Controller), Barrier::new(2));
+    let (robot, controller, both) =
+        (meeting.links(Role::Robot), meeting.links(Role::Controller), Barrier::new(2));
     let (robot, controller) = thread::scope(|scope| {
         let robot = scope.spawn(|| crowd::<PlantState, Said>(&robot, &both, PlantState::zeroed()));
-        let controller = scope.spawn(|| crowd::<Said, PlantState>(&controller, &both, Said::zeroed()));
+        let controller =
+            scope.spawn(|| crowd::<Said, PlantState>(&controller, &both, Said::zeroed()));
         (robot.join(), controller.join())
     });
     for heard in [robot, controller] {
@@ -161,7 +181,14 @@ fn what_crosses_a_link_with_certificates_in_both_directions_at_once_arrives_whol
 fn a_program_that_is_not_told_of_its_networks_threads_tells_itself() -> Outcome {
     let folder = home()?;
     let given = certificates(folder.path(), &[])?;
-    let options = ["--certificates", given.to_str().ok_or("no text")?, "--pace", "lock-step", "--duration", "1"];
+    let options = [
+        "--certificates",
+        given.to_str().ok_or("no text")?,
+        "--pace",
+        "lock-step",
+        "--duration",
+        "1",
+    ];
     let mut command = launch_command(&graph_file("network"), &folder.path().join("run"), &options)?;
     command.env_remove(threads::VARIABLE);
     let (ended, _home) = Launched::by(command, folder)?.end()?;
@@ -173,7 +200,9 @@ fn commands(folder: &Path) -> Result<Vec<String>, Box<dyn Error>> {
     let record = Record::read(folder)?;
     Ok(record
         .of("command")
-        .map(|command| format!("{} {} {}", command.stamp("tick"), command.says["input"], command.says["tail"]))
+        .map(|command| {
+            format!("{} {} {}", command.stamp("tick"), command.says["input"], command.says["tail"])
+        })
         .collect())
 }
 
@@ -183,10 +212,12 @@ fn in_lock_step_certificates_change_no_bit() -> Outcome {
     let given = certificates(folder.path(), &[])?;
     let given = given.to_str().ok_or("no text")?;
     let run = |options: &[&str]| -> Result<Vec<String>, Box<dyn Error>> {
-        let options: Vec<&str> = ["--pace", "lock-step", "--duration", "10"].iter().chain(options).copied().collect();
+        let options: Vec<&str> =
+            ["--pace", "lock-step", "--duration", "10"].iter().chain(options).copied().collect();
         let (ended, home) = Launched::graph("network", &options)?.end()?;
         assert!(ended.status.success(), "{}", ended.text);
-        let told = ended.text.contains("certificates of robot mecanum") && ended.text.contains("listening at tls/");
+        let told = ended.text.contains("certificates of robot mecanum")
+            && ended.text.contains("listening at tls/");
         assert_eq!(told, options.contains(&"--certificates"), "{}", ended.text);
         assert_eq!(tried_as_a_stranger(&home)?, told, "{}", ended.text);
         commands(&home.path().join("run"))
@@ -211,19 +242,31 @@ struct Drive {
 impl Drive {
     /// Launches both. The robot shows itself on its cable to the third host, the watcher's. `tables` goes into its graph file, the rest is said
     /// on the command line.
-    fn begin(hosts: &Hosts, tables: &str, near: &[&str], far: &[&str]) -> Result<Self, Box<dyn Error>> {
+    fn begin(
+        hosts: &Hosts,
+        tables: &str,
+        near: &[&str],
+        far: &[&str],
+    ) -> Result<Self, Box<dyn Error>> {
         let graphs = repository().join("deploy/graphs");
-        let text = fs::read_to_string(graph_file("plant-host"))?.replace("\"../", &format!("\"{}/../", graphs.display()));
-        let shown = format!("[telemetry]\nlisten = [\"tcp/{}:0\"]\nrobot = \"mecanum\"\n", hosts.address_towards(2));
-        let launch = |graph: Option<&Path>, options: &[&str], host| -> Result<Launched, Box<dyn Error>> {
-            let home = home()?;
-            let own = home.path().join("robot.toml");
-            fs::write(&own, format!("{text}\n{tables}\n{shown}[processes.gateway]\n"))?;
-            let command = launch_command(graph.unwrap_or(&own), &home.path().join("run"), options)?;
-            Launched::by(hosts.on(host, command), home)
-        };
+        let text = fs::read_to_string(graph_file("plant-host"))?
+            .replace("\"../", &format!("\"{}/../", graphs.display()));
+        let shown = format!(
+            "[telemetry]\nlisten = [\"tcp/{}:0\"]\nrobot = \"mecanum\"\n",
+            hosts.address_towards(2)
+        );
+        let launch =
+            |graph: Option<&Path>, options: &[&str], host| -> Result<Launched, Box<dyn Error>> {
+                let home = home()?;
+                let own = home.path().join("robot.toml");
+                fs::write(&own, format!("{text}\n{tables}\n{shown}[processes.gateway]\n"))?;
+                let command =
+                    launch_command(graph.unwrap_or(&own), &home.path().join("run"), options)?;
+                Launched::by(hosts.on(host, command), home)
+            };
         let (here, there) = (hosts.endpoint(), hosts.far_endpoint());
-        let far = launch(Some(&graph_file("control-host")), &[far, &["--connect", &there]].concat(), 1)?;
+        let far =
+            launch(Some(&graph_file("control-host")), &[far, &["--connect", &there]].concat(), 1)?;
         far.wait_for_log("controller", "started", 1)?;
         let near = launch(None, &[near, &["--duration", "15", "--listen", &here]].concat(), 0)?;
         Ok(Self { near, far })
@@ -247,7 +290,10 @@ fn completed(record: &Record, kind: &str) -> Result<(u64, f64), Box<dyn Error>> 
     acquit(record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file("plant-host")))?))?;
     assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(150), "{kind}");
     for topic in ["command", "residual", "snapshot", "plan", "health", "truth"] {
-        assert!(record.of(topic).count() > 5, "{kind}: {topic} is not recorded on the robot's machine");
+        assert!(
+            record.of(topic).count() > 5,
+            "{kind}: {topic} is not recorded on the robot's machine"
+        );
     }
     assert!(record.summary["snapshots_adopted"].as_u64() > Some(0), "{kind}: {}", record.summary);
     let fresh = record.of("state").filter(|state| state.word("rung") == "fresh plan").count();
@@ -255,14 +301,18 @@ fn completed(record: &Record, kind: &str) -> Result<(u64, f64), Box<dyn Error>> 
     ticks.sort_unstable();
     let middle = ticks.get(ticks.len() / 2).copied().ok_or("no plan")?;
     let error = record.summary["position_rmse_m"].as_f64().ok_or("no error")?;
-    let told = format!("{kind}: {fresh} of 151 periods on fresh plans, control tick p50 {} us, position error {error:.3} m", middle / 1000);
+    let told = format!(
+        "{kind}: {fresh} of 151 periods on fresh plans, control tick p50 {} us, position error {error:.3} m",
+        middle / 1000
+    );
     writeln!(std::io::stderr(), "{told}")?;
     assert!(fresh >= 140, "{told}");
     Ok((middle, error))
 }
 
 #[test]
-fn robot_controller_and_watcher_on_three_hosts_meet_with_certificates_alone_and_drive_as_without() -> Outcome {
+fn robot_controller_and_watcher_on_three_hosts_meet_with_certificates_alone_and_drive_as_without()
+-> Outcome {
     let hosts = Hosts::with_others(2)?;
     let folder = home()?;
     let (towards_control, towards_watcher) = (hosts.address_towards(1), hosts.address_towards(2));
@@ -273,7 +323,12 @@ fn robot_controller_and_watcher_on_three_hosts_meet_with_certificates_alone_and_
     let watcher = of("watcher", &["watcher"])?;
 
     // A graph file may say where the certificates are as well.
-    let drive = Drive::begin(&hosts, &format!("[certificates]\nfolder = \"{robot}\""), &[], &["--certificates", &control])?;
+    let drive = Drive::begin(
+        &hosts,
+        &format!("[certificates]\nfolder = \"{robot}\""),
+        &[],
+        &["--certificates", &control],
+    )?;
     let endpoint = drive.near.gateway_endpoint()?;
     assert!(endpoint.starts_with(&format!("tls/{towards_watcher}:")), "{endpoint}");
 
@@ -292,8 +347,15 @@ fn robot_controller_and_watcher_on_three_hosts_meet_with_certificates_alone_and_
     let drive = Drive::begin(&hosts, "", &["--insecure"], &["--insecure"])?;
     let (without_nanos, without_error) = completed(&drive.end(false)?, "without")?;
     // One run each says little of a ratio: `docs/certificates_tick.py` takes many by turns.
-    writeln!(std::io::stderr(), "control tick with certificates to without: {:.2}", with_nanos as f64 / without_nanos as f64)?;
-    assert!((with_error - without_error).abs() < SAME_WITHIN_M, "{with_error} m with certificates, {without_error} m without");
+    writeln!(
+        std::io::stderr(),
+        "control tick with certificates to without: {:.2}",
+        with_nanos as f64 / without_nanos as f64
+    )?;
+    assert!(
+        (with_error - without_error).abs() < SAME_WITHIN_M,
+        "{with_error} m with certificates, {without_error} m without"
+    );
     Ok(())
 }
 
@@ -301,21 +363,43 @@ fn robot_controller_and_watcher_on_three_hosts_meet_with_certificates_alone_and_
 fn certificates_that_will_not_do_are_refused_before_anything_starts() -> Outcome {
     let folder = home()?;
     let given = certificates(folder.path(), &[])?;
-    let refusal = |certificates: &Path, graph: &str, options: &[&str]| -> Result<String, Box<dyn Error>> {
+    let refusal = |certificates: &Path,
+                   graph: &str,
+                   options: &[&str]|
+     -> Result<String, Box<dyn Error>> {
         let out = folder.path().join("run");
         let mut command = launch_command(&graph_file(graph), &out, options)?;
-        let output = command.arg("--certificates").arg(certificates).env("TMPDIR", folder.path()).output()?;
+        let output = command
+            .arg("--certificates")
+            .arg(certificates)
+            .env("TMPDIR", folder.path())
+            .output()?;
         assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
         assert!(!out.exists());
         Ok(String::from_utf8_lossy(&output.stderr).into_owned())
     };
     let missing = refusal(&folder.path().join("none"), "network", &[])?;
-    assert!(missing.contains("certificates.folder") && missing.contains("robot-host/certificate.pem"), "{missing}");
-    let output = launch_command(&graph_file("network"), &folder.path().join("run"), &["--listen", "tls/127.0.0.1:0"])?.output()?;
+    assert!(
+        missing.contains("certificates.folder") && missing.contains("robot-host/certificate.pem"),
+        "{missing}"
+    );
+    let output = launch_command(
+        &graph_file("network"),
+        &folder.path().join("run"),
+        &["--listen", "tls/127.0.0.1:0"],
+    )?
+    .output()?;
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.code() == Some(2) && told.contains("network.listen = \"tls/127.0.0.1:0\": expected certificates"), "{told}");
+    assert!(
+        output.status.code() == Some(2)
+            && told.contains("network.listen = \"tls/127.0.0.1:0\": expected certificates"),
+        "{told}"
+    );
     let address = refusal(&given, "plant-host", &["--listen", "tcp/10.98.0.1:7447"])?;
-    assert!(address.contains("--address 10.98.0.1") && address.contains("network.listen"), "{address}");
+    assert!(
+        address.contains("--address 10.98.0.1") && address.contains("network.listen"),
+        "{address}"
+    );
     let swapped = folder.path().join("swapped");
     carried(&given, &swapped, &["robot-host", "controller", "learner", "recorder", "watcher"])?;
     fs::rename(swapped.join("watcher"), swapped.join("robot"))?;
@@ -329,13 +413,22 @@ fn certificates_that_will_not_do_are_refused_before_anything_starts() -> Outcome
     carried(&other.join("certificates"), &mixed, &["controller"])?;
     let mixed = refusal(&mixed, "network", &[])?;
     assert!(mixed.contains("make all of them together"), "{mixed}");
-    for (name, mode) in [("", 0o777), ("controller", 0o777), ("controller/authority.pem", 0o666), ("robot-host/key.pem", 0o640)] {
+    for (name, mode) in [
+        ("", 0o777),
+        ("controller", 0o777),
+        ("controller/authority.pem", 0o666),
+        ("robot-host/key.pem", 0o640),
+    ] {
         let open = folder.path().join(format!("open-{mode:o}-{}", name.replace('/', "-")));
         carried(&given, &open, &["robot-host", "robot", "controller", "learner", "recorder"])?;
         let path = open.join(name).components().collect::<PathBuf>();
         fs::set_permissions(&path, fs::Permissions::from_mode(mode))?;
         let refused = refusal(&open, "network", &[])?;
-        assert!(refused.contains(&format!("{} has mode {mode:o}", path.display())) && refused.contains("expected"), "{refused}");
+        assert!(
+            refused.contains(&format!("{} has mode {mode:o}", path.display()))
+                && refused.contains("expected"),
+            "{refused}"
+        );
     }
     Ok(())
 }

@@ -66,7 +66,10 @@ fn every_seed_is_used_or_refused_and_nothing_panics() -> Outcome {
             let fate = decoder(&bytes).map_err(|broken| format!("{name}/{seed}: {broken}"))?;
             used += usize::from(fate == Fate::Used);
         }
-        assert!(used > 0, "{name} has no seed that is used: damaged ones would all be refused at once");
+        assert!(
+            used > 0,
+            "{name} has no seed that is used: damaged ones would all be refused at once"
+        );
     }
     Ok(())
 }
@@ -75,7 +78,9 @@ fn every_seed_is_used_or_refused_and_nothing_panics() -> Outcome {
 fn every_decoder_has_a_corpus_and_a_fuzz_target_and_there_are_no_others() -> Outcome {
     let decoders: BTreeSet<String> = ALL.iter().map(|(name, _)| (*name).to_owned()).collect();
     let names = |folder: &Path| -> Result<BTreeSet<String>, Box<dyn Error>> {
-        let stem = |entry: fs::DirEntry| entry.path().file_stem().map(|stem| stem.to_string_lossy().into_owned());
+        let stem = |entry: fs::DirEntry| {
+            entry.path().file_stem().map(|stem| stem.to_string_lossy().into_owned())
+        };
         Ok(fs::read_dir(folder)?.flatten().filter_map(stem).collect())
     };
     let fuzz = corpus().with_file_name("fuzz_targets");
@@ -83,9 +88,13 @@ fn every_decoder_has_a_corpus_and_a_fuzz_target_and_there_are_no_others() -> Out
     assert_eq!(names(&fuzz)?, decoders);
     let manifest = fs::read_to_string(corpus().with_file_name("Cargo.toml"))?;
     for name in decoders {
-        assert!(manifest.contains(&format!("path = \"fuzz_targets/{name}.rs\"")), "tests/fuzz/Cargo.toml does not name {name}");
         assert!(
-            fs::read_to_string(fuzz.join(&name).with_extension("rs"))?.contains(&format!("\"{name}\"")),
+            manifest.contains(&format!("path = \"fuzz_targets/{name}.rs\"")),
+            "tests/fuzz/Cargo.toml does not name {name}"
+        );
+        assert!(
+            fs::read_to_string(fuzz.join(&name).with_extension("rs"))?
+                .contains(&format!("\"{name}\"")),
             "{name} is given to another decoder"
         );
     }
@@ -191,7 +200,8 @@ fn given<T: std::fmt::Debug>(
     made: impl Fn(&[u8], &T) -> Vec<u8>,
 ) -> Outcome {
     let seeds = seeds(&corpus().join(name))?;
-    let mut runner = TestRunner::new(Config { cases: CASES, failure_persistence: None, ..Config::default() });
+    let mut runner =
+        TestRunner::new(Config { cases: CASES, failure_persistence: None, ..Config::default() });
     let verdict = runner.run(&(any::<Index>(), strategy), |(seed, change)| {
         let (_, bytes) = seed.get(&seeds);
         decoder(&made(bytes, &change)).map(drop).map_err(TestCaseError::fail)
@@ -202,7 +212,9 @@ fn given<T: std::fmt::Debug>(
 #[test]
 fn a_damaged_seed_is_used_or_refused_and_nothing_panics() -> Outcome {
     for (name, decoder) in ALL {
-        given(name, decoder, vec(damage(), 1..5), |seed, damages| damages.iter().fold(seed.to_vec(), |bytes, damage| damage.to(bytes)))?;
+        given(name, decoder, vec(damage(), 1..5), |seed, damages| {
+            damages.iter().fold(seed.to_vec(), |bytes, damage| damage.to(bytes))
+        })?;
     }
     Ok(())
 }
@@ -211,11 +223,17 @@ fn a_damaged_seed_is_used_or_refused_and_nothing_panics() -> Outcome {
 fn a_setting_that_cannot_be_is_refused_with_its_line_and_nothing_panics() -> Outcome {
     let is_toml = |name: &str| {
         corpus().join(name).read_dir().is_ok_and(|mut files| {
-            files.any(|file| file.is_ok_and(|file| file.path().extension().is_some_and(|extension| extension == "toml")))
+            files.any(|file| {
+                file.is_ok_and(|file| {
+                    file.path().extension().is_some_and(|extension| extension == "toml")
+                })
+            })
         })
     };
     for (name, decoder) in ALL.into_iter().filter(|(name, _)| is_toml(name)) {
-        given(name, decoder, vec((any::<Index>(), hostile()), 1..3), |seed, changes| with_lines_replaced(seed, changes))?;
+        given(name, decoder, vec((any::<Index>(), hostile()), 1..3), |seed, changes| {
+            with_lines_replaced(seed, changes)
+        })?;
     }
     Ok(())
 }

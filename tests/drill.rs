@@ -35,15 +35,18 @@ const LATE: [&str; 4] = [
 /// not at all is no such time.
 fn is_late(found: &str) -> bool {
     let says = |word: &str, expected: &str| match expected.strip_suffix(',') {
-        _ if expected == "*" => ["plant", "controller", "learner", "recorder", "gateway"].contains(&word),
+        _ if expected == "*" => {
+            ["plant", "controller", "learner", "recorder", "gateway"].contains(&word)
+        }
         Some("{}") => word.strip_suffix(',').is_some_and(|number| number.parse::<f64>().is_ok()),
         _ if expected == "{}" => word.parse::<f64>().is_ok(),
         _ => word == expected,
     };
     let words: Vec<&str> = found.split(' ').collect();
-    LATE.iter()
-        .map(|late| late.split(' ').collect::<Vec<_>>())
-        .any(|late| late.len() == words.len() && words.iter().zip(&late).all(|(word, expected)| says(word, expected)))
+    LATE.iter().map(|late| late.split(' ').collect::<Vec<_>>()).any(|late| {
+        late.len() == words.len()
+            && words.iter().zip(&late).all(|(word, expected)| says(word, expected))
+    })
 }
 
 #[test]
@@ -69,16 +72,31 @@ fn only_what_came_too_late_is_late() {
 }
 
 #[test]
-fn a_quick_drill_of_everything_violates_nothing_but_perhaps_the_time_that_coming_back_takes() -> Outcome {
+fn a_quick_drill_of_everything_violates_nothing_but_perhaps_the_time_that_coming_back_takes()
+-> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let output = drill(home.path(), &["--quick", "--seed", "2", "--jobs", "2"])?;
-    let (table, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    let (table, errors) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     let rows = fs::read_to_string(home.path().join("rows.jsonl"))?;
     let rows: Vec<Value> = rows.lines().map(serde_json::from_str).collect::<Result<_, _>>()?;
     for row in &rows {
-        let unsafe_things = row["found"].as_array().into_iter().flatten().filter_map(Value::as_str).filter(|found| !is_late(found));
+        let unsafe_things = row["found"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .filter_map(Value::as_str)
+            .filter(|found| !is_late(found));
         assert_eq!(unsafe_things.collect::<Vec<_>>(), [""; 0], "{row}\n{errors}");
-        for key in ["fault", "target", "injections", "violations", "worst_reaction_periods", "worst_restart_s", "seed"] {
+        for key in [
+            "fault",
+            "target",
+            "injections",
+            "violations",
+            "worst_reaction_periods",
+            "worst_restart_s",
+            "seed",
+        ] {
             assert!(row.get(key).is_some(), "{key} is not in {row}");
         }
         let reaction = row["worst_reaction_periods"].as_f64();
@@ -96,12 +114,18 @@ fn a_quick_drill_of_everything_violates_nothing_but_perhaps_the_time_that_coming
 #[test]
 fn what_could_not_be_done_is_a_violation_with_its_exit_code_and_is_kept() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-    let output = drill(home.path(), &["--quick", "--fault", "payload", "--deploy", &without_wheels(home.path())?])?;
-    let (table, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    let output = drill(
+        home.path(),
+        &["--quick", "--fault", "payload", "--deploy", &without_wheels(home.path())?],
+    )?;
+    let (table, errors) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert_eq!(output.status.code(), Some(1), "{table}{errors}");
     assert!(errors.contains("wheel_speed_limit_radps"), "{errors}");
     let kept: Vec<_> = fs::read_dir(home.path().join("kept"))?.collect::<Result<_, _>>()?;
-    let [drill] = kept.as_slice() else { return Err(format!("{kept:?} was kept, expected one folder: {table}").into()) };
+    let [drill] = kept.as_slice() else {
+        return Err(format!("{kept:?} was kept, expected one folder: {table}").into());
+    };
     assert!(table.contains("kept: ") && fs::read_dir(drill.path())?.count() == 1, "{table}");
     Ok(())
 }
@@ -111,13 +135,17 @@ fn without_wheels(home: &Path) -> Result<String, Box<dyn Error>> {
     let deploy = home.join("deploy");
     for folder in ["robots", "scenarios", "scenarios/profiles", "scenarios/variants"] {
         fs::create_dir_all(deploy.join(folder))?;
-        for file in fs::read_dir(repository().join("deploy").join(folder))?.flatten().filter(|file| file.path().is_file()) {
+        for file in fs::read_dir(repository().join("deploy").join(folder))?
+            .flatten()
+            .filter(|file| file.path().is_file())
+        {
             fs::copy(file.path(), deploy.join(folder).join(file.file_name()))?;
         }
     }
     let robot = deploy.join("robots/mecanum.toml");
     let text = fs::read_to_string(&robot)?;
-    let line = text.lines().find(|line| line.starts_with("wheel_speed_limit_radps")).ok_or("no limit")?;
+    let line =
+        text.lines().find(|line| line.starts_with("wheel_speed_limit_radps")).ok_or("no limit")?;
     fs::write(&robot, text.replace(line, "wheel_speed_limit_radps = 0.0"))?;
     Ok(deploy.to_string_lossy().into_owned())
 }
@@ -126,17 +154,27 @@ fn without_wheels(home: &Path) -> Result<String, Box<dyn Error>> {
 fn what_cannot_be_kept_hides_nothing_that_was_found() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     fs::write(home.path().join("kept"), "a file where a folder should be")?;
-    let output = drill(home.path(), &["--quick", "--fault", "payload", "--deploy", &without_wheels(home.path())?])?;
-    let (table, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    let output = drill(
+        home.path(),
+        &["--quick", "--fault", "payload", "--deploy", &without_wheels(home.path())?],
+    )?;
+    let (table, errors) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert_eq!(output.status.code(), Some(1), "{table}{errors}");
-    assert!(errors.contains("wheel_speed_limit_radps") && table.contains("it is not in "), "{table}{errors}");
+    assert!(
+        errors.contains("wheel_speed_limit_radps") && table.contains("it is not in "),
+        "{table}{errors}"
+    );
     Ok(())
 }
 
 /// A part of the processes whose environment has this in it.
 fn of_home(home: &Path) -> Vec<String> {
     let ours = format!("TMPDIR={}", home.display());
-    let has_it = |process: &Path| fs::read(process.join("environ")).is_ok_and(|text| String::from_utf8_lossy(&text).contains(&ours));
+    let has_it = |process: &Path| {
+        fs::read(process.join("environ"))
+            .is_ok_and(|text| String::from_utf8_lossy(&text).contains(&ours))
+    };
     let name = |process: &Path| fs::read_to_string(process.join("comm")).unwrap_or_default();
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten().map(|entry| entry.path());
     processes.filter(|process| has_it(process)).map(|process| name(&process)).collect()
@@ -146,7 +184,17 @@ fn of_home(home: &Path) -> Vec<String> {
 fn a_drill_that_is_killed_leaves_nobody_running() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let mut command = Command::new(binaries()?.join("coxswain"));
-    command.args(["drill", "--quick", "--fault", "partition", "--fault", "two controllers", "--fault", "kill", "--keep"]);
+    command.args([
+        "drill",
+        "--quick",
+        "--fault",
+        "partition",
+        "--fault",
+        "two controllers",
+        "--fault",
+        "kill",
+        "--keep",
+    ]);
     command.arg(home.path().join("kept")).current_dir(repository()).env("TMPDIR", home.path());
     let mut drill = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn()?;
     let begin = Instant::now();

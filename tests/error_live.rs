@@ -1,6 +1,8 @@
 //! Promise: short programs, in Python and in Rust, draw the tracking error live, and it is the one of the record.
 
-use promises::{Launched, Outcome, Reader, Record, binaries, python, repository, signal, wait_until};
+use promises::{
+    Launched, Outcome, Reader, Record, binaries, python, repository, signal, wait_until,
+};
 use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -22,14 +24,19 @@ fn parts(line: &str) -> Option<(u64, f64, usize)> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let ["tick", tick, "error", error, "m", bar @ ..] = words.as_slice() else { return None };
     let bar = bar.first().copied().unwrap_or_default();
-    bar.chars().all(|sign| sign == '█').then_some((tick.parse().ok()?, error.parse().ok()?, bar.chars().count()))
+    bar.chars().all(|sign| sign == '█').then_some((
+        tick.parse().ok()?,
+        error.parse().ok()?,
+        bar.chars().count(),
+    ))
 }
 
 /// The error that the record holds, by tick \[m\].
 fn recorded(record: &Record) -> BTreeMap<u64, f64> {
     let error = |says: &serde_json::Value| {
         let place = |row: &str, axis: usize| says[row][0][axis].as_f64().unwrap_or(f64::NAN);
-        (place("predicted", 0) - place("reference", 0)).hypot(place("predicted", 1) - place("reference", 1))
+        (place("predicted", 0) - place("reference", 0))
+            .hypot(place("predicted", 1) - place("reference", 1))
     };
     record.of("plan").map(|plan| (plan.stamp("tick"), error(&plan.says))).collect()
 }
@@ -57,10 +64,16 @@ fn both_draw_the_error_of_the_record_and_end_on_ctrl_c() -> Outcome {
         assert_eq!(parts.len(), lines.len(), "{lines:?}");
         for (tick, error, bar) in parts {
             let true_error = *recorded.get(&tick).ok_or("a tick that nobody recorded")?;
-            assert!((error - true_error).abs() <= DIGIT_M, "tick {tick}: {error} was drawn, {true_error} is recorded");
+            assert!(
+                (error - true_error).abs() <= DIGIT_M,
+                "tick {tick}: {error} was drawn, {true_error} is recorded"
+            );
             // Five powers of ten on forty signs.
             let expected = 8.0 * (true_error.max(1e-4).log10() + 4.0);
-            assert!((bar as f64 - expected).abs() <= 0.51, "tick {tick}: {bar} signs for {true_error} m");
+            assert!(
+                (bar as f64 - expected).abs() <= 0.51,
+                "tick {tick}: {bar} signs for {true_error} m"
+            );
         }
     }
     Ok(())
@@ -82,7 +95,12 @@ fn both_say_so_when_nobody_answers() -> Outcome {
         let output = program.arg("tcp/127.0.0.1:1").output()?;
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(1), "{text}");
-        assert!(text.contains("nobody answers") && text.contains("tcp/127.0.0.1:1") && !text.contains("Traceback"), "{text}");
+        assert!(
+            text.contains("nobody answers")
+                && text.contains("tcp/127.0.0.1:1")
+                && !text.contains("Traceback"),
+            "{text}"
+        );
     }
     Ok(())
 }
@@ -107,7 +125,12 @@ fn both_end_quietly_when_their_output_is_closed() -> Outcome {
     let launched = Launched::new(&["--duration", "60"])?;
     let endpoint = launched.gateway_endpoint()?;
     for mut program in programs {
-        let mut child = program.arg(&endpoint).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
+        let mut child = program
+            .arg(&endpoint)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()?;
         drop(child.stdout.take());
         let ended = wait_until("the end of the program", || !matches!(child.try_wait(), Ok(None)));
         let _ = child.kill();

@@ -1,6 +1,9 @@
 //! Promise: whoever looks at a robot that strangers can reach sees that they can, wherever he looks.
 
-use promises::{Browser, Launched, Outcome, Reader, Record, Screen, binaries, graph_file, launch_command, repository, signal};
+use promises::{
+    Browser, Launched, Outcome, Reader, Record, Screen, binaries, graph_file, launch_command,
+    repository, signal,
+};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::error::Error;
@@ -10,7 +13,8 @@ use std::process::Command;
 /// The local graph with `changes` to its text, in a home of its own, launched with `options`.
 fn launch(changes: &[(&str, &str)], options: &[&str]) -> Result<Launched, Box<dyn Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-    let mut text = fs::read_to_string(graph_file("local"))?.replace("\"../", &format!("\"{}/deploy/", repository().display()));
+    let mut text = fs::read_to_string(graph_file("local"))?
+        .replace("\"../", &format!("\"{}/deploy/", repository().display()));
     for (from, to) in changes {
         assert!(text.contains(from), "the graph file does not say {from:?}");
         text = text.replacen(from, to, 1);
@@ -24,12 +28,22 @@ fn launch(changes: &[(&str, &str)], options: &[&str]) -> Result<Launched, Box<dy
 /// `coxswain watch`, which looks for graphs in the home of `launched`.
 fn watch(launched: &Launched) -> Result<Command, Box<dyn Error>> {
     let mut command = Command::new(binaries()?.join("coxswain"));
-    command.arg("watch").env("TMPDIR", launched.home()).env("TERM", "xterm-256color").env_remove("NO_COLOR");
+    command
+        .arg("watch")
+        .env("TMPDIR", launched.home())
+        .env("TERM", "xterm-256color")
+        .env_remove("NO_COLOR");
     Ok(command)
 }
 
 /// What is said of the graph everywhere: by the launch, page, terminal, lines, record, summary and report.
-fn is_shown(changes: &[(&str, &str)], options: &[&str], exposure: &str, on_page: &str, in_report: &str) -> Outcome {
+fn is_shown(
+    changes: &[(&str, &str)],
+    options: &[&str],
+    exposure: &str,
+    on_page: &str,
+    in_report: &str,
+) -> Outcome {
     let launched = launch(changes, &[options, &["--duration", "110"]].concat())?;
     let address = launched.page_address()?.replace("0.0.0.0", "127.0.0.1");
     let mut browser = Browser::start()?;
@@ -41,14 +55,23 @@ fn is_shown(changes: &[(&str, &str)], options: &[&str], exposure: &str, on_page:
 
     let mut lines = Reader::start(watch(&launched)?.arg("--plain"))?;
     let shown = |line: &String| line.contains("INSECURE");
-    let wanted = |line: &String| if exposure == "closed" { !shown(line) } else { line.ends_with(&format!("  INSECURE: {exposure}")) };
+    let wanted = |line: &String| {
+        if exposure == "closed" {
+            !shown(line)
+        } else {
+            line.ends_with(&format!("  INSECURE: {exposure}"))
+        }
+    };
     // The first may come before any process has said how it is.
     let said = lines.lines(25)?;
     assert!(said.iter().skip(15).all(wanted), "{said:?}");
     let mut screen = Screen::start(&watch(&launched)?, (80, 24))?;
     let shown = screen.wait_for(&[" live", "gateway    running"])?;
-    let wanted =
-        if exposure == "closed" { !shown.contains("INSECURE") } else { screen.wait_for(&[&format!("INSECURE: {exposure}")]).is_ok() };
+    let wanted = if exposure == "closed" {
+        !shown.contains("INSECURE")
+    } else {
+        screen.wait_for(&[&format!("INSECURE: {exposure}")]).is_ok()
+    };
     assert!(wanted, "{shown}");
     drop((browser, screen, lines));
 
@@ -74,18 +97,29 @@ fn is_shown(changes: &[(&str, &str)], options: &[&str], exposure: &str, on_page:
 
 #[test]
 fn that_strangers_can_drive_is_seen_wherever_one_looks() -> Outcome {
-    let changes = [("default = \"shared-memory\"", "default = \"shared-memory\"\nsnapshot = \"network\"")];
+    let changes =
+        [("default = \"shared-memory\"", "default = \"shared-memory\"\nsnapshot = \"network\"")];
     let on_page = "insecure: strangers on the network can drive this robot";
-    let in_report = "<p class=\"note\">run: INSECURE: strangers on the network could drive this robot</p>";
-    is_shown(&changes, &["--insecure", "--listen", "tcp/0.0.0.0:0"], "strangers can drive", on_page, in_report)
+    let in_report =
+        "<p class=\"note\">run: INSECURE: strangers on the network could drive this robot</p>";
+    is_shown(
+        &changes,
+        &["--insecure", "--listen", "tcp/0.0.0.0:0"],
+        "strangers can drive",
+        on_page,
+        in_report,
+    )
 }
 
 #[test]
 fn that_strangers_can_watch_is_seen_wherever_one_looks() -> Outcome {
-    let changes =
-        [("listen = [\"tcp/127.0.0.1:0\"]", "listen = [\"tcp/0.0.0.0:0\"]"), ("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\"")];
+    let changes = [
+        ("listen = [\"tcp/127.0.0.1:0\"]", "listen = [\"tcp/0.0.0.0:0\"]"),
+        ("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\""),
+    ];
     let on_page = "insecure: strangers on the network can watch this robot";
-    let in_report = "<p class=\"note\">run: INSECURE: strangers on the network could watch this robot</p>";
+    let in_report =
+        "<p class=\"note\">run: INSECURE: strangers on the network could watch this robot</p>";
     is_shown(&changes, &["--insecure"], "strangers can watch", on_page, in_report)
 }
 

@@ -8,7 +8,10 @@ use rustix::process::Signal;
 use std::collections::BTreeSet;
 
 /// Runs 12 s of the scenario in real time, kills `program` 3 s in, and reads what was recorded.
-fn kill_in_real_time(program: &str, back: (&str, &str, usize)) -> Result<Record, Box<dyn std::error::Error>> {
+fn kill_in_real_time(
+    program: &str,
+    back: (&str, &str, usize),
+) -> Result<Record, Box<dyn std::error::Error>> {
     let launched = Launched::new(&["--duration", "12"])?;
     launched.wait_for_log("controller", "answering a plant", 1)?;
     launched.wait_for_log("controller", "version=5 ", 1)?;
@@ -25,7 +28,8 @@ fn kill_in_real_time(program: &str, back: (&str, &str, usize)) -> Result<Record,
 }
 
 fn the_oracle_finds_nothing(record: &Record) -> Outcome {
-    let assembly = Assembly::read(&Options::of_graph(&repository().join("deploy/graphs/local.toml")))?;
+    let assembly =
+        Assembly::read(&Options::of_graph(&repository().join("deploy/graphs/local.toml")))?;
     Ok(acquit(record, &Limits::of(&assembly))?)
 }
 
@@ -40,7 +44,11 @@ fn last<'a>(record: &'a Record, topic: &'a str) -> &'a Message {
 /// Every tick from the first to the last, of the last plant epoch.
 fn no_tick_is_missing(record: &Record) {
     let epoch = last(record, "state").stamp("epoch");
-    let ticks: BTreeSet<u64> = record.of("state").filter(|state| state.stamp("epoch") == epoch).map(|state| state.stamp("tick")).collect();
+    let ticks: BTreeSet<u64> = record
+        .of("state")
+        .filter(|state| state.stamp("epoch") == epoch)
+        .map(|state| state.stamp("tick"))
+        .collect();
     assert_eq!(ticks.len() as u64, ticks.last().map_or(0, |last| last + 1));
 }
 
@@ -48,14 +56,25 @@ fn no_tick_is_missing(record: &Record) {
 fn a_killed_learner_is_back_and_its_models_are_adopted_while_the_robot_drives_on() -> Outcome {
     let record = kill_in_real_time("learner", ("learner", "published version", 8))?;
     assert_eq!(epochs(&record, "snapshot").len(), 2, "two instances have published");
-    assert_eq!((epochs(&record, "command").len(), epochs(&record, "state").len()), (1, 1), "nobody else was restarted");
-    let versions: Vec<u64> = record.of("snapshot").map(|snapshot| snapshot.count("version")).collect();
+    assert_eq!(
+        (epochs(&record, "command").len(), epochs(&record, "state").len()),
+        (1, 1),
+        "nobody else was restarted"
+    );
+    let versions: Vec<u64> =
+        record.of("snapshot").map(|snapshot| snapshot.count("version")).collect();
     assert!(versions.is_sorted(), "versions go on counting: {versions:?}");
     let in_use = last(&record, "command").count("model_version");
     let second = epochs(&record, "snapshot").into_iter().next_back().unwrap_or(0);
-    let learnt_after: Vec<u64> =
-        record.of("snapshot").filter(|snapshot| snapshot.stamp("epoch") == second).map(|snapshot| snapshot.count("version")).collect();
-    assert!(learnt_after.contains(&in_use), "version {in_use} in use, {learnt_after:?} of the second learner");
+    let learnt_after: Vec<u64> = record
+        .of("snapshot")
+        .filter(|snapshot| snapshot.stamp("epoch") == second)
+        .map(|snapshot| snapshot.count("version"))
+        .collect();
+    assert!(
+        learnt_after.contains(&in_use),
+        "version {in_use} in use, {learnt_after:?} of the second learner"
+    );
     no_tick_is_missing(&record);
     Ok(())
 }
@@ -64,7 +83,11 @@ fn a_killed_learner_is_back_and_its_models_are_adopted_while_the_robot_drives_on
 fn a_killed_recorder_is_back_with_a_second_segment_while_the_robot_drives_on() -> Outcome {
     let record = kill_in_real_time("recorder", ("recorder", "started", 2))?;
     assert_eq!(record.summary["segments"], 2);
-    assert_eq!((epochs(&record, "command").len(), epochs(&record, "state").len()), (1, 1), "nobody else was restarted");
+    assert_eq!(
+        (epochs(&record, "command").len(), epochs(&record, "state").len()),
+        (1, 1),
+        "nobody else was restarted"
+    );
     assert_eq!(last(&record, "state").stamp("tick"), 120, "recorded to the end");
     Ok(())
 }
@@ -74,11 +97,19 @@ fn a_killed_controller_is_succeeded_by_a_higher_epoch_and_the_gate_bridges_the_g
     let record = kill_in_real_time("controller", ("controller", "answering a plant", 2))?;
     assert_eq!(epochs(&record, "state").len(), 1, "the plant goes on");
     assert_eq!(epochs(&record, "command").len(), 2);
-    let mut acting: Vec<u64> = record.of("truth").map(|truth| truth.count("acting_epoch")).filter(|&epoch| epoch > 0).collect();
+    let mut acting: Vec<u64> = record
+        .of("truth")
+        .map(|truth| truth.count("acting_epoch"))
+        .filter(|&epoch| epoch > 0)
+        .collect();
     assert!(acting.is_sorted(), "an old epoch acted after a newer one");
     acting.dedup();
     assert_eq!(acting.len(), 2, "both controllers have driven: {acting:?}");
-    assert_eq!(last(&record, "state").word("rung"), "fresh plan", "the second one drives to the end");
+    assert_eq!(
+        last(&record, "state").word("rung"),
+        "fresh plan",
+        "the second one drives to the end"
+    );
     assert!(last(&record, "command").count("model_version") > 0, "it has a learned model again");
     no_tick_is_missing(&record);
     Ok(())
@@ -93,8 +124,14 @@ fn a_killed_plant_restarts_at_the_scenarios_start_and_is_driven_again() -> Outco
     for command in record.of("command").filter(|command| command.count("plant_epoch") == second) {
         assert!(command.stamp("tick") <= 120);
     }
-    let first_of_second = record.of("truth").find(|truth| truth.stamp("epoch") == second).ok_or("no truth of the second plant")?;
-    assert_eq!((first_of_second.stamp("tick"), first_of_second.numbers("velocity")), (0, vec![0.0; 3]));
+    let first_of_second = record
+        .of("truth")
+        .find(|truth| truth.stamp("epoch") == second)
+        .ok_or("no truth of the second plant")?;
+    assert_eq!(
+        (first_of_second.stamp("tick"), first_of_second.numbers("velocity")),
+        (0, vec![0.0; 3])
+    );
     assert_eq!(last(&record, "state").word("rung"), "fresh plan");
     no_tick_is_missing(&record);
     Ok(())
@@ -111,14 +148,19 @@ fn in_lock_step_the_clock_waits_for_whoever_was_killed() -> Outcome {
         assert!(ended.status.success(), "{program}: {}", ended.text);
         let record = Record::read(&home.path().join("run"))?;
         assert_eq!(last(&record, "state").stamp("tick"), 1000, "{program}");
-        assert_eq!(record.summary["rungs"]["fresh plan"], record.summary["periods"], "{program}: {}", record.summary);
+        assert_eq!(
+            record.summary["rungs"]["fresh plan"], record.summary["periods"],
+            "{program}: {}",
+            record.summary
+        );
         the_oracle_finds_nothing(&record)?;
     }
     Ok(())
 }
 
 #[test]
-fn in_lock_step_a_learner_that_dies_before_its_first_model_does_not_stop_the_clock_for_good() -> Outcome {
+fn in_lock_step_a_learner_that_dies_before_its_first_model_does_not_stop_the_clock_for_good()
+-> Outcome {
     let launched = Launched::new(&["--pace", "lock-step", "--duration", "20"])?;
     signal(launched.process("learner", None)?, Signal::KILL)?;
     let (ended, home) = launched.end()?;

@@ -11,7 +11,8 @@ fn summary(learner: &str) -> Result<serde_json::Value, Box<dyn std::error::Error
 #[test]
 fn with_the_learner_the_robot_arrives_earlier_and_stays_closer() -> Outcome {
     let (on, off) = (summary("on")?, summary("off")?);
-    let figure = |summary: &serde_json::Value, name: &str| summary[name].as_f64().unwrap_or(f64::INFINITY);
+    let figure =
+        |summary: &serde_json::Value, name: &str| summary[name].as_f64().unwrap_or(f64::INFINITY);
     assert!(figure(&on, "arrival_s") < figure(&off, "arrival_s"), "{on}\n{off}");
     assert!(figure(&on, "position_rmse_m") < 0.1 * figure(&off, "position_rmse_m"), "{on}\n{off}");
     assert!(figure(&on, "steady_speed_error_mps") <= 0.07, "{on}");

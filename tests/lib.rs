@@ -123,7 +123,11 @@ impl Launched {
     /// If it cannot be started.
     pub fn by(mut command: Command, home: TempDir) -> Result<Self, Box<dyn Error>> {
         let said = tempfile::tempfile()?;
-        command.env("TMPDIR", home.path()).stdin(Stdio::null()).stdout(said.try_clone()?).stderr(said.try_clone()?);
+        command
+            .env("TMPDIR", home.path())
+            .stdin(Stdio::null())
+            .stdout(said.try_clone()?)
+            .stderr(said.try_clone()?);
         Ok(Self { child: command.spawn()?, home, said })
     }
 
@@ -149,7 +153,10 @@ impl Launched {
     pub fn process(&self, name: &str, not: Option<u32>) -> Result<u32, Box<dyn Error>> {
         let mut found = None;
         self.wait_until(&format!("a process {name}"), || {
-            found = children(self.pid()).into_iter().rev().find(|&pid| Some(pid) != not && name_of(pid).as_deref() == Some(name));
+            found = children(self.pid())
+                .into_iter()
+                .rev()
+                .find(|&pid| Some(pid) != not && name_of(pid).as_deref() == Some(name));
             found.is_some()
         })?;
         found.ok_or_else(|| format!("no process {name}").into())
@@ -184,11 +191,14 @@ impl Launched {
     /// # Errors
     /// If it never is.
     pub fn told(&self, name: &str, key: &str) -> Result<String, Box<dyn Error>> {
-        let (file, key) = (self.folder().join("settings").join(name).with_extension("toml"), format!("{key} = "));
+        let (file, key) =
+            (self.folder().join("settings").join(name).with_extension("toml"), format!("{key} = "));
         let mut told = None;
         self.wait_until(&format!("{key:?} in {}", file.display()), || {
             let text = fs::read_to_string(&file).unwrap_or_default();
-            told = text.lines().find_map(|line| Some(line.strip_prefix(&key)?.trim_matches(['[', ']', '"']).to_owned()));
+            told = text.lines().find_map(|line| {
+                Some(line.strip_prefix(&key)?.trim_matches(['[', ']', '"']).to_owned())
+            });
             told.is_some()
         })?;
         told.ok_or_else(|| format!("nothing under {key:?}").into())
@@ -215,7 +225,10 @@ impl Launched {
     pub fn gateway_endpoint(&self) -> Result<String, Box<dyn Error>> {
         self.wait_for_log("gateway", "watchers are welcome", 1)?;
         let log = fs::read_to_string(self.folder().join("gateway.log"))?;
-        let told = log.lines().find_map(|line| line.split_once("endpoints=")).ok_or("no endpoint was told")?;
+        let told = log
+            .lines()
+            .find_map(|line| line.split_once("endpoints="))
+            .ok_or("no endpoint was told")?;
         Ok(told.1.trim().to_owned())
     }
 
@@ -226,7 +239,10 @@ impl Launched {
     pub fn page_address(&self) -> Result<String, Box<dyn Error>> {
         self.wait_for_log("gateway", "the live page is served", 1)?;
         let log = fs::read_to_string(self.folder().join("gateway.log"))?;
-        let told = log.lines().find_map(|line| line.split_once("address=")).ok_or("no address was told")?;
+        let told = log
+            .lines()
+            .find_map(|line| line.split_once("address="))
+            .ok_or("no address was told")?;
         Ok(format!("http://{}/", told.1.trim()))
     }
 
@@ -242,7 +258,11 @@ impl Launched {
             holds = condition();
             holds || over
         })?;
-        if holds { Ok(()) } else { Err(format!("the launch has ended without {what}: {}", self.text()?).into()) }
+        if holds {
+            Ok(())
+        } else {
+            Err(format!("the launch has ended without {what}: {}", self.text()?).into())
+        }
     }
 
     /// What a person has been told so far.
@@ -273,7 +293,9 @@ impl Drop for Launched {
     fn drop(&mut self) {
         if let Ok(None) = self.child.try_wait() {
             let _ = signal(self.child.id(), Signal::TERM);
-            let _ = wait_until("the end of a launch that is given up", || !matches!(self.child.try_wait(), Ok(None)));
+            let _ = wait_until("the end of a launch that is given up", || {
+                !matches!(self.child.try_wait(), Ok(None))
+            });
         }
     }
 }
@@ -300,7 +322,11 @@ pub fn graph_with(graph: &str, tables: &str, home: &Path) -> Result<PathBuf, Box
 ///
 /// # Errors
 /// If the binaries cannot be built.
-pub fn launch_command(graph: &Path, out: &Path, options: &[&str]) -> Result<Command, Box<dyn Error>> {
+pub fn launch_command(
+    graph: &Path,
+    out: &Path,
+    options: &[&str],
+) -> Result<Command, Box<dyn Error>> {
     let mut command = Command::new(binaries()?.join("coxswain"));
     command.arg("launch").arg(graph).arg("--out").arg(out).args(options);
     Ok(command)
@@ -333,7 +359,8 @@ pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) -> Outcome {
 /// Whether a process exists and is no zombie. One of whose threads any is still ending still holds its files and locks.
 pub fn lives(pid: u32) -> bool {
     let threads = fs::read_dir(format!("/proc/{pid}/task")).map_or(0, Iterator::count);
-    threads > 1 || fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| !stat.contains(") Z "))
+    threads > 1
+        || fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| !stat.contains(") Z "))
 }
 
 /// Files in shared memory that belong to the graphs called `names`.
@@ -347,7 +374,9 @@ fn children(pid: u32) -> Vec<u32> {
     let tasks = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
     let mut children: Vec<u32> = tasks
         .filter_map(|task| fs::read_to_string(task.path().join("children")).ok())
-        .flat_map(|children| children.split_whitespace().filter_map(|pid| pid.parse().ok()).collect::<Vec<u32>>())
+        .flat_map(|children| {
+            children.split_whitespace().filter_map(|pid| pid.parse().ok()).collect::<Vec<u32>>()
+        })
         .filter(|&pid| lives(pid))
         .collect();
     children.sort_unstable();

@@ -52,8 +52,13 @@ fn wait_for_movement(browser: &mut Browser) -> Outcome {
 fn is_self_contained(browser: &Browser, address: &str) {
     let elsewhere = |url: &&String| !url.starts_with(address) && !url.starts_with("data:");
     assert_eq!(browser.requested().iter().find(elsewhere), None);
-    assert!(browser.requested().iter().any(|url| url.ends_with("/events")), "{:?}", browser.requested());
-    let serious: Vec<&String> = browser.complaints().iter().filter(|complaint| !complaint.contains("net::ERR_")).collect();
+    assert!(
+        browser.requested().iter().any(|url| url.ends_with("/events")),
+        "{:?}",
+        browser.requested()
+    );
+    let serious: Vec<&String> =
+        browser.complaints().iter().filter(|complaint| !complaint.contains("net::ERR_")).collect();
     assert!(serious.is_empty(), "{serious:?}");
 }
 
@@ -62,7 +67,9 @@ fn a_browser_sees_the_robot_move_and_learn_on_any_screen_in_any_light_and_by_key
     let launched = Launched::new(&["--duration", "100"])?;
     let (mut browser, address) = open(&launched)?;
     wait_for_movement(&mut browser)?;
-    for (chart, colour) in [("map", "with"), ("map", "horizon"), ("map", "reference"), ("map", "without")] {
+    for (chart, colour) in
+        [("map", "with"), ("map", "horizon"), ("map", "reference"), ("map", "without")]
+    {
         browser.wait_for(&format!("{} > 20", pixels(chart, colour)))?;
     }
     for chart in ["error-chart", "residual-chart", "tick-chart"] {
@@ -109,7 +116,11 @@ fn a_browser_sees_the_robot_move_and_learn_on_any_screen_in_any_light_and_by_key
 
     browser.resize(390, 844, true)?;
     browser.wait_for("innerWidth === 390")?;
-    assert_eq!(browser.ask("document.documentElement.scrollWidth")?, 390, "the page is wider than a phone");
+    assert_eq!(
+        browser.ask("document.documentElement.scrollWidth")?,
+        390,
+        "the page is wider than a phone"
+    );
     wait_for_movement(&mut browser)?;
     is_self_contained(&browser, &address);
     drop(browser);
@@ -132,11 +143,14 @@ fn an_open_page_outlives_a_killed_gateway() -> Outcome {
     wait_for_movement(&mut browser)?;
     // The new gateway knows nothing of the first seconds; the page still does.
     let first = pixels_within("error-chart", "with", "72");
-    browser.wait_for(&format!("parseFloat(document.getElementById('time').innerText) > 50 || {first} > 5"))?;
+    browser.wait_for(&format!(
+        "parseFloat(document.getElementById('time').innerText) > 50 || {first} > 5"
+    ))?;
     // A killed controller may be back before anything was missed; one that hangs is not.
     let controller = launched.process("controller", None)?;
     signal(controller, Signal::STOP)?;
-    browser.wait_for("/controller\\s+started again/.test(document.getElementById('log').innerText)")?;
+    browser
+        .wait_for("/controller\\s+started again/.test(document.getElementById('log').innerText)")?;
     browser.wait_for("/→ fresh plan/.test(document.getElementById('log').innerText)")?;
     is_self_contained(&browser, &address);
     drop(browser);

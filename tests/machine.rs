@@ -1,6 +1,8 @@
 //! Promise: on its own machine a graph is its user's alone: nobody else reads or replaces what it makes, or reaches what it listens at.
 
-use promises::{Launched, Outcome, binaries, graph_file, launch_command, repository, signal, wait_until};
+use promises::{
+    Launched, Outcome, binaries, graph_file, launch_command, repository, signal, wait_until,
+};
 use rustix::process::{Signal, geteuid};
 use std::collections::{BTreeMap, BTreeSet};
 use std::error::Error;
@@ -23,14 +25,19 @@ fn careless(graph: &str, options: &[&str]) -> Result<Launched, Box<dyn Error>> {
     let home = home()?;
     let plain = launch_command(&graph_file(graph), &home.path().join("run"), options)?;
     let mut command = Command::new("sh");
-    command.args(["-c", "umask 0; exec \"$@\"", "sh"]).arg(plain.get_program()).args(plain.get_args());
+    command
+        .args(["-c", "umask 0; exec \"$@\"", "sh"])
+        .arg(plain.get_program())
+        .args(plain.get_args());
     Launched::by(command, home)
 }
 
 /// Everything below `folder`, itself included.
 fn below(folder: &Path) -> Vec<PathBuf> {
     let inside = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    std::iter::once(folder.to_owned()).chain(inside.flat_map(|path| if path.is_symlink() { vec![path] } else { below(&path) })).collect()
+    std::iter::once(folder.to_owned())
+        .chain(inside.flat_map(|path| if path.is_symlink() { vec![path] } else { below(&path) }))
+        .collect()
 }
 
 /// Waits until the robot drives on a learned model, so that everything there is has been made.
@@ -45,25 +52,37 @@ fn whatever_a_graph_makes_is_its_users_alone_in_folders_and_in_shared_memory() -
         drives(&launched)?;
         let name = launched.graph_name()?;
         let shared = fs::read_dir("/dev/shm")?.flatten().map(|entry| entry.path());
-        let shared: Vec<PathBuf> = shared.filter(|path| path.to_string_lossy().contains(&name)).collect();
+        let shared: Vec<PathBuf> =
+            shared.filter(|path| path.to_string_lossy().contains(&name)).collect();
         assert!(shared.len() > 20, "{graph}: {shared:?}");
         let base = launched.home().join(format!("coxswain-{}", geteuid().as_raw()));
         // Sockets are behind a folder that nobody else enters.
-        let places = fs::read_dir(&base)?.flatten().map(|entry| entry.path()).chain([base.clone()]).collect();
+        let places = fs::read_dir(&base)?
+            .flatten()
+            .map(|entry| entry.path())
+            .chain([base.clone()])
+            .collect();
         let folders = [below(&launched.folder()), places];
         assert!(folders.iter().all(|found| found.len() > 2), "{graph}: {folders:?}");
         for path in shared.iter().chain(folders.iter().flatten()) {
             // What a process has just removed is nobody's any more.
             let Ok(found) = fs::symlink_metadata(path) else { continue };
             let (mode, owner) = (found.mode(), found.uid());
-            assert_eq!((mode & GROUP_AND_OTHERS, owner), (0, geteuid().as_raw()), "{graph}: {} has mode {mode:o}", path.display());
+            assert_eq!(
+                (mode & GROUP_AND_OTHERS, owner),
+                (0, geteuid().as_raw()),
+                "{graph}: {} has mode {mode:o}",
+                path.display()
+            );
         }
         signal(launched.pid(), Signal::TERM)?;
         let (ended, home) = launched.end()?;
         let left = below(&home.path().join("run"));
         let report = home.path().join("run/report.html");
         assert!(left.contains(&report), "{}", ended.text);
-        let open = left.iter().find(|path| fs::symlink_metadata(path).is_ok_and(|found| found.mode() & GROUP_AND_OTHERS != 0));
+        let open = left.iter().find(|path| {
+            fs::symlink_metadata(path).is_ok_and(|found| found.mode() & GROUP_AND_OTHERS != 0)
+        });
         assert_eq!(open, None, "{graph}");
     }
     Ok(())
@@ -100,7 +119,8 @@ fn another_user_reads_nothing_of_a_graph_in_shared_memory() -> Outcome {
 
 /// `coxswain launch` of a second of the local graph into `out`, with temporary files in `temporary`: its exit code, and what it said.
 fn launch(out: &Path, temporary: &Path) -> Result<(Option<i32>, String), Box<dyn Error>> {
-    let mut command = launch_command(&graph_file("local"), out, &["--duration", "1", "--pace", "lock-step"])?;
+    let mut command =
+        launch_command(&graph_file("local"), out, &["--duration", "1", "--pace", "lock-step"])?;
     let output = command.env("TMPDIR", temporary).output()?;
     Ok((output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned()))
 }
@@ -138,7 +158,12 @@ fn a_folder_that_is_not_its_users_alone_is_refused_before_anything_is_made_there
     for (name, expected) in refused {
         let (code, said) = launch(&at(name), home.path())?;
         assert_eq!(code, Some(2), "{name}: {said}");
-        assert!(said.contains(expected) && said.contains(name) && said.contains("or name another folder with --out"), "{name}: {said}");
+        assert!(
+            said.contains(expected)
+                && said.contains(name)
+                && said.contains("or name another folder with --out"),
+            "{name}: {said}"
+        );
         assert_eq!(fs::read_dir(at(name))?.count(), 0, "{name}");
     }
     // Of temporary files the base is made in the folder that TMPDIR names.
@@ -165,13 +190,20 @@ struct Listening {
 /// Every socket that waits for others: of TCP those that listen, of UDP all.
 fn listening() -> Result<Vec<Listening>, Box<dyn Error>> {
     let mut found = Vec::new();
-    for (table, listens) in [("tcp", Some("0A")), ("tcp6", Some("0A")), ("udp", None), ("udp6", None)] {
+    for (table, listens) in
+        [("tcp", Some("0A")), ("tcp6", Some("0A")), ("udp", None), ("udp6", None)]
+    {
         let text = fs::read_to_string(Path::new("/proc/net").join(table)).unwrap_or_default();
         for line in text.lines().skip(1) {
             let fields: Vec<&str> = line.split_whitespace().collect();
-            let [_, local, _, state, _, _, _, _, _, inode, ..] = fields.as_slice() else { return Err(line.into()) };
+            let [_, local, _, state, _, _, _, _, _, inode, ..] = fields.as_slice() else {
+                return Err(line.into());
+            };
             if listens.is_none_or(|listens| listens == *state) {
-                found.push(Listening { address: address(local).ok_or("no address")?, inode: inode.parse()? });
+                found.push(Listening {
+                    address: address(local).ok_or("no address")?,
+                    inode: inode.parse()?,
+                });
             }
         }
     }
@@ -181,7 +213,9 @@ fn listening() -> Result<Vec<Listening>, Box<dyn Error>> {
 /// `0100007F:1F90` is 127.0.0.1:8080: words of the machine's own byte order.
 fn address(text: &str) -> Option<SocketAddr> {
     let (ip, port) = text.split_once(':')?;
-    let words = ip.as_bytes().chunks(8).map(|word| u32::from_str_radix(std::str::from_utf8(word).ok()?, 16).ok().map(u32::to_ne_bytes));
+    let words = ip.as_bytes().chunks(8).map(|word| {
+        u32::from_str_radix(std::str::from_utf8(word).ok()?, 16).ok().map(u32::to_ne_bytes)
+    });
     let bytes: Vec<u8> = words.collect::<Option<Vec<_>>>()?.concat();
     let ip = match bytes.len() {
         4 => IpAddr::V4(Ipv4Addr::from(<[u8; 4]>::try_from(bytes).ok()?)),
@@ -195,17 +229,25 @@ fn waits_at(launched: &Launched) -> Result<BTreeSet<SocketAddr>, Box<dyn Error>>
     let mut own = BTreeMap::new();
     for pid in launched.processes().into_iter().chain([launched.pid()]) {
         for descriptor in fs::read_dir(format!("/proc/{pid}/fd"))?.flatten() {
-            let target = fs::read_link(descriptor.path()).unwrap_or_default().to_string_lossy().into_owned();
-            if let Some(inode) = target.strip_prefix("socket:[").and_then(|rest| rest.strip_suffix(']')) {
+            let target =
+                fs::read_link(descriptor.path()).unwrap_or_default().to_string_lossy().into_owned();
+            if let Some(inode) =
+                target.strip_prefix("socket:[").and_then(|rest| rest.strip_suffix(']'))
+            {
                 own.insert(inode.parse::<u64>()?, pid);
             }
         }
     }
-    Ok(listening()?.into_iter().filter(|socket| own.contains_key(&socket.inode)).map(|socket| socket.address).collect())
+    Ok(listening()?
+        .into_iter()
+        .filter(|socket| own.contains_key(&socket.inode))
+        .map(|socket| socket.address)
+        .collect())
 }
 
 #[test]
-fn nothing_that_a_launch_listens_at_can_be_reached_from_elsewhere_unless_it_is_told_so() -> Outcome {
+fn nothing_that_a_launch_listens_at_can_be_reached_from_elsewhere_unless_it_is_told_so() -> Outcome
+{
     for (graph, least) in [("local", 2), ("network", 1), ("mixed", 1)] {
         let launched = Launched::graph(graph, &["--duration", "110"])?;
         drives(&launched)?;
@@ -214,7 +256,10 @@ fn nothing_that_a_launch_listens_at_can_be_reached_from_elsewhere_unless_it_is_t
         assert!(at.iter().all(|address| address.ip().is_loopback()), "{graph}: {at:?}");
     }
     // What it is told in words it does, and this test would see it.
-    let launched = Launched::graph("network", &["--duration", "110", "--insecure", "--listen", "tcp/0.0.0.0:0"])?;
+    let launched = Launched::graph(
+        "network",
+        &["--duration", "110", "--insecure", "--listen", "tcp/0.0.0.0:0"],
+    )?;
     drives(&launched)?;
     let at = waits_at(&launched)?;
     assert!(at.iter().any(|address| address.ip().is_unspecified()), "{at:?}");
@@ -224,17 +269,24 @@ fn nothing_that_a_launch_listens_at_can_be_reached_from_elsewhere_unless_it_is_t
 #[test]
 fn an_address_that_others_can_reach_is_refused_unless_it_is_said_in_words() -> Outcome {
     let home = home()?;
-    let text = fs::read_to_string(graph_file("local"))?.replace("\"../", &format!("\"{}/deploy/", repository().display()));
+    let text = fs::read_to_string(graph_file("local"))?
+        .replace("\"../", &format!("\"{}/deploy/", repository().display()));
     for (from, to, key) in [
         ("listen = [\"tcp/127.0.0.1:0\"]", "listen = [\"tcp/[::]:0\"]", "telemetry.listen"),
         ("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\"", "page.listen"),
     ] {
         let graph = home.path().join("graph.toml");
         fs::write(&graph, text.replacen(from, to, 1))?;
-        let output = Command::new(binaries()?.join("coxswain")).arg("launch").arg(&graph).env("TMPDIR", home.path()).output()?;
+        let output = Command::new(binaries()?.join("coxswain"))
+            .arg("launch")
+            .arg(&graph)
+            .env("TMPDIR", home.path())
+            .output()?;
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{said}");
         assert!(said.contains(key) && said.contains("--insecure in words"), "{said}");
     }
-    wait_until("the end of what was refused", || fs::read_dir(home.path()).is_ok_and(|entries| entries.count() == 1))
+    wait_until("the end of what was refused", || {
+        fs::read_dir(home.path()).is_ok_and(|entries| entries.count() == 1)
+    })
 }

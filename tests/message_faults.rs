@@ -46,17 +46,28 @@ const READERS: [Place; 4] = [
 ];
 
 /// Where a link is written: all its readers get what is left, the recorder too.
-const WRITERS: [Place; 2] = [("command", "writer", "controller", "input"), ("state", "writer", "plant", "velocity")];
+const WRITERS: [Place; 2] =
+    [("command", "writer", "controller", "input"), ("state", "writer", "plant", "velocity")];
 
 /// Every kind in a window of its own.
-fn faults_of((topic, at, participant, field): Place, lock_step: bool) -> Result<String, std::fmt::Error> {
+fn faults_of(
+    (topic, at, participant, field): Place,
+    lock_step: bool,
+) -> Result<String, std::fmt::Error> {
     let mut text = "seed = 7\n".to_owned();
     for ((kind, real_time_keys, lock_step_keys), index) in KINDS.into_iter().zip(0..) {
         let from = WINDOW.0 + STRIDE * index;
         let keys = if lock_step { lock_step_keys } else { real_time_keys };
         let keys = if kind == "nan" { format!("{keys}{field:?}") } else { keys.to_owned() };
-        writeln!(text, "[[fault]]\ntopic = {topic:?}\nat = {at:?}\nparticipant = {participant:?}\nkind = {kind:?}")?;
-        writeln!(text, "from_tick = {from}\nuntil_tick = {}\nprobability = 0.8\n{keys}", from + WINDOW.1)?;
+        writeln!(
+            text,
+            "[[fault]]\ntopic = {topic:?}\nat = {at:?}\nparticipant = {participant:?}\nkind = {kind:?}"
+        )?;
+        writeln!(
+            text,
+            "from_tick = {from}\nuntil_tick = {}\nprobability = 0.8\n{keys}",
+            from + WINDOW.1
+        )?;
     }
     Ok(text)
 }
@@ -64,9 +75,14 @@ fn faults_of((topic, at, participant, field): Place, lock_step: bool) -> Result<
 /// How often each fault was injected, by its place in the file, as the process that did it has logged.
 fn injected(log: &Path) -> Result<BTreeMap<usize, u64>, Box<dyn Error>> {
     let mut injected = BTreeMap::new();
-    for line in fs::read_to_string(log)?.lines().filter(|line| line.contains("faults were injected")) {
-        let number = |key: &str| line.split_whitespace().find_map(|word| word.strip_prefix(key)?.parse::<u64>().ok());
-        *injected.entry(number("fault=").ok_or("no number")? as usize).or_default() += number("injected=").ok_or("no count")?;
+    for line in
+        fs::read_to_string(log)?.lines().filter(|line| line.contains("faults were injected"))
+    {
+        let number = |key: &str| {
+            line.split_whitespace().find_map(|word| word.strip_prefix(key)?.parse::<u64>().ok())
+        };
+        *injected.entry(number("fault=").ok_or("no number")? as usize).or_default() +=
+            number("injected=").ok_or("no count")?;
     }
     Ok(injected)
 }
@@ -75,26 +91,43 @@ fn survives(place: Place, pace: &str) -> Outcome {
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("faults.toml");
     fs::write(&file, faults_of(place, pace == "lock-step")?)?;
-    let launched = Launched::new(&["--pace", pace, "--duration", DURATION, "--faults", &file.to_string_lossy()])?;
+    let launched = Launched::new(&[
+        "--pace",
+        pace,
+        "--duration",
+        DURATION,
+        "--faults",
+        &file.to_string_lossy(),
+    ])?;
     let (ended, home) = launched.end()?;
     let (topic, _, participant, _) = place;
     assert!(ended.status.success(), "{topic} in {pace}: {}", ended.text);
     assert!(ended.text.contains("FAULTS ARE INJECTED"), "{}", ended.text);
     let run = home.path().join("run");
     let record = Record::read(&run)?;
-    let limits = Limits::of(&Assembly::read(&Options::of_graph(&repository().join("deploy/graphs/local.toml")))?);
+    let limits = Limits::of(&Assembly::read(&Options::of_graph(
+        &repository().join("deploy/graphs/local.toml"),
+    ))?);
     // What is stuck on its way to the plant acts there, and is not what was said: the recorder heard that.
     let misquoted = place == READERS[0] && KINDS.last().is_some_and(|(kind, ..)| *kind == "freeze");
     let window = WINDOW.0 + STRIDE * (KINDS.len() as u64 - 1);
-    let known = |found: &Violation| misquoted && found.rule == Rule::Said && (window..=window + WINDOW.1 + 3).contains(&found.tick);
-    let violations: Vec<Violation> = judge(&record, &limits).into_iter().filter(|found| !known(found)).collect();
+    let known = |found: &Violation| {
+        misquoted
+            && found.rule == Rule::Said
+            && (window..=window + WINDOW.1 + 3).contains(&found.tick)
+    };
+    let violations: Vec<Violation> =
+        judge(&record, &limits).into_iter().filter(|found| !known(found)).collect();
     assert_eq!(violations, [], "{topic} in {pace}");
 
     let injected = injected(&run.join(participant).with_extension("log"))?;
     for (index, (kind, ..)) in KINDS.iter().enumerate() {
         // In real time models come when they are ready, so that a window may be over without two of them.
         let rare = topic == "snapshot" && pace == "real-time";
-        assert!(rare || injected.get(&index).is_some_and(|&count| count > 0), "{kind} of {topic} in {pace}: {injected:?}");
+        assert!(
+            rare || injected.get(&index).is_some_and(|&count| count > 0),
+            "{kind} of {topic} in {pace}: {injected:?}"
+        );
     }
     assert!(injected.values().sum::<u64>() > 0, "{topic} in {pace}");
 
@@ -105,8 +138,12 @@ fn survives(place: Place, pace: &str) -> Outcome {
     }
     let last = record.of("state").next_back().ok_or("no state")?;
     assert_eq!((last.stamp("tick"), last.word("rung")), (170, "fresh plan"), "{topic} in {pace}");
-    let versions: Vec<u64> = record.of("command").map(|command| command.count("model_version")).collect();
-    assert!(versions.last() > versions.get(versions.len() / 2), "{topic} in {pace}: models go on being learnt and adopted");
+    let versions: Vec<u64> =
+        record.of("command").map(|command| command.count("model_version")).collect();
+    assert!(
+        versions.last() > versions.get(versions.len() / 2),
+        "{topic} in {pace}: models go on being learnt and adopted"
+    );
     Ok(())
 }
 
@@ -139,7 +176,9 @@ fn in_lock_step_every_disturbed_link_is_survived() -> Outcome {
 /// What a run commanded, by tick.
 fn commands(run: &Path) -> Result<Vec<String>, Box<dyn Error>> {
     let record = Record::read(run)?;
-    let commands = record.of("command").map(|command| format!("{} {}", command.stamp("tick"), command.says["input"]));
+    let commands = record
+        .of("command")
+        .map(|command| format!("{} {}", command.stamp("tick"), command.says["input"]));
     Ok(commands.collect())
 }
 
@@ -149,12 +188,14 @@ fn in_lock_step_the_same_faults_give_the_same_bits_in_processes_and_in_one() -> 
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("faults.toml");
         fs::write(&file, faults_of(place, true)?)?;
-        let options = ["--pace", "lock-step", "--duration", DURATION, "--faults", &file.to_string_lossy()];
+        let options =
+            ["--pace", "lock-step", "--duration", DURATION, "--faults", &file.to_string_lossy()];
         let (ended, home) = Launched::new(&options)?.end()?;
         assert!(ended.status.success(), "{}", ended.text);
 
         let mut options = Options::of_graph(&repository().join("deploy/graphs/local.toml"));
-        (options.pace, options.faults, options.duration) = (Some(Pace::LockStep), Some(file), Some(DURATION.parse()?));
+        (options.pace, options.faults, options.duration) =
+            (Some(Pace::LockStep), Some(file), Some(DURATION.parse()?));
         let run = folder.path().join("run");
         fs::create_dir(&run)?;
         in_process::run(&Assembly::read(&options)?, &run)?;

@@ -20,7 +20,14 @@ fn commands(folder: &Path) -> Result<Vec<String>, Box<dyn Error>> {
     let record = Record::read(folder)?;
     let of = |message: &Message| {
         let says = &message.says;
-        format!("{} {} {} {} {}", message.stamp("tick"), says["input"], says["tail"], says["model_version"], says["rung"])
+        format!(
+            "{} {} {} {} {}",
+            message.stamp("tick"),
+            says["input"],
+            says["tail"],
+            says["model_version"],
+            says["rung"]
+        )
     };
     Ok(record.of("command").map(of).collect())
 }
@@ -47,23 +54,30 @@ fn in_lock_step_every_carrier_gives_the_same_bits() -> Outcome {
 /// Periods below a fresh plan in which the machine, as far as `gaps` tell, let whoever wanted to run. Each with its rung.
 fn unexplained(record: &Record, gaps: &[Gap]) -> Vec<String> {
     let states: Vec<_> = record.of("state").collect();
-    let below = states.windows(3).filter(|three| !matches!(three[2].word("rung"), "fresh plan" | "waiting"));
+    let below = states
+        .windows(3)
+        .filter(|three| !matches!(three[2].word("rung"), "fresh plan" | "waiting"));
     // The state that says so comes after the period, which began with the state before; whoever should have answered it may have been late already.
     let explained = |three: &&[&Message]| {
         let [begin, end] = [0, 2].map(|at| three[at].stamp("sent_nanos"));
         gaps.iter().any(|gap| gap.from_nanos < end && begin < gap.to_nanos)
     };
-    below.filter(|three| !explained(three)).map(|three| format!("{} at tick {}", three[2].word("rung"), three[2].stamp("tick"))).collect()
+    below
+        .filter(|three| !explained(three))
+        .map(|three| format!("{} at tick {}", three[2].word("rung"), three[2].stamp("tick")))
+        .collect()
 }
 
 /// Drives in real time on fresh plans alone, but for periods in which the machine let nobody run.
 fn drive(graph: &str, scenario: &str, duration: &str) -> Outcome {
     let witness = Witness::begin();
-    let (ended, home) = Launched::graph(graph, &["--scenario", scenario, "--duration", duration])?.end()?;
+    let (ended, home) =
+        Launched::graph(graph, &["--scenario", scenario, "--duration", duration])?.end()?;
     let gaps = witness.end();
     assert!(ended.status.success(), "{graph}: {}", ended.text);
     let record = Record::read(&home.path().join("run"))?;
-    let options = Options { scenario: Some(scenario.into()), ..Options::of_graph(&graph_file(graph)) };
+    let options =
+        Options { scenario: Some(scenario.into()), ..Options::of_graph(&graph_file(graph)) };
     acquit(&record, &Limits::of(&Assembly::read(&options)?))?;
     let unexplained = unexplained(&record, &gaps);
     assert!(unexplained.is_empty(), "{graph} {scenario}: {unexplained:?} in {}", record.summary);
@@ -93,7 +107,11 @@ fn two_hosts_drive_together_and_survive_a_cable_that_is_pulled() -> Outcome {
     };
     let control = launch("control-host", &["--insecure", "--connect", &hosts.far_endpoint()], 1)?;
     control.wait_for_log("controller", "started", 1)?;
-    let plant = launch("plant-host", &["--duration", "20", "--insecure", "--listen", &hosts.endpoint()], 0)?;
+    let plant = launch(
+        "plant-host",
+        &["--duration", "20", "--insecure", "--listen", &hosts.endpoint()],
+        0,
+    )?;
     control.wait_for_log("controller", "version=5 ", 1)?;
 
     hosts.pull_cable()?;
@@ -107,15 +125,35 @@ fn two_hosts_drive_together_and_survive_a_cable_that_is_pulled() -> Outcome {
 
     let record = Record::read(&home.path().join("run"))?;
     acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file("plant-host")))?))?;
-    let rungs: Vec<(u64, &str)> = record.of("state").map(|state| (state.stamp("tick"), state.word("rung"))).collect();
+    let rungs: Vec<(u64, &str)> =
+        record.of("state").map(|state| (state.stamp("tick"), state.word("rung"))).collect();
     let driving = rungs.iter().position(|(_, rung)| *rung == "fresh plan").ok_or("nobody drove")?;
-    let cut = driving + rungs.iter().skip(driving).position(|(_, rung)| *rung != "fresh plan").ok_or("the cut was not felt")?;
-    let back = cut + rungs.iter().skip(cut).position(|(_, rung)| *rung == "fresh plan").ok_or("nobody drove again")?;
+    let cut = driving
+        + rungs
+            .iter()
+            .skip(driving)
+            .position(|(_, rung)| *rung != "fresh plan")
+            .ok_or("the cut was not felt")?;
+    let back = cut
+        + rungs
+            .iter()
+            .skip(cut)
+            .position(|(_, rung)| *rung == "fresh plan")
+            .ok_or("nobody drove again")?;
     let out: Vec<&str> = rungs.iter().take(back).skip(cut).map(|(_, rung)| *rung).collect();
-    assert!(out.iter().take_while(|rung| **rung == "stored tail").count() <= 3, "the tail is short: {out:?}");
-    assert!(out.iter().filter(|rung| **rung == "brake").count() >= 20, "most of the cut is spent on the brake: {out:?}");
+    assert!(
+        out.iter().take_while(|rung| **rung == "stored tail").count() <= 3,
+        "the tail is short: {out:?}"
+    );
+    assert!(
+        out.iter().filter(|rung| **rung == "brake").count() >= 20,
+        "most of the cut is spent on the brake: {out:?}"
+    );
     let silent = (back - cut) as f64 * 0.1;
-    assert!(silent <= CUT.as_secs_f64() + BACK_WITHIN_S, "driving again after {silent:.1} s: {out:?}");
+    assert!(
+        silent <= CUT.as_secs_f64() + BACK_WITHIN_S,
+        "driving again after {silent:.1} s: {out:?}"
+    );
     assert!(rungs.iter().skip(back).all(|(_, rung)| *rung == "fresh plan"), "{rungs:?}");
     assert_eq!(rungs.last().map(|(tick, _)| *tick), Some(200));
     Ok(())

@@ -8,7 +8,10 @@ use std::path::Path;
 /// What is left in a launch's home beside the run's own folder.
 fn left_in(home: &Path) -> Vec<String> {
     let entries = fs::read_dir(home).into_iter().flatten().flatten();
-    entries.filter_map(|entry| entry.file_name().into_string().ok()).filter(|name| name != "run").collect()
+    entries
+        .filter_map(|entry| entry.file_name().into_string().ok())
+        .filter(|name| name != "run")
+        .collect()
 }
 
 #[test]
@@ -54,7 +57,8 @@ fn a_launcher_that_is_killed_leaves_no_orphans_and_the_next_one_sweeps() -> Outc
     wait_until("the end of the orphans", || processes.iter().all(|&pid| !lives(pid)))?;
     let (_, home) = launched.end()?;
     fs::rename(home.path().join("run"), home.path().join("first"))?;
-    let (ended, home) = Launched::at_home(home, &["--pace", "lock-step", "--duration", "1"])?.end()?;
+    let (ended, home) =
+        Launched::at_home(home, &["--pace", "lock-step", "--duration", "1"])?.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     assert_eq!(shared_memory_of(&[name]), Vec::<String>::new());
     assert_eq!(left_in(home.path()), ["first"]);
@@ -71,10 +75,15 @@ fn after_everything_was_killed_at_once_the_next_launch_drives() -> Outcome {
         let _ = signal(pid, Signal::KILL);
     }
     wait_until("the end of all", || processes.iter().all(|&pid| !lives(pid)))?;
-    assert_ne!(shared_memory_of(std::slice::from_ref(&name)), Vec::<String>::new(), "killed processes cannot have cleaned up");
+    assert_ne!(
+        shared_memory_of(std::slice::from_ref(&name)),
+        Vec::<String>::new(),
+        "killed processes cannot have cleaned up"
+    );
     let (_, home) = launched.end()?;
     fs::rename(home.path().join("run"), home.path().join("first"))?;
-    let (ended, home) = Launched::at_home(home, &["--pace", "lock-step", "--duration", "1"])?.end()?;
+    let (ended, home) =
+        Launched::at_home(home, &["--pace", "lock-step", "--duration", "1"])?.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     assert_eq!(shared_memory_of(&[name]), Vec::<String>::new());
     assert_eq!(left_in(home.path()), ["first"]);

@@ -4,7 +4,9 @@
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
 use promises::oracle::{Limits, acquit};
-use promises::{Browser, Launched, Outcome, Record, binaries, graph_file, launch_command, repository, signal};
+use promises::{
+    Browser, Launched, Outcome, Record, binaries, graph_file, launch_command, repository, signal,
+};
 use rustix::process::Signal;
 use std::error::Error;
 use std::fs;
@@ -16,7 +18,8 @@ use std::time::Duration;
 /// How long an answer may take. Far beyond what it takes.
 const ANSWERS_WITHIN: Duration = Duration::from_mins(1);
 /// What a page would do with it if it were more than text.
-const MARKUP: &str = "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'<script>";
+const MARKUP: &str =
+    "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'<script>";
 
 /// Host and port of a page.
 fn place(address: &str) -> &str {
@@ -35,7 +38,11 @@ fn answer(place: &str, bytes: &[u8]) -> Result<String, Box<dyn Error>> {
         match stream.read(&mut part) {
             Ok(0) => break,
             Ok(count) => text.extend_from_slice(part.get(..count).unwrap_or_default()),
-            Err(error) if error.kind() == std::io::ErrorKind::ConnectionReset && !text.is_empty() => break,
+            Err(error)
+                if error.kind() == std::io::ErrorKind::ConnectionReset && !text.is_empty() =>
+            {
+                break;
+            }
             Err(error) => return Err(error.into()),
         }
         let so_far = String::from_utf8_lossy(&text);
@@ -56,7 +63,8 @@ fn answers_its_readers(place: &str, own: &str) -> Outcome {
     let page = answer(place, get("/", own).as_bytes())?;
     let (head, body) = page.split_once("\r\n\r\n").ok_or("no body")?;
     assert!(head.starts_with("HTTP/1.1 200 OK\r\n") && body.ends_with("</html>\n"), "{head}");
-    let policy = head.lines().find(|line| line.starts_with("Content-Security-Policy: ")).unwrap_or_default();
+    let policy =
+        head.lines().find(|line| line.starts_with("Content-Security-Policy: ")).unwrap_or_default();
     for said in [
         "default-src 'none'",
         "frame-ancestors 'none'",
@@ -78,21 +86,33 @@ fn answers_its_readers(place: &str, own: &str) -> Outcome {
     }
     assert!(!page.to_ascii_lowercase().contains("access-control-allow"));
     let events = answer(place, get("/events", own).as_bytes())?;
-    assert!(events.contains("200 OK") && events.contains("\"robot\":\"mecanum\""), "{}", events.len());
+    assert!(
+        events.contains("200 OK") && events.contains("\"robot\":\"mecanum\""),
+        "{}",
+        events.len()
+    );
     Ok(())
 }
 
 /// Nothing can be sent.
 fn takes_nothing(place: &str, own: &str) -> Outcome {
     let body = "Content-Length: 17\r\n\r\n{\"mpc\":{\"x\": 1}}\n";
-    for method in ["POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT", "PROPFIND", "get", "G"] {
+    for method in
+        ["POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT", "PROPFIND", "get", "G"]
+    {
         for target in ["/", "/events", "/set"] {
-            let said = answer(place, format!("{method} {target} HTTP/1.1\r\n{own}\r\n{body}").as_bytes())?;
-            assert!(said.starts_with("HTTP/1.1 405 ") && said.contains("Allow: GET"), "{method} {target}: {said}");
+            let said =
+                answer(place, format!("{method} {target} HTTP/1.1\r\n{own}\r\n{body}").as_bytes())?;
+            assert!(
+                said.starts_with("HTTP/1.1 405 ") && said.contains("Allow: GET"),
+                "{method} {target}: {said}"
+            );
         }
     }
     let key = "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==";
-    let upgrade = format!("{own}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n{key}\r\nOrigin: http://evil.example");
+    let upgrade = format!(
+        "{own}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n{key}\r\nOrigin: http://evil.example"
+    );
     assert!(answer(place, get("/events", &upgrade).as_bytes())?.starts_with("HTTP/1.1 403 "));
     Ok(())
 }
@@ -100,12 +120,26 @@ fn takes_nothing(place: &str, own: &str) -> Outcome {
 /// A name that has come to mean this machine is not this machine's, and another site's script gets nothing of what the robot does.
 fn refuses_strangers(place: &str, own: &str) -> Outcome {
     let port = place.rsplit(':').next().unwrap_or_default();
-    for host in
-        ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example", "10.0.0.1", "[::2]", "0x7f000001", "2130706433", "127.1"]
-    {
-        for (target, host) in [("/", host.to_owned()), ("/", format!("{host}:{port}")), ("/events", format!("{host}:{port}"))] {
+    for host in [
+        "evil.example",
+        "localhost.evil.example",
+        "127.0.0.1.evil.example",
+        "10.0.0.1",
+        "[::2]",
+        "0x7f000001",
+        "2130706433",
+        "127.1",
+    ] {
+        for (target, host) in [
+            ("/", host.to_owned()),
+            ("/", format!("{host}:{port}")),
+            ("/events", format!("{host}:{port}")),
+        ] {
             let said = answer(place, get(target, &format!("Host: {host}")).as_bytes())?;
-            assert!(said.starts_with("HTTP/1.1 403 ") && !said.contains("mecanum"), "{host}: {said}");
+            assert!(
+                said.starts_with("HTTP/1.1 403 ") && !said.contains("mecanum"),
+                "{host}: {said}"
+            );
         }
     }
     for foreign in [
@@ -116,40 +150,69 @@ fn refuses_strangers(place: &str, own: &str) -> Outcome {
         "Origin: https://localhost",
     ] {
         let said = answer(place, get("/events", &format!("{own}\r\n{foreign}")).as_bytes())?;
-        assert!(said.starts_with("HTTP/1.1 403 ") && !said.contains("mecanum"), "{foreign}: {said}");
+        assert!(
+            said.starts_with("HTTP/1.1 403 ") && !said.contains("mecanum"),
+            "{foreign}: {said}"
+        );
     }
     Ok(())
 }
 
 /// What is nowhere, and what is no request at all.
 fn refuses_the_rest(place: &str, own: &str) -> Outcome {
-    let elsewhere =
-        ["/../../etc/passwd", "/%2e%2e/etc/passwd", "//etc/passwd", "/settings/plant.toml", "/record.mcap", "http://127.0.0.1/", "*"];
+    let elsewhere = [
+        "/../../etc/passwd",
+        "/%2e%2e/etc/passwd",
+        "//etc/passwd",
+        "/settings/plant.toml",
+        "/record.mcap",
+        "http://127.0.0.1/",
+        "*",
+    ];
     for target in elsewhere {
-        assert!(answer(place, get(target, own).as_bytes())?.starts_with("HTTP/1.1 404 "), "{target}");
+        assert!(
+            answer(place, get(target, own).as_bytes())?.starts_with("HTTP/1.1 404 "),
+            "{target}"
+        );
     }
-    for headers in ["X: y", "Host: localhost\r\nHost: evil.example", "Host : localhost", "Host: local\0host"] {
+    for headers in
+        ["X: y", "Host: localhost\r\nHost: evil.example", "Host : localhost", "Host: local\0host"]
+    {
         let said = answer(place, get("/", headers).as_bytes())?;
         assert!(said.starts_with("HTTP/1.1 400 "), "{headers:?}: {said}");
     }
     let endless = format!("GET / HTTP/1.1\r\n{own}\r\nX: {}", "x".repeat(100_000));
     assert!(answer(place, endless.as_bytes())?.starts_with("HTTP/1.1 431 "));
-    for garbage in [&b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"[..], b"\0\0\0\0\r\n\r\n", b"GET / HTTP/9\r\n\r\n", b"\xff\xfe\r\n\r\n"]
-    {
+    for garbage in [
+        &b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"[..],
+        b"\0\0\0\0\r\n\r\n",
+        b"GET / HTTP/9\r\n\r\n",
+        b"\xff\xfe\r\n\r\n",
+    ] {
         let said = answer(place, garbage)?;
-        assert!(said.starts_with("HTTP/1.1 400 ") || said.starts_with("HTTP/1.1 408 "), "{garbage:?}: {said}");
+        assert!(
+            said.starts_with("HTTP/1.1 400 ") || said.starts_with("HTTP/1.1 408 "),
+            "{garbage:?}: {said}"
+        );
     }
     Ok(())
 }
 
 #[test]
-fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refuses_everything_else() -> Outcome {
+fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refuses_everything_else()
+-> Outcome {
     let launched = Launched::new(&["--duration", "110"])?;
     let address = launched.page_address()?;
     let place = place(&address);
     // The page may be there before the robot drives.
     launched.wait_for_log("controller", "answering a plant", 1)?;
-    for check in [answers_its_readers, takes_nothing, refuses_strangers, refuses_the_rest, answers_its_readers] {
+    for check in [
+        answers_its_readers,
+        takes_nothing,
+        refuses_strangers,
+        refuses_the_rest,
+        answers_its_readers,
+    ] {
         check(place, &format!("Host: {place}"))?;
     }
     signal(launched.pid(), Signal::TERM)?;
@@ -159,13 +222,18 @@ fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refu
     acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file("local")))?))?;
     assert_eq!(record.of("set").count(), 0, "nobody has changed anything");
     let states = record.of("state").count() as u64;
-    assert_eq!(record.of("state").next_back().map(|state| state.stamp("tick") + 1), Some(states), "the robot did not notice");
+    assert_eq!(
+        record.of("state").next_back().map(|state| state.stamp("tick") + 1),
+        Some(states),
+        "the robot did not notice"
+    );
     Ok(())
 }
 
 /// Nothing of `MARKUP` has become part of the page, which shows it as it is.
 fn is_text(browser: &mut Browser, shown: &str) -> Outcome {
-    let elements = browser.ask("document.querySelectorAll('img, iframe, object, [onerror]').length")?;
+    let elements =
+        browser.ask("document.querySelectorAll('img, iframe, object, [onerror]').length")?;
     assert_eq!(elements, 0, "markup became an element");
     let title = browser.ask("document.title")?;
     assert_ne!(title, "owned", "a script ran");
@@ -177,11 +245,18 @@ fn is_text(browser: &mut Browser, shown: &str) -> Outcome {
 fn a_name_with_markup_is_text_on_the_page_and_in_the_report() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let paper = fs::read_to_string(repository().join("deploy/scenarios/paper.toml"))?;
-    let description = paper.lines().find(|line| line.starts_with("description")).ok_or("no description")?;
+    let description =
+        paper.lines().find(|line| line.starts_with("description")).ok_or("no description")?;
     let scenario = home.path().join(format!("{MARKUP}.toml"));
-    fs::write(&scenario, paper.replacen(description, &format!("description = '''Described as {MARKUP}'''"), 1))?;
+    fs::write(
+        &scenario,
+        paper.replacen(description, &format!("description = '''Described as {MARKUP}'''"), 1),
+    )?;
     let options = ["--scenario", &scenario.to_string_lossy(), "--duration", "110"];
-    let launched = Launched::by(launch_command(&graph_file("local"), &home.path().join("run"), &options)?, home)?;
+    let launched = Launched::by(
+        launch_command(&graph_file("local"), &home.path().join("run"), &options)?,
+        home,
+    )?;
     let address = launched.page_address()?;
     let mut browser = Browser::start()?;
     browser.open(&address, 1280, 1120)?;
@@ -190,16 +265,24 @@ fn a_name_with_markup_is_text_on_the_page_and_in_the_report() -> Outcome {
     assert_eq!(named.matches(MARKUP).count(), 2, "name and description: {named}");
     // What a person says who changes something, and why it was refused, is shown and recorded, too.
     let mut set = Command::new(binaries()?.join("coxswain"));
-    set.args(["set", &format!("mpc.solver={MARKUP}")]).env("TMPDIR", launched.home()).env("USER", MARKUP).env_remove("SUDO_USER");
+    set.args(["set", &format!("mpc.solver={MARKUP}")])
+        .env("TMPDIR", launched.home())
+        .env("USER", MARKUP)
+        .env_remove("SUDO_USER");
     launched.wait_for_log("controller", "answering a plant", 1)?;
     let refused = set.output()?;
     assert_eq!(refused.status.code(), Some(2), "{refused:?}");
     browser.wait_for("/onerror/.test(document.getElementById('log').innerText)")?;
     let log = browser.text("log")?;
     is_text(&mut browser, &log)?;
-    let serious: Vec<&String> = browser.complaints().iter().filter(|complaint| !complaint.contains("net::ERR_")).collect();
+    let serious: Vec<&String> =
+        browser.complaints().iter().filter(|complaint| !complaint.contains("net::ERR_")).collect();
     assert!(serious.is_empty(), "{serious:?}");
-    assert!(browser.requested().iter().all(|url| url.starts_with(&address) || url.starts_with("data:")), "{:?}", browser.requested());
+    assert!(
+        browser.requested().iter().all(|url| url.starts_with(&address) || url.starts_with("data:")),
+        "{:?}",
+        browser.requested()
+    );
     drop(browser);
 
     signal(launched.pid(), Signal::TERM)?;
@@ -209,7 +292,12 @@ fn a_name_with_markup_is_text_on_the_page_and_in_the_report() -> Outcome {
     let run = home.path().join(MARKUP);
     fs::rename(home.path().join("run"), &run)?;
     let page = home.path().join("both.html");
-    let made = Command::new(binaries()?.join("coxswain")).arg("report").args([&run, &run]).arg("--out").arg(&page).output()?;
+    let made = Command::new(binaries()?.join("coxswain"))
+        .arg("report")
+        .args([&run, &run])
+        .arg("--out")
+        .arg(&page)
+        .output()?;
     assert!(made.status.success(), "{made:?}");
     let mut browser = Browser::start()?;
     browser.open(&format!("file://{}", page.display()), 1280, 900)?;

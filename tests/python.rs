@@ -18,12 +18,17 @@ pub fn python() -> Result<PathBuf, Box<dyn Error>> {
 
 fn make() -> Result<PathBuf, Box<dyn Error>> {
     let requirements = repository().join("tests/python/requirements.txt");
-    let wanted = fs::read_to_string(&requirements)? + &fs::read_to_string(repository().join("deploy/clients/python/requirements.txt"))?;
+    let wanted = fs::read_to_string(&requirements)?
+        + &fs::read_to_string(repository().join("deploy/clients/python/requirements.txt"))?;
     let folder = binaries()?.join("python-clients");
     let (python, installed) = (folder.join("bin/python"), folder.join("installed.txt"));
     if !fs::read_to_string(&installed).is_ok_and(|found| found == wanted) {
         text_of(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder))?;
-        text_of(Command::new(&python).args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"]).arg(&requirements))?;
+        text_of(
+            Command::new(&python)
+                .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"])
+                .arg(&requirements),
+        )?;
         fs::write(&installed, wanted)?;
     }
     Ok(python)
@@ -36,7 +41,12 @@ fn make() -> Result<PathBuf, Box<dyn Error>> {
 pub fn text_of(command: &mut Command) -> Result<String, Box<dyn Error>> {
     let output = command.output()?;
     if !output.status.success() {
-        return Err(format!("{command:?}: {}: {}", output.status, String::from_utf8_lossy(&output.stderr)).into());
+        return Err(format!(
+            "{command:?}: {}: {}",
+            output.status,
+            String::from_utf8_lossy(&output.stderr)
+        )
+        .into());
     }
     Ok(String::from_utf8(output.stdout)?)
 }

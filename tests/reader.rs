@@ -24,7 +24,8 @@ impl Reader {
     /// # Errors
     /// If it cannot be started.
     pub fn start(command: &mut Command) -> Result<Self, Box<dyn Error>> {
-        let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
+        let mut child =
+            command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
         let output = collect(child.stdout.take().ok_or("no output")?);
         let errors = collect(child.stderr.take().ok_or("no errors")?);
         Ok(Self { child, output, errors, read: 0 })
@@ -41,7 +42,8 @@ impl Reader {
     /// If they do not come in time; says what it complained of.
     pub fn lines(&mut self, count: usize) -> Result<Vec<String>, Box<dyn Error>> {
         let end = self.read + count;
-        wait_until(&format!("{count} lines"), || lock(&self.output).len() >= end).map_err(|error| format!("{error}; {}", self.errors()))?;
+        wait_until(&format!("{count} lines"), || lock(&self.output).len() >= end)
+            .map_err(|error| format!("{error}; {}", self.errors()))?;
         let lines = lock(&self.output).get(self.read..end).unwrap_or_default().to_vec();
         self.read = end;
         Ok(lines)
@@ -84,7 +86,12 @@ impl Drop for Reader {
 fn collect(stream: impl Read + Send + 'static) -> Said {
     let said = Said::default();
     let lines = Arc::clone(&said);
-    thread::spawn(move || BufReader::new(stream).lines().map_while(Result::ok).for_each(|line| lock(&lines).push(line)));
+    thread::spawn(move || {
+        BufReader::new(stream)
+            .lines()
+            .map_while(Result::ok)
+            .for_each(|line| lock(&lines).push(line));
+    });
     said
 }
 

@@ -16,7 +16,10 @@ fn drive(reference: &str, change: impl Fn(&mut Assembly)) -> Result<Summary, Box
     let own = "path.paper-curve.speed_mps = 2.7\nheading = \"tangent\"";
     assert!(paper.contains(own));
     let file = folder.path().join("scenario.toml");
-    fs::write(&file, paper.replace(own, reference).replace("duration_s = 25.0", "duration_s = 12.0"))?;
+    fs::write(
+        &file,
+        paper.replace(own, reference).replace("duration_s = 25.0", "duration_s = 12.0"),
+    )?;
     let mut options = Options::of_graph(&repository().join("deploy/graphs/local.toml"));
     options.scenario = Some(file);
     let mut assembly = Assembly::read(&options)?;
@@ -32,17 +35,30 @@ fn drive(reference: &str, change: impl Fn(&mut Assembly)) -> Result<Summary, Box
 fn is_driven_well(name: &str, summary: &Summary, rmse_m: f64) {
     assert_eq!(summary.rungs.on(Rung::FreshPlan), summary.periods, "{name}: {:?}", summary.rungs);
     assert_eq!(summary.periods, 120, "{name}");
-    assert!(summary.position_rmse_m.is_some_and(|error| error < rmse_m), "{name}: {:?} m", summary.position_rmse_m);
+    assert!(
+        summary.position_rmse_m.is_some_and(|error| error < rmse_m),
+        "{name}: {:?} m",
+        summary.position_rmse_m
+    );
 }
 
 #[test]
 fn every_reference_is_driven_on_fresh_plans_alone() -> Outcome {
     for (reference, rmse_m) in [
         ("path.circle = { radius_m = 1.5, speed_mps = 1.0 }\nheading = \"tangent\"", 0.05),
-        ("path.figure-eight = { length_m = 4.0, width_m = 2.0, lap_s = 10.0 }\nheading = { fixed-rad = 0.4 }", 0.05),
+        (
+            "path.figure-eight = { length_m = 4.0, width_m = 2.0, lap_s = 10.0 }\nheading = { fixed-rad = 0.4 }",
+            0.05,
+        ),
         ("path.square = { side_m = 2.0, speed_mps = 1.0 }\nheading = { fixed-rad = 0.0 }", 0.15),
-        ("path.stop-and-go = { stretch_m = 2.0, speed_mps = 1.5, acceleration_mps2 = 2.0, pause_s = 1.0 }\nheading = \"tangent\"", 0.10),
-        ("path.point-to-point = { to = [2.0, 1.0, 0.5], speed_mps = 1.0, acceleration_mps2 = 1.0 }\nheading = \"given\"", 0.05),
+        (
+            "path.stop-and-go = { stretch_m = 2.0, speed_mps = 1.5, acceleration_mps2 = 2.0, pause_s = 1.0 }\nheading = \"tangent\"",
+            0.10,
+        ),
+        (
+            "path.point-to-point = { to = [2.0, 1.0, 0.5], speed_mps = 1.0, acceleration_mps2 = 1.0 }\nheading = \"given\"",
+            0.05,
+        ),
     ] {
         is_driven_well(reference, &drive(reference, |_| {})?, rmse_m);
     }
@@ -70,10 +86,11 @@ fn corners_under_a_tight_rate_are_no_reason_to_refuse_a_plan() -> Outcome {
 fn noise_and_a_late_motor_do_not_stop_the_drive() -> Outcome {
     let circle = "path.circle = { radius_m = 1.5, speed_mps = 1.0 }\nheading = \"tangent\"";
     let summary = drive(circle, |assembly| {
-        assembly.scenario.truth.sensor.velocity_noise_mps = 0.02;
-        assembly.scenario.truth.sensor.yaw_rate_noise_radps = 0.02;
-        assembly.scenario.truth.sensor.position_noise_m = 0.005;
-        assembly.scenario.truth.command_delay_s = 0.02;
+        let truth = assembly.scenario.truth.get_or_insert_default();
+        truth.sensor.velocity_noise_mps = 0.02;
+        truth.sensor.yaw_rate_noise_radps = 0.02;
+        truth.sensor.position_noise_m = 0.005;
+        truth.command_delay_s = 0.02;
     })?;
     is_driven_well("noise", &summary, 0.10);
     Ok(())

@@ -5,7 +5,9 @@ use coxswain::assembly::Assembly;
 use coxswain::options::Options;
 use process::read_settings;
 use promises::oracle::{Limits, acquit};
-use promises::{Launched, Message, Outcome, Record, graph_file, launch_command, repository, signal};
+use promises::{
+    Launched, Message, Outcome, Record, graph_file, launch_command, repository, signal,
+};
 use protocol::message::{Command, Message as _, PlantState, Rung};
 use protocol::port::{Carrier, Identity, Links, Ports, RawSink, Since, Source};
 use protocol::topic::Topic;
@@ -32,11 +34,16 @@ fn command(message: &Message) -> Option<Command> {
     let says = &message.says;
     let mut command: Command = Zeroable::zeroed();
     let stamp = &mut command.stamp;
-    (stamp.writer, stamp.epoch, stamp.sequence) = (message.stamp("writer"), message.stamp("epoch"), message.stamp("sequence"));
+    (stamp.writer, stamp.epoch, stamp.sequence) =
+        (message.stamp("writer"), message.stamp("epoch"), message.stamp("sequence"));
     (stamp.tick, stamp.sent_nanos) = (message.stamp("tick"), message.stamp("sent_nanos"));
     (stamp.version, stamp.kind) = (VERSION, Command::KIND);
-    (command.plant_epoch, command.model_version) = (message.count("plant_epoch"), message.count("model_version"));
-    let row = |row: &Value| <[f64; 3]>::try_from(row.as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<_>>>()?).ok();
+    (command.plant_epoch, command.model_version) =
+        (message.count("plant_epoch"), message.count("model_version"));
+    let row = |row: &Value| {
+        <[f64; 3]>::try_from(row.as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<_>>>()?)
+            .ok()
+    };
     command.input = row(&says["input"])?;
     for (place, said) in command.tail.iter_mut().zip(says["tail"].as_array()?) {
         *place = row(said)?;
@@ -61,9 +68,21 @@ struct Player {
 impl Player {
     fn join(links: &Links, recording: Vec<Command>) -> Result<Self, Box<dyn Error>> {
         let ports = Ports::open(links, Identity::new(0))?;
-        let (states, commands, sink) = (ports.source(Since::Joining)?, ports.source(Since::Joining)?, ports.raw_sink(Topic::Command)?);
+        let (states, commands, sink) = (
+            ports.source(Since::Joining)?,
+            ports.source(Since::Joining)?,
+            ports.raw_sink(Topic::Command)?,
+        );
         let carrier = links.carriers.of(Topic::Command);
-        Ok(Self { states, commands, sink, carrier, recording: recording.into(), overheard: VecDeque::new(), played: 0 })
+        Ok(Self {
+            states,
+            commands,
+            sink,
+            carrier,
+            recording: recording.into(),
+            overheard: VecDeque::new(),
+            played: 0,
+        })
     }
 
     /// Waits a little for the next state, and plays what was the answer to its tick in the recorded run. The tick, if a state came.
@@ -104,23 +123,34 @@ impl Player {
 
 /// What the controller of a run in real time has said.
 fn recording(graph: &str) -> Result<Vec<Command>, Box<dyn Error>> {
-    let (ended, home) = Launched::graph(graph, &["--duration", &(PLAYED / 10).to_string()])?.end()?;
+    let (ended, home) =
+        Launched::graph(graph, &["--duration", &(PLAYED / 10).to_string()])?.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     let record = Record::read(&home.path().join("run"))?;
     let commands: Vec<Command> = record.of("command").filter_map(command).collect();
     assert_eq!(commands.len(), record.of("command").count());
-    assert!(commands.iter().filter(|command| command.rung == Rung::FreshPlan.code()).count() as u64 > PLAYED / 2, "it drove");
+    assert!(
+        commands.iter().filter(|command| command.rung == Rung::FreshPlan.code()).count() as u64
+            > PLAYED / 2,
+        "it drove"
+    );
     Ok(commands)
 }
 
 /// Launches a graph whose launcher leaves a controller that hangs as it is.
 fn launch(graph: &str) -> Result<Launched, Box<dyn Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-    let text = fs::read_to_string(graph_file(graph))?.replace("\"../", &format!("\"{}/deploy/", repository().display()));
-    let text = text.replace("[processes.controller]\n", "") + "\n[processes.controller]\nhung_after_millis = 600000\n";
+    let text = fs::read_to_string(graph_file(graph))?
+        .replace("\"../", &format!("\"{}/deploy/", repository().display()));
+    let text = text.replace("[processes.controller]\n", "")
+        + "\n[processes.controller]\nhung_after_millis = 600000\n";
     let file = home.path().join("graph.toml");
     fs::write(&file, text)?;
-    let command = launch_command(&file, &home.path().join("run"), &["--duration", &(PLAYED / 10 + 10).to_string()])?;
+    let command = launch_command(
+        &file,
+        &home.path().join("run"),
+        &["--duration", &(PLAYED / 10 + 10).to_string()],
+    )?;
     Launched::by(command, home)
 }
 
@@ -132,7 +162,9 @@ fn moves_nothing(graph: &str) -> Outcome {
     let file = launched.folder().join("settings/recorder.toml");
     let mut links = None;
     launched.wait_until("the links of the graph", || {
-        links = read_settings::<recorder::settings::Settings>(&file).ok().map(|settings| settings.run.links);
+        links = read_settings::<recorder::settings::Settings>(&file)
+            .ok()
+            .map(|settings| settings.run.links);
         links.is_some()
     })?;
     // There before the controller is: the first writer of an epoch would be obeyed.
@@ -164,20 +196,29 @@ fn moves_nothing(graph: &str) -> Outcome {
     let run = home.path().join("run");
     let record = Record::read(&run)?;
     acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file(graph)))?))?;
-    let acted: Vec<u64> =
-        record.of("truth").filter(|truth| strangers.contains(&truth.count("acting_writer"))).map(|truth| truth.stamp("tick")).collect();
+    let acted: Vec<u64> = record
+        .of("truth")
+        .filter(|truth| strangers.contains(&truth.count("acting_writer")))
+        .map(|truth| truth.stamp("tick"))
+        .collect();
     assert!(acted.is_empty(), "something recorded acted in ticks {acted:?}");
     // The gate has seen every single one, and says why none may act.
     let log = fs::read_to_string(run.join("plant.log"))?;
     let lines = log.lines().filter(|line| line.contains("commands refused: old plant epoch"));
-    let refused: u64 = lines.filter_map(|line| line.split_once("count=")?.1.trim().parse::<u64>().ok()).sum();
+    let refused: u64 =
+        lines.filter_map(|line| line.split_once("count=")?.1.trim().parse::<u64>().ok()).sum();
     assert_eq!(refused, played);
     let counted = record.of("state").next_back().ok_or("no state")?;
     assert!(counted.count("refused") >= played, "{} refused of {played}", counted.count("refused"));
-    let heard = record.of("command").filter(|command| strangers.contains(&command.stamp("writer"))).count() as u64;
+    let heard =
+        record.of("command").filter(|command| strangers.contains(&command.stamp("writer"))).count()
+            as u64;
     assert_eq!(heard, played, "the recorder has heard them");
     let braked = record.of("state").filter(|state| state.word("rung") == "brake").count() as u64;
-    assert!(braked > SILENT_FOR / 2, "nobody was silent: nothing was shown in {braked} periods on the brake");
+    assert!(
+        braked > SILENT_FOR / 2,
+        "nobody was silent: nothing was shown in {braked} periods on the brake"
+    );
     assert_eq!(counted.word("rung"), "fresh plan", "its own controller drives");
     Ok(())
 }

@@ -16,7 +16,8 @@ use std::path::Path;
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
-const FIGURES: [&str; 9] = ["path", "errors", "velocities", "wheels", "residual", "versions", "band", "ticks", "rungs"];
+const FIGURES: [&str; 9] =
+    ["path", "errors", "velocities", "wheels", "residual", "versions", "band", "ticks", "rungs"];
 
 /// Numbers of the table that are numbers of the summary.
 const NUMBERS: [&str; 13] = [
@@ -36,7 +37,12 @@ const NUMBERS: [&str; 13] = [
 ];
 
 /// A run of the paper's scenario in lock step and in one process, in a folder of this name.
-fn run(home: &TempDir, name: &str, duration_s: f64, learner: bool) -> Result<std::path::PathBuf, Box<dyn Error>> {
+fn run(
+    home: &TempDir,
+    name: &str,
+    duration_s: f64,
+    learner: bool,
+) -> Result<std::path::PathBuf, Box<dyn Error>> {
     let mut options = Options::of_graph(&repository().join("deploy/graphs/local.toml"));
     (options.learner, options.duration) = (Some(learner), Some(duration_s));
     let folder = home.path().join(name);
@@ -46,7 +52,12 @@ fn run(home: &TempDir, name: &str, duration_s: f64, learner: bool) -> Result<std
 }
 
 fn report(records: &[&Path], out: &Path) -> Result<Output, Box<dyn Error>> {
-    Ok(Command::new(binaries()?.join("coxswain")).arg("report").args(records).arg("--out").arg(out).output()?)
+    Ok(Command::new(binaries()?.join("coxswain"))
+        .arg("report")
+        .args(records)
+        .arg("--out")
+        .arg(out)
+        .output()?)
 }
 
 /// The part of the page that is the figure `id`.
@@ -59,16 +70,25 @@ fn figure<'a>(page: &'a str, id: &str) -> Result<&'a str, String> {
 /// How many points the lines of a class have in a figure.
 fn points(figure: &str, class: &str) -> usize {
     let lines = figure.split("<path class=\"").skip(1).filter(|path| path.starts_with(class));
-    let data = lines.filter_map(|path| path.split_once("d=\"")?.1.split_once('"')).map(|(data, _)| data);
+    let data =
+        lines.filter_map(|path| path.split_once("d=\"")?.1.split_once('"')).map(|(data, _)| data);
     // Each difference is two numbers, apart by a space or a minus.
     data.map(|data| data.matches(['l', ' ', '-', 'M']).count() / 2).sum()
 }
 
 /// The exact numbers of a row of the table, one per record.
 fn cells(page: &str, key: &str) -> Result<Vec<String>, String> {
-    let row = page.split_once(&format!("<tr data-key=\"{key}\">")).ok_or_else(|| format!("there is no row {key}"))?.1;
+    let row = page
+        .split_once(&format!("<tr data-key=\"{key}\">"))
+        .ok_or_else(|| format!("there is no row {key}"))?
+        .1;
     let row = row.split_once("</tr>").map_or(row, |(row, _)| row);
-    Ok(row.split("data-value=\"").skip(1).filter_map(|cell| cell.split_once('"')).map(|(value, _)| value.to_owned()).collect())
+    Ok(row
+        .split("data-value=\"")
+        .skip(1)
+        .filter_map(|cell| cell.split_once('"'))
+        .map(|(value, _)| value.to_owned())
+        .collect())
 }
 
 fn has_the_numbers_of(page: &str, column: usize, folder: &Path) -> Outcome {
@@ -94,12 +114,20 @@ fn a_launch_leaves_a_page_with_every_figure_and_the_numbers_of_its_summary() -> 
     assert!(ended.status.success(), "{}", ended.text);
     let folder = home.path().join("run");
     let file = folder.join("report.html");
-    assert!(ended.text.contains(&format!("report: {}", file.canonicalize()?.display())), "{}", ended.text);
+    assert!(
+        ended.text.contains(&format!("report: {}", file.canonicalize()?.display())),
+        "{}",
+        ended.text
+    );
     let page = fs::read_to_string(file)?;
     for id in FIGURES {
         let figure = figure(&page, id)?;
         assert!(figure.contains("<svg") && figure.contains("<title>"), "{id} has no picture");
-        let drawn = if id == "rungs" { points(figure, "bar r0") } else { points(figure, "line r0") + points(figure, "line thin r0") };
+        let drawn = if id == "rungs" {
+            points(figure, "bar r0")
+        } else {
+            points(figure, "line r0") + points(figure, "line thin r0")
+        };
         assert!(drawn >= if id == "rungs" { 1 } else { 5 }, "{id} has {drawn} points");
         assert!(!figure.contains("NaN") && !figure.contains("inf"), "{id}");
         assert!(!figure.contains("class=\"note\""), "{id} lacks something");
@@ -116,9 +144,14 @@ fn a_launch_leaves_a_page_with_every_figure_and_the_numbers_of_its_summary() -> 
 }
 
 #[test]
-fn in_a_browser_every_figure_is_seen_in_the_light_and_in_the_dark_and_nothing_else_is_asked_for() -> Outcome {
+fn in_a_browser_every_figure_is_seen_in_the_light_and_in_the_dark_and_nothing_else_is_asked_for()
+-> Outcome {
     let home = tempfile::tempdir()?;
-    let (on, off, out) = (run(&home, "on", 8.0, true)?, run(&home, "off", 8.0, false)?, home.path().join("both.html"));
+    let (on, off, out) = (
+        run(&home, "on", 8.0, true)?,
+        run(&home, "off", 8.0, false)?,
+        home.path().join("both.html"),
+    );
     let both = report(&[&on, &off], &out)?;
     assert!(both.status.success(), "{both:?}");
     let alone = report(&[&on], &on.join("report.html"))?;
@@ -136,14 +169,21 @@ fn in_a_browser_every_figure_is_seen_in_the_light_and_in_the_dark_and_nothing_el
             for (figures, colour) in [(&FIGURES[..], "c0"), (second, "c1")] {
                 for id in figures {
                     let seen = browser.seen(&format!("#{id} .panels"), colour)?;
-                    assert!(seen > 50, "{address}: {seen} pixels of {colour} in figure {id}, {scheme}");
+                    assert!(
+                        seen > 50,
+                        "{address}: {seen} pixels of {colour} in figure {id}, {scheme}"
+                    );
                 }
             }
         }
         assert_ne!(grounds.first(), grounds.last(), "light and dark are the same");
         browser.resize(390, 844, true)?;
         browser.wait_for("innerWidth === 390")?;
-        assert_eq!(browser.ask("document.documentElement.scrollWidth")?, 390, "the page is wider than a phone");
+        assert_eq!(
+            browser.ask("document.documentElement.scrollWidth")?,
+            390,
+            "the page is wider than a phone"
+        );
         let elsewhere = |url: &&String| **url != address && !url.starts_with("data:");
         assert_eq!(browser.requested().iter().find(elsewhere), None);
         assert!(browser.complaints().is_empty(), "{:?}", browser.complaints());
@@ -206,7 +246,11 @@ fn what_is_no_record_is_refused_with_its_name_and_nothing_is_written() -> Outcom
         (at("poem.mcap"), at("page.html"), "poem.mcap: expected a record"),
         (at("nowhere.mcap"), at("page.html"), "nowhere.mcap cannot be read"),
         (at("empty"), at("page.html"), "empty: expected a record, or the folder of a run"),
-        (at("silent"), at("page.html"), "silent: expected a record with at least one message of topic \"state\""),
+        (
+            at("silent"),
+            at("page.html"),
+            "silent: expected a record with at least one message of topic \"state\"",
+        ),
         (record.clone(), record.clone(), "record.mcap: expected another file to write to"),
     ] {
         let before = fs::read(&record)?;
@@ -236,7 +280,8 @@ fn write_noise(folder: &Path, ticks: u64) -> Outcome {
     let (mut plan, mut sample): (Plan, ResidualSample) = (Zeroable::zeroed(), Zeroable::zeroed());
     let mut random: u64 = 7;
     let mut noise = || {
-        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        random =
+            random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (random >> 40) as f64 / f64::from(1 << 24) - 0.5
     };
     for tick in 0..ticks {
@@ -251,8 +296,10 @@ fn write_noise(folder: &Path, ticks: u64) -> Outcome {
         state.rung = if noise() > 0.49 { Rung::StoredTail.code() } else { Rung::FreshPlan.code() };
         (plan.plant_epoch, plan.model_version, plan.learned_axes) = (1, 1 + tick / 25, 7);
         plan.tick_nanos = (1e6 * (1.0 + noise())) as u64;
-        (plan.residual, plan.innovation) = ([noise(), noise(), noise()], [noise(), noise(), noise()]);
-        plan.reference[0] = [4.0 * angle.cos(), 2.0 * angle.sin(), noise(), noise(), noise(), noise()];
+        (plan.residual, plan.innovation) =
+            ([noise(), noise(), noise()], [noise(), noise(), noise()]);
+        plan.reference[0] =
+            [4.0 * angle.cos(), 2.0 * angle.sin(), noise(), noise(), noise(), noise()];
         plan.variance[0] = [0.02 + 0.01 * noise(); 3];
         (sample.plant_epoch, sample.usable) = (1, 1);
         segment.write(&state)?;
@@ -269,7 +316,8 @@ fn leap(panel: &str) -> Option<i32> {
 }
 
 #[test]
-fn an_hour_at_fifty_hertz_is_a_page_of_three_megabytes_at_most_and_its_one_peak_is_in_it() -> Outcome {
+fn an_hour_at_fifty_hertz_is_a_page_of_three_megabytes_at_most_and_its_one_peak_is_in_it() -> Outcome
+{
     let home = tempfile::tempdir()?;
     let (hour, out) = (home.path().join("hour"), home.path().join("hour.html"));
     write_noise(&hour, 180_000)?;
@@ -277,8 +325,11 @@ fn an_hour_at_fifty_hertz_is_a_page_of_three_megabytes_at_most_and_its_one_peak_
     assert!(output.status.success(), "{output:?}");
     let page = fs::read_to_string(&out)?;
     needs_nothing_else(&page);
-    let leaps: Vec<Option<i32>> = figure(&page, "wheels")?.split("<svg role").skip(1).map(leap).collect();
-    let [_, _, Some(with), Some(without)] = leaps.as_slice() else { return Err(format!("{leaps:?}").into()) };
+    let leaps: Vec<Option<i32>> =
+        figure(&page, "wheels")?.split("<svg role").skip(1).map(leap).collect();
+    let [_, _, Some(with), Some(without)] = leaps.as_slice() else {
+        return Err(format!("{leaps:?}").into());
+    };
     assert!(*with > 1000 && *without < 200, "the peak of the third wheel: {leaps:?}");
     Ok(())
 }

@@ -19,7 +19,11 @@ const BACK_WITHIN: u64 = 10;
 
 /// A graph like `name`, but whose processes may die often.
 fn patient(name: &str, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
-    let many = |role: &str| format!("[processes.{role}]\nrestarts_per_minute = 1000\nback_off_millis = 0\nback_off_max_millis = 0\n");
+    let many = |role: &str| {
+        format!(
+            "[processes.{role}]\nrestarts_per_minute = 1000\nback_off_millis = 0\nback_off_max_millis = 0\n"
+        )
+    };
     graph_with(name, &format!("{}{}", many("plant"), many("controller")), home)
 }
 
@@ -32,7 +36,8 @@ fn kill_both_ends_often(graph: &str) -> Outcome {
     // A seeded, even spread of moments within the periods.
     let mut random: u64 = 0x9e37_79b9_7f4a_7c15;
     for round in 0..2 * KILLS {
-        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        random =
+            random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         thread::sleep(Duration::from_millis(1_300 + (random >> 33) % 700));
         let program = if round % 2 == 0 { "controller" } else { "plant-sim" };
         let pid = launched.process(program, None)?;
@@ -48,16 +53,27 @@ fn kill_both_ends_often(graph: &str) -> Outcome {
 
     let mut rungs: BTreeMap<u64, BTreeMap<u64, &str>> = BTreeMap::new();
     for state in record.of("state") {
-        rungs.entry(state.stamp("epoch")).or_default().insert(state.stamp("tick"), state.word("rung"));
+        rungs
+            .entry(state.stamp("epoch"))
+            .or_default()
+            .insert(state.stamp("tick"), state.word("rung"));
     }
-    let controllers: BTreeSet<u64> = record.of("command").map(|command| command.stamp("epoch")).collect();
-    assert_eq!((rungs.len() as u32, controllers.len() as u32), (KILLS + 1, KILLS + 1), "every kill was felt and mended");
+    let controllers: BTreeSet<u64> =
+        record.of("command").map(|command| command.stamp("epoch")).collect();
+    assert_eq!(
+        (rungs.len() as u32, controllers.len() as u32),
+        (KILLS + 1, KILLS + 1),
+        "every kill was felt and mended"
+    );
     for (epoch, ticks) in &rungs {
         let mut below: u64 = 0;
         for (tick, rung) in ticks {
             below = if *rung == "fresh plan" { 0 } else { below + 1 };
             // The state of a tick tells of the period before it.
-            assert!(below <= BACK_WITHIN + 1, "{graph}: no fresh plan for {below} periods at tick {tick} of epoch {epoch}");
+            assert!(
+                below <= BACK_WITHIN + 1,
+                "{graph}: no fresh plan for {below} periods at tick {tick} of epoch {epoch}"
+            );
         }
     }
     Ok(())
@@ -91,7 +107,12 @@ fn who_is_killed_or_stopped_while_it_starts_is_started_again_and_the_robot_drive
         let (ended, home) = launched.end()?;
         assert_eq!(ended.status.code(), Some(128 + 15), "{}", ended.text);
         let record = Record::read(&home.path().join("run"))?;
-        assert_eq!(record.of("state").next_back().map(|state| state.word("rung")), Some("fresh plan"), "{}", ended.text);
+        assert_eq!(
+            record.of("state").next_back().map(|state| state.word("rung")),
+            Some("fresh plan"),
+            "{}",
+            ended.text
+        );
         let log = fs::read_to_string(home.path().join("run/coxswain.log"))?;
         let early = log.matches("ended before it was ready").count();
         assert!(early > 0, "{sent:?}: nobody of {struck:?} was met before it was ready\n{log}");

@@ -31,7 +31,8 @@ fn three_runs_of_the_processes_and_one_in_a_single_process_command_the_same_bits
         runs.push(commands(&home.path().join("run"))?);
     }
     let folder = tempfile::tempdir()?;
-    let mut assembly = Assembly::read(&Options::of_graph(&repository().join("deploy/graphs/local.toml")))?;
+    let mut assembly =
+        Assembly::read(&Options::of_graph(&repository().join("deploy/graphs/local.toml")))?;
     assembly.graph.pace = process::Pace::LockStep;
     coxswain::in_process::run(&assembly, folder.path())?;
     runs.push(commands(folder.path())?);
@@ -51,7 +52,8 @@ fn three_runs_of_the_processes_and_one_in_a_single_process_command_the_same_bits
 fn another_seed_commands_other_bits() -> Outcome {
     let mut runs = Vec::new();
     for seed in ["1", "2"] {
-        let (ended, home) = Launched::new(&["--pace", "lock-step", "--duration", "2", "--seed", seed])?.end()?;
+        let (ended, home) =
+            Launched::new(&["--pace", "lock-step", "--duration", "2", "--seed", seed])?.end()?;
         assert!(ended.status.success(), "{}", ended.text);
         runs.push(commands(&home.path().join("run"))?);
     }

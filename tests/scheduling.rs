@@ -6,7 +6,11 @@ use std::process::Command;
 
 fn launched_with(tables: &str, before: &[&str]) -> Result<Launched, Box<dyn std::error::Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-    let launch = launch_command(&graph_with("local", tables, home.path())?, &home.path().join("run"), &["--duration", "600"])?;
+    let launch = launch_command(
+        &graph_with("local", tables, home.path())?,
+        &home.path().join("run"),
+        &["--duration", "600"],
+    )?;
     let command = match before {
         [] => launch,
         [program, arguments @ ..] => {
@@ -36,7 +40,12 @@ fn priority(pid: u32) -> Result<u64, Box<dyn std::error::Error>> {
 #[test]
 fn processes_run_where_and_as_their_graph_says() -> Outcome {
     let last = fs::read_to_string("/proc/self/status")?;
-    let mine = last.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:")).ok_or("no processors")?.trim().to_owned();
+    let mine = last
+        .lines()
+        .find_map(|line| line.strip_prefix("Cpus_allowed_list:"))
+        .ok_or("no processors")?
+        .trim()
+        .to_owned();
     let first: usize = mine.split([',', '-']).next().ok_or("no processor")?.parse()?;
     let launched = launched_with(
         &format!(
@@ -50,8 +59,12 @@ fn processes_run_where_and_as_their_graph_says() -> Outcome {
     let driving = launched.wait_for_log("controller", "answering a plant", 1);
     if process::may_go_first() {
         driving?;
-        let (controller, plant) = (launched.process("controller", None)?, launched.process("plant-sim", None)?);
-        assert_eq!((status(controller, "Cpus_allowed_list")?, status(plant, "Cpus_allowed_list")?), (first.to_string(), mine));
+        let (controller, plant) =
+            (launched.process("controller", None)?, launched.process("plant-sim", None)?);
+        assert_eq!(
+            (status(controller, "Cpus_allowed_list")?, status(plant, "Cpus_allowed_list")?),
+            (first.to_string(), mine)
+        );
         assert_eq!((priority(controller)?, priority(plant)?), (7, 0));
         assert_ne!(status(controller, "VmLck")?, "0 kB");
         assert_eq!(status(plant, "VmLck")?, "0 kB");
@@ -71,13 +84,23 @@ fn what_the_system_does_not_permit_is_said_before_anything_moves() -> Outcome {
         "--memlock=65536:65536",
         "--rtprio=0:0",
     ];
-    let as_it_is: &[&str] = if rustix::process::geteuid().is_root() { &powerless } else { powerless.get(3..).unwrap_or_default() };
+    let as_it_is: &[&str] = if rustix::process::geteuid().is_root() {
+        &powerless
+    } else {
+        powerless.get(3..).unwrap_or_default()
+    };
     for (table, before, parts) in [
         ("processors = [1023]", &[][..], ["scheduling.processors = [1023]", "expected some of"]),
         ("lock_memory = true", as_it_is, ["scheduling.lock_memory: not permitted", "CAP_IPC_LOCK"]),
-        ("real_time_priority = 7", as_it_is, ["scheduling.real_time_priority = 7: not permitted", "CAP_SYS_NICE"]),
+        (
+            "real_time_priority = 7",
+            as_it_is,
+            ["scheduling.real_time_priority = 7: not permitted", "CAP_SYS_NICE"],
+        ),
     ] {
-        let (ended, home) = launched_with(&format!("[processes.controller.scheduling]\n{table}\n"), before)?.end()?;
+        let (ended, home) =
+            launched_with(&format!("[processes.controller.scheduling]\n{table}\n"), before)?
+                .end()?;
         assert_eq!(ended.status.code(), Some(1), "{table}: {}", ended.text);
         assert!(parts.iter().all(|part| ended.text.contains(part)), "{table}: {}", ended.text);
         assert!(!home.path().join("run/plant.log").exists(), "{table}: the robot was started");

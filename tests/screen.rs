@@ -49,7 +49,11 @@ impl Screen {
         let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
         grantpt(&ours)?;
         unlockpt(&ours)?;
-        let theirs = open(ptsname(&ours, Vec::new())?, OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty())?;
+        let theirs = open(
+            ptsname(&ours, Vec::new())?,
+            OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC,
+            Mode::empty(),
+        )?;
         tcsetwinsize(&theirs, window(columns, rows))?;
         let before = tcgetattr(&theirs)?;
         let end = || theirs.try_clone().map(Stdio::from);
@@ -63,12 +67,20 @@ impl Screen {
         }
         let child = session.stdin(end()?).stdout(end()?).stderr(end()?).spawn()?;
         let emulator = Arc::new(Mutex::new(vt100::Parser::new(rows, columns, 0)));
-        let (done, dry, writer) = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default(), File::from(ours));
+        let (done, dry, writer) =
+            (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default(), File::from(ours));
         let reader = thread::spawn({
-            let (mut output, emulator, [done, dry]) = (writer.try_clone()?, Arc::clone(&emulator), [&done, &dry].map(Arc::clone));
+            let (mut output, emulator, [done, dry]) =
+                (writer.try_clone()?, Arc::clone(&emulator), [&done, &dry].map(Arc::clone));
             move || read(&mut output, &emulator, &done, &dry)
         });
-        Ok(Self { child, plug: Some(Plug { writer, done, dry, reader }), emulator, terminal: Some(theirs), before })
+        Ok(Self {
+            child,
+            plug: Some(Plug { writer, done, dry, reader }),
+            emulator,
+            terminal: Some(theirs),
+            before,
+        })
     }
 
     /// Its process id.
@@ -90,7 +102,11 @@ impl Screen {
     ///
     /// # Errors
     /// If it never is, or the program ends; with the screen as it was last.
-    pub fn wait(&mut self, what: &str, condition: impl Fn(&str) -> bool) -> Result<String, Box<dyn Error>> {
+    pub fn wait(
+        &mut self,
+        what: &str,
+        condition: impl Fn(&str) -> bool,
+    ) -> Result<String, Box<dyn Error>> {
         let mut text = String::new();
         let mut ended = None;
         let waited = wait_until(what, || {
@@ -99,7 +115,11 @@ impl Screen {
             condition(&text) || ended.is_some()
         });
         waited.map_err(|error| format!("{error}:\n{text}"))?;
-        if condition(&text) { Ok(text) } else { Err(format!("{ended:?} without {what}:\n{text}").into()) }
+        if condition(&text) {
+            Ok(text)
+        } else {
+            Err(format!("{ended:?} without {what}:\n{text}").into())
+        }
     }
 
     /// Waits until `words` are on the screen.
@@ -165,7 +185,9 @@ impl Screen {
         .map_err(|error| format!("{error}:\n{}", self.text()))?;
         if let Some(plug) = &self.plug {
             plug.dry.store(false, Ordering::Release);
-            wait_until("the last of its output", || plug.dry.load(Ordering::Acquire) || plug.reader.is_finished())?;
+            wait_until("the last of its output", || {
+                plug.dry.load(Ordering::Acquire) || plug.reader.is_finished()
+            })?;
         }
         status.ok_or_else(|| "no status".into())
     }
@@ -177,7 +199,8 @@ impl Screen {
     pub fn wait_until_restored(&self) -> Outcome {
         let terminal = self.terminal.as_ref().ok_or("the terminal is unplugged")?;
         wait_until("the terminal as it was", || {
-            let modes = tcgetattr(terminal).is_ok_and(|modes| format!("{modes:?}") == format!("{:?}", self.before));
+            let modes = tcgetattr(terminal)
+                .is_ok_and(|modes| format!("{modes:?}") == format!("{:?}", self.before));
             modes && self.with(|screen| !screen.alternate_screen() && !screen.hide_cursor())
         })
         .map_err(|error| format!("{error}:\n{}", self.text()).into())

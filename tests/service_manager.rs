@@ -30,7 +30,10 @@ impl Manager {
         loop {
             match self.socket.recv(&mut said) {
                 Ok(length) => {
-                    self.heard.push(String::from_utf8_lossy(said.get(..length).unwrap_or_default()).into_owned());
+                    self.heard.push(
+                        String::from_utf8_lossy(said.get(..length).unwrap_or_default())
+                            .into_owned(),
+                    );
                     count += 1;
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(count),
@@ -43,7 +46,9 @@ impl Manager {
     fn wait_for(&mut self, launched: &Launched, what: &str, times: usize) -> Outcome {
         let count = |heard: &[String]| heard.iter().filter(|said| said.as_str() == what).count();
         let before = count(&self.heard);
-        launched.wait_until(&format!("{times} more {what}"), || self.listen().is_ok() && count(&self.heard) >= before + times)
+        launched.wait_until(&format!("{times} more {what}"), || {
+            self.listen().is_ok() && count(&self.heard) >= before + times
+        })
     }
 
     /// Hears nothing for a while.
@@ -75,10 +80,15 @@ fn the_watchdog_is_fed_by_the_loops_and_by_nothing_else() -> Outcome {
     socket.set_nonblocking(true)?;
     let mut manager = Manager { socket, heard: Vec::new() };
     // A launcher that mends nothing: who hangs goes on hanging.
-    let patient = ["plant", "controller"].map(|role| format!("[processes.{role}]\nhung_after_millis = 600000\n")).concat();
+    let patient = ["plant", "controller"]
+        .map(|role| format!("[processes.{role}]\nhung_after_millis = 600000\n"))
+        .concat();
     let graph = graph_with("local", &patient, home.path())?;
     let mut command = launch_command(&graph, &home.path().join("run"), &["--duration", "600"])?;
-    command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", PATIENCE_MICROS.to_string()).env_remove("WATCHDOG_PID");
+    command
+        .env("NOTIFY_SOCKET", &path)
+        .env("WATCHDOG_USEC", PATIENCE_MICROS.to_string())
+        .env_remove("WATCHDOG_PID");
     let launched = Launched::by(command, home)?;
 
     manager.wait_for(&launched, "READY=1", 1)?;
@@ -90,7 +100,9 @@ fn the_watchdog_is_fed_by_the_loops_and_by_nothing_else() -> Outcome {
         wait_until("that it stands still", || is_stopped(pid))?;
         manager.hears_nothing().map_err(|error| format!("{name}: {error}"))?;
         signal(pid, Signal::CONT)?;
-        manager.wait_for(&launched, "WATCHDOG=1", 2).map_err(|error| format!("{name} turns again: {error}"))?;
+        manager
+            .wait_for(&launched, "WATCHDOG=1", 2)
+            .map_err(|error| format!("{name} turns again: {error}"))?;
     }
     // A learner drives nothing, and a stopped one is the launcher's to mend.
     let learner = launched.process("learner", None)?;
@@ -118,7 +130,8 @@ fn another_process_s_watchdog_is_not_fed_and_a_manager_that_is_not_there_is_name
     let socket = UnixDatagram::bind(&path)?;
     socket.set_nonblocking(true)?;
     let mut manager = Manager { socket, heard: Vec::new() };
-    let mut command = launch_command(&graph_file("local"), &home.path().join("run"), &["--duration", "3"])?;
+    let mut command =
+        launch_command(&graph_file("local"), &home.path().join("run"), &["--duration", "3"])?;
     command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", "100000").env("WATCHDOG_PID", "1");
     let (ended, home) = Launched::by(command, home)?.end()?;
     assert!(ended.status.success(), "{}", ended.text);
@@ -126,7 +139,10 @@ fn another_process_s_watchdog_is_not_fed_and_a_manager_that_is_not_there_is_name
     assert_eq!(manager.heard, ["READY=1", "STOPPING=1"]);
 
     let mut command = launch_command(&graph_file("local"), &home.path().join("again"), &[])?;
-    let output = command.env("TMPDIR", home.path()).env("NOTIFY_SOCKET", home.path().join("nobody")).output()?;
+    let output = command
+        .env("TMPDIR", home.path())
+        .env("NOTIFY_SOCKET", home.path().join("nobody"))
+        .output()?;
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("NOTIFY_SOCKET") && !home.path().join("again").exists(), "{said}");
@@ -140,8 +156,12 @@ fn what_the_launcher_mends_does_not_silence_the_watchdog_for_good() -> Result<()
     let socket = UnixDatagram::bind(&path)?;
     socket.set_nonblocking(true)?;
     let mut manager = Manager { socket, heard: Vec::new() };
-    let mut command = launch_command(&graph_file("local"), &home.path().join("run"), &["--duration", "600"])?;
-    command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", PATIENCE_MICROS.to_string()).env_remove("WATCHDOG_PID");
+    let mut command =
+        launch_command(&graph_file("local"), &home.path().join("run"), &["--duration", "600"])?;
+    command
+        .env("NOTIFY_SOCKET", &path)
+        .env("WATCHDOG_USEC", PATIENCE_MICROS.to_string())
+        .env_remove("WATCHDOG_PID");
     let launched = Launched::by(command, home)?;
     manager.wait_for(&launched, "WATCHDOG=1", 2)?;
     let controller = launched.process("controller", None)?;

@@ -8,7 +8,12 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 fn export(record: &Path, tables: &Path) -> Result<Output, Box<dyn Error>> {
-    Ok(Command::new(binaries()?.join("coxswain")).arg("export").arg(record).arg("--csv").arg(tables).output()?)
+    Ok(Command::new(binaries()?.join("coxswain"))
+        .arg("export")
+        .arg(record)
+        .arg("--csv")
+        .arg(tables)
+        .output()?)
 }
 
 fn table(file: &Path) -> Result<(StringRecord, Vec<StringRecord>), Box<dyn Error>> {
@@ -18,8 +23,15 @@ fn table(file: &Path) -> Result<(StringRecord, Vec<StringRecord>), Box<dyn Error
 }
 
 /// The column called `name`.
-fn column<'a>(header: &StringRecord, rows: &'a [StringRecord], name: &str) -> Result<Vec<&'a str>, String> {
-    let index = header.iter().position(|column| column == name).ok_or_else(|| format!("{name} is not in {header:?}"))?;
+fn column<'a>(
+    header: &StringRecord,
+    rows: &'a [StringRecord],
+    name: &str,
+) -> Result<Vec<&'a str>, String> {
+    let index = header
+        .iter()
+        .position(|column| column == name)
+        .ok_or_else(|| format!("{name} is not in {header:?}"))?;
     Ok(rows.iter().filter_map(|row| row.get(index)).collect())
 }
 
@@ -37,19 +49,27 @@ fn tables_read_back_have_a_row_for_every_message_and_its_very_numbers() -> Outco
         assert!(rows.iter().all(|row| row.len() == header.len()));
         let ticks = column(&header, &rows, "stamp_tick")?;
         assert!(
-            ticks.iter().map(|tick| tick.parse::<u64>().ok()).eq(record.of(topic).map(|message| Some(message.stamp("tick")))),
+            ticks
+                .iter()
+                .map(|tick| tick.parse::<u64>().ok())
+                .eq(record.of(topic).map(|message| Some(message.stamp("tick")))),
             "{topic}"
         );
     }
     let (header, rows) = table(&tables.join("state.csv"))?;
     for (index, name) in ["pose_0 [m]", "pose_1 [m]", "pose_2 [rad]"].into_iter().enumerate() {
         let read = column(&header, &rows, name)?.into_iter().map(|cell| cell.parse::<f64>().ok());
-        assert!(read.eq(record.of("state").map(|state| state.numbers("pose").get(index).copied())), "{name}");
+        assert!(
+            read.eq(record.of("state").map(|state| state.numbers("pose").get(index).copied())),
+            "{name}"
+        );
     }
     let rungs = column(&header, &rows, "rung")?;
     assert!(rungs.into_iter().eq(record.of("state").map(|state| state.word("rung"))));
     let (header, rows) = table(&tables.join("plan.csv"))?;
-    for name in ["predicted_5_3 [m/s]", "variance_0_2 [(rad/s)²]", "tick_nanos [ns]", "delay_micros [µs]"] {
+    for name in
+        ["predicted_5_3 [m/s]", "variance_0_2 [(rad/s)²]", "tick_nanos [ns]", "delay_micros [µs]"]
+    {
         assert_eq!(column(&header, &rows, name)?.len(), rows.len());
     }
     Ok(())
@@ -58,7 +78,8 @@ fn tables_read_back_have_a_row_for_every_message_and_its_very_numbers() -> Outco
 #[test]
 fn no_table_is_written_into_a_folder_that_is_not_empty_nor_of_what_is_no_record() -> Outcome {
     let home = tempfile::tempdir()?;
-    let (full, poem, tables) = (home.path().join("full"), home.path().join("poem.mcap"), home.path().join("tables"));
+    let (full, poem, tables) =
+        (home.path().join("full"), home.path().join("poem.mcap"), home.path().join("tables"));
     fs::create_dir(&full)?;
     fs::write(full.join("mine.csv"), "1,2,3")?;
     fs::write(&poem, "The boy stood on the burning deck")?;
@@ -72,7 +93,8 @@ fn no_table_is_written_into_a_folder_that_is_not_empty_nor_of_what_is_no_record(
         assert_eq!(output.status.code(), Some(2), "{text}");
         assert!(text.contains(expected), "{expected:?} is not in: {text}");
     }
-    let left: Vec<_> = fs::read_dir(home.path())?.flatten().map(|entry| entry.file_name()).collect();
+    let left: Vec<_> =
+        fs::read_dir(home.path())?.flatten().map(|entry| entry.file_name()).collect();
     assert_eq!(left.len(), 2, "{left:?}");
     assert_eq!(fs::read_dir(&full)?.count(), 1);
     Ok(())

@@ -25,7 +25,12 @@ const PANICS: &str = "COXSWAIN_TEST_PANICS";
 /// `coxswain watch ARGUMENTS…` on a terminal, which looks for graphs in the home of `launched`.
 fn command(launched: &Launched, arguments: &[&str]) -> Result<Command, Box<dyn Error>> {
     let mut command = Command::new(binaries()?.join("coxswain"));
-    command.arg("watch").args(arguments).env("TMPDIR", launched.home()).env("TERM", "xterm-256color").env_remove("NO_COLOR");
+    command
+        .arg("watch")
+        .args(arguments)
+        .env("TMPDIR", launched.home())
+        .env("TERM", "xterm-256color")
+        .env_remove("NO_COLOR");
     Ok(command)
 }
 
@@ -70,7 +75,9 @@ fn see_it_drive(view: &mut Screen) -> Result<String, Box<dyn Error>> {
     // By their rows: what happened last, in the last line, may be that one of them "is running".
     let is_at_work = |shown: &str, who: &str| shown.contains(&format!("{who:<10} running"));
     let shown = view.wait("all processes at work, and a model", |shown| {
-        let all = ["plant", "controller", "learner", "recorder", "gateway"].iter().all(|who| is_at_work(shown, who));
+        let all = ["plant", "controller", "learner", "recorder", "gateway"]
+            .iter()
+            .all(|who| is_at_work(shown, who));
         all && shown.contains("model ") && !shown.contains("main model alone")
     })?;
     let before = tick(&shown).ok_or("no tick")?;
@@ -99,7 +106,9 @@ fn a_person_sees_the_robot_drive_at_both_sizes_and_the_keys_do_what_help_says() 
     thread::sleep(Duration::from_secs(1));
     assert_eq!(view.text(), held, "a held picture stands still");
     view.press(" ")?;
-    view.wait("the picture to go on", |shown| !shown.contains("HELD") && tick(shown) > tick(&held))?;
+    view.wait("the picture to go on", |shown| {
+        !shown.contains("HELD") && tick(shown) > tick(&held)
+    })?;
 
     view.press("?")?;
     let help: Vec<&str> = KEYS.iter().flat_map(|(keys, what)| [*keys, *what]).collect();
@@ -112,7 +121,8 @@ fn a_person_sees_the_robot_drive_at_both_sizes_and_the_keys_do_what_help_says() 
     view.wait_for(&DRIVING)?;
     let large = view.settled()?;
     assert!(
-        large.lines().count() == usize::from(LARGE.1) && large.lines().any(|line| line.chars().count() == usize::from(LARGE.0)),
+        large.lines().count() == usize::from(LARGE.1)
+            && large.lines().any(|line| line.chars().count() == usize::from(LARGE.0)),
         "{large}"
     );
     view.resize((20, 5))?;
@@ -149,7 +159,8 @@ fn a_robot_that_goes_is_greyed_and_one_that_comes_back_is_welcomed() -> Outcome 
     let mut view = Screen::start(&command(&launched, &[])?, SMALL)?;
     view.wait_for(&DRIVING)?;
     let is_grey = |screen: &vt100::Screen| {
-        let cells = (1..23).flat_map(|row| (0..80).filter_map(move |column| screen.cell(row, column)));
+        let cells =
+            (1..23).flat_map(|row| (0..80).filter_map(move |column| screen.cell(row, column)));
         cells.filter(|cell| !cell.contents().trim().is_empty()).all(vt100::Cell::dim)
     };
     assert!(!view.with(is_grey));
@@ -209,7 +220,10 @@ fn a_panic_gives_the_terminal_back_and_is_told() -> Outcome {
         panic!("told after the picture");
     }
     let mut command = Command::new(env::current_exe()?);
-    command.args(["--exact", "a_panic_gives_the_terminal_back_and_is_told", "--nocapture"]).env(PANICS, "1").env("RUST_BACKTRACE", "0");
+    command
+        .args(["--exact", "a_panic_gives_the_terminal_back_and_is_told", "--nocapture"])
+        .env(PANICS, "1")
+        .env("RUST_BACKTRACE", "0");
     let mut view = Screen::start(&command, SMALL)?;
     assert_eq!(view.end()?.code(), Some(101));
     view.wait_until_restored()?;
@@ -222,8 +236,11 @@ fn a_panic_gives_the_terminal_back_and_is_told() -> Outcome {
 fn no_color_is_respected() -> Outcome {
     let launched = launch()?;
     let is_coloured = |screen: &vt100::Screen| {
-        let mut cells = (0..24).flat_map(|row| (0..80).filter_map(move |column| screen.cell(row, column)));
-        cells.any(|cell| (cell.fgcolor(), cell.bgcolor()) != (vt100::Color::Default, vt100::Color::Default))
+        let mut cells =
+            (0..24).flat_map(|row| (0..80).filter_map(move |column| screen.cell(row, column)));
+        cells.any(|cell| {
+            (cell.fgcolor(), cell.bgcolor()) != (vt100::Color::Default, vt100::Color::Default)
+        })
     };
     for (no_color, coloured) in [("", true), ("1", false)] {
         let mut view = Screen::start(command(&launched, &[])?.env("NO_COLOR", no_color), SMALL)?;

@@ -29,7 +29,8 @@ struct Random(u64);
 
 impl Random {
     fn below(&mut self, end: u64) -> u64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 33) % end
     }
 
@@ -43,22 +44,32 @@ impl Random {
     }
 
     fn weight(&mut self) -> String {
-        let key = self.of(&["position", "heading", "velocity", "yaw_rate", "input", "terminal_factor"]);
+        let key =
+            self.of(&["position", "heading", "velocity", "yaw_rate", "input", "terminal_factor"]);
         format!("mpc.weights.{key}={:.4}", self.ratio(0.05, 50.0))
     }
 
     fn horizon(&mut self) -> [String; 2] {
         let horizon = 3 + self.below(38);
-        [format!("mpc.horizon_steps={horizon}"), format!("mpc.control_horizon_steps={}", 1 + self.below(horizon.min(10)))]
+        [
+            format!("mpc.horizon_steps={horizon}"),
+            format!("mpc.control_horizon_steps={}", 1 + self.below(horizon.min(10))),
+        ]
     }
 
     fn path(&mut self) -> Vec<String> {
         let (size, speed) = (self.ratio(0.5, 5.0), self.ratio(0.2, 1.5));
         let path = match self.below(3) {
-            0 => format!("reference.path.circle={{ radius_m = {size:.3}, speed_mps = {speed:.3} }}"),
+            0 => {
+                format!("reference.path.circle={{ radius_m = {size:.3}, speed_mps = {speed:.3} }}")
+            }
             1 => format!("reference.path.square={{ side_m = {size:.3}, speed_mps = {speed:.3} }}"),
             _ => {
-                format!("reference.path.figure-eight={{ length_m = {size:.3}, width_m = {:.3}, lap_s = {:.3} }}", size / 2.0, 20.0 / speed)
+                format!(
+                    "reference.path.figure-eight={{ length_m = {size:.3}, width_m = {:.3}, lap_s = {:.3} }}",
+                    size / 2.0,
+                    20.0 / speed
+                )
             }
         };
         vec![path, format!("reference.heading={}", self.of(&["tangent", "{ fixed-rad = 0.5 }"]))]
@@ -81,7 +92,10 @@ impl Random {
             }
             _ => {
                 return (
-                    vec![format!("learner.every_ticks={}", 3 + self.below(30)), format!("learner.evaluations_max={}", 1 + self.below(30))],
+                    vec![
+                        format!("learner.every_ticks={}", 3 + self.below(30)),
+                        format!("learner.evaluations_max={}", 1 + self.below(30)),
+                    ],
                     None,
                 );
             }
@@ -107,7 +121,11 @@ impl Random {
 
 /// `coxswain set ARGUMENTS…` of the launch whose files are at `home`.
 fn say(home: &Path, arguments: &[&str]) -> Result<Output, Box<dyn Error>> {
-    Ok(Command::new(binaries()?.join("coxswain")).arg("set").args(arguments).env("TMPDIR", home).output()?)
+    Ok(Command::new(binaries()?.join("coxswain"))
+        .arg("set")
+        .args(arguments)
+        .env("TMPDIR", home)
+        .output()?)
 }
 
 /// What was said on the standard error, and the exit code.
@@ -131,12 +149,18 @@ fn end(launched: Launched) -> Result<Record, Box<dyn Error>> {
 
 /// What the record says of changes, by process and number.
 fn on_record(record: &Record) -> Result<BTreeMap<(String, u64), Settled>, Box<dyn Error>> {
-    let said = record.of("set").map(|message| serde_json::from_value::<Settled>(message.says.clone()));
-    Ok(said.collect::<Result<Vec<_>, _>>()?.into_iter().map(|settled| ((settled.process.clone(), settled.number), settled)).collect())
+    let said =
+        record.of("set").map(|message| serde_json::from_value::<Settled>(message.says.clone()));
+    Ok(said
+        .collect::<Result<Vec<_>, _>>()?
+        .into_iter()
+        .map(|settled| ((settled.process.clone(), settled.number), settled))
+        .collect())
 }
 
 #[test]
-fn each_of_a_thousand_random_settings_is_in_use_within_two_ticks_or_refused_and_the_record_gives_all_of_them_again() -> Outcome {
+fn each_of_a_thousand_random_settings_is_in_use_within_two_ticks_or_refused_and_the_record_gives_all_of_them_again()
+-> Outcome {
     let launched = Launched::new(&SCENARIO)?;
     launched.wait_for_log("controller", "version=2 ", 1)?;
     let (home, run) = (launched.home().to_path_buf(), launched.folder());
@@ -155,7 +179,8 @@ fn each_of_a_thousand_random_settings_is_in_use_within_two_ticks_or_refused_and_
             (code == Some(0), text)
         } else {
             let (lines, role) = understand(&pairs)?;
-            set(Some(&run), &base(&home), role, &lines).map_or_else(|error| (false, error.to_string()), |_| (true, String::new()))
+            set(Some(&run), &base(&home), role, &lines)
+                .map_or_else(|error| (false, error.to_string()), |_| (true, String::new()))
         };
         assert_eq!(came, wrong.is_none(), "{pairs:?}: {why}");
         if let Some(key) = wrong {
@@ -167,14 +192,24 @@ fn each_of_a_thousand_random_settings_is_in_use_within_two_ticks_or_refused_and_
 
     let settled = on_record(&record)?;
     assert_eq!(settled.len() as u64, COUNT, "everything that was asked is on record");
-    assert!(settled.values().all(|settled| !settled.wish.who.is_empty() && settled.wish.asked_unix_nanos > 0));
+    assert!(
+        settled
+            .values()
+            .all(|settled| !settled.wish.who.is_empty() && settled.wish.asked_unix_nanos > 0)
+    );
     let mut ways = BTreeMap::new();
     let mut in_use = vec![(0, told.clone())];
     for settled in settled.values() {
-        let Came::Applied { taken_at_tick, ready_at_tick, acts_from_tick, .. } = settled.answer.outcome else { continue };
+        let Came::Applied { taken_at_tick, ready_at_tick, acts_from_tick, .. } =
+            settled.answer.outcome
+        else {
+            continue;
+        };
         *ways.entry(acts_from_tick - taken_at_tick).or_insert(0) += 1;
         // How long it is built is a matter of the machine; what is built waits for nothing but the end of a period.
-        let answered = record.of("plan").filter(|plan| (ready_at_tick + 1..acts_from_tick).contains(&plan.stamp("tick")));
+        let answered = record
+            .of("plan")
+            .filter(|plan| (ready_at_tick + 1..acts_from_tick).contains(&plan.stamp("tick")));
         assert!(answered.count() < WITHIN, "{settled:?}");
         if settled.process == Participant::Controller.text()
             && let Some((_, before)) = in_use.last()
@@ -185,12 +220,18 @@ fn each_of_a_thousand_random_settings_is_in_use_within_two_ticks_or_refused_and_
     }
     let applied: u64 = ways.values().sum();
     assert_eq!((applied, settled.len() as u64 - applied), (COUNT - refused, refused));
-    writeln!(io::stdout(), "{applied} in use, {refused} refused; periods from taking up to use: {ways:?}")?;
+    writeln!(
+        io::stdout(),
+        "{applied} in use, {refused} refused; periods from taking up to use: {ways:?}"
+    )?;
     the_plans_are_of_the_settings_that_the_record_gives(&record, &in_use)
 }
 
 /// Every plan has the horizon, and begins at the reference, of the settings that were in use by then.
-fn the_plans_are_of_the_settings_that_the_record_gives(record: &Record, in_use: &[(u64, controller::Settings)]) -> Outcome {
+fn the_plans_are_of_the_settings_that_the_record_gives(
+    record: &Record,
+    in_use: &[(u64, controller::Settings)],
+) -> Outcome {
     let epochs: Vec<u64> = record.of("plan").map(|plan| plan.count("plant_epoch")).collect();
     assert!(epochs.iter().all(|epoch| Some(epoch) == epochs.first()), "nobody was restarted");
     let last = record.of("plan").map(|plan| plan.stamp("tick")).max().ok_or("no plan")?;
@@ -203,14 +244,28 @@ fn the_plans_are_of_the_settings_that_the_record_gives(record: &Record, in_use: 
         let index = in_use.iter().rposition(|(from, _)| *from <= tick).ok_or("nothing in use")?;
         let (_, settings) = &in_use[index];
         let under_way = plan.count("delay_micros") / 100_000;
-        assert_eq!(plan.count("horizon"), (settings.mpc.horizon_steps as u64 + under_way).min(40), "tick {tick}");
+        assert_eq!(
+            plan.count("horizon"),
+            (settings.mpc.horizon_steps as u64 + under_way).min(40),
+            "tick {tick}"
+        );
         horizons.insert(settings.mpc.horizon_steps);
         if reference.as_ref().is_none_or(|(of, _)| *of != index) {
-            let table = Reference::new(&settings.reference, &settings.start, period, usize::try_from(last)?)?;
+            let table = Reference::new(
+                &settings.reference,
+                &settings.start,
+                period,
+                usize::try_from(last)?,
+            )?;
             reference = Some((index, table));
         }
         let point = reference.as_ref().ok_or("no reference")?.1.at(tick);
-        let begins: Vec<f64> = plan.says["reference"][0].as_array().into_iter().flatten().filter_map(serde_json::Value::as_f64).collect();
+        let begins: Vec<f64> = plan.says["reference"][0]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .filter_map(serde_json::Value::as_f64)
+            .collect();
         assert_eq!(begins[..3], point.pose, "tick {tick}");
         plans += 1;
     }
@@ -224,20 +279,44 @@ fn what_cannot_be_set_is_named_and_what_was_set_stays_as_it_was() -> Outcome {
     launched.wait_for_log("controller", "version=1 ", 1)?;
     let home = launched.home().to_path_buf();
     for (pairs, parts) in [
-        (&["mpc.weights.position=-1"][..], ["mpc.weights.position = -1", "expected a finite number greater than 0"]),
+        (
+            &["mpc.weights.position=-1"][..],
+            ["mpc.weights.position = -1", "expected a finite number greater than 0"],
+        ),
         (&["mpc.weights.postion=1"], ["mpc.weights.postion = 1: unknown key", "position"]),
-        (&["mpc.weights.position=heavy"], ["mpc.weights.position = \"heavy\"", "expected a number"]),
+        (
+            &["mpc.weights.position=heavy"],
+            ["mpc.weights.position = \"heavy\"", "expected a number"],
+        ),
         (&["mpc.weights.position=none"], ["mpc.weights.position is missing", "expected"]),
         (&["mpc.horizon_steps=41"], ["mpc.horizon_steps = 41", "expected 3 to 40 periods"]),
-        (&["mpc.horizon_steps=20", "mpc.control_horizon_steps=21"], ["mpc.control_horizon_steps = 21", "1 to horizon_steps = 20"]),
+        (
+            &["mpc.horizon_steps=20", "mpc.control_horizon_steps=21"],
+            ["mpc.control_horizon_steps = 21", "1 to horizon_steps = 20"],
+        ),
         (&["mpc.solver=magic"], ["mpc.solver = \"magic\"", "active-set, clarabel"]),
-        (&["robot.limits.input_mps=100"], ["robot.limits.input_mps = 100: stays as it was", "mpc.weights"]),
-        (&["reference.path.circle.width_m=3"], ["reference.path.circle.width_m = 3: unknown key", "radius_m"]),
-        (&["reference.path.square.side_m=3"], ["reference.path.square.speed_mps is missing", "expected"]),
+        (
+            &["robot.limits.input_mps=100"],
+            ["robot.limits.input_mps = 100: stays as it was", "mpc.weights"],
+        ),
+        (
+            &["reference.path.circle.width_m=3"],
+            ["reference.path.circle.width_m = 3: unknown key", "radius_m"],
+        ),
+        (
+            &["reference.path.square.side_m=3"],
+            ["reference.path.square.speed_mps is missing", "expected"],
+        ),
         (&["reference.path.points.file=/nowhere.csv"], ["/nowhere.csv", "expected the columns"]),
         (&["learner.every_ticks=0"], ["learner.every_ticks = 0", "at least 1 period"]),
-        (&["learner.points_max=50"], ["learner.points_max = 50: stays as it was", "learner.every_ticks"]),
-        (&["learner.every_ticks=9", "mpc.horizon_steps=9"], ["different processes", "one after the other"]),
+        (
+            &["learner.points_max=50"],
+            ["learner.points_max = 50: stays as it was", "learner.every_ticks"],
+        ),
+        (
+            &["learner.every_ticks=9", "mpc.horizon_steps=9"],
+            ["different processes", "one after the other"],
+        ),
         (&["mpc.horizon_steps"], ["expected KEY=VALUE", ""]),
     ] {
         let (code, text) = refusal(&home, pairs)?;
@@ -246,8 +325,17 @@ fn what_cannot_be_set_is_named_and_what_was_set_stays_as_it_was() -> Outcome {
     }
     let record = end(launched)?;
     let settled = on_record(&record)?;
-    assert!(settled.len() == 13 && settled.values().all(|settled| matches!(settled.answer.outcome, Came::Refused { .. })), "{settled:?}");
-    let horizons: Vec<u64> = record.of("plan").map(|plan| plan.count("horizon") - plan.count("delay_micros") / 100_000).collect();
+    assert!(
+        settled.len() == 13
+            && settled
+                .values()
+                .all(|settled| matches!(settled.answer.outcome, Came::Refused { .. })),
+        "{settled:?}"
+    );
+    let horizons: Vec<u64> = record
+        .of("plan")
+        .map(|plan| plan.count("horizon") - plan.count("delay_micros") / 100_000)
+        .collect();
     assert!(horizons.iter().all(|horizon| Some(horizon) == horizons.first()), "{horizons:?}");
     Ok(())
 }
@@ -258,14 +346,24 @@ fn where_nothing_drives_nothing_is_set_and_in_lock_step_nothing_can_be() -> Outc
     launched.wait_for_log("controller", "answering a plant", 1)?;
     let (home, run) = (launched.home().to_path_buf(), launched.folder());
     let (code, text) = refusal(&home, &["mpc.weights.position=3"])?;
-    assert!(code == Some(2) && text.contains("the controller refuses: in lock step nothing can be changed"), "{text}");
+    assert!(
+        code == Some(2)
+            && text.contains("the controller refuses: in lock step nothing can be changed"),
+        "{text}"
+    );
     let (code, text) = refusal(&home, &["learner.every_ticks=3"])?;
-    assert!(code == Some(2) && text.contains("the learner refuses: in lock step nothing can be changed"), "{text}");
+    assert!(
+        code == Some(2)
+            && text.contains("the learner refuses: in lock step nothing can be changed"),
+        "{text}"
+    );
     let (code, text) = refusal(&home, &["mpc.weights.position=3", "--run", "/nowhere"])?;
     assert!(code == Some(2) && text.contains("--run /nowhere: no launch runs there"), "{text}");
 
-    let other = Launched::at_home(tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?, &SCENARIO)?;
-    let (code, text) = refusal(other.home(), &["mpc.weights.position=3", "--run", &run.to_string_lossy()])?;
+    let other =
+        Launched::at_home(tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?, &SCENARIO)?;
+    let (code, text) =
+        refusal(other.home(), &["mpc.weights.position=3", "--run", &run.to_string_lossy()])?;
     assert!(code == Some(2) && text.contains("no launch runs there"), "{text}");
     drop(other);
     drop(launched);
@@ -289,7 +387,10 @@ fn of_two_launches_the_one_that_is_named_is_changed() -> Outcome {
     assert!(code == Some(2) && text.contains(&one) && text.contains(&two), "{text}");
     let output = say(&home, &["mpc.horizon_steps=9", "--run", &two])?;
     let text = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success() && text.starts_with("mpc.horizon_steps = 9: in use from tick "), "{text}");
+    assert!(
+        output.status.success() && text.starts_with("mpc.horizon_steps = 9: in use from tick "),
+        "{text}"
+    );
     signal(second.pid(), Signal::TERM)?;
     second.end()?;
     let records = (end(first)?, ());
@@ -302,7 +403,11 @@ fn a_controller_that_is_started_again_keeps_what_was_set() -> Outcome {
     let launched = Launched::new(&SCENARIO)?;
     launched.wait_for_log("controller", "version=1 ", 1)?;
     let home = launched.home().to_path_buf();
-    assert!(say(&home, &["mpc.horizon_steps=9", "reference.path.circle.radius_m=1.5"])?.status.success());
+    assert!(
+        say(&home, &["mpc.horizon_steps=9", "reference.path.circle.radius_m=1.5"])?
+            .status
+            .success()
+    );
     assert!(say(&home, &["mpc.horizon_steps=11"])?.status.success());
     let pid = launched.process("controller", None)?;
     signal(pid, Signal::KILL)?;

@@ -29,7 +29,11 @@ const SAID: [(&str, &str, &str); 35] = [
     ("UMask", "0077", "nobody else reads what it makes"),
     ("StateDirectoryMode", "0700", "nor its runs"),
     ("RuntimeDirectoryMode", "0700", "nor its sockets"),
-    ("RuntimeDirectoryPreserve", "yes", "the next launch finds what a killed one has left in shared memory"),
+    (
+        "RuntimeDirectoryPreserve",
+        "yes",
+        "the next launch finds what a killed one has left in shared memory",
+    ),
     ("LimitRTPRIO", "49", "commands are on time"),
     ("LimitCORE", "0", "no memory is left on the disk"),
     ("RemoveIPC", "no", "iceoryx2: shared memory stays when another unit of the user stops"),
@@ -67,7 +71,9 @@ fn folder() -> std::path::PathBuf {
 /// What a unit says under each key; a key may be said more than once.
 fn directives(text: &str) -> BTreeMap<&str, Vec<&str>> {
     let mut said: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
-    for (key, value) in text.lines().filter(|line| !line.starts_with('#')).filter_map(|line| line.split_once('=')) {
+    for (key, value) in
+        text.lines().filter(|line| !line.starts_with('#')).filter_map(|line| line.split_once('='))
+    {
         said.entry(key).or_default().push(value);
     }
     said
@@ -86,18 +92,33 @@ fn every_unit_says_what_a_host_is_kept_from_and_what_the_graph_needs() -> Outcom
         let text = fs::read_to_string(folder().join(unit))?;
         let said = directives(&text);
         for (key, value, why) in SAID {
-            assert_eq!(said.get(key).map(Vec::as_slice), Some(&[value][..]), "{unit}: {key} ({why})");
+            assert_eq!(
+                said.get(key).map(Vec::as_slice),
+                Some(&[value][..]),
+                "{unit}: {key} ({why})"
+            );
         }
         for key in UNSAID {
             assert!(!said.contains_key(key), "{unit}: {key}");
         }
-        let graph = said.get("ExecStart").and_then(|starts| starts.first()?.rsplit('/').next()).ok_or("it starts nothing")?;
-        assert!(graph == "%i.toml" || repository().join("deploy/graphs").join(graph).is_file(), "{unit} starts {graph}");
+        let graph = said
+            .get("ExecStart")
+            .and_then(|starts| starts.first()?.rsplit('/').next())
+            .ok_or("it starts nothing")?;
+        assert!(
+            graph == "%i.toml" || repository().join("deploy/graphs").join(graph).is_file(),
+            "{unit} starts {graph}"
+        );
         // The way to a socket in a graph's folder: user ids of up to five digits, a name of eight characters.
-        let runtime = said.get("RuntimeDirectory").and_then(|names| names.first()).ok_or("no runtime folder")?.replace("%i", "local");
+        let runtime = said
+            .get("RuntimeDirectory")
+            .and_then(|names| names.first())
+            .ok_or("no runtime folder")?
+            .replace("%i", "local");
         let root = format!("/run/{runtime}/coxswain-65534/abcdefgh");
         assert!(root.len() <= 49, "{unit}: {root} is too long for sockets in it");
-        let temporary = said.get("Environment").and_then(|values| values.first()).ok_or("no TMPDIR")?;
+        let temporary =
+            said.get("Environment").and_then(|values| values.first()).ok_or("no TMPDIR")?;
         assert_eq!(temporary.replace("%i", "local"), format!("TMPDIR=%t/{runtime}"), "{unit}");
     }
     Ok(())
@@ -112,7 +133,8 @@ fn is_there(program: &str) -> bool {
 fn installed(home: &Path) -> Result<Vec<std::path::PathBuf>, Box<dyn Error>> {
     let launcher = binaries()?.join("coxswain");
     let install = |(unit, name): (&str, &str)| {
-        let text = fs::read_to_string(folder().join(unit))?.replace("/usr/lib/coxswain/coxswain", &launcher.to_string_lossy());
+        let text = fs::read_to_string(folder().join(unit))?
+            .replace("/usr/lib/coxswain/coxswain", &launcher.to_string_lossy());
         let place = home.join(name);
         fs::write(&place, text)?;
         Ok(place)
@@ -138,7 +160,11 @@ fn systemd_understands_every_unit_and_finds_none_exposed() -> Outcome {
             .arg(&unit)
             .output()?;
         let said = String::from_utf8_lossy(&judged.stdout);
-        assert!(judged.status.success() && said.contains("Overall exposure level"), "{}: {said}", unit.display());
+        assert!(
+            judged.status.success() && said.contains("Overall exposure level"),
+            "{}: {said}",
+            unit.display()
+        );
         let verified = Command::new("systemd-analyze").arg("verify").arg(&unit).output()?;
         let said = String::from_utf8_lossy(&verified.stderr);
         let ours: Vec<&str> = said.lines().filter(|line| line.contains("coxswain")).collect();

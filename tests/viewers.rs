@@ -5,19 +5,36 @@ use serde_json::Value;
 use std::process::Command;
 
 #[test]
-fn a_record_opens_with_the_public_reader_and_its_drawings_fit_the_types_of_the_foxglove_sdk() -> Outcome {
+fn a_record_opens_with_the_public_reader_and_its_drawings_fit_the_types_of_the_foxglove_sdk()
+-> Outcome {
     let (ended, home) = Launched::graph("local", &["--pace", "lock-step"])?.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     let folder = home.path().join("run");
     let script = repository().join("tests/python/viewers.py");
-    let told = text_of(Command::new(python()?).arg("-B").arg(script).arg(folder.join("record.mcap")))?;
+    let told =
+        text_of(Command::new(python()?).arg("-B").arg(script).arg(folder.join("record.mcap")))?;
     let told: Value = serde_json::from_str(&told)?;
     let record = Record::read(&folder)?;
     let count = |channel: &str| told["counts"][channel].as_u64().unwrap_or_default();
-    for (channel, topic) in [("tf", "state"), ("pose", "state"), ("tracking", "plan"), ("state", "state"), ("command", "command")] {
-        assert_eq!(count(channel), record.of(topic).count() as u64, "{channel}: one for each {topic}");
+    for (channel, topic) in [
+        ("tf", "state"),
+        ("pose", "state"),
+        ("tracking", "plan"),
+        ("state", "state"),
+        ("command", "command"),
+    ] {
+        assert_eq!(
+            count(channel),
+            record.of(topic).count() as u64,
+            "{channel}: one for each {topic}"
+        );
     }
-    assert_eq!((count("path"), count("horizon") > 100, count("reference") > 100), (26, true, true), "{}", told["counts"]);
+    assert_eq!(
+        (count("path"), count("horizon") > 100, count("reference") > 100),
+        (26, true, true),
+        "{}",
+        told["counts"]
+    );
 
     let last = record.of("state").next_back().ok_or("no state")?.numbers("pose");
     let pose = &told["last"]["pose"]["pose"];
@@ -25,7 +42,8 @@ fn a_record_opens_with_the_public_reader_and_its_drawings_fit_the_types_of_the_f
         let drawn = pose["position"][name].as_f64().ok_or("no number")?;
         assert!((drawn - value).abs() < 1e-5, "{name}: {drawn} is drawn, {value} was measured");
     }
-    let [sine, cosine] = ["z", "w"].map(|name| pose["orientation"][name].as_f64().unwrap_or(f64::NAN));
+    let [sine, cosine] =
+        ["z", "w"].map(|name| pose["orientation"][name].as_f64().unwrap_or(f64::NAN));
     assert!((2.0 * sine.atan2(cosine) - last[2]).sin().abs() < 1e-4, "yaw");
     let plan = record.of("plan").next_back().ok_or("no plan")?;
     assert_eq!(told["last"]["tracking"]["model_version"], plan.says["model_version"]);

@@ -1,6 +1,8 @@
 //! Promise: anyone can watch, through losses and returns, and nobody who watches costs the robot anything.
 
-use promises::{Browser, Launched, Outcome, Reader, Record, binaries, python, repository, signal, wait_until};
+use promises::{
+    Browser, Launched, Outcome, Reader, Record, binaries, python, repository, signal, wait_until,
+};
 use rustix::process::Signal;
 use std::error::Error;
 use std::process::{Command, Stdio};
@@ -19,7 +21,12 @@ fn tick(line: &str) -> Option<u64> {
 
 /// Everything that a run commanded.
 fn commands(record: &Record) -> Vec<String> {
-    record.of("command").map(|command| format!("{} {} {}", command.stamp("tick"), command.says["input"], command.says["tail"])).collect()
+    record
+        .of("command")
+        .map(|command| {
+            format!("{} {} {}", command.stamp("tick"), command.says["input"], command.says["tail"])
+        })
+        .collect()
 }
 
 #[test]
@@ -31,7 +38,12 @@ fn a_watcher_sees_every_period_of_a_slow_robot_and_ends_when_asked_to() -> Outco
     let ticks: Vec<u64> = lines.iter().filter_map(|line| tick(line)).collect();
     assert_eq!(ticks.len(), lines.len(), "{lines:?}");
     assert!(ticks.is_sorted_by(|earlier, later| earlier < later), "{ticks:?}");
-    assert!(lines.iter().any(|line| line.contains("fresh plan") && line.contains("model") && line.ends_with(" us")), "{lines:?}");
+    assert!(
+        lines.iter().any(|line| line.contains("fresh plan")
+            && line.contains("model")
+            && line.ends_with(" us")),
+        "{lines:?}"
+    );
     signal(watcher.pid(), Signal::INT)?;
     assert_eq!(watcher.end()?.code(), Some(0));
     let (ended, _home) = launched.end()?;
@@ -55,7 +67,11 @@ fn a_robot_that_goes_and_comes_back_is_told_once_each() -> Outcome {
     watcher.wait_for_error("is back", 1)?;
     watcher.lines(5)?;
     let said = watcher.errors();
-    assert_eq!((said.matches("no word").count(), said.matches("is back").count()), (1, 1), "{said}");
+    assert_eq!(
+        (said.matches("no word").count(), said.matches("is back").count()),
+        (1, 1),
+        "{said}"
+    );
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     let record = Record::read(&home.path().join("run"))?;
@@ -92,7 +108,9 @@ fn commands_beside(beside: Beside) -> Result<Vec<String>, Box<dyn Error>> {
         match beside {
             Beside::StoppedBrowser => browser.signal(Signal::STOP)?,
             Beside::KilledBrowser => browser.signal(Signal::KILL)?,
-            _ => browser.wait_for(&format!("parseFloat(document.getElementById('time').innerText) > {seen}"))?,
+            _ => browser.wait_for(&format!(
+                "parseFloat(document.getElementById('time').innerText) > {seen}"
+            ))?,
         }
     } else if !matches!(beside, Beside::Nothing) {
         launched.gateway_endpoint()?;
@@ -124,7 +142,10 @@ fn commands_beside(beside: Beside) -> Result<Vec<String>, Box<dyn Error>> {
 fn look_on(browser: &mut Browser, launched: &Launched) -> Result<f64, Box<dyn Error>> {
     browser.open(&launched.page_address()?, 1280, 1120)?;
     browser.wait_for("parseFloat(document.getElementById('time').innerText) > 0")?;
-    let seen = browser.ask("parseFloat(document.getElementById('time').innerText)")?.as_f64().ok_or("no time")?;
+    let seen = browser
+        .ask("parseFloat(document.getElementById('time').innerText)")?
+        .as_f64()
+        .ok_or("no time")?;
     assert!(seen < LENGTH_S, "the run was over before anybody looked");
     Ok(seen)
 }
@@ -133,7 +154,9 @@ fn look_on(browser: &mut Browser, launched: &Launched) -> Result<f64, Box<dyn Er
 fn stranger(launched: &Launched) -> Result<Reader, Box<dyn Error>> {
     let mut command = Command::new(python()?);
     command.arg("-B").arg(repository().join("tests/python/stranger.py"));
-    Reader::start(command.arg(launched.gateway_endpoint()?).arg(repository().join("protocol/vectors")))
+    Reader::start(
+        command.arg(launched.gateway_endpoint()?).arg(repository().join("protocol/vectors")),
+    )
 }
 
 /// Whatever happens beside a run in lock step, every command is that of a run beside which nothing does.
@@ -151,13 +174,15 @@ fn nothing_changes_beside(others: &[Beside]) -> Outcome {
 }
 
 #[test]
-fn in_lock_step_no_watcher_no_stranger_and_no_stopped_gateway_holds_anybody_up_or_changes_a_bit() -> Outcome {
+fn in_lock_step_no_watcher_no_stranger_and_no_stopped_gateway_holds_anybody_up_or_changes_a_bit()
+-> Outcome {
     use Beside::{KilledWatcher, StoppedGateway, StoppedWatcher, Stranger, Watcher};
     nothing_changes_beside(&[Watcher, StoppedWatcher, KilledWatcher, StoppedGateway, Stranger])
 }
 
 #[test]
-fn in_lock_step_no_browser_that_looks_on_is_stopped_or_is_killed_holds_anybody_up_or_changes_a_bit() -> Outcome {
+fn in_lock_step_no_browser_that_looks_on_is_stopped_or_is_killed_holds_anybody_up_or_changes_a_bit()
+-> Outcome {
     nothing_changes_beside(&[Beside::Browser, Beside::StoppedBrowser, Beside::KilledBrowser])
 }
 
@@ -171,7 +196,11 @@ fn what_cannot_be_watched_is_told_clearly() -> Outcome {
         (&["tcp/127.0.0.1:1", "--robot", "A B", "--plain"], 2, "robot name \"A B\" must be"),
         (&["tcp/127.0.0.1:1"], 2, "--plain"),
     ] {
-        let output = Command::new(binaries()?.join("coxswain")).arg("watch").args(arguments).env("TMPDIR", home.path()).output()?;
+        let output = Command::new(binaries()?.join("coxswain"))
+            .arg("watch")
+            .args(arguments)
+            .env("TMPDIR", home.path())
+            .output()?;
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(code), "{arguments:?}: {text}");
         assert!(text.contains(told), "{arguments:?}: {text}");
@@ -184,7 +213,11 @@ fn a_pipe_that_is_closed_ends_the_watcher_quietly() -> Outcome {
     let launched = Launched::new(&["--duration", "5"])?;
     launched.wait_for_log("gateway", "watchers are welcome", 1)?;
     let mut command = Command::new(binaries()?.join("coxswain"));
-    command.args(["watch", "--plain"]).env("TMPDIR", launched.home()).stdout(Stdio::piped()).stderr(Stdio::null());
+    command
+        .args(["watch", "--plain"])
+        .env("TMPDIR", launched.home())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null());
     let mut child = command.spawn()?;
     drop(child.stdout.take());
     let mut status = None;

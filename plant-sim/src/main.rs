@@ -1,6 +1,6 @@
 //! The plant process: a simulated robot.
 
-use plant_sim::{Settings, run};
+use plant_sim::Settings;
 use protocol::message::Participant;
 use protocol::port::{Identity, Ports};
 use std::process::ExitCode;
@@ -10,7 +10,7 @@ fn main() -> ExitCode {
         settings.run.go_first_to_open();
         let identity = Identity::new(settings.run.epoch_floor + 1);
         let ports = Ports::open(&settings.run.links, identity)?;
-        run::run(&settings, &ports, identity, stop)?;
+        plant_sim::run(&settings, &ports, identity, stop)?;
         Ok(())
     })
 }

@@ -1,7 +1,9 @@
 //! What a person may set of the simulated plant.
 
-use crate::truth::{Start, Truth};
-use model::robot::Robot;
+use crate::truth::Truth;
+use driver::Start;
+use driver::piped::Program;
+use robot::Robot;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 
@@ -26,14 +28,24 @@ pub struct Settings {
     pub start: Start,
     /// The robot as its gate knows it.
     pub robot: Robot,
-    /// The robot as it is, and its world.
-    pub truth: Truth,
+    /// The robot as it is, and its world, if that is our own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub truth: Option<Truth>,
+    /// The program that is the world, if it is another one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub program: Option<Program>,
 }
 
 impl Settings {
-    /// Length of the run in periods.
-    pub fn ticks(&self) -> u64 {
-        (self.duration_s * 1e9 / self.run.period_nanos as f64).round() as u64
+    /// What its driver is told.
+    pub fn driver(&self) -> driver::Settings<'_> {
+        driver::Settings {
+            run: &self.run,
+            duration_s: self.duration_s,
+            link_delay_millis: self.link_delay_millis,
+            recorded: self.recorded,
+            robot: &self.robot,
+        }
     }
 }
 
@@ -45,18 +57,35 @@ impl process::HasRun for Settings {
 
 impl Check for Settings {
     fn check(&self) -> Result<(), Impossible> {
-        self.robot.check().map_err(|e| Impossible { key: format!("robot.{}", e.key), expected: e.expected.into() })?;
-        self.truth.check().map_err(|e| Impossible { key: format!("truth.{}", e.key), expected: e.expected })?;
-        for (key, values) in [("start.pose", self.start.pose), ("start.velocity", self.start.velocity)] {
+        self.robot.check().map_err(|e| Impossible {
+            key: format!("robot.{}", e.key),
+            expected: e.expected.into(),
+        })?;
+        self.truth
+            .as_ref()
+            .map_or(Ok(()), Truth::check)
+            .map_err(|e| Impossible { key: format!("truth.{}", e.key), expected: e.expected })?;
+        for (key, values) in
+            [("start.pose", self.start.pose), ("start.velocity", self.start.velocity)]
+        {
             if !values.iter().all(|value| value.is_finite()) {
                 return Err(Impossible::new(key, "three finite numbers"));
             }
         }
         if self.link_delay_millis > LINK_DELAY_MILLIS_MAX {
-            return Err(Impossible::new("link_delay_millis", format!("at most {LINK_DELAY_MILLIS_MAX} ms")));
+            return Err(Impossible::new(
+                "link_delay_millis",
+                format!("at most {LINK_DELAY_MILLIS_MAX} ms"),
+            ));
+        }
+        if self.truth.is_some() == self.program.is_some() {
+            return Err(Impossible::new("truth", "either [truth] or [program]"));
         }
         if !(self.duration_s.is_finite() && self.duration_s > 0.0) {
-            return Err(Impossible { key: "duration_s".into(), expected: "a finite number of seconds greater than 0".into() });
+            return Err(Impossible {
+                key: "duration_s".into(),
+                expected: "a finite number of seconds greater than 0".into(),
+            });
         }
         Ok(())
     }

@@ -40,7 +40,10 @@ mod sensors;
 mod world;
 
 pub use check::Impossible;
-pub use parameters::{Fault, Patch, Payload, Push, RandomForce, Sensor, Slippery, Slope, Stuck, StuckSensor, Truth, Wheel, WheelSlip};
+pub use parameters::{
+    Fault, Patch, Payload, Push, RandomForce, Sensor, Slippery, Slope, Stuck, StuckSensor, Truth,
+    Wheel, WheelSlip,
+};
 pub use preview::Preview;
 pub use sensors::Measurement;
-pub use world::{Start, TrueState, World};
+pub use world::{TrueState, World};

@@ -1,12 +1,14 @@
 //! Nothing that a motor can be told makes the true world other than finite.
 
-use plant_sim::truth::{Patch, Payload, Push, RandomForce, Slope, Start, Truth, WheelSlip, World};
+use driver::Start;
+use plant_sim::truth::{Patch, Payload, Push, RandomForce, Slope, Truth, WheelSlip, World};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 /// Any world of this test's many, with every effect on in about half of them.
 fn any_truth(generator: &mut Pcg64Mcg) -> Truth {
-    let wheel_slip = generator.random_bool(0.5).then_some(WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 });
+    let wheel_slip =
+        generator.random_bool(0.5).then_some(WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 });
     let grip_factor = if wheel_slip.is_some() { 0.1 } else { 1.0 };
     let patch = Patch { from_m: [0.0, -9.0], to_m: [9.0, 9.0], friction_factor: 5.0, grip_factor };
     Truth {
@@ -17,7 +19,9 @@ fn any_truth(generator: &mut Pcg64Mcg) -> Truth {
         deadband_radps: generator.random_range(0.0..2.0),
         command_delay_s: if generator.random_bool(0.5) { 0.02 } else { 0.0 },
         slope: generator.random_bool(0.5).then_some(Slope { angle_rad: 0.2, direction_rad: 1.0 }),
-        push: generator.random_bool(0.5).then_some(Push { force_n: [5.0, -9.0], ..Push::default() }),
+        push: generator
+            .random_bool(0.5)
+            .then_some(Push { force_n: [5.0, -9.0], ..Push::default() }),
         payload: generator.random_bool(0.5).then_some(Payload {
             mass_kg: 9.0,
             yaw_inertia_kg_m2: 0.0,
@@ -45,10 +49,19 @@ fn any_input_leaves_a_finite_state() {
             let input: [f64; 3] = generator.random::<[u64; 3]>().map(f64::from_bits);
             world.advance(20_000_000, input);
             let (state, seen) = (world.state(), world.measure());
-            let numbers = state.pose.into_iter().chain(state.velocity).chain(state.force).chain(seen.pose);
+            let numbers =
+                state.pose.into_iter().chain(state.velocity).chain(state.force).chain(seen.pose);
             let wheels = state.wheel_speed.into_iter().chain(state.current).chain(seen.wheel_speed);
-            assert!(numbers.chain(wheels).all(f64::is_finite), "{input:?} gives {state:?} with {truth:?}");
-            assert!(state.current.iter().all(|current| current.abs() <= truth.current_limit_a * (1.0 + 1e-9)));
+            assert!(
+                numbers.chain(wheels).all(f64::is_finite),
+                "{input:?} gives {state:?} with {truth:?}"
+            );
+            assert!(
+                state
+                    .current
+                    .iter()
+                    .all(|current| current.abs() <= truth.current_limit_a * (1.0 + 1e-9))
+            );
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Laws that the true robot obeys whatever its settings.
 
-use plant_sim::truth::{Fault, Payload, RandomForce, Start, Truth, Wheel, WheelSlip, World};
+use driver::Start;
+use plant_sim::truth::{Fault, Payload, RandomForce, Truth, Wheel, WheelSlip, World};
 
 const SECOND: u64 = 1_000_000_000;
 const GRIPPING: WheelSlip = WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 };
@@ -31,7 +32,9 @@ fn kinetic_energy(truth: &Truth, world: &World) -> f64 {
     let state = world.state();
     let [forward, left, yaw] = state.velocity;
     let wheels: f64 = state.wheel_speed.iter().map(|w| w * w).sum();
-    0.5 * (truth.mass_kg * (forward * forward + left * left) + truth.yaw_inertia_kg_m2 * yaw * yaw + truth.wheel_inertia_kg_m2 * wheels)
+    0.5 * (truth.mass_kg * (forward * forward + left * left)
+        + truth.yaw_inertia_kg_m2 * yaw * yaw
+        + truth.wheel_inertia_kg_m2 * wheels)
 }
 
 #[test]
@@ -62,12 +65,16 @@ fn friction_alone_brings_the_robot_to_rest() {
 #[test]
 fn without_motors_and_friction_a_spinning_robot_goes_straight_on() {
     // The Coriolis term is what makes Newton's first law hold; massless wheels, for theirs is the floor's affair.
-    let truth = Truth { speed_loop_gain_a_s_per_rad: 0.0, wheel_inertia_kg_m2: 0.0, ..frictionless() };
+    let truth =
+        Truth { speed_loop_gain_a_s_per_rad: 0.0, wheel_inertia_kg_m2: 0.0, ..frictionless() };
     assert_eq!(truth.check(), Ok(()));
     let mut world = World::new(&truth, Start { pose: [0.0; 3], velocity: [1.5, -0.5, 4.0] }, 1);
     world.advance(5 * SECOND, [0.0; 3]);
     let [x, y, heading] = world.state().pose;
-    assert!((x - 7.5).abs() < 1e-8 && (y + 2.5).abs() < 1e-8 && (heading - 20.0).abs() < 1e-8, "{x} {y} {heading}");
+    assert!(
+        (x - 7.5).abs() < 1e-8 && (y + 2.5).abs() < 1e-8 && (heading - 20.0).abs() < 1e-8,
+        "{x} {y} {heading}"
+    );
 }
 
 #[test]
@@ -95,7 +102,11 @@ fn each_axis_answers_as_the_first_order_system_it_is() {
             let grown = 1.0 - (-(kappa + f) / inertia * f64::from(millis) * 1e-3).exp();
             let expected = kappa / (kappa + f) * 0.8 * grown;
             let velocity = world.state().velocity;
-            assert!((velocity[axis] - expected).abs() < 1e-10, "axis {axis}: {} for {expected}", velocity[axis]);
+            assert!(
+                (velocity[axis] - expected).abs() < 1e-10,
+                "axis {axis}: {} for {expected}",
+                velocity[axis]
+            );
             let others: f64 = velocity.iter().map(|v| v.abs()).sum::<f64>() - velocity[axis].abs();
             assert!(others < 1e-12);
         }
@@ -104,24 +115,36 @@ fn each_axis_answers_as_the_first_order_system_it_is() {
 
 #[test]
 fn an_integral_part_leaves_no_steady_error() {
-    let truth = Truth { speed_loop_integral_a_per_rad: 1.0, ..Truth { random_force: None, ..mismatched() } };
+    let truth = Truth {
+        speed_loop_integral_a_per_rad: 1.0,
+        ..Truth { random_force: None, ..mismatched() }
+    };
     let mut world = World::new(&truth, Start::default(), 1);
     world.advance(30 * SECOND, [1.0, 0.0, 0.0]);
     let [forward, left, yaw] = world.state().velocity;
-    assert!((forward - 1.0).abs() < 1e-6 && left.abs() < 1e-6 && yaw.abs() < 1e-6, "{forward} {left} {yaw}");
+    assert!(
+        (forward - 1.0).abs() < 1e-6 && left.abs() < 1e-6 && yaw.abs() < 1e-6,
+        "{forward} {left} {yaw}"
+    );
 }
 
 #[test]
 fn left_is_to_right_as_a_mirror_has_it() {
     for wheel_slip in [None, Some(GRIPPING)] {
-        let truth = Truth { wheel_slip, current_lag_s: 0.01, motor_gain: [0.8, 1.0, 0.9, 1.0], ..Truth::default() };
+        let truth = Truth {
+            wheel_slip,
+            current_lag_s: 0.01,
+            motor_gain: [0.8, 1.0, 0.9, 1.0],
+            ..Truth::default()
+        };
         let mirrored = Truth { motor_gain: [1.0, 0.8, 1.0, 0.9], ..truth.clone() };
         let mut one = World::new(&truth, Start::default(), 1);
         let mut other = World::new(&mirrored, Start::default(), 1);
         for _ in 0..20 {
             one.advance(SECOND / 10, [1.0, 0.6, 0.8]);
             other.advance(SECOND / 10, [1.0, -0.6, -0.8]);
-            let ([x, y, heading], [x_other, y_other, heading_other]) = (one.state().pose, other.state().pose);
+            let ([x, y, heading], [x_other, y_other, heading_other]) =
+                (one.state().pose, other.state().pose);
             assert!((x - x_other).abs() < 1e-12 && (y + y_other).abs() < 1e-12);
             assert!((heading + heading_other).abs() < 1e-12);
         }
@@ -136,14 +159,18 @@ fn a_weak_motor_turns_the_robot_towards_its_side() {
         let mut world = World::new(&truth, Start::default(), 1);
         world.advance(SECOND, [1.0, 0.0, 0.0]);
         let heading = world.state().pose[2];
-        assert!(if sign == 0.0 { heading.abs() < 1e-12 } else { heading * sign > 1e-3 }, "{heading}");
+        assert!(
+            if sign == 0.0 { heading.abs() < 1e-12 } else { heading * sign > 1e-3 },
+            "{heading}"
+        );
     }
 }
 
 #[test]
 fn a_motor_that_dies_turns_the_robot_from_then_on() {
     let fault = Fault { wheel: Wheel::FrontRight, gain: 0.0, at_s: 1.0, until_s: None };
-    let mut world = World::new(&Truth { faults: vec![fault], ..Truth::default() }, Start::default(), 1);
+    let mut world =
+        World::new(&Truth { faults: vec![fault], ..Truth::default() }, Start::default(), 1);
     world.advance(SECOND, [1.0, 0.0, 0.0]);
     assert!(world.state().pose[2].abs() < 1e-12);
     world.advance(SECOND, [1.0, 0.0, 0.0]);
@@ -152,7 +179,13 @@ fn a_motor_that_dies_turns_the_robot_from_then_on() {
 
 #[test]
 fn a_payload_makes_the_robot_slower_to_start() {
-    let payload = Payload { mass_kg: 15.0, yaw_inertia_kg_m2: 0.2, offset_m: [0.0; 2], at_s: 0.0, until_s: None };
+    let payload = Payload {
+        mass_kg: 15.0,
+        yaw_inertia_kg_m2: 0.2,
+        offset_m: [0.0; 2],
+        at_s: 0.0,
+        until_s: None,
+    };
     let speed_after_start = |truth: &Truth| {
         let mut world = World::new(truth, Start::default(), 1);
         world.advance(SECOND / 10, [1.0, 0.0, 0.0]);
@@ -179,7 +212,8 @@ fn wheels_that_grip_roll_and_wheels_on_ice_spin() {
 fn more_and_more_grip_is_no_slip() {
     let mut rolling = World::new(&Truth::default(), Start::default(), 1);
     let firm = WheelSlip { grip: 10.0, slip_speed_scale_mps: 0.5 };
-    let mut gripping = World::new(&Truth { wheel_slip: Some(firm), ..Truth::default() }, Start::default(), 1);
+    let mut gripping =
+        World::new(&Truth { wheel_slip: Some(firm), ..Truth::default() }, Start::default(), 1);
     for world in [&mut rolling, &mut gripping] {
         world.advance(2 * SECOND, [1.0, 0.3, 0.5]);
     }
@@ -190,7 +224,8 @@ fn more_and_more_grip_is_no_slip() {
 
 #[test]
 fn the_reference_robot_reaches_nearly_what_it_is_asked() {
-    let mut world = World::new(&mismatched(), Start { pose: [0.0, -1.0, 0.0], velocity: [0.0; 3] }, 1);
+    let mut world =
+        World::new(&mismatched(), Start { pose: [0.0, -1.0, 0.0], velocity: [0.0; 3] }, 1);
     world.advance(3 * SECOND, [2.7, 0.0, 0.0]);
     let speed = world.state().velocity[0];
     assert!((1.5..2.7).contains(&speed), "{speed}");
@@ -199,7 +234,12 @@ fn the_reference_robot_reaches_nearly_what_it_is_asked() {
 #[test]
 fn drag_alone_slows_as_its_law_has_it() {
     // v(t) = v₀ / (1 + c v₀ t / m), along a straight line.
-    let truth = Truth { speed_loop_gain_a_s_per_rad: 0.0, wheel_inertia_kg_m2: 0.0, drag_n_s2_per_m2: 3.0, ..frictionless() };
+    let truth = Truth {
+        speed_loop_gain_a_s_per_rad: 0.0,
+        wheel_inertia_kg_m2: 0.0,
+        drag_n_s2_per_m2: 3.0,
+        ..frictionless()
+    };
     let mut world = World::new(&truth, moving([3.0, 4.0, 0.0]), 1);
     world.advance(2 * SECOND, [0.0; 3]);
     let [forward, left, yaw] = world.state().velocity;
@@ -211,7 +251,8 @@ fn drag_alone_slows_as_its_law_has_it() {
 #[test]
 fn a_current_follows_its_demand_with_its_lag() {
     // A robot too heavy to move keeps the demand where it is: k_p J u / r.
-    let truth = Truth { mass_kg: 1e9, current_lag_s: 0.02, rolling_friction: 0.0, ..Truth::default() };
+    let truth =
+        Truth { mass_kg: 1e9, current_lag_s: 0.02, rolling_friction: 0.0, ..Truth::default() };
     let mut world = World::new(&truth, Start::default(), 1);
     world.advance(SECOND / 50, [0.5, 0.0, 0.0]);
     let expected = 0.5 * 0.5 / 0.05 * (1.0 - (-1.0_f64).exp());

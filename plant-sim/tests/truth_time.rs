@@ -1,6 +1,9 @@
 //! Time in the true world: the same bits again, in whatever pieces, and a delay to the step.
 
-use plant_sim::truth::{Fault, Push, RandomForce, Sensor, Start, TrueState, Truth, Wheel, WheelSlip, World};
+use driver::Start;
+use plant_sim::truth::{
+    Fault, Push, RandomForce, Sensor, TrueState, Truth, Wheel, WheelSlip, World,
+};
 
 const MILLI: u64 = 1_000_000;
 
@@ -9,7 +12,12 @@ fn eventful() -> Truth {
     Truth {
         random_force: Some(RandomForce { bound_n: 3.0, bound_nm: 0.3, correlation_s: 0.02 }),
         wheel_slip: Some(WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 }),
-        push: Some(Push { force_n: [2.0, 1.0], torque_nm: 0.1, from_s: 0.013, until_s: Some(0.05) }),
+        push: Some(Push {
+            force_n: [2.0, 1.0],
+            torque_nm: 0.1,
+            from_s: 0.013,
+            until_s: Some(0.05),
+        }),
         faults: vec![Fault { wheel: Wheel::RearRight, gain: 0.5, at_s: 0.0305, until_s: None }],
         command_delay_s: 0.0071,
         current_lag_s: 0.003,
@@ -20,7 +28,11 @@ fn eventful() -> Truth {
 
 fn bits(state: &TrueState) -> Vec<u64> {
     let TrueState { pose, velocity, wheel_speed, current, force } = state;
-    [&pose[..], velocity, wheel_speed, current, force].concat().into_iter().map(f64::to_bits).collect()
+    [&pose[..], velocity, wheel_speed, current, force]
+        .concat()
+        .into_iter()
+        .map(f64::to_bits)
+        .collect()
 }
 
 #[test]
@@ -81,7 +93,8 @@ fn a_duration_that_is_no_multiple_of_the_step_is_made_up_for() {
 fn a_command_arrives_after_exactly_the_delay() {
     let input = [1.0, -0.4, 0.7];
     let delay_steps = 123;
-    let mut late = World::new(&Truth { command_delay_s: 0.0123, ..Truth::default() }, Start::default(), 1);
+    let mut late =
+        World::new(&Truth { command_delay_s: 0.0123, ..Truth::default() }, Start::default(), 1);
     let mut prompt = World::new(&Truth::default(), Start::default(), 1);
 
     late.advance(delay_steps * World::STEP_NANOS, input);
@@ -96,7 +109,8 @@ fn a_command_arrives_after_exactly_the_delay() {
 
 #[test]
 fn the_mean_input_is_that_of_the_wheels_and_not_of_the_gate() {
-    let mut world = World::new(&Truth { command_delay_s: 0.025, ..Truth::default() }, Start::default(), 1);
+    let mut world =
+        World::new(&Truth { command_delay_s: 0.025, ..Truth::default() }, Start::default(), 1);
     world.advance(100 * MILLI, [1.0, 0.0, -2.0]);
     let [forward, left, yaw] = world.take_mean_input();
     assert!((forward - 0.75).abs() < 1e-12 && left.abs() < 1e-12 && (yaw + 1.5).abs() < 1e-12);

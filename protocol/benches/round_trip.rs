@@ -12,7 +12,9 @@ mod network;
 use bytemuck::Zeroable;
 use criterion::Criterion;
 use protocol::message::{Command, Message, ModelSnapshot, SnapshotHead};
-use protocol::port::{Carrier, Carriers, Exchange, Identity, Links, Ports, Router, Since, Sink, Source, sweep};
+use protocol::port::{
+    Carrier, Carriers, Exchange, Identity, Links, Ports, Router, Since, Sink, Source, sweep,
+};
 use protocol::topic::{OnTopic, Topic};
 use protocol::wire;
 use std::error::Error;
@@ -36,22 +38,43 @@ fn main() -> Result<(), Failure> {
     let folder = tempfile::tempdir()?;
     let mut criterion = Criterion::default().configure_from_args();
     let memory = [Exchange::new(false, LONG), Exchange::new(false, LONG)];
-    measure_both(&mut criterion, "memory", |end| Ok(Ports::in_memory(&memory[end], Identity::new(1))))?;
+    measure_both(&mut criterion, "memory", |end| {
+        Ok(Ports::in_memory(&memory[end], Identity::new(1)))
+    })?;
 
     let shared = ["there", "back"].map(|name| links(folder.path(), name));
-    measure_both(&mut criterion, "shared memory", |end| Ok(Ports::open(&shared[end], Identity::new(1))?))?;
+    measure_both(&mut criterion, "shared memory", |end| {
+        Ok(Ports::open(&shared[end], Identity::new(1))?)
+    })?;
     for links in &shared {
         sweep(links)?;
     }
     let words = |bytes: usize| bytes.div_ceil(size_of::<u64>());
-    bare::measure(&mut criterion, folder.path(), "command", words(Command::zeroed().byte_len()), Topic::Command.quality(false).depth)?;
-    bare::measure(&mut criterion, folder.path(), "snapshot", words(snapshot()?.byte_len()), Topic::Snapshot.quality(false).depth)?;
+    bare::measure(
+        &mut criterion,
+        folder.path(),
+        "command",
+        words(Command::zeroed().byte_len()),
+        Topic::Command.quality(false).depth,
+    )?;
+    bare::measure(
+        &mut criterion,
+        folder.path(),
+        "snapshot",
+        words(snapshot()?.byte_len()),
+        Topic::Snapshot.quality(false).depth,
+    )?;
 
     let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
     let (carriers, connect) = (Carriers::all(Carrier::Network), router.endpoints().to_vec());
-    let remote = shared.map(|links| Links { carriers: carriers.clone(), connect: connect.clone(), ..links });
-    measure_both(&mut criterion, "network", |end| Ok(Ports::open(&remote[end], Identity::new(1))?))?;
-    for (name, bytes) in [("command", encoded_len(&Command::zeroed())), ("snapshot", encoded_len(&snapshot()?))] {
+    let remote =
+        shared.map(|links| Links { carriers: carriers.clone(), connect: connect.clone(), ..links });
+    measure_both(&mut criterion, "network", |end| {
+        Ok(Ports::open(&remote[end], Identity::new(1))?)
+    })?;
+    for (name, bytes) in
+        [("command", encoded_len(&Command::zeroed())), ("snapshot", encoded_len(&snapshot()?))]
+    {
         let endpoint = router.endpoints().first().ok_or("the router listens nowhere")?;
         network::measure(&mut criterion, endpoint, name, bytes)?;
     }
@@ -74,7 +97,11 @@ fn snapshot() -> Result<ModelSnapshot, Failure> {
 }
 
 /// Measures both messages; `ports` opens those of graph 0, there, and 1, back.
-fn measure_both(criterion: &mut Criterion, name: &str, ports: impl Fn(usize) -> Result<Ports, Failure> + Sync) -> Result<(), Failure> {
+fn measure_both(
+    criterion: &mut Criterion,
+    name: &str,
+    ports: impl Fn(usize) -> Result<Ports, Failure> + Sync,
+) -> Result<(), Failure> {
     measure(criterion, &format!("round trip/{name}, command"), &ports, Command::zeroed())?;
     measure(criterion, &format!("round trip/{name}, snapshot"), &ports, snapshot()?)
 }
@@ -88,7 +115,8 @@ fn measure<T: OnTopic>(
     thread::scope(|scope| -> Result<(), Failure> {
         let (ready, is_ready) = mpsc::channel();
         let echo = scope.spawn(move || -> Result<(), Failure> {
-            let (mut source, mut sink) = (ports(0)?.source::<T>(Since::First)?, ports(1)?.sink::<T>()?);
+            let (mut source, mut sink) =
+                (ports(0)?.source::<T>(Since::First)?, ports(1)?.sink::<T>()?);
             ready.send(())?;
             loop {
                 let mut message = heard(&mut source)?;
@@ -99,13 +127,17 @@ fn measure<T: OnTopic>(
                 }
             }
         });
-        let (mut source, mut sink): (Source<T>, Sink<T>) = (ports(1)?.source(Since::First)?, ports(0)?.sink()?);
+        let (mut source, mut sink): (Source<T>, Sink<T>) =
+            (ports(1)?.source(Since::First)?, ports(0)?.sink()?);
         is_ready.recv()?;
         let mut failure = None;
         criterion.bench_function(name, |bencher| {
             bencher.iter(|| {
                 message.stamp_mut().tick += 1;
-                let answer = sink.send(&mut message).map_err(Failure::from).and_then(|()| heard(&mut source));
+                let answer = sink
+                    .send(&mut message)
+                    .map_err(Failure::from)
+                    .and_then(|()| heard(&mut source));
                 match answer {
                     Ok(answer) if answer.stamp().tick == message.stamp().tick => {}
                     Ok(_) => failure = Some("another message came back".into()),
@@ -131,5 +163,10 @@ fn heard<T: OnTopic>(source: &mut Source<T>) -> Result<T, Failure> {
 }
 
 fn links(folder: &Path, name: &str) -> Links {
-    Links::on_this_machine(format!("b{}-{name}", std::process::id()), folder.join(name), false, 1000)
+    Links::on_this_machine(
+        format!("b{}-{name}", std::process::id()),
+        folder.join(name),
+        false,
+        1000,
+    )
 }

@@ -112,6 +112,14 @@ pub fn peek(bytes: &[u8]) -> Result<Stamp, DecodeError> {
 }
 
 /// Checks that a coded field holds a code of `E`.
-pub(crate) fn code<E: TryFrom<u32, Error = UnknownCode>>(message: &'static str, field: &'static str, code: u32) -> Result<(), DecodeError> {
-    E::try_from(code).map(drop).map_err(|_| DecodeError::Value { message, field, value: u64::from(code) })
+pub(crate) fn code<E: TryFrom<u32, Error = UnknownCode>>(
+    message: &'static str,
+    field: &'static str,
+    code: u32,
+) -> Result<(), DecodeError> {
+    E::try_from(code).map(drop).map_err(|_| DecodeError::Value {
+        message,
+        field,
+        value: u64::from(code),
+    })
 }

@@ -126,11 +126,12 @@ impl<T: Fixed> Message for T {
     }
 
     fn read(bytes: &[u8]) -> Result<Self, DecodeError> {
-        let message: T = bytemuck::try_pod_read_unaligned(bytes).map_err(|_| DecodeError::Length {
-            message: <T as Fixed>::NAME,
-            expected: size_of::<T>(),
-            got: bytes.len(),
-        })?;
+        let message: T =
+            bytemuck::try_pod_read_unaligned(bytes).map_err(|_| DecodeError::Length {
+                message: <T as Fixed>::NAME,
+                expected: size_of::<T>(),
+                got: bytes.len(),
+            })?;
         message.check()?;
         Ok(message)
     }
@@ -176,13 +177,25 @@ macro_rules! fixed_message {
 use fixed_message;
 
 /// Fails with the field's name unless `count` is at most `limit`.
-fn check_count(message: &'static str, field: &'static str, count: u32, limit: usize) -> Result<(), DecodeError> {
-    if count as usize <= limit { Ok(()) } else { Err(DecodeError::Value { message, field, value: u64::from(count) }) }
+fn check_count(
+    message: &'static str,
+    field: &'static str,
+    count: u32,
+    limit: usize,
+) -> Result<(), DecodeError> {
+    if count as usize <= limit {
+        Ok(())
+    } else {
+        Err(DecodeError::Value { message, field, value: u64::from(count) })
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, SnapshotHead, Stamp, Truth};
+    use super::{
+        Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample,
+        SnapshotHead, Stamp, Truth,
+    };
     use std::mem::offset_of;
 
     /// A change here is a change of the protocol: it needs another [`VERSION`](crate::VERSION).

@@ -104,7 +104,12 @@ enum Place {
     /// In this process.
     Here(Exchange),
     /// On this machine or beyond, each topic over the carrier that its links say.
-    Graph { carriers: Carriers, lock_step: bool, shared_memory: Option<SharedMemory>, network: Option<Network> },
+    Graph {
+        carriers: Carriers,
+        lock_step: bool,
+        shared_memory: Option<SharedMemory>,
+        network: Option<Network>,
+    },
 }
 
 impl Ports {
@@ -117,21 +122,35 @@ impl Ports {
     pub fn open(links: &Links, identity: Identity) -> Result<Self, OpenError> {
         links.check()?;
         let uses = |carrier| links.carriers.uses(carrier);
-        let shared_memory = uses(Carrier::SharedMemory).then(|| SharedMemory::open(links)).transpose()?;
+        let shared_memory =
+            uses(Carrier::SharedMemory).then(|| SharedMemory::open(links)).transpose()?;
         let network = uses(Carrier::Network).then(|| Network::open(links)).transpose()?;
         let (carriers, lock_step) = (links.carriers.clone(), links.lock_step);
         let injection = Injection::new(&links.faults, lock_step);
-        Ok(Self { place: Place::Graph { carriers, lock_step, shared_memory, network }, identity, injection, one_thread: PhantomData })
+        Ok(Self {
+            place: Place::Graph { carriers, lock_step, shared_memory, network },
+            identity,
+            injection,
+            one_thread: PhantomData,
+        })
     }
 
     /// Ports between the threads of one process.
     pub fn in_memory(exchange: &Exchange, identity: Identity) -> Self {
-        Self { place: Place::Here(exchange.clone()), identity, injection: None, one_thread: PhantomData }
+        Self {
+            place: Place::Here(exchange.clone()),
+            identity,
+            injection: None,
+            one_thread: PhantomData,
+        }
     }
 
     /// Ports between the threads of one process, on which `faults` are injected. What [`Faults::check`] refuses may do nothing.
     pub fn in_memory_with(exchange: &Exchange, identity: Identity, faults: &Faults) -> Self {
-        Self { injection: Injection::new(faults, exchange.lock_step()), ..Self::in_memory(exchange, identity) }
+        Self {
+            injection: Injection::new(faults, exchange.lock_step()),
+            ..Self::in_memory(exchange, identity)
+        }
     }
 
     /// How often each of the faults has been injected so far on what these ports have opened, in the order of the settings.
@@ -147,13 +166,21 @@ impl Ports {
     /// # Errors
     /// [`OpenError`] if a link cannot be made, or exists with another message, version or quality.
     pub fn hold_links(&self) -> Result<HeldLinks, OpenError> {
-        let Place::Graph { carriers, lock_step, shared_memory: Some(shared), .. } = &self.place else { return Ok(HeldLinks(Vec::new())) };
-        let topics = Topic::ALL.into_iter().filter(|&topic| carriers.of(topic) == Carrier::SharedMemory);
+        let Place::Graph { carriers, lock_step, shared_memory: Some(shared), .. } = &self.place
+        else {
+            return Ok(HeldLinks(Vec::new()));
+        };
+        let topics =
+            Topic::ALL.into_iter().filter(|&topic| carriers.of(topic) == Carrier::SharedMemory);
         let lanes = topics.flat_map(|topic| {
-            let watchers = Audience::is_split(topic, *lock_step).then_some((topic, Audience::Watchers));
+            let watchers =
+                Audience::is_split(topic, *lock_step).then_some((topic, Audience::Watchers));
             std::iter::once((topic, Audience::Members)).chain(watchers)
         });
-        lanes.map(|(topic, audience)| shared.hold(topic, audience)).collect::<Result<_, _>>().map(HeldLinks)
+        lanes
+            .map(|(topic, audience)| shared.hold(topic, audience))
+            .collect::<Result<_, _>>()
+            .map(HeldLinks)
     }
 
     /// Opens a writer of `T` on its topic.
@@ -163,7 +190,11 @@ impl Ports {
     pub fn sink<T: OnTopic>(&self) -> Result<Sink<T>, OpenError> {
         let outlet = self.outlet(T::TOPIC, Reservation::of::<T>())?;
         Ok(Sink::new(
-            match self.injection.as_ref().and_then(|injection| injection.chain::<T>(End::Writer, outlet.encoding())) {
+            match self
+                .injection
+                .as_ref()
+                .and_then(|injection| injection.chain::<T>(End::Writer, outlet.encoding()))
+            {
                 Some(chain) => Box::new(FaultyOutlet::new(outlet, chain)),
                 None => outlet,
             },
@@ -178,7 +209,11 @@ impl Ports {
     pub fn source<T: OnTopic>(&self, since: Since) -> Result<Source<T>, OpenError> {
         let inlet = self.inlet(T::TOPIC, Audience::Members)?;
         Ok(Source::new(
-            match self.injection.as_ref().and_then(|injection| injection.chain::<T>(End::Reader, inlet.encoding())) {
+            match self
+                .injection
+                .as_ref()
+                .and_then(|injection| injection.chain::<T>(End::Reader, inlet.encoding()))
+            {
                 Some(chain) => Box::new(FaultyInlet::new(inlet, chain)),
                 None => inlet,
             },
@@ -205,29 +240,43 @@ impl Ports {
     fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<Box<dyn Outlet>, OpenError> {
         match &self.place {
             Place::Here(exchange) => Ok(Box::new(exchange.outlet(topic)?)),
-            Place::Graph { carriers, lock_step, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
-                (Carrier::SharedMemory, Some(shared), _) if Audience::is_split(topic, *lock_step) => Ok(Box::new(Watched {
-                    members: shared.outlet(topic, Audience::Members, reservation)?,
-                    watchers: shared.outlet(topic, Audience::Watchers, reservation)?,
-                })),
-                (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.outlet(topic, Audience::Members, reservation)?)),
-                (Carrier::Network, _, Some(network)) => network.outlet(topic, reservation),
-                (carrier, ..) => Err(not_joined(topic, carrier)),
-            },
+            Place::Graph { carriers, lock_step, shared_memory, network } => {
+                match (carriers.of(topic), shared_memory, network) {
+                    (Carrier::SharedMemory, Some(shared), _)
+                        if Audience::is_split(topic, *lock_step) =>
+                    {
+                        Ok(Box::new(Watched {
+                            members: shared.outlet(topic, Audience::Members, reservation)?,
+                            watchers: shared.outlet(topic, Audience::Watchers, reservation)?,
+                        }))
+                    }
+                    (Carrier::SharedMemory, Some(shared), _) => {
+                        Ok(Box::new(shared.outlet(topic, Audience::Members, reservation)?))
+                    }
+                    (Carrier::Network, _, Some(network)) => network.outlet(topic, reservation),
+                    (carrier, ..) => Err(not_joined(topic, carrier)),
+                }
+            }
         }
     }
 
     fn inlet(&self, topic: Topic, audience: Audience) -> Result<Box<dyn Inlet>, OpenError> {
         match &self.place {
             Place::Here(exchange) => Ok(Box::new(exchange.inlet(topic, audience)?)),
-            Place::Graph { carriers, lock_step, shared_memory, network } => match (carriers.of(topic), shared_memory, network) {
-                (Carrier::SharedMemory, Some(shared), _) if Audience::is_split(topic, *lock_step) => {
-                    Ok(Box::new(shared.inlet(topic, audience)?))
+            Place::Graph { carriers, lock_step, shared_memory, network } => {
+                match (carriers.of(topic), shared_memory, network) {
+                    (Carrier::SharedMemory, Some(shared), _)
+                        if Audience::is_split(topic, *lock_step) =>
+                    {
+                        Ok(Box::new(shared.inlet(topic, audience)?))
+                    }
+                    (Carrier::SharedMemory, Some(shared), _) => {
+                        Ok(Box::new(shared.inlet(topic, Audience::Members)?))
+                    }
+                    (Carrier::Network, _, Some(network)) => network.inlet(topic, audience),
+                    (carrier, ..) => Err(not_joined(topic, carrier)),
                 }
-                (Carrier::SharedMemory, Some(shared), _) => Ok(Box::new(shared.inlet(topic, Audience::Members)?)),
-                (Carrier::Network, _, Some(network)) => network.inlet(topic, audience),
-                (carrier, ..) => Err(not_joined(topic, carrier)),
-            },
+            }
         }
     }
 }

@@ -65,7 +65,11 @@ pub struct TelemetrySettings {
 
 impl Default for TelemetrySettings {
     fn default() -> Self {
-        Self { listen: vec![DEFAULT_ENDPOINT.to_owned()], robot: "robot".to_owned(), credentials: None }
+        Self {
+            listen: vec![DEFAULT_ENDPOINT.to_owned()],
+            robot: "robot".to_owned(),
+            credentials: None,
+        }
     }
 }
 
@@ -77,7 +81,10 @@ impl TelemetrySettings {
     pub fn check(&self) -> Result<(), TelemetryError> {
         check_robot(&self.robot)?;
         if self.listen.is_empty() {
-            return Err(TelemetryError::Endpoint { endpoint: String::new(), reason: "there must be at least one".to_owned() });
+            return Err(TelemetryError::Endpoint {
+                endpoint: String::new(),
+                reason: "there must be at least one".to_owned(),
+            });
         }
         self.listen.iter().try_for_each(|endpoint| session::check_endpoint(endpoint))
     }
@@ -87,7 +94,9 @@ impl TelemetrySettings {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TelemetryError {
     /// It would not do as a part of a key.
-    #[error("robot name {robot:?} must be 1 to {ROBOT_NAME_MAX} characters out of a-z, 0-9, _ and -")]
+    #[error(
+        "robot name {robot:?} must be 1 to {ROBOT_NAME_MAX} characters out of a-z, 0-9, _ and -"
+    )]
     Robot {
         /// The name.
         robot: String,
@@ -141,7 +150,9 @@ fn decoded<T: Message>(bytes: &[u8]) -> Result<T, DecodeError> {
 }
 
 fn check_robot(robot: &str) -> Result<(), TelemetryError> {
-    let allowed = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_' || byte == b'-';
+    let allowed = |byte: u8| {
+        byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_' || byte == b'-'
+    };
     if (1..=ROBOT_NAME_MAX).contains(&robot.len()) && robot.bytes().all(allowed) {
         Ok(())
     } else {

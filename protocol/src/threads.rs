@@ -69,7 +69,8 @@ impl Client {
             // Who has asked waits for the answer.
             let _ = tell.send(connect(config).await);
         });
-        let (client, connected) = told.recv().unwrap_or_else(|_| Err("zenoh's thread for links has ended".into()))?;
+        let (client, connected) =
+            told.recv().unwrap_or_else(|_| Err("zenoh's thread for links has ended".into()))?;
         connected.map(|()| client)
     }
 

@@ -1,6 +1,8 @@
 //! The one table of topics: what each carries, how often, how many messages may wait, and what happens when they are too many.
 
-use crate::message::{Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Truth};
+use crate::message::{
+    Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Truth,
+};
 use serde::{Deserialize, Serialize};
 
 /// Number of topics.
@@ -66,8 +68,16 @@ impl Quality {
 
 impl Topic {
     /// Every topic, in the order of the counters of [`Health`].
-    pub const ALL: [Self; TOPIC_COUNT] =
-        [Self::State, Self::Command, Self::Residual, Self::Snapshot, Self::Plan, Self::Health, Self::Truth, Self::Credit];
+    pub const ALL: [Self; TOPIC_COUNT] = [
+        Self::State,
+        Self::Command,
+        Self::Residual,
+        Self::Snapshot,
+        Self::Plan,
+        Self::Health,
+        Self::Truth,
+        Self::Credit,
+    ];
 
     /// Name in graph files, records and on the network.
     pub const fn name(self) -> &'static str {
@@ -129,14 +139,21 @@ impl Topic {
             Self::Truth => (256, 0, 4, 8, true),
             Self::Credit => (64, 1, 4, 8, true),
         };
-        let delivery = if lossless && lock_step { Delivery::Lossless } else { Delivery::NewestWins };
+        let delivery =
+            if lossless && lock_step { Delivery::Lossless } else { Delivery::NewestWins };
         Quality { depth, history, writers, readers, delivery }
     }
 
     /// Quality of service for those who only look on, beside a link that is lossless for its own readers.
     pub const fn watched_quality(self) -> Quality {
         let Quality { writers, readers, .. } = self.quality(false);
-        Quality { depth: WATCHED_DEPTH, history: 1, writers, readers, delivery: Delivery::NewestWins }
+        Quality {
+            depth: WATCHED_DEPTH,
+            history: 1,
+            writers,
+            readers,
+            delivery: Delivery::NewestWins,
+        }
     }
 }
 

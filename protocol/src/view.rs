@@ -5,7 +5,10 @@
 pub mod field;
 pub mod words;
 
-use crate::message::{Command, Health, ModelSnapshot, Participant, Plan, PlantState, ResidualSample, SnapshotRow, Truth};
+use crate::message::{
+    Command, Health, ModelSnapshot, Participant, Plan, PlantState, ResidualSample, SnapshotRow,
+    Truth,
+};
 use crate::topic::{OnTopic, TOPIC_COUNT, Topic};
 use field::{Field, Shape};
 use serde::ser::{Serialize, SerializeMap, Serializer};
@@ -82,7 +85,7 @@ recorded!(ResidualSample, "controller → learner: what the main model got wrong
     "fingerprint": Shape::Integer, "fingerprint of the main model that the residual belongs to" => sample.fingerprint;
     "pose": Shape::Numbers, "pose at the start of the period [m, m, rad]" => sample.pose;
     "velocity": Shape::Numbers, "body velocity at the start of the period [m/s, m/s, rad/s]" => sample.velocity;
-    "input": Shape::Numbers, "input that the wheels really got in the period [m/s, m/s, rad/s]" => sample.input;
+    "input": Shape::Numbers, "input that acted in the period, after the dead time that the controller has found [m/s, m/s, rad/s]" => sample.input;
     "input_before": Shape::Numbers, "input that they got in the period before [m/s, m/s, rad/s]" => sample.input_before;
     "residual": Shape::Numbers, "velocity at its end, measured minus predicted by the main model [m/s, m/s, rad/s]" => sample.residual;
     "usable": Shape::Integer, "1 if the period teaches something" => sample.usable;

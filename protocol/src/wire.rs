@@ -67,7 +67,8 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, DecodeError> {
     }
     let mut message = T::read_wire(body)?;
     let said = *message.stamp();
-    *message.stamp_mut() = Stamp { checksum: header.checksum, version: header.version, kind: header.kind, ..said };
+    *message.stamp_mut() =
+        Stamp { checksum: header.checksum, version: header.version, kind: header.kind, ..said };
     Ok(message)
 }
 
@@ -76,7 +77,9 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, DecodeError> {
 /// # Errors
 /// [`DecodeError::TooShort`].
 pub fn split(bytes: &[u8]) -> Result<(Header, &[u8]), DecodeError> {
-    let (header, body) = bytes.split_first_chunk().ok_or(DecodeError::TooShort { expected: HEADER_BYTES, got: bytes.len() })?;
+    let (header, body) = bytes
+        .split_first_chunk()
+        .ok_or(DecodeError::TooShort { expected: HEADER_BYTES, got: bytes.len() })?;
     Ok((Header::of(*header), body))
 }
 
@@ -89,7 +92,11 @@ impl Header {
     }
 
     fn of([v0, v1, k0, k1, c0, c1, c2, c3]: [u8; HEADER_BYTES]) -> Self {
-        Self { version: u16::from_le_bytes([v0, v1]), kind: u16::from_le_bytes([k0, k1]), checksum: u32::from_le_bytes([c0, c1, c2, c3]) }
+        Self {
+            version: u16::from_le_bytes([v0, v1]),
+            kind: u16::from_le_bytes([k0, k1]),
+            checksum: u32::from_le_bytes([c0, c1, c2, c3]),
+        }
     }
 }
 
@@ -104,14 +111,26 @@ pub(crate) fn write_postcard<T: Serialize>(body: &T, out: &mut Vec<u8>) {
 }
 
 /// Reads a whole `body` of postcard.
-pub(crate) fn read_postcard<T: DeserializeOwned>(message: &'static str, body: &[u8]) -> Result<T, DecodeError> {
+pub(crate) fn read_postcard<T: DeserializeOwned>(
+    message: &'static str,
+    body: &[u8],
+) -> Result<T, DecodeError> {
     match postcard::take_from_bytes(body) {
         Ok((read, [])) => Ok(read),
-        Ok((_, rest)) => {
-            Err(DecodeError::Length { message, expected: body.len() - rest.len() + HEADER_BYTES, got: body.len() + HEADER_BYTES })
+        Ok((_, rest)) => Err(DecodeError::Length {
+            message,
+            expected: body.len() - rest.len() + HEADER_BYTES,
+            got: body.len() + HEADER_BYTES,
+        }),
+        Err(postcard::Error::DeserializeUnexpectedEnd) => {
+            Err(DecodeError::Body { message, reason: "it ends too early" })
         }
-        Err(postcard::Error::DeserializeUnexpectedEnd) => Err(DecodeError::Body { message, reason: "it ends too early" }),
-        Err(postcard::Error::DeserializeBadVarint) => Err(DecodeError::Body { message, reason: "a number is too large for its field" }),
-        Err(_) => Err(DecodeError::Body { message, reason: "a part is longer than it can be, or not of its type" }),
+        Err(postcard::Error::DeserializeBadVarint) => {
+            Err(DecodeError::Body { message, reason: "a number is too large for its field" })
+        }
+        Err(_) => Err(DecodeError::Body {
+            message,
+            reason: "a part is longer than it can be, or not of its type",
+        }),
     }
 }

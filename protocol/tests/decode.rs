@@ -6,8 +6,9 @@ use proptest::prelude::{any, prop_assert, prop_assert_eq, prop_oneof, proptest};
 use proptest::strategy::{Just, Strategy};
 use protocol::frame::{self, DecodeError};
 use protocol::message::{
-    Command, Credit, ERROR_TEXT_MAX, Exposure, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan,
-    PlantState, Reason, ResidualSample, Rung, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth,
+    Command, Credit, ERROR_TEXT_MAX, Exposure, HORIZON_MAX, Health, INPUTS_MAX, Message,
+    ModelSnapshot, Participant, Phase, Plan, PlantState, Reason, ResidualSample, Rung,
+    SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth,
 };
 use protocol::{VERSION, message};
 
@@ -60,7 +61,8 @@ fn pick<T: Copy>(all: &[T], choice: u32) -> T {
 
 fn snapshots() -> impl Strategy<Value = Vec<u8>> {
     (1..=INPUTS_MAX, 0..40_usize, any::<f64>()).prop_map(|(inputs, points, value)| {
-        let mut snapshot = ModelSnapshot::new(SnapshotHead { inputs: inputs as u32, ..SnapshotHead::zeroed() });
+        let mut snapshot =
+            ModelSnapshot::new(SnapshotHead { inputs: inputs as u32, ..SnapshotHead::zeroed() });
         for _ in 0..points {
             snapshot.push(&vec![value; inputs], [value; 3], [1.0, value, 3.0]).unwrap_or_default();
         }
@@ -105,7 +107,8 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
 fn lies() -> impl Strategy<Value = Vec<u8>> {
     let kind = prop_oneof![1_u16..=8, Just(99)];
     (kind, vec(any::<u8>(), 0..1200)).prop_map(|(kind, body)| {
-        let mut bytes = bytemuck::bytes_of(&Stamp { version: VERSION, kind, ..Stamp::default() }).to_vec();
+        let mut bytes =
+            bytemuck::bytes_of(&Stamp { version: VERSION, kind, ..Stamp::default() }).to_vec();
         bytes.extend(body);
         let checksum = crc32c::crc32c(&bytes[4..]);
         bytes[..4].copy_from_slice(&checksum.to_ne_bytes());

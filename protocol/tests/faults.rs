@@ -2,7 +2,9 @@
 
 use bytemuck::Zeroable;
 use protocol::message::{Command, Participant, PlantState};
-use protocol::port::{End, Exchange, Fault, Faults, Identity, Kind, Ports, Since, Sink, Source, Tally};
+use protocol::port::{
+    End, Exchange, Fault, Faults, Identity, Kind, Ports, Since, Sink, Source, Tally,
+};
 use protocol::topic::Topic;
 use std::error::Error;
 use std::time::Duration;
@@ -14,7 +16,20 @@ const LONG: Duration = Duration::from_mins(1);
 fn fault(at: End, kind: Kind) -> Fault {
     let (participant, from_tick, until_tick, probability) = (None, 5, Some(10), 1.0);
     let (millis, messages, field, number, amount) = (None, None, None, None, None);
-    Fault { topic: Topic::Command, at, participant, kind, from_tick, until_tick, probability, millis, messages, field, number, amount }
+    Fault {
+        topic: Topic::Command,
+        at,
+        participant,
+        kind,
+        from_tick,
+        until_tick,
+        probability,
+        millis,
+        messages,
+        field,
+        number,
+        amount,
+    }
 }
 
 fn faults(fault: Vec<Fault>) -> Faults {
@@ -86,10 +101,15 @@ fn dropped_messages_are_lost_and_counted_and_all_others_come() -> Outcome {
 #[test]
 fn duplicates_and_replays_are_stale_and_change_nothing() -> Outcome {
     for at in BOTH {
-        for (kind, messages) in [(Kind::Duplicate, None), (Kind::Replay, None), (Kind::Replay, Some(3))] {
+        for (kind, messages) in
+            [(Kind::Duplicate, None), (Kind::Replay, None), (Kind::Replay, Some(3))]
+        {
             let (received, tally, injected) = run(Fault { messages, ..fault(at, kind) })?;
             assert_eq!(ticks(&received), (0..15).collect::<Vec<u64>>());
-            assert_eq!((tally, injected), (Tally { received: 15, lost: 0, refused: 0, stale: 5 }, 5));
+            assert_eq!(
+                (tally, injected),
+                (Tally { received: 15, lost: 0, refused: 0, stale: 5 }, 5)
+            );
         }
     }
     Ok(())
@@ -99,13 +119,19 @@ fn duplicates_and_replays_are_stale_and_change_nothing() -> Outcome {
 fn what_comes_behind_later_ones_is_stale_and_was_counted_as_lost() -> Outcome {
     for at in BOTH {
         let (received, tally, injected) = run(fault(at, Kind::Reorder))?;
-        assert_eq!(ticks(&received), [0, 1, 2, 3, 4, 6, 8, 10, 11, 12, 13, 14], "swaps of 5 and 6, 7 and 8, 9 and 10");
+        assert_eq!(
+            ticks(&received),
+            [0, 1, 2, 3, 4, 6, 8, 10, 11, 12, 13, 14],
+            "swaps of 5 and 6, 7 and 8, 9 and 10"
+        );
         assert_eq!((tally, injected), (Tally { received: 12, lost: 3, refused: 0, stale: 3 }, 3));
-        let (received, tally, injected) = run(Fault { messages: Some(2), ..fault(at, Kind::Delay) })?;
+        let (received, tally, injected) =
+            run(Fault { messages: Some(2), ..fault(at, Kind::Delay) })?;
         // All of the window are held equally long, and so keep their order, until the first behind the window overtakes them.
         assert_eq!(ticks(&received), [0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14]);
         assert_eq!((tally, injected), (Tally { received: 13, lost: 2, refused: 0, stale: 2 }, 5));
-        let (received, tally, injected) = run(Fault { messages: Some(4), ..fault(at, Kind::Jitter) })?;
+        let (received, tally, injected) =
+            run(Fault { messages: Some(4), ..fault(at, Kind::Jitter) })?;
         assert_eq!((tally.received + tally.lost, tally.lost, tally.refused), (15, tally.stale, 0));
         assert!(ticks(&received).is_sorted());
         assert_eq!(injected, 5);
@@ -119,7 +145,10 @@ fn every_damaged_message_is_refused_and_counted() -> Outcome {
         for kind in [Kind::Corrupt, Kind::Truncate, Kind::Version] {
             let (received, tally, injected) = run(fault(at, kind))?;
             assert_eq!(ticks(&received), [0, 1, 2, 3, 4, 10, 11, 12, 13, 14]);
-            assert_eq!((tally, injected), (Tally { received: 10, lost: 5, refused: 5, stale: 0 }, 5));
+            assert_eq!(
+                (tally, injected),
+                (Tally { received: 10, lost: 5, refused: 5, stale: 0 }, 5)
+            );
         }
     }
     Ok(())
@@ -128,7 +157,10 @@ fn every_damaged_message_is_refused_and_counted() -> Outcome {
 #[test]
 fn a_thousand_flipped_bits_cuts_and_other_versions_are_all_refused() -> Outcome {
     for kind in [Kind::Corrupt, Kind::Truncate, Kind::Version] {
-        let mut link = Link::new(false, &faults(vec![Fault { from_tick: 0, until_tick: None, ..fault(End::Reader, kind) }]))?;
+        let mut link = Link::new(
+            false,
+            &faults(vec![Fault { from_tick: 0, until_tick: None, ..fault(End::Reader, kind) }]),
+        )?;
         for tick in 0..1000 {
             link.send(tick)?;
             assert!(link.source.next()?.is_none());
@@ -143,7 +175,10 @@ fn a_stuck_sensor_repeats_its_numbers_in_valid_messages() -> Outcome {
     for at in BOTH {
         let (received, tally, injected) = run(fault(at, Kind::Freeze))?;
         let inputs: Vec<f64> = received.iter().map(|command| command.input[0]).collect();
-        assert_eq!(inputs, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 5.0, 5.0, 5.0, 5.0, 10.0, 11.0, 12.0, 13.0, 14.0]);
+        assert_eq!(
+            inputs,
+            [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 5.0, 5.0, 5.0, 5.0, 10.0, 11.0, 12.0, 13.0, 14.0]
+        );
         assert_eq!(ticks(&received), (0..15).collect::<Vec<u64>>());
         assert_eq!((tally.received, injected), (15, 4));
     }
@@ -153,7 +188,8 @@ fn a_stuck_sensor_repeats_its_numbers_in_valid_messages() -> Outcome {
 #[test]
 fn a_number_of_the_field_that_was_named_is_not_a_number() -> Outcome {
     for at in BOTH {
-        let (received, tally, injected) = run(Fault { field: Some("input".to_owned()), ..fault(at, Kind::Nan) })?;
+        let (received, tally, injected) =
+            run(Fault { field: Some("input".to_owned()), ..fault(at, Kind::Nan) })?;
         for command in &received {
             let nans = command.input.iter().filter(|value| value.is_nan()).count();
             assert_eq!(nans, usize::from((5..10).contains(&command.stamp.tick)));
@@ -165,19 +201,29 @@ fn a_number_of_the_field_that_was_named_is_not_a_number() -> Outcome {
 }
 
 #[test]
-fn a_flipped_field_has_the_other_sign_and_an_outlier_is_off_by_no_more_than_was_asked_for() -> Outcome {
+fn a_flipped_field_has_the_other_sign_and_an_outlier_is_off_by_no_more_than_was_asked_for()
+-> Outcome {
     for at in BOTH {
         let field = Some("input".to_owned());
-        let (received, tally, injected) = run(Fault { field: field.clone(), ..fault(at, Kind::Flip) })?;
+        let (received, tally, injected) =
+            run(Fault { field: field.clone(), ..fault(at, Kind::Flip) })?;
         for command in &received {
-            let (tick, sign) = (command.stamp.tick, if (5..10).contains(&command.stamp.tick) { -1.0 } else { 1.0 });
+            let (tick, sign) = (
+                command.stamp.tick,
+                if (5..10).contains(&command.stamp.tick) { -1.0 } else { 1.0 },
+            );
             assert_eq!(command.input, [tick as f64, 0.5, -0.25].map(|value| sign * value));
         }
         assert_eq!((tally.received, injected), (15, 5));
-        let (received, tally, injected) = run(Fault { field, amount: Some(0.1), ..fault(at, Kind::Outlier) })?;
+        let (received, tally, injected) =
+            run(Fault { field, amount: Some(0.1), ..fault(at, Kind::Outlier) })?;
         for command in &received {
             let (tick, wrong) = (command.stamp.tick, (5..10).contains(&command.stamp.tick));
-            let off = command.input.iter().zip([tick as f64, 0.5, -0.25]).map(|(value, meant)| (value - meant).abs());
+            let off = command
+                .input
+                .iter()
+                .zip([tick as f64, 0.5, -0.25])
+                .map(|(value, meant)| (value - meant).abs());
             assert!(off.fold(0.0, f64::max) <= if wrong { 0.1 } else { 0.0 }, "{command:?}");
             assert!(!wrong || command.input[1] != 0.5, "{command:?}");
         }
@@ -189,12 +235,18 @@ fn a_flipped_field_has_the_other_sign_and_an_outlier_is_off_by_no_more_than_was_
 #[test]
 fn a_delayed_message_comes_when_its_time_is_over_even_if_nobody_says_anything_more() -> Outcome {
     for kind in [Kind::Delay, Kind::Jitter] {
-        let mut link = Link::new(false, &faults(vec![Fault { millis: Some(30), ..fault(End::Reader, kind) }]))?;
+        let mut link = Link::new(
+            false,
+            &faults(vec![Fault { millis: Some(30), ..fault(End::Reader, kind) }]),
+        )?;
         link.send(5)?;
         assert!(link.source.wait(LONG)?);
         assert_eq!(link.ticks()?, [5]);
     }
-    let mut link = Link::new(false, &faults(vec![Fault { millis: Some(5000), ..fault(End::Reader, Kind::Delay) }]))?;
+    let mut link = Link::new(
+        false,
+        &faults(vec![Fault { millis: Some(5000), ..fault(End::Reader, Kind::Delay) }]),
+    )?;
     link.send(5)?;
     assert_eq!(link.ticks()?, [0; 0], "not before");
     assert!(!link.source.wait(Duration::from_millis(20))?);
@@ -203,7 +255,10 @@ fn a_delayed_message_comes_when_its_time_is_over_even_if_nobody_says_anything_mo
 
 #[test]
 fn a_writer_lets_out_what_it_delayed_when_it_next_has_something_to_do() -> Outcome {
-    let mut link = Link::new(false, &faults(vec![Fault { millis: Some(1), ..fault(End::Writer, Kind::Delay) }]))?;
+    let mut link = Link::new(
+        false,
+        &faults(vec![Fault { millis: Some(1), ..fault(End::Writer, Kind::Delay) }]),
+    )?;
     link.send(5)?;
     while link.ports.injected() == [1] && !link.source.wait(Duration::from_millis(2))? {
         link.sink.refresh()?;
@@ -271,7 +326,13 @@ fn the_same_seed_gives_the_same_faults_and_another_one_others() -> Outcome {
         let mut outcomes = Vec::new();
         for kind in [Kind::Drop, Kind::Jitter, Kind::Corrupt] {
             let messages = (kind == Kind::Jitter).then_some(5);
-            let fault = Fault { from_tick: 0, until_tick: None, probability: 0.5, messages, ..fault(End::Reader, kind) };
+            let fault = Fault {
+                from_tick: 0,
+                until_tick: None,
+                probability: 0.5,
+                messages,
+                ..fault(End::Reader, kind)
+            };
             let mut link = Link::new(false, &Faults { seed, process: None, fault: vec![fault] })?;
             for tick in 0..200 {
                 link.send(tick)?;
@@ -299,13 +360,22 @@ fn faults_on_one_link_work_one_behind_the_other() -> Outcome {
 
 #[test]
 fn what_a_fault_holds_is_bounded() -> Outcome {
-    let held = Fault { from_tick: 0, until_tick: None, millis: Some(10_000), ..fault(End::Reader, Kind::Delay) };
+    let held = Fault {
+        from_tick: 0,
+        until_tick: None,
+        millis: Some(10_000),
+        ..fault(End::Reader, Kind::Delay)
+    };
     let mut link = Link::new(false, &faults(vec![held]))?;
     for tick in 0..1000 {
         link.send(tick)?;
         let _ = link.source.next()?;
     }
-    assert_eq!(link.source.tally().received, 1000 - 256, "the oldest comes out when there is no more room");
+    assert_eq!(
+        link.source.tally().received,
+        1000 - 256,
+        "the oldest comes out when there is no more room"
+    );
     Ok(())
 }
 
@@ -324,17 +394,24 @@ fn impossible_faults_are_refused_by_key() -> Outcome {
         (Fault { field: Some("input".to_owned()), ..delay.clone() }, "fault.0.field"),
         (fault(End::Reader, Kind::Nan), "fault.0.field"),
         (fault(End::Reader, Kind::Flip), "fault.0.field"),
-        (Fault { field: Some("input".to_owned()), ..fault(End::Reader, Kind::Outlier) }, "fault.0.amount"),
+        (
+            Fault { field: Some("input".to_owned()), ..fault(End::Reader, Kind::Outlier) },
+            "fault.0.amount",
+        ),
         (Fault { amount: Some(0.1), ..fault(End::Reader, Kind::Drop) }, "fault.0.amount"),
-        (Fault { field: Some("velocity".to_owned()), ..fault(End::Reader, Kind::Nan) }, "fault.0.field"),
+        (
+            Fault { field: Some("velocity".to_owned()), ..fault(End::Reader, Kind::Nan) },
+            "fault.0.field",
+        ),
         (Fault { topic: Topic::Health, ..fault(End::Reader, Kind::Freeze) }, "fault.0.topic"),
     ] {
         let refusal = faults(vec![fault]).check().err().ok_or(key)?;
         assert_eq!(refusal.key, key, "{refusal}");
     }
-    for (fault, key) in
-        [(Fault { messages: None, millis: Some(5), ..delay }, "fault.0.millis"), (fault(End::Writer, Kind::Drop), "fault.0.at")]
-    {
+    for (fault, key) in [
+        (Fault { messages: None, millis: Some(5), ..delay }, "fault.0.millis"),
+        (fault(End::Writer, Kind::Drop), "fault.0.at"),
+    ] {
         faults(vec![fault.clone()]).check()?;
         let refusal = faults(vec![fault]).check_lock_step().err().ok_or(key)?;
         assert_eq!(refusal.key, key, "{refusal}");
@@ -346,14 +423,21 @@ fn impossible_faults_are_refused_by_key() -> Outcome {
 fn a_number_field_of_every_message_can_be_reached() -> Outcome {
     for topic in Topic::ALL {
         for field in topic.numbers() {
-            let nan = Fault { topic, field: Some((*field).to_owned()), ..fault(End::Reader, Kind::Nan) };
+            let nan =
+                Fault { topic, field: Some((*field).to_owned()), ..fault(End::Reader, Kind::Nan) };
             faults(vec![nan]).check()?;
         }
     }
     let exchange = Exchange::new(false, LONG);
-    let nan = Fault { topic: Topic::State, field: Some("velocity".to_owned()), from_tick: 0, ..fault(End::Reader, Kind::Nan) };
+    let nan = Fault {
+        topic: Topic::State,
+        field: Some("velocity".to_owned()),
+        from_tick: 0,
+        ..fault(End::Reader, Kind::Nan)
+    };
     let ports = Ports::in_memory_with(&exchange, Identity::new(1), &faults(vec![nan]));
-    let (mut source, mut sink) = (ports.source::<PlantState>(Since::First)?, ports.sink::<PlantState>()?);
+    let (mut source, mut sink) =
+        (ports.source::<PlantState>(Since::First)?, ports.sink::<PlantState>()?);
     sink.send(&mut PlantState::zeroed())?;
     let state = source.next()?.ok_or("no state")?;
     assert!(state.velocity.iter().any(|value| value.is_nan()) && state.pose == [0.0; 3]);

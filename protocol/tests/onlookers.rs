@@ -16,7 +16,12 @@ fn on_each(promise: impl Fn(&dyn Fn() -> Result<Ports, OpenError>) -> Outcome) -
     let exchange = Exchange::new(true, PATIENCE);
     promise(&|| Ok(Ports::in_memory(&exchange, Identity::new(1))))?;
     let folder = tempfile::tempdir()?;
-    let links = Links::on_this_machine(format!("o{}", Identity::new(1).writer % 100_000_000), folder.path().join("r"), true, 200);
+    let links = Links::on_this_machine(
+        format!("o{}", Identity::new(1).writer % 100_000_000),
+        folder.path().join("r"),
+        true,
+        200,
+    );
     let kept = promise(&|| Ports::open(&links, Identity::new(1)));
     sweep(&links)?;
     kept

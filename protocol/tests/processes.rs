@@ -8,7 +8,9 @@ mod commands;
 use bytemuck::Zeroable;
 use commands::{command, until};
 use protocol::message::{Command, Credit};
-use protocol::port::{Carrier, Carriers, Identity, Links, Ports, Router, SendError, Since, SweepReport, sweep};
+use protocol::port::{
+    Carrier, Carriers, Identity, Links, Ports, Router, SendError, Since, SweepReport, sweep,
+};
 use protocol::topic::Topic;
 use rustix::process::{Pid, Signal, kill_process};
 use std::env;
@@ -37,7 +39,11 @@ impl Graph {
         static GRAPHS: AtomicU32 = AtomicU32::new(0);
         let folder = tempfile::tempdir()?;
         let graph = format!("p{}-{}", std::process::id(), GRAPHS.fetch_add(1, Ordering::Relaxed));
-        Ok(Self { links: links(graph, lock_step, folder.path().join("r")), router: None, _folder: folder })
+        Ok(Self {
+            links: links(graph, lock_step, folder.path().join("r")),
+            router: None,
+            _folder: folder,
+        })
     }
 
     fn on_network(lock_step: bool) -> Result<Self, Box<dyn Error>> {
@@ -71,7 +77,8 @@ impl Graph {
     /// What the graph has left in the file system.
     fn remains(&self) -> Result<Vec<PathBuf>, Box<dyn Error>> {
         let prefix = format!("cx.{}.", self.links.graph);
-        let mut remains: Vec<PathBuf> = self.links.root.exists().then(|| self.links.root.clone()).into_iter().collect();
+        let mut remains: Vec<PathBuf> =
+            self.links.root.exists().then(|| self.links.root.clone()).into_iter().collect();
         for entry in fs::read_dir("/dev/shm")? {
             let entry = entry?;
             if entry.file_name().to_string_lossy().starts_with(&prefix) {
@@ -176,7 +183,9 @@ fn replace_killed_writers(graph: &Graph) -> Outcome {
     // More lives than the topic has places for writers.
     for epoch in 1..=7 {
         let writer = graph.start("commands", epoch)?;
-        let heard = until(&mut commands, |command| command.stamp.epoch == epoch && command.stamp.tick >= 5)?;
+        let heard = until(&mut commands, |command| {
+            command.stamp.epoch == epoch && command.stamp.tick >= 5
+        })?;
         assert_eq!(heard.stamp.sequence, heard.stamp.tick, "its sequence started at 1");
         writer.kill()?;
     }
@@ -227,7 +236,11 @@ fn a_killed_reader_holds_a_lossless_writer_up_no_longer_than_its_patience() -> O
             failures.push(error);
         }
     }
-    assert_eq!(failures, [SendError::NoRoom { topic: Topic::Command, waited: PATIENCE }], "then it is known to be dead");
+    assert_eq!(
+        failures,
+        [SendError::NoRoom { topic: Topic::Command, waited: PATIENCE }],
+        "then it is known to be dead"
+    );
 
     let _successor = graph.start("credits", 2)?;
     until(&mut credits, |credit| credit.stamp.epoch == 2)?;
@@ -249,7 +262,8 @@ fn a_killed_reader_holds_a_lossless_writer_up_once_at_most_over_the_network() ->
     until(&mut credits, |credit| credit.through_tick == 1)?;
     reader.kill()?;
 
-    let sent = (2..=3 * Topic::Command.quality(true).depth as u64).map(|tick| commands.send(&mut command(tick)));
+    let sent = (2..=3 * Topic::Command.quality(true).depth as u64)
+        .map(|tick| commands.send(&mut command(tick)));
     let failures = sent.filter(Result::is_err).count();
     assert!(failures <= 1, "{failures}");
 
@@ -347,7 +361,11 @@ fn a_sweep_spares_the_living() -> Outcome {
     }
     writer.signal(Signal::STOP)?;
     doomed.kill()?;
-    assert_eq!(sweep(&graph.links)?, SweepReport { living: 1, dead: 1, files: 0 }, "a stopped process lives");
+    assert_eq!(
+        sweep(&graph.links)?,
+        SweepReport { living: 1, dead: 1, files: 0 },
+        "a stopped process lives"
+    );
     writer.signal(Signal::CONT)?;
     let mut commands = graph.ports()?.source::<Command>(Since::Joining)?;
     until(&mut commands, |command| command.stamp.epoch == 1)?;

@@ -41,7 +41,11 @@ fn first(router: &Router) -> Result<&String, Box<dyn Error>> {
 fn ports(endpoint: &str, lock_step: bool) -> Result<Ports, Box<dyn Error>> {
     let (carriers, connect) = (Carriers::all(Carrier::Network), vec![endpoint.to_owned()]);
     Ok(Ports::open(
-        &Links { carriers, connect, ..Links::on_this_machine("t", "", lock_step, PATIENCE.as_millis() as u64) },
+        &Links {
+            carriers,
+            connect,
+            ..Links::on_this_machine("t", "", lock_step, PATIENCE.as_millis() as u64)
+        },
         Identity::new(1),
     )?)
 }
@@ -81,7 +85,8 @@ struct Times(u64);
 
 impl Times {
     fn below(&mut self, millis: u64) -> Duration {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         Duration::from_millis((self.0 >> 33) % millis)
     }
 }
@@ -232,13 +237,20 @@ impl Relay {
                     return;
                 }
                 let Ok(far) = TcpStream::connect(&router) else { continue };
-                let hangs_up = shared.hang_ups.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).is_ok();
+                let hangs_up = shared
+                    .hang_ups
+                    .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1))
+                    .is_ok();
                 let heard = if hangs_up { HANDSHAKE } else { u32::MAX };
                 let cuts = shared.cuts.load(Ordering::Relaxed);
-                for (from, to, most) in [(near.try_clone(), far.try_clone(), u32::MAX), (Ok(far), Ok(near), heard)] {
+                for (from, to, most) in
+                    [(near.try_clone(), far.try_clone(), u32::MAX), (Ok(far), Ok(near), heard)]
+                {
                     if let (Ok(from), Ok(to)) = (from, to) {
                         let shared = Arc::clone(&shared);
-                        thread::spawn(move || carry(from, to, most, || shared.cuts.load(Ordering::Relaxed) > cuts));
+                        thread::spawn(move || {
+                            carry(from, to, most, || shared.cuts.load(Ordering::Relaxed) > cuts);
+                        });
                     }
                 }
             }
@@ -277,7 +289,9 @@ fn carry(mut from: TcpStream, mut to: TcpStream, most: u32, is_cut: impl Fn() ->
     while carried < most && !is_cut() {
         match from.read(&mut bytes) {
             Ok(0) => break,
-            Ok(count) if bytes.get(..count).is_some_and(|bytes| to.write_all(bytes).is_ok()) => carried += 1,
+            Ok(count) if bytes.get(..count).is_some_and(|bytes| to.write_all(bytes).is_ok()) => {
+                carried += 1;
+            }
             Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
             Ok(_) | Err(_) => break,
         }

@@ -18,7 +18,14 @@ const SOON: Duration = Duration::from_millis(20);
 const GIVES_UP_AFTER: Duration = Duration::from_mins(1);
 
 fn publisher() -> Result<Publisher, TelemetryError> {
-    Publisher::open(&TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "test".into(), credentials: None }, PERIOD)
+    Publisher::open(
+        &TelemetrySettings {
+            listen: vec!["tcp/127.0.0.1:0".into()],
+            robot: "test".into(),
+            credentials: None,
+        },
+        PERIOD,
+    )
 }
 
 fn endpoint(publisher: &Publisher) -> Result<String, Box<dyn Error>> {
@@ -34,15 +41,21 @@ fn state(tick: u64) -> PlantState {
 /// Any zenoh client, as a person would write it.
 fn stranger(endpoint: &str) -> Result<Session, Box<dyn Error>> {
     let mut config = Config::default();
-    for (key, value) in [("mode", json!("client")), ("connect/endpoints", json!([endpoint])), ("scouting/multicast/enabled", json!(false))]
-    {
+    for (key, value) in [
+        ("mode", json!("client")),
+        ("connect/endpoints", json!([endpoint])),
+        ("scouting/multicast/enabled", json!(false)),
+    ] {
         config.insert_json5(key, &value.to_string()).map_err(|error| error.to_string())?;
     }
     Ok(zenoh::open(config).wait().map_err(|error| error.to_string())?)
 }
 
 /// Publishes states of rising ticks until `done` gives something.
-fn publish_until<V>(publisher: &mut Publisher, mut done: impl FnMut() -> Option<V>) -> Result<V, Box<dyn Error>> {
+fn publish_until<V>(
+    publisher: &mut Publisher,
+    mut done: impl FnMut() -> Option<V>,
+) -> Result<V, Box<dyn Error>> {
     let begin = Instant::now();
     for tick in 1.. {
         publisher.publish(&state(tick))?;
@@ -60,7 +73,10 @@ fn publish_until<V>(publisher: &mut Publisher, mut done: impl FnMut() -> Option<
 fn any_client_can_read_a_message_as_json() -> Outcome {
     let mut publisher = publisher()?;
     let client = stranger(&endpoint(&publisher)?)?;
-    let states = client.declare_subscriber("coxswain/*/state/json").wait().map_err(|error| error.to_string())?;
+    let states = client
+        .declare_subscriber("coxswain/*/state/json")
+        .wait()
+        .map_err(|error| error.to_string())?;
     let sample = publish_until(&mut publisher, || states.recv_timeout(SOON).ok().flatten())?;
     assert_eq!(sample.key_expr().as_str(), "coxswain/test/state/json");
     let said: Value = serde_json::from_slice(&sample.payload().to_bytes())?;
@@ -96,14 +112,25 @@ fn what_a_stranger_puts_reaches_no_watcher() -> Outcome {
     let endpoint = endpoint(&publisher)?;
     let (forger, witness) = (stranger(&endpoint)?, stranger(&endpoint)?);
     let all = witness.declare_subscriber("**").wait().map_err(|error| error.to_string())?;
-    let keys = ["coxswain/test/state", "coxswain/test/state/json", "coxswain/test/command", "coxswain/other/state", "forged"];
+    let keys = [
+        "coxswain/test/state",
+        "coxswain/test/state/json",
+        "coxswain/test/command",
+        "coxswain/other/state",
+        "forged",
+    ];
     let mut genuine = 0;
     for round in 0..20 {
         for key in keys {
             forger.put(key, "forged").wait().map_err(|error| error.to_string())?;
         }
         let sample = publish_until(&mut publisher, || all.recv_timeout(SOON).ok().flatten())?;
-        assert_ne!(sample.payload().to_bytes().as_ref(), b"forged", "on {} in round {round}", sample.key_expr());
+        assert_ne!(
+            sample.payload().to_bytes().as_ref(),
+            b"forged",
+            "on {} in round {round}",
+            sample.key_expr()
+        );
         genuine += 1;
     }
     assert_eq!(genuine, 20);
@@ -114,7 +141,11 @@ fn what_a_stranger_puts_reaches_no_watcher() -> Outcome {
 fn two_gateways_that_take_any_port_do_not_fight_and_a_taken_one_is_refused() -> Outcome {
     let (one, other) = (publisher()?, publisher()?);
     assert_ne!(one.endpoints(), other.endpoints());
-    let taken = TelemetrySettings { listen: one.endpoints().to_vec(), robot: "test".into(), credentials: None };
+    let taken = TelemetrySettings {
+        listen: one.endpoints().to_vec(),
+        robot: "test".into(),
+        credentials: None,
+    };
     assert!(matches!(Publisher::open(&taken, PERIOD), Err(TelemetryError::Listen { .. })));
     Ok(())
 }
@@ -127,7 +158,9 @@ fn where_nobody_answers_the_watcher_is_told_so() -> Outcome {
     assert!(matches!(Watcher::open(&endpoint, None), Err(TelemetryError::Connect { .. })));
     drop(deaf);
     let refused = Watcher::open(&endpoint, None).map(drop).map_err(|error| error.to_string());
-    assert!(refused.is_err_and(|text| text.starts_with(&format!("nothing to watch at {endpoint}: "))));
+    assert!(
+        refused.is_err_and(|text| text.starts_with(&format!("nothing to watch at {endpoint}: ")))
+    );
     Ok(())
 }
 

@@ -4,8 +4,9 @@
 
 use bytemuck::Zeroable;
 use protocol::message::{
-    Command, Credit, Exposure, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState, Reason,
-    ResidualSample, Rung, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth,
+    Command, Credit, Exposure, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot,
+    Participant, Phase, Plan, PlantState, Reason, ResidualSample, Rung, SnapshotHead, SolverStatus,
+    Stamp, TAIL_MAX, Truth,
 };
 use protocol::{VERSION, wire};
 use serde::de::DeserializeOwned;
@@ -75,11 +76,25 @@ macro_rules! said_as_it_is {
 }
 
 fn typical() -> Stamp {
-    Stamp { writer: 0x1234_5678_9abc_def0, epoch: 3, sequence: 1041, tick: 1040, sent_nanos: 52_000_123_456_789, ..Stamp::default() }
+    Stamp {
+        writer: 0x1234_5678_9abc_def0,
+        epoch: 3,
+        sequence: 1041,
+        tick: 1040,
+        sent_nanos: 52_000_123_456_789,
+        ..Stamp::default()
+    }
 }
 
 fn extreme() -> Stamp {
-    Stamp { writer: u64::MAX, epoch: u64::MAX, sequence: u64::MAX, tick: u64::MAX, sent_nanos: u64::MAX, ..Stamp::default() }
+    Stamp {
+        writer: u64::MAX,
+        epoch: u64::MAX,
+        sequence: u64::MAX,
+        tick: u64::MAX,
+        sent_nanos: u64::MAX,
+        ..Stamp::default()
+    }
 }
 
 const EDGES: [f64; 3] = [f64::MAX, f64::MIN_POSITIVE, -0.0];
@@ -283,9 +298,18 @@ impl Said for ModelSnapshot {
         head.input_scale = [1.0; INPUTS_MAX];
         head.length_scale[0][1] = 0.5;
         head.length_scale[2][0] = 1.5;
-        let rows = vec![(vec![1.0, -1.0], [0.1, 0.2, 0.3], 1.0, [4.0, 5.0, 6.0]), (vec![0.5, 0.25], EDGES, 2.5, [7.0, 8.0, 9.0])];
-        let empty =
-            Snapshot { head: SnapshotHead { stamp: extreme(), inputs: INPUTS_MAX as u32, ..SnapshotHead::zeroed() }, rows: Vec::new() };
+        let rows = vec![
+            (vec![1.0, -1.0], [0.1, 0.2, 0.3], 1.0, [4.0, 5.0, 6.0]),
+            (vec![0.5, 0.25], EDGES, 2.5, [7.0, 8.0, 9.0]),
+        ];
+        let empty = Snapshot {
+            head: SnapshotHead {
+                stamp: extreme(),
+                inputs: INPUTS_MAX as u32,
+                ..SnapshotHead::zeroed()
+            },
+            rows: Vec::new(),
+        };
         vec![("typical", Self::of(Snapshot { head, rows })), ("without points", Self::of(empty))]
     }
 }
@@ -308,7 +332,10 @@ fn encoded<T: Said>(mut message: T) -> (T, String) {
 }
 
 fn bytes_of(hex: &str) -> Result<Vec<u8>, Box<dyn Error>> {
-    let pairs = hex.as_bytes().chunks(2).map(|pair| Ok(u8::from_str_radix(std::str::from_utf8(pair)?, 16)?));
+    let pairs = hex
+        .as_bytes()
+        .chunks(2)
+        .map(|pair| Ok(u8::from_str_radix(std::str::from_utf8(pair)?, 16)?));
     pairs.collect()
 }
 
@@ -319,7 +346,13 @@ fn holds<T: Said>() -> Outcome {
     for vector in file.vectors {
         let (message, bytes) = encoded(T::of(vector.fields));
         assert_eq!(bytes, vector.bytes, "{} {}", T::NAME, vector.name);
-        assert_eq!(wire::decode::<T>(&bytes_of(&vector.bytes)?)?, message, "{} {}", T::NAME, vector.name);
+        assert_eq!(
+            wire::decode::<T>(&bytes_of(&vector.bytes)?)?,
+            message,
+            "{} {}",
+            T::NAME,
+            vector.name
+        );
     }
     Ok(())
 }

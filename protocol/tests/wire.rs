@@ -6,8 +6,9 @@ use proptest::prelude::{any, prop_assert, prop_assert_eq, prop_oneof, proptest};
 use proptest::strategy::{Just, Strategy};
 use protocol::frame::DecodeError;
 use protocol::message::{
-    Command, Credit, ERROR_TEXT_MAX, Exposure, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan,
-    PlantState, Reason, ResidualSample, Rung, SnapshotHead, SolverStatus, TAIL_MAX, Truth,
+    Command, Credit, ERROR_TEXT_MAX, Exposure, HORIZON_MAX, Health, INPUTS_MAX, Message,
+    ModelSnapshot, Participant, Phase, Plan, PlantState, Reason, ResidualSample, Rung,
+    SnapshotHead, SolverStatus, TAIL_MAX, Truth,
 };
 use protocol::{VERSION, message, wire};
 
@@ -54,7 +55,11 @@ fn pick<T: Copy>(all: &[T], choice: u32) -> T {
 fn snapshots() -> impl Strategy<Value = Vec<u8>> {
     (1..=INPUTS_MAX, 0..40_usize, any::<u64>()).prop_map(|(inputs, points, bits)| {
         let value = f64::from_bits(bits);
-        let mut snapshot = ModelSnapshot::new(SnapshotHead { inputs: inputs as u32, jitter: [value; 3], ..SnapshotHead::zeroed() });
+        let mut snapshot = ModelSnapshot::new(SnapshotHead {
+            inputs: inputs as u32,
+            jitter: [value; 3],
+            ..SnapshotHead::zeroed()
+        });
         for _ in 0..points {
             snapshot.push(&vec![value; inputs], [value; 3], [1.0, value, 3.0]).unwrap_or_default();
         }
@@ -106,7 +111,10 @@ fn sealed(kind: u16, body: &[u8]) -> Vec<u8> {
 
 fn lies() -> impl Strategy<Value = Vec<u8>> {
     let kind = prop_oneof![1_u16..=8, Just(99)];
-    let body = prop_oneof![vec(any::<u8>(), 0..1200), vec(prop_oneof![Just(0_u8), Just(1), Just(255)], 0..1200)];
+    let body = prop_oneof![
+        vec(any::<u8>(), 0..1200),
+        vec(prop_oneof![Just(0_u8), Just(1), Just(255)], 0..1200)
+    ];
     (kind, body).prop_map(|(kind, body)| sealed(kind, &body))
 }
 
@@ -154,16 +162,23 @@ proptest! {
 #[test]
 fn another_version_and_another_kind_are_refused_with_both_named() {
     let mut bytes = encoded(Credit::zeroed());
-    assert_eq!(wire::decode::<Command>(&bytes), Err(DecodeError::Kind { message: "Command", expected: 2, got: 4 }));
+    assert_eq!(
+        wire::decode::<Command>(&bytes),
+        Err(DecodeError::Kind { message: "Command", expected: 2, got: 4 })
+    );
     bytes[0] = 77;
-    assert_eq!(wire::decode::<Credit>(&bytes), Err(DecodeError::Version { expected: VERSION, got: 77 }));
+    assert_eq!(
+        wire::decode::<Credit>(&bytes),
+        Err(DecodeError::Version { expected: VERSION, got: 77 })
+    );
 }
 
 #[test]
 fn every_bit_of_a_number_survives() -> Result<(), DecodeError> {
     let quiet_nan_with_payload = f64::from_bits(0x7ff8_0000_dead_beef);
     let signalling_nan = f64::from_bits(0xfff0_0000_0000_0001);
-    let sent = Command { input: [quiet_nan_with_payload, signalling_nan, -0.0], ..Command::zeroed() };
+    let sent =
+        Command { input: [quiet_nan_with_payload, signalling_nan, -0.0], ..Command::zeroed() };
     let heard: Command = wire::decode(&encoded(sent))?;
     assert_eq!(heard.input.map(f64::to_bits), sent.input.map(f64::to_bits));
     Ok(())

@@ -25,7 +25,10 @@ const BRAKES_AFTER_PERIODS: f64 = 3.0;
 const ROUNDING: f64 = 1e-6;
 
 /// A launch of every link over the network, where it is to be met, and how its graph is called there.
-pub(crate) fn launched(certificates: &Certificates, options: &[&str]) -> Result<(Launched, String, String), Failure> {
+pub(crate) fn launched(
+    certificates: &Certificates,
+    options: &[&str],
+) -> Result<(Launched, String, String), Failure> {
     let folder = certificates.folder();
     let own = ["--certificates", folder.to_str().ok_or("no text")?];
     let options: Vec<&str> = own.iter().chain(options).copied().collect();
@@ -73,7 +76,9 @@ const FORGERIES: [Forgery; 6] = [
 /// Whose command acted, by writer; 0 is nobody's.
 pub(crate) fn acted(record: &Record) -> BTreeMap<u64, usize> {
     let mut acted = BTreeMap::new();
-    record.of("truth").for_each(|truth| *acted.entry(truth.count("acting_writer")).or_default() += 1);
+    record
+        .of("truth")
+        .for_each(|truth| *acted.entry(truth.count("acting_writer")).or_default() += 1);
     acted
 }
 
@@ -99,7 +104,8 @@ pub(crate) fn genuine(record: &Record) -> Result<u64, Failure> {
 }
 
 #[test]
-fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificate_ever_acts() -> Outcome {
+fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificate_ever_acts()
+-> Outcome {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "15"])?;
     let open = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
@@ -114,17 +120,23 @@ fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificat
             if let Ok(command) = wire::decode::<Command>(&sample.payload().to_bytes()) {
                 let mut stolen = stolen.lock().unwrap_or_else(PoisonError::into_inner);
                 // The first was said before anything was forged, and each of them is heard before it is said again.
-                if stolen.values().next().is_none_or(|first| first.0.stamp.writer == command.stamp.writer) {
+                if stolen
+                    .values()
+                    .next()
+                    .is_none_or(|first| first.0.stamp.writer == command.stamp.writer)
+                {
                     stolen.entry(command.stamp.sequence).or_insert((command, number, key));
                 }
             }
         }
     };
     let data = format!("coxswain-link/{graph}/command/data");
-    let _thief = thief.declare_subscriber(format!("{data}/*")).callback(hear).wait().map_err(failed)?;
+    let _thief =
+        thief.declare_subscriber(format!("{data}/*")).callback(hear).wait().map_err(failed)?;
     let mut said = 0_usize;
     launched.wait_until("a hundred commands", || {
-        let known: Vec<Stolen> = stolen.lock().unwrap_or_else(PoisonError::into_inner).values().cloned().collect();
+        let known: Vec<Stolen> =
+            stolen.lock().unwrap_or_else(PoisonError::into_inner).values().cloned().collect();
         // The newest at once, and some that are long known.
         for (command, number, key) in known.iter().rev().take(3).chain(known.iter().step_by(7)) {
             for (_, forge) in FORGERIES {
@@ -140,11 +152,19 @@ fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificat
     let (acted, genuine) = (acted(&record), genuine(&record)?);
     let limits = Limits::of(&Assembly::read(&Options::of_graph(&graph_file("network")))?);
     let (oldest, back) = oldest(&record, genuine, &limits);
-    let theirs: usize = acted.iter().filter(|(writer, _)| ![0, genuine].contains(writer)).map(|(_, periods)| periods).sum();
+    let theirs: usize = acted
+        .iter()
+        .filter(|(writer, _)| ![0, genuine].contains(writer))
+        .map(|(_, periods)| periods)
+        .sum();
     let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
-    record.of("state").for_each(|state: &Message| *reasons.entry(state.word("reason")).or_default() += 1);
+    record
+        .of("state")
+        .for_each(|state: &Message| *reasons.entry(state.word("reason")).or_default() += 1);
     let refused = record.of("state").next_back().map_or(0, |state| state.count("refused"));
-    print(format_args!("commands: {said} said again or forged in 6 ways, {theirs} acted, {refused} refused by the gate: {reasons:?}"));
+    print(format_args!(
+        "commands: {said} said again or forged in 6 ways, {theirs} acted, {refused} refused by the gate: {reasons:?}"
+    ));
     print(format_args!(
         "the own controller's: the oldest state whose answer acted was {oldest:.2} T old, {back} acted after one to a later state"
     ));
@@ -153,16 +173,28 @@ fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificat
     assert!(oldest <= BRAKES_AFTER_PERIODS + ROUNDING, "{oldest} T");
     assert_eq!(back, 0, "an old command acted again");
     // Whatever is forged is in the record as well, and counted as lost by nobody.
-    let violations: Vec<String> =
-        judge(&record, &limits).iter().filter(|found| found.rule != Rule::Count).map(ToString::to_string).collect();
+    let violations: Vec<String> = judge(&record, &limits)
+        .iter()
+        .filter(|found| found.rule != Rule::Count)
+        .map(ToString::to_string)
+        .collect();
     assert_eq!(violations, [""; 0]);
     assert!(refused > 0, "{reasons:?}");
-    assert!(acted.get(&genuine).is_some_and(|periods| *periods > 50), "the robot was driven by its own controller: {acted:?}");
+    assert!(
+        acted.get(&genuine).is_some_and(|periods| *periods > 50),
+        "the robot was driven by its own controller: {acted:?}"
+    );
     Ok(())
 }
 
 /// Says one command in a false way, under the key of the forger and under that of whom it is stolen from.
-fn forged(forger: &Session, mut command: Command, number: Option<&[u8]>, key: &str, forge: fn(&mut Command)) -> Result<usize, Failure> {
+fn forged(
+    forger: &Session,
+    mut command: Command,
+    number: Option<&[u8]>,
+    key: &str,
+    forge: fn(&mut Command),
+) -> Result<usize, Failure> {
     forge(&mut command);
     let mut out = Vec::new();
     wire::encode(&command, &mut out);
@@ -180,7 +212,10 @@ fn forged(forger: &Session, mut command: Command, number: Option<&[u8]>, key: &s
 }
 
 /// Knocks at `address` with what is no TLS, a hundred times a second, while `while_knocking` runs; says how often.
-fn knocking<T>(address: &str, while_knocking: impl FnOnce() -> Result<T, Failure>) -> Result<(T, usize), Failure> {
+fn knocking<T>(
+    address: &str,
+    while_knocking: impl FnOnce() -> Result<T, Failure>,
+) -> Result<(T, usize), Failure> {
     let over = AtomicBool::new(false);
     let knock = || {
         let mut knocks = 0;
@@ -223,7 +258,10 @@ fn who_dies_while_strangers_knock_at_the_door_is_back_and_nobody_else_goes() -> 
     let record = Record::read(&home.path().join("run"))?;
     let rungs: Vec<&str> = record.of("state").map(|state| state.word("rung")).collect();
     let missed = rungs.iter().skip(1).filter(|rung| **rung != "fresh plan").count();
-    print(format_args!("{knocks} knocks; controller and recorder killed: {missed} of {} periods without a fresh plan", rungs.len()));
+    print(format_args!(
+        "{knocks} knocks; controller and recorder killed: {missed} of {} periods without a fresh plan",
+        rungs.len()
+    ));
     assert!(knocks > 500, "{knocks}");
     let back = rungs.iter().rev().take(50).filter(|rung| **rung == "fresh plan").count();
     assert!(back > 45, "{back} of the last 50 periods are on fresh plans: {}", ended.text);

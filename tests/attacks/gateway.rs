@@ -48,8 +48,17 @@ enum Deed {
 }
 
 impl Deed {
-    const ALL: [Self; 9] =
-        [Self::Put, Self::Delete, Self::Hear, Self::Ask, Self::BeAsked, Self::Answer, Self::Show, Self::Look, Self::Watch];
+    const ALL: [Self; 9] = [
+        Self::Put,
+        Self::Delete,
+        Self::Hear,
+        Self::Ask,
+        Self::BeAsked,
+        Self::Answer,
+        Self::Show,
+        Self::Look,
+        Self::Watch,
+    ];
 }
 
 /// Who did what to which key.
@@ -61,7 +70,11 @@ struct Book(Arc<Mutex<BTreeSet<Cell>>>);
 
 impl Book {
     fn write(&self, name: &str, deed: Deed, key: &str) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert((name.to_owned(), deed, key.to_owned()));
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert((
+            name.to_owned(),
+            deed,
+            key.to_owned(),
+        ));
     }
 
     fn read(&self) -> BTreeSet<Cell> {
@@ -78,7 +91,10 @@ struct Try {
 }
 
 /// Those who get a session of all roles and strangers, each of whom `open`s one.
-fn tries(certificates: &Certificates, open: &dyn Fn(&Shows) -> Result<Session, Failure>) -> Result<Vec<Try>, Failure> {
+fn tries(
+    certificates: &Certificates,
+    open: &dyn Fn(&Shows) -> Result<Session, Failure>,
+) -> Result<Vec<Try>, Failure> {
     let roles = Role::ALL.map(|role| (role.name(), Shows::Certificate(certificates.of(role))));
     let mut tries = Vec::new();
     for (name, shows) in roles.into_iter().chain(strangers(certificates)?) {
@@ -91,7 +107,12 @@ fn tries(certificates: &Certificates, open: &dyn Fn(&Shows) -> Result<Session, F
 
 /// Keys of the telemetry.
 fn keys() -> Vec<String> {
-    Topic::ALL.into_iter().flat_map(|topic| ["", "/json"].map(|kind| format!("coxswain/{ROBOT}/{}{kind}", topic.name()))).collect()
+    Topic::ALL
+        .into_iter()
+        .flat_map(|topic| {
+            ["", "/json"].map(|kind| format!("coxswain/{ROBOT}/{}{kind}", topic.name()))
+        })
+        .collect()
 }
 
 /// Who is named in an attachment or an answer.
@@ -115,7 +136,11 @@ fn witness(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<Decla
     let answer = move |query: Query| {
         // Who asks says who he is; the honest one asks itself too.
         if !query.parameters().is_empty() {
-            asked.write(&query.parameters().as_str().replace('_', " "), Deed::Ask, query.key_expr().as_str());
+            asked.write(
+                &query.parameters().as_str().replace('_', " "),
+                Deed::Ask,
+                query.key_expr().as_str(),
+            );
         }
     };
     let see = move |sample: Sample| {
@@ -129,7 +154,14 @@ fn witness(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<Decla
         Box::new(own.declare_subscriber(key).callback(hear).wait().map_err(failed)?),
         Box::new(own.declare_queryable(key).callback(answer).wait().map_err(failed)?),
         Box::new(own.liveliness().declare_token(format!("{key}/honest")).wait().map_err(failed)?),
-        Box::new(own.liveliness().declare_subscriber(format!("{key}/*")).history(true).callback(see).wait().map_err(failed)?),
+        Box::new(
+            own.liveliness()
+                .declare_subscriber(format!("{key}/*"))
+                .history(true)
+                .callback(see)
+                .wait()
+                .map_err(failed)?,
+        ),
     ])
 }
 
@@ -150,10 +182,26 @@ fn trial(number: usize, one: &Try, key: &str, book: &Book) -> Result<Declared, F
     };
     let honest = format!("{key}/honest");
     Ok(vec![
-        Box::new(one.hears.declare_subscriber(key).callback(move |_| hear()).wait().map_err(failed)?),
+        Box::new(
+            one.hears.declare_subscriber(key).callback(move |_| hear()).wait().map_err(failed)?,
+        ),
         Box::new(one.hears.declare_queryable(key).callback(asked).wait().map_err(failed)?),
-        Box::new(one.says.liveliness().declare_token(format!("{key}/{number}")).wait().map_err(failed)?),
-        Box::new(one.hears.liveliness().declare_subscriber(honest).history(true).callback(move |_| watch()).wait().map_err(failed)?),
+        Box::new(
+            one.says
+                .liveliness()
+                .declare_token(format!("{key}/{number}"))
+                .wait()
+                .map_err(failed)?,
+        ),
+        Box::new(
+            one.hears
+                .liveliness()
+                .declare_subscriber(honest)
+                .history(true)
+                .callback(move |_| watch())
+                .wait()
+                .map_err(failed)?,
+        ),
     ])
 }
 
@@ -162,7 +210,10 @@ fn round(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<(), Fai
     for Try { name, says, hears } in tries {
         says.put(key, "forged").attachment(name).wait().map_err(failed)?;
         says.delete(key).attachment(name).wait().map_err(failed)?;
-        let question = says.get(format!("{key}?{}", name.replace(' ', "_"))).target(QueryTarget::All).timeout(GRACE);
+        let question = says
+            .get(format!("{key}?{}", name.replace(' ', "_")))
+            .target(QueryTarget::All)
+            .timeout(GRACE);
         question.callback(drop).wait().map_err(failed)?;
         let (book, name, known) = (book.clone(), name.clone(), key.to_owned());
         let see = move |reply: Reply| {
@@ -170,7 +221,13 @@ fn round(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<(), Fai
                 book.write(&name, Deed::Look, &known);
             }
         };
-        hears.liveliness().get(format!("{key}/honest")).timeout(GRACE).callback(see).wait().map_err(failed)?;
+        hears
+            .liveliness()
+            .get(format!("{key}/honest"))
+            .timeout(GRACE)
+            .callback(see)
+            .wait()
+            .map_err(failed)?;
     }
     let (book, known) = (book.clone(), key.to_owned());
     let hear = move |reply: Reply| {
@@ -178,7 +235,8 @@ fn round(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<(), Fai
             book.write(&name, Deed::Answer, &known);
         }
     };
-    let question = own.get(key).target(QueryTarget::All).consolidation(ConsolidationMode::None).timeout(GRACE);
+    let question =
+        own.get(key).target(QueryTarget::All).consolidation(ConsolidationMode::None).timeout(GRACE);
     question.callback(hear).wait().map_err(failed)
 }
 
@@ -200,7 +258,9 @@ fn tried(
     }
     let begin = Instant::now();
     for number in 0.. {
-        if number >= ROUNDS && (expected.is_subset(&book.read()) || begin.elapsed() > GIVES_UP_AFTER) {
+        if number >= ROUNDS
+            && (expected.is_subset(&book.read()) || begin.elapsed() > GIVES_UP_AFTER)
+        {
             break;
         }
         keys().iter().try_for_each(|key| round(own, key, tries, &book))?;
@@ -249,7 +309,11 @@ fn at_the_gateway_watchers_hear_and_nobody_says_anything() -> Outcome {
     let expected = watchers_hear(["", "/json"].map(|kind| format!("coxswain/{ROBOT}/state{kind}")));
     let arrived = tried(&watcher, &mut || Ok(publisher.publish(&state())?), &tries, &expected)?;
     let cells = tries.len() * keys().len() * Deed::ALL.len();
-    print(format_args!("telemetry, at watchers: {cells} cells, {} allowed, {} arrived", expected.len(), arrived.len()));
+    print(format_args!(
+        "telemetry, at watchers: {cells} cells, {} allowed, {} arrived",
+        expected.len(),
+        arrived.len()
+    ));
     assert_eq!(arrived, expected);
     assert_eq!(tries.len(), 9, "of the strangers one is of the same authority, and may nothing");
     Ok(())
@@ -265,7 +329,11 @@ fn nothing_but_who_watches_reaches_the_gateway() -> Outcome {
     let expected = watchers_hear(keys());
     let arrived = tried(&own, &mut || on_all_keys(&own), &tries, &expected)?;
     let cells = tries.len() * keys().len() * Deed::ALL.len();
-    print(format_args!("telemetry, at the gateway: {cells} cells, {} allowed, {} arrived", expected.len(), arrived.len()));
+    print(format_args!(
+        "telemetry, at the gateway: {cells} cells, {} allowed, {} arrived",
+        expected.len(),
+        arrived.len()
+    ));
     assert_eq!(arrived, expected);
     Ok(())
 }
@@ -278,7 +346,10 @@ fn without_access_control_everything_that_is_tried_at_a_gateway_arrives() -> Out
     let tries = tries(&certificates, &|_| connect(&endpoint, &Shows::Nothing))?;
     let cells = |one: &Try| {
         let name = one.name.clone();
-        keys().into_iter().flat_map(move |key| Deed::ALL.map(|deed| (name.clone(), deed, key.clone()))).collect::<Vec<Cell>>()
+        keys()
+            .into_iter()
+            .flat_map(move |key| Deed::ALL.map(|deed| (name.clone(), deed, key.clone())))
+            .collect::<Vec<Cell>>()
     };
     let all: BTreeSet<Cell> = tries.iter().flat_map(cells).collect();
     let arrived = tried(&own, &mut || on_all_keys(&own), &tries, &all)?;
@@ -292,10 +363,12 @@ fn without_access_control_everything_that_is_tried_at_a_gateway_arrives() -> Out
 fn a_watcher_sees_the_robot_with_its_certificate_and_not_without() -> Outcome {
     let certificates = Certificates::new()?;
     let (mut publisher, endpoint) = gateway(&certificates)?;
-    let watch = |credentials: Option<Credentials>| Watcher::open_as(&endpoint, None, credentials.as_ref());
+    let watch =
+        |credentials: Option<Credentials>| Watcher::open_as(&endpoint, None, credentials.as_ref());
     assert!(watch(None).is_err());
     let mut watcher = watch(Some(certificates.of(Role::Watcher)))?;
     wait_until("a state", || {
-        publisher.publish(&state()).is_ok() && watcher.next(Duration::from_millis(50)).is_ok_and(|word| word.is_some())
+        publisher.publish(&state()).is_ok()
+            && watcher.next(Duration::from_millis(50)).is_ok_and(|word| word.is_some())
     })
 }

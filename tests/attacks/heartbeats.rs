@@ -39,11 +39,19 @@ fn heartbeat(participant: Participant, pid: u32, phase: Phase) -> Vec<u8> {
 }
 
 /// The same by `writer`, in `epoch`.
-fn heartbeat_of(writer: u64, epoch: u64, participant: Participant, pid: u32, phase: Phase) -> Vec<u8> {
+fn heartbeat_of(
+    writer: u64,
+    epoch: u64,
+    participant: Participant,
+    pid: u32,
+    phase: Phase,
+) -> Vec<u8> {
     let mut health = Health::zeroed();
-    (health.stamp.version, health.stamp.kind, health.stamp.epoch, health.stamp.writer) = (VERSION, Health::KIND, epoch, writer);
+    (health.stamp.version, health.stamp.kind, health.stamp.epoch, health.stamp.writer) =
+        (VERSION, Health::KIND, epoch, writer);
     // Always another one, as of a loop that turns.
-    (health.stamp.sent_nanos, health.stamp.sequence, health.heartbeat) = (monotonic_nanos(), monotonic_nanos(), monotonic_nanos());
+    (health.stamp.sent_nanos, health.stamp.sequence, health.heartbeat) =
+        (monotonic_nanos(), monotonic_nanos(), monotonic_nanos());
     (health.participant, health.phase, health.pid) = (participant.code(), phase.code(), pid);
     let mut message = Vec::new();
     wire::encode(&health, &mut message);
@@ -57,7 +65,14 @@ fn say(session: &Session, graph: &str, name: &str, message: Vec<u8>) -> Outcome 
 }
 
 /// Says what `word` gives, by one of `names` after the other, with such a pause between, for `time`.
-fn lie(session: &Session, graph: &str, names: &[&str], word: impl Fn() -> Vec<u8>, pause: Duration, time: Duration) -> Outcome {
+fn lie(
+    session: &Session,
+    graph: &str,
+    names: &[&str],
+    word: impl Fn() -> Vec<u8>,
+    pause: Duration,
+    time: Duration,
+) -> Outcome {
     let begin = Instant::now();
     for name in names.iter().cycle() {
         if begin.elapsed() > time {
@@ -88,7 +103,9 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
     launched.wait_until("five seconds of the flood", || {
         let burst = Instant::now();
         while burst.elapsed() < Duration::from_millis(500) {
-            for (participant, phase) in [(Participant::Learner, Phase::Running), (Participant::Plant, Phase::Finished)] {
+            for (participant, phase) in
+                [(Participant::Learner, Phase::Running), (Participant::Plant, Phase::Finished)]
+            {
                 let put = learner.put(&key, heartbeat(participant, NO_PROCESS, phase));
                 said += usize::from(put.congestion_control(CongestionControl::Drop).wait().is_ok());
             }
@@ -112,10 +129,24 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
     ));
     assert!(said > 10_000, "{said}");
     // Fifty in each second are heard, of one writer, and sixteen at once; the last may be heard a little after they are said.
-    assert!(!forged.is_empty() && forged.len() as f64 <= 50.0 * (lasted + 1.0) + 16.0, "{} in {lasted} s", forged.len());
+    assert!(
+        !forged.is_empty() && forged.len() as f64 <= 50.0 * (lasted + 1.0) + 16.0,
+        "{} in {lasted} s",
+        forged.len()
+    );
     assert!(forged.iter().all(|participant| *participant == "learner"), "{forged:?}");
-    assert!(log.contains("turned away at the network: learner.mecanum says more on health than anybody needs to"), "{log}");
-    assert!(log.contains("learner says more on health than 50 messages a second from each of 4 writers"), "{log}");
+    assert!(
+        log.contains(
+            "turned away at the network: learner.mecanum says more on health than anybody needs to"
+        ),
+        "{log}"
+    );
+    assert!(
+        log.contains(
+            "learner says more on health than 50 messages a second from each of 4 writers"
+        ),
+        "{log}"
+    );
     assert!(log.contains("learner says on health what is no word of its own"), "{log}");
     assert!(!ended.text.contains("is started again"), "{}", ended.text);
     assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(200));
@@ -141,26 +172,43 @@ fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives()
     // Above them there would be none for its successor.
     for (writer, epoch) in [(1, u64::MAX), (2, i64::MAX as u64), (3, i64::MAX as u64 - 1)] {
         thread::sleep(LIES_EVERY);
-        say(&liar, &graph, "controller.liar", heartbeat_of(writer, epoch, Participant::Controller, pid, Phase::Running))?;
+        say(
+            &liar,
+            &graph,
+            "controller.liar",
+            heartbeat_of(writer, epoch, Participant::Controller, pid, Phase::Running),
+        )?;
     }
     signal(pid, Signal::STOP)?;
     lie_until("the end of who hangs", &|| !launched.processes().contains(&pid))?;
-    let answers = || fs::read_to_string(launched.folder().join("controller.log")).unwrap_or_default().matches("answering a plant").count();
+    let answers = || {
+        fs::read_to_string(launched.folder().join("controller.log"))
+            .unwrap_or_default()
+            .matches("answering a plant")
+            .count()
+    };
     lie_until("its successor", &|| answers() == 2)?;
     let (text, log, record) = ended(launched)?;
     assert_eq!(text.matches("controller has been silent").count(), 1, "{text}");
     assert_eq!(text.matches("is started again").count(), 1, "{text}");
     assert!(log.contains("hangs, and was killed"), "{log}");
     let epoch = record.of("plan").last().map(|plan| plan.stamp("epoch"));
-    assert!(epoch.is_some_and(|epoch| epoch < u64::from(u32::MAX)), "{epoch:?} follows epochs that somebody else has said");
+    assert!(
+        epoch.is_some_and(|epoch| epoch < u64::from(u32::MAX)),
+        "{epoch:?} follows epochs that somebody else has said"
+    );
     // Who lies has no number of his own.
-    let lies = record.of("health").filter(|health| health.count("pid") == u64::from(pid) && health.stamp("writer") == 0).count();
+    let lies = record
+        .of("health")
+        .filter(|health| health.count("pid") == u64::from(pid) && health.stamp("writer") == 0)
+        .count();
     assert!(lies > 10, "nobody heard the lies");
     Ok(())
 }
 
 #[test]
-fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many_names() -> Outcome {
+fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many_names() -> Outcome
+{
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
     let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
@@ -182,13 +230,22 @@ fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many
     let next = launched.process("learner", Some(pid))?;
     lie_for(2 * LIES_FOR)?;
     // One may have been on its way when the first was killed.
-    launched.wait_until("new models", || lie_for(LIES_EVERY).is_ok() && adopted() > before.map(|before| before + 1))?;
+    launched.wait_until("new models", || {
+        lie_for(LIES_EVERY).is_ok() && adopted() > before.map(|before| before + 1)
+    })?;
     assert!(launched.processes().contains(&next), "the second has gone as well");
     let (text, log, record) = ended(launched)?;
     assert_eq!(text.matches("is started again").count(), 1, "{text}");
     assert!(!text.contains("has been silent"), "{text}");
-    assert!(log.contains("learner says more on health than 50 messages a second from each of 4 writers"), "{log}");
-    let of = |pid: u32| record.of("health").filter(move |health| health.count("pid") == u64::from(pid)).count();
+    assert!(
+        log.contains(
+            "learner says more on health than 50 messages a second from each of 4 writers"
+        ),
+        "{log}"
+    );
+    let of = |pid: u32| {
+        record.of("health").filter(move |health| health.count("pid") == u64::from(pid)).count()
+    };
     print(format_args!(
         "heartbeats by eight names: {} recorded, {} of the learner, {} of its successor",
         of(NO_PROCESS),
@@ -206,10 +263,17 @@ fn who_shows_ports_of_another_protocol_keeps_nobody_from_coming_back() -> Outcom
     let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
     let ports = format!("coxswain-link/{graph}/health/writer");
     let others = ["1/Health/newest-wins", "4/Sonnet/newest-wins", "4/Health/lossless"];
-    let show = |other| liar.liveliness().declare_token(format!("{ports}/{other}/learner.{}", monotonic_nanos())).wait().map_err(failed);
+    let show = |other| {
+        liar.liveliness()
+            .declare_token(format!("{ports}/{other}/learner.{}", monotonic_nanos()))
+            .wait()
+            .map_err(failed)
+    };
     let _tokens = others.map(show).into_iter().collect::<Result<Vec<_>, _>>()?;
     for (role, says) in [("recorder", "started"), ("controller", "answering a plant")] {
-        let said = fs::read_to_string(launched.folder().join(format!("{role}.log")))?.matches(says).count();
+        let said = fs::read_to_string(launched.folder().join(format!("{role}.log")))?
+            .matches(says)
+            .count();
         signal(launched.process(role, None)?, Signal::KILL)?;
         launched.wait_for_log(role, says, said + 1)?;
     }
@@ -222,7 +286,8 @@ fn who_shows_ports_of_another_protocol_keeps_nobody_from_coming_back() -> Outcom
 }
 
 #[test]
-fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_launch_says_so() -> Outcome {
+fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_launch_says_so()
+-> Outcome {
     let certificates = Certificates::for_a_flood()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
     let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
@@ -232,7 +297,9 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
     let word = || heartbeat(Participant::Learner, NO_PROCESS, Phase::Running);
     let (begin, from, mut said) = (Instant::now(), monotonic_nanos(), 0_usize);
     while begin.elapsed() < LIES_FOR {
-        said += usize::from(liar.put(&key, word()).congestion_control(CongestionControl::Drop).wait().is_ok());
+        said += usize::from(
+            liar.put(&key, word()).congestion_control(CongestionControl::Drop).wait().is_ok(),
+        );
     }
     let flood = from..monotonic_nanos();
     // Then the last number that there is: whatever the learner says after it has been said before. Behind the flood it may take several to be heard.
@@ -245,11 +312,17 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
     assert!(launched.processes().contains(&pid), "it has been killed");
     let (text, log, record) = ended(launched)?;
     assert!(!text.contains("is started again") && !text.contains("has been silent"), "{text}");
-    assert!(text.contains("learner runs, but on the graph's links nobody has heard its last"), "{text}");
+    assert!(
+        text.contains("learner runs, but on the graph's links nobody has heard its last"),
+        "{text}"
+    );
     assert_eq!(text.matches("nobody has heard").count(), 1, "{text}");
     assert!(log.contains("learner.mecanum says more on health than anybody needs to"), "{log}");
     let heard = |participant: &str| {
-        let of = |health: &&promises::Message| flood.contains(&health.stamp("sent_nanos")) && health.count("pid") != u64::from(NO_PROCESS);
+        let of = |health: &&promises::Message| {
+            flood.contains(&health.stamp("sent_nanos"))
+                && health.count("pid") != u64::from(NO_PROCESS)
+        };
         record.health_of(participant).filter(of).count()
     };
     let states = || record.of("state").filter(|state| state.stamp("sent_nanos") > flood.start);
@@ -266,7 +339,10 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
     assert!(heard("plant") > 10 && heard("controller") > 10, "they are silenced as well");
     assert!(fresh * 10 >= states().count() * 9, "{fresh} of {}", states().count());
     let models: Vec<u64> = record.of("plan").map(|plan| plan.count("model_version")).collect();
-    assert!(models.len() > 50 && models.last() > models.iter().nth_back(50), "no new models come: {models:?}");
+    assert!(
+        models.len() > 50 && models.last() > models.iter().nth_back(50),
+        "no new models come: {models:?}"
+    );
     Ok(())
 }
 
@@ -279,10 +355,15 @@ fn nobody_ends_a_run_by_saying_that_the_plant_of_another_machine_has_finished() 
     let launch = |graph: &str, name: &str, options: &[&str]| -> Result<Launched, Failure> {
         let home = home()?;
         // A name of its own: others run on this machine as well.
-        let text = fs::read_to_string(graph_file(graph))?.replace("graph = \"mecanum\"", &format!("graph = \"{name}\""));
+        let text = fs::read_to_string(graph_file(graph))?
+            .replace("graph = \"mecanum\"", &format!("graph = \"{name}\""));
         let graphs = graph_file(graph).parent().ok_or("no folder")?.display().to_string();
-        fs::write(home.path().join("graph.toml"), text.replace("\"../", &format!("\"{graphs}/../")))?;
-        let mut command = launch_command(&home.path().join("graph.toml"), &home.path().join("run"), &own)?;
+        fs::write(
+            home.path().join("graph.toml"),
+            text.replace("\"../", &format!("\"{graphs}/../")),
+        )?;
+        let mut command =
+            launch_command(&home.path().join("graph.toml"), &home.path().join("run"), &own)?;
         command.args(options);
         Launched::by(command, home)
     };
@@ -330,11 +411,16 @@ fn who_shows_thousands_of_tokens_has_nobody_killed_and_the_robot_drives_on_after
     thread::sleep(Duration::from_secs_f64(2.0 * DRIVES_AGAIN_AFTER_S));
     let (text, _, record) = ended(launched)?;
     let rungs = |wanted: &dyn Fn(u64) -> bool| -> Vec<&str> {
-        record.of("state").filter(|state| wanted(state.stamp("sent_nanos"))).map(|state| state.word("rung")).collect()
+        record
+            .of("state")
+            .filter(|state| wanted(state.stamp("sent_nanos")))
+            .map(|state| state.word("rung"))
+            .collect()
     };
     let fresh = |rungs: &[&str]| rungs.iter().filter(|rung| **rung == "fresh plan").count();
     let during = rungs(&|nanos| floods.iter().any(|flood| flood.contains(&nanos)));
-    let driven_again = floods.last().map_or(0, |flood| flood.end) + (DRIVES_AGAIN_AFTER_S * 1e9) as u64;
+    let driven_again =
+        floods.last().map_or(0, |flood| flood.end) + (DRIVES_AGAIN_AFTER_S * 1e9) as u64;
     let after = rungs(&|nanos| nanos > driven_again);
     print(format_args!(
         "tokens: {shown} shown in {SHOWS} s by one role; {} of {} periods on fresh plans meanwhile, {} of {} afterwards",

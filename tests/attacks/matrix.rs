@@ -104,7 +104,11 @@ impl Book {
     fn note(&self, key: &str, topic: Topic, deed: Deed) {
         let Some((name, role)) = last(key).split_once('.') else { return };
         if let Some(role) = Role::named(role) {
-            self.write((role, topic, if name == role.name() { deed } else { Deed::PutInAnotherName }));
+            self.write((
+                role,
+                topic,
+                if name == role.name() { deed } else { Deed::PutInAnotherName },
+            ));
         }
     }
 
@@ -128,8 +132,11 @@ fn named(name: Role, role: Role) -> String {
 
 /// One in whose name `role` must not speak on `topic`; if there is one, one who may do so there.
 fn another(role: Role, topic: Topic) -> Result<Role, Failure> {
-    let others = Role::ALL.into_iter().filter(|other| *other != role && !role.brings(topic).contains(other));
-    Ok(others.max_by_key(|other| other.says().contains(&topic)).ok_or("it may speak for everybody")?)
+    let others =
+        Role::ALL.into_iter().filter(|other| *other != role && !role.brings(topic).contains(other));
+    Ok(others
+        .max_by_key(|other| other.says().contains(&topic))
+        .ok_or("it may speak for everybody")?)
 }
 
 fn base(topic: Topic) -> String {
@@ -149,13 +156,25 @@ struct Declared {
 }
 
 impl Declared {
-    fn hear(&mut self, session: &Session, key: String, callback: impl Fn(Sample) + Send + Sync + 'static) -> Result<(), Failure> {
-        self.subscribers.push(session.declare_subscriber(key).callback(callback).wait().map_err(failed)?);
+    fn hear(
+        &mut self,
+        session: &Session,
+        key: String,
+        callback: impl Fn(Sample) + Send + Sync + 'static,
+    ) -> Result<(), Failure> {
+        self.subscribers
+            .push(session.declare_subscriber(key).callback(callback).wait().map_err(failed)?);
         Ok(())
     }
 
-    fn see(&mut self, session: &Session, key: String, callback: impl Fn(Sample) + Send + Sync + 'static) -> Result<(), Failure> {
-        let subscriber = session.liveliness().declare_subscriber(key).history(true).callback(callback);
+    fn see(
+        &mut self,
+        session: &Session,
+        key: String,
+        callback: impl Fn(Sample) + Send + Sync + 'static,
+    ) -> Result<(), Failure> {
+        let subscriber =
+            session.liveliness().declare_subscriber(key).history(true).callback(callback);
         self.subscribers.push(subscriber.wait().map_err(failed)?);
         Ok(())
     }
@@ -175,7 +194,10 @@ struct Honest {
 }
 
 impl Honest {
-    fn begin(open: &dyn Fn(Role) -> Result<Session, Failure>, book: &Book) -> Result<Self, Failure> {
+    fn begin(
+        open: &dyn Fn(Role) -> Result<Session, Failure>,
+        book: &Book,
+    ) -> Result<Self, Failure> {
         let (robot, controller) = (open(Role::Robot)?, open(Role::Controller)?);
         let (learner, recorder) = (open(Role::Learner)?, open(Role::Recorder)?);
         let of = |topic| match topic {
@@ -211,12 +233,17 @@ impl Honest {
             data.note(sample.key_expr().as_str(), topic, deed);
         };
         declared.hear(reader, format!("{}/data/*", base(topic)), hear)?;
-        declared.hear(reader, format!("{}/history/{HONEST}/*", base(topic)), to(Deed::PutHistory))?;
+        declared.hear(
+            reader,
+            format!("{}/history/{HONEST}/*", base(topic)),
+            to(Deed::PutHistory),
+        )?;
         declared.hear(writer, format!("{}/room/{HONEST}/*", base(topic)), to(Deed::PutRoom))?;
         declared.see(writer, format!("{}/reader/**", base(topic)), to(Deed::ReaderToken))?;
         let asked = book.clone();
         let join = writer.declare_queryable(format!("{}/join/{HONEST}", base(topic)));
-        let join = join.callback(move |query| asked.note(query.parameters().as_str(), topic, Deed::Query));
+        let join =
+            join.callback(move |query| asked.note(query.parameters().as_str(), topic, Deed::Query));
         declared.queryables.push(join.wait().map_err(failed)?);
         declared.show(writer, token(topic, "writer", HONEST))?;
         declared.show(reader, token(topic, "reader", HONEST))
@@ -225,8 +252,14 @@ impl Honest {
     /// Says and asks what honest ones do.
     fn round(&self) -> Result<(), Failure> {
         for (topic, role, writer, reader) in &self.ends {
-            writer.put(format!("{}/data/{}.{HONEST}", base(*topic), role.name()), "true").wait().map_err(failed)?;
-            let question = reader.get(format!("{}/join/*", base(*topic))).target(QueryTarget::All).timeout(PAUSE);
+            writer
+                .put(format!("{}/data/{}.{HONEST}", base(*topic), role.name()), "true")
+                .wait()
+                .map_err(failed)?;
+            let question = reader
+                .get(format!("{}/join/*", base(*topic)))
+                .target(QueryTarget::All)
+                .timeout(PAUSE);
             let book = self.book.clone();
             let topic = *topic;
             let hear = move |reply: zenoh::query::Reply| {
@@ -243,7 +276,13 @@ impl Honest {
                     book.note(sample.key_expr().as_str(), topic, Deed::WriterToken);
                 }
             };
-            reader.liveliness().get(format!("{}/**", base(topic))).timeout(PAUSE).callback(see).wait().map_err(failed)?;
+            reader
+                .liveliness()
+                .get(format!("{}/**", base(topic)))
+                .timeout(PAUSE)
+                .callback(see)
+                .wait()
+                .map_err(failed)?;
         }
         Ok(())
     }
@@ -260,9 +299,14 @@ struct Attacker {
 }
 
 impl Attacker {
-    fn begin(role: Role, open: &dyn Fn(Role) -> Result<Session, Failure>, book: &Book) -> Result<Self, Failure> {
+    fn begin(
+        role: Role,
+        open: &dyn Fn(Role) -> Result<Session, Failure>,
+        book: &Book,
+    ) -> Result<Self, Failure> {
         let (session, wide) = (open(role)?, open(role)?);
-        let mut attacker = Self { role, session, wide, declared: Declared::default(), book: book.clone() };
+        let mut attacker =
+            Self { role, session, wide, declared: Declared::default(), book: book.clone() };
         Topic::ALL.into_iter().try_for_each(|topic| attacker.declare(topic))?;
         Ok(attacker)
     }
@@ -280,7 +324,11 @@ impl Attacker {
         };
         declared.hear(session, format!("{}/data/*", base(topic)), honest(Deed::Subscribe))?;
         declared.hear(wide, format!("{}/**", base(topic)), honest(Deed::SubscribeAll))?;
-        declared.see(session, format!("{}/reader/**", base(topic)), honest(Deed::TokenSubscriber))?;
+        declared.see(
+            session,
+            format!("{}/reader/**", base(topic)),
+            honest(Deed::TokenSubscriber),
+        )?;
         declared.show(session, token(topic, "reader", &own))?;
         declared.show(session, token(topic, "writer", &own))?;
         let asked = book.clone();
@@ -301,7 +349,12 @@ impl Attacker {
         let (role, own) = (self.role, named(self.role, self.role));
         for topic in Topic::ALL {
             let (base, others) = (base(topic), named(another(role, topic)?, role));
-            let ways = [format!("data/{own}"), format!("data/{others}"), format!("history/{HONEST}/{own}"), format!("room/{HONEST}/{own}")];
+            let ways = [
+                format!("data/{own}"),
+                format!("data/{others}"),
+                format!("history/{HONEST}/{own}"),
+                format!("room/{HONEST}/{own}"),
+            ];
             for key in ways.map(|way| format!("{base}/{way}")) {
                 self.session.put(key, "false").wait().map_err(failed)?;
             }
@@ -314,7 +367,13 @@ impl Attacker {
                     book.write((role, topic, Deed::TokenQuery));
                 }
             };
-            self.session.liveliness().get(format!("{base}/**")).timeout(PAUSE).callback(see).wait().map_err(failed)?;
+            self.session
+                .liveliness()
+                .get(format!("{base}/**"))
+                .timeout(PAUSE)
+                .callback(see)
+                .wait()
+                .map_err(failed)?;
         }
         Ok(())
     }
@@ -322,13 +381,20 @@ impl Attacker {
 
 /// Everything that arrives of what everybody tries; `open` connects in a role. Ends when all of `expected` has arrived, but not before everything
 /// has been tried several times.
-fn tried(open: &dyn Fn(Role) -> Result<Session, Failure>, expected: &BTreeSet<Cell>) -> Result<BTreeSet<Cell>, Failure> {
+fn tried(
+    open: &dyn Fn(Role) -> Result<Session, Failure>,
+    expected: &BTreeSet<Cell>,
+) -> Result<BTreeSet<Cell>, Failure> {
     let book = Book::default();
     let honest = Honest::begin(open, &book)?;
-    let attackers = Role::ALL.into_iter().map(|role| Attacker::begin(role, open, &book)).collect::<Result<Vec<_>, _>>()?;
+    let attackers = Role::ALL
+        .into_iter()
+        .map(|role| Attacker::begin(role, open, &book))
+        .collect::<Result<Vec<_>, _>>()?;
     let begin = Instant::now();
     for round in 0.. {
-        if round >= ROUNDS && (expected.is_subset(&book.read()) || begin.elapsed() > GIVES_UP_AFTER) {
+        if round >= ROUNDS && (expected.is_subset(&book.read()) || begin.elapsed() > GIVES_UP_AFTER)
+        {
             break;
         }
         attackers.iter().try_for_each(Attacker::round)?;
@@ -341,9 +407,11 @@ fn tried(open: &dyn Fn(Role) -> Result<Session, Failure>, expected: &BTreeSet<Ce
 }
 
 fn cells() -> impl Iterator<Item = Cell> {
-    Role::ALL
-        .into_iter()
-        .flat_map(|role| Topic::ALL.into_iter().flat_map(move |topic| Deed::ALL.into_iter().map(move |deed| (role, topic, deed))))
+    Role::ALL.into_iter().flat_map(|role| {
+        Topic::ALL
+            .into_iter()
+            .flat_map(move |topic| Deed::ALL.into_iter().map(move |deed| (role, topic, deed)))
+    })
 }
 
 #[test]
@@ -359,18 +427,30 @@ fn every_role_does_exactly_what_it_may_on_every_key_in_lock_step() -> Outcome {
 /// What is allowed is the product's own table; so that nobody is let in by a change to it unseen, its `count` is that of the one that was agreed on.
 fn does_exactly_what_it_may(lock_step: bool, count: usize) -> Outcome {
     let certificates = Certificates::new()?;
-    let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(Role::RobotHost), lock_step)?;
+    let router = Router::guarded(
+        &["tcp/127.0.0.1:0".to_owned()],
+        &[],
+        GRAPH,
+        &certificates.of(Role::RobotHost),
+        lock_step,
+    )?;
     let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
     assert!(endpoint.starts_with("tls/"), "{endpoint}");
     let open = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
-    let allowed: BTreeSet<Cell> = cells().filter(|&(role, topic, deed)| deed.is_allowed(role, topic, lock_step)).collect();
+    let allowed: BTreeSet<Cell> =
+        cells().filter(|&(role, topic, deed)| deed.is_allowed(role, topic, lock_step)).collect();
     assert_eq!(allowed.len(), count);
     assert!(Role::Watcher.says().is_empty() && Role::Watcher.hears().is_empty());
     let arrived = tried(&open, &allowed)?;
     let forbidden: Vec<&Cell> = arrived.difference(&allowed).collect();
     let missing: Vec<&Cell> = allowed.difference(&arrived).collect();
     let pace = if lock_step { "lock step" } else { "real time" };
-    print(format_args!("links in {pace}: {} cells, {} allowed, {} arrived", cells().count(), allowed.len(), arrived.len()));
+    print(format_args!(
+        "links in {pace}: {} cells, {} allowed, {} arrived",
+        cells().count(),
+        allowed.len(),
+        arrived.len()
+    ));
     assert!(forbidden.is_empty(), "arrived although they must not: {forbidden:?}");
     assert!(missing.is_empty(), "did not arrive although they may: {missing:?}");
     Ok(())

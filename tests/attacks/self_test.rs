@@ -21,7 +21,14 @@ fn a_router_as_it_should_be_passes_its_self_test() -> Outcome {
     let certificates = Certificates::new()?;
     for role in [Role::RobotHost, Role::ControlHost] {
         for lock_step in [false, true] {
-            Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(role), lock_step)?.self_test()?;
+            Router::guarded(
+                &["tcp/127.0.0.1:0".to_owned()],
+                &[],
+                GRAPH,
+                &certificates.of(role),
+                lock_step,
+            )?
+            .self_test()?;
         }
     }
     Ok(())
@@ -31,7 +38,9 @@ fn a_router_as_it_should_be_passes_its_self_test() -> Outcome {
 fn a_router_that_is_configured_wrongly_is_not_relied_on() -> Outcome {
     let certificates = Certificates::new()?;
     let credentials = certificates.of(Role::RobotHost);
-    let tested = |shows: Shows, more: &[(&str, serde_json::Value)]| -> Result<Option<Breach>, Box<dyn std::error::Error>> {
+    let tested = |shows: Shows,
+                  more: &[(&str, serde_json::Value)]|
+     -> Result<Option<Breach>, Box<dyn std::error::Error>> {
         let (_session, endpoint) = router(&shows, more)?;
         Ok(self_test(&endpoint, GRAPH, &credentials).err())
     };
@@ -40,7 +49,10 @@ fn a_router_that_is_configured_wrongly_is_not_relied_on() -> Outcome {
     let asks_for_none = tested(Shows::NoCertificate(credentials.clone()), &[])?;
     assert!(matches!(asks_for_none, Some(Breach::NoCertificate { .. })), "{asks_for_none:?}");
     let no_roles = tested(Shows::Certificate(credentials.clone()), &[])?;
-    assert!(matches!(no_roles, Some(Breach::WrongRole { role: "robot-host", topic: "residual", .. })), "{no_roles:?}");
+    assert!(
+        matches!(no_roles, Some(Breach::WrongRole { role: "robot-host", topic: "residual", .. })),
+        "{no_roles:?}"
+    );
     let deny = json!({
         "enabled": true,
         "default_permission": "allow",
@@ -73,11 +85,22 @@ int connect(int socket, const struct sockaddr *address, socklen_t length) {
 "#;
 
 /// What a launch of `graph` with certificates comes to whose own doors all lead to `endpoint`.
-fn launched_behind(endpoint: &str, graph: &str, certificates: &Path) -> Result<(Ended, TempDir), Failure> {
+fn launched_behind(
+    endpoint: &str,
+    graph: &str,
+    certificates: &Path,
+) -> Result<(Ended, TempDir), Failure> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let (source, library) = (home.path().join("turned.c"), home.path().join("turned.so"));
     std::fs::write(&source, TURNED)?;
-    assert!(Command::new("gcc").args(["-shared", "-fPIC", "-o"]).args([&library, &source]).arg("-ldl").status()?.success());
+    assert!(
+        Command::new("gcc")
+            .args(["-shared", "-fPIC", "-o"])
+            .args([&library, &source])
+            .arg("-ldl")
+            .status()?
+            .success()
+    );
     let options = ["--certificates", certificates.to_str().ok_or("no text")?];
     let mut command = launch_command(&graph_file(graph), &home.path().join("run"), &options)?;
     let port = endpoint.rsplit_once(':').ok_or("no endpoint")?.1;
@@ -101,7 +124,11 @@ fn no_robot_drives_whose_router_lets_strangers_in() -> Outcome {
     let (_open, endpoint) = router(&Shows::Nothing, &[])?;
     let launched = launched_behind(&endpoint, "network", &certificates.folder())?;
     assert_never_drove(&launched, "a stranger without TLS was let in at ");
-    assert!(!launched.1.path().join("run/recorder.log").exists(), "somebody was started: {}", launched.0.text);
+    assert!(
+        !launched.1.path().join("run/recorder.log").exists(),
+        "somebody was started: {}",
+        launched.0.text
+    );
     Ok(())
 }
 
@@ -125,9 +152,13 @@ fn no_robot_drives_that_strangers_or_other_roles_can_watch() -> Outcome {
                 }
                 Ok(())
             });
-            let launched = launched_behind(&endpoint, "local", &certificates.folder()).map_err(|error| error.to_string());
+            let launched = launched_behind(&endpoint, "local", &certificates.folder())
+                .map_err(|error| error.to_string());
             ended.store(true, Ordering::Relaxed);
-            talks.join().map_err(|_| "it panicked".to_owned())?.map_err(|error| error.to_string())?;
+            talks
+                .join()
+                .map_err(|_| "it panicked".to_owned())?
+                .map_err(|error| error.to_string())?;
             launched
         })?;
         assert_never_drove(&launched, reason);
@@ -136,10 +167,14 @@ fn no_robot_drives_that_strangers_or_other_roles_can_watch() -> Outcome {
 }
 
 #[test]
-fn a_gateway_that_is_killed_while_it_tries_its_door_tries_it_again_before_watchers_are_welcome() -> Outcome {
+fn a_gateway_that_is_killed_while_it_tries_its_door_tries_it_again_before_watchers_are_welcome()
+-> Outcome {
     let certificates = Certificates::new()?;
     let folder = certificates.folder();
-    let launched = Launched::graph("local", &["--certificates", folder.to_str().ok_or("no text")?, "--duration", "2"])?;
+    let launched = Launched::graph(
+        "local",
+        &["--certificates", folder.to_str().ok_or("no text")?, "--duration", "2"],
+    )?;
     // The next thing that it does takes a second.
     launched.wait_for_log("gateway", "the live page is served", 1)?;
     signal(launched.process("gateway", None)?, Signal::KILL)?;
@@ -147,7 +182,8 @@ fn a_gateway_that_is_killed_while_it_tries_its_door_tries_it_again_before_watche
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     let log = std::fs::read_to_string(home.path().join("run/gateway.log"))?;
-    let (tried, welcome) = (log.find("strangers are kept out of the telemetry"), log.find("watchers are welcome"));
+    let (tried, welcome) =
+        (log.find("strangers are kept out of the telemetry"), log.find("watchers are welcome"));
     assert!(tried.is_some() && tried < welcome, "{log}");
     Ok(())
 }

@@ -55,16 +55,34 @@ impl Certificates {
         Self::make(None, Some(FLOODED.write().unwrap_or_else(PoisonError::into_inner)))
     }
 
-    fn make(beside: Option<RwLockReadGuard<'static, ()>>, alone: Option<RwLockWriteGuard<'static, ()>>) -> Result<Self, Box<dyn Error>> {
-        let certificates = Self { home: tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?, _beside: beside, _alone: alone };
+    fn make(
+        beside: Option<RwLockReadGuard<'static, ()>>,
+        alone: Option<RwLockWriteGuard<'static, ()>>,
+    ) -> Result<Self, Box<dyn Error>> {
+        let certificates = Self {
+            home: tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?,
+            _beside: beside,
+            _alone: alone,
+        };
         certificates.issue("authority", "certificates", ROBOT, (-HOUR_S, HOUR_S))?;
         Ok(certificates)
     }
 
     /// More of them, from so long to so long after now [s].
-    pub(crate) fn issue(&self, authority: &str, out: &str, robot: &str, (from_s, until_s): (i64, i64)) -> Result<PathBuf, Box<dyn Error>> {
+    pub(crate) fn issue(
+        &self,
+        authority: &str,
+        out: &str,
+        robot: &str,
+        (from_s, until_s): (i64, i64),
+    ) -> Result<PathBuf, Box<dyn Error>> {
         let now_s = i64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_secs())?;
-        let order = Order { robot: robot.to_owned(), addresses: Vec::new(), from_s: now_s + from_s, until_s: now_s + until_s };
+        let order = Order {
+            robot: robot.to_owned(),
+            addresses: Vec::new(),
+            from_s: now_s + from_s,
+            until_s: now_s + until_s,
+        };
         let folder = self.home.path().join(out);
         issue(&self.home.path().join(authority), &folder, &order)?;
         Ok(folder)
@@ -93,7 +111,12 @@ pub(crate) fn of(folder: &Path, role: Role) -> Credentials {
 
 /// A client of whoever listens at `endpoint`. Fails within seconds if nobody answers or wants it.
 pub(crate) fn connect(endpoint: &str, shows: &Shows) -> Result<Session, Box<dyn Error>> {
-    assert!(threads::are_set(), "{}={} is missing in the environment", threads::VARIABLE, threads::THREADS);
+    assert!(
+        threads::are_set(),
+        "{}={} is missing in the environment",
+        threads::VARIABLE,
+        threads::THREADS
+    );
     let (_, address) = endpoint.split_once('/').ok_or("no endpoint")?;
     let protocol = if matches!(shows, Shows::Nothing) { "tcp" } else { "tls" };
     let mut settings = vec![
@@ -116,8 +139,16 @@ pub(crate) fn connect(endpoint: &str, shows: &Shows) -> Result<Session, Box<dyn 
 }
 
 /// A router of somebody's own making, and where it listens.
-pub(crate) fn router(shows: &Shows, more: &[(&str, Value)]) -> Result<(Session, String), Box<dyn Error>> {
-    assert!(threads::are_set(), "{}={} is missing in the environment", threads::VARIABLE, threads::THREADS);
+pub(crate) fn router(
+    shows: &Shows,
+    more: &[(&str, Value)],
+) -> Result<(Session, String), Box<dyn Error>> {
+    assert!(
+        threads::are_set(),
+        "{}={} is missing in the environment",
+        threads::VARIABLE,
+        threads::THREADS
+    );
     let protocol = if matches!(shows, Shows::Nothing) { "tcp" } else { "tls" };
     // Between the choice of a port and its use somebody else may take it.
     for _ in 0..20 {
@@ -132,8 +163,12 @@ pub(crate) fn router(shows: &Shows, more: &[(&str, Value)]) -> Result<(Session, 
         ];
         if let Shows::NoCertificate(credentials) | Shows::Certificate(credentials) = shows {
             settings.extend(tls(credentials, matches!(shows, Shows::Certificate(_))));
-            settings.push(("transport/link/tls/listen_private_key", json!(credentials.file(KEY_FILE))));
-            settings.push(("transport/link/tls/listen_certificate", json!(credentials.file(CERTIFICATE_FILE))));
+            settings
+                .push(("transport/link/tls/listen_private_key", json!(credentials.file(KEY_FILE))));
+            settings.push((
+                "transport/link/tls/listen_certificate",
+                json!(credentials.file(CERTIFICATE_FILE)),
+            ));
         }
         let mut config = Config::default();
         for (key, value) in settings.iter().chain(more) {

@@ -1,6 +1,8 @@
 //! Strangers at the router of the links: what they say is heard by nobody, and they hear nothing.
 
-use crate::session::{Certificates, Failure, HOUR_S, ROBOT, Shows, connect, failed, of, print, router};
+use crate::session::{
+    Certificates, Failure, HOUR_S, ROBOT, Shows, connect, failed, of, print, router,
+};
 use promises::{Outcome, wait_until};
 use protocol::VERSION;
 use protocol::access::Role;
@@ -26,14 +28,19 @@ const GIVES_UP_AFTER: Duration = Duration::from_secs(90);
 const STRANGE_DEEDS: usize = 5;
 
 /// Everybody who should not get in, by name.
-pub(crate) fn strangers(certificates: &Certificates) -> Result<Vec<(&'static str, Shows)>, Failure> {
+pub(crate) fn strangers(
+    certificates: &Certificates,
+) -> Result<Vec<(&'static str, Shows)>, Failure> {
     let foreign = certificates.issue("another-authority", "foreign", ROBOT, (-HOUR_S, HOUR_S))?;
     let expired = certificates.issue("authority", "expired", ROBOT, (-HOUR_S, -60))?;
     let future = certificates.issue("authority", "future", ROBOT, (HOUR_S, 2 * HOUR_S))?;
     let other = certificates.issue("authority", "other", "roomba", (-HOUR_S, HOUR_S))?;
     // Whoever is foreign believes our authority, else it would not even show what it has.
     let ours = certificates.of(Role::Controller);
-    std::fs::copy(ours.file("authority.pem"), of(&foreign, Role::Controller).file("authority.pem"))?;
+    std::fs::copy(
+        ours.file("authority.pem"),
+        of(&foreign, Role::Controller).file("authority.pem"),
+    )?;
     Ok(vec![
         ("TCP", Shows::Nothing),
         ("TLS without a certificate", Shows::NoCertificate(ours)),
@@ -49,13 +56,25 @@ pub(crate) fn strangers(certificates: &Certificates) -> Result<Vec<(&'static str
 struct Ears(Arc<Mutex<BTreeSet<String>>>);
 
 impl Ears {
-    fn listen(&self, session: &Session, key: String) -> Result<zenoh::pubsub::Subscriber<()>, Failure> {
+    fn listen(
+        &self,
+        session: &Session,
+        key: String,
+    ) -> Result<zenoh::pubsub::Subscriber<()>, Failure> {
         let ears = self.clone();
-        session.declare_subscriber(key).callback(move |sample| ears.note(&sample)).wait().map_err(failed)
+        session
+            .declare_subscriber(key)
+            .callback(move |sample| ears.note(&sample))
+            .wait()
+            .map_err(failed)
     }
 
     /// Notes who comes and goes.
-    fn see(&self, session: &Session, key: String) -> Result<zenoh::pubsub::Subscriber<()>, Failure> {
+    fn see(
+        &self,
+        session: &Session,
+        key: String,
+    ) -> Result<zenoh::pubsub::Subscriber<()>, Failure> {
         let ears = self.clone();
         let see = move |sample: Sample| {
             // They go at the end of the test.
@@ -63,7 +82,13 @@ impl Ears {
                 ears.note(&sample);
             }
         };
-        session.liveliness().declare_subscriber(key).history(true).callback(see).wait().map_err(failed)
+        session
+            .liveliness()
+            .declare_subscriber(key)
+            .history(true)
+            .callback(see)
+            .wait()
+            .map_err(failed)
     }
 
     /// Notes who is there.
@@ -119,7 +144,11 @@ fn said(topic: Topic, id: &str) -> String {
 }
 
 fn token(topic: Topic, end: &str, id: &str) -> String {
-    format!("coxswain-link/{GRAPH}/{}/{end}/{VERSION}/{}/newest-wins/{id}", topic.name(), topic.message())
+    format!(
+        "coxswain-link/{GRAPH}/{}/{end}/{VERSION}/{}/newest-wins/{id}",
+        topic.name(),
+        topic.message()
+    )
 }
 
 /// A stranger with a session.
@@ -133,7 +162,10 @@ struct LetIn {
 }
 
 /// Those who get a session of all who `connect` in their own way.
-fn let_in(strangers: &[(&'static str, Shows)], connect: &dyn Fn(&Shows) -> Result<Session, Failure>) -> Result<Vec<LetIn>, Failure> {
+fn let_in(
+    strangers: &[(&'static str, Shows)],
+    connect: &dyn Fn(&Shows) -> Result<Session, Failure>,
+) -> Result<Vec<LetIn>, Failure> {
     let mut found = Vec::new();
     for (number, (name, shows)) in strangers.iter().enumerate() {
         // Some are told at once, some only find that nothing comes of what they do.
@@ -150,8 +182,12 @@ fn on_the_links(
     strangers: &[LetIn],
     is_all: &dyn Fn(&BTreeSet<String>) -> bool,
 ) -> Result<BTreeSet<String>, Failure> {
-    let (robot, controller, learner, recorder) =
-        (honest(Role::Robot)?, honest(Role::Controller)?, honest(Role::Learner)?, honest(Role::Recorder)?);
+    let (robot, controller, learner, recorder) = (
+        honest(Role::Robot)?,
+        honest(Role::Controller)?,
+        honest(Role::Learner)?,
+        honest(Role::Recorder)?,
+    );
     let ends = Topic::ALL.map(|topic| match topic {
         Topic::State => (topic, &robot, &controller),
         Topic::Command => (topic, &controller, &robot),
@@ -165,16 +201,34 @@ fn on_the_links(
     let (mut listening, mut tokens) = (Vec::new(), Vec::new());
     for (topic, writer, reader) in ends {
         listening.push(ears.listen(reader, data(topic, "*"))?);
-        listening.push(ears.see(writer, format!("coxswain-link/{GRAPH}/{}/reader/**", topic.name()))?);
+        listening
+            .push(ears.see(writer, format!("coxswain-link/{GRAPH}/{}/reader/**", topic.name()))?);
         for (session, end) in [(writer, "writer"), (reader, "reader")] {
-            tokens.push(session.liveliness().declare_token(token(topic, end, "honest")).wait().map_err(failed)?);
+            tokens.push(
+                session
+                    .liveliness()
+                    .declare_token(token(topic, end, "honest"))
+                    .wait()
+                    .map_err(failed)?,
+            );
         }
         for LetIn { name, number, says, hears } in strangers {
             for end in ["writer", "reader"] {
-                tokens.push(says.liveliness().declare_token(token(topic, end, &format!("stranger-{number}"))).wait().map_err(failed)?);
+                tokens.push(
+                    says.liveliness()
+                        .declare_token(token(topic, end, &format!("stranger-{number}")))
+                        .wait()
+                        .map_err(failed)?,
+                );
             }
             let stolen = ears.stolen(name, topic);
-            listening.push(hears.declare_subscriber(data(topic, "*")).callback(stolen).wait().map_err(failed)?);
+            listening.push(
+                hears
+                    .declare_subscriber(data(topic, "*"))
+                    .callback(stolen)
+                    .wait()
+                    .map_err(failed)?,
+            );
         }
     }
     let begin = Instant::now();
@@ -210,7 +264,13 @@ fn said_by(id: &str, kinds: &[&str]) -> BTreeSet<String> {
 #[test]
 fn no_stranger_says_or_hears_anything_on_a_link() -> Outcome {
     let certificates = Certificates::new()?;
-    let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(Role::RobotHost), false)?;
+    let router = Router::guarded(
+        &["tcp/127.0.0.1:0".to_owned()],
+        &[],
+        GRAPH,
+        &certificates.of(Role::RobotHost),
+        false,
+    )?;
     let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
     let honest = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
     let strangers = strangers(&certificates)?;
@@ -253,14 +313,33 @@ fn a_client_believes_no_router_that_is_none() -> Outcome {
     let other = certificates.issue("authority", "other", "roomba", (-HOUR_S, HOUR_S))?;
     // As who has stolen a certificate with which one only connects, and waits for others to connect to it.
     for role in [Role::Watcher, Role::Controller, Role::Robot] {
-        let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], "maze", &certificates.of(role), false)?;
+        let router = Router::guarded(
+            &["tcp/127.0.0.1:0".to_owned()],
+            &[],
+            "maze",
+            &certificates.of(role),
+            false,
+        )?;
         let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
-        assert!(connect(&endpoint, &Shows::Certificate(certificates.of(Role::Robot))).is_err(), "{}", role.name());
+        assert!(
+            connect(&endpoint, &Shows::Certificate(certificates.of(Role::Robot))).is_err(),
+            "{}",
+            role.name()
+        );
     }
     // A certificate for this address is not one for another.
-    let router = Router::guarded(&["tcp/127.0.0.2:0".to_owned()], &[], "maze", &certificates.of(Role::RobotHost), false)?;
+    let router = Router::guarded(
+        &["tcp/127.0.0.2:0".to_owned()],
+        &[],
+        "maze",
+        &certificates.of(Role::RobotHost),
+        false,
+    )?;
     let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
-    assert!(connect(&endpoint, &Shows::Certificate(certificates.of(Role::Robot))).is_err(), "a name that is not in the certificate");
+    assert!(
+        connect(&endpoint, &Shows::Certificate(certificates.of(Role::Robot))).is_err(),
+        "a name that is not in the certificate"
+    );
     drop(other);
     Ok(())
 }
@@ -273,11 +352,22 @@ const SHORTS: i64 = 6;
 #[test]
 fn a_router_ends_a_link_when_the_certificate_of_who_has_connected_does() -> Outcome {
     let certificates = Certificates::new()?;
-    let router = Router::guarded(&["tcp/127.0.0.1:0".to_owned()], &[], GRAPH, &certificates.of(Role::RobotHost), false)?;
+    let router = Router::guarded(
+        &["tcp/127.0.0.1:0".to_owned()],
+        &[],
+        GRAPH,
+        &certificates.of(Role::RobotHost),
+        false,
+    )?;
     let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
     let is_connected = |session: &Session| session.info().routers_zid().wait().next().is_some();
     for round in 0..SHORTS {
-        let short = certificates.issue("authority", &format!("short-{round}"), ROBOT, (-HOUR_S, SHORT_S << round))?;
+        let short = certificates.issue(
+            "authority",
+            &format!("short-{round}"),
+            ROBOT,
+            (-HOUR_S, SHORT_S << round),
+        )?;
         let client = Shows::Certificate(of(&short, Role::Robot));
         let Some(session) = connect(&endpoint, &client).ok().filter(is_connected) else { continue };
         let stays = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Robot)))?;
@@ -307,19 +397,33 @@ fn a_client_ends_a_link_when_the_certificate_of_its_router_does() -> Outcome {
     const AT_ONCE: usize = 24;
     let certificates = Certificates::new()?;
     for round in 0..SHORTS {
-        let short = certificates.issue("authority", &format!("short-{round}"), ROBOT, (-HOUR_S, SHORT_S << round))?;
+        let short = certificates.issue(
+            "authority",
+            &format!("short-{round}"),
+            ROBOT,
+            (-HOUR_S, SHORT_S << round),
+        )?;
         let host = of(&short, Role::RobotHost);
         let end = UNIX_EPOCH + Duration::from_secs(host.read()?.until_s.try_into()?);
         let ended = || SystemTime::now().duration_since(end).ok();
         // One that keeps its links whatever happens: it is for the clients to end them.
-        let (router, endpoint) = router(&Shows::Certificate(host), &[("transport/link/tls/close_link_on_expiration", json!(false))])?;
+        let (router, endpoint) = router(
+            &Shows::Certificate(host),
+            &[("transport/link/tls/close_link_on_expiration", json!(false))],
+        )?;
         let links = Links {
             carriers: Carriers::all(Carrier::Network),
             connect: vec![endpoint],
             credentials: Some(certificates.of(Role::Controller)),
             ..Links::on_this_machine(GRAPH, certificates.folder(), false, 60_000)
         };
-        let linked = || router.liveliness().get("coxswain-link/**").wait().map_or(true, |tokens| tokens.iter().next().is_some());
+        let linked = || {
+            router
+                .liveliness()
+                .get("coxswain-link/**")
+                .wait()
+                .map_or(true, |tokens| tokens.iter().next().is_some())
+        };
         let Ok(_early) = join(&links) else { continue };
         wait_until("the first link", || linked() || ended().is_some())?;
         if ended().is_some() {
@@ -352,7 +456,9 @@ fn a_client_ends_a_link_when_the_certificate_of_its_router_does() -> Outcome {
             over
         })?;
         let tried = tried.into_inner();
-        print(format_args!("tries to connect in the last second of a router's certificate: {tried}; no link has outlasted it"));
+        print(format_args!(
+            "tries to connect in the last second of a router's certificate: {tried}; no link has outlasted it"
+        ));
         assert!(join(&links).is_err(), "it is taken up again");
         if tried > 0 {
             return Ok(());

@@ -23,7 +23,9 @@ const LONG_BYTES: usize = 100_000;
 fn told(log: &str) -> BTreeMap<String, (usize, usize)> {
     let mut told: BTreeMap<String, (usize, usize)> = BTreeMap::new();
     for line in log.lines() {
-        let reason = line.split_once("turned away at the network: ").and_then(|(_, said)| said.rsplit_once(" count="));
+        let reason = line
+            .split_once("turned away at the network: ")
+            .and_then(|(_, said)| said.rsplit_once(" count="));
         if let Some((reason, count)) = reason {
             let (lines, times) = told.entry(reason.to_owned()).or_default();
             *lines += 1;
@@ -35,11 +37,22 @@ fn told(log: &str) -> BTreeMap<String, (usize, usize)> {
 
 /// Says something as the writer or watcher that `key` names, however long that takes: behind what is long there may be no room at first.
 fn say(session: &Session, key: &str, length: usize) -> Outcome {
-    session.put(key, vec![0; length]).congestion_control(CongestionControl::Block).wait().map_err(failed)
+    session
+        .put(key, vec![0; length])
+        .congestion_control(CongestionControl::Block)
+        .wait()
+        .map_err(failed)
 }
 
 /// Waits until a log tells that `role` may not say something on `topic`, which `session` of it then tries: so all that the session did before is counted.
-fn all_is_counted(launched: &Launched, log: &str, session: &Session, key: &str, role: Role, topic: &str) -> Outcome {
+fn all_is_counted(
+    launched: &Launched,
+    log: &str,
+    session: &Session,
+    key: &str,
+    role: Role,
+    topic: &str,
+) -> Outcome {
     say(session, key, 0)?;
     launched.wait_for_log(log, &format!("{}.mecanum may not Put on {topic}", role.name()), 1)
 }
@@ -54,22 +67,39 @@ fn deeds(session: &Session, link: &str) -> Result<(), Failure> {
     // Each of these is taken back when it is dropped; what was never let in is not refused once more.
     session.declare_queryable(key("join/*")).callback(drop).wait().map_err(failed)?;
     drop(session.liveliness().declare_token(key("reader/watcher.1")).wait().map_err(failed)?);
-    session.liveliness().declare_subscriber(key("writer/*")).callback(drop).wait().map_err(failed)?;
+    session
+        .liveliness()
+        .declare_subscriber(key("writer/*"))
+        .callback(drop)
+        .wait()
+        .map_err(failed)?;
     session.declare_subscriber(key("data/*")).callback(drop).wait().map_err(failed)?;
     Ok(())
 }
 
 /// Holds what a log tells against who has been turned away, by how the reasons begin and how often each is given.
-fn are_told<'a>(door: &str, log: &str, begin: Instant, expected: impl Iterator<Item = (&'a str, usize)>) {
+fn are_told<'a>(
+    door: &str,
+    log: &str,
+    begin: Instant,
+    expected: impl Iterator<Item = (&'a str, usize)>,
+) {
     let told = told(log);
     for (reason, (lines, times)) in &told {
         print(format_args!("{door}: {times} times in {lines} lines: {reason}"));
     }
     // The first at once, then one every ten seconds, and what is left at the end.
     let most = 2 + begin.elapsed().as_secs() / 10;
-    assert!(told.values().all(|(lines, _)| *lines as u64 <= most), "{door}: more than {most} lines: {told:?}");
+    assert!(
+        told.values().all(|(lines, _)| *lines as u64 <= most),
+        "{door}: more than {most} lines: {told:?}"
+    );
     for (begins, expected) in expected {
-        let times: usize = told.iter().filter(|(reason, _)| reason.starts_with(begins)).map(|(_, (_, times))| times).sum();
+        let times: usize = told
+            .iter()
+            .filter(|(reason, _)| reason.starts_with(begins))
+            .map(|(_, (_, times))| times)
+            .sum();
         assert_eq!(times, expected, "{door}: {begins}");
     }
 }
@@ -84,12 +114,26 @@ fn each_refusal_at_a_router_is_told_once_in_few_lines() -> Outcome {
     for _ in 0..TIMES {
         deeds(&watcher, &link)?;
     }
-    all_is_counted(&launched, "coxswain", &watcher, &format!("{link}/state/data/watcher.1"), Role::Watcher, "state")?;
+    all_is_counted(
+        &launched,
+        "coxswain",
+        &watcher,
+        &format!("{link}/state/data/watcher.1"),
+        Role::Watcher,
+        "state",
+    )?;
     let gateway = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Gateway)))?;
     for _ in 0..TIMES {
         say(&gateway, &format!("{link}/health/data/gateway.1"), LONG_BYTES)?;
     }
-    all_is_counted(&launched, "coxswain", &gateway, &format!("{link}/state/data/gateway.1"), Role::Gateway, "state")?;
+    all_is_counted(
+        &launched,
+        "coxswain",
+        &gateway,
+        &format!("{link}/state/data/gateway.1"),
+        Role::Gateway,
+        "state",
+    )?;
     let address = endpoint.split_once('/').ok_or("no endpoint")?.1;
     for _ in 0..TIMES {
         let mut stranger = TcpStream::connect(address)?;
@@ -105,7 +149,14 @@ fn each_refusal_at_a_router_is_told_once_in_few_lines() -> Outcome {
     }
     // Who comes after them is let in after them.
     let recorder = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Recorder)))?;
-    all_is_counted(&launched, "coxswain", &recorder, &format!("{link}/state/data/recorder.1"), Role::Recorder, "state")?;
+    all_is_counted(
+        &launched,
+        "coxswain",
+        &recorder,
+        &format!("{link}/state/data/recorder.1"),
+        Role::Recorder,
+        "state",
+    )?;
     signal(launched.pid(), Signal::TERM)?;
     let (ended, home) = launched.end()?;
     let log = fs::read_to_string(home.path().join("run/coxswain.log"))?;
@@ -140,14 +191,21 @@ fn each_refusal_at_a_gateway_is_told_once_in_few_lines() -> Outcome {
     let certificates = Certificates::new()?;
     let folder = certificates.folder();
     let begin = Instant::now();
-    let launched = Launched::graph("local", &["--certificates", folder.to_str().ok_or("no text")?, "--duration", "600"])?;
+    let launched = Launched::graph(
+        "local",
+        &["--certificates", folder.to_str().ok_or("no text")?, "--duration", "600"],
+    )?;
     let endpoint = launched.gateway_endpoint()?;
     let watcher = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Watcher)))?;
     let learner = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
     for _ in 0..TIMES {
         say(&watcher, "coxswain/mecanum/command", LONG_BYTES)?;
         say(&watcher, "coxswain/mecanum/command", 0)?;
-        learner.declare_subscriber("coxswain/mecanum/command").callback(drop).wait().map_err(failed)?;
+        learner
+            .declare_subscriber("coxswain/mecanum/command")
+            .callback(drop)
+            .wait()
+            .map_err(failed)?;
     }
     for (session, role) in [(&watcher, Role::Watcher), (&learner, Role::Learner)] {
         all_is_counted(&launched, "gateway", session, "coxswain/mecanum/state", role, "state")?;

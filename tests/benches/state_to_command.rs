@@ -48,12 +48,15 @@ fn main() -> Result<(), Failure> {
 /// A launch without a robot: this bench is the robot.
 fn launch(graph: &str) -> Result<(Launched, Links), Box<dyn Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-    let alone = ["plant", "learner", "recorder"].map(|role| format!("[processes.{role}]\nenabled = false\n")).concat();
+    let alone = ["plant", "learner", "recorder"]
+        .map(|role| format!("[processes.{role}]\nenabled = false\n"))
+        .concat();
     let file = graph_with(graph, &alone, home.path())?;
     let options = ["--scenario", "paper-20ms", "--duration", "600"];
     let launched = Launched::by(launch_command(&file, &home.path().join("run"), &options)?, home)?;
     launched.wait_for_log("controller", "started", 1)?;
-    let settings: controller::Settings = read_settings(&launched.folder().join("settings/controller.toml"))?;
+    let settings: controller::Settings =
+        read_settings(&launched.folder().join("settings/controller.toml"))?;
     Ok((launched, settings.run.links))
 }
 
@@ -61,7 +64,11 @@ fn measure(graph: &str) -> Result<(), Failure> {
     let (launched, links) = launch(graph).map_err(|error| error.to_string())?;
     go_first(PRIORITY);
     let ports = Ports::open(&links, Identity::new(1))?;
-    let mut robot = Robot { states: ports.sink()?, commands: ports.source(Since::First)?, state: PlantState::zeroed() };
+    let mut robot = Robot {
+        states: ports.sink()?,
+        commands: ports.source(Since::First)?,
+        state: PlantState::zeroed(),
+    };
     let mut plans: Source<Plan> = ports.watcher()?;
     let mut encoded = Vec::new();
     wire::encode(&Command::zeroed(), &mut encoded);
@@ -85,7 +92,9 @@ fn measure(graph: &str) -> Result<(), Failure> {
     }
     let counted = || waited.iter().skip(WARM_UP as usize);
     let solved: Vec<u64> = counted().filter_map(|(tick, _)| computed.get(tick).copied()).collect();
-    let beyond: Vec<u64> = counted().filter_map(|(tick, nanos)| Some(nanos.saturating_sub(*computed.get(tick)?))).collect();
+    let beyond: Vec<u64> = counted()
+        .filter_map(|(tick, nanos)| Some(nanos.saturating_sub(*computed.get(tick)?)))
+        .collect();
     let bare = percentiles(bare.into_iter().skip(WARM_UP as usize).collect());
     let beyond = percentiles(beyond);
     for (what, [p50, p99]) in [
@@ -103,7 +112,9 @@ fn measure(graph: &str) -> Result<(), Failure> {
 /// Median and 99th percentile \[µs\].
 fn percentiles(mut nanos: Vec<u64>) -> [f64; 2] {
     nanos.sort_unstable();
-    [50, 99].map(|percent| nanos.get(nanos.len() * percent / 100).map_or(f64::NAN, |&nanos| nanos as f64 * 1e-3))
+    [50, 99].map(|percent| {
+        nanos.get(nanos.len() * percent / 100).map_or(f64::NAN, |&nanos| nanos as f64 * 1e-3)
+    })
 }
 
 /// A robot that does at once what it is told.
@@ -122,7 +133,11 @@ impl Robot {
         let begin = monotonic_nanos();
         self.states.send(&mut self.state)?;
         while self.commands.wait(patience)? {
-            let Some(command) = self.commands.latest()?.filter(|command| command.stamp.tick == tick) else { continue };
+            let Some(command) =
+                self.commands.latest()?.filter(|command| command.stamp.tick == tick)
+            else {
+                continue;
+            };
             let nanos = monotonic_nanos() - begin;
             self.obey(&command);
             return Ok(Some(nanos));
@@ -134,12 +149,17 @@ impl Robot {
         let seconds = PERIOD.as_secs_f64();
         let (sin, cos) = self.state.pose[2].sin_cos();
         let [forward, left, yaw] = command.input;
-        for (pose, rate) in self.state.pose.iter_mut().zip([cos * forward - sin * left, sin * forward + cos * left, yaw]) {
+        for (pose, rate) in self.state.pose.iter_mut().zip([
+            cos * forward - sin * left,
+            sin * forward + cos * left,
+            yaw,
+        ]) {
             *pose += seconds * rate;
         }
         (self.state.velocity, self.state.input) = (command.input, command.input);
         let epoch = command.stamp.epoch;
-        (self.state.controller_epoch, self.state.accepted_epoch, self.state.accepted_tick) = (epoch, epoch, command.stamp.tick);
+        (self.state.controller_epoch, self.state.accepted_epoch, self.state.accepted_tick) =
+            (epoch, epoch, command.stamp.tick);
     }
 }
 

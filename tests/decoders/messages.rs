@@ -13,7 +13,10 @@ use model::gp::hyperparameters::Hyperparameters;
 use model::learned::{INPUTS, INPUTS_WITH_HISTORY, Layout, Moment};
 use protocol::VERSION;
 use protocol::frame::{self, DecodeError};
-use protocol::message::{Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, SnapshotHead, Truth};
+use protocol::message::{
+    Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample,
+    SnapshotHead, Truth,
+};
 use protocol::view::{View, Viewable};
 use protocol::wire::{self, HEADER_BYTES};
 use std::path::Path;
@@ -47,8 +50,10 @@ fn framed(bytes: &[u8]) -> Verdict {
 /// A message that was decoded can be shown, and says `bytes` again.
 fn shown<T: Viewable>(read: Result<T, DecodeError>, bytes: &[u8]) -> Verdict {
     if let Ok(message) = &read {
-        let json = serde_json::to_string(&View(message)).map_err(|error| format!("a {} cannot be shown: {error}", T::NAME))?;
-        let object: Result<serde_json::Map<String, serde_json::Value>, _> = serde_json::from_str(&json);
+        let json = serde_json::to_string(&View(message))
+            .map_err(|error| format!("a {} cannot be shown: {error}", T::NAME))?;
+        let object: Result<serde_json::Map<String, serde_json::Value>, _> =
+            serde_json::from_str(&json);
         object.map_err(|error| format!("the view of a {} is no JSON object: {error}", T::NAME))?;
     }
     written(read, bytes)
@@ -61,7 +66,9 @@ fn written<T: Message>(read: Result<T, DecodeError>, bytes: &[u8]) -> Verdict {
     };
     let mut again = vec![0; message.byte_len()];
     frame::encode(&message, &mut again);
-    promise(again == bytes, || format!("a {} does not say the bytes again that it was read from", T::NAME))?;
+    promise(again == bytes, || {
+        format!("a {} does not say the bytes again that it was read from", T::NAME)
+    })?;
     Ok(Fate::Used)
 }
 
@@ -116,8 +123,11 @@ fn settled<T: Message>(bytes: &[u8]) -> Verdict {
     };
     let mut once = Vec::new();
     wire::encode(&message, &mut once);
-    promise(once.len() <= bytes.len(), || format!("a {} of {} bytes was read from {}", T::NAME, once.len(), bytes.len()))?;
-    let read: T = wire::decode(&once).map_err(|error| format!("a {} that was written is refused: {error}", T::NAME))?;
+    promise(once.len() <= bytes.len(), || {
+        format!("a {} of {} bytes was read from {}", T::NAME, once.len(), bytes.len())
+    })?;
+    let read: T = wire::decode(&once)
+        .map_err(|error| format!("a {} that was written is refused: {error}", T::NAME))?;
     let mut twice = Vec::new();
     wire::encode(&read, &mut twice);
     promise(once == twice, || format!("a {} that was written is read as another", T::NAME))?;
@@ -132,16 +142,21 @@ pub(super) fn snapshot_file(bytes: &[u8]) -> Verdict {
 }
 
 fn resumed(bytes: &[u8], file: &Path) -> Verdict {
-    let fingerprint = frame::decode::<ModelSnapshot>(bytes).map_or(0, |snapshot| snapshot.head.fingerprint);
+    let fingerprint =
+        frame::decode::<ModelSnapshot>(bytes).map_or(0, |snapshot| snapshot.head.fingerprint);
     let snapshot = match store::load(file, fingerprint) {
         Ok(snapshot) => snapshot,
         Err(error) => {
             let text = error.to_string();
-            promise(text.starts_with(&file.display().to_string()), || format!("which file was meant? {text}"))?;
+            promise(text.starts_with(&file.display().to_string()), || {
+                format!("which file was meant? {text}")
+            })?;
             return refused(&text);
         }
     };
-    promise(store::load(file, !fingerprint).is_err(), || "a snapshot for another robot is taken".into())?;
+    promise(store::load(file, !fingerprint).is_err(), || {
+        "a snapshot for another robot is taken".into()
+    })?;
     if snapshot.rows().len() > POINTS_MAX {
         return Ok(Fate::Refused);
     }
@@ -154,7 +169,9 @@ fn resumed(bytes: &[u8], file: &Path) -> Verdict {
 fn begun_with<const D: usize>(snapshot: &ModelSnapshot) -> Result<(), String> {
     let layout = if D == INPUTS { Layout::VelocitySlip } else { Layout::VelocitySlipHistory };
     let kernel = KernelChoice::LinearPlusSquaredExponential;
-    let scale = |i: usize| snapshot.head.input_scale.get(i).copied().filter(|scale| scale.is_finite() && *scale > 0.0);
+    let scale = |i: usize| {
+        snapshot.head.input_scale.get(i).copied().filter(|scale| scale.is_finite() && *scale > 0.0)
+    };
     let input_scale = std::array::from_fn(|i| scale(i).unwrap_or(1.0));
     let outset = Outset::<D> { layout, kernel, input_scale, bound: [BOUND; 3], evaluations_max: 2 };
     let mut dictionary = Dictionary::new(Selection {
@@ -165,25 +182,39 @@ fn begun_with<const D: usize>(snapshot: &ModelSnapshot) -> Result<(), String> {
         noise_floor: [0.01; 3],
     });
     for hyperparameters in store::resume(snapshot, &outset, &mut dictionary) {
-        hyperparameters.check().map_err(|error| format!("a learner would begin with impossible hyperparameters: {error}"))?;
+        hyperparameters.check().map_err(|error| {
+            format!("a learner would begin with impossible hyperparameters: {error}")
+        })?;
     }
     dictionary.insert(Observation { input: [0.1; D], target: [0.01; 3] });
-    let finite = |observation: &Observation<D>| observation.input.iter().chain(&observation.target).all(|value| value.is_finite());
-    promise(dictionary.observations().all(|(observation, _)| finite(observation)), || "what is no number was learnt".into())
+    let finite = |observation: &Observation<D>| {
+        observation.input.iter().chain(&observation.target).all(|value| value.is_finite())
+    };
+    promise(dictionary.observations().all(|(observation, _)| finite(observation)), || {
+        "what is no number was learnt".into()
+    })
 }
 
 /// What a controller makes of it.
 fn adopted(snapshot: &ModelSnapshot) -> Verdict {
     let SnapshotHead { fingerprint, inputs, .. } = snapshot.head;
-    let layout = if inputs as usize == INPUTS_WITH_HISTORY { Layout::VelocitySlipHistory } else { Layout::VelocitySlip };
-    let mut candidate = match adopt::prepare(snapshot, &Expected { fingerprint, layout, bound: [BOUND; 3] }) {
-        Ok(candidate) => candidate,
-        Err(refusal) => return refused(&refusal.to_string()),
+    let layout = if inputs as usize == INPUTS_WITH_HISTORY {
+        Layout::VelocitySlipHistory
+    } else {
+        Layout::VelocitySlip
     };
-    let moment = Moment { velocity: [1.0, 0.1, -0.2], input: [1.1, 0.0, 0.0], before: [0.9, 0.0, 0.1] };
+    let mut candidate =
+        match adopt::prepare(snapshot, &Expected { fingerprint, layout, bound: [BOUND; 3] }) {
+            Ok(candidate) => candidate,
+            Err(refusal) => return refused(&refusal.to_string()),
+        };
+    let moment =
+        Moment { velocity: [1.0, 0.1, -0.2], input: [1.1, 0.0, 0.0], before: [0.9, 0.0, 0.1] };
     let mean = candidate.learned.response(&moment).mean;
     candidate.learned.sample_variance(&moment, &mut candidate.scratch);
     // Of numbers near the largest ones it may say no number, which the controller looks for in every period.
-    promise(mean.iter().all(|mean| mean.is_nan() || mean.abs() <= BOUND), || format!("a model in use foretells {mean:?}"))?;
+    promise(mean.iter().all(|mean| mean.is_nan() || mean.abs() <= BOUND), || {
+        format!("a model in use foretells {mean:?}")
+    })?;
     Ok(Fate::Used)
 }

@@ -38,15 +38,20 @@ pub(super) fn launcher(bytes: &[u8]) -> Verdict {
     let living = berth::living(base.path()).len();
     let (swept, complaints) = berth::sweep_stale(base.path());
     promise(complaints.is_empty(), || complaints.join("; "))?;
-    promise(living + swept <= 1, || format!("one file, {living} living and {swept} dead launchers"))?;
-    promise(file.exists() == (swept == 0), || "a graph was swept by halves, or for no reason".into())?;
+    promise(living + swept <= 1, || {
+        format!("one file, {living} living and {swept} dead launchers")
+    })?;
+    promise(file.exists() == (swept == 0), || {
+        "a graph was swept by halves, or for no reason".into()
+    })?;
     Ok(if living + swept > 0 { Fate::Used } else { Fate::Refused })
 }
 
 /// What a controller is told that drives in real time.
 fn told() -> Result<controller::Settings, String> {
     let file = corpus().join("controller_settings/real-time.toml");
-    let mut settings: controller::Settings = read_settings(&file).map_err(|error| error.to_string())?;
+    let mut settings: controller::Settings =
+        read_settings(&file).map_err(|error| error.to_string())?;
     settings.run.pace = Pace::RealTime;
     Ok(settings)
 }
@@ -58,7 +63,9 @@ pub(super) fn change(bytes: &[u8]) -> Verdict {
     match Change::parse(lines).and_then(|change| changed(&before, &[change], &RULES)) {
         Err(error) => refused(&error.to_string()),
         Ok(after) => {
-            promise(after.robot == before.robot && after.duration_s == before.duration_s, || "what is fixed was changed".into())?;
+            promise(after.robot == before.robot && after.duration_s == before.duration_s, || {
+                "what is fixed was changed".into()
+            })?;
             Ok(Fate::Used)
         }
     }
@@ -85,7 +92,9 @@ pub(super) fn certificate(bytes: &[u8]) -> Verdict {
     let until = valid_until(bytes);
     match Certificate::parse(bytes) {
         Ok(certificate) => {
-            promise(until == Ok(certificate.until_s), || format!("valid until {}, or until {until:?}?", certificate.until_s))?;
+            promise(until == Ok(certificate.until_s), || {
+                format!("valid until {}, or until {until:?}?", certificate.until_s)
+            })?;
             Ok(Fate::Used)
         }
         Err(why) => refused(&why),

@@ -12,7 +12,12 @@ use recorder::{export, report};
 pub(super) fn points(bytes: &[u8]) -> Verdict {
     as_file(bytes, |file| {
         let reference = |heading| {
-            let settings = ReferenceSettings { path: PathSettings::Points { file: file.to_owned() }, heading, ramp_s: 0.0 };
+            let settings = ReferenceSettings {
+                path: PathSettings::Points { file: file.to_owned() },
+                heading,
+                ramp_s: 0.0,
+                speed_factor: 1.0,
+            };
             Reference::new(&settings, &[0.0; 3], 0.1, 30)
         };
         let mut fate = Fate::Refused;
@@ -24,7 +29,9 @@ pub(super) fn points(bytes: &[u8]) -> Verdict {
                 }
                 Err(error) => {
                     let text = error.to_string();
-                    promise(text.starts_with(&file.display().to_string()), || format!("which file was meant? {text}"))?;
+                    promise(text.starts_with(&file.display().to_string()), || {
+                        format!("which file was meant? {text}")
+                    })?;
                     fate = either(fate, refused(&text)?);
                 }
             }
@@ -38,10 +45,12 @@ pub(super) fn record(bytes: &[u8]) -> Verdict {
     as_file(bytes, |file| {
         // Twice: what is there already is passed over.
         let segments = [file.to_owned(), file.to_owned()];
-        let rows = Rows::read(&segments).map_err(|error| format!("a record cannot be read: {error}"))?;
-        let summed =
-            serde_json::to_vec(&Summary::of(&rows, 100_000_000)).map_err(|error| format!("a summary cannot be written: {error}"))?;
-        let closing: Closing = serde_json::from_slice(&summed).map_err(|error| format!("a summary cannot be read: {error}"))?;
+        let rows =
+            Rows::read(&segments).map_err(|error| format!("a record cannot be read: {error}"))?;
+        let summed = serde_json::to_vec(&Summary::of(&rows, 100_000_000))
+            .map_err(|error| format!("a summary cannot be written: {error}"))?;
+        let closing: Closing = serde_json::from_slice(&summed)
+            .map_err(|error| format!("a summary cannot be read: {error}"))?;
         promise(!closing.to_string().is_empty(), || "a summary says nothing".into())?;
         match report::page(&[file.to_owned()]) {
             Ok(page) => promise(page.ends_with("</html>\n"), || "half a page".into())?,

@@ -9,12 +9,13 @@ use coxswain::epochs::Epochs;
 use coxswain::graph::Graph;
 use coxswain::role::START_ORDER;
 use coxswain::scenario::Scenario;
+use driver::gated::GatedBase;
 use model::main_model::MainModel;
 use model::residual::bound;
-use model::robot::Robot;
 use plant_sim::truth::World;
 use process::{Pace, read_settings};
 use protocol::message::Participant;
+use robot::Robot;
 use settings::SettingsError;
 use std::path::Path;
 use std::time::Instant;
@@ -28,7 +29,9 @@ pub(super) fn graph(bytes: &[u8]) -> Verdict {
             let mut restarts = Restarts::default();
             let policy = graph.processes.of(role).restart_policy();
             let wait = (0..5).filter_map(|_| restarts.after_death(&policy, Instant::now())).max();
-            promise(wait.is_none_or(|wait| wait <= policy.longest), || format!("{wait:?} is longer than the longest wait"))?;
+            promise(wait.is_none_or(|wait| wait <= policy.longest), || {
+                format!("{wait:?} is longer than the longest wait")
+            })?;
         }
         Ok(())
     };
@@ -42,13 +45,17 @@ pub(super) fn robot(bytes: &[u8]) -> Verdict {
 /// What a learned model may say of a robot has bounds that are numbers.
 fn believed(robot: &Robot, period: f64) -> Result<(), String> {
     let bound = bound(&MainModel::new(robot, period), robot);
-    promise(bound.iter().all(|bound| bound.is_finite() && *bound >= 0.0), || format!("the largest residual is {bound:?}"))
+    promise(bound.iter().all(|bound| bound.is_finite() && *bound >= 0.0), || {
+        format!("the largest residual is {bound:?}")
+    })
 }
 
 pub(super) fn faults(bytes: &[u8]) -> Verdict {
     let in_real_time = read(bytes, |file| faults_of(file, Pace::RealTime), |_| Ok(()))?;
     let in_lock_step = read(bytes, |file| faults_of(file, Pace::LockStep), |_| Ok(()))?;
-    promise(in_lock_step == Fate::Refused || in_real_time == Fate::Used, || "lock step allows a fault that real time does not".into())?;
+    promise(in_lock_step == Fate::Refused || in_real_time == Fate::Used, || {
+        "lock step allows a fault that real time does not".into()
+    })?;
     Ok(either(in_real_time, in_lock_step))
 }
 
@@ -61,9 +68,12 @@ fn possible(scenario: &Scenario) -> Result<(), String> {
     promise(scenario.period_nanos() > 0, || "a period of no length".into())?;
     let period = scenario.period_millis * 1e-3;
     let reference = Reference::new(&scenario.reference, &scenario.start.pose, period, PERIODS);
-    let reference = reference.map_err(|error| format!("a scenario that was found possible has no reference: {error}"))?;
+    let reference = reference
+        .map_err(|error| format!("a scenario that was found possible has no reference: {error}"))?;
     finite_along(&reference)?;
-    World::new(&scenario.truth, scenario.start, scenario.seed);
+    if let Some(truth) = &scenario.truth {
+        World::new(truth, scenario.start, scenario.seed);
+    }
     Ok(())
 }
 
@@ -72,7 +82,9 @@ pub(super) fn finite_along(reference: &Reference) -> Result<(), String> {
     for tick in 0..=PERIODS as u64 {
         let point = reference.at(tick);
         let numbers = point.pose.iter().chain(&point.velocity).chain([&point.course]);
-        promise(numbers.into_iter().all(|value| value.is_finite()), || format!("the reference at tick {tick} is {point:?}"))?;
+        promise(numbers.into_iter().all(|value| value.is_finite()), || {
+            format!("the reference at tick {tick} is {point:?}")
+        })?;
     }
     Ok(())
 }
@@ -84,7 +96,9 @@ pub(super) fn scenario_change(bytes: &[u8]) -> Verdict {
     match Scenario::named(&folder, "figure-eight+payload", None, &[change.to_owned()]) {
         Ok(scenario) => possible(&scenario).map(|()| Fate::Used),
         // Lines are those of the merged text, which nobody sees.
-        Err(SettingsError::Unreadable { file, reason }) => Err(format!("{}: {reason}", file.display())),
+        Err(SettingsError::Unreadable { file, reason }) => {
+            Err(format!("{}: {reason}", file.display()))
+        }
         Err(error) => refused(&error.to_string()),
     }
 }
@@ -93,20 +107,28 @@ pub(super) fn epochs(bytes: &[u8]) -> Verdict {
     as_file(bytes, |file| match Epochs::open(file, 0) {
         Ok(epochs) => {
             let next = Participant::ALL.iter().map(|&role| epochs.highest(role).saturating_add(1));
-            promise(next.into_iter().all(|epoch| i64::try_from(epoch).is_ok()), || "there is no next epoch".into())?;
+            promise(next.into_iter().all(|epoch| i64::try_from(epoch).is_ok()), || {
+                "there is no next epoch".into()
+            })?;
             Ok(Fate::Used)
         }
         Err(error) => {
             let why = error.get_ref().and_then(|error| error.downcast_ref::<SettingsError>());
-            why.map_or_else(|| Err(format!("which line was meant? {error}")), |error| placed(error, file, bytes))
+            why.map_or_else(
+                || Err(format!("which line was meant? {error}")),
+                |error| placed(error, file, bytes),
+            )
         }
     })
 }
 
 pub(super) fn plant(bytes: &[u8]) -> Verdict {
     read(bytes, read_settings, |settings: plant_sim::Settings| {
-        settings.ticks();
-        plant_sim::robot::Robot::new(&settings, 1);
+        settings.driver().ticks();
+        if let Some(truth) = &settings.truth {
+            let world = World::new(truth, settings.start, settings.seed);
+            GatedBase::new(world, &settings.driver(), 1);
+        }
         Ok(())
     })
 }
@@ -115,17 +137,22 @@ pub(super) fn controller(bytes: &[u8]) -> Verdict {
     read(bytes, read_settings, |mut settings: controller::Settings| {
         let period = settings.run.period_nanos as f64 * 1e-9;
         settings.duration_s = settings.duration_s.min(PERIODS as f64 * period);
-        if let Ok(reference) = Reference::new(&settings.reference, &settings.start, period, PERIODS) {
+        if let Ok(reference) = Reference::new(&settings.reference, &settings.start, period, PERIODS)
+        {
             finite_along(&reference)?;
         }
         // It may refuse: what only its solver can know is found there.
         let made = Controller::new(&settings);
-        promise(made.is_ok() || made.is_err_and(|error| !error.to_string().is_empty()), || "a refusal says nothing".into())
+        promise(made.is_ok() || made.is_err_and(|error| !error.to_string().is_empty()), || {
+            "a refusal says nothing".into()
+        })
     })
 }
 
 pub(super) fn learner(bytes: &[u8]) -> Verdict {
-    read(bytes, read_settings, |settings: learner::Settings| believed(&settings.robot, settings.run.period_nanos as f64 * 1e-9))
+    read(bytes, read_settings, |settings: learner::Settings| {
+        believed(&settings.robot, settings.run.period_nanos as f64 * 1e-9)
+    })
 }
 
 pub(super) fn recorder(bytes: &[u8]) -> Verdict {
@@ -140,7 +167,11 @@ pub(super) fn gateway(bytes: &[u8]) -> Verdict {
 }
 
 /// Reads `bytes` as a file: what is possible is `used`, what is not is refused with its place.
-fn read<T>(bytes: &[u8], read: impl FnOnce(&Path) -> Result<T, SettingsError>, used: impl FnOnce(T) -> Result<(), String>) -> Verdict {
+fn read<T>(
+    bytes: &[u8],
+    read: impl FnOnce(&Path) -> Result<T, SettingsError>,
+    used: impl FnOnce(T) -> Result<(), String>,
+) -> Verdict {
     as_file(bytes, |file| match read(file) {
         Ok(settings) => used(settings).map(|()| Fate::Used),
         Err(error) => placed(&error, file, bytes),
@@ -151,12 +182,18 @@ fn read<T>(bytes: &[u8], read: impl FnOnce(&Path) -> Result<T, SettingsError>, u
 fn placed(error: &SettingsError, file: &Path, bytes: &[u8]) -> Verdict {
     let line = match error {
         SettingsError::Unreadable { .. } => None,
-        SettingsError::Syntax { line, .. } | SettingsError::UnknownKey { line, .. } | SettingsError::MissingKey { line, .. } => Some(*line),
+        SettingsError::Syntax { line, .. }
+        | SettingsError::UnknownKey { line, .. }
+        | SettingsError::MissingKey { line, .. } => Some(*line),
         SettingsError::Value { line, .. } => *line,
     };
     let lines = bytes.split(|&byte| byte == b'\n').count();
-    let place = line.filter(|line| (1..=lines).contains(line)).map(|line| format!("{}:{line}: ", file.display()));
+    let place = line
+        .filter(|line| (1..=lines).contains(line))
+        .map(|line| format!("{}:{line}: ", file.display()));
     let text = error.to_string();
-    promise(place.is_some_and(|place| text.starts_with(&place)), || format!("which of {lines} lines was meant? {text}"))?;
+    promise(place.is_some_and(|place| text.starts_with(&place)), || {
+        format!("which of {lines} lines was meant? {text}")
+    })?;
     Ok(Fate::Refused)
 }

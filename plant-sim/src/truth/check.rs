@@ -46,7 +46,11 @@ impl Truth {
         not_negative("wheel_viscous_friction_nms", self.wheel_viscous_friction_nms)?;
         not_negative("rolling_friction", self.rolling_friction)?;
         positive("rolling_friction_speed_scale_radps", self.rolling_friction_speed_scale_radps)?;
-        require(self.breakaway_factor >= 1.0 && self.breakaway_factor.is_finite(), "breakaway_factor", "a finite number of at least 1")?;
+        require(
+            self.breakaway_factor >= 1.0 && self.breakaway_factor.is_finite(),
+            "breakaway_factor",
+            "a finite number of at least 1",
+        )?;
         positive("breakaway_speed_radps", self.breakaway_speed_radps)?;
         not_negative("drag_n_s2_per_m2", self.drag_n_s2_per_m2)
     }
@@ -62,8 +66,13 @@ impl Truth {
         not_negative("deadband_radps", self.deadband_radps)?;
         positive("current_limit_a", self.current_limit_a)?;
         let lag = self.current_lag_s;
-        let followed = lag.abs() < f64::MIN_POSITIVE || (lag.is_finite() && lag >= 1.0 / FASTEST_PER_S);
-        require(followed, "current_lag_s", "0, or at least 0.0005 s, which a step of 0.1 ms follows")?;
+        let followed =
+            lag.abs() < f64::MIN_POSITIVE || (lag.is_finite() && lag >= 1.0 / FASTEST_PER_S);
+        require(
+            followed,
+            "current_lag_s",
+            "0, or at least 0.0005 s, which a step of 0.1 ms follows",
+        )?;
         let limit = self.wheel_speed_limit_radps;
         require(
             limit > 0.0 && limit * self.wheel_radius_m <= TOP_SPEED_MPS,
@@ -98,7 +107,11 @@ impl Truth {
             for axis in 0..2 {
                 let (from, to) = (patch.from_m[axis], patch.to_m[axis]);
                 finite(&format!("patches.{index}.from_m"), from)?;
-                require(to.is_finite() && to > from, &format!("patches.{index}.to_m"), "finite, and beyond from_m in x and in y")?;
+                require(
+                    to.is_finite() && to > from,
+                    &format!("patches.{index}.to_m"),
+                    "finite, and beyond from_m in x and in y",
+                )?;
             }
             not_negative(&format!("patches.{index}.friction_factor"), patch.friction_factor)?;
             not_negative(&format!("patches.{index}.grip_factor"), patch.grip_factor)?;
@@ -117,7 +130,11 @@ impl Truth {
         };
         positive("wheel_slip.grip", slip.grip)?;
         positive("wheel_slip.slip_speed_scale_mps", slip.slip_speed_scale_mps)?;
-        require(self.wheel_inertia_kg_m2 > 0.0, "wheel_inertia_kg_m2", "positive, for the wheels can slip")
+        require(
+            self.wheel_inertia_kg_m2 > 0.0,
+            "wheel_inertia_kg_m2",
+            "positive, for the wheels can slip",
+        )
     }
 
     fn check_timetable(&self) -> Verdict {
@@ -127,7 +144,11 @@ impl Truth {
             not_negative("payload.at_s", payload.at_s)?;
             later("payload.until_s", payload.until_s, payload.at_s)?;
             let [forward, left] = payload.offset_m.map(f64::abs);
-            require(forward < self.half_wheelbase_m && left < self.half_track_m, "payload.offset_m", "a place between the wheels")?;
+            require(
+                forward < self.half_wheelbase_m && left < self.half_track_m,
+                "payload.offset_m",
+                "a place between the wheels",
+            )?;
         }
         if let Some(push) = self.push {
             not_negative("push.from_s", push.from_s)?;
@@ -140,8 +161,16 @@ impl Truth {
         }
         for (index, slippery) in self.slippery.iter().enumerate() {
             let key = |name: &str| format!("slippery.{index}.{name}");
-            require((0.0..=1.0).contains(&slippery.grip_factor), &key("grip_factor"), "between 0 and 1")?;
-            require(self.wheel_slip.is_some(), &key("grip_factor"), "the table wheel_slip beside it: without that wheels never slip")?;
+            require(
+                (0.0..=1.0).contains(&slippery.grip_factor),
+                &key("grip_factor"),
+                "between 0 and 1",
+            )?;
+            require(
+                self.wheel_slip.is_some(),
+                &key("grip_factor"),
+                "the table wheel_slip beside it: without that wheels never slip",
+            )?;
             not_negative(&key("from_s"), slippery.from_s)?;
             later(&key("until_s"), slippery.until_s, slippery.from_s)?;
         }
@@ -156,11 +185,17 @@ impl Truth {
     fn check_rates(&self) -> Verdict {
         let radius = self.wheel_radius_m;
         let arm = self.half_track_m + self.half_wheelbase_m;
-        let rolling = (0.25 * radius * radius * self.mass_kg).min(0.25 * self.yaw_inertia_kg_m2 * (radius / arm).powi(2));
-        let inertia = self.wheel_inertia_kg_m2 + if self.wheel_slip.is_some() { 0.0 } else { rolling };
+        let rolling = (0.25 * radius * radius * self.mass_kg)
+            .min(0.25 * self.yaw_inertia_kg_m2 * (radius / arm).powi(2));
+        let inertia =
+            self.wheel_inertia_kg_m2 + if self.wheel_slip.is_some() { 0.0 } else { rolling };
         let heaviest = self.mass_kg + self.payload.map_or(0.0, |payload| payload.mass_kg);
         let load_n = 0.25 * heaviest * GRAVITY;
-        let gain = self.motor_gain.into_iter().chain(self.faults.iter().map(|fault| fault.gain)).fold(0.0, f64::max);
+        let gain = self
+            .motor_gain
+            .into_iter()
+            .chain(self.faults.iter().map(|fault| fault.gain))
+            .fold(0.0, f64::max);
         let motor = gain * self.pole_pairs * self.torque_constant_nm_per_a / inertia;
         let roughest = self.patches.iter().map(|patch| patch.friction_factor).fold(1.0, f64::max);
         let rolling_nm = self.rolling_friction * roughest * load_n * radius;
@@ -168,14 +203,22 @@ impl Truth {
         slow("speed_loop_gain_a_s_per_rad", motor * self.speed_loop_gain_a_s_per_rad)?;
         slow("speed_loop_integral_a_per_rad", (motor * self.speed_loop_integral_a_per_rad).sqrt())?;
         slow("wheel_viscous_friction_nms", self.wheel_viscous_friction_nms / inertia)?;
-        slow("breakaway_speed_radps", (self.breakaway_factor - 1.0) * rolling_nm / self.breakaway_speed_radps / inertia)?;
-        slow("rolling_friction_speed_scale_radps", self.breakaway_factor * rolling_nm / self.rolling_friction_speed_scale_radps / inertia)?;
+        slow(
+            "breakaway_speed_radps",
+            (self.breakaway_factor - 1.0) * rolling_nm / self.breakaway_speed_radps / inertia,
+        )?;
+        slow(
+            "rolling_friction_speed_scale_radps",
+            self.breakaway_factor * rolling_nm / self.rolling_friction_speed_scale_radps / inertia,
+        )?;
         slow("drag_n_s2_per_m2", self.drag_n_s2_per_m2 * TOP_SPEED_MPS / self.mass_kg)?;
         slow("half_track_m", TOP_SPEED_MPS / arm)?;
         if let Some(slip) = self.wheel_slip {
             let grippiest = self.patches.iter().map(|patch| patch.grip_factor).fold(1.0, f64::max);
             let traction = grippiest * slip.grip * load_n / slip.slip_speed_scale_mps;
-            let yielding = radius * radius / self.wheel_inertia_kg_m2 + 4.0 / self.mass_kg + 4.0 * arm * arm / self.yaw_inertia_kg_m2;
+            let yielding = radius * radius / self.wheel_inertia_kg_m2
+                + 4.0 / self.mass_kg
+                + 4.0 * arm * arm / self.yaw_inertia_kg_m2;
             slow("wheel_slip.slip_speed_scale_mps", traction * yielding)?;
         }
         Ok(())
@@ -203,7 +246,11 @@ impl Sensor {
 }
 
 fn require(holds: bool, key: &str, expected: &str) -> Verdict {
-    if holds { Ok(()) } else { Err(Impossible { key: key.to_owned(), expected: expected.to_owned() }) }
+    if holds {
+        Ok(())
+    } else {
+        Err(Impossible { key: key.to_owned(), expected: expected.to_owned() })
+    }
 }
 
 fn finite(key: &str, value: f64) -> Verdict {
@@ -219,7 +266,11 @@ fn not_negative(key: &str, value: f64) -> Verdict {
 }
 
 fn later(key: &str, until_s: Option<f64>, from_s: f64) -> Verdict {
-    require(until_s.is_none_or(|until| until.is_finite() && until > from_s), key, "finite, and after its beginning")
+    require(
+        until_s.is_none_or(|until| until.is_finite() && until > from_s),
+        key,
+        "finite, and after its beginning",
+    )
 }
 
 fn motor_gain(key: &str, value: f64) -> Verdict {
@@ -228,7 +279,11 @@ fn motor_gain(key: &str, value: f64) -> Verdict {
 
 fn slow(key: &str, rate_per_s: f64) -> Verdict {
     let slow = rate_per_s.is_finite() && rate_per_s <= FASTEST_PER_S;
-    require(slow, key, &format!("a rate of at most {FASTEST_PER_S} per second, here {rate_per_s:.0}"))
+    require(
+        slow,
+        key,
+        &format!("a rate of at most {FASTEST_PER_S} per second, here {rate_per_s:.0}"),
+    )
 }
 
 #[cfg(test)]

@@ -31,7 +31,11 @@ impl Disturbance {
         let mut generator = Pcg64Mcg::seed_from_u64(seed);
         Self {
             bound: Vector3::new(settings.bound_n, settings.bound_n, settings.bound_nm),
-            memory: if settings.correlation_s > 0.0 { (-HOLD_S / settings.correlation_s).exp() } else { 0.0 },
+            memory: if settings.correlation_s > 0.0 {
+                (-HOLD_S / settings.correlation_s).exp()
+            } else {
+                0.0
+            },
             process: Vector3::from_fn(|_, _| generator.sample(StandardNormal)),
             generator,
         }
@@ -39,7 +43,8 @@ impl Disturbance {
 
     /// The force now, in the body frame (N, N, N m).
     pub(super) fn force(&self) -> Vector3<f64> {
-        self.process.zip_map(&self.bound, |process, bound| (0.5 * bound * process).clamp(-bound, bound))
+        self.process
+            .zip_map(&self.bound, |process, bound| (0.5 * bound * process).clamp(-bound, bound))
     }
 
     /// Goes on by one hold. Does not allocate.
@@ -74,9 +79,11 @@ mod tests {
     fn a_force_is_half_forgotten_after_log_two_of_its_time() {
         let mut process = process(0.05);
         let lag = 35; // 0.05 s · ln 2 in milliseconds
-        let forces: Vec<f64> = (0..400_000).map(|_| (process.next(), process.force().x).1).collect();
+        let forces: Vec<f64> =
+            (0..400_000).map(|_| (process.next(), process.force().x).1).collect();
         let power: f64 = forces.iter().map(|x| x * x).sum::<f64>() / forces.len() as f64;
-        let product: f64 = forces.iter().zip(&forces[lag..]).map(|(a, b)| a * b).sum::<f64>() / (forces.len() - lag) as f64;
+        let product: f64 = forces.iter().zip(&forces[lag..]).map(|(a, b)| a * b).sum::<f64>()
+            / (forces.len() - lag) as f64;
         assert!((product / power - 0.5).abs() < 0.05, "{}", product / power);
     }
 

@@ -112,7 +112,8 @@ pub(super) struct Dynamics {
 impl Dynamics {
     /// The robot and the world that the settings describe.
     pub(super) fn new(truth: &Truth) -> Self {
-        let (angle, direction) = truth.slope.map_or((0.0, 0.0), |slope| (slope.angle_rad, slope.direction_rad));
+        let (angle, direction) =
+            truth.slope.map_or((0.0, 0.0), |slope| (slope.angle_rad, slope.direction_rad));
         Self {
             truth: truth.clone(),
             geometry: Geometry::new(truth),
@@ -133,17 +134,29 @@ impl Dynamics {
 
         let torque = Vector4::from_fn(|wheel, _| {
             let speed = wheel_speed[wheel];
-            let drive = given.motor_gain[wheel] * truth.pole_pairs * truth.torque_constant_nm_per_a * current[wheel];
+            let drive = given.motor_gain[wheel]
+                * truth.pole_pairs
+                * truth.torque_constant_nm_per_a
+                * current[wheel];
             let viscous = truth.wheel_viscous_friction_nms * speed;
-            let stuck = (truth.breakaway_factor - 1.0) * (-(speed / truth.breakaway_speed_radps).powi(2)).exp();
-            let rolling = truth.rolling_friction * (1.0 + stuck) * floor.friction[wheel] * load_n[wheel] * truth.wheel_radius_m;
+            let stuck = (truth.breakaway_factor - 1.0)
+                * (-(speed / truth.breakaway_speed_radps).powi(2)).exp();
+            let rolling = truth.rolling_friction
+                * (1.0 + stuck)
+                * floor.friction[wheel]
+                * load_n[wheel]
+                * truth.wheel_radius_m;
             drive - viscous - rolling * (speed / truth.rolling_friction_speed_scale_radps).tanh()
         });
         let force = self.force(state, given);
         let (velocity, wheel_speed) = match &truth.wheel_slip {
             None => self.rolling(&torque, &force, given),
             Some(slip) => {
-                let traction = self.traction(state, &(floor.grip.component_mul(&load_n) * slip.grip * given.grip), slip);
+                let traction = self.traction(
+                    state,
+                    &(floor.grip.component_mul(&load_n) * slip.grip * given.grip),
+                    slip,
+                );
                 self.slipping(&torque, &traction, &force, given)
             }
         };
@@ -151,7 +164,11 @@ impl Dynamics {
             pose: world_from_body(state.pose.z, &state.velocity),
             velocity,
             wheel_speed,
-            current: if truth.current_lag_s > 0.0 { (demand - state.current) / truth.current_lag_s } else { Vector4::zeros() },
+            current: if truth.current_lag_s > 0.0 {
+                (demand - state.current) / truth.current_lag_s
+            } else {
+                Vector4::zeros()
+            },
             integral: self.integral_rate(&error, &state.integral),
         }
     }
@@ -168,7 +185,8 @@ impl Dynamics {
         let wheel_speed = self.wheel_speed(state);
         let mut fitting = State { wheel_speed, ..*state };
         if self.truth.current_lag_s <= 0.0 {
-            fitting.current = self.current_demand(&self.speed_error(&wheel_speed, given), &state.integral);
+            fitting.current =
+                self.current_demand(&self.speed_error(&wheel_speed, given), &state.integral);
         }
         fitting
     }
@@ -177,9 +195,15 @@ impl Dynamics {
     pub(super) fn force(&self, state: &State, given: &Conditions) -> Vector3<f64> {
         let v = &state.velocity;
         let drag = self.truth.drag_n_s2_per_m2 * v.xy().norm();
-        let down = world_from_body(-state.pose.z, &Vector3::new(self.down.x, self.down.y, 0.0)) * GRAVITY;
-        let weight = Vector3::new(given.mass_kg * down.x, given.mass_kg * down.y, given.mass_moment.perp(&down.xy()));
-        world_from_body(-state.pose.z, &given.push_in_world) + weight + turning_frame(given, v) - Vector3::new(drag * v.x, drag * v.y, 0.0)
+        let down =
+            world_from_body(-state.pose.z, &Vector3::new(self.down.x, self.down.y, 0.0)) * GRAVITY;
+        let weight = Vector3::new(
+            given.mass_kg * down.x,
+            given.mass_kg * down.y,
+            given.mass_moment.perp(&down.xy()),
+        );
+        world_from_body(-state.pose.z, &given.push_in_world) + weight + turning_frame(given, v)
+            - Vector3::new(drag * v.x, drag * v.y, 0.0)
             + given.random_force
     }
 
@@ -195,7 +219,11 @@ impl Dynamics {
     }
 
     fn wheel_speed(&self, state: &State) -> Vector4<f64> {
-        if self.truth.wheel_slip.is_some() { state.wheel_speed } else { self.geometry.wheel_speed(&state.velocity) }
+        if self.truth.wheel_slip.is_some() {
+            state.wheel_speed
+        } else {
+            self.geometry.wheel_speed(&state.velocity)
+        }
     }
 
     /// `u_m − ω`, without its deadband.
@@ -209,7 +237,8 @@ impl Dynamics {
 
     fn current_demand(&self, error: &Vector4<f64>, integral: &Vector4<f64>) -> Vector4<f64> {
         let limit = self.truth.current_limit_a;
-        (error * self.truth.speed_loop_gain_a_s_per_rad + integral).map(|current| current.clamp(-limit, limit))
+        (error * self.truth.speed_loop_gain_a_s_per_rad + integral)
+            .map(|current| current.clamp(-limit, limit))
     }
 
     /// ż; a loop at its limit does not wind up further.
@@ -223,19 +252,29 @@ impl Dynamics {
     }
 
     /// v̇ and ω̇ of wheels that never slip.
-    fn rolling(&self, torque: &Vector4<f64>, force: &Vector3<f64>, given: &Conditions) -> (Vector3<f64>, Vector4<f64>) {
-        let drive = self.geometry.rim_speed_from_velocity.tr_mul(torque) / self.geometry.wheel_radius_m;
+    fn rolling(
+        &self,
+        torque: &Vector4<f64>,
+        force: &Vector3<f64>,
+        given: &Conditions,
+    ) -> (Vector3<f64>, Vector4<f64>) {
+        let drive =
+            self.geometry.rim_speed_from_velocity.tr_mul(torque) / self.geometry.wheel_radius_m;
         let (radius, arm) = (self.geometry.wheel_radius_m, self.geometry.arm_m);
         let wheels = 4.0 * self.truth.wheel_inertia_kg_m2 / (radius * radius);
-        let acceleration = accelerated(given, &Vector3::new(wheels, wheels, wheels * arm * arm), &(drive + force));
+        let acceleration =
+            accelerated(given, &Vector3::new(wheels, wheels, wheels * arm * arm), &(drive + force));
         (acceleration, self.geometry.wheel_speed(&acceleration))
     }
 
     /// t of wheels that grip the floor up to `grip_n` along their rollers' axes.
     fn traction(&self, state: &State, grip_n: &Vector4<f64>, slip: &WheelSlip) -> Vector4<f64> {
         let g = &self.geometry;
-        let slide = state.wheel_speed * g.wheel_radius_m - g.rim_speed_from_velocity * state.velocity;
-        grip_n.zip_map(&slide, |grip, slide| grip * FRAC_1_SQRT_2 * (slide / slip.slip_speed_scale_mps).tanh())
+        let slide =
+            state.wheel_speed * g.wheel_radius_m - g.rim_speed_from_velocity * state.velocity;
+        grip_n.zip_map(&slide, |grip, slide| {
+            grip * FRAC_1_SQRT_2 * (slide / slip.slip_speed_scale_mps).tanh()
+        })
     }
 
     /// v̇ and ω̇ of wheels that push the floor with `traction`.
@@ -248,7 +287,11 @@ impl Dynamics {
     ) -> (Vector3<f64>, Vector4<f64>) {
         let g = &self.geometry;
         (
-            accelerated(given, &Vector3::zeros(), &(g.rim_speed_from_velocity.tr_mul(traction) + force)),
+            accelerated(
+                given,
+                &Vector3::zeros(),
+                &(g.rim_speed_from_velocity.tr_mul(traction) + force),
+            ),
             (torque - traction * g.wheel_radius_m) / self.truth.wheel_inertia_kg_m2,
         )
     }
@@ -278,15 +321,18 @@ impl Dynamics {
 
 /// v̇ of the body, to which `wheels` adds what turns with it, under a force. Of a centred mass each axis is by itself.
 fn accelerated(given: &Conditions, wheels: &Vector3<f64>, force: &Vector3<f64>) -> Vector3<f64> {
-    let (straight, turn, moment) = (given.mass_kg + wheels.x, given.yaw_inertia_kg_m2 + wheels.z, given.mass_moment);
-    let yaw = (force.z - moment.perp(&force.xy()) / straight) / (turn - moment.norm_squared() / straight);
+    let (straight, turn, moment) =
+        (given.mass_kg + wheels.x, given.yaw_inertia_kg_m2 + wheels.z, given.mass_moment);
+    let yaw =
+        (force.z - moment.perp(&force.xy()) / straight) / (turn - moment.norm_squared() / straight);
     Vector3::new((force.x + moment.y * yaw) / straight, (force.y - moment.x * yaw) / straight, yaw)
 }
 
 /// What the turning of the body's frame adds: `m (v_y, −v_x) ω_z + ω_z² S` and `−ω_z S·v`. It does no work.
 fn turning_frame(given: &Conditions, velocity: &Vector3<f64>) -> Vector3<f64> {
     let (rate, moment) = (velocity.z, given.mass_moment);
-    let straight = given.mass_kg * rate * Vector2::new(velocity.y, -velocity.x) + rate * rate * moment;
+    let straight =
+        given.mass_kg * rate * Vector2::new(velocity.y, -velocity.x) + rate * rate * moment;
     Vector3::new(straight.x, straight.y, -rate * moment.dot(&velocity.xy()))
 }
 

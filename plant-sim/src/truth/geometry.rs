@@ -49,7 +49,12 @@ impl Geometry {
                 1.0,  -1.0,   1.0, -1.0,
                 turn, -turn, -turn, turn,
             ),
-            contacts_m: [Vector2::new(ahead, -side), Vector2::new(ahead, side), Vector2::new(-ahead, side), Vector2::new(-ahead, -side)],
+            contacts_m: [
+                Vector2::new(ahead, -side),
+                Vector2::new(ahead, side),
+                Vector2::new(-ahead, side),
+                Vector2::new(-ahead, -side),
+            ],
         }
     }
 

@@ -31,7 +31,11 @@ impl Preview {
             dynamics: Dynamics::new(truth),
             now: schedule.at(0, Vector3::zeros(), Vector3::zeros()),
             schedule,
-            step_nanos: if truth.wheel_slip.is_some() { SLIPPING_STEP_NANOS } else { ROLLING_STEP_NANOS },
+            step_nanos: if truth.wheel_slip.is_some() {
+                SLIPPING_STEP_NANOS
+            } else {
+                ROLLING_STEP_NANOS
+            },
         }
     }
 
@@ -41,15 +45,29 @@ impl Preview {
     }
 
     /// Pose and body velocity after `duration_nanos`, from these and with this input held. Does not allocate.
-    pub fn after(&self, duration_nanos: u64, pose: [f64; 3], velocity: [f64; 3], input: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+    pub fn after(
+        &self,
+        duration_nanos: u64,
+        pose: [f64; 3],
+        velocity: [f64; 3],
+        input: [f64; 3],
+    ) -> ([f64; 3], [f64; 3]) {
         let given = Conditions { command: Vector3::from(input), ..self.now };
         let (pose, velocity) = (Vector3::from(pose), Vector3::from(velocity));
-        let start = State { pose, velocity, wheel_speed: Vector4::zeros(), current: Vector4::zeros(), integral: Vector4::zeros() };
+        let start = State {
+            pose,
+            velocity,
+            wheel_speed: Vector4::zeros(),
+            current: Vector4::zeros(),
+            integral: Vector4::zeros(),
+        };
         let mut state = self.dynamics.at_steady_rolling(&start, &given);
         let steps = duration_nanos.div_ceil(self.step_nanos).max(1);
         let step_s = duration_nanos as f64 * 1e-9 / steps as f64;
         for _ in 0..steps {
-            let next = runge_kutta(&state.packed(), step_s, |state| self.dynamics.rate(&State::unpacked(state), &given).packed());
+            let next = runge_kutta(&state.packed(), step_s, |state| {
+                self.dynamics.rate(&State::unpacked(state), &given).packed()
+            });
             state = self.dynamics.consistent(&State::unpacked(&next), &given);
         }
         (state.pose.into(), state.velocity.into())
@@ -59,7 +77,8 @@ impl Preview {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::truth::{Payload, Push, Slope, Start, WheelSlip, World};
+    use crate::truth::{Payload, Push, Slope, WheelSlip, World};
+    use driver::Start;
 
     const PERIOD_NANOS: u64 = 100_000_000;
 
@@ -74,7 +93,8 @@ mod tests {
         let (pose, velocity) = preview.after(PERIOD_NANOS, now.pose, now.velocity, [0.2, 1.0, 0.3]);
         world.advance(PERIOD_NANOS, [0.2, 1.0, 0.3]);
         let then = world.state();
-        (Vector3::from(pose) - Vector3::from(then.pose)).norm() + (Vector3::from(velocity) - Vector3::from(then.velocity)).norm()
+        (Vector3::from(pose) - Vector3::from(then.pose)).norm()
+            + (Vector3::from(velocity) - Vector3::from(then.velocity)).norm()
     }
 
     #[test]
@@ -88,19 +108,34 @@ mod tests {
             motor_gain: [0.6, 1.0, 1.0, 1.0],
             slope: Some(Slope { angle_rad: 0.1, direction_rad: 0.8 }),
             push: Some(Push { force_n: [0.0, 20.0], ..Push::default() }),
-            payload: Some(Payload { mass_kg: 8.0, yaw_inertia_kg_m2: 0.1, offset_m: [0.08, 0.1], at_s: 1.0, until_s: None }),
+            payload: Some(Payload {
+                mass_kg: 8.0,
+                yaw_inertia_kg_m2: 0.1,
+                offset_m: [0.08, 0.1],
+                at_s: 1.0,
+                until_s: None,
+            }),
             ..Truth::default()
         };
         for at_s in [1, 2] {
             assert!(error(&truth, at_s) < 1e-3, "{} at {at_s} s", error(&truth, at_s));
         }
-        let slipping = Truth { wheel_slip: Some(WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 }), ..truth };
+        let slipping = Truth {
+            wheel_slip: Some(WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 }),
+            ..truth
+        };
         assert!(error(&slipping, 2) < 0.03, "{}", error(&slipping, 2));
     }
 
     #[test]
     fn a_payload_is_known_from_its_time_on_and_not_before() {
-        let payload = Payload { mass_kg: 20.0, yaw_inertia_kg_m2: 0.0, offset_m: [0.0; 2], at_s: 1.0, until_s: None };
+        let payload = Payload {
+            mass_kg: 20.0,
+            yaw_inertia_kg_m2: 0.0,
+            offset_m: [0.0; 2],
+            at_s: 1.0,
+            until_s: None,
+        };
         let mut preview = Preview::new(&Truth { payload: Some(payload), ..Truth::default() });
         let mut speed = |at| {
             preview.look(at);

@@ -44,7 +44,8 @@ pub(super) struct Schedule {
 impl Schedule {
     /// The timetable that the settings name. Allocates, here only.
     pub(super) fn new(truth: &Truth) -> Self {
-        let fault = |fault: &Fault| (window(fault.at_s, fault.until_s), fault.wheel.index(), fault.gain);
+        let fault =
+            |fault: &Fault| (window(fault.at_s, fault.until_s), fault.wheel.index(), fault.gain);
         let mut faults: Vec<_> = truth.faults.iter().map(fault).collect();
         faults.sort_by_key(|(window, ..)| window.start);
         Self {
@@ -54,12 +55,21 @@ impl Schedule {
             payload: truth.payload.map(|payload| (window(payload.at_s, payload.until_s), payload)),
             push: truth.push.map(|push| (window(push.from_s, push.until_s), push)),
             faults,
-            slippery: truth.slippery.iter().map(|slippery| (window(slippery.from_s, slippery.until_s), slippery.grip_factor)).collect(),
+            slippery: truth
+                .slippery
+                .iter()
+                .map(|slippery| (window(slippery.from_s, slippery.until_s), slippery.grip_factor))
+                .collect(),
         }
     }
 
     /// What holds at this time, with this random force and command. O(faults); does not allocate.
-    pub(super) fn at(&self, now_nanos: u64, random_force: Vector3<f64>, command: Vector3<f64>) -> Conditions {
+    pub(super) fn at(
+        &self,
+        now_nanos: u64,
+        random_force: Vector3<f64>,
+        command: Vector3<f64>,
+    ) -> Conditions {
         let mut conditions = Conditions {
             mass_kg: self.mass_kg,
             yaw_inertia_kg_m2: self.yaw_inertia_kg_m2,
@@ -75,7 +85,8 @@ impl Schedule {
         {
             conditions.mass_kg += payload.mass_kg;
             let offset = Vector2::from(payload.offset_m);
-            conditions.yaw_inertia_kg_m2 += payload.yaw_inertia_kg_m2 + payload.mass_kg * offset.norm_squared();
+            conditions.yaw_inertia_kg_m2 +=
+                payload.yaw_inertia_kg_m2 + payload.mass_kg * offset.norm_squared();
             conditions.mass_moment = payload.mass_kg * offset;
         }
         if let Some((window, push)) = &self.push
@@ -117,7 +128,13 @@ mod tests {
 
     #[test]
     fn a_payload_weighs_while_it_is_on() {
-        let payload = Payload { mass_kg: 5.0, yaw_inertia_kg_m2: 0.1, offset_m: [0.0; 2], at_s: 2.0, until_s: Some(3.0) };
+        let payload = Payload {
+            mass_kg: 5.0,
+            yaw_inertia_kg_m2: 0.1,
+            offset_m: [0.0; 2],
+            at_s: 2.0,
+            until_s: Some(3.0),
+        };
         let truth = Truth { payload: Some(payload), ..Truth::default() };
         assert!((at(&truth, 1.999_9).mass_kg - 15.0).abs() < 1e-12);
         assert!((at(&truth, 2.0).mass_kg - 20.0).abs() < 1e-12);

@@ -57,8 +57,16 @@ impl Standstill {
 impl Sensors {
     /// Sensors whose noise the seed determines.
     pub(super) fn new(settings: Sensor, stuck: &[Stuck], seed: u64) -> Self {
-        let standstill = |stuck: &Stuck| Standstill { window: window(stuck.from_s, stuck.until_s), sensor: stuck.sensor, shows: None };
-        Self { settings, generator: Pcg64Mcg::seed_from_u64(seed), stuck: stuck.iter().map(standstill).collect() }
+        let standstill = |stuck: &Stuck| Standstill {
+            window: window(stuck.from_s, stuck.until_s),
+            sensor: stuck.sensor,
+            shows: None,
+        };
+        Self {
+            settings,
+            generator: Pcg64Mcg::seed_from_u64(seed),
+            stuck: stuck.iter().map(standstill).collect(),
+        }
     }
 
     /// One look at the truth at this time. It draws equally often whatever is off, so that turning one noise on leaves the others
@@ -82,7 +90,9 @@ impl Sensors {
                 see(left, s.velocity_noise_mps, s.velocity_step_mps),
                 see(yaw, s.yaw_rate_noise_radps, s.yaw_rate_step_radps),
             ],
-            wheel_speed: truth.wheel_speed.map(|w| see(w, s.wheel_speed_noise_radps, s.wheel_speed_step_radps)),
+            wheel_speed: truth
+                .wheel_speed
+                .map(|w| see(w, s.wheel_speed_noise_radps, s.wheel_speed_step_radps)),
             current: truth.current.map(|i| see(i, s.current_noise_a, s.current_step_a)),
         };
         self.stuck.iter_mut().for_each(|standstill| standstill.hold(now_nanos, &mut seen));
@@ -118,7 +128,8 @@ mod tests {
 
     #[test]
     fn a_step_leaves_at_most_half_a_step() {
-        let settings = Sensor { position_step_m: 0.1, wheel_speed_step_radps: 0.7, ..Sensor::default() };
+        let settings =
+            Sensor { position_step_m: 0.1, wheel_speed_step_radps: 0.7, ..Sensor::default() };
         let seen = Sensors::new(settings, &[], 1).measure(&truth(), 0);
         assert!((seen.pose[0] - 1.2).abs() < 1e-12 && (seen.pose[1] + 0.6).abs() < 1e-12);
         for (seen, truth) in seen.wheel_speed.iter().zip(truth().wheel_speed) {
@@ -128,9 +139,11 @@ mod tests {
 
     #[test]
     fn noise_has_the_deviation_that_was_asked_for() {
-        let mut sensors = Sensors::new(Sensor { velocity_noise_mps: 0.02, ..Sensor::default() }, &[], 3);
+        let mut sensors =
+            Sensors::new(Sensor { velocity_noise_mps: 0.02, ..Sensor::default() }, &[], 3);
         let looks = 20_000;
-        let squares: f64 = (0..looks).map(|_| (sensors.measure(&truth(), 0).velocity[0] - 2.7).powi(2)).sum();
+        let squares: f64 =
+            (0..looks).map(|_| (sensors.measure(&truth(), 0).velocity[0] - 2.7).powi(2)).sum();
         let deviation = (squares / f64::from(looks)).sqrt();
         assert!((deviation - 0.02).abs() < 0.001, "{deviation}");
     }

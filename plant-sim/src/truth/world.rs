@@ -1,7 +1,7 @@
 //! The true robot on one integer clock.
 
+use driver::Start;
 use nalgebra::{Vector3, Vector4};
-use serde::{Deserialize, Serialize};
 
 use super::delay::DelayLine;
 use super::disturbance::Disturbance;
@@ -17,16 +17,6 @@ const STEPS_PER_FORCE: u64 = 1_000_000 / World::STEP_NANOS;
 
 /// Sets the sensors' random numbers apart from the random force's.
 const SENSOR_STREAM: u64 = 0x5e05_0125_a3d1_90c7;
-
-/// Where and how a run begins; finite numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Start {
-    /// x, y and heading in the world \[m, m, rad\].
-    pub pose: [f64; 3],
-    /// Body velocity (forward, left, yaw) \[m/s, m/s, rad/s\].
-    pub velocity: [f64; 3],
-}
 
 /// What is really so.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,7 +40,8 @@ pub struct TrueState {
 /// and however often the sensors are read. Nothing allocates after [`World::new`].
 ///
 /// ```
-/// use plant_sim::truth::{Start, Truth, World};
+/// use driver::Start;
+/// use plant_sim::truth::{Truth, World};
 ///
 /// let truth = Truth { drag_n_s2_per_m2: 0.5, ..Truth::default() };
 /// assert_eq!(truth.check(), Ok(()));

@@ -11,8 +11,15 @@ use std::thread;
 const LAST: u64 = u64::MAX;
 
 /// Messages of so many words, of which so many can wait.
-pub(crate) fn measure(criterion: &mut Criterion, folder: &Path, name: &str, words: usize, depth: usize) -> Result<(), Failure> {
-    let (folder, prefix) = (folder.join(format!("bare-{name}")), format!("bare{}.", std::process::id()));
+pub(crate) fn measure(
+    criterion: &mut Criterion,
+    folder: &Path,
+    name: &str,
+    words: usize,
+    depth: usize,
+) -> Result<(), Failure> {
+    let (folder, prefix) =
+        (folder.join(format!("bare-{name}")), format!("bare{}.", std::process::id()));
     let open = |ways| End::open(&folder, &prefix, ways, words, depth);
     let hear = |end: &End| end.hear(LONG)?.ok_or_else(|| Failure::from("nobody answers"));
     thread::scope(|scope| -> Result<(), Failure> {

@@ -5,7 +5,9 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{Config, FileName, NodeBuilder, Path as CarrierPath, SemanticString, SignalHandlingMode, ipc};
+use iceoryx2::prelude::{
+    Config, FileName, NodeBuilder, Path as CarrierPath, SemanticString, SignalHandlingMode, ipc,
+};
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -39,15 +41,30 @@ pub(crate) struct End {
 
 impl End {
     /// In `folder`, with files in shared memory that begin with `prefix`; messages of so many words, of which so many can wait.
-    pub(crate) fn open(folder: &Path, prefix: &str, [from, to]: [&str; 2], words: usize, depth: usize) -> Result<Self, Failure> {
+    pub(crate) fn open(
+        folder: &Path,
+        prefix: &str,
+        [from, to]: [&str; 2],
+        words: usize,
+        depth: usize,
+    ) -> Result<Self, Failure> {
         let mut config = Config::default();
         config.global.prefix = FileName::new(prefix.as_bytes())?;
         config.global.set_root_path(&CarrierPath::new(folder.as_os_str().as_bytes())?);
-        let node = NodeBuilder::new().config(&config).signal_handling_mode(SignalHandlingMode::Disabled).create::<ipc::Service>()?;
+        let node = NodeBuilder::new()
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()?;
         let messages = |name: &str| -> Result<_, Failure> {
-            Ok(node.service_builder(&name.try_into()?).publish_subscribe::<[u64]>().subscriber_max_buffer_size(depth).open_or_create()?)
+            Ok(node
+                .service_builder(&name.try_into()?)
+                .publish_subscribe::<[u64]>()
+                .subscriber_max_buffer_size(depth)
+                .open_or_create()?)
         };
-        let events = |name: &str| -> Result<_, Failure> { Ok(node.service_builder(&name.try_into()?).event().open_or_create()?) };
+        let events = |name: &str| -> Result<_, Failure> {
+            Ok(node.service_builder(&name.try_into()?).event().open_or_create()?)
+        };
         Ok(Self {
             publisher: messages(to)?.publisher_builder().initial_max_slice_len(words).create()?,
             notifier: events(to)?.notifier_builder().create()?,

@@ -7,7 +7,12 @@ use std::sync::mpsc;
 use zenoh::Wait;
 
 /// Measures `bytes` there and back.
-pub(crate) fn measure(criterion: &mut Criterion, endpoint: &str, name: &str, bytes: usize) -> Result<(), Failure> {
+pub(crate) fn measure(
+    criterion: &mut Criterion,
+    endpoint: &str,
+    name: &str,
+    bytes: usize,
+) -> Result<(), Failure> {
     let (here, there) = (client(endpoint)?, client(endpoint)?);
     let echo = there.clone();
     let back = move |sample: zenoh::sample::Sample| {

@@ -29,9 +29,17 @@ impl Certificate {
     pub fn parse(pem: &[u8]) -> Result<Self, String> {
         let (_, pem) = parse_x509_pem(pem).map_err(|_| "it is no PEM file".to_owned())?;
         let certificate = pem.parse_x509().map_err(|_| "it holds no certificate".to_owned())?;
-        let name = certificate.subject().iter_common_name().next().and_then(|name| name.as_str().ok()).unwrap_or_default();
-        let parts = name.split_once('.').and_then(|(role, robot)| Some((Role::named(role)?, robot.to_owned())));
-        let (role, robot) = parts.ok_or_else(|| format!("its subject {name:?} names no role and robot"))?;
+        let name = certificate
+            .subject()
+            .iter_common_name()
+            .next()
+            .and_then(|name| name.as_str().ok())
+            .unwrap_or_default();
+        let parts = name
+            .split_once('.')
+            .and_then(|(role, robot)| Some((Role::named(role)?, robot.to_owned())));
+        let (role, robot) =
+            parts.ok_or_else(|| format!("its subject {name:?} names no role and robot"))?;
         let validity = certificate.validity();
         let (from_s, until_s) = (validity.not_before.timestamp(), validity.not_after.timestamp());
         Ok(Self { role, robot, from_s, until_s, addresses: addresses(&certificate) })
@@ -88,8 +96,20 @@ mod tests {
     #[test]
     fn an_address_is_covered_however_it_is_written() {
         let addresses = ["localhost", "10.0.0.1", "::1"].map(str::to_owned).to_vec();
-        let certificate = Certificate { role: Role::Gateway, robot: "r".into(), from_s: 0, until_s: 0, addresses };
-        assert!(["LocalHost", "10.0.0.1", "[::1]", "0:0:0:0:0:0:0:1"].into_iter().all(|host| certificate.covers(host)));
-        assert!(!["10.0.0.2", "localhost.example", ""].into_iter().any(|host| certificate.covers(host)));
+        let certificate = Certificate {
+            role: Role::Gateway,
+            robot: "r".into(),
+            from_s: 0,
+            until_s: 0,
+            addresses,
+        };
+        assert!(
+            ["LocalHost", "10.0.0.1", "[::1]", "0:0:0:0:0:0:0:1"]
+                .into_iter()
+                .all(|host| certificate.covers(host))
+        );
+        assert!(
+            !["10.0.0.2", "localhost.example", ""].into_iter().any(|host| certificate.covers(host))
+        );
     }
 }

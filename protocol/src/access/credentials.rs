@@ -116,7 +116,8 @@ impl Credentials {
     /// # Errors
     /// [`AccessError`].
     pub fn read(&self) -> Result<Certificate, AccessError> {
-        let (certificate, key, authority) = (self.file(CERTIFICATE_FILE), self.file(KEY_FILE), self.file(AUTHORITY_FILE));
+        let (certificate, key, authority) =
+            (self.file(CERTIFICATE_FILE), self.file(KEY_FILE), self.file(AUTHORITY_FILE));
         let text = fs::read(&certificate).map_err(failed(&certificate))?;
         fs::metadata(&authority).map_err(failed(&authority))?;
         let mode = fs::metadata(&key).map_err(failed(&key))?.mode() & PERMISSIONS;
@@ -124,13 +125,16 @@ impl Credentials {
             return Err(AccessError::NotPrivate { file: key, mode });
         }
         self.check_writers([&certificate, &key, &authority])?;
-        Certificate::parse(&text).map_err(|reason| AccessError::Certificate { file: certificate, reason })
+        Certificate::parse(&text)
+            .map_err(|reason| AccessError::Certificate { file: certificate, reason })
     }
 
     /// Fails if somebody beside this user and root could change `files`, their folder or the one that it is in, or replace any of them.
     fn check_writers(&self, files: [&PathBuf; 3]) -> Result<(), AccessError> {
         let folder = std::path::absolute(&self.folder).map_err(failed(&self.folder))?;
-        for path in folder.parent().into_iter().chain([folder.as_path()]).chain(files.map(PathBuf::as_path)) {
+        for path in
+            folder.parent().into_iter().chain([folder.as_path()]).chain(files.map(PathBuf::as_path))
+        {
             if let Some(found) = changeable(path).map_err(failed(path))? {
                 return Err(AccessError::Changeable(found));
             }
@@ -151,14 +155,24 @@ impl Credentials {
         let certificate = self.read()?;
         let file = || self.file(CERTIFICATE_FILE);
         if certificate.role != role {
-            return Err(AccessError::Role { file: file(), found: certificate.role.name(), expected: role.name() });
+            return Err(AccessError::Role {
+                file: file(),
+                found: certificate.role.name(),
+                expected: role.name(),
+            });
         }
         let hours = |seconds: i64| format!("{:.1} h", seconds as f64 / 3600.0);
         if now_s >= certificate.until_s {
-            return Err(AccessError::Time { file: file(), what: format!("expired since {}", hours(now_s - certificate.until_s)) });
+            return Err(AccessError::Time {
+                file: file(),
+                what: format!("expired since {}", hours(now_s - certificate.until_s)),
+            });
         }
         if now_s < certificate.from_s {
-            return Err(AccessError::Time { file: file(), what: format!("valid only in {}", hours(certificate.from_s - now_s)) });
+            return Err(AccessError::Time {
+                file: file(),
+                what: format!("valid only in {}", hours(certificate.from_s - now_s)),
+            });
         }
         Ok(certificate)
     }

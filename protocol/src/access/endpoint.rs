@@ -18,7 +18,11 @@ pub fn is_any(host: &str) -> bool {
 pub fn from_here(endpoint: &str) -> String {
     let host = host_in(endpoint);
     if is_any(host) {
-        endpoint.replacen(&format!("/{host}:"), "/127.0.0.1:", 1).replacen("/[::]:", "/127.0.0.1:", 1)
+        endpoint.replacen(&format!("/{host}:"), "/127.0.0.1:", 1).replacen(
+            "/[::]:",
+            "/127.0.0.1:",
+            1,
+        )
     } else {
         endpoint.to_owned()
     }

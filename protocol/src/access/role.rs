@@ -26,8 +26,16 @@ pub enum Role {
 
 impl Role {
     /// Every role.
-    pub const ALL: [Self; 8] =
-        [Self::Robot, Self::Controller, Self::Learner, Self::Recorder, Self::Gateway, Self::Watcher, Self::RobotHost, Self::ControlHost];
+    pub const ALL: [Self; 8] = [
+        Self::Robot,
+        Self::Controller,
+        Self::Learner,
+        Self::Recorder,
+        Self::Gateway,
+        Self::Watcher,
+        Self::RobotHost,
+        Self::ControlHost,
+    ];
 
     /// Name in certificates, and of the folder that holds one.
     pub const fn name(self) -> &'static str {
@@ -80,8 +88,15 @@ impl Role {
 
     /// Whose messages on `topic` it brings, which it says: its own and, of a host, those of the processes of its machine.
     pub fn brings(self, topic: Topic) -> Vec<Self> {
-        let is_here = |role: &Self| self.is_host() && !role.is_host() && role.says().iter().all(|topic| self.says().contains(topic));
-        Self::ALL.into_iter().filter(|role| role.says().contains(&topic) && (*role == self || is_here(role))).collect()
+        let is_here = |role: &Self| {
+            self.is_host()
+                && !role.is_host()
+                && role.says().iter().all(|topic| self.says().contains(topic))
+        };
+        Self::ALL
+            .into_iter()
+            .filter(|role| role.says().contains(&topic) && (*role == self || is_here(role)))
+            .collect()
     }
 
     /// Whether roles that are no hosts share `topic`.
@@ -123,7 +138,10 @@ mod tests {
     use super::*;
 
     fn who_says(topic: Topic) -> Vec<Role> {
-        Role::ALL.into_iter().filter(|role| !role.is_host() && role.says().contains(&topic)).collect()
+        Role::ALL
+            .into_iter()
+            .filter(|role| !role.is_host() && role.says().contains(&topic))
+            .collect()
     }
 
     #[test]
@@ -137,16 +155,28 @@ mod tests {
     #[test]
     fn a_host_never_says_what_the_other_machine_says() {
         let [robot, control] = [Role::RobotHost, Role::ControlHost].map(Role::says);
-        assert!([Topic::State, Topic::Truth].iter().all(|topic| robot.contains(topic) && !control.contains(topic)));
-        assert!([Topic::Command, Topic::Residual, Topic::Snapshot].iter().all(|topic| control.contains(topic) && !robot.contains(topic)));
+        assert!(
+            [Topic::State, Topic::Truth]
+                .iter()
+                .all(|topic| robot.contains(topic) && !control.contains(topic))
+        );
+        assert!(
+            [Topic::Command, Topic::Residual, Topic::Snapshot]
+                .iter()
+                .all(|topic| control.contains(topic) && !robot.contains(topic))
+        );
     }
 
     #[test]
     fn a_host_brings_what_its_own_machine_says_and_everybody_else_what_he_says_himself() {
         assert_eq!(Role::RobotHost.brings(Topic::State), [Role::Robot, Role::RobotHost]);
-        assert_eq!(Role::RobotHost.brings(Topic::Health), [Role::Robot, Role::Recorder, Role::Gateway, Role::RobotHost]);
+        assert_eq!(
+            Role::RobotHost.brings(Topic::Health),
+            [Role::Robot, Role::Recorder, Role::Gateway, Role::RobotHost]
+        );
         assert_eq!(Role::ControlHost.brings(Topic::Command), [Role::Controller, Role::ControlHost]);
-        let all = [Role::Controller, Role::Learner, Role::Recorder, Role::Gateway, Role::ControlHost];
+        let all =
+            [Role::Controller, Role::Learner, Role::Recorder, Role::Gateway, Role::ControlHost];
         assert_eq!(Role::ControlHost.brings(Topic::Health), all);
         for role in Role::ALL.into_iter().filter(|role| !role.is_host()) {
             assert!(role.says().iter().all(|topic| role.brings(*topic) == [role]), "{role:?}");
@@ -155,13 +185,17 @@ mod tests {
 
     #[test]
     fn only_heartbeats_are_of_several_roles() {
-        let shared: Vec<Topic> = Topic::ALL.into_iter().filter(|topic| Role::share(*topic)).collect();
+        let shared: Vec<Topic> =
+            Topic::ALL.into_iter().filter(|topic| Role::share(*topic)).collect();
         assert_eq!(shared, [Topic::Health]);
     }
 
     #[test]
     fn a_role_is_found_by_its_name() {
         assert!(Role::ALL.into_iter().all(|role| Role::named(role.name()) == Some(role)));
-        assert_eq!((Role::named("root"), Role::Robot.subject("mecanum").as_str()), (None, "robot.mecanum"));
+        assert_eq!(
+            (Role::named("root"), Role::Robot.subject("mecanum").as_str()),
+            (None, "robot.mecanum")
+        );
     }
 }

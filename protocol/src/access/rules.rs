@@ -73,7 +73,9 @@ impl Allowed {
         self.add(Ingress, "liveliness_token", format!("{base}/reader/**"));
         self.add(Ingress, "liveliness_query", format!("{base}/**"));
         self.add(Ingress, "query", format!("{base}/join/*"));
-        for key in [Some("data/*"), quality.says_again().then_some("history/*/*")].into_iter().flatten() {
+        for key in
+            [Some("data/*"), quality.says_again().then_some("history/*/*")].into_iter().flatten()
+        {
             self.add(Ingress, "declare_subscriber", format!("{base}/{key}"));
             self.add(Egress, "put", format!("{base}/{key}"));
         }
@@ -85,9 +87,18 @@ impl Allowed {
         use Flow::{Egress, Ingress};
         self.add(Ingress, "liveliness_token", ROUTERS);
         for topic in role.hears() {
-            self.add(Ingress, "declare_liveliness_subscriber", format!("{}/writer/**", base(graph, *topic)));
+            self.add(
+                Ingress,
+                "declare_liveliness_subscriber",
+                format!("{}/writer/**", base(graph, *topic)),
+            );
         }
-        for message in ["declare_subscriber", "declare_queryable", "liveliness_query", "declare_liveliness_subscriber"] {
+        for message in [
+            "declare_subscriber",
+            "declare_queryable",
+            "liveliness_query",
+            "declare_liveliness_subscriber",
+        ] {
             self.add(Egress, message, format!("coxswain-link/{graph}/**"));
         }
         for message in ["liveliness_query", "declare_liveliness_subscriber"] {
@@ -108,8 +119,12 @@ impl Allowed {
         let mut rules = Vec::new();
         for (flow, name) in [(Flow::Ingress, "ingress"), (Flow::Egress, "egress")] {
             for message in ALL_MESSAGES {
-                let mut keys: Vec<&str> =
-                    self.0.iter().filter(|(way, kind, _)| (*way, *kind) == (flow, message)).map(|(_, _, key)| key.as_str()).collect();
+                let mut keys: Vec<&str> = self
+                    .0
+                    .iter()
+                    .filter(|(way, kind, _)| (*way, *kind) == (flow, message))
+                    .map(|(_, _, key)| key.as_str())
+                    .collect();
                 keys.sort_unstable();
                 keys.dedup();
                 if !keys.is_empty() {
@@ -186,7 +201,12 @@ pub fn of_telemetry(robot: &str) -> Value {
         allowed.add(Flow::Ingress, "declare_subscriber", key);
         allowed.add(Flow::Egress, "put", key);
     }
-    let of = |role| (role, if role == Role::Watcher { std::mem::take(&mut allowed) } else { Allowed::default() });
+    let of = |role| {
+        (
+            role,
+            if role == Role::Watcher { std::mem::take(&mut allowed) } else { Allowed::default() },
+        )
+    };
     control(robot, Role::ALL.map(of))
 }
 
@@ -214,8 +234,10 @@ const SNAPSHOTS_PER_SECOND: u32 = 1_000;
 pub(crate) fn gaps(graph: &str) -> Value {
     let of = |role: Role| {
         role.says().iter().flat_map(move |topic| {
-            let frequency = if *topic == Topic::Snapshot { SNAPSHOTS_PER_SECOND } else { PER_SECOND };
-            let key = move |place: &str| format!("{}/{place}/{}.$*", base(graph, *topic), role.name());
+            let frequency =
+                if *topic == Topic::Snapshot { SNAPSHOTS_PER_SECOND } else { PER_SECOND };
+            let key =
+                move |place: &str| format!("{}/{place}/{}.$*", base(graph, *topic), role.name());
             ["data", "history/*"].map(|place| json!({ "key_expr": key(place), "freq": frequency }))
         })
     };

@@ -28,7 +28,9 @@ pub enum Breach {
         endpoint: String,
     },
     /// Roles make no difference to what is said.
-    #[error("the role {role} was heard at {endpoint} on the topic {topic}, which it must not write")]
+    #[error(
+        "the role {role} was heard at {endpoint} on the topic {topic}, which it must not write"
+    )]
     WrongRole {
         /// Where.
         endpoint: String,
@@ -79,11 +81,14 @@ pub(crate) fn keeps_strangers_out(endpoint: &str, credentials: &Credentials) -> 
         ("transport/link/tls/enable_mtls", json!(false)),
     ];
     let without = stranger(&format!("tls/{address}"), &without);
-    let [plain, without] = [plain, without].map(|config| config.map_err(|error| unknown(first_line(&error))));
+    let [plain, without] =
+        [plain, without].map(|config| config.map_err(|error| unknown(first_line(&error))));
     let (plain, without) = (plain?, without?);
     let (plain, without) = thread::scope(|scope| {
         let attempts = [&plain, &without].map(|config| scope.spawn(|| gets_in(config)));
-        let [plain, without] = attempts.map(|attempt| attempt.join().unwrap_or_else(|_| Err("the attempt panicked".to_owned())));
+        let [plain, without] = attempts.map(|attempt| {
+            attempt.join().unwrap_or_else(|_| Err("the attempt panicked".to_owned()))
+        });
         (plain, without)
     });
     // Whoever lets everybody in does not answer TLS.

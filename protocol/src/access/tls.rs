@@ -9,7 +9,11 @@ use zenoh::Config;
 ///
 /// # Errors
 /// If zenoh would read and write a link with two threads.
-pub(crate) fn guarded(mut config: Config, credentials: &Credentials, more: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
+pub(crate) fn guarded(
+    mut config: Config,
+    credentials: &Credentials,
+    more: &[(&str, Value)],
+) -> Result<Config, zenoh::Error> {
     if !threads::are_set() {
         let (variable, threads) = (threads::VARIABLE, threads::THREADS);
         return Err(format!("TLS needs {variable}={threads} in the environment from the start: zenoh would damage its own memory").into());
@@ -34,5 +38,7 @@ pub(crate) fn guarded(mut config: Config, credentials: &Credentials, more: &[(&s
 
 /// `endpoint`, over TLS.
 pub(crate) fn over_tls(endpoint: &str) -> String {
-    endpoint.strip_prefix("tcp/").map_or_else(|| endpoint.to_owned(), |address| format!("tls/{address}"))
+    endpoint
+        .strip_prefix("tcp/")
+        .map_or_else(|| endpoint.to_owned(), |address| format!("tls/{address}"))
 }

@@ -47,7 +47,8 @@ pub fn changeable(path: &Path) -> io::Result<Option<Changeable>> {
         return Ok(Some(Changeable::Foreign { path: path.to_owned(), owner: found.uid() }));
     }
     let is_open = found.mode() & (GROUP_WRITES | OTHERS_WRITE) != 0;
-    Ok(is_open.then(|| Changeable::Open { path: path.to_owned(), mode: found.mode() & PERMISSIONS }))
+    Ok(is_open
+        .then(|| Changeable::Open { path: path.to_owned(), mode: found.mode() & PERMISSIONS }))
 }
 
 /// What is above `path`, as it is written or as it leads through links, by which somebody else could put something else there.
@@ -78,7 +79,9 @@ pub fn replaceable(path: &Path) -> io::Result<Option<Changeable>> {
 
 /// Whether `owner` is this user or root.
 fn is_trusted(owner: u32) -> io::Result<bool> {
-    Ok(owner == 0 || owner == rustix::process::geteuid().as_raw() || owner == fs::metadata("/")?.uid())
+    Ok(owner == 0
+        || owner == rustix::process::geteuid().as_raw()
+        || owner == fs::metadata("/")?.uid())
 }
 
 /// Whether `owner` is the only one in `group`, by the files of this machine. Not if they do not tell.
@@ -88,14 +91,21 @@ fn is_alone(owner: u32, group: u32) -> bool {
 }
 
 fn is_alone_by(users: &str, groups: &str, owner: u32, group: u32) -> bool {
-    let is = |field: Option<&&str>, number: u32| field.and_then(|text| text.parse().ok()) == Some(number);
+    let is = |field: Option<&&str>, number: u32| {
+        field.and_then(|text| text.parse().ok()) == Some(number)
+    };
     let fields = |line| str::split(line, ':').collect::<Vec<&str>>();
     let users: Vec<Vec<&str>> = users.lines().map(fields).collect();
-    let names: Vec<&str> = users.iter().filter(|user| is(user.get(2), owner)).filter_map(|user| user.first().copied()).collect();
+    let names: Vec<&str> = users
+        .iter()
+        .filter(|user| is(user.get(2), owner))
+        .filter_map(|user| user.first().copied())
+        .collect();
     let another = users.iter().any(|user| is(user.get(3), group) && !is(user.get(2), owner));
     let mut same = groups.lines().map(fields).filter(|line| is(line.get(2), group)).peekable();
     let is_known = !names.is_empty() && same.peek().is_some();
-    let members = same.flat_map(|line| line.get(3).map_or_else(Vec::new, |members| members.split(',').collect()));
+    let members = same
+        .flat_map(|line| line.get(3).map_or_else(Vec::new, |members| members.split(',').collect()));
     let mut others = members.filter(|member| !member.is_empty() && !names.contains(member));
     is_known && !another && others.next().is_none()
 }
@@ -135,7 +145,9 @@ mod tests {
         let (open, deep) = (home.path().join("open"), home.path().join("open/deep/deeper"));
         fs::create_dir_all(&deep)?;
         set(&open.join("deep"), 0o755)?;
-        for (mode, is_found) in [(0o777, true), (0o757, true), (0o1777, false), (0o755, false), (0o700, false)] {
+        for (mode, is_found) in
+            [(0o777, true), (0o757, true), (0o1777, false), (0o755, false), (0o700, false)]
+        {
             set(&open, mode)?;
             let expected = is_found.then(|| Changeable::Open { path: open.clone(), mode });
             assert_eq!(replaceable(&deep)?, expected, "{mode:o}");
@@ -147,16 +159,25 @@ mod tests {
     #[test]
     fn a_link_is_no_way_around() -> Outcome {
         let (home, elsewhere) = (tempfile::tempdir()?, tempfile::tempdir()?);
-        let (open, private) = (elsewhere.path().join("open"), elsewhere.path().join("open/private"));
+        let (open, private) =
+            (elsewhere.path().join("open"), elsewhere.path().join("open/private"));
         fs::create_dir_all(&private)?;
         let link = home.path().join("link");
         symlink(&private, &link)?;
         set(&open, 0o777)?;
-        assert_eq!(replaceable(&link)?, Some(Changeable::Open { path: open.canonicalize()?, mode: 0o777 }), "where it leads");
+        assert_eq!(
+            replaceable(&link)?,
+            Some(Changeable::Open { path: open.canonicalize()?, mode: 0o777 }),
+            "where it leads"
+        );
         set(&open, 0o755)?;
         assert_eq!(replaceable(&link)?, None);
         set(home.path(), 0o777)?;
-        assert_eq!(replaceable(&link)?, Some(Changeable::Open { path: home.path().to_owned(), mode: 0o777 }), "where it is");
+        assert_eq!(
+            replaceable(&link)?,
+            Some(Changeable::Open { path: home.path().to_owned(), mode: 0o777 }),
+            "where it is"
+        );
         Ok(())
     }
 
@@ -170,16 +191,22 @@ mod tests {
         let inner = home.path().join("inner");
         fs::create_dir(&inner)?;
         chown(&inner, Some(65_534), None)?;
-        assert_eq!(changeable(&inner)?, Some(Changeable::Foreign { path: inner.clone(), owner: 65_534 }));
+        assert_eq!(
+            changeable(&inner)?,
+            Some(Changeable::Foreign { path: inner.clone(), owner: 65_534 })
+        );
         fs::create_dir(inner.join("own"))?;
-        assert_eq!(replaceable(&inner.join("own"))?, None, "root trusts in whose folder it runs programs");
+        assert_eq!(
+            replaceable(&inner.join("own"))?,
+            None,
+            "root trusts in whose folder it runs programs"
+        );
         Ok(())
     }
 
     #[test]
     fn a_group_is_its_owners_own_only_if_nobody_else_is_known_to_be_in_it() {
-        let users =
-            "root:x:0:0::/root:/bin/sh\nann:x:1000:1000::/home/ann:/bin/sh\nbob:x:1001:1001::/home/bob:/bin/sh\ncid:x:1002:50::/:/bin/sh";
+        let users = "root:x:0:0::/root:/bin/sh\nann:x:1000:1000::/home/ann:/bin/sh\nbob:x:1001:1001::/home/bob:/bin/sh\ncid:x:1002:50::/:/bin/sh";
         let groups = "root:x:0:\nann:x:1000:\nbob:x:1001:bob,ann\nstaff:x:50:\nown:x:60:ann";
         let alone = |owner, group| is_alone_by(users, groups, owner, group);
         assert!(alone(1000, 1000) && alone(0, 0) && alone(1000, 60));

@@ -72,13 +72,23 @@ struct Heard {
 impl Serialize for Command {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let Self { stamp, plant_epoch, model_version, input, rung, .. } = *self;
-        Said { stamp, plant_epoch, model_version, input, tail: self.tail(), rung }.serialize(serializer)
+        Said { stamp, plant_epoch, model_version, input, tail: self.tail(), rung }
+            .serialize(serializer)
     }
 }
 
 impl<'de> Deserialize<'de> for Command {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let Heard { stamp, plant_epoch, model_version, input, tail, rung } = Heard::deserialize(deserializer)?;
-        Ok(Self { stamp, plant_epoch, model_version, input, tail: tail.items, tail_len: tail.len as u32, rung })
+        let Heard { stamp, plant_epoch, model_version, input, tail, rung } =
+            Heard::deserialize(deserializer)?;
+        Ok(Self {
+            stamp,
+            plant_epoch,
+            model_version,
+            input,
+            tail: tail.items,
+            tail_len: tail.len as u32,
+            rung,
+        })
     }
 }

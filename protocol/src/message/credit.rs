@@ -20,4 +20,8 @@ pub struct Credit {
     pub reserved: u32,
 }
 
-fixed_message!(Credit, 4, [], |credit| code::<Participant>("Credit", "participant", credit.participant));
+fixed_message!(Credit, 4, [], |credit| code::<Participant>(
+    "Credit",
+    "participant",
+    credit.participant
+));

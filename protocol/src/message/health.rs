@@ -173,7 +173,9 @@ impl<'de> Deserialize<'de> for ErrorText {
 
             fn visit_str<E: Error>(self, text: &str) -> Result<ErrorText, E> {
                 let mut bytes = [0; ERROR_TEXT_MAX];
-                let place = bytes.get_mut(..text.len()).ok_or_else(|| E::invalid_length(text.len(), &self))?;
+                let place = bytes
+                    .get_mut(..text.len())
+                    .ok_or_else(|| E::invalid_length(text.len(), &self))?;
                 place.copy_from_slice(text.as_bytes());
                 Ok(ErrorText { bytes, len: text.len() as u32 })
             }

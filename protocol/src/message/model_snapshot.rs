@@ -95,7 +95,12 @@ impl ModelSnapshot {
     ///
     /// # Errors
     /// [`DecodeError::Length`] if it has not, or [`DecodeError::Value`] if the snapshot is full.
-    pub fn push(&mut self, input: &[f64], target: [f64; 3], weight: [f64; 3]) -> Result<(), DecodeError> {
+    pub fn push(
+        &mut self,
+        input: &[f64],
+        target: [f64; 3],
+        weight: [f64; 3],
+    ) -> Result<(), DecodeError> {
         self.push_with_noise(input, target, weight, 1.0)
     }
 
@@ -103,12 +108,26 @@ impl ModelSnapshot {
     ///
     /// # Errors
     /// As [`push`](Self::push).
-    pub fn push_with_noise(&mut self, input: &[f64], target: [f64; 3], weight: [f64; 3], noise_scale: f64) -> Result<(), DecodeError> {
+    pub fn push_with_noise(
+        &mut self,
+        input: &[f64],
+        target: [f64; 3],
+        weight: [f64; 3],
+        noise_scale: f64,
+    ) -> Result<(), DecodeError> {
         if input.len() != self.head.inputs as usize {
-            return Err(DecodeError::Length { message: Self::NAME, expected: self.head.inputs as usize, got: input.len() });
+            return Err(DecodeError::Length {
+                message: Self::NAME,
+                expected: self.head.inputs as usize,
+                got: input.len(),
+            });
         }
         if self.head.points as usize >= POINTS_MAX {
-            return Err(DecodeError::Value { message: Self::NAME, field: "points", value: u64::from(self.head.points) + 1 });
+            return Err(DecodeError::Value {
+                message: Self::NAME,
+                field: "points",
+                value: u64::from(self.head.points) + 1,
+            });
         }
         self.values.extend_from_slice(input);
         self.values.extend_from_slice(&target);
@@ -125,7 +144,12 @@ impl ModelSnapshot {
             let (input, rest) = row.split_at(inputs);
             let (target, rest) = rest.split_at(3);
             let (noise_scale, weight) = rest.split_at(1);
-            SnapshotRow { input, target, noise_scale: noise_scale.first().copied().unwrap_or(f64::NAN), weight }
+            SnapshotRow {
+                input,
+                target,
+                noise_scale: noise_scale.first().copied().unwrap_or(f64::NAN),
+                weight,
+            }
         })
     }
 }
@@ -186,12 +210,17 @@ impl Message for ModelSnapshot {
 
     fn read(bytes: &[u8]) -> Result<Self, DecodeError> {
         let head_len = size_of::<SnapshotHead>();
-        let too_short = || DecodeError::Length { message: Self::NAME, expected: head_len, got: bytes.len() };
+        let too_short =
+            || DecodeError::Length { message: Self::NAME, expected: head_len, got: bytes.len() };
         let (head, values) = bytes.split_at_checked(head_len).ok_or_else(too_short)?;
         let head: SnapshotHead = bytemuck::try_pod_read_unaligned(head).map_err(|_| too_short())?;
         let expected = head.value_bytes()?;
         if values.len() != expected {
-            return Err(DecodeError::Length { message: Self::NAME, expected: head_len + expected, got: bytes.len() });
+            return Err(DecodeError::Length {
+                message: Self::NAME,
+                expected: head_len + expected,
+                got: bytes.len(),
+            });
         }
         let values = values.chunks_exact(8).map(bytemuck::pod_read_unaligned).collect();
         Ok(Self { head, values })
@@ -209,9 +238,13 @@ impl Message for ModelSnapshot {
     }
 
     fn read_wire(body: &[u8]) -> Result<Self, DecodeError> {
-        let length =
-            |expected| DecodeError::Length { message: Self::NAME, expected: HEADER_BYTES + expected, got: HEADER_BYTES + body.len() };
-        let (mut rest, values) = body.split_at_checked(HEAD_WIRE_BYTES).ok_or_else(|| length(HEAD_WIRE_BYTES))?;
+        let length = |expected| DecodeError::Length {
+            message: Self::NAME,
+            expected: HEADER_BYTES + expected,
+            got: HEADER_BYTES + body.len(),
+        };
+        let (mut rest, values) =
+            body.split_at_checked(HEAD_WIRE_BYTES).ok_or_else(|| length(HEAD_WIRE_BYTES))?;
         let mut head = SnapshotHead::zeroed();
         head.cross(&mut |number| match number {
             Number::Count(count) => *count = u32::from_le_bytes(taken(&mut rest)),
@@ -240,10 +273,21 @@ impl SnapshotHead {
     /// Shows `visit` every number that crosses the network, in its order there.
     fn cross(&mut self, visit: &mut dyn FnMut(Number<'_>)) {
         let stamp = &mut self.stamp;
-        for long in [&mut stamp.writer, &mut stamp.epoch, &mut stamp.sequence, &mut stamp.tick, &mut stamp.sent_nanos] {
+        for long in [
+            &mut stamp.writer,
+            &mut stamp.epoch,
+            &mut stamp.sequence,
+            &mut stamp.tick,
+            &mut stamp.sent_nanos,
+        ] {
             visit(Number::Long(long));
         }
-        for long in [&mut self.version, &mut self.fingerprint, &mut self.effective_tick, &mut self.plant_epoch] {
+        for long in [
+            &mut self.version,
+            &mut self.fingerprint,
+            &mut self.effective_tick,
+            &mut self.plant_epoch,
+        ] {
             visit(Number::Long(long));
         }
         for count in [&mut self.points, &mut self.inputs, &mut self.score_samples] {
@@ -269,7 +313,11 @@ impl SnapshotHead {
 
     /// Length of the data points that the head promises \[bytes\].
     fn value_bytes(&self) -> Result<usize, DecodeError> {
-        let bad = |field, value: u32| DecodeError::Value { message: ModelSnapshot::NAME, field, value: u64::from(value) };
+        let bad = |field, value: u32| DecodeError::Value {
+            message: ModelSnapshot::NAME,
+            field,
+            value: u64::from(value),
+        };
         if !(1..=INPUTS_MAX).contains(&(self.inputs as usize)) {
             return Err(bad("inputs", self.inputs));
         }

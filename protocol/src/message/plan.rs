@@ -73,12 +73,17 @@ impl Plan {
     }
 }
 
-fixed_message!(Plan, 6, [disturbance, innovation, residual, predicted, reference, variance, input], |plan| {
-    check_count("Plan", "horizon", plan.horizon, HORIZON_MAX)?;
-    code::<SolverStatus>("Plan", "status", plan.status)?;
-    code::<Rung>("Plan", "rung", plan.rung)?;
-    check_count("Plan", "learned_axes", plan.learned_axes, 7)
-});
+fixed_message!(
+    Plan,
+    6,
+    [disturbance, innovation, residual, predicted, reference, variance, input],
+    |plan| {
+        check_count("Plan", "horizon", plan.horizon, HORIZON_MAX)?;
+        code::<SolverStatus>("Plan", "status", plan.status)?;
+        code::<Rung>("Plan", "rung", plan.rung)?;
+        check_count("Plan", "learned_axes", plan.learned_axes, 7)
+    }
+);
 
 /// What of a plan is serialised: of its rows only those that count. Their number says how long the horizon is.
 #[derive(Serialize)]

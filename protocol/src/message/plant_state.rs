@@ -19,7 +19,7 @@ pub struct PlantState {
     pub wheel_speed: [f64; 4],
     /// Motor currents, in the order of the wheels \[A\].
     pub current: [f64; 4],
-    /// Body velocity that the wheels were really commanded, mean over the past period \[m/s, m/s, rad/s\].
+    /// Body velocity that the gate gave the wheels, mean over the past period \[m/s, m/s, rad/s\].
     pub input: [f64; 3],
     /// Highest controller epoch that the gate has seen.
     pub controller_epoch: u64,

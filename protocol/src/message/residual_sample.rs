@@ -31,9 +31,6 @@ pub struct ResidualSample {
     pub reserved: u32,
 }
 
-fixed_message!(ResidualSample, 3, [pose, velocity, input, input_before, residual], |sample| check_count(
-    "ResidualSample",
-    "usable",
-    sample.usable,
-    1
-));
+fixed_message!(ResidualSample, 3, [pose, velocity, input, input_before, residual], |sample| {
+    check_count("ResidualSample", "usable", sample.usable, 1)
+});

@@ -11,7 +11,9 @@ pub(super) struct Bounded<T, const MAX: usize> {
     pub(super) len: usize,
 }
 
-impl<'de, T: Deserialize<'de> + bytemuck::Zeroable + Copy, const MAX: usize> Deserialize<'de> for Bounded<T, MAX> {
+impl<'de, T: Deserialize<'de> + bytemuck::Zeroable + Copy, const MAX: usize> Deserialize<'de>
+    for Bounded<T, MAX>
+{
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_seq(Rows(PhantomData))
     }
@@ -19,7 +21,9 @@ impl<'de, T: Deserialize<'de> + bytemuck::Zeroable + Copy, const MAX: usize> Des
 
 struct Rows<T, const MAX: usize>(PhantomData<T>);
 
-impl<'de, T: Deserialize<'de> + bytemuck::Zeroable + Copy, const MAX: usize> Visitor<'de> for Rows<T, MAX> {
+impl<'de, T: Deserialize<'de> + bytemuck::Zeroable + Copy, const MAX: usize> Visitor<'de>
+    for Rows<T, MAX>
+{
     type Value = Bounded<T, MAX>;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -29,7 +33,10 @@ impl<'de, T: Deserialize<'de> + bytemuck::Zeroable + Copy, const MAX: usize> Vis
     fn visit_seq<A: SeqAccess<'de>>(self, mut rows: A) -> Result<Self::Value, A::Error> {
         let mut read = Bounded { items: [T::zeroed(); MAX], len: 0 };
         while let Some(row) = rows.next_element()? {
-            let place = read.items.get_mut(read.len).ok_or_else(|| A::Error::invalid_length(MAX + 1, &self))?;
+            let place = read
+                .items
+                .get_mut(read.len)
+                .ok_or_else(|| A::Error::invalid_length(MAX + 1, &self))?;
             *place = row;
             read.len += 1;
         }

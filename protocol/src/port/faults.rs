@@ -167,7 +167,16 @@ impl Kind {
 
     /// Whether the message itself is missing where it should be, for a while or for good.
     const fn withholds(self) -> bool {
-        matches!(self, Self::Drop | Self::Delay | Self::Jitter | Self::Reorder | Self::Corrupt | Self::Truncate | Self::Version)
+        matches!(
+            self,
+            Self::Drop
+                | Self::Delay
+                | Self::Jitter
+                | Self::Reorder
+                | Self::Corrupt
+                | Self::Truncate
+                | Self::Version
+        )
     }
 }
 
@@ -199,7 +208,10 @@ impl Faults {
     /// [`ImpossibleFault`] names the first setting that cannot be.
     pub fn check(&self) -> Result<(), ImpossibleFault> {
         if i64::try_from(self.seed).is_err() {
-            return Err(impossible("seed", "at most 9223372036854775807, the largest number of TOML"));
+            return Err(impossible(
+                "seed",
+                "at most 9223372036854775807, the largest number of TOML",
+            ));
         }
         self.each(Fault::check)
     }
@@ -212,9 +224,15 @@ impl Faults {
         self.each(Fault::check_lock_step)
     }
 
-    fn each(&self, check: impl Fn(&Fault) -> Result<(), ImpossibleFault>) -> Result<(), ImpossibleFault> {
+    fn each(
+        &self,
+        check: impl Fn(&Fault) -> Result<(), ImpossibleFault>,
+    ) -> Result<(), ImpossibleFault> {
         self.fault.iter().enumerate().try_for_each(|(index, fault)| {
-            check(fault).map_err(|error| ImpossibleFault { key: format!("fault.{index}.{}", error.key), expected: error.expected })
+            check(fault).map_err(|error| ImpossibleFault {
+                key: format!("fault.{index}.{}", error.key),
+                expected: error.expected,
+            })
         })
     }
 }
@@ -234,19 +252,35 @@ impl Fault {
         }
         let timed = matches!(self.kind, Kind::Delay | Kind::Jitter);
         match self.millis {
-            Some(_) if !timed => return Err(impossible("millis", format!("no such key for {kind}: only delay and jitter have it"))),
-            Some(millis) if !(1..=MILLIS_MAX).contains(&millis) => return Err(impossible("millis", format!("1 to {MILLIS_MAX} ms"))),
+            Some(_) if !timed => {
+                return Err(impossible(
+                    "millis",
+                    format!("no such key for {kind}: only delay and jitter have it"),
+                ));
+            }
+            Some(millis) if !(1..=MILLIS_MAX).contains(&millis) => {
+                return Err(impossible("millis", format!("1 to {MILLIS_MAX} ms")));
+            }
             _ => {}
         }
         match self.messages {
             Some(_) if !timed && !matches!(self.kind, Kind::Reorder | Kind::Replay) => {
-                return Err(impossible("messages", format!("no such key for {kind}: only delay, jitter, reorder and replay have it")));
+                return Err(impossible(
+                    "messages",
+                    format!(
+                        "no such key for {kind}: only delay, jitter, reorder and replay have it"
+                    ),
+                ));
             }
             Some(messages) if !(1..=MESSAGES_MAX).contains(&messages) => {
                 return Err(impossible("messages", format!("1 to {MESSAGES_MAX}")));
             }
-            Some(_) if self.millis.is_some() => return Err(impossible("messages", "either millis or messages, not both")),
-            None if timed && self.millis.is_none() => return Err(impossible("millis", format!("it, or messages, for {kind}"))),
+            Some(_) if self.millis.is_some() => {
+                return Err(impossible("messages", "either millis or messages, not both"));
+            }
+            None if timed && self.millis.is_none() => {
+                return Err(impossible("millis", format!("it, or messages, for {kind}")));
+            }
             _ => {}
         }
         self.check_field()
@@ -259,21 +293,36 @@ impl Fault {
         }
         match self.amount {
             Some(_) if self.kind != Kind::Outlier => {
-                return Err(impossible("amount", format!("no such key for {kind}: only outlier has it")));
+                return Err(impossible(
+                    "amount",
+                    format!("no such key for {kind}: only outlier has it"),
+                ));
             }
-            Some(amount) if !(amount.is_finite() && amount > 0.0) => return Err(impossible("amount", "a finite number greater than 0")),
-            None if self.kind == Kind::Outlier => return Err(impossible("amount", "it for outlier: the most that a number is off")),
+            Some(amount) if !(amount.is_finite() && amount > 0.0) => {
+                return Err(impossible("amount", "a finite number greater than 0"));
+            }
+            None if self.kind == Kind::Outlier => {
+                return Err(impossible("amount", "it for outlier: the most that a number is off"));
+            }
             _ => {}
         }
         if self.number.is_some() && !matches!(self.kind, Kind::Flip | Kind::Outlier) {
-            return Err(impossible("number", format!("no such key for {kind}: only flip and outlier have it")));
+            return Err(impossible(
+                "number",
+                format!("no such key for {kind}: only flip and outlier have it"),
+            ));
         }
         match &self.field {
-            None if self.kind.alters_a_field() => Err(impossible("field", format!("it for {kind}: one of {}", numbers.join(", ")))),
-            Some(_) if !self.kind.alters_a_field() => {
-                Err(impossible("field", format!("no such key for {kind}: only nan, flip and outlier have it")))
+            None if self.kind.alters_a_field() => {
+                Err(impossible("field", format!("it for {kind}: one of {}", numbers.join(", "))))
             }
-            Some(field) if !numbers.contains(&field.as_str()) => Err(impossible("field", format!("one of {}", numbers.join(", ")))),
+            Some(_) if !self.kind.alters_a_field() => Err(impossible(
+                "field",
+                format!("no such key for {kind}: only nan, flip and outlier have it"),
+            )),
+            Some(field) if !numbers.contains(&field.as_str()) => {
+                Err(impossible("field", format!("one of {}", numbers.join(", "))))
+            }
             _ => Ok(()),
         }
     }
@@ -282,8 +331,17 @@ impl Fault {
         if self.millis.is_some() {
             return Err(impossible("millis", "messages instead: in lock step time does not count"));
         }
-        if self.at == End::Writer && self.kind.withholds() && self.topic.quality(true).delivery == Delivery::Lossless {
-            return Err(impossible("at", format!("reader for {}: in lock step the clock waits for every message", self.kind.name())));
+        if self.at == End::Writer
+            && self.kind.withholds()
+            && self.topic.quality(true).delivery == Delivery::Lossless
+        {
+            return Err(impossible(
+                "at",
+                format!(
+                    "reader for {}: in lock step the clock waits for every message",
+                    self.kind.name()
+                ),
+            ));
         }
         Ok(())
     }
@@ -313,7 +371,9 @@ impl Injection {
     pub(super) fn chain<T: OnTopic>(&self, at: End, encoding: Encoding) -> Option<Chain> {
         let delivery = T::TOPIC.quality(self.lock_step).delivery;
         let applies = |fault: &Fault| {
-            let here = fault.participant.is_none_or(|participant| self.faults.process == Some(participant));
+            let here = fault
+                .participant
+                .is_none_or(|participant| self.faults.process == Some(participant));
             fault.topic == T::TOPIC && fault.at == at && here
         };
         let numbered = self.faults.fault.iter().enumerate().zip(self.injected.iter().enumerate());
@@ -324,10 +384,17 @@ impl Injection {
                     | (T::TOPIC.index() as u64) << 16
                     | self.faults.process.map_or(0xFFFF, |here| u64::from(here.code()));
                 let withheld_returns = delivery == Delivery::Lossless && at == End::Reader;
-                stage::Stage::new(index, fault.clone(), random::SplitMix64::new(self.faults.seed, place), withheld_returns)
+                stage::Stage::new(
+                    index,
+                    fault.clone(),
+                    random::SplitMix64::new(self.faults.seed, place),
+                    withheld_returns,
+                )
             })
             .collect();
-        (!stages.is_empty()).then(|| Chain::new(stages, anatomy::Anatomy::of::<T>(encoding), Rc::clone(&self.injected)))
+        (!stages.is_empty()).then(|| {
+            Chain::new(stages, anatomy::Anatomy::of::<T>(encoding), Rc::clone(&self.injected))
+        })
     }
 
     /// How often each fault has been injected, in the order of the settings.

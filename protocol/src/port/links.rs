@@ -82,7 +82,12 @@ impl Carriers {
 
 impl Links {
     /// Everything over the shared memory of this machine.
-    pub fn on_this_machine(graph: impl Into<String>, root: impl Into<PathBuf>, lock_step: bool, patience_millis: u64) -> Self {
+    pub fn on_this_machine(
+        graph: impl Into<String>,
+        root: impl Into<PathBuf>,
+        lock_step: bool,
+        patience_millis: u64,
+    ) -> Self {
         let carriers = Carriers::all(Carrier::SharedMemory);
         Self {
             graph: graph.into(),
@@ -120,6 +125,8 @@ impl Links {
 
 /// Whether a graph can have this name.
 pub fn is_graph_name(name: &str) -> bool {
-    let allowed = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_' || byte == b'-';
+    let allowed = |byte: u8| {
+        byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_' || byte == b'-'
+    };
     (1..=GRAPH_NAME_MAX).contains(&name.len()) && name.bytes().all(allowed)
 }

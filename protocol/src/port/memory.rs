@@ -68,7 +68,14 @@ impl Exchange {
         let id = table.draw_id();
         table.writers.push((id, VecDeque::new()));
         drop(table);
-        Ok(MemoryOutlet { exchange: self.clone(), topic, quality, id, readers: Vec::new(), bytes: Vec::new() })
+        Ok(MemoryOutlet {
+            exchange: self.clone(),
+            topic,
+            quality,
+            id,
+            readers: Vec::new(),
+            bytes: Vec::new(),
+        })
     }
 
     pub(super) fn inlet(&self, topic: Topic, audience: Audience) -> Result<MemoryInlet, OpenError> {
@@ -78,7 +85,10 @@ impl Exchange {
             return Err(OpenError::Full { topic, role: "readers", limit: quality.readers });
         }
         let queue = Arc::new(Queue::new(quality));
-        queue.lock().waiting.extend(table.writers.iter().flat_map(|(_, history)| history.iter().cloned()));
+        queue
+            .lock()
+            .waiting
+            .extend(table.writers.iter().flat_map(|(_, history)| history.iter().cloned()));
         let id = table.draw_id();
         table.readers.push((id, Arc::clone(&queue)));
         drop(table);
@@ -112,7 +122,11 @@ impl Table {
     /// Keeps `bytes` for late joiners, in the buffer of what they replace.
     fn remember(&mut self, writer: u64, bytes: &[u8], depth: usize) {
         if let Some((_, history)) = self.writers.iter_mut().find(|(id, _)| *id == writer) {
-            let mut buffer = if history.len() < depth { Vec::new() } else { history.pop_front().unwrap_or_default() };
+            let mut buffer = if history.len() < depth {
+                Vec::new()
+            } else {
+                history.pop_front().unwrap_or_default()
+            };
             buffer.clear();
             buffer.extend_from_slice(bytes);
             history.push_back(buffer);
@@ -139,7 +153,8 @@ impl Queue {
                 if left.is_zero() {
                     return false;
                 }
-                state = self.left.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
+                state =
+                    self.left.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
             }
         } else if state.waiting.len() >= quality.depth
             && let Some(oldest) = state.waiting.pop_front()
@@ -186,7 +201,11 @@ impl Outlet for MemoryOutlet {
             complete &= reader.push(&self.bytes, deadline);
         }
         self.readers.clear();
-        if complete { Ok(()) } else { Err(SendError::NoRoom { topic: self.topic, waited: patience }) }
+        if complete {
+            Ok(())
+        } else {
+            Err(SendError::NoRoom { topic: self.topic, waited: patience })
+        }
     }
 
     fn refresh(&mut self) -> Result<(), SendError> {
@@ -221,8 +240,11 @@ impl Inlet for MemoryInlet {
 
     fn wait(&mut self, timeout: Duration) -> Result<bool, ReceiveError> {
         let state = self.queue.lock();
-        let (state, _) =
-            self.queue.arrived.wait_timeout_while(state, timeout, |state| state.waiting.is_empty()).unwrap_or_else(PoisonError::into_inner);
+        let (state, _) = self
+            .queue
+            .arrived
+            .wait_timeout_while(state, timeout, |state| state.waiting.is_empty())
+            .unwrap_or_else(PoisonError::into_inner);
         Ok(!state.waiting.is_empty())
     }
 }

@@ -56,13 +56,25 @@ impl Network {
     pub(super) fn open(links: &Links) -> Result<Self, OpenError> {
         let failed = |reason: String| OpenError::Join { graph: links.graph.clone(), reason };
         if links.connect.is_empty() {
-            return Err(failed("a topic runs over the network, and `connect` names no endpoint of a router".to_owned()));
+            return Err(failed(
+                "a topic runs over the network, and `connect` names no endpoint of a router"
+                    .to_owned(),
+            ));
         }
-        let guard = links.credentials.as_ref().map(|credentials| Guard::new(credentials, links.network_graph()));
+        let guard = links
+            .credentials
+            .as_ref()
+            .map(|credentials| Guard::new(credentials, links.network_graph()));
         let guard = guard.transpose().map_err(|error| failed(error.to_string()))?;
         let role = guard.as_ref().map(|guard| guard.role);
         let line = Line::open(&links.connect, guard);
-        let line = line.map_err(|error| failed(format!("no router answers at {}: {}", links.connect.join(", "), first_line(&error))))?;
+        let line = line.map_err(|error| {
+            failed(format!(
+                "no router answers at {}: {}",
+                links.connect.join(", "),
+                first_line(&error)
+            ))
+        })?;
         Ok(Self {
             line,
             graph: links.network_graph().to_owned(),
@@ -73,13 +85,23 @@ impl Network {
         })
     }
 
-    pub(super) fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<Box<dyn Outlet>, OpenError> {
+    pub(super) fn outlet(
+        &self,
+        topic: Topic,
+        reservation: Reservation,
+    ) -> Result<Box<dyn Outlet>, OpenError> {
         Ok(Box::new(NetworkOutlet::open(self, topic, reservation)?))
     }
 
-    pub(super) fn inlet(&self, topic: Topic, audience: Audience) -> Result<Box<dyn Inlet>, OpenError> {
+    pub(super) fn inlet(
+        &self,
+        topic: Topic,
+        audience: Audience,
+    ) -> Result<Box<dyn Inlet>, OpenError> {
         Ok(Box::new(match audience {
-            Audience::Watchers if Audience::is_split(topic, self.lock_step) => NetworkInlet::watch(self, topic)?,
+            Audience::Watchers if Audience::is_split(topic, self.lock_step) => {
+                NetworkInlet::watch(self, topic)?
+            }
             Audience::Members | Audience::Watchers => NetworkInlet::open(self, topic)?,
         }))
     }

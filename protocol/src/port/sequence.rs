@@ -47,8 +47,13 @@ impl Sequences {
 
     /// Judges the next message and remembers it. O(number of writers).
     pub(super) fn place(&mut self, stamp: &Stamp) -> Place {
-        let known = self.heard.iter().position(|heard| heard.writer == stamp.writer && heard.epoch == stamp.epoch);
-        let last = known.and_then(|index| self.heard.get(index)).map_or_else(|| self.start(stamp), |heard| heard.sequence);
+        let known = self
+            .heard
+            .iter()
+            .position(|heard| heard.writer == stamp.writer && heard.epoch == stamp.epoch);
+        let last = known
+            .and_then(|index| self.heard.get(index))
+            .map_or_else(|| self.start(stamp), |heard| heard.sequence);
         if stamp.sequence <= last {
             return Place::Stale;
         }
@@ -100,7 +105,11 @@ mod tests {
         let mut sequences = Sequences::new(Since::Joining);
         assert_eq!(sequences.place(&stamp(1, 1, 30)), Place::New { lost: 0 });
         assert_eq!(sequences.place(&stamp(2, 1, 40)), Place::New { lost: 0 });
-        assert_eq!(sequences.place(&stamp(1, 2, 2)), Place::New { lost: 1 }, "it was there when the epoch began");
+        assert_eq!(
+            sequences.place(&stamp(1, 2, 2)),
+            Place::New { lost: 1 },
+            "it was there when the epoch began"
+        );
     }
 
     #[test]

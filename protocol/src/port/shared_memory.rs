@@ -20,7 +20,10 @@ pub use sweep::{SweepReport, sweep};
 use super::links::Links;
 use super::{Audience, OpenError, Reservation};
 use crate::topic::{Quality, Topic};
-use iceoryx2::prelude::{Config, FileName, LogLevel, Node, NodeBuilder, Path, SemanticString, SignalHandlingMode, ipc, set_log_level};
+use iceoryx2::prelude::{
+    Config, FileName, LogLevel, Node, NodeBuilder, Path, SemanticString, SignalHandlingMode, ipc,
+    set_log_level,
+};
 use inlet::SharedMemoryInlet;
 use outlet::SharedMemoryOutlet;
 use service::{Announcement, Events, Messages};
@@ -57,27 +60,48 @@ impl SharedMemory {
         let config = config(links)?;
         Self::check_room()?;
         HalfMade::new(links).clear();
-        std::fs::create_dir_all(&links.root).map_err(|error| OpenError::Root { root: links.root.clone(), reason: error.to_string() })?;
+        std::fs::create_dir_all(&links.root).map_err(|error| OpenError::Root {
+            root: links.root.clone(),
+            reason: error.to_string(),
+        })?;
         let node = NodeBuilder::new()
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create()
-            .map_err(|error| OpenError::Join { graph: links.graph.clone(), reason: error.to_string() })?;
+            .map_err(|error| OpenError::Join {
+                graph: links.graph.clone(),
+                reason: error.to_string(),
+            })?;
         closed::close(links);
-        Ok(Self { node: Rc::new(node), graph: links.graph.clone(), lock_step: links.lock_step, patience: links.patience() })
+        Ok(Self {
+            node: Rc::new(node),
+            graph: links.graph.clone(),
+            lock_step: links.lock_step,
+            patience: links.patience(),
+        })
     }
 
-    pub(super) fn outlet(&self, topic: Topic, audience: Audience, reservation: Reservation) -> Result<SharedMemoryOutlet, OpenError> {
+    pub(super) fn outlet(
+        &self,
+        topic: Topic,
+        audience: Audience,
+        reservation: Reservation,
+    ) -> Result<SharedMemoryOutlet, OpenError> {
         SharedMemoryOutlet::open(self, topic, audience, reservation)
     }
 
-    pub(super) fn inlet(&self, topic: Topic, audience: Audience) -> Result<SharedMemoryInlet, OpenError> {
+    pub(super) fn inlet(
+        &self,
+        topic: Topic,
+        audience: Audience,
+    ) -> Result<SharedMemoryInlet, OpenError> {
         SharedMemoryInlet::open(self, topic, audience)
     }
 
     /// Opens or makes the services of `topic`, without a port.
     pub(super) fn hold(&self, topic: Topic, audience: Audience) -> Result<Held, OpenError> {
-        self.services(topic, audience, &Announcement::of(topic)).map(|(messages, events)| Held { _messages: messages, _events: events })
+        self.services(topic, audience, &Announcement::of(topic))
+            .map(|(messages, events)| Held { _messages: messages, _events: events })
     }
 
     fn quality(&self, topic: Topic, audience: Audience) -> Quality {
@@ -97,9 +121,17 @@ fn config(links: &Links) -> Result<Config, OpenError> {
     let root = links.root.as_os_str().as_bytes();
     let limit = SOCKET_PATH_MAX - SOCKET_NAME_MAX - prefix.len();
     if root.len() > limit {
-        return Err(OpenError::RootTooLong { root: links.root.clone(), graph: links.graph.clone(), length: root.len(), limit });
+        return Err(OpenError::RootTooLong {
+            root: links.root.clone(),
+            graph: links.graph.clone(),
+            length: root.len(),
+            limit,
+        });
     }
-    let unusable = |what: &str| OpenError::Root { root: links.root.clone(), reason: format!("not a usable {what}") };
+    let unusable = |what: &str| OpenError::Root {
+        root: links.root.clone(),
+        reason: format!("not a usable {what}"),
+    };
     let mut config = Config::default();
     config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|_| unusable("prefix"))?;
     config.global.set_root_path(&Path::new(root).map_err(|_| unusable("path"))?);

@@ -33,7 +33,13 @@ pub struct Source<T> {
 
 impl<T: OnTopic> Source<T> {
     pub(super) fn new(inlet: Box<dyn Inlet>, since: Since) -> Self {
-        Self { inlet, sequences: Sequences::new(since), tally: Tally::default(), last_refusal: None, message: PhantomData }
+        Self {
+            inlet,
+            sequences: Sequences::new(since),
+            tally: Tally::default(),
+            last_refusal: None,
+            message: PhantomData,
+        }
     }
 
     /// Takes the oldest waiting message, if there is one. Never waits. Order holds among the messages of one writer.
@@ -42,7 +48,10 @@ impl<T: OnTopic> Source<T> {
     ///
     /// # Errors
     /// [`ReceiveError`] if the carrier fails.
-    #[expect(clippy::should_implement_trait, reason = "an iterator would end where a source only has nothing yet")]
+    #[expect(
+        clippy::should_implement_trait,
+        reason = "an iterator would end where a source only has nothing yet"
+    )]
     pub fn next(&mut self) -> Result<Option<T>, ReceiveError> {
         let decode = match self.inlet.encoding() {
             Encoding::Words => frame::decode::<T>,

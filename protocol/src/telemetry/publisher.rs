@@ -31,16 +31,27 @@ impl Publisher {
         let (session, endpoints) = listen(settings)?;
         let outlet = |key: String, encoding| {
             let declared = session.declare_publisher(key).encoding(encoding);
-            let declared = declared.congestion_control(CongestionControl::Drop).priority(Priority::DataLow);
+            let declared =
+                declared.congestion_control(CongestionControl::Drop).priority(Priority::DataLow);
             declared.wait().map_err(|error| TelemetryError::Session { reason: first_line(&error) })
         };
         let outlets = |topic: Topic| {
             let key = format!("coxswain/{}/{}", settings.robot, topic.name());
-            Ok((outlet(key.clone(), Encoding::APPLICATION_OCTET_STREAM)?, outlet(key + "/json", Encoding::APPLICATION_JSON)?))
+            Ok((
+                outlet(key.clone(), Encoding::APPLICATION_OCTET_STREAM)?,
+                outlet(key + "/json", Encoding::APPLICATION_JSON)?,
+            ))
         };
-        let [state, command, residual, snapshot, plan, health, truth, credit] = Topic::ALL.map(outlets);
+        let [state, command, residual, snapshot, plan, health, truth, credit] =
+            Topic::ALL.map(outlets);
         let outlets = [state?, command?, residual?, snapshot?, plan?, health?, truth?, credit?];
-        Ok(Self { outlets, endpoints, period: period_nanos.to_le_bytes(), bytes: Vec::new(), session })
+        Ok(Self {
+            outlets,
+            endpoints,
+            period: period_nanos.to_le_bytes(),
+            bytes: Vec::new(),
+            session,
+        })
     }
 
     /// Where it listens, with true ports.
@@ -73,11 +84,16 @@ impl Publisher {
     /// # Errors
     /// [`TelemetryError::Session`].
     pub fn close(self) -> Result<(), TelemetryError> {
-        self.session.close().wait().map_err(|error| TelemetryError::Session { reason: first_line(&error) })
+        self.session
+            .close()
+            .wait()
+            .map_err(|error| TelemetryError::Session { reason: first_line(&error) })
     }
 }
 
 fn is_watched(outlet: &Outlet) -> Result<bool, TelemetryError> {
     let status = outlet.matching_status().wait();
-    status.map(|status| status.matching()).map_err(|error| TelemetryError::Session { reason: first_line(&error) })
+    status
+        .map(|status| status.matching())
+        .map_err(|error| TelemetryError::Session { reason: first_line(&error) })
 }

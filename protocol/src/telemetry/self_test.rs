@@ -31,7 +31,12 @@ impl Publisher {
         Ok(())
     }
 
-    fn is_silent_at(&mut self, endpoint: String, credentials: &Credentials, word: &Health) -> Result<(), Breach> {
+    fn is_silent_at(
+        &mut self,
+        endpoint: String,
+        credentials: &Credentials,
+        word: &Health,
+    ) -> Result<(), Breach> {
         let unknown = |reason: String| Breach::Unknown { endpoint: endpoint.clone(), reason };
         keeps_strangers_out(&endpoint, credentials)?;
         let role = credentials.read().map_err(|error| unknown(error.to_string()))?.role;
@@ -46,14 +51,18 @@ impl Publisher {
         };
         let (tell, heard) = channel();
         // Nobody listens any more once something has been heard.
-        let subscriber = session.declare_subscriber("coxswain/**").callback(move |_| tell.send(()).unwrap_or_default());
+        let subscriber = session
+            .declare_subscriber("coxswain/**")
+            .callback(move |_| tell.send(()).unwrap_or_default());
         let _subscriber = subscriber.wait().map_err(|error| unknown(first_line(&error)))?;
         for _ in 0..TIMES {
             self.publish(word).map_err(|error| unknown(error.to_string()))?;
             match heard.recv_timeout(LISTENS_FOR) {
                 Ok(()) => return Err(Breach::NoWatcher { endpoint, role: role.name() }),
                 Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return Err(unknown("the session has ended".to_owned())),
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(unknown("the session has ended".to_owned()));
+                }
             }
         }
         Ok(())

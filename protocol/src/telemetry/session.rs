@@ -33,7 +33,8 @@ const PORT_ATTEMPTS: u32 = 8;
 /// Fails unless `endpoint` is well-formed.
 pub(super) fn check_endpoint(endpoint: &str) -> Result<(), TelemetryError> {
     let bad = |reason: String| TelemetryError::Endpoint { endpoint: endpoint.to_owned(), reason };
-    let parsed: EndPoint = endpoint.parse().map_err(|error: zenoh::Error| bad(first_line(&error)))?;
+    let parsed: EndPoint =
+        endpoint.parse().map_err(|error: zenoh::Error| bad(first_line(&error)))?;
     if !["tcp", "tls"].contains(&parsed.protocol().as_str()) {
         return Err(bad("only tcp and tls are spoken".to_owned()));
     }
@@ -42,17 +43,28 @@ pub(super) fn check_endpoint(endpoint: &str) -> Result<(), TelemetryError> {
     if endpoint.contains(['?', '#']) {
         return Err(bad("nothing may follow host and port".to_owned()));
     }
-    let port = address.rsplit_once(':').filter(|(host, _)| !host.is_empty()).map(|(_, port)| port.parse::<u16>());
-    if matches!(port, Some(Ok(_))) { Ok(()) } else { Err(bad("a host and a port are missing".to_owned())) }
+    let port = address
+        .rsplit_once(':')
+        .filter(|(host, _)| !host.is_empty())
+        .map(|(_, port)| port.parse::<u16>());
+    if matches!(port, Some(Ok(_))) {
+        Ok(())
+    } else {
+        Err(bad("a host and a port are missing".to_owned()))
+    }
 }
 
 /// A session that others connect to, and the endpoints that it listens on, each with its true port.
-pub(super) fn listen(settings: &TelemetrySettings) -> Result<(Session, Vec<String>), TelemetryError> {
+pub(super) fn listen(
+    settings: &TelemetrySettings,
+) -> Result<(Session, Vec<String>), TelemetryError> {
     let credentials = settings.credentials.as_ref();
-    let endpoints: Vec<String> = settings.listen.iter().map(|endpoint| spoken(endpoint, credentials)).collect();
+    let endpoints: Vec<String> =
+        settings.listen.iter().map(|endpoint| spoken(endpoint, credentials)).collect();
     let mut attempt = 1;
     loop {
-        let chosen = endpoints.iter().map(|endpoint| with_port(endpoint)).collect::<Result<Vec<_>, _>>()?;
+        let chosen =
+            endpoints.iter().map(|endpoint| with_port(endpoint)).collect::<Result<Vec<_>, _>>()?;
         let by_choice = chosen != endpoints;
         match open_listening(&chosen, credentials) {
             Err(_) if by_choice && attempt < PORT_ATTEMPTS => attempt += 1,
@@ -63,7 +75,10 @@ pub(super) fn listen(settings: &TelemetrySettings) -> Result<(Session, Vec<Strin
 
 /// The robot that a certificate is of.
 fn robot_of(credentials: &Credentials) -> Result<String, TelemetryError> {
-    credentials.read().map(|certificate| certificate.robot).map_err(|error| TelemetryError::Credentials { reason: error.to_string() })
+    credentials
+        .read()
+        .map(|certificate| certificate.robot)
+        .map_err(|error| TelemetryError::Credentials { reason: error.to_string() })
 }
 
 /// `endpoint`, over TLS if there is a certificate.
@@ -71,8 +86,14 @@ fn spoken(endpoint: &str, credentials: Option<&Credentials>) -> String {
     if credentials.is_some() { over_tls(endpoint) } else { endpoint.to_owned() }
 }
 
-fn open_listening(endpoints: &[String], credentials: Option<&Credentials>) -> Result<Session, TelemetryError> {
-    let failed = |error| TelemetryError::Listen { endpoints: endpoints.join(", "), reason: first_line(&error) };
+fn open_listening(
+    endpoints: &[String],
+    credentials: Option<&Credentials>,
+) -> Result<Session, TelemetryError> {
+    let failed = |error| TelemetryError::Listen {
+        endpoints: endpoints.join(", "),
+        reason: first_line(&error),
+    };
     let mut config = config("router")?;
     set(&mut config, "listen/endpoints", &json!(endpoints))?;
     set(&mut config, "transport/unicast/max_sessions", &json!(WATCHERS_MAX))?;
@@ -80,7 +101,11 @@ fn open_listening(endpoints: &[String], credentials: Option<&Credentials>) -> Re
     set(&mut config, "transport/link/rx/max_message_size", &json!(ASKED_MAX_BYTES))?;
     if let Some(credentials) = credentials {
         let control = of_telemetry(&robot_of(credentials)?);
-        return zenoh::open(guarded(config, credentials, &[("access_control", control)]).map_err(failed)?).wait().map_err(failed);
+        return zenoh::open(
+            guarded(config, credentials, &[("access_control", control)]).map_err(failed)?,
+        )
+        .wait()
+        .map_err(failed);
     }
     // What arrives here is declarations of interest. Everything that says something is dropped, so that no watcher hears it either.
     set(
@@ -104,10 +129,16 @@ fn open_listening(endpoints: &[String], credentials: Option<&Credentials>) -> Re
 }
 
 /// A session with the gateway at `endpoint`. Fails within seconds if nobody answers.
-pub(super) fn connect(endpoint: &str, credentials: Option<&Credentials>) -> Result<Client, TelemetryError> {
+pub(super) fn connect(
+    endpoint: &str,
+    credentials: Option<&Credentials>,
+) -> Result<Client, TelemetryError> {
     check_endpoint(endpoint)?;
     let endpoint = &spoken(endpoint, credentials);
-    let failed = |error| TelemetryError::Connect { endpoint: endpoint.to_owned(), reason: first_line(&error) };
+    let failed = |error| TelemetryError::Connect {
+        endpoint: endpoint.to_owned(),
+        reason: first_line(&error),
+    };
     let mut config = config("client")?;
     set(&mut config, "connect/endpoints", &json!([endpoint]))?;
     set(&mut config, "connect/timeout_ms", &json!(0))?;
@@ -132,7 +163,10 @@ fn config(mode: &str) -> Result<Config, TelemetryError> {
         ("transport/unicast/open_timeout", json!(OPEN_TIMEOUT_MILLIS)),
         ("transport/unicast/accept_timeout", json!(OPEN_TIMEOUT_MILLIS)),
         ("transport/link/tx/lease", json!(LEASE_MILLIS)),
-        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(WAIT_BEFORE_DROP_MICROS)),
+        (
+            "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
+            json!(WAIT_BEFORE_DROP_MICROS),
+        ),
         ("transport/link/rx/max_message_size", json!(HEARD_MAX_BYTES)),
     ] {
         set(&mut config, key, &value)?;
@@ -148,10 +182,15 @@ fn set(config: &mut Config, key: &str, value: &serde_json::Value) -> Result<(), 
 /// The same endpoint, with a free port in place of port 0.
 fn with_port(endpoint: &str) -> Result<String, TelemetryError> {
     check_endpoint(endpoint)?;
-    let Some((protocol, address)) = endpoint.strip_suffix(":0").and_then(|endpoint| endpoint.split_once('/')) else {
+    let Some((protocol, address)) =
+        endpoint.strip_suffix(":0").and_then(|endpoint| endpoint.split_once('/'))
+    else {
         return Ok(endpoint.to_owned());
     };
-    let failed = |error: std::io::Error| TelemetryError::Listen { endpoints: endpoint.to_owned(), reason: error.to_string() };
+    let failed = |error: std::io::Error| TelemetryError::Listen {
+        endpoints: endpoint.to_owned(),
+        reason: error.to_string(),
+    };
     let listener = TcpListener::bind(format!("{address}:0")).map_err(failed)?;
     let port = listener.local_addr().map_err(failed)?.port();
     Ok(format!("{protocol}/{address}:{port}"))

@@ -59,11 +59,19 @@ impl Watcher {
     ///
     /// # Errors
     /// As for [`open`](Self::open), also if the certificate cannot be read or is not believed.
-    pub fn open_as(endpoint: &str, robot: Option<&str>, credentials: Option<&Credentials>) -> Result<Self, TelemetryError> {
+    pub fn open_as(
+        endpoint: &str,
+        robot: Option<&str>,
+        credentials: Option<&Credentials>,
+    ) -> Result<Self, TelemetryError> {
         robot.map_or(Ok(()), check_robot)?;
         let session = connect(endpoint, credentials)?;
-        let samples = session.declare_subscriber(format!("coxswain/{}/*", robot.unwrap_or("*"))).with(RingChannel::new(WAITING_MAX)).wait();
-        let samples = samples.map_err(|error| TelemetryError::Session { reason: first_line(&error) })?;
+        let samples = session
+            .declare_subscriber(format!("coxswain/{}/*", robot.unwrap_or("*")))
+            .with(RingChannel::new(WAITING_MAX))
+            .wait();
+        let samples =
+            samples.map_err(|error| TelemetryError::Session { reason: first_line(&error) })?;
         Ok(Self { samples, session, refused: 0 })
     }
 
@@ -76,7 +84,8 @@ impl Watcher {
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
             let sample = self.samples.recv_timeout(left);
-            let sample = sample.map_err(|error| TelemetryError::Session { reason: first_line(&error) })?;
+            let sample =
+                sample.map_err(|error| TelemetryError::Session { reason: first_line(&error) })?;
             let Some(sample) = sample else { return Ok(None) };
             match heard(&sample) {
                 Ok(Some(word)) => return Ok(Some(word)),
@@ -100,7 +109,10 @@ impl Watcher {
 /// The word that a sample carries; none if it is on a topic that is not watched.
 fn heard(sample: &Sample) -> Result<Option<Word>, DecodeError> {
     let key = sample.key_expr().as_str();
-    let Some((robot, topic)) = key.strip_prefix("coxswain/").and_then(|rest| rest.split_once('/')) else { return Ok(None) };
+    let Some((robot, topic)) = key.strip_prefix("coxswain/").and_then(|rest| rest.split_once('/'))
+    else {
+        return Ok(None);
+    };
     let bytes = sample.payload().to_bytes();
     let said = match Topic::ALL.into_iter().find(|known| known.name() == topic) {
         Some(Topic::State) => Heard::State(Box::new(decoded(&bytes)?)),
@@ -108,6 +120,11 @@ fn heard(sample: &Sample) -> Result<Option<Word>, DecodeError> {
         Some(Topic::Health) => Heard::Health(Box::new(decoded(&bytes)?)),
         _ => return Ok(None),
     };
-    let period = sample.attachment().and_then(|period| <[u8; 8]>::try_from(period.to_bytes().as_ref()).ok());
-    Ok(Some(Word { robot: robot.to_owned(), period_nanos: period.map_or(0, u64::from_le_bytes), said }))
+    let period =
+        sample.attachment().and_then(|period| <[u8; 8]>::try_from(period.to_bytes().as_ref()).ok());
+    Ok(Some(Word {
+        robot: robot.to_owned(),
+        period_nanos: period.map_or(0, u64::from_le_bytes),
+        said,
+    }))
 }

@@ -41,8 +41,12 @@ const STAMP: &[(&str, &str)] = &[
 
 /// JSON Schema of a message with these fields behind its stamp.
 pub fn schema(title: &str, about: &str, fields: &[Field]) -> Value {
-    let stamp = object("Who said it, and when.", STAMP.iter().map(|&(name, about)| (name, described(json!({"type": "integer"}), about))));
-    let fields = fields.iter().map(|field| (field.name, described(field.shape.schema(), field.about)));
+    let stamp = object(
+        "Who said it, and when.",
+        STAMP.iter().map(|&(name, about)| (name, described(json!({"type": "integer"}), about))),
+    );
+    let fields =
+        fields.iter().map(|field| (field.name, described(field.shape.schema(), field.about)));
     let mut schema = object(about, std::iter::once(("stamp", stamp)).chain(fields));
     if let Value::Object(entries) = &mut schema {
         entries.insert("$schema".to_owned(), json!("https://json-schema.org/draft/2020-12/schema"));
@@ -56,11 +60,15 @@ impl Shape {
         match self {
             Self::Integer => json!({"type": "integer"}),
             Self::Numbers => json!({"type": "array", "items": {"type": "number"}}),
-            Self::Rows => json!({"type": "array", "items": {"type": "array", "items": {"type": "number"}}}),
+            Self::Rows => {
+                json!({"type": "array", "items": {"type": "array", "items": {"type": "number"}}})
+            }
             Self::Text => json!({"type": "string"}),
             Self::Word(words) => json!({"type": "string", "enum": words()}),
             Self::ByTopic => {
-                let topics = crate::topic::Topic::ALL.iter().map(|topic| (topic.name(), json!({"type": "integer"})));
+                let topics = crate::topic::Topic::ALL
+                    .iter()
+                    .map(|topic| (topic.name(), json!({"type": "integer"})));
                 object("", topics)
             }
         }
@@ -68,7 +76,8 @@ impl Shape {
 }
 
 fn object(about: &str, properties: impl Iterator<Item = (&'static str, Value)>) -> Value {
-    let properties: Map<String, Value> = properties.map(|(name, schema)| (name.to_owned(), schema)).collect();
+    let properties: Map<String, Value> =
+        properties.map(|(name, schema)| (name.to_owned(), schema)).collect();
     let required: Vec<&String> = properties.keys().collect();
     json!({"type": "object", "description": about, "required": required, "properties": properties})
 }

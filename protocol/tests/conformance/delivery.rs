@@ -1,8 +1,13 @@
 //! What is sent arrives, in order, whole, and what does not is counted.
 
-use crate::fixture::{BRIEF, Failure, Fence, Fixture, LONG, Outcome, PATIENCE, command, count_until, credit, hear, hear_until, snapshot};
+use crate::fixture::{
+    BRIEF, Failure, Fence, Fixture, LONG, Outcome, PATIENCE, command, count_until, credit, hear,
+    hear_until, snapshot,
+};
 use bytemuck::Zeroable;
-use protocol::message::{Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Rung, Truth};
+use protocol::message::{
+    Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Rung, Truth,
+};
 use protocol::port::{Ports, SendError, Since, Tally};
 use protocol::topic::{OnTopic, Topic};
 use std::thread;
@@ -17,7 +22,10 @@ pub(crate) fn messages_arrive_in_order<F: Fixture>() -> Outcome {
     }
     for tick in 1..=100 {
         let received = hear(&mut source)?;
-        assert_eq!((received.stamp.tick, received.stamp.sequence, received.stamp.epoch), (tick, tick, 3));
+        assert_eq!(
+            (received.stamp.tick, received.stamp.sequence, received.stamp.epoch),
+            (tick, tick, 3)
+        );
     }
     assert_eq!(source.next()?, None);
     assert_eq!(source.tally(), Tally { received: 100, ..Tally::default() });
@@ -35,9 +43,19 @@ pub(crate) fn every_kind_of_message_crosses_whole<F: Fixture>() -> Outcome {
     }
     let graph = F::new(true)?;
     let ports = graph.ports(1)?;
-    crosses(&ports, PlantState { pose: [1.0, f64::MIN_POSITIVE, -3.0], rung: Rung::Brake.code(), ..PlantState::zeroed() })?;
+    crosses(
+        &ports,
+        PlantState {
+            pose: [1.0, f64::MIN_POSITIVE, -3.0],
+            rung: Rung::Brake.code(),
+            ..PlantState::zeroed()
+        },
+    )?;
     crosses(&ports, command(7))?;
-    crosses(&ports, ResidualSample { residual: [0.1, 0.2, 0.3], usable: 1, ..ResidualSample::zeroed() })?;
+    crosses(
+        &ports,
+        ResidualSample { residual: [0.1, 0.2, 0.3], usable: 1, ..ResidualSample::zeroed() },
+    )?;
     crosses(&ports, snapshot(5, 40)?)?;
     crosses(&ports, Plan { horizon: 40, predicted: [[2.5; 6]; 41], ..Plan::zeroed() })?;
     crosses(&ports, Truth { wheel_command: [1.0, 2.0, 3.0, 4.0], ..Truth::zeroed() })?;
@@ -47,7 +65,8 @@ pub(crate) fn every_kind_of_message_crosses_whole<F: Fixture>() -> Outcome {
     crosses(&ports, health)
 }
 
-pub(crate) fn of_too_many_messages_the_newest_win_and_the_rest_are_counted<F: Fixture>() -> Outcome {
+pub(crate) fn of_too_many_messages_the_newest_win_and_the_rest_are_counted<F: Fixture>() -> Outcome
+{
     let graph = F::new(false)?;
     let (here, there) = (graph.ports(1)?, graph.ports(1)?);
     let mut source = here.source::<Credit>(Since::First)?;
@@ -90,7 +109,8 @@ pub(crate) fn the_latest_message_is_of_the_greatest_epoch<F: Fixture>() -> Outco
     let mut source = here.source::<Command>(Since::First)?;
     let (new, old) = (graph.ports(2)?, graph.ports(1)?);
     let (mut successor, mut hung) = (new.sink::<Command>()?, old.sink::<Command>()?);
-    let (mut after_successor, mut after_hung) = (Fence::between(&new, &here)?, Fence::between(&old, &here)?);
+    let (mut after_successor, mut after_hung) =
+        (Fence::between(&new, &here)?, Fence::between(&old, &here)?);
     assert_eq!(source.next()?, None);
     successor.send(&mut command(50))?;
     hung.send(&mut command(40))?;
@@ -119,7 +139,10 @@ pub(crate) fn a_reader_that_never_reads_does_not_stop_the_control_path<F: Fixtur
     assert_eq!(reading.tally(), Tally { received: 20_000, ..Tally::default() });
     let depth = Topic::Command.quality(false).depth as u64;
     assert_eq!(stopped.latest()?.map(|command| command.stamp.tick), Some(20_000));
-    assert_eq!(stopped.tally(), Tally { received: depth, lost: 20_000 - depth, ..Tally::default() });
+    assert_eq!(
+        stopped.tally(),
+        Tally { received: depth, lost: 20_000 - depth, ..Tally::default() }
+    );
     Ok(())
 }
 
@@ -160,7 +183,10 @@ pub(crate) fn a_lossless_writer_gives_up_when_its_patience_is_over<F: Fixture>()
         sink.send(&mut credit(tick))?;
     }
     let mut reading = here.source::<Credit>(Since::Joining)?;
-    assert_eq!(sink.send(&mut credit(depth + 1)), Err(SendError::NoRoom { topic: Topic::Credit, waited: PATIENCE }));
+    assert_eq!(
+        sink.send(&mut credit(depth + 1)),
+        Err(SendError::NoRoom { topic: Topic::Credit, waited: PATIENCE })
+    );
     assert_eq!(sink.sent(), depth);
     hear_until(&mut reading, |credit| credit.through_tick == depth + 1)?;
     fence.cross()?;

@@ -2,7 +2,9 @@
 
 use bytemuck::Zeroable;
 use protocol::message::{Command, Credit, Health, Message, ModelSnapshot, SnapshotHead};
-use protocol::port::{Carrier, Carriers, Exchange, Identity, Links, Ports, Router, Since, Sink, Source, sweep};
+use protocol::port::{
+    Carrier, Carriers, Exchange, Identity, Links, Ports, Router, Since, Sink, Source, sweep,
+};
 use protocol::topic::OnTopic;
 use protocol::{frame, wire};
 use std::error::Error;
@@ -66,7 +68,12 @@ impl Fixture for Shared {
         static GRAPHS: AtomicU32 = AtomicU32::new(0);
         let folder = tempfile::tempdir()?;
         let graph = format!("t{}-{}", std::process::id(), GRAPHS.fetch_add(1, Ordering::Relaxed));
-        let links = Links::on_this_machine(graph, folder.path().join("r"), lock_step, u64::try_from(patience.as_millis())?);
+        let links = Links::on_this_machine(
+            graph,
+            folder.path().join("r"),
+            lock_step,
+            u64::try_from(patience.as_millis())?,
+        );
         Ok(Self { links, _folder: folder })
     }
 
@@ -122,7 +129,10 @@ pub(crate) fn hear<T: OnTopic>(source: &mut Source<T>) -> Result<T, Failure> {
 }
 
 /// The newest message, once everything up to `tick` is there.
-pub(crate) fn hear_until<T: OnTopic>(source: &mut Source<T>, tick: impl Fn(&T) -> bool) -> Result<T, Failure> {
+pub(crate) fn hear_until<T: OnTopic>(
+    source: &mut Source<T>,
+    tick: impl Fn(&T) -> bool,
+) -> Result<T, Failure> {
     loop {
         if !source.wait(LONG)? {
             return Err(format!("no {} comes any more", T::NAME).into());
@@ -136,7 +146,10 @@ pub(crate) fn hear_until<T: OnTopic>(source: &mut Source<T>, tick: impl Fn(&T) -
 }
 
 /// Reads until what has been counted is as it should be.
-pub(crate) fn count_until<T: OnTopic>(source: &mut Source<T>, reached: impl Fn(&Source<T>) -> bool) -> Outcome {
+pub(crate) fn count_until<T: OnTopic>(
+    source: &mut Source<T>,
+    reached: impl Fn(&Source<T>) -> bool,
+) -> Outcome {
     loop {
         while source.next()?.is_some() {}
         if reached(source) {
@@ -190,7 +203,8 @@ pub(crate) fn credit(through_tick: u64) -> Credit {
 
 /// A snapshot with `points` data points of 6 inputs.
 pub(crate) fn snapshot(version: u64, points: u32) -> Result<ModelSnapshot, Failure> {
-    let mut snapshot = ModelSnapshot::new(SnapshotHead { version, inputs: 6, ..SnapshotHead::zeroed() });
+    let mut snapshot =
+        ModelSnapshot::new(SnapshotHead { version, inputs: 6, ..SnapshotHead::zeroed() });
     for point in 0..points {
         let value = f64::from(point);
         snapshot.push(&[value; 6], [value, 0.5, -value], [1.0, 2.0, value])?;

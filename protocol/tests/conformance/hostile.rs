@@ -9,7 +9,14 @@ use protocol::{VERSION, message};
 
 /// A valid first message of writer 1, after `change` has had its way with it.
 fn encoded<F: Fixture, T: Message>(mut message: T, change: impl FnOnce(&mut Stamp)) -> Vec<u8> {
-    *message.stamp_mut() = Stamp { version: VERSION, kind: T::KIND, writer: 1, epoch: 1, sequence: 1, ..Stamp::default() };
+    *message.stamp_mut() = Stamp {
+        version: VERSION,
+        kind: T::KIND,
+        writer: 1,
+        epoch: 1,
+        sequence: 1,
+        ..Stamp::default()
+    };
     change(message.stamp_mut());
     F::bytes(&message)
 }
@@ -55,7 +62,8 @@ pub(crate) fn damaged_truncated_and_oversize_bytes_are_refused<F: Fixture>() -> 
     }
     let truncated = good.get(..good.len() - 8).unwrap_or_default();
     let garbage: Vec<u8> = (0..4096_u32).map(|index| (index * 37 % 251) as u8).collect();
-    let bad: [&[u8]; 6] = [&[1, 2, 3], good.get(..40).unwrap_or_default(), truncated, &oversize, &damaged, &garbage];
+    let bad: [&[u8]; 6] =
+        [&[1, 2, 3], good.get(..40).unwrap_or_default(), truncated, &oversize, &damaged, &garbage];
     for (refused, bytes) in bad.iter().enumerate() {
         raw.send_raw(bytes)?;
         count_until(&mut source, |source| source.tally().refused > refused as u64)?;

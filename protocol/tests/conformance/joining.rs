@@ -25,7 +25,11 @@ pub(crate) fn a_late_joiner_gets_the_last_snapshot<F: Fixture>() -> Outcome {
     assert_eq!(hear(&mut late)?.head.version, 4);
     assert_eq!(late.tally(), Tally { received: 2, ..Tally::default() });
     assert_eq!(hear(&mut early)?.head.version, 4);
-    assert_eq!(early.tally(), Tally { received: 4, ..Tally::default() }, "the others do not notice");
+    assert_eq!(
+        early.tally(),
+        Tally { received: 4, ..Tally::default() },
+        "the others do not notice"
+    );
     Ok(())
 }
 
@@ -108,7 +112,10 @@ pub(crate) fn a_place_that_is_left_can_be_taken_again<F: Fixture>() -> Outcome {
         sinks.push(ports.sink::<Credit>()?);
     }
     let refused = ports.sink::<Credit>().map(drop);
-    assert!(matches!(&refused, Err(OpenError::Full { topic: Topic::Credit, limit: 4, .. })), "{refused:?}");
+    assert!(
+        matches!(&refused, Err(OpenError::Full { topic: Topic::Credit, limit: 4, .. })),
+        "{refused:?}"
+    );
     sinks.pop();
     sinks.push(ports.sink::<Credit>()?);
     let mut sources = Vec::new();
@@ -116,7 +123,10 @@ pub(crate) fn a_place_that_is_left_can_be_taken_again<F: Fixture>() -> Outcome {
         sources.push(ports.source::<Credit>(Since::Joining)?);
     }
     let refused = ports.source::<Credit>(Since::Joining).map(drop);
-    assert!(matches!(&refused, Err(OpenError::Full { topic: Topic::Credit, limit: 8, .. })), "{refused:?}");
+    assert!(
+        matches!(&refused, Err(OpenError::Full { topic: Topic::Credit, limit: 8, .. })),
+        "{refused:?}"
+    );
     sources.pop();
     sources.push(ports.source::<Credit>(Since::Joining)?);
     for source in &mut sources {

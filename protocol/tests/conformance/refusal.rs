@@ -14,7 +14,13 @@ fn processes_that_disagree_about_lock_step_refuse_each_other() -> Outcome {
     links.lock_step = false;
     let ports = Ports::open(&links, Identity::new(1))?;
     let refused = ports.sink::<Command>().map(drop);
-    assert!(matches!(&refused, Err(OpenError::Delivery { topic: Topic::Command, delivery: Delivery::NewestWins })), "{refused:?}");
+    assert!(
+        matches!(
+            &refused,
+            Err(OpenError::Delivery { topic: Topic::Command, delivery: Delivery::NewestWins })
+        ),
+        "{refused:?}"
+    );
     let _health = ports.sink::<Health>()?;
     Ok(())
 }
@@ -27,7 +33,13 @@ fn processes_that_disagree_about_lock_step_refuse_each_other_on_the_network() ->
     links.lock_step = false;
     let ports = Ports::open(&links, Identity::new(1))?;
     let refused = ports.sink::<Command>().map(drop);
-    assert!(matches!(&refused, Err(OpenError::Delivery { topic: Topic::Command, delivery: Delivery::NewestWins })), "{refused:?}");
+    assert!(
+        matches!(
+            &refused,
+            Err(OpenError::Delivery { topic: Topic::Command, delivery: Delivery::NewestWins })
+        ),
+        "{refused:?}"
+    );
     let _health = ports.sink::<Health>()?;
     Ok(())
 }
@@ -35,11 +47,16 @@ fn processes_that_disagree_about_lock_step_refuse_each_other_on_the_network() ->
 #[test]
 fn a_network_without_a_router_is_refused_with_its_endpoint_named() -> Outcome {
     let mut links = Net::new(false)?.links.clone();
-    let refused = Ports::open(&links, Identity::new(1)).map(drop).map_err(|error| error.to_string());
+    let refused =
+        Ports::open(&links, Identity::new(1)).map(drop).map_err(|error| error.to_string());
     let endpoint = links.connect.first().cloned().unwrap_or_default();
-    assert!(matches!(&refused, Err(said) if said.contains(&endpoint) && !said.contains(".rs")), "{refused:?}");
+    assert!(
+        matches!(&refused, Err(said) if said.contains(&endpoint) && !said.contains(".rs")),
+        "{refused:?}"
+    );
     links.connect.clear();
-    let refused = Ports::open(&links, Identity::new(1)).map(drop).map_err(|error| error.to_string());
+    let refused =
+        Ports::open(&links, Identity::new(1)).map(drop).map_err(|error| error.to_string());
     assert!(matches!(&refused, Err(said) if said.contains("connect")), "{refused:?}");
     Ok(())
 }
@@ -51,7 +68,10 @@ fn a_graph_name_that_would_not_keep_graphs_apart_is_refused() -> Outcome {
         let mut links = graph.links.clone();
         name.clone_into(&mut links.graph);
         let refused = Ports::open(&links, Identity::new(1)).map(drop);
-        assert!(matches!(&refused, Err(OpenError::GraphName { graph }) if graph == name), "{refused:?}");
+        assert!(
+            matches!(&refused, Err(OpenError::GraphName { graph }) if graph == name),
+            "{refused:?}"
+        );
     }
     Ok(())
 }

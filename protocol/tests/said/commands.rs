@@ -18,7 +18,10 @@ pub(crate) fn command(tick: u64) -> Command {
 }
 
 /// Reads until a message is as wanted.
-pub(crate) fn until<T: OnTopic>(source: &mut Source<T>, wanted: impl Fn(&T) -> bool) -> Result<T, Box<dyn Error>> {
+pub(crate) fn until<T: OnTopic>(
+    source: &mut Source<T>,
+    wanted: impl Fn(&T) -> bool,
+) -> Result<T, Box<dyn Error>> {
     loop {
         if !source.wait(LONG)? {
             return Err("nothing comes any more".into());

@@ -7,19 +7,20 @@
 use controller::adopt::{Candidate, Expected, Handover, prepare};
 use controller::control::Controller;
 use controller::settings::{
-    DelaySetting, LearnedSettings, Linearise, Method, MpcSettings, Settings, SolverFaults, SolverSetting, StateLimits, Weights,
+    DelaySetting, LearnedSettings, Linearise, Method, MpcSettings, Settings, SolverFaults,
+    SolverSetting, StateLimits, Weights,
 };
 use criterion::{Criterion, criterion_group};
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, PosteriorError, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
-use model::robot::Robot;
 use model::{AXES, State};
 use process::Run;
 use protocol::clock::monotonic_nanos;
 use protocol::message::{INPUTS_MAX, ModelSnapshot, PlantState, Rung, SnapshotHead};
 use protocol::port::Links;
+use robot::Robot;
 use std::error::Error;
 use std::hint::black_box;
 
@@ -41,6 +42,7 @@ fn settings() -> Settings {
             path: controller::reference::PathSettings::PaperCurve { speed_mps: 2.7 },
             heading: controller::reference::Heading::Tangent,
             ramp_s: 0.0,
+            speed_factor: 1.0,
         },
         mpc: MpcSettings {
             horizon_steps: 5,
@@ -58,25 +60,45 @@ fn settings() -> Settings {
             observer_gain: 0.0,
             method: Method::Mpc,
             delay: DelaySetting::Estimated,
+            identify: true,
             no_harm: true,
             linearise: Linearise::Measured,
             solver: SolverSetting::ActiveSet,
             budget_share: 0.5,
         },
-        learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3, resumed: false },
+        learned: LearnedSettings {
+            enabled: true,
+            layout: Layout::VelocitySlip,
+            every_ticks: 5,
+            delay_ticks: 3,
+            resumed: false,
+        },
         solver_faults: SolverFaults::default(),
     }
 }
 
-const NORMALISATION: Normalisation<INPUTS> = Normalisation { mean: [0.0; INPUTS], scale: [0.5; INPUTS] };
+const NORMALISATION: Normalisation<INPUTS> =
+    Normalisation { mean: [0.0; INPUTS], scale: [0.5; INPUTS] };
 const HYPERPARAMETERS: Hyperparameters<INPUTS> = Hyperparameters::new([4.0; INPUTS], 0.01, 1e-5);
 
 /// So many normalised inputs along a drive at the scenario's speed, and what the main model misses there.
 fn data(points: usize) -> (Vec<[f64; INPUTS]>, Vec<[f64; AXES]>) {
     let wave = |i: usize, k: f64| (k * i as f64).sin();
-    let inputs: Vec<[f64; INPUTS]> =
-        (0..points).map(|i| [2.7 + 0.3 * wave(i, 0.7), 0.2 * wave(i, 1.1), 0.2 * wave(i, 0.3), 0.3, 0.0, 0.1 * wave(i, 1.9)]).collect();
-    let targets = (0..points).map(|i| [-0.09 + 0.01 * wave(i, 0.9), 0.02 * wave(i, 1.3), 0.02 * wave(i, 0.2)]).collect();
+    let inputs: Vec<[f64; INPUTS]> = (0..points)
+        .map(|i| {
+            [
+                2.7 + 0.3 * wave(i, 0.7),
+                0.2 * wave(i, 1.1),
+                0.2 * wave(i, 0.3),
+                0.3,
+                0.0,
+                0.1 * wave(i, 1.9),
+            ]
+        })
+        .collect();
+    let targets = (0..points)
+        .map(|i| [-0.09 + 0.01 * wave(i, 0.9), 0.02 * wave(i, 1.3), 0.02 * wave(i, 0.2)])
+        .collect();
     (inputs.iter().map(|input| NORMALISATION.apply(input)).collect(), targets)
 }
 
@@ -91,7 +113,13 @@ fn candidate(points: usize) -> Result<Box<Candidate>, PosteriorError> {
         bound: BOUND,
         sample_variance: [0.0; AXES],
     });
-    Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(points) }))
+    Ok(Box::new(Candidate {
+        version: 1,
+        plant_epoch: 1,
+        effective_tick: 0,
+        learned,
+        scratch: VarianceScratch::new(points),
+    }))
 }
 
 /// The same as a learner sends it.
@@ -115,7 +143,9 @@ fn adoption() -> Result<(), Box<dyn Error>> {
     let snapshot = snapshot(200)?;
     prepare(&snapshot, &expected)?;
     let mut criterion = Criterion::default().configure_from_args();
-    criterion.bench_function("adoption of 200 points", |bencher| bencher.iter(|| prepare(black_box(&snapshot), &expected)));
+    criterion.bench_function("adoption of 200 points", |bencher| {
+        bencher.iter(|| prepare(black_box(&snapshot), &expected));
+    });
     Ok(())
 }
 
@@ -150,7 +180,12 @@ fn page_faults() -> Result<u64, Box<dyn Error>> {
     // Behind the name: state, five numbers, flags, minor faults, those of children, major ones.
     let behind_name = stat.rsplit_once(')').ok_or("no name in /proc/thread-self/stat")?.1;
     let fields: Vec<&str> = behind_name.split_whitespace().collect();
-    let of = |place: usize| fields.get(place).and_then(|field| field.parse::<u64>().ok()).ok_or("no faults in /proc/thread-self/stat");
+    let of = |place: usize| {
+        fields
+            .get(place)
+            .and_then(|field| field.parse::<u64>().ok())
+            .ok_or("no faults in /proc/thread-self/stat")
+    };
     Ok(of(7)? + of(9)?)
 }
 
@@ -158,7 +193,8 @@ fn page_faults() -> Result<u64, Box<dyn Error>> {
 fn million_ticks() -> Result<(), Box<dyn Error>> {
     let mut told = settings();
     told.duration_s = 1e-9 * (TICKS * told.run.period_nanos) as f64;
-    told.reference.path = controller::reference::PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 };
+    told.reference.path =
+        controller::reference::PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 };
     let mut controller = Controller::new(&told)?;
     drop(controller.adopt(candidate(16)?));
     let handover = Handover::default();
@@ -171,7 +207,8 @@ fn million_ticks() -> Result<(), Box<dyn Error>> {
                 robot.pose[1] += 0.5;
             }
             (measured.stamp.tick, measured.rung) = (tick, Rung::FreshPlan.code());
-            (measured.pose, measured.velocity, measured.input) = (robot.pose, robot.velocity, robot.acted);
+            (measured.pose, measured.velocity, measured.input) =
+                (robot.pose, robot.velocity, robot.acted);
             let begin = monotonic_nanos();
             controller.observe(&measured, &handover, 1);
             let command = controller.answer(&measured, &handover);
@@ -195,7 +232,11 @@ fn million_ticks() -> Result<(), Box<dyn Error>> {
         heap.count_total
     );
     if heap.count_total > 0 || faults > 0 {
-        return Err(format!("{} bytes were allocated, {faults} pages were missing", heap.bytes_total).into());
+        return Err(format!(
+            "{} bytes were allocated, {faults} pages were missing",
+            heap.bytes_total
+        )
+        .into());
     }
     Ok(())
 }

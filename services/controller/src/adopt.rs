@@ -10,6 +10,7 @@
 mod examine;
 mod refusal;
 
+use crate::complaints::Complaint;
 use crate::control::tuning::Tuned;
 use crate::sensors::SensorFault;
 use crossbeam_queue::ArrayQueue;
@@ -92,6 +93,13 @@ pub enum Event {
         tick: u64,
         /// What.
         fault: Option<SensorFault>,
+    },
+    /// Something is wrong with driver or robot file.
+    Complaint {
+        /// At this tick.
+        tick: u64,
+        /// What.
+        complaint: Complaint,
     },
     /// The optimiser was stopped because its time was used up: a lower rung has answered.
     OutOfTime {

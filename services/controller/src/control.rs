@@ -5,8 +5,9 @@
 pub mod tuning;
 
 use crate::adopt::{Candidate, Event, Expected, Handover};
+use crate::explanations::Model;
 use crate::fallback::{self, Ladder};
-use crate::knowledge::{Knowledge, Period};
+use crate::knowledge::{Knowledge, Measured, Period};
 use crate::mpc::{Mpc, MpcError, Solved, Status, Turn};
 use crate::reference::{PointsError, Reference, ReferencePoint};
 use crate::sensors::{Driven, SensorFault, Watch};
@@ -18,7 +19,9 @@ use model::main_model::{MainModel, fingerprint};
 use model::residual::bound;
 use model::{State, Velocity, wrap};
 use protocol::clock::monotonic_nanos;
-use protocol::message::{Command, HORIZON_MAX, Plan, PlantState, Reason, ResidualSample, Rung, SolverStatus, TAIL_MAX};
+use protocol::message::{
+    Command, HORIZON_MAX, Plan, PlantState, Reason, ResidualSample, Rung, SolverStatus, TAIL_MAX,
+};
 use tuning::Tuned;
 
 /// Iterations in a period of a controller with foresight, which is to be as good as can be and not as fast.
@@ -37,7 +40,9 @@ pub enum ControllerError {
     #[error(transparent)]
     Reference(#[from] PointsError),
     /// Only the simulator's own dynamics make an oracle.
-    #[error("mpc.method = \"oracle\" needs the simulator's own dynamics, which `coxswain experiment` alone hands out")]
+    #[error(
+        "mpc.method = \"oracle\" needs the simulator's own dynamics, which `coxswain experiment` alone hands out"
+    )]
     NoForesight,
 }
 
@@ -77,8 +82,8 @@ pub struct Controller {
     before: Option<Before>,
     /// Tick that plan and targets are ready for.
     prepared_for: Option<u64>,
-    /// Axes on which a learned model was used then.
-    prepared_with: u32,
+    /// The models that explained the residual then.
+    prepared_with: [Model; 3],
     /// Input of the last answer.
     commanded: Velocity,
     rung: Rung,
@@ -101,8 +106,15 @@ impl Controller {
     ///
     /// # Errors
     /// [`ControllerError`].
-    pub fn foreseeing(settings: &Settings, foresight: Option<Box<dyn Foresight>>) -> Result<Self, ControllerError> {
-        let foresight = if settings.mpc.method == Method::Oracle { Some(foresight.ok_or(ControllerError::NoForesight)?) } else { None };
+    pub fn foreseeing(
+        settings: &Settings,
+        foresight: Option<Box<dyn Foresight>>,
+    ) -> Result<Self, ControllerError> {
+        let foresight = if settings.mpc.method == Method::Oracle {
+            Some(foresight.ok_or(ControllerError::NoForesight)?)
+        } else {
+            None
+        };
         let period = settings.run.period_nanos as f64 * 1e-9;
         let main = MainModel::new(&settings.robot, period);
         let Tuned { mpc, reference, points, budget_nanos, .. } = Tuned::new(settings, None)?;
@@ -120,7 +132,7 @@ impl Controller {
             plant_epoch: None,
             before: None,
             prepared_for: None,
-            prepared_with: 0,
+            prepared_with: [Model::Main; 3],
             commanded: [0.0; 3],
             rung: Rung::Waiting,
             out_of_time: false,
@@ -155,30 +167,45 @@ impl Controller {
     }
 
     /// Takes in what the last input did, and says what there is to learn from it.
-    pub fn observe(&mut self, state: &PlantState, handover: &Handover, controller_epoch: u64) -> ResidualSample {
+    pub fn observe(
+        &mut self,
+        state: &PlantState,
+        handover: &Handover,
+        controller_epoch: u64,
+    ) -> ResidualSample {
         if self.plant_epoch != Some(state.stamp.epoch) {
             self.start_over(state, handover, controller_epoch);
         }
-        let now = self.measured(state);
+        let now = Measured { pose: state.pose, velocity: state.velocity };
         let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
         sample.stamp.tick = state.stamp.tick;
         sample.plant_epoch = state.stamp.epoch;
         sample.fingerprint = self.fingerprint;
         let ours = matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr);
-        let seen = self.watch_sensors(state, &Driven { acted: now.acted, commanded: ours.then_some(self.commanded) }, handover);
+        let seen = self.watch_sensors(
+            state,
+            &Driven { acted: state.input, commanded: ours.then_some(self.commanded) },
+            handover,
+        );
         let input_known = state.input.iter().all(|value| value.is_finite()) && seen;
-        if let Some(before) = self.before.filter(|before| before.tick + 1 == state.stamp.tick && input_known) {
-            let (Before { tick, state: before }, acted, after) = (before, state.input, now.velocity);
-            self.knowledge.observe(&Period { tick, before, commanded: self.commanded, acted, after, ours });
+        if let Some(before) =
+            self.before.filter(|before| before.tick + 1 == state.stamp.tick && input_known)
+        {
+            let Before { tick, state: before } = before;
+            let period = Period { tick, before, given: state.input, after: now };
+            self.knowledge.observe(&period);
             sample.pose = before.pose;
             sample.velocity = before.velocity;
-            (sample.input, sample.input_before) = (acted, before.acted);
+            (sample.input, sample.input_before) = (self.knowledge.state().acted, before.acted);
             sample.residual = self.knowledge.residual();
             sample.usable = u32::from(ours);
-        } else if input_known {
-            self.knowledge.resume(state.input);
+        } else if seen {
+            // An input that is no number was what had been commanded, for all one knows.
+            let known = if input_known { state.input } else { self.knowledge.last_command() };
+            self.knowledge.resume(&now, known);
         }
-        self.before = seen.then_some(Before { tick: state.stamp.tick, state: now });
+        self.before =
+            seen.then(|| Before { tick: state.stamp.tick, state: self.knowledge.state() });
         sample
     }
 
@@ -201,17 +228,14 @@ impl Controller {
         self.out_of_time
     }
 
-    /// What was measured. An input that is no number was what had been commanded, for all one knows.
-    fn measured(&self, state: &PlantState) -> State {
-        let acted = if state.input.iter().all(|value| value.is_finite()) { state.input } else { self.knowledge.last_command() };
-        State { pose: state.pose, velocity: state.velocity, acted }
-    }
-
     /// The answer to `state`, the newest that was [observed](Self::observe): on the highest rung whose command the gate would let through.
     pub fn answer(&mut self, state: &PlantState, handover: &Handover) -> &mut Command {
         let tick = state.stamp.tick;
-        self.mpc.take_turn(Turn { tick: Some(tick), until: self.budget_nanos.map(|budget| monotonic_nanos() + budget) });
-        let measured = self.measured(state);
+        self.mpc.take_turn(Turn {
+            tick: Some(tick),
+            until: self.budget_nanos.map(|budget| monotonic_nanos() + budget),
+        });
+        let measured = self.knowledge.state();
         if self.prepared_for != Some(tick) {
             self.prepare(tick, &measured);
         }
@@ -224,7 +248,10 @@ impl Controller {
         while let Err(reason) = self.judged(state)
             && decision.rung != Rung::Brake
         {
-            decision = Decision { solved: decision.solved, ..self.one_rung_down(decision.rung, reason, &measured) };
+            decision = Decision {
+                solved: decision.solved,
+                ..self.one_rung_down(decision.rung, reason, &measured)
+            };
             self.write_command(state, decision.rung, decision.input);
         }
         let Decision { rung, reason, input, solved } = decision;
@@ -262,8 +289,14 @@ impl Controller {
         }
         let begin = self.knowledge.ahead(measured);
         let point = planned(&self.points, &self.knowledge).first().copied().unwrap_or_default();
-        let main_target = self.mpc.main_target(self.knowledge.main(), &point, begin.pose[2], &self.knowledge.disturbance());
-        let input = fallback::lqr(&self.mpc, &begin, &point, &main_target, &self.knowledge.last_command());
+        let main_target = self.mpc.main_target(
+            self.knowledge.main(),
+            &point,
+            begin.pose[2],
+            &self.knowledge.disturbance(),
+        );
+        let input =
+            fallback::lqr(&self.mpc, &begin, &point, &main_target, &self.knowledge.last_command());
         Decision { rung: Rung::Lqr, reason, input, solved: None }
     }
 
@@ -305,8 +338,12 @@ impl Controller {
         if let (Some(before), Some(_)) = (self.before, self.prepared_for) {
             self.prepare(before.tick + 1, &before.state);
             if self.method == Method::Mpc {
-                self.mpc.expect(&self.commanded, planned(&self.points, &self.knowledge), &self.knowledge.belief());
-                self.prepared_with = self.knowledge.learned_axes();
+                self.mpc.expect(
+                    &self.commanded,
+                    planned(&self.points, &self.knowledge),
+                    &self.knowledge.belief(),
+                );
+                self.prepared_with = self.knowledge.models();
             }
         }
     }
@@ -315,7 +352,11 @@ impl Controller {
     /// done meanwhile. Nothing that the answer depends on changes.
     pub fn rehearse(&mut self) {
         if self.prepared_for.is_some() {
-            self.mpc.rehearse(&self.knowledge.last_command(), planned(&self.points, &self.knowledge), &self.knowledge.belief());
+            self.mpc.rehearse(
+                &self.knowledge.last_command(),
+                planned(&self.points, &self.knowledge),
+                &self.knowledge.belief(),
+            );
         }
     }
 
@@ -329,7 +370,8 @@ impl Controller {
         plan.model_version = self.command.model_version;
         plan.rung = self.command.rung;
         plan.learned_axes = self.knowledge.learned_axes();
-        plan.delay_micros = (1e6 * self.knowledge.delay().periods() * self.knowledge.main().period).round() as u32;
+        plan.delay_micros =
+            (1e6 * self.knowledge.delay().periods() * self.knowledge.main().period).round() as u32;
         plan.disturbance = self.knowledge.disturbance();
         plan.innovation = self.knowledge.innovation();
         plan.residual = self.knowledge.residual();
@@ -341,9 +383,13 @@ impl Controller {
             return self.feed_forward(measured);
         }
         self.knowledge.look(tick);
-        let (belief, last, begin) = (self.knowledge.belief(), self.knowledge.last_command(), self.knowledge.ahead(measured));
+        let (belief, last, begin) = (
+            self.knowledge.belief(),
+            self.knowledge.last_command(),
+            self.knowledge.ahead(measured),
+        );
         let points = planned(&self.points, &self.knowledge);
-        if self.prepared_with != self.knowledge.learned_axes() {
+        if self.prepared_with != self.knowledge.models() {
             self.mpc.forget_expectation();
         }
         let mut solved = self.mpc.iterate(&begin, &last, points, &belief);
@@ -353,8 +399,10 @@ impl Controller {
             }
         }
         let point = points.first().copied().unwrap_or_default();
-        let main_target = self.mpc.main_target(belief.main, &point, begin.pose[2], &belief.disturbance);
-        let (rung, input) = self.ladder.choose(solved.outcome, &self.mpc, &begin, &point, &main_target, &last);
+        let main_target =
+            self.mpc.main_target(belief.main, &point, begin.pose[2], &belief.disturbance);
+        let (rung, input) =
+            self.ladder.choose(solved.outcome, &self.mpc, &begin, &point, &main_target, &last);
         let reason = if rung == Rung::FreshPlan { Reason::None } else { Reason::SolverFailed };
         Decision { rung, reason, input, solved: Some(solved) }
     }
@@ -363,11 +411,13 @@ impl Controller {
     fn feed_forward(&self, measured: &State) -> Decision {
         let point = self.points.first().copied().unwrap_or_default();
         let disturbance = self.knowledge.disturbance();
-        let target = self.mpc.main_target(self.knowledge.main(), &point, measured.pose[2], &disturbance);
+        let target =
+            self.mpc.main_target(self.knowledge.main(), &point, measured.pose[2], &disturbance);
         let (sin, cos) = measured.pose[2].sin_cos();
         let [x, y] = [point.pose[0] - measured.pose[0], point.pose[1] - measured.pose[1]];
         let behind = [cos * x + sin * y, cos * y - sin * x, wrap(point.pose[2] - measured.pose[2])];
-        let wished = std::array::from_fn(|axis| target[axis] + FEEDFORWARD_GAIN_PER_S * behind[axis]);
+        let wished =
+            std::array::from_fn(|axis| target[axis] + FEEDFORWARD_GAIN_PER_S * behind[axis]);
         let input = self.mpc.limits().reach(&wished, &self.knowledge.last_command());
         Decision { rung: Rung::FreshPlan, reason: Reason::None, input, solved: None }
     }
@@ -377,7 +427,7 @@ impl Controller {
         self.plant_epoch = Some(state.stamp.epoch);
         self.before = None;
         self.watch.reset();
-        self.knowledge.reset(state.input);
+        self.knowledge.reset();
         self.mpc.reset();
         self.prepared_for = None;
         self.ladder.reset();
@@ -398,7 +448,8 @@ impl Controller {
         command.tail = [[0.0; 3]; TAIL_MAX];
         command.tail_len = TAIL_MAX as u32;
         for slot in &mut command.tail {
-            let wished = if planned { next.next().map_or(before, |stage| stage.input) } else { held };
+            let wished =
+                if planned { next.next().map_or(before, |stage| stage.input) } else { held };
             // Beyond the free inputs the target may leap where the reference does; the wheels cannot.
             before = limits.reach(&wished, &before);
             *slot = before;
@@ -421,7 +472,12 @@ impl Controller {
         for (k, (state, acting)) in self.knowledge.under_way(&measured).enumerate() {
             (plan.predicted[k], plan.input[k]) = (state.to_array(), acting);
         }
-        let states = self.mpc.stages().iter().map(|stage| &stage.state).chain(std::iter::once(self.mpc.terminal()));
+        let states = self
+            .mpc
+            .stages()
+            .iter()
+            .map(|stage| &stage.state)
+            .chain(std::iter::once(self.mpc.terminal()));
         for (slot, state) in plan.predicted.iter_mut().skip(under_way).zip(states) {
             *slot = state.to_array();
         }
@@ -429,7 +485,8 @@ impl Controller {
             *slot = stage.input;
         }
         for (slot, point) in plan.reference.iter_mut().zip(&self.points) {
-            *slot = State { pose: point.pose, velocity: point.velocity, ..State::default() }.to_array();
+            *slot =
+                State { pose: point.pose, velocity: point.velocity, ..State::default() }.to_array();
         }
         self.knowledge.write_variance(plan, &measured.acted);
     }

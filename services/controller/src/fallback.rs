@@ -10,7 +10,13 @@ const SHIFTS_MAX: u32 = 2;
 
 /// Input of the LQR on the main model, which trusts nothing that was learnt: `main_target` holds the reference `point` by that model alone.
 /// Does not allocate.
-pub fn lqr(mpc: &Mpc, state: &State, point: &ReferencePoint, main_target: &Velocity, last_input: &Velocity) -> Velocity {
+pub fn lqr(
+    mpc: &Mpc,
+    state: &State,
+    point: &ReferencePoint,
+    main_target: &Velocity,
+    last_input: &Velocity,
+) -> Velocity {
     let error = TrackingError::new(state, point);
     mpc.limits().reach(&mpc.cost().lqr_input(&error, main_target), last_input)
 }

@@ -1,91 +1,105 @@
-//! What is believed at one moment: main model, learned residual, disturbance, transport delay; and how that follows what is seen.
+//! What is believed at one moment: main model, residual, disturbance, dead time, pose; and how that
+//! follows what is seen.
 //!
-//! The residual is explained in several ways side by side ([`Ways`]); per axis, the one that has foretold best is used.
+//! The residual is explained in several ways side by side ([`Explanations`]); per axis, the one that
+//! has foretold best is used.
 
 use crate::adopt::Candidate;
+use crate::explanations::{Choice, Explanations, Model};
+use crate::pose::PoseFilter;
 use crate::settings::{DelaySetting, Method, Settings};
-use crate::trust::{Trust, Way};
-use crate::ways::Ways;
-use model::delay::{Delay, DelayEstimator, Sent};
-use model::explanation::Sample;
+use model::delay::{Delay, Sent};
 use model::foresight::Foresight;
 use model::learned::{Moment, Residual};
-use model::least_squares::LeastSquares;
 use model::main_model::MainModel;
-use model::observer::Observer;
 use model::predict::Belief;
 use model::residual::{bound, residual};
+use model::response::ResponseEstimator;
 use model::{AXES, State, Velocity};
 use protocol::message::Plan;
-
-/// Time over which recursive least squares forgets \[s\].
-const LEAST_SQUARES_MEMORY_S: f64 = 6.0;
 
 /// One period that is over.
 #[derive(Debug, Clone, Copy)]
 pub struct Period {
     /// Its tick.
     pub tick: u64,
-    /// State at its start.
+    /// State that was believed at its start.
     pub before: State,
-    /// What was commanded for it.
-    pub commanded: Velocity,
-    /// The input that acted, as the driver says; the mean of the period.
-    pub acted: Velocity,
-    /// Velocity at its end.
-    pub after: Velocity,
-    /// Whether the gate played this controller's answer.
-    pub ours: bool,
+    /// What the gate gave the wheels; the mean of the period.
+    pub given: Velocity,
+    /// What was measured at its end.
+    pub after: Measured,
+}
+
+/// What the sensors say of one moment.
+#[derive(Debug, Clone, Copy)]
+pub struct Measured {
+    /// Pose in the world.
+    pub pose: [f64; 3],
+    /// Body velocity.
+    pub velocity: Velocity,
 }
 
 /// Everything that a prediction rests on. Does not allocate after set-up.
 pub struct Knowledge {
     main: MainModel,
     method: Method,
-    ways: Ways,
-    /// The cheap alternative to what is learned, which controllers are compared with.
-    least_squares: LeastSquares,
+    explanations: Explanations,
     /// Somebody who knows better than all of them.
     foresight: Option<Box<dyn Foresight>>,
     /// g of the last period.
     residual: Velocity,
     setting: DelaySetting,
-    estimator: DelayEstimator,
+    response: ResponseEstimator,
     sent: Sent,
     delay: Delay,
+    pose: PoseFilter,
+    velocity: Velocity,
+    /// Input that acted in the last period.
+    acted: Velocity,
 }
 
 impl Knowledge {
     /// The main model, and nothing else yet; or whatever `foresight` knows.
-    pub fn new(settings: &Settings, main: MainModel, foresight: Option<Box<dyn Foresight>>) -> Self {
+    pub fn new(
+        settings: &Settings,
+        main: MainModel,
+        foresight: Option<Box<dyn Foresight>>,
+    ) -> Self {
+        let choice = Choice {
+            observer_gain: settings.mpc.observer_gain,
+            response: settings.mpc.identify,
+            blind: !settings.mpc.no_harm,
+        };
+        let response = ResponseEstimator::new(&main, settings.robot.geometry.lever_m());
         let bound = bound(&main, &settings.robot);
-        let observer = Observer::new(settings.mpc.observer_gain, bound);
         Self {
             method: settings.mpc.method,
-            ways: Ways::new(observer, if settings.mpc.no_harm { Trust::default() } else { Trust::blind() }),
-            least_squares: LeastSquares::new(1.0 - main.period / LEAST_SQUARES_MEMORY_S, bound),
-            main,
+            explanations: Explanations::new(choice, &main, bound, response.response()),
             foresight,
             residual: [0.0; AXES],
             setting: settings.mpc.delay,
-            estimator: DelayEstimator::default(),
+            response,
             sent: Sent::default(),
             delay: Delay::default(),
+            pose: PoseFilter::new(main.period),
+            velocity: [0.0; AXES],
+            acted: [0.0; AXES],
+            main,
         }
     }
 
     /// What predictions are made with.
     pub fn belief(&self) -> Belief<'_> {
         let learned = match self.method {
-            Method::Mpc => Some(&self.ways as &dyn Residual),
-            Method::LeastSquaresMpc => Some(&self.least_squares as &dyn Residual),
+            Method::Mpc => Some(&self.explanations as &dyn Residual),
             Method::FeedforwardP | Method::Oracle => None,
         };
         Belief {
             main: &self.main,
             learned,
             foresight: self.foresight.as_deref(),
-            disturbance: self.ways.disturbance(),
+            disturbance: self.explanations.disturbance(),
             carry: self.delay.carry(),
         }
     }
@@ -114,12 +128,12 @@ impl Knowledge {
 
     /// d of the observer in use, per axis \[m/s, m/s, rad/s\].
     pub fn disturbance(&self) -> Velocity {
-        self.ways.disturbance()
+        self.explanations.disturbance()
     }
 
     /// Last one-step error of the model that is used, per axis \[m/s, m/s, rad/s\].
     pub fn innovation(&self) -> Velocity {
-        self.ways.innovation()
+        self.explanations.innovation()
     }
 
     /// The last command.
@@ -129,17 +143,23 @@ impl Knowledge {
 
     /// Version of the learned model in use; 0 is the main model alone.
     pub fn version(&self) -> u64 {
-        self.ways.version()
+        self.explanations.version()
     }
 
     /// Axes on which a learned model is used: 1 forward, 2 left, 4 yaw, added up.
     pub fn learned_axes(&self) -> u32 {
-        self.ways.chosen().iter().enumerate().map(|(axis, &way)| u32::from(way == Way::Learned) << axis).sum()
+        let models = self.explanations.models();
+        (0..AXES).map(|axis| u32::from(models[axis] == Model::Learned) << axis).sum()
+    }
+
+    /// The model that explains the residual, per axis.
+    pub fn models(&self) -> [Model; AXES] {
+        self.explanations.models()
     }
 
     /// How often a learned model was left on an axis, where it had turned worse than none.
     pub fn models_left(&self) -> u64 {
-        self.ways.left()
+        self.explanations.left()
     }
 
     /// Time from a command to the wheels, as predictions take it.
@@ -150,7 +170,7 @@ impl Knowledge {
     /// From now on predictions take the delay as it is known by now.
     pub fn settle_delay(&mut self) {
         self.delay = match self.setting {
-            DelaySetting::Estimated => self.estimator.delay(),
+            DelaySetting::Estimated => self.response.delay(),
             DelaySetting::KnownS(seconds) => Delay::of_periods(seconds / self.main.period),
             DelaySetting::Ignored => Delay::default(),
         };
@@ -168,65 +188,78 @@ impl Knowledge {
 
     /// Where the robot will be when the next command begins to act.
     pub fn ahead(&self, measured: &State) -> State {
-        self.under_way(measured).last().map_or(*measured, |(state, acting)| self.belief().predict(&state, &acting))
+        self.under_way(measured)
+            .last()
+            .map_or(*measured, |(state, acting)| self.belief().predict(&state, &acting))
     }
 
     /// Puts a model in use, and gives back the one before, for somebody else to free.
     pub fn adopt(&mut self, candidate: Box<Candidate>) -> Option<Box<Candidate>> {
-        self.ways.adopt(candidate)
+        self.explanations.adopt(candidate)
     }
 
     /// Takes in one period: what there was, against what each model said of it.
     pub fn observe(&mut self, period: &Period) {
-        self.sent.push(if period.ours { period.commanded } else { period.acted });
-        if period.ours {
-            self.estimator.update(&self.sent, &period.acted);
-        }
-        self.residual = residual(&self.main, &period.before.velocity, &period.acted, &period.after);
-        let sample = Sample { at: Moment::new(&period.before, &period.acted), residual: self.residual };
-        let known = match self.method {
-            Method::Oracle => {
-                self.look(period.tick);
-                self.belief().residual(&period.before, &period.acted)
-            }
-            Method::LeastSquaresMpc => self.least_squares.mean(&sample.at),
-            Method::Mpc | Method::FeedforwardP => [0.0; AXES],
+        let Period { tick, before, given, after } = period;
+        self.sent.push(*given);
+        self.response.update(&self.sent, &after.velocity);
+        self.acted = self.sent.acted(self.delay);
+        self.residual = residual(&self.main, &before.velocity, &self.acted, &after.velocity);
+        let known = if self.method == Method::Oracle {
+            self.look(*tick);
+            self.belief().residual(before, &self.acted)
+        } else {
+            [0.0; AXES]
         };
-        self.ways.update(&sample, known);
-        if self.method == Method::LeastSquaresMpc {
-            self.least_squares.update(&sample.at, &sample.residual);
-        }
+        let (at, newest) = (Moment::new(before, &self.acted), self.response.response());
+        let under_way = self.delay.whole();
+        self.explanations.update(&at, &self.residual, &known, newest, under_way);
+        let mean = self.main.mean_velocity(&before.velocity, &after.velocity);
+        self.pose.update(&mean, &after.pose);
+        self.velocity = after.velocity;
     }
 
-    /// A period is missing: nothing is known but the input that acts.
-    pub fn resume(&mut self, acted: Velocity) {
-        self.sent = Sent::always(acted);
+    /// A period is missing: nothing is known but what is measured, and the input that acts.
+    pub fn resume(&mut self, measured: &Measured, given: Velocity) {
+        self.sent = Sent::always(given);
+        self.acted = given;
+        self.response.resume(&measured.velocity);
+        self.pose.resume(&measured.pose);
+        self.velocity = measured.velocity;
+    }
+
+    /// Where the robot is and how it moves, by all that was taken in.
+    pub fn state(&self) -> State {
+        State { pose: self.pose.estimate(), velocity: self.velocity, acted: self.acted }
     }
 
     /// Forgets all but the learned model: another robot, or the same one put somewhere else.
-    pub fn reset(&mut self, acted: Velocity) {
-        self.resume(acted);
+    pub fn reset(&mut self) {
         self.residual = [0.0; AXES];
-        self.ways.reset();
-        self.least_squares.reset();
-        self.estimator.reset();
+        self.response.reset();
+        self.explanations.reset(self.response.response());
     }
 
     /// Variance of the residual of one period, noise included \[(m/s)², (m/s)², (rad/s)²\].
     pub fn step_variance(&mut self, at: &Moment) -> Velocity {
-        self.ways.step_variance(at)
+        self.explanations.step_variance(at)
     }
 
     /// Writes the variance of the learned residual along a plan whose states and inputs are written; `acted` is the input before its first.
     pub fn write_variance(&mut self, plan: &mut Plan, acted: &Velocity) {
-        let Some(active) = self.ways.active_mut() else {
+        let Some(active) = self.explanations.active_mut() else {
             plan.variance.fill([0.0; AXES]);
             return;
         };
         let periods = plan.predicted.iter().zip(&plan.input).take(plan.horizon as usize);
         let mut before = *acted;
-        for (slot, (&[_, _, _, forward, left, rate], &input)) in plan.variance.iter_mut().zip(periods) {
-            *slot = active.learned.variance(&Moment { velocity: [forward, left, rate], input, before }, &mut active.scratch);
+        for (slot, (&[_, _, _, forward, left, rate], &input)) in
+            plan.variance.iter_mut().zip(periods)
+        {
+            *slot = active.learned.variance(
+                &Moment { velocity: [forward, left, rate], input, before },
+                &mut active.scratch,
+            );
             before = input;
         }
     }

@@ -8,24 +8,26 @@
 //! | [`adopt`]     | model snapshots in: checked and prepared beside the control thread        |
 //! | [`fallback`]  | what to command when the optimiser has no answer                          |
 //! | [`sensors`]   | what cannot have been measured: no numbers, or stuck ones                 |
+//! | [`complaints`] | what is wrong with driver or robot file, as far as states tell           |
 //! | [`control`]   | one tick: answer the state, then say what was learnt                      |
 //! | [`knowledge`] | what is believed at one moment, and how it follows what is seen           |
-//! | [`ways`]      | the ways to explain the residual, and the one that is used                |
-//! | [`trust`]     | no harm: which one that is                                                |
+//! | [`explanations`] | no harm: models with observers, and the one that is used on each axis  |
+//! | [`pose`]      | where the robot is, by measured poses and velocities                      |
 //! | [`run`]       | the loop: the only place with a clock and a stop signal                   |
 
 pub mod adopt;
+pub mod complaints;
 pub mod control;
+pub mod explanations;
 pub mod fallback;
 pub mod knowledge;
 pub mod mpc;
+pub mod pose;
 pub mod reference;
 pub mod run;
 pub mod sensors;
 pub mod settings;
 #[cfg(test)]
 mod told_in_health;
-pub mod trust;
-pub mod ways;
 
 pub use settings::Settings;

@@ -4,7 +4,7 @@
 //! min  Σ_{k<N} |e(x_k)|²_Q + |u_k − t_k|²_R + |u_k − u_{k−1}|²_S  +  |e(x_N)|²_F  + ρ Σ s_k
 //! s.t. x_{k+1} = f(x_k, a_k) + g(x_k, a_k) + d,  a_k = (1 − w) u_k + w u_{k−1}      x_0 given, u_{−1} the last command
 //!      |J u_k| ≤ r ω_max,  |u_k| ≤ u_max,  |u_k − u_{k−1}| ≤ T u̇_max
-//!      |k_p J (u_k − v_k)/r| ≤ i_max (1 + s_k),  |θ_k| ≤ θ_max (1 + s_k),  |v_k| ≤ v_max (1 + s_k),  s_k ≥ 0
+//!      |k_p J (u_k − v_k + (g + d)/(1 − A))/r| ≤ i_max (1 + s_k),  |θ_k| ≤ θ_max (1 + s_k),  |v_k| ≤ v_max (1 + s_k),  s_k ≥ 0
 //!      −w_r (1 + s'_k) ≤ nᵀ(p_k − p_r) ≤ w_l (1 + s'_k),  s'_k ≥ 0        n: across the reference's course, to the left
 //! ```
 //! At a chance level, bounds on the state are drawn in by what the prediction may err (`caution`).
@@ -43,11 +43,11 @@ use model::linearise::{Linearised, linearise};
 use model::lqr::NoGain;
 use model::main_model::MainModel;
 use model::predict::Belief;
-use model::robot::Robot;
 use model::{State, Velocity};
 use nalgebra::SMatrix;
 use protocol::clock::monotonic_nanos;
 use qp::{QuadraticProgram, Vector, WIDTH};
+use robot::Robot;
 use solver::Solver;
 
 pub use cost::{Cost, TrackingError};
@@ -168,14 +168,29 @@ impl Mpc {
     ///
     /// # Errors
     /// [`MpcError`] if the weights are ill-posed or the solver refuses.
-    pub fn formulated(formulation: Formulation, settings: &MpcSettings, inputs: &InputLimits, main: &MainModel) -> Result<Self, MpcError> {
+    pub fn formulated(
+        formulation: Formulation,
+        settings: &MpcSettings,
+        inputs: &InputLimits,
+        main: &MainModel,
+    ) -> Result<Self, MpcError> {
         let (horizon, blocks) = (settings.horizon_steps, settings.control_horizon_steps);
-        let limits = Limits::new(inputs, &settings.state_limits, horizon, blocks);
+        let limits = Limits::new(inputs, &settings.state_limits, horizon, blocks, main);
         let cost = Cost::new(settings, formulation, main)?;
-        let program = QuadraticProgram::new(horizon, blocks, limits.slacks(), limits.rows(), Limits::with_slacks(cost.prices()));
+        let program = QuadraticProgram::new(
+            horizon,
+            blocks,
+            limits.slacks(),
+            limits.rows(),
+            Limits::with_slacks(cost.prices()),
+        );
         let solver = Solver::new(settings.solver, &program)?;
-        let still =
-            Linearised { next: State::default(), by_state: SMatrix::identity(), by_input: SMatrix::zeros(), by_acted: SMatrix::zeros() };
+        let still = Linearised {
+            next: State::default(),
+            by_state: SMatrix::identity(),
+            by_input: SMatrix::zeros(),
+            by_acted: SMatrix::zeros(),
+        };
         Ok(Self {
             horizon,
             blocks,
@@ -262,14 +277,25 @@ impl Mpc {
     /// Works the targets of the plan out anew. `reference` begins where the plan does. Does not allocate.
     pub fn aim(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
         for (stage, point) in self.stages.iter_mut().zip(reference) {
-            stage.target = self.limits.clamp(&target::of(self.formulation, belief, point, &stage.state, &stage.target));
+            stage.target = self.limits.clamp(&target::of(
+                self.formulation,
+                belief,
+                point,
+                &stage.state,
+                &stage.target,
+            ));
         }
         self.target_disturbance = belief.disturbance;
     }
 
     /// Does one whole iteration on the state that the plan expects, and leaves the plan as it is: what the coming iteration needs, which
     /// other work has pushed out of the processor's caches since the last one, is there again. Called after [`prepare`](Self::prepare).
-    pub fn rehearse(&mut self, last_input: &Velocity, reference: &[ReferencePoint], belief: &Belief<'_>) {
+    pub fn rehearse(
+        &mut self,
+        last_input: &Velocity,
+        reference: &[ReferencePoint],
+        belief: &Belief<'_>,
+    ) {
         if self.rehearse_expected() {
             return;
         }
@@ -311,7 +337,13 @@ impl Mpc {
     /// [`prepare`](Self::prepare) has been called for the same `reference`, which holds the points of the present tick and the N after
     /// it; `last_input` is what was commanded last.
     /// If the outcome is not usable, the plan stays the shifted one.
-    pub fn iterate(&mut self, state: &State, last_input: &Velocity, reference: &[ReferencePoint], belief: &Belief<'_>) -> Solved {
+    pub fn iterate(
+        &mut self,
+        state: &State,
+        last_input: &Velocity,
+        reference: &[ReferencePoint],
+        belief: &Belief<'_>,
+    ) -> Solved {
         if let Some(solved) = self.iterate_expected(state, last_input, belief) {
             return solved;
         }
@@ -329,18 +361,32 @@ impl Mpc {
         self.build(last_input, reference);
         let mut outcome = self.solver.solve(&self.program, &mut self.solution, &self.turn);
         self.take(&mut outcome);
-        let since = Spent { linearise_nanos: linearised - begin, solve_nanos: monotonic_nanos() - linearised };
+        let since = Spent {
+            linearise_nanos: linearised - begin,
+            solve_nanos: monotonic_nanos() - linearised,
+        };
         Solved { outcome, ahead: Spent::default(), since }
     }
 
     /// Input that holds `point` by the main model and a disturbance alone, for a robot that looks along `yaw`.
-    pub fn main_target(&self, main: &MainModel, point: &ReferencePoint, yaw: f64, disturbance: &Velocity) -> Velocity {
+    pub fn main_target(
+        &self,
+        main: &MainModel,
+        point: &ReferencePoint,
+        yaw: f64,
+        disturbance: &Velocity,
+    ) -> Velocity {
         self.limits.clamp(&main.holding_input(&target::velocity_to_hold(point, yaw), disturbance))
     }
 
     fn predictable(&self) -> bool {
-        let finite = |stage: &Stage| stage.state.is_finite() && stage.input.iter().chain(&stage.target).all(|value| value.is_finite());
-        let linear = |step: &Linearised| step.by_state.iter().chain(step.by_input.iter()).all(|value| value.is_finite());
+        let finite = |stage: &Stage| {
+            stage.state.is_finite()
+                && stage.input.iter().chain(&stage.target).all(|value| value.is_finite())
+        };
+        let linear = |step: &Linearised| {
+            step.by_state.iter().chain(step.by_input.iter()).all(|value| value.is_finite())
+        };
         self.terminal.is_finite() && self.stages.iter().all(finite) && self.steps.iter().all(linear)
     }
 
@@ -349,7 +395,9 @@ impl Mpc {
         let (mut at, mut before) = (*state, *last_input);
         for k in 0..self.horizon {
             self.settle_input(k, belief);
-            let (Some(stage), Some(step)) = (self.stages.get_mut(k), self.steps.get_mut(k)) else { return };
+            let (Some(stage), Some(step)) = (self.stages.get_mut(k), self.steps.get_mut(k)) else {
+                return;
+            };
             stage.state = at;
             *step = linearise(belief, &at, &belief.acting(&before, &stage.input));
             (at, before) = (step.next, stage.input);
@@ -379,14 +427,18 @@ impl Mpc {
         if self.formulation == Formulation::Plain {
             return target;
         }
-        let corrected =
-            std::array::from_fn(|axis| target[axis] + (self.target_disturbance[axis] - belief.disturbance[axis]) / belief.main.gain[axis]);
+        let corrected = std::array::from_fn(|axis| {
+            target[axis]
+                + (self.target_disturbance[axis] - belief.disturbance[axis])
+                    / belief.main.gain[axis]
+        });
         self.limits.clamp(&corrected)
     }
 
     fn build(&mut self, last_input: &Velocity, reference: &[ReferencePoint]) {
         let (stages, terminal) = (&self.stages, &self.terminal);
-        let outlook = Outlook { stages, terminal, last_input, reference, caution: self.caution.as_ref() };
+        let outlook =
+            Outlook { stages, terminal, last_input, reference, caution: self.caution.as_ref() };
         self.cost.write(&outlook, &mut self.program);
         self.limits.write(&outlook, &mut self.program);
     }
@@ -397,8 +449,11 @@ impl Mpc {
         if let (Some(stage), Some(step)) = (self.stages.first(), self.steps.first()) {
             caution.leave_unanswered(belief.main, &stage.state, step);
         }
-        for (k, ((stage, step), point)) in self.stages.iter().zip(&self.steps).zip(reference).enumerate() {
-            let feedback = self.cost.feedback(&TrackingError::new(&stage.state, point)) * (1.0 - belief.carry);
+        for (k, ((stage, step), point)) in
+            self.stages.iter().zip(&self.steps).zip(reference).enumerate()
+        {
+            let feedback =
+                self.cost.feedback(&TrackingError::new(&stage.state, point)) * (1.0 - belief.carry);
             caution.propagate(k, belief.main, &stage.state, step, &feedback);
         }
     }

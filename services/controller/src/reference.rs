@@ -23,6 +23,7 @@ const METRES: RangeInclusive<f64> = 1e-3..=PLACE_MAX;
 const METRES_PER_SECOND: RangeInclusive<f64> = 1e-3..=100.0;
 const METRES_PER_SECOND_SQUARED: RangeInclusive<f64> = 1e-3..=1e4;
 const SECONDS: RangeInclusive<f64> = 1e-3..=1e4;
+const SPEED_FACTORS: RangeInclusive<f64> = 1e-3..=1e3;
 
 /// What to follow.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -35,6 +36,13 @@ pub struct ReferenceSettings {
     /// Time in which the path's own clock comes up to speed, from a standstill \[s\]. With 0 the robot shall move from the first moment on.
     #[serde(default)]
     pub ramp_s: f64,
+    /// How fast the path's own clock runs: less than 1 for a slower robot on the same path \[1\].
+    #[serde(default = "unchanged")]
+    pub speed_factor: f64,
+}
+
+fn unchanged() -> f64 {
+    1.0
 }
 
 /// Which way to look.
@@ -149,12 +157,30 @@ impl ReferenceSettings {
         if !(0.0..=*SECONDS.end()).contains(&self.ramp_s) {
             return Err(Impossible::new("ramp_s", format!("0 to {} s", SECONDS.end())));
         }
+        if !SPEED_FACTORS.contains(&self.speed_factor) {
+            let (least, most) = (SPEED_FACTORS.start(), SPEED_FACTORS.end());
+            return Err(Impossible::new(
+                "speed_factor",
+                format!("a factor from {least} to {most}"),
+            ));
+        }
         match self.heading {
             Heading::FixedRad(yaw) if yaw.is_nan() || yaw.abs() > PLACE_MAX => {
-                Err(Impossible::new("heading.fixed-rad", format!("an angle in radians of at most {PLACE_MAX}, either way")))
+                Err(Impossible::new(
+                    "heading.fixed-rad",
+                    format!("an angle in radians of at most {PLACE_MAX}, either way"),
+                ))
             }
-            Heading::Given if !matches!(self.path, PathSettings::Points { .. } | PathSettings::PointToPoint { .. }) => {
-                Err(Impossible { key: "heading".into(), expected: "\"tangent\" or { fixed-rad = … }: this path gives no heading".into() })
+            Heading::Given
+                if !matches!(
+                    self.path,
+                    PathSettings::Points { .. } | PathSettings::PointToPoint { .. }
+                ) =>
+            {
+                Err(Impossible {
+                    key: "heading".into(),
+                    expected: "\"tangent\" or { fixed-rad = … }: this path gives no heading".into(),
+                })
             }
             _ => Ok(()),
         }
@@ -164,17 +190,32 @@ impl ReferenceSettings {
 impl PathSettings {
     fn check(&self) -> Result<(), Impossible> {
         let speed = |speed: f64| ("speed_mps", speed, METRES_PER_SECOND);
-        let acceleration = |acceleration: f64| ("acceleration_mps2", acceleration, METRES_PER_SECOND_SQUARED);
+        let acceleration =
+            |acceleration: f64| ("acceleration_mps2", acceleration, METRES_PER_SECOND_SQUARED);
         let (kind, numbers) = match *self {
             Self::PaperCurve { speed_mps } => ("paper-curve", vec![speed(speed_mps)]),
-            Self::Circle { radius_m, speed_mps } => ("circle", vec![("radius_m", radius_m, METRES), speed(speed_mps)]),
-            Self::FigureEight { length_m, width_m, lap_s } => {
-                ("figure-eight", vec![("length_m", length_m, METRES), ("width_m", width_m, METRES), ("lap_s", lap_s, SECONDS)])
+            Self::Circle { radius_m, speed_mps } => {
+                ("circle", vec![("radius_m", radius_m, METRES), speed(speed_mps)])
             }
-            Self::Square { side_m, speed_mps } => ("square", vec![("side_m", side_m, METRES), speed(speed_mps)]),
+            Self::FigureEight { length_m, width_m, lap_s } => (
+                "figure-eight",
+                vec![
+                    ("length_m", length_m, METRES),
+                    ("width_m", width_m, METRES),
+                    ("lap_s", lap_s, SECONDS),
+                ],
+            ),
+            Self::Square { side_m, speed_mps } => {
+                ("square", vec![("side_m", side_m, METRES), speed(speed_mps)])
+            }
             Self::StopAndGo { stretch_m, speed_mps, acceleration_mps2, pause_s } => (
                 "stop-and-go",
-                vec![("stretch_m", stretch_m, METRES), speed(speed_mps), acceleration(acceleration_mps2), ("pause_s", pause_s, SECONDS)],
+                vec![
+                    ("stretch_m", stretch_m, METRES),
+                    speed(speed_mps),
+                    acceleration(acceleration_mps2),
+                    ("pause_s", pause_s, SECONDS),
+                ],
             ),
             Self::PointToPoint { speed_mps, acceleration_mps2, .. } => {
                 ("point-to-point", vec![speed(speed_mps), acceleration(acceleration_mps2)])
@@ -183,13 +224,17 @@ impl PathSettings {
         };
         for (key, value, range) in numbers {
             if !range.contains(&value) {
-                return Err(Impossible::new(format!("path.{kind}.{key}"), format!("a number from {} to {}", range.start(), range.end())));
+                return Err(Impossible::new(
+                    format!("path.{kind}.{key}"),
+                    format!("a number from {} to {}", range.start(), range.end()),
+                ));
             }
         }
         match self {
-            Self::PointToPoint { to, .. } if !is_place(to) => {
-                Err(Impossible::new("path.point-to-point.to", format!("three numbers x, y, yaw of at most {PLACE_MAX}, either way")))
-            }
+            Self::PointToPoint { to, .. } if !is_place(to) => Err(Impossible::new(
+                "path.point-to-point.to",
+                format!("three numbers x, y, yaw of at most {PLACE_MAX}, either way"),
+            )),
             _ => Ok(()),
         }
     }
@@ -203,7 +248,12 @@ pub fn is_place(pose: &Pose) -> bool {
 impl ReferenceSettings {
     /// What the path's own clock shows at `time` \[s\], and how fast it runs: evenly faster during the ramp, then as it should.
     fn path_time(&self, time: f64) -> (f64, f64) {
-        if time < self.ramp_s { (0.5 * time * time / self.ramp_s, time / self.ramp_s) } else { (time - 0.5 * self.ramp_s, 1.0) }
+        if time < self.ramp_s {
+            let factor = self.speed_factor;
+            (factor * (0.5 * time * time / self.ramp_s), factor * (time / self.ramp_s))
+        } else {
+            (self.speed_factor * (time - 0.5 * self.ramp_s), self.speed_factor)
+        }
     }
 }
 
@@ -212,7 +262,12 @@ impl Reference {
     ///
     /// # Errors
     /// [`PointsError`] if a file of points cannot be used.
-    pub fn new(settings: &ReferenceSettings, start: &Pose, period: f64, ticks: usize) -> Result<Self, PointsError> {
+    pub fn new(
+        settings: &ReferenceSettings,
+        start: &Pose,
+        period: f64,
+        ticks: usize,
+    ) -> Result<Self, PointsError> {
         let mut path = Path::new(&settings.path, start)?;
         let (mut yaw_before, mut course_before) = (None, None);
         let points = (0..=ticks)
@@ -243,8 +298,12 @@ impl Reference {
     /// The reference at a tick. Does not allocate.
     pub fn at(&self, tick: u64) -> ReferencePoint {
         let index = usize::try_from(tick).unwrap_or(usize::MAX);
-        let behind_the_end =
-            || self.points.last().map_or_else(ReferencePoint::default, |last| ReferencePoint { velocity: [0.0; 3], ..*last });
+        let behind_the_end = || {
+            self.points.last().map_or_else(ReferencePoint::default, |last| ReferencePoint {
+                velocity: [0.0; 3],
+                ..*last
+            })
+        };
         self.points.get(index).copied().unwrap_or_else(behind_the_end)
     }
 }
@@ -258,24 +317,49 @@ mod tests {
             PathSettings::PaperCurve { speed_mps: 2.7 },
             PathSettings::Circle { radius_m: 1.5, speed_mps: 1.0 },
             PathSettings::FigureEight { length_m: 4.0, width_m: 2.0, lap_s: 10.0 },
-            PathSettings::StopAndGo { stretch_m: 2.0, speed_mps: 1.5, acceleration_mps2: 2.0, pause_s: 1.0 },
-            PathSettings::PointToPoint { to: [2.0, 1.0, 0.5], speed_mps: 1.0, acceleration_mps2: 1.0 },
+            PathSettings::StopAndGo {
+                stretch_m: 2.0,
+                speed_mps: 1.5,
+                acceleration_mps2: 2.0,
+                pause_s: 1.0,
+            },
+            PathSettings::PointToPoint {
+                to: [2.0, 1.0, 0.5],
+                speed_mps: 1.0,
+                acceleration_mps2: 1.0,
+            },
         ]
     }
 
     #[test]
-    fn the_velocity_of_every_smooth_path_is_the_derivative_of_its_pose() -> Result<(), PointsError> {
-        for (path, ramp_s) in all().into_iter().flat_map(|path| [(path.clone(), 0.0), (path, 2.0)]) {
-            let settings = ReferenceSettings { path, heading: Heading::FixedRad(0.3), ramp_s };
+    fn the_velocity_of_every_smooth_path_is_the_derivative_of_its_pose() -> Result<(), PointsError>
+    {
+        for (path, ramp_s) in all().into_iter().flat_map(|path| [(path.clone(), 0.0), (path, 2.0)])
+        {
+            let settings = ReferenceSettings {
+                path,
+                heading: Heading::FixedRad(0.3),
+                ramp_s,
+                speed_factor: 0.7,
+            };
             let period = 1e-3;
             let table = Reference::new(&settings, &[0.0; 3], period, 20_000)?;
             for tick in (1..19_999).step_by(97) {
-                let (before, here, after) = (table.at(tick - 1), table.at(tick), table.at(tick + 1));
+                let (before, here, after) =
+                    (table.at(tick - 1), table.at(tick), table.at(tick + 1));
                 let (sin, cos) = here.pose[2].sin_cos();
-                let world = [cos * here.velocity[0] - sin * here.velocity[1], sin * here.velocity[0] + cos * here.velocity[1]];
+                let world = [
+                    cos * here.velocity[0] - sin * here.velocity[1],
+                    sin * here.velocity[0] + cos * here.velocity[1],
+                ];
                 for axis in 0..2 {
                     let numeric = (after.pose[axis] - before.pose[axis]) / (2.0 * period);
-                    assert!((numeric - world[axis]).abs() < 3e-3, "{:?} at {tick}: {numeric} is not {}", settings.path, world[axis]);
+                    assert!(
+                        (numeric - world[axis]).abs() < 3e-3,
+                        "{:?} at {tick}: {numeric} is not {}",
+                        settings.path,
+                        world[axis]
+                    );
                 }
             }
         }
@@ -284,7 +368,12 @@ mod tests {
 
     #[test]
     fn the_papers_curve_is_followed_at_its_speed_within_its_heading() -> Result<(), PointsError> {
-        let settings = ReferenceSettings { path: PathSettings::PaperCurve { speed_mps: 2.7 }, heading: Heading::Tangent, ramp_s: 0.0 };
+        let settings = ReferenceSettings {
+            path: PathSettings::PaperCurve { speed_mps: 2.7 },
+            heading: Heading::Tangent,
+            ramp_s: 0.0,
+            speed_factor: 1.0,
+        };
         let table = Reference::new(&settings, &[0.0, -1.0, 0.0], 0.1, 250)?;
         for tick in 0..=240 {
             let point = table.at(tick);
@@ -298,8 +387,12 @@ mod tests {
 
     #[test]
     fn the_heading_of_a_circle_grows_without_a_jump() -> Result<(), PointsError> {
-        let settings =
-            ReferenceSettings { path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }, heading: Heading::Tangent, ramp_s: 0.0 };
+        let settings = ReferenceSettings {
+            path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 },
+            heading: Heading::Tangent,
+            ramp_s: 0.0,
+            speed_factor: 1.0,
+        };
         let table = Reference::new(&settings, &[0.0; 3], 0.1, 200)?;
         for tick in 1..200 {
             assert!((table.at(tick).pose[2] - table.at(tick - 1).pose[2] - 0.1).abs() < 1e-9);
@@ -308,9 +401,19 @@ mod tests {
     }
 
     #[test]
-    fn the_lateral_distance_is_across_the_course_and_to_the_left_also_at_rest() -> Result<(), PointsError> {
-        let path = PathSettings::PointToPoint { to: [0.0, 2.0, 0.0], speed_mps: 1.0, acceleration_mps2: 1.0 };
-        let settings = ReferenceSettings { path, heading: Heading::FixedRad(0.3), ramp_s: 0.0 };
+    fn the_lateral_distance_is_across_the_course_and_to_the_left_also_at_rest()
+    -> Result<(), PointsError> {
+        let path = PathSettings::PointToPoint {
+            to: [0.0, 2.0, 0.0],
+            speed_mps: 1.0,
+            acceleration_mps2: 1.0,
+        };
+        let settings = ReferenceSettings {
+            path,
+            heading: Heading::FixedRad(0.3),
+            ramp_s: 0.0,
+            speed_factor: 1.0,
+        };
         let table = Reference::new(&settings, &[0.0; 3], 0.1, 50)?;
         for tick in [10, 49, 200] {
             let point = table.at(tick);
@@ -322,19 +425,43 @@ mod tests {
 
     #[test]
     fn a_path_whose_numbers_would_be_infinite_is_refused() {
-        let refused = |path| ReferenceSettings { path, heading: Heading::FixedRad(0.0), ramp_s: 0.0 }.check().err().map(|error| error.key);
+        let refused = |path| {
+            ReferenceSettings {
+                path,
+                heading: Heading::FixedRad(0.0),
+                ramp_s: 0.0,
+                speed_factor: 1.0,
+            }
+            .check()
+            .err()
+            .map(|error| error.key)
+        };
         // Its speed, where it took longer than the run to step along it.
-        assert_eq!(refused(PathSettings::PaperCurve { speed_mps: 1e300 }), Some("path.paper-curve.speed_mps".to_owned()));
-        assert_eq!(refused(PathSettings::Circle { radius_m: 1e-300, speed_mps: 1.0 }), Some("path.circle.radius_m".to_owned()));
-        let far = PathSettings::PointToPoint { to: [1e308, 1e308, 0.0], speed_mps: 1.0, acceleration_mps2: 1.0 };
+        assert_eq!(
+            refused(PathSettings::PaperCurve { speed_mps: 1e300 }),
+            Some("path.paper-curve.speed_mps".to_owned())
+        );
+        assert_eq!(
+            refused(PathSettings::Circle { radius_m: 1e-300, speed_mps: 1.0 }),
+            Some("path.circle.radius_m".to_owned())
+        );
+        let far = PathSettings::PointToPoint {
+            to: [1e308, 1e308, 0.0],
+            speed_mps: 1.0,
+            acceleration_mps2: 1.0,
+        };
         assert_eq!(refused(far), Some("path.point-to-point.to".to_owned()));
         assert_eq!(refused(PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }), None);
     }
 
     #[test]
     fn behind_its_end_the_robot_stands() -> Result<(), PointsError> {
-        let settings =
-            ReferenceSettings { path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 }, heading: Heading::Tangent, ramp_s: 0.0 };
+        let settings = ReferenceSettings {
+            path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 },
+            heading: Heading::Tangent,
+            ramp_s: 0.0,
+            speed_factor: 1.0,
+        };
         let table = Reference::new(&settings, &[0.0; 3], 0.1, 10)?;
         assert_eq!(table.at(11).velocity, [0.0; 3]);
         assert_eq!(table.at(11).pose, table.at(10).pose);

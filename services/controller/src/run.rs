@@ -6,6 +6,7 @@ mod desk;
 mod tests;
 
 use crate::adopt::{Arrival, Event, Handover};
+use crate::complaints::{Complaints, Sentence};
 use crate::control::tuning::RULES;
 use crate::control::{Controller, ControllerError};
 use crate::settings::Settings;
@@ -56,7 +57,9 @@ pub enum RunError {
         theirs: u64,
     },
     /// Nobody could ever take over from a controller that has the last epoch.
-    #[error("epoch {highest} is the last one there is: no controller can take over from whoever has it; start the plant anew")]
+    #[error(
+        "epoch {highest} is the last one there is: no controller can take over from whoever has it; start the plant anew"
+    )]
     NoEpochLeft {
         /// Highest epoch so far.
         highest: u64,
@@ -70,7 +73,11 @@ pub enum RunError {
 ///
 /// # Errors
 /// [`RunError`].
-pub fn run(settings: &Settings, connect: impl Fn(Identity) -> Result<Ports, OpenError> + Sync, stop: &Stop) -> Result<(), RunError> {
+pub fn run(
+    settings: &Settings,
+    connect: impl Fn(Identity) -> Result<Ports, OpenError> + Sync,
+    stop: &Stop,
+) -> Result<(), RunError> {
     run_foreseeing(settings, None, connect, stop)
 }
 
@@ -91,10 +98,12 @@ pub fn run_foreseeing(
     let control_thread = thread::current();
     thread::scope(|scope| {
         // Started first, so that it does not go first.
-        let attendant = scope.spawn(|| attend(settings, &connect, identity, &handover, &done, &control_thread));
+        let attendant =
+            scope.spawn(|| attend(settings, &connect, identity, &handover, &done, &control_thread));
         settings.run.go_first_to_open();
         let ports = connect(identity).map_err(RunError::from);
-        let result = ports.and_then(|ports| Loop::new(settings, foresight, &ports, &handover)?.run(stop));
+        let result =
+            ports.and_then(|ports| Loop::new(settings, foresight, &ports, &handover)?.run(stop));
         step_back();
         done.request();
         attendant.join().map_err(|_| RunError::Attendant)??;
@@ -122,6 +131,7 @@ struct Loop<'a> {
     settings: &'a Settings,
     handover: &'a Handover,
     controller: Controller,
+    complaints: Complaints,
     states: Source<PlantState>,
     commands: Sink<Command>,
     residuals: Sink<ResidualSample>,
@@ -142,12 +152,18 @@ struct Loop<'a> {
 }
 
 impl<'a> Loop<'a> {
-    fn new(settings: &'a Settings, foresight: Option<Box<dyn Foresight>>, ports: &Ports, handover: &'a Handover) -> Result<Self, RunError> {
+    fn new(
+        settings: &'a Settings,
+        foresight: Option<Box<dyn Foresight>>,
+        ports: &Ports,
+        handover: &'a Handover,
+    ) -> Result<Self, RunError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
         Ok(Self {
             settings,
             handover,
             controller: Controller::foreseeing(settings, foresight)?,
+            complaints: Complaints::new(&settings.robot, settings.run.period_nanos as f64 * 1e-9),
             states: ports.source(since)?,
             commands: ports.sink()?,
             residuals: ports.sink()?,
@@ -168,7 +184,9 @@ impl<'a> Loop<'a> {
         self.settings.run.go_first_to_run();
         self.pulse.phase(Phase::Ready);
         while !stop.requested() {
-            let until_rehearsal = self.rehearse_at.map_or(PATIENCE, |at| Duration::from_nanos(at.saturating_sub(monotonic_nanos())));
+            let until_rehearsal = self
+                .rehearse_at
+                .map_or(PATIENCE, |at| Duration::from_nanos(at.saturating_sub(monotonic_nanos())));
             self.states.wait(until_rehearsal.min(PATIENCE))?;
             self.watch_attendant()?;
             let state = match self.settings.run.pace {
@@ -215,6 +233,9 @@ impl<'a> Loop<'a> {
         }
         if let Some(fault) = self.controller.sensor_fault() {
             self.pulse.health().set_last_error(fault.text());
+        } else if let Some(complaint) = self.complaints.look(state) {
+            self.handover.note(Event::Complaint { tick, complaint });
+            self.pulse.health().set_last_error(Sentence::of(&complaint).text());
         }
 
         self.seat.release();
@@ -236,7 +257,8 @@ impl<'a> Loop<'a> {
     /// A plant that says its last state again waits for an answer that was lost: it gets the same bytes. Whoever had them takes them for stale.
     fn answer_again(&mut self) -> Result<(), RunError> {
         let repeated = std::mem::replace(&mut self.repeated, self.states.tally().stale);
-        let waits = self.repeated > repeated && monotonic_nanos() >= self.answered_at + UNANSWERED_NANOS;
+        let waits =
+            self.repeated > repeated && monotonic_nanos() >= self.answered_at + UNANSWERED_NANOS;
         if waits && self.answered.is_some() {
             self.commands.repeat(self.controller.last_answer())?;
         }
@@ -246,8 +268,10 @@ impl<'a> Loop<'a> {
     /// Real time: far enough ahead of the next state that the rehearsal is over when it comes. A tick that takes much of the period
     /// leaves no room for one.
     fn time_to_rehearse(&self, begin: u64, tick_nanos: u64) -> Option<u64> {
-        let (period, ahead) = (self.settings.run.period_nanos, (REHEARSAL_TICKS * tick_nanos).max(REHEARSAL_LEAST));
-        (self.settings.run.pace == Pace::RealTime && 2 * ahead < period).then_some(begin + period.saturating_sub(ahead))
+        let (period, ahead) =
+            (self.settings.run.period_nanos, (REHEARSAL_TICKS * tick_nanos).max(REHEARSAL_LEAST));
+        (self.settings.run.pace == Pace::RealTime && 2 * ahead < period)
+            .then_some(begin + period.saturating_sub(ahead))
     }
 
     /// What the robot does not depend on: a message to learner or watchers that cannot be sent ends a run in lock step, which loses
@@ -256,7 +280,9 @@ impl<'a> Loop<'a> {
         match (sent, self.settings.run.pace) {
             (Err(error), Pace::LockStep) => Err(error.into()),
             (Err(_), Pace::RealTime) => {
-                self.pulse.health().set_last_error("a message to the learner or to watchers could not be sent");
+                self.pulse
+                    .health()
+                    .set_last_error("a message to the learner or to watchers could not be sent");
                 Ok(())
             }
             (Ok(()), _) => Ok(()),
@@ -299,7 +325,8 @@ impl<'a> Loop<'a> {
         self.answered = Some((plant_epoch, tick));
         self.handover.tick.store(tick, Ordering::Relaxed);
         self.answered_at = monotonic_nanos();
-        let late = self.settings.run.pace == Pace::RealTime && nanos > self.settings.run.period_nanos;
+        let late =
+            self.settings.run.pace == Pace::RealTime && nanos > self.settings.run.period_nanos;
         let out_of_time = self.controller.ran_out_of_time();
         if late || skipped > 0 {
             self.handover.note(Event::Late { tick, nanos });
@@ -334,14 +361,17 @@ impl<'a> Loop<'a> {
 
     /// Whether no state has come yet, or none for two periods.
     fn is_unemployed(&self) -> bool {
-        self.answered.is_none() || monotonic_nanos() > self.answered_at + 2 * self.settings.run.period_nanos
+        self.answered.is_none()
+            || monotonic_nanos() > self.answered_at + 2 * self.settings.run.period_nanos
     }
 
     /// Lock step: waits for the model that takes effect at `tick`, if the schedule has one there.
     fn take_due(&mut self, tick: u64, stop: &Stop) -> Result<(), RunError> {
         let learned = &self.settings.learned;
         let first = learned.delay_ticks + if learned.resumed { 0 } else { learned.every_ticks };
-        let due = learned.enabled && tick >= first && (tick - learned.delay_ticks).is_multiple_of(learned.every_ticks);
+        let due = learned.enabled
+            && tick >= first
+            && (tick - learned.delay_ticks).is_multiple_of(learned.every_ticks);
         while due && !stop.requested() {
             match self.handover.ready.pop() {
                 Some(Arrival::Candidate(candidate)) => {
@@ -351,7 +381,9 @@ impl<'a> Loop<'a> {
                         return Ok(());
                     }
                 }
-                Some(Arrival::Refused { effective_tick }) if effective_tick >= tick => return Ok(()),
+                Some(Arrival::Refused { effective_tick }) if effective_tick >= tick => {
+                    return Ok(());
+                }
                 Some(Arrival::Refused { .. }) => {}
                 None => {
                     self.watch_attendant()?;
@@ -389,7 +421,8 @@ impl<'a> Loop<'a> {
         health.model_version = version;
         (health.learned_axes, health.models_left) = (u64::from(learned_axes), models_left);
         health.snapshots_refused = handover.refused.load(Ordering::Relaxed);
-        let [received, lost, refused] = [0, 1, 2].map(|i| handover.snapshots[i].load(Ordering::Relaxed));
+        let [received, lost, refused] =
+            [0, 1, 2].map(|i| handover.snapshots[i].load(Ordering::Relaxed));
         health.received[Topic::Snapshot.index()] = received;
         health.lost[Topic::Snapshot.index()] = lost;
         health.refused[Topic::Snapshot.index()] = refused;

@@ -53,9 +53,15 @@ impl SensorFault {
     pub const fn text(self) -> &'static str {
         match self {
             Self::NotFinite => "the measured state is not a number: the robot brakes",
-            Self::Position => "the position has not changed for periods although the robot drives: a stuck sensor, the robot brakes",
-            Self::Heading => "the heading has not changed for periods although the robot turns: a stuck sensor, the robot brakes",
-            Self::Everything => "nothing measured has changed for periods although the robot is driven: stuck sensors, the robot brakes",
+            Self::Position => {
+                "the position has not changed for periods although the robot drives: a stuck sensor, the robot brakes"
+            }
+            Self::Heading => {
+                "the heading has not changed for periods although the robot turns: a stuck sensor, the robot brakes"
+            }
+            Self::Everything => {
+                "nothing measured has changed for periods although the robot is driven: stuck sensors, the robot brakes"
+            }
             Self::Velocity => {
                 "the velocity has not changed for periods, and the robot is elsewhere than it leads: a stuck sensor, the robot brakes"
             }
@@ -117,7 +123,12 @@ struct Frozen {
 }
 
 impl Frozen {
-    const NEVER: Self = Self { periods: 0, astray: [0.0; 2], inputs: [(f64::INFINITY, f64::NEG_INFINITY); 2], stuck: false };
+    const NEVER: Self = Self {
+        periods: 0,
+        astray: [0.0; 2],
+        inputs: [(f64::INFINITY, f64::NEG_INFINITY); 2],
+        stuck: false,
+    };
 
     /// One more period, in which `input` acted, and which ended away `from` where the velocity leads.
     fn update(&mut self, changed: bool, from: [f64; 2], input: [f64; 2], change: f64, far: f64) {
@@ -132,7 +143,9 @@ impl Frozen {
             (*least, *most) = (least.min(input[axis]), most.max(input[axis]));
         }
         let driven = self.inputs.iter().any(|(least, most)| most - least > change);
-        self.stuck |= driven && self.periods >= COMMANDED_PERIODS && self.astray[0].hypot(self.astray[1]) > far;
+        self.stuck |= driven
+            && self.periods >= COMMANDED_PERIODS
+            && self.astray[0].hypot(self.astray[1]) > far;
     }
 }
 
@@ -157,7 +170,17 @@ impl Watch {
     pub fn new(main: MainModel, bound: Velocity) -> Self {
         let (still, frozen) = (Still::default(), Frozen::NEVER);
         let everything = [still; 2];
-        Self { main, bound, last: None, finite: true, position: still, heading: still, everything, velocity: frozen, yaw_rate: frozen }
+        Self {
+            main,
+            bound,
+            last: None,
+            finite: true,
+            position: still,
+            heading: still,
+            everything,
+            velocity: frozen,
+            yaw_rate: frozen,
+        }
     }
 
     /// Forgets everything: another robot, or the same one put somewhere else.
@@ -182,8 +205,14 @@ impl Watch {
 
     /// Takes in what was measured at the end of a period in which the robot was `driven`.
     pub fn look(&mut self, state: &PlantState, driven: &Driven) -> Option<SensorFault> {
-        let now = Readings { tick: state.stamp.tick, pose: state.pose, velocity: state.velocity, wheel_speed: state.wheel_speed };
-        self.finite = State { pose: now.pose, velocity: now.velocity, acted: [0.0; AXES] }.is_finite();
+        let now = Readings {
+            tick: state.stamp.tick,
+            pose: state.pose,
+            velocity: state.velocity,
+            wheel_speed: state.wheel_speed,
+        };
+        self.finite =
+            State { pose: now.pose, velocity: now.velocity, acted: [0.0; AXES] }.is_finite();
         if self.finite {
             if let Some(last) = self.last.filter(|last| last.tick + 1 == now.tick) {
                 self.compare(&last, &now, driven);
@@ -201,22 +230,44 @@ impl Watch {
         let moved = !same(&[x, y], &now.pose[..2]);
         let turned = !same(&[yaw], &now.pose[2..]);
         let travel = [period * (cos * forward - sin * left), period * (sin * forward + cos * left)];
-        self.position.update(moved, (forward.hypot(left) > SPEED).then_some(travel), |periods, far| periods >= PERIODS && far > TRAVEL);
-        self.heading.update(turned, (rate.abs() > RATE).then_some([period * rate, 0.0]), |periods, far| periods >= PERIODS && far > TURN);
+        self.position.update(
+            moved,
+            (forward.hypot(left) > SPEED).then_some(travel),
+            |periods, far| periods >= PERIODS && far > TRAVEL,
+        );
+        self.heading.update(
+            turned,
+            (rate.abs() > RATE).then_some([period * rate, 0.0]),
+            |periods, far| periods >= PERIODS && far > TURN,
+        );
 
-        let frozen = |axes: std::ops::Range<usize>| same(&last.velocity[axes.clone()], &now.velocity[axes]);
+        let frozen =
+            |axes: std::ops::Range<usize>| same(&last.velocity[axes.clone()], &now.velocity[axes]);
         let [along, across, about] = driven.acted;
         // A pose that stands still says nothing: the robot may stand.
-        let astray = if moved { [now.pose[0] - x - travel[0], now.pose[1] - y - travel[1]] } else { [0.0; 2] };
+        let astray = if moved {
+            [now.pose[0] - x - travel[0], now.pose[1] - y - travel[1]]
+        } else {
+            [0.0; 2]
+        };
         let turned_astray = if turned { wrap(now.pose[2] - yaw) - period * rate } else { 0.0 };
         self.velocity.update(!frozen(0..2), astray, [along, across], SPEED, TRAVEL);
         self.yaw_rate.update(!frozen(2..3), [turned_astray, 0.0], [about, about], RATE, TURN);
 
-        let changed = moved || turned || !same(&last.velocity, &now.velocity) || !same(&last.wheel_speed, &now.wheel_speed);
+        let changed = moved
+            || turned
+            || !same(&last.velocity, &now.velocity)
+            || !same(&last.wheel_speed, &now.wheel_speed);
         let (acted, commanded) = (Some(driven.acted), driven.commanded);
-        for (index, (input, least)) in [(acted, PERIODS), (commanded, COMMANDED_PERIODS)].into_iter().enumerate() {
+        for (index, (input, least)) in
+            [(acted, PERIODS), (commanded, COMMANDED_PERIODS)].into_iter().enumerate()
+        {
             let contradicts = input.is_some_and(|input| self.contradicts(last, now, &input));
-            self.everything[index].update(changed, contradicts.then_some([0.0; 2]), |periods, _| periods >= least);
+            self.everything[index].update(
+                changed,
+                contradicts.then_some([0.0; 2]),
+                |periods, _| periods >= least,
+            );
         }
     }
 
@@ -237,7 +288,7 @@ mod tests {
     use super::*;
     use bytemuck::Zeroable;
     use model::residual::bound;
-    use model::robot::Robot;
+    use robot::Robot;
 
     const PERIOD: f64 = 0.1;
 
@@ -257,7 +308,11 @@ mod tests {
     }
 
     /// What is said of each of so many periods.
-    fn said(watch: &mut Watch, ticks: std::ops::Range<u64>, at: impl Fn(u64) -> (PlantState, Driven)) -> Vec<Option<SensorFault>> {
+    fn said(
+        watch: &mut Watch,
+        ticks: std::ops::Range<u64>,
+        at: impl Fn(u64) -> (PlantState, Driven),
+    ) -> Vec<Option<SensorFault>> {
         let look = |tick| {
             let (state, driven) = at(tick);
             watch.look(&state, &driven)
@@ -271,7 +326,8 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_that_stands_still_while_the_robot_drives_is_named_after_three_periods_until_it_moves_again() {
+    fn a_pose_that_stands_still_while_the_robot_drives_is_named_after_three_periods_until_it_moves_again()
+     {
         let mut watch = watch();
         let stuck_from = |first: u64| {
             move |tick: u64| {
@@ -285,16 +341,30 @@ mod tests {
         assert_eq!(said_of[13..], [Some(SensorFault::Position); 7]);
         let (mut standing, _) = stuck_from(10)(20);
         standing.velocity = [0.0; 3];
-        assert_eq!(watch.look(&standing, &driven([0.0; 3])), Some(SensorFault::Position), "it has braked, and nothing has moved");
+        assert_eq!(
+            watch.look(&standing, &driven([0.0; 3])),
+            Some(SensorFault::Position),
+            "it has braked, and nothing has moved"
+        );
         assert_eq!(watch.look(&driving(21).0, &driven([0.0; 3])), None);
     }
 
     #[test]
     fn a_heading_that_stands_still_while_the_robot_turns_is_named() {
-        let turning = |tick: u64| (state(tick, [0.01 * tick as f64, 0.0, 1.0], [0.1, 0.0, -0.5]), driven([0.1, 0.0, -0.5]));
+        let turning = |tick: u64| {
+            (
+                state(tick, [0.01 * tick as f64, 0.0, 1.0], [0.1, 0.0, -0.5]),
+                driven([0.1, 0.0, -0.5]),
+            )
+        };
         assert_eq!(
             said(&mut watch(), 0..6, turning)[2..],
-            [None, Some(SensorFault::Heading), Some(SensorFault::Heading), Some(SensorFault::Heading)]
+            [
+                None,
+                Some(SensorFault::Heading),
+                Some(SensorFault::Heading),
+                Some(SensorFault::Heading)
+            ]
         );
     }
 
@@ -304,7 +374,8 @@ mod tests {
         let said_of = said(&mut watch(), 0..6, frozen);
         assert_eq!((said_of[2], said_of[3]), (None, Some(SensorFault::Everything)));
         // What acted is told by the same stuck driver: it is the commands that give it away.
-        let silent = |tick| (frozen(tick).0, Driven { acted: [0.0; 3], commanded: Some([2.0, 0.0, 0.0]) });
+        let silent =
+            |tick| (frozen(tick).0, Driven { acted: [0.0; 3], commanded: Some([2.0, 0.0, 0.0]) });
         let said_of = said(&mut watch(), 0..20, silent);
         assert_eq!(said_of.iter().position(Option::is_some), Some(COMMANDED_PERIODS as usize));
     }
@@ -313,16 +384,23 @@ mod tests {
     fn a_robot_that_stands_holds_a_point_or_sticks_to_the_floor_is_never_suspected() {
         let mut watch = watch();
         // Coarse and biased sensors, and an input that friction does not let through.
-        let standing = |tick| (state(tick, [1.0, 2.0, 3.0], [0.15, -0.05, 0.15]), driven([0.8, 0.3, -0.6]));
+        let standing =
+            |tick| (state(tick, [1.0, 2.0, 3.0], [0.15, -0.05, 0.15]), driven([0.8, 0.3, -0.6]));
         assert!(said(&mut watch, 0..10_000, standing).iter().all(Option::is_none));
         // A pose in steps of a centimetre, at a control period of a tenth of what it takes to cover one.
-        let creeping = |tick: u64| (state(tick, [0.01 * (tick / 10) as f64, 0.0, 0.0], [0.19, 0.0, 0.0]), driven([0.2, 0.0, 0.0]));
+        let creeping = |tick: u64| {
+            (
+                state(tick, [0.01 * (tick / 10) as f64, 0.0, 0.0], [0.19, 0.0, 0.0]),
+                driven([0.2, 0.0, 0.0]),
+            )
+        };
         assert!(said(&mut watch, 10_000..12_000, creeping).iter().all(Option::is_none));
         assert!(said(&mut watch, 12_000..13_000, driving).iter().all(Option::is_none));
     }
 
     #[test]
-    fn a_velocity_that_stands_still_while_the_input_changes_and_the_robot_goes_elsewhere_is_named() {
+    fn a_velocity_that_stands_still_while_the_input_changes_and_the_robot_goes_elsewhere_is_named()
+    {
         // Ten periods ahead, then to the left, then turning; the velocity of the first ten stays in the readings.
         let way = |tick: u64| PERIOD * tick.min(10) as f64;
         let after = |tick: u64| PERIOD * tick.saturating_sub(10) as f64;
@@ -337,14 +415,20 @@ mod tests {
             let rate = if tick < 10 { 0.0 } else { 1.0 };
             (state(tick, [0.3, 0.0, after(tick)], [0.0; 3]), driven([0.0, 0.0, rate]))
         };
-        assert!(said(&mut watch(), 0..30, turning)[12..].iter().all(|said| *said == Some(SensorFault::YawRate)));
+        assert!(
+            said(&mut watch(), 0..30, turning)[12..]
+                .iter()
+                .all(|said| *said == Some(SensorFault::YawRate))
+        );
     }
 
     #[test]
     fn a_constant_velocity_is_not_stuck_where_it_leads_to_or_where_the_input_is_constant() {
         assert!(said(&mut watch(), 0..1000, driving).iter().all(Option::is_none));
         // Wheels that slip, as coarse encoders see them: the robot is slower than they say.
-        let slipping = |tick: u64| (state(tick, [0.05 * tick as f64, 0.0, 0.0], [1.0, 0.0, 0.0]), driven([1.05, 0.0, 0.0]));
+        let slipping = |tick: u64| {
+            (state(tick, [0.05 * tick as f64, 0.0, 0.0], [1.0, 0.0, 0.0]), driven([1.05, 0.0, 0.0]))
+        };
         assert!(said(&mut watch(), 0..1000, slipping).iter().all(Option::is_none));
     }
 

@@ -4,8 +4,8 @@ mod solver_fault;
 
 use crate::reference::{PLACE_MAX, ReferenceSettings, is_place};
 use model::learned::Layout;
-use model::robot::Robot;
 use protocol::message::HORIZON_MAX;
+use robot::Robot;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 
@@ -70,7 +70,8 @@ pub struct MpcSettings {
     /// Bounds on the predicted state, soft.
     #[serde(default)]
     pub state_limits: StateLimits,
-    /// ℓ of the disturbance observer, 0 to 1.
+    /// Largest ℓ of the disturbance observer, 0 to 1; a smaller one is used where it foretells better.
+    /// With 0 there is no observer.
     pub observer_gain: f64,
     /// How answers are found.
     #[serde(default)]
@@ -84,7 +85,11 @@ pub struct MpcSettings {
     /// Who solves the quadratic program.
     #[serde(default)]
     pub solver: SolverSetting,
-    /// Whether, on each axis, a learned model is used only while it foretells better than the main model with its observer; else it is used
+    /// Whether the robot's response (time constant, gain, offset) is identified while it drives, and
+    /// used where that foretells better.
+    #[serde(default = "yes")]
+    pub identify: bool,
+    /// Whether, on each axis, a learned model is used only while it foretells better than what there is without it; else it is used
     /// from the first one on, to see what that costs.
     #[serde(default = "yes")]
     pub no_harm: bool,
@@ -109,8 +114,6 @@ pub enum Method {
     /// Model predictive control with the learned models that come.
     #[default]
     Mpc,
-    /// The same with a linear residual, found by recursive least squares here and now, instead of learned models.
-    LeastSquaresMpc,
     /// The input that holds the reference by the main model, and a proportional feedback of the pose.
     FeedforwardP,
     /// Model predictive control with the plant's own dynamics as model, which `coxswain experiment` hands out and nobody else.
@@ -143,7 +146,7 @@ pub enum SolverSetting {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DelaySetting {
-    /// It is found from what was commanded and what the driver says has acted, and made up for.
+    /// It is found from what the gate gave the wheels and the velocity that followed, and made up for.
     #[default]
     Estimated,
     /// It is known, and made up for \[s\].
@@ -197,12 +200,17 @@ impl MpcSettings {
     /// # Errors
     /// [`Impossible`] names the first setting that cannot be.
     pub fn check(&self) -> Result<(), Impossible> {
-        let impossible = |key: &str, expected: &str| Err(Impossible { key: key.into(), expected: expected.into() });
+        let impossible = |key: &str, expected: &str| {
+            Err(Impossible { key: key.into(), expected: expected.into() })
+        };
         if !(3..=HORIZON_MAX).contains(&self.horizon_steps) {
             return impossible("horizon_steps", &format!("3 to {HORIZON_MAX} periods"));
         }
         if !(1..=self.horizon_steps).contains(&self.control_horizon_steps) {
-            return impossible("control_horizon_steps", &format!("1 to horizon_steps = {} periods", self.horizon_steps));
+            return impossible(
+                "control_horizon_steps",
+                &format!("1 to horizon_steps = {} periods", self.horizon_steps),
+            );
         }
         let weights = &self.weights;
         for (key, value) in [
@@ -233,7 +241,10 @@ impl MpcSettings {
             }
         }
         if limits.chance_level.is_some_and(|level| !(0.5..=CHANCE_LEVEL_MAX).contains(&level)) {
-            return impossible("state_limits.chance_level", "0.5, which looks at the mean alone, to 0.999999, or nothing");
+            return impossible(
+                "state_limits.chance_level",
+                "0.5, which looks at the mean alone, to 0.999999, or nothing",
+            );
         }
         if let DelaySetting::KnownS(seconds) = self.delay
             && !(seconds.is_finite() && seconds >= 0.0)
@@ -241,10 +252,16 @@ impl MpcSettings {
             return impossible("delay.known-s", "a finite number of seconds of at least 0");
         }
         if !(0.0..=1.0).contains(&self.observer_gain) {
-            return impossible("observer_gain", "a number from 0 (never corrects) to 1 (believes the last period alone)");
+            return impossible(
+                "observer_gain",
+                "a number from 0 (never corrects) to 1 (believes the last period alone)",
+            );
         }
         if !(self.budget_share > 0.0 && self.budget_share <= 1.0) {
-            return impossible("budget_share", "a share of the period, greater than 0 and at most 1");
+            return impossible(
+                "budget_share",
+                "a share of the period, greater than 0 and at most 1",
+            );
         }
         Ok(())
     }
@@ -258,22 +275,33 @@ impl process::HasRun for Settings {
 
 impl Check for Settings {
     fn check(&self) -> Result<(), Impossible> {
-        self.robot.check().map_err(|e| Impossible { key: format!("robot.{}", e.key), expected: e.expected.into() })?;
+        self.robot.check().map_err(|e| Impossible {
+            key: format!("robot.{}", e.key),
+            expected: e.expected.into(),
+        })?;
         self.reference.check().map_err(|e| e.under("reference"))?;
         self.mpc.check().map_err(|e| e.under("mpc"))?;
         self.solver_faults.check().map_err(|e| e.under("solver_faults"))?;
         if !is_place(&self.start) {
-            return Err(Impossible::new("start", format!("three numbers x, y, yaw of at most {PLACE_MAX}, either way")));
+            return Err(Impossible::new(
+                "start",
+                format!("three numbers x, y, yaw of at most {PLACE_MAX}, either way"),
+            ));
         }
         let periods = self.duration_s * 1e9 / self.run.period_nanos as f64;
         if !(periods > 0.0 && periods <= PERIODS_MAX) {
             return Err(Impossible::new(
                 "duration_s",
-                format!("more than 0 s, and at most {PERIODS_MAX} periods, which the reference has room for"),
+                format!(
+                    "more than 0 s, and at most {PERIODS_MAX} periods, which the reference has room for"
+                ),
             ));
         }
         if self.learned.every_ticks == 0 || self.learned.delay_ticks == 0 {
-            return Err(Impossible { key: "learned.every_ticks".into(), expected: "every_ticks and delay_ticks of at least 1".into() });
+            return Err(Impossible {
+                key: "learned.every_ticks".into(),
+                expected: "every_ticks and delay_ticks of at least 1".into(),
+            });
         }
         Ok(())
     }

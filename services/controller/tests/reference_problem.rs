@@ -12,7 +12,9 @@ use std::error::Error;
 
 /// FNV-1a over the bits of numbers.
 fn hash(numbers: impl Iterator<Item = f64>) -> u64 {
-    numbers.flat_map(f64::to_le_bytes).fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+    numbers.flat_map(f64::to_le_bytes).fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+    })
 }
 
 fn assert_close(ours: impl IntoIterator<Item = f64>, theirs: &[f64], tolerance: f64) {
@@ -24,11 +26,18 @@ fn assert_close(ours: impl IntoIterator<Item = f64>, theirs: &[f64], tolerance: 
 #[test]
 fn the_data_are_those_of_the_peers_bit_for_bit_where_no_library_of_functions_has_a_say() {
     let (inputs, targets) = gp_data::gp_data(500, 7);
-    assert_eq!(hash(inputs.iter().flat_map(|input| [input[0], input[1], input[2]])), 0xf92f_d289_6d4b_9fbf);
+    assert_eq!(
+        hash(inputs.iter().flat_map(|input| [input[0], input[1], input[2]])),
+        0xf92f_d289_6d4b_9fbf
+    );
     // Logarithm, sine, cosine and hyperbolic tangent may differ in the last bit from one C library to another.
     let theirs = [-2.153_650_281_494_109_6, 2.308_643_996_602_611, 1.039_544_649_208_15];
     assert_close(inputs[499][3..].iter().copied(), &theirs, 1e-15);
-    assert_close(targets[499], &[1.059_312_093_014_695_5, -1.043_870_078_668_973_2, -0.516_278_154_202_769_2], 1e-14);
+    assert_close(
+        targets[499],
+        &[1.059_312_093_014_695_5, -1.043_870_078_668_973_2, -0.516_278_154_202_769_2],
+        1e-14,
+    );
     let end = reference(342)[341];
     let theirs = [71.300_553_408_914_55, 14.648_503_232_476_124, 1.070_807_107_733_482_2];
     assert_close(end.pose, &theirs, 1e-13);
@@ -39,13 +48,20 @@ fn the_data_are_those_of_the_peers_bit_for_bit_where_no_library_of_functions_has
 fn the_processes_say_what_those_of_the_peers_say() -> Result<(), Box<dyn Error>> {
     let at = Moment { velocity: [1.0, -0.5, 0.2], input: [1.2, -0.6, 0.1], ..Moment::default() };
     let ours = Processes::new(100)?.mean(&at).map(|change| change / PERIOD);
-    assert_close(ours, &[-0.579_992_644_624_64, 0.941_390_447_576_224_7, -0.114_013_708_144_932_06], 1e-10);
+    assert_close(
+        ours,
+        &[-0.579_992_644_624_64, 0.941_390_447_576_224_7, -0.114_013_708_144_932_06],
+        1e-10,
+    );
     Ok(())
 }
 
 #[test]
 fn the_closed_loop_is_that_of_three_independent_peers() -> Result<(), Box<dyn Error>> {
     let figures = closed_loop::drive(100, 10, Linearise::Expected)?;
-    assert!((figures.rms_pos_err - 0.35788).abs() < 2e-4 && (figures.usum - 1091.717).abs() < 0.2, "{figures:?}");
+    assert!(
+        (figures.rms_pos_err - 0.35788).abs() < 2e-4 && (figures.usum - 1091.717).abs() < 0.2,
+        "{figures:?}"
+    );
     Ok(())
 }

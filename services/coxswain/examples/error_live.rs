@@ -19,7 +19,10 @@ const BAR: f64 = 40.0;
 fn main() -> anyhow::Result<ExitCode> {
     let mut arguments = env::args().skip(1);
     let (Some(endpoint), robot) = (arguments.next(), arguments.next()) else {
-        writeln!(io::stderr(), "where? Say an endpoint, as in error_live tcp/127.0.0.1:7448 [robot]")?;
+        writeln!(
+            io::stderr(),
+            "where? Say an endpoint, as in error_live tcp/127.0.0.1:7448 [robot]"
+        )?;
         return Ok(ExitCode::from(2));
     };
     let stop = Stop::new();
@@ -31,8 +34,15 @@ fn main() -> anyhow::Result<ExitCode> {
         if let Some(Heard::Plan(plan)) = word.map(|word| word.said) {
             heard = Instant::now();
             let error = plan.position_error();
-            match writeln!(io::stdout(), "tick {:6}  error {error:8.4} m  {}", plan.stamp.tick, bar(error)) {
-                Err(error) if error.kind() == ErrorKind::BrokenPipe => return Ok(ExitCode::SUCCESS),
+            match writeln!(
+                io::stdout(),
+                "tick {:6}  error {error:8.4} m  {}",
+                plan.stamp.tick,
+                bar(error)
+            ) {
+                Err(error) if error.kind() == ErrorKind::BrokenPipe => {
+                    return Ok(ExitCode::SUCCESS);
+                }
                 written => written?,
             }
         }

@@ -9,11 +9,11 @@ use crate::role::{START_ORDER, program};
 use crate::scenario::Scenario;
 use controller::settings::LearnedSettings;
 use gateway::settings::About;
-use model::robot::Robot;
 use process::{Pace, Run};
 use protocol::access::{Credentials, Role};
 use protocol::message::{Exposure, Participant};
 use protocol::port::{Carrier, Faults, Links};
+use robot::Robot;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError, WriteError};
 use std::path::{Component, Path, PathBuf};
@@ -66,11 +66,23 @@ impl Assembly {
     pub fn read(options: &Options) -> Result<Self, SettingsError> {
         let mut graph: Graph = settings::read(&options.graph)?;
         let own_scenario = from(&options.graph, &graph.scenario);
-        let robot_file = options.robot.clone().unwrap_or_else(|| from(&options.graph, &graph.robot));
-        let (mut scenario, scenario_name) = scenario_of(options.scenario.as_deref(), &own_scenario)?;
+        let robot_file =
+            options.robot.clone().unwrap_or_else(|| from(&options.graph, &graph.robot));
+        let (mut scenario, scenario_name) =
+            scenario_of(options.scenario.as_deref(), &own_scenario)?;
+        if graph.processes.plant.enabled && scenario.truth.is_none() && scenario.world.is_none() {
+            return Err(SettingsError::Value {
+                file: options.scenario.clone().unwrap_or(own_scenario),
+                line: None,
+                key: "truth".into(),
+                value: None,
+                expected: "[truth] or [world]: the graph simulates the plant".into(),
+            });
+        }
         let robot = robot_of(&robot_file)?;
         graph.pace = options.pace.unwrap_or(graph.pace);
-        graph.processes.learner.enabled = options.learner.unwrap_or(graph.processes.learner.enabled);
+        graph.processes.learner.enabled =
+            options.learner.unwrap_or(graph.processes.learner.enabled);
         if let Some(endpoint) = &options.listen {
             graph.network.listen = vec![endpoint.clone()];
         }
@@ -88,8 +100,11 @@ impl Assembly {
             }
         }
         let folder = options.certificates.clone();
-        let folder = folder.or_else(|| graph.certificates.as_ref().map(|table| from(&options.graph, &table.folder)));
-        let certificates = folder.map(|folder| certificates_in(&folder, options, &graph)).transpose()?;
+        let folder = folder.or_else(|| {
+            graph.certificates.as_ref().map(|table| from(&options.graph, &table.folder))
+        });
+        let certificates =
+            folder.map(|folder| certificates_in(&folder, options, &graph)).transpose()?;
         let exposed = exposed(&graph, certificates.is_some());
         if certificates.is_none()
             && let Some((key, endpoint)) = over_tls(&graph)
@@ -116,12 +131,32 @@ impl Assembly {
         }
         scenario.duration_s = options.duration.unwrap_or(scenario.duration_s);
         scenario.seed = options.seed.unwrap_or(scenario.seed);
-        let faults = options.faults.as_deref().map_or_else(|| Ok(FaultsFile::default()), |file| faults_of(file, graph.pace))?;
-        if let (Some(file), Err(impossible)) = (&options.faults, faults.in_world(&scenario.truth)) {
+        let faults = options
+            .faults
+            .as_deref()
+            .map_or_else(|| Ok(FaultsFile::default()), |file| faults_of(file, graph.pace))?;
+        let world = faults.in_world(scenario.truth.as_ref());
+        if let (Some(file), Err(impossible)) = (&options.faults, world) {
             let Impossible { key, expected } = impossible;
-            return Err(SettingsError::Value { file: file.clone(), line: None, key, value: None, expected });
+            return Err(SettingsError::Value {
+                file: file.clone(),
+                line: None,
+                key,
+                value: None,
+                expected,
+            });
         }
-        Ok(Self { certificates, exposed, graph, scenario, scenario_name, robot, log: options.log.clone(), faults, without_learning: None })
+        Ok(Self {
+            certificates,
+            exposed,
+            graph,
+            scenario,
+            scenario_name,
+            robot,
+            log: options.log.clone(),
+            faults,
+            without_learning: None,
+        })
     }
 
     /// Its processes, in the order in which they start.
@@ -146,7 +181,10 @@ impl Assembly {
 
     /// What the process of `role` shows on the network, if anything runs there and there are certificates.
     pub fn credentials_of(&self, role: Participant) -> Option<Credentials> {
-        self.certificates.as_ref().filter(|_| self.networked()).map(|certificates| certificates.of(role.into()))
+        self.certificates
+            .as_ref()
+            .filter(|_| self.networked())
+            .map(|certificates| certificates.of(role.into()))
     }
 
     /// How its links run, without faults: those of the graph called `id`, whose carriers keep their files in `root` and join the network at `router`.
@@ -159,7 +197,11 @@ impl Assembly {
             carriers: self.graph.links.clone(),
             connect: router.to_vec(),
             network_graph: self.graph.network.graph.clone(),
-            credentials: self.certificates.as_ref().filter(|_| self.networked()).map(Certificates::of_host),
+            credentials: self
+                .certificates
+                .as_ref()
+                .filter(|_| self.networked())
+                .map(Certificates::of_host),
             faults: Faults::default(),
         }
     }
@@ -168,7 +210,12 @@ impl Assembly {
     ///
     /// # Errors
     /// [`WriteError`].
-    pub fn write_settings(&self, role: Participant, run: Run, file: &Path) -> Result<(), WriteError> {
+    pub fn write_settings(
+        &self,
+        role: Participant,
+        run: Run,
+        file: &Path,
+    ) -> Result<(), WriteError> {
         match role {
             Participant::Plant => settings::write(file, &self.plant(run)),
             Participant::Controller => settings::write(file, &self.controller(run)),
@@ -181,7 +228,8 @@ impl Assembly {
     /// What the plant is told.
     pub fn plant(&self, run: Run) -> plant_sim::Settings {
         // That they fit together was checked when they were read; a scenario that was changed since comes before faults.
-        let truth = self.faults.in_world(&self.scenario.truth).unwrap_or_else(|_| self.scenario.truth.clone());
+        let truth = self.scenario.truth.as_ref();
+        let truth = self.faults.in_world(truth).unwrap_or_else(|_| truth.cloned());
         plant_sim::Settings {
             run,
             duration_s: self.scenario.duration_s,
@@ -191,6 +239,7 @@ impl Assembly {
             start: self.scenario.start,
             robot: self.robot,
             truth,
+            program: self.scenario.world.clone(),
         }
     }
 
@@ -235,14 +284,20 @@ impl Assembly {
             without_learning: self.without_learning.clone(),
         };
         let Graph { mut telemetry, rates, page, .. } = self.graph.clone();
-        telemetry.credentials = self.certificates.as_ref().map(|certificates| certificates.of(Role::Gateway));
+        telemetry.credentials =
+            self.certificates.as_ref().map(|certificates| certificates.of(Role::Gateway));
         gateway::settings::Settings { run, telemetry, rates, page, about }
     }
 
     /// What the learner is told.
     pub fn learner(&self, run: Run) -> learner::Settings {
         let snapshot_faults = self.faults.of_snapshots();
-        learner::Settings { run, robot: self.robot, learner: self.scenario.learner.clone(), snapshot_faults }
+        learner::Settings {
+            run,
+            robot: self.robot,
+            learner: self.scenario.learner.clone(),
+            snapshot_faults,
+        }
     }
 }
 
@@ -253,11 +308,17 @@ fn over_tls(graph: &Graph) -> Option<(&'static str, &String)> {
         ("network.connect", &graph.network.connect),
         ("telemetry.listen", &graph.telemetry.listen),
     ];
-    lists.into_iter().find_map(|(key, endpoints)| Some((key, endpoints.iter().find(|endpoint| endpoint.starts_with("tls/"))?)))
+    lists.into_iter().find_map(|(key, endpoints)| {
+        Some((key, endpoints.iter().find(|endpoint| endpoint.starts_with("tls/"))?))
+    })
 }
 
 /// The certificates in `folder`, if a launch of `graph` can use them.
-fn certificates_in(folder: &Path, options: &Options, graph: &Graph) -> Result<Certificates, SettingsError> {
+fn certificates_in(
+    folder: &Path,
+    options: &Options,
+    graph: &Graph,
+) -> Result<Certificates, SettingsError> {
     // What the processes are told holds wherever they run.
     let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
     Certificates::check(&folder, graph).map_err(|error| SettingsError::Value {
@@ -307,9 +368,9 @@ fn from(file: &Path, path: &Path) -> PathBuf {
 /// The scenario that was asked for, and a person's name for it: a file, or the name of one beside the graph's `own`, with variants as in
 /// `figure-eight+payload`.
 fn scenario_of(asked: Option<&Path>, own: &Path) -> Result<(Scenario, String), SettingsError> {
-    let Some(asked) = asked else { return Ok((settings::read(own)?, name_of(own))) };
+    let Some(asked) = asked else { return Ok((Scenario::read(own)?, name_of(own))) };
     if asked.extension().is_some() || asked.components().count() > 1 || asked.is_file() {
-        return Ok((settings::read(asked)?, name_of(asked)));
+        return Ok((Scenario::read(asked)?, name_of(asked)));
     }
     let name = asked.to_string_lossy().into_owned();
     Ok((Scenario::named(own.parent().unwrap_or(Path::new("")), &name, None, &[])?, name))
@@ -321,7 +382,10 @@ fn name_of(file: &Path) -> String {
 }
 
 /// Binaries of `roles` that are not in `folder`.
-pub fn missing_programs(roles: impl Iterator<Item = Participant>, folder: &Path) -> Vec<&'static str> {
+pub fn missing_programs(
+    roles: impl Iterator<Item = Participant>,
+    folder: &Path,
+) -> Vec<&'static str> {
     roles.map(program).filter(|program| !folder.join(program).is_file()).collect()
 }
 
@@ -353,7 +417,11 @@ mod tests {
         assert_eq!(name(Some(Path::new("circle")))?, "circle");
         assert_eq!(name(Some(&own.with_file_name("square.toml")))?, "square");
         assert_eq!(name(Some(Path::new("figure-eight+payload")))?, "figure-eight+payload");
-        let refused = [name(Some(Path::new("my/circle"))), name(Some(Path::new("circle.toml"))), name(Some(Path::new("ellipse")))];
+        let refused = [
+            name(Some(Path::new("my/circle"))),
+            name(Some(Path::new("circle.toml"))),
+            name(Some(Path::new("ellipse"))),
+        ];
         assert!(refused.iter().all(Result::is_err), "{refused:?}");
         Ok(())
     }
@@ -361,7 +429,10 @@ mod tests {
     #[test]
     fn a_path_in_a_graph_file_is_told_without_detours() {
         let told = |file, path| from(Path::new(file), Path::new(path));
-        assert_eq!(told("deploy/graphs/g.toml", "../robots/r.toml"), Path::new("deploy/robots/r.toml"));
+        assert_eq!(
+            told("deploy/graphs/g.toml", "../robots/r.toml"),
+            Path::new("deploy/robots/r.toml")
+        );
         assert_eq!(told("g.toml", "../r.toml"), Path::new("../r.toml"));
         assert_eq!(told("g.toml", "/etc/r.toml"), Path::new("/etc/r.toml"));
     }
@@ -370,7 +441,10 @@ mod tests {
     fn a_binary_that_is_not_built_is_named() -> std::io::Result<()> {
         let folder = tempfile::tempdir()?;
         std::fs::write(folder.path().join("recorder"), "")?;
-        let missing = missing_programs([Participant::Recorder, Participant::Plant].into_iter(), folder.path());
+        let missing = missing_programs(
+            [Participant::Recorder, Participant::Plant].into_iter(),
+            folder.path(),
+        );
         assert_eq!(missing, ["plant-sim"]);
         Ok(())
     }

@@ -27,7 +27,11 @@ pub struct Restarts {
 impl Restarts {
     /// How long to wait before the restart after a death at `now`; none if there have been too many.
     pub fn after_death(&mut self, policy: &RestartPolicy, now: Instant) -> Option<Duration> {
-        while self.within_window.front().is_some_and(|&time| now.saturating_duration_since(time) >= WINDOW) {
+        while self
+            .within_window
+            .front()
+            .is_some_and(|&time| now.saturating_duration_since(time) >= WINDOW)
+        {
             self.within_window.pop_front();
         }
         let before = u32::try_from(self.within_window.len()).unwrap_or(u32::MAX);
@@ -56,13 +60,19 @@ fn delay(policy: &RestartPolicy, before: u32) -> Duration {
 mod tests {
     use super::*;
 
-    const POLICY: RestartPolicy = RestartPolicy { per_minute: 8, second: Duration::from_millis(100), longest: Duration::from_secs(2) };
+    const POLICY: RestartPolicy = RestartPolicy {
+        per_minute: 8,
+        second: Duration::from_millis(100),
+        longest: Duration::from_secs(2),
+    };
 
     #[test]
     fn the_first_restart_is_immediate_then_the_wait_doubles_up_to_the_longest() {
         let mut restarts = Restarts::default();
         let now = Instant::now();
-        let waits: Vec<Option<u128>> = (0..8).map(|_| restarts.after_death(&POLICY, now).map(|wait| wait.as_millis())).collect();
+        let waits: Vec<Option<u128>> = (0..8)
+            .map(|_| restarts.after_death(&POLICY, now).map(|wait| wait.as_millis()))
+            .collect();
         let expected = [0, 100, 200, 400, 800, 1600, 2000, 2000].map(Some);
         assert_eq!(waits, expected);
     }
@@ -90,7 +100,11 @@ mod tests {
 
     #[test]
     fn no_policy_overflows() {
-        let policy = RestartPolicy { per_minute: u32::MAX, second: Duration::MAX, longest: Duration::from_secs(2) };
+        let policy = RestartPolicy {
+            per_minute: u32::MAX,
+            second: Duration::MAX,
+            longest: Duration::from_secs(2),
+        };
         assert_eq!(delay(&policy, 4_000_000_000), policy.longest);
     }
 }

@@ -40,7 +40,10 @@ impl Ballast {
             return Err(BallastError::TooLarge { size });
         }
         // Nobody else can have laid a link there, or a file of that name.
-        let file = File::options().write(true).custom_flags(OFlags::TMPFILE.bits().cast_signed()).open(FOLDER)?;
+        let file = File::options()
+            .write(true)
+            .custom_flags(OFlags::TMPFILE.bits().cast_signed())
+            .open(FOLDER)?;
         let length = (found.f_bavail * found.f_frsize).saturating_sub(left);
         if length > 0 {
             fallocate(&file, FallocateFlags::empty(), 0, length).map_err(io::Error::from)?;

@@ -68,14 +68,19 @@ impl Berth {
     /// [`BerthError`].
     pub fn take(base: &Path) -> Result<Self, BerthError> {
         let berth = Self { base: base.to_path_buf(), id: new_id() };
-        let launcher = Launcher::this().map_err(|source| BerthError::FileSystem { path: "/proc/self/stat".into(), source })?;
+        let launcher = Launcher::this()
+            .map_err(|source| BerthError::FileSystem { path: "/proc/self/stat".into(), source })?;
         // Whoever leaves last removes the base, perhaps between our two steps.
         let mut attempts_left = 5;
         loop {
             private::make(base)?;
             match berth.sign(launcher) {
-                Err(error) if error.kind() == io::ErrorKind::NotFound && attempts_left > 0 => attempts_left -= 1,
-                Err(source) => return Err(BerthError::FileSystem { path: berth.launcher_file(), source }),
+                Err(error) if error.kind() == io::ErrorKind::NotFound && attempts_left > 0 => {
+                    attempts_left -= 1;
+                }
+                Err(source) => {
+                    return Err(BerthError::FileSystem { path: berth.launcher_file(), source });
+                }
                 Ok(()) => break,
             }
         }
@@ -124,7 +129,10 @@ impl Berth {
     fn clear(&self) -> Result<(), String> {
         let report = sweep(&self.links()).map_err(|error| error.to_string())?;
         if report.living > 0 {
-            return Err(format!("graph {} has {} living members; the next launch sweeps it", self.id, report.living));
+            return Err(format!(
+                "graph {} has {} living members; the next launch sweeps it",
+                self.id, report.living
+            ));
         }
         let gone = |result: io::Result<()>| match result {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error.to_string()),
@@ -187,7 +195,9 @@ fn stale(base: &Path) -> Vec<Berth> {
 /// The graphs below `base` with a launcher as wanted.
 fn signed(base: &Path, wanted: impl Fn(Launcher) -> bool) -> Vec<Berth> {
     let entries = fs::read_dir(base).into_iter().flatten().flatten();
-    let files = entries.map(|entry| entry.path()).filter(|path| path.extension() == Some(OsStr::new("toml")));
+    let files = entries
+        .map(|entry| entry.path())
+        .filter(|path| path.extension() == Some(OsStr::new("toml")));
     let chosen = files.filter(|path| Launcher::of(path).is_some_and(&wanted));
     let ids = chosen.filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()));
     ids.map(|id| Berth { base: base.to_path_buf(), id }).collect()
@@ -229,7 +239,9 @@ fn parse_stat(stat: &str) -> Option<u64> {
 fn new_id() -> String {
     const DIGITS: &[u8; 32] = b"0123456789abcdefghjkmnpqrstvwxyz";
     let random = Identity::new(0).writer;
-    (0..8).map(|place| char::from(DIGITS[(random >> (5 * place)) as usize % DIGITS.len()])).collect()
+    (0..8)
+        .map(|place| char::from(DIGITS[(random >> (5 * place)) as usize % DIGITS.len()]))
+        .collect()
 }
 
 #[cfg(test)]
@@ -249,7 +261,10 @@ mod tests {
     fn a_process_lives_only_with_its_own_start_time() -> io::Result<()> {
         let this = Launcher::this()?;
         assert!(this.lives());
-        assert!(!Launcher { start_ticks: this.start_ticks + 1, ..this }.lives(), "another process with the same id");
+        assert!(
+            !Launcher { start_ticks: this.start_ticks + 1, ..this }.lives(),
+            "another process with the same id"
+        );
         let mut child = std::process::Command::new("true").spawn()?;
         child.wait()?;
         assert!(!Launcher { pid: child.id(), ..this }.lives());

@@ -52,32 +52,53 @@ pub fn run(options: &CertificatesOptions) -> Result<(), IssueError> {
     let now_s = unix_s(SystemTime::now());
     let authority = options.authority.clone().unwrap_or_else(|| beside(&options.out));
     let (from_s, until_s) = (now_s - CLOCK_SKEW_S, now_s + options.days * DAY_S);
-    let order = Order { robot: options.robot.clone(), addresses: options.addresses.clone(), from_s, until_s };
+    let order = Order {
+        robot: options.robot.clone(),
+        addresses: options.addresses.clone(),
+        from_s,
+        until_s,
+    };
     let made = issue(&authority, &options.out, &order)?;
     let whose = if made.new_authority { "new authority" } else { "authority" };
-    terminal::print(format_args!("{whose} {}: keep it off the robot; whoever has its key can make certificates", authority.display()));
-    terminal::print(format_args!("certificates of robot {}, valid until {}:", options.robot, told(until_s)));
+    terminal::print(format_args!(
+        "{whose} {}: keep it off the robot; whoever has its key can make certificates",
+        authority.display()
+    ));
+    terminal::print(format_args!(
+        "certificates of robot {}, valid until {}:",
+        options.robot,
+        told(until_s)
+    ));
     for (role, addresses) in &made.certificates {
         let folder = options.out.join(role.name());
-        let where_to = if addresses.is_empty() { String::new() } else { format!("  at {}", addresses.join(", ")) };
+        let where_to = if addresses.is_empty() {
+            String::new()
+        } else {
+            format!("  at {}", addresses.join(", "))
+        };
         terminal::print(format_args!("  {:<13} {}{where_to}", role.name(), folder.display()));
     }
     let out = options.out.display();
     terminal::print(format_args!("robot's machine: {out}/{{robot-host,robot,recorder,gateway}}"));
-    terminal::print(format_args!("controller's machine: {out}/{{control-host,controller,learner}}"));
+    terminal::print(format_args!(
+        "controller's machine: {out}/{{control-host,controller,learner}}"
+    ));
     terminal::print(format_args!("each watcher's machine: {out}/watcher"));
     Ok(())
 }
 
 /// The folder's name and `-authority`.
 fn beside(out: &Path) -> PathBuf {
-    let name = out.file_name().map_or_else(|| "certificates".into(), |name| name.to_string_lossy().into_owned());
+    let name = out
+        .file_name()
+        .map_or_else(|| "certificates".into(), |name| name.to_string_lossy().into_owned());
     out.with_file_name(format!("{name}-authority"))
 }
 
 /// Unix time \[s\].
 pub fn unix_s(time: SystemTime) -> i64 {
-    time.duration_since(UNIX_EPOCH).map_or(0, |since| i64::try_from(since.as_secs()).unwrap_or(i64::MAX))
+    time.duration_since(UNIX_EPOCH)
+        .map_or(0, |since| i64::try_from(since.as_secs()).unwrap_or(i64::MAX))
 }
 
 /// A Unix time as in `20261121T083303Z`.

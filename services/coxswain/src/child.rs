@@ -32,7 +32,12 @@ impl Child {
     ///
     /// # Errors
     /// If it cannot be started.
-    pub fn start(role: Participant, programs: &Path, settings: &Path, run: &Path) -> io::Result<Self> {
+    pub fn start(
+        role: Participant,
+        programs: &Path,
+        settings: &Path,
+        run: &Path,
+    ) -> io::Result<Self> {
         let output = File::options().create(true).append(true).open(output_file(run, role))?;
         let (lifeline, input) = Lifeline::new()?;
         let mut command = Command::new(programs.join(program(role)));
@@ -157,7 +162,10 @@ pub fn output_file(run: &Path, role: Participant) -> PathBuf {
 /// What a process said last: the end of its log and of its output, one line each, indented.
 pub fn last_words(run: &Path, role: Participant) -> String {
     let files = [run.join(format!("{}.log", role.text())), output_file(run, role)];
-    files.iter().flat_map(|file| last_lines(file)).fold(String::new(), |words, line| words + "\n    " + &line)
+    files
+        .iter()
+        .flat_map(|file| last_lines(file))
+        .fold(String::new(), |words, line| words + "\n    " + &line)
 }
 
 fn last_lines(file: &Path) -> Vec<String> {
@@ -175,7 +183,10 @@ mod tests {
     fn an_ending_is_told_in_words() {
         assert_eq!(Ending(ExitStatus::from_raw(2 << 8)).to_string(), "exit code 2");
         assert_eq!(Ending(ExitStatus::from_raw(9)).to_string(), "signal 9");
-        assert!(Ending(ExitStatus::from_raw(15)).is_clean() && !Ending(ExitStatus::from_raw(15)).is_success());
+        assert!(
+            Ending(ExitStatus::from_raw(15)).is_clean()
+                && !Ending(ExitStatus::from_raw(15)).is_success()
+        );
     }
 
     #[test]
@@ -184,7 +195,10 @@ mod tests {
         fs::write(run.path().join("plant.log"), "1\n2\n3\n4\n5\n6\n")?;
         fs::write(run.path().join("plant.out"), "plant: lost\n")?;
         let words = last_words(run.path(), Participant::Plant);
-        assert_eq!(words.split_whitespace().collect::<Vec<_>>(), ["2", "3", "4", "5", "6", "plant:", "lost"]);
+        assert_eq!(
+            words.split_whitespace().collect::<Vec<_>>(),
+            ["2", "3", "4", "5", "6", "plant:", "lost"]
+        );
         Ok(())
     }
 }

@@ -13,6 +13,8 @@ pub struct Closing {
     arrival_s: Option<f64>,
     speed_settle_s: Option<f64>,
     steady_speed_error_mps: Option<f64>,
+    #[serde(default)]
+    figures_of: String,
     position_rmse_m: Option<f64>,
     position_max_m: Option<f64>,
     tick_p50_us: Option<f64>,
@@ -25,6 +27,8 @@ pub struct Closing {
     snapshots_published: u64,
     snapshots_adopted: u64,
     losses: BTreeMap<String, BTreeMap<String, u64>>,
+    #[serde(default)]
+    told: Vec<String>,
     exposure: String,
 }
 
@@ -42,26 +46,69 @@ impl Display for Closing {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let metres = |value| figure(value, 3, "m");
         let micros = |value| figure(value, 0, "µs");
-        writeln!(f, "  arrival             {}", self.arrival_s.map_or_else(|| "never".into(), |time| figure(Some(time), 1, "s")))?;
-        writeln!(f, "  speed settled       {}", self.speed_settle_s.map_or_else(|| "never".into(), |time| figure(Some(time), 1, "s")))?;
+        writeln!(
+            f,
+            "  arrival             {}",
+            self.arrival_s.map_or_else(|| "never".into(), |time| figure(Some(time), 1, "s"))
+        )?;
+        writeln!(
+            f,
+            "  speed settled       {}",
+            self.speed_settle_s.map_or_else(|| "never".into(), |time| figure(Some(time), 1, "s"))
+        )?;
         writeln!(f, "  steady speed error  {}", figure(self.steady_speed_error_mps, 3, "m/s"))?;
-        writeln!(f, "  position error      {} rms, {} at most", metres(self.position_rmse_m), metres(self.position_max_m))?;
+        writeln!(
+            f,
+            "  position error      {} rms, {} at most{}",
+            metres(self.position_rmse_m),
+            metres(self.position_max_m),
+            if self.figures_of == "measured" { ", as measured" } else { "" }
+        )?;
         let [half, most, all] = [self.tick_p50_us, self.tick_p99_us, self.tick_max_us].map(micros);
         writeln!(f, "  control tick        {half} p50, {most} p99, {all} at most")?;
-        let on_rung = |rung: &&Rung| self.rungs.get(rung.text()).is_some_and(|&periods| periods > 0);
-        let rungs = Rung::ALL.iter().filter(on_rung).map(|rung| format!("{rung} {}", self.rungs.get(rung.text()).copied().unwrap_or(0)));
-        writeln!(f, "  periods             {}, {} missed ({})", self.periods, self.periods_missed, list(rungs))?;
+        let on_rung =
+            |rung: &&Rung| self.rungs.get(rung.text()).is_some_and(|&periods| periods > 0);
+        let rungs = Rung::ALL
+            .iter()
+            .filter(on_rung)
+            .map(|rung| format!("{rung} {}", self.rungs.get(rung.text()).copied().unwrap_or(0)));
+        writeln!(
+            f,
+            "  periods             {}, {} missed ({})",
+            self.periods,
+            self.periods_missed,
+            list(rungs)
+        )?;
         if self.world_stalled_s > 0.0 {
-            writeln!(f, "  world stood still   {:.3} s, in which the machine kept the simulator from running", self.world_stalled_s)?;
+            writeln!(
+                f,
+                "  world stood still   {:.3} s, in which the machine kept the simulator from running",
+                self.world_stalled_s
+            )?;
         }
-        writeln!(f, "  models              {} published, {} adopted", self.snapshots_published, self.snapshots_adopted)?;
+        writeln!(
+            f,
+            "  models              {} published, {} adopted",
+            self.snapshots_published, self.snapshots_adopted
+        )?;
         let lost = self
             .losses
             .iter()
             .map(|(topic, readers)| (topic, readers.values().copied().fold(0, u64::saturating_add)))
             .filter(|(_, lost)| *lost > 0);
-        write!(f, "  messages lost       {}", list(lost.map(|(topic, lost)| format!("{topic} {lost}"))))?;
-        if self.exposure == Exposure::Closed.text() { Ok(()) } else { write!(f, "\n  INSECURE            {}", self.exposure) }
+        write!(
+            f,
+            "  messages lost       {}",
+            list(lost.map(|(topic, lost)| format!("{topic} {lost}")))
+        )?;
+        for told in &self.told {
+            write!(f, "\n  told                {told}")?;
+        }
+        if self.exposure == Exposure::Closed.text() {
+            Ok(())
+        } else {
+            write!(f, "\n  INSECURE            {}", self.exposure)
+        }
     }
 }
 
@@ -95,9 +142,20 @@ mod tests {
   models              5 published, 4 adopted
   messages lost       plan 3";
         assert_eq!(Closing::read(folder.path())?.to_string(), expected);
-        fs::write(folder.path().join("summary.json"), summary.replace("closed", "strangers can drive"))?;
+        fs::write(
+            folder.path().join("summary.json"),
+            summary.replace("closed", "strangers can drive"),
+        )?;
         let expected = format!("{expected}\n  INSECURE            strangers can drive");
         assert_eq!(Closing::read(folder.path())?.to_string(), expected);
+        let told =
+            summary.replace("\"exposure\"", "\"told\": [\"controller: slow\"], \"exposure\"");
+        let told = told
+            .replace("\"position_rmse_m\"", "\"figures_of\": \"measured\", \"position_rmse_m\"");
+        fs::write(folder.path().join("summary.json"), told)?;
+        let shown = Closing::read(folder.path())?.to_string();
+        assert!(shown.ends_with("\n  told                controller: slow"), "{shown}");
+        assert!(shown.contains("0.043 m at most, as measured\n"), "{shown}");
         Ok(())
     }
 }

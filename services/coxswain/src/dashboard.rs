@@ -75,7 +75,12 @@ pub fn run(telescope: Telescope, stop: &Stop) -> Result<(), WatchError> {
     }
 }
 
-fn show(screen: &mut Screen, heard: &Receiver<Event>, desk: &mut Desk, stop: &Stop) -> io::Result<()> {
+fn show(
+    screen: &mut Screen,
+    heard: &Receiver<Event>,
+    desk: &mut Desk,
+    stop: &Stop,
+) -> io::Result<()> {
     let look = Look::of_environment();
     let mut next = Instant::now();
     while !stop.requested() {
@@ -116,5 +121,6 @@ fn read_keys(events: &SyncSender<Event>) {
 
 /// Whether the terminal is no more, or is a pipe that nobody reads.
 fn has_gone(error: &io::Error) -> bool {
-    error.kind() == io::ErrorKind::BrokenPipe || error.raw_os_error() == Some(Errno::IO.raw_os_error())
+    error.kind() == io::ErrorKind::BrokenPipe
+        || error.raw_os_error() == Some(Errno::IO.raw_os_error())
 }

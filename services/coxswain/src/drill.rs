@@ -170,7 +170,8 @@ impl DrillError {
 pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
     let chosen = chosen(options)?;
     check(&options.deploy)?;
-    let mut json = options.json.as_deref().map(|path| create(path).map(|file| (path, file))).transpose()?;
+    let mut json =
+        options.json.as_deref().map(|path| create(path).map(|file| (path, file))).transpose()?;
     let stop = Stop::new();
     stop.on_signals().map_err(|source| DrillError::File { path: "signals".into(), source })?;
     let mut terminal = Terminal::new();
@@ -183,10 +184,11 @@ pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
         for _ in 0..options.jobs {
             let (done, next, chosen, kept, stop) = (done.clone(), &next, &chosen, &kept, &stop);
             scope.spawn(move || {
-                while let Some((index, exercise)) =
-                    Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|index| Some((index, chosen.get(index)?)))
+                while let Some((index, exercise)) = Some(next.fetch_add(1, Ordering::Relaxed))
+                    .and_then(|index| Some((index, chosen.get(index)?)))
                 {
-                    let row = (!stop.requested()).then(|| do_one(exercise, options, kept, index, stop));
+                    let row =
+                        (!stop.requested()).then(|| do_one(exercise, options, kept, index, stop));
                     // What was cut short says nothing.
                     let Some(row) = row.filter(|_| !stop.requested()) else { return };
                     if done.send((index, row)).is_err() {
@@ -198,14 +200,25 @@ pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
         drop(done);
         for (index, row) in finished {
             for found in row.found.iter().take(5) {
-                terminal.say(format_args!("{} of {} over {}: {found}", row.fault, row.target, row.carrier.name()));
+                terminal.say(format_args!(
+                    "{} of {} over {}: {found}",
+                    row.fault,
+                    row.target,
+                    row.carrier.name()
+                ));
             }
             if let Some((path, file)) = &mut json {
                 let line = serde_json::to_string(&row).map_err(io::Error::other);
-                line.and_then(|line| writeln!(file, "{line}")).map_err(|source| DrillError::File { path: path.to_path_buf(), source })?;
+                line.and_then(|line| writeln!(file, "{line}"))
+                    .map_err(|source| DrillError::File { path: path.to_path_buf(), source })?;
             }
             rows.push((index, row));
-            let line = format!("{} of {} exercises, {:.0} s", rows.len(), chosen.len(), begin.elapsed().as_secs_f64());
+            let line = format!(
+                "{} of {} exercises, {:.0} s",
+                rows.len(),
+                chosen.len(),
+                begin.elapsed().as_secs_f64()
+            );
             terminal.progress(Instant::now(), || Some(line));
         }
         Ok(())
@@ -231,7 +244,11 @@ fn chosen(options: &DrillOptions) -> Result<Vec<Exercise>, DrillError> {
             chosen.push(exercise);
         }
     }
-    match options.faults.iter().find(|name| chosen.iter().all(|exercise| exercise.fault != name.as_str())) {
+    match options
+        .faults
+        .iter()
+        .find(|name| chosen.iter().all(|exercise| exercise.fault != name.as_str()))
+    {
         Some(name) => Err(DrillError::Elsewhere { name: name.clone(), quick: options.quick }),
         None => Ok(chosen),
     }
@@ -239,7 +256,8 @@ fn chosen(options: &DrillOptions) -> Result<Vec<Exercise>, DrillError> {
 
 /// The names of all faults.
 fn known() -> BTreeSet<&'static str> {
-    let all = [Extent::Quick, Extent::Whole].into_iter().flat_map(|extent| exercises(extent, false));
+    let all =
+        [Extent::Quick, Extent::Whole].into_iter().flat_map(|extent| exercises(extent, false));
     all.map(|exercise| exercise.fault).collect()
 }
 
@@ -248,7 +266,8 @@ fn check(deploy: &Path) -> Result<(), DrillError> {
     if !deploy.join("robots/mecanum.toml").is_file() || !deploy.join("scenarios").is_dir() {
         return Err(DrillError::NoDeploy { folder: deploy.to_path_buf() });
     }
-    let own = std::env::current_exe().map_err(|source| DrillError::File { path: "the drill's own place".into(), source })?;
+    let own = std::env::current_exe()
+        .map_err(|source| DrillError::File { path: "the drill's own place".into(), source })?;
     let folder = own.parent().unwrap_or(Path::new("")).to_path_buf();
     let programs = missing_programs(START_ORDER.into_iter(), &folder);
     if programs.is_empty() { Ok(()) } else { Err(DrillError::MissingPrograms { programs, folder }) }
@@ -258,12 +277,26 @@ fn create(path: &Path) -> Result<File, DrillError> {
     File::create(path).map_err(|source| DrillError::Json { path: path.to_path_buf(), source })
 }
 
-fn do_one(exercise: &Exercise, options: &DrillOptions, kept: &Path, index: usize, stop: &Stop) -> Row {
-    let name = format!("{index:02} {} {} {}", exercise.fault, exercise.target, exercise.carrier.name());
+fn do_one(
+    exercise: &Exercise,
+    options: &DrillOptions,
+    kept: &Path,
+    index: usize,
+    stop: &Stop,
+) -> Row {
+    let name =
+        format!("{index:02} {} {} {}", exercise.fault, exercise.target, exercise.carrier.name());
     let kept = kept.join(name.replace(' ', "-"));
     let measured = exercise::run(exercise, &options.deploy, options.seed, &kept, stop);
-    let Measured { injections, violations, worst_reaction, worst_restart, excused, impossible, notes } =
-        measured.unwrap_or_else(Measured::not_done);
+    let Measured {
+        injections,
+        violations,
+        worst_reaction,
+        worst_restart,
+        excused,
+        impossible,
+        notes,
+    } = measured.unwrap_or_else(Measured::not_done);
     Row {
         fault: exercise.fault,
         target: exercise.target,

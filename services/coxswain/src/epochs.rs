@@ -45,7 +45,12 @@ struct EpochsFile(BTreeMap<String, u64>);
 impl Check for EpochsFile {
     fn check(&self) -> Result<(), Impossible> {
         let last = self.0.iter().find(|&(_, &epoch)| epoch > EPOCH_MAX);
-        last.map_or(Ok(()), |(role, _)| Err(Impossible::new(role, format!("at most {EPOCH_MAX}, above which TOML has no next epoch"))))
+        last.map_or(Ok(()), |(role, _)| {
+            Err(Impossible::new(
+                role,
+                format!("at most {EPOCH_MAX}, above which TOML has no next epoch"),
+            ))
+        })
     }
 }
 
@@ -55,7 +60,11 @@ impl Epochs {
     /// # Errors
     /// If the file is there but cannot be read.
     pub fn open(file: &Path, floor: u64) -> io::Result<Self> {
-        let EpochsFile(highest) = if file.try_exists()? { settings::read(file).map_err(io::Error::other)? } else { EpochsFile::default() };
+        let EpochsFile(highest) = if file.try_exists()? {
+            settings::read(file).map_err(io::Error::other)?
+        } else {
+            EpochsFile::default()
+        };
         Ok(Self { file: file.to_path_buf(), behind: false, floor, highest })
     }
 
@@ -107,7 +116,9 @@ impl Epochs {
 }
 
 fn too_great(role: Participant, epoch: u64) -> io::Error {
-    io::Error::other(format!("epoch {epoch} of the {role}: expected at most {EPOCH_MAX}, above which there is no next one to be kept"))
+    io::Error::other(format!(
+        "epoch {epoch} of the {role}: expected at most {EPOCH_MAX}, above which there is no next one to be kept"
+    ))
 }
 
 #[cfg(test)]
@@ -120,7 +131,11 @@ mod tests {
         let file = folder.path().join("epochs.toml");
         let mut epochs = Epochs::open(&file, 0)?;
         assert_eq!(epochs.give(Participant::Controller)?, 0);
-        assert_eq!(epochs.give(Participant::Controller)?, 1, "it may have died before it was heard");
+        assert_eq!(
+            epochs.give(Participant::Controller)?,
+            1,
+            "it may have died before it was heard"
+        );
         epochs.observe(Participant::Controller, 9)?;
         epochs.observe(Participant::Controller, 3)?;
         assert_eq!(epochs.give(Participant::Controller)?, 9);
@@ -143,7 +158,11 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("epochs.toml");
         assert_eq!(Epochs::open(&file, 1_000)?.give(Participant::Plant)?, 1_000);
-        assert_eq!(Epochs::open(&file, 500)?.give(Participant::Plant)?, 1_001, "the clock has been set back");
+        assert_eq!(
+            Epochs::open(&file, 500)?.give(Participant::Plant)?,
+            1_001,
+            "the clock has been set back"
+        );
         Ok(())
     }
 
@@ -153,7 +172,9 @@ mod tests {
         let file = folder.path().join("epochs.toml");
         fs::write(&file, "controller = 3\nplant = 9223372036854775807\n")?;
         let refused = Epochs::open(&file, 0).map(drop).map_err(|error| error.to_string());
-        assert!(refused.is_err_and(|text| text.contains("epochs.toml:2: plant = 9223372036854775807: expected at most")));
+        assert!(refused.is_err_and(|text| {
+            text.contains("epochs.toml:2: plant = 9223372036854775807: expected at most")
+        }));
         Ok(())
     }
 
@@ -162,8 +183,11 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("epochs.toml");
         let mut epochs = Epochs::open(&file, 0)?;
-        let refused = epochs.observe(Participant::Controller, u64::MAX).map_err(|error| error.to_string());
-        assert!(refused.is_err_and(|text| text.contains("epoch 18446744073709551615 of the controller: expected at most")));
+        let refused =
+            epochs.observe(Participant::Controller, u64::MAX).map_err(|error| error.to_string());
+        assert!(refused.is_err_and(|text| {
+            text.contains("epoch 18446744073709551615 of the controller: expected at most")
+        }));
         assert_eq!(epochs.give(Participant::Controller)?, 0, "what cannot be is not remembered");
         epochs.observe(Participant::Controller, EPOCH_MAX)?;
         assert!(epochs.give(Participant::Controller).is_err());
@@ -182,7 +206,11 @@ mod tests {
         assert_eq!(epochs.give(Participant::Controller)?, 4, "known, if not kept");
         fs::create_dir(folder.path().join("run"))?;
         epochs.observe(Participant::Plant, 2)?;
-        assert_eq!(Epochs::open(&file, 0)?.highest(Participant::Controller), 5, "with the next one that can be kept all are");
+        assert_eq!(
+            Epochs::open(&file, 0)?.highest(Participant::Controller),
+            5,
+            "with the next one that can be kept all are"
+        );
         Ok(())
     }
 

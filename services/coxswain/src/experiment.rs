@@ -2,6 +2,7 @@
 //!
 //! | file        | what it holds                                                       |
 //! |-------------|---------------------------------------------------------------------|
+//! | `cases`     | the scenarios that are asked for, with all that each needs           |
 //! | `contender` | the controllers that are compared                                   |
 //! | `calibration` | how much lies in the learner's 95 % interval                      |
 //! | `figure`    | the figures of a row, and how they are told                         |
@@ -11,6 +12,7 @@
 //! | `table`     | rows → the table that is printed                                    |
 
 mod calibration;
+mod cases;
 pub mod contender;
 pub mod figure;
 pub mod oracle;
@@ -18,10 +20,8 @@ pub mod poison;
 mod table;
 pub mod trial;
 
-use crate::assembly::Assembly;
-use crate::options::Options;
-use crate::scenario::Scenario;
 use crate::terminal::{self, Terminal};
+use cases::Cases;
 use contender::Contender;
 use figure::Figure;
 use poison::Poison;
@@ -35,15 +35,30 @@ use std::time::Instant;
 use std::{fs, io, thread};
 use trial::{Row, Start, TrialError};
 
+pub use cases::Belief;
+
+/// Compared where nothing else is asked for.
+const SCENARIOS: [&str; 3] = ["figure-eight", "square", "stop-and-go"];
+
 /// Seed of the run that a warm start has learnt in; no trial has it.
 const TEACHING_SEED: u64 = 1_000_003;
 
 /// What to compare.
 #[derive(Debug, Clone, clap::Args)]
 pub struct CompareOptions {
-    /// Scenarios: names, with variants as in figure-eight+payload; figure-eight+* is the scenario with each of its variants.
-    #[arg(long, value_delimiter = ',', default_value = "figure-eight,square,stop-and-go")]
+    /// Scenarios: names, with variants as in figure-eight+payload; figure-eight+* is the scenario with each of its variants. In another world
+    /// robot+reference+condition, of which each may be *, and those at the end may be left out; all by default.
+    #[arg(long, value_delimiter = ',')]
     pub scenarios: Vec<String>,
+    /// Compare in another world, a folder of deploy/worlds, as mujoco.
+    #[arg(long, value_name = "NAME")]
+    pub world: Option<String>,
+    /// Variants that come on top of every scenario, as noise.
+    #[arg(long, value_delimiter = ',', value_name = "NAME")]
+    pub variants: Vec<String>,
+    /// Tell the controllers a number of the robot file wrongly, as body.mass_kg=2 for twice as much; may be said again.
+    #[arg(long = "believe", value_name = "KEY=FACTOR")]
+    pub beliefs: Vec<Belief>,
     /// Controllers to compare; all of them unless some are named.
     #[arg(long, value_delimiter = ',')]
     pub controllers: Vec<Contender>,
@@ -91,6 +106,20 @@ pub enum ExperimentError {
         /// What the system said.
         source: io::Error,
     },
+    /// A trial of a scenario that was not read.
+    #[error("there is no scenario {scenario}")]
+    NoCase {
+        /// Which.
+        scenario: String,
+    },
+    /// No scenario is left.
+    #[error("no scenario of the world {world} has a name like {asked}")]
+    NothingToCompare {
+        /// Where they were looked for.
+        world: String,
+        /// What was asked for.
+        asked: String,
+    },
     /// A trial.
     #[error("{trial}: {source}")]
     Trial {
@@ -133,23 +162,43 @@ pub fn compare(options: &CompareOptions) -> Result<(), ExperimentError> {
     let mut json = options.json.as_deref().map(create).transpose()?;
     let home = std::env::temp_dir().join(format!("coxswain-experiment-{}", std::process::id()));
     let swept = Swept(home.clone());
-    let lessons: BTreeSet<(String, Contender)> = trials.iter().filter_map(|trial| bench.lesson(trial)).collect();
+    let lessons: BTreeSet<(String, Contender)> =
+        trials.iter().filter_map(|trial| bench.lesson(trial)).collect();
     let mut terminal = Terminal::new();
-    let lessons: Vec<Trial> =
-        lessons.into_iter().map(|(scenario, contender)| Trial { scenario, contender, start: Start::Cold, seed: TEACHING_SEED }).collect();
-    let taught = bench.run_all(&lessons, &home, &BTreeMap::new(), &mut terminal, "learning", |_| Ok(()))?;
+    let lessons: Vec<Trial> = lessons
+        .into_iter()
+        .map(|(scenario, contender)| Trial {
+            scenario,
+            contender,
+            start: Start::Cold,
+            seed: TEACHING_SEED,
+        })
+        .collect();
+    let taught =
+        bench.run_all(&lessons, &home, &BTreeMap::new(), &mut terminal, "learning", |_| Ok(()))?;
     let snapshots: BTreeMap<(String, Contender), PathBuf> = lessons
         .iter()
         .zip(taught)
-        .map(|(lesson, (folder, _))| ((lesson.scenario.clone(), lesson.contender), folder.join("snapshot.bin")))
+        .map(|(lesson, (folder, _))| {
+            ((lesson.scenario.clone(), lesson.contender), folder.join("snapshot.bin"))
+        })
         .collect();
-    let rows = bench.run_all(&trials, &home, &snapshots, &mut terminal, "trials", |row| match &mut json {
-        Some((path, file)) => {
-            let line = serde_json::to_string(row).map_err(io::Error::other);
-            line.and_then(|line| writeln!(file, "{line}")).map_err(|source| ExperimentError::File { path: path.clone(), source })
-        }
-        None => Ok(()),
-    })?;
+    let rows =
+        bench.run_all(
+            &trials,
+            &home,
+            &snapshots,
+            &mut terminal,
+            "trials",
+            |row| match &mut json {
+                Some((path, file)) => {
+                    let line = serde_json::to_string(row).map_err(io::Error::other);
+                    line.and_then(|line| writeln!(file, "{line}"))
+                        .map_err(|source| ExperimentError::File { path: path.clone(), source })
+                }
+                None => Ok(()),
+            },
+        )?;
     drop(swept);
     let rows: Vec<Row> = rows.into_iter().map(|(_, row)| row).collect();
     for figure in &options.figures {
@@ -159,7 +208,8 @@ pub fn compare(options: &CompareOptions) -> Result<(), ExperimentError> {
 }
 
 fn create(path: &Path) -> Result<(PathBuf, fs::File), ExperimentError> {
-    let file = fs::File::create(path).map_err(|source| ExperimentError::File { path: path.to_path_buf(), source })?;
+    let file = fs::File::create(path)
+        .map_err(|source| ExperimentError::File { path: path.to_path_buf(), source })?;
     Ok((path.to_path_buf(), file))
 }
 
@@ -174,59 +224,45 @@ impl Drop for Swept {
 
 /// Everything that trials share.
 struct Bench {
-    base: Assembly,
+    cases: Cases,
     profile: String,
-    scenarios: BTreeMap<String, Scenario>,
-    /// For a stale start: the scenario that was learnt in.
-    other: BTreeMap<String, String>,
     duration_s: Option<f64>,
     poison: Option<Poison>,
 }
 
 impl Bench {
     fn new(options: &CompareOptions) -> Result<Self, ExperimentError> {
-        let base = Assembly::read(&Options::of_graph(&options.graph))?;
-        let folder = options.graph.parent().unwrap_or(Path::new("")).join(&base.graph.scenario);
-        let folder = folder.parent().unwrap_or(Path::new("")).to_path_buf();
-        let profile = (options.profile != "paper").then_some(options.profile.as_str());
-        let variants = Scenario::variants(&folder);
-        let mut scenarios = BTreeMap::new();
-        let mut other = BTreeMap::new();
-        let mut read = |name: &str| -> Result<(), SettingsError> {
-            scenarios.insert(name.to_owned(), Scenario::named(&folder, name, profile, &options.changes)?);
-            Ok(())
-        };
-        for asked in &options.scenarios {
-            let names = match asked.strip_suffix("+*") {
-                Some(base) => std::iter::once(base.to_owned()).chain(variants.iter().map(|variant| format!("{base}+{variant}"))).collect(),
-                None => vec![asked.clone()],
-            };
-            for name in names {
-                read(&name)?;
-                if options.start.contains(&Start::Stale) {
-                    let elsewhere = elsewhere(&name, &variants);
-                    read(&elsewhere)?;
-                    other.insert(name, elsewhere);
-                }
-            }
-        }
-        let duration_s = options.quick.then_some(12.0);
-        Ok(Self { base, profile: options.profile.clone(), scenarios, other, duration_s, poison: options.poison })
+        Ok(Self {
+            cases: Cases::read(options)?,
+            profile: options.profile.clone(),
+            duration_s: options.quick.then_some(12.0),
+            poison: options.poison,
+        })
     }
 
     fn trials(&self, options: &CompareOptions) -> Vec<Trial> {
-        let contenders = if options.controllers.is_empty() { Contender::ALL.to_vec() } else { options.controllers.clone() };
+        let contenders = if options.controllers.is_empty() {
+            Contender::ALL.to_vec()
+        } else {
+            options.controllers.clone()
+        };
         let seeds = if options.quick { options.seeds.min(3) } else { options.seeds };
-        let only_taught: BTreeSet<&String> = self.other.values().filter(|other| !self.other.contains_key(*other)).collect();
+        let only_taught: BTreeSet<&String> =
+            self.cases.other.values().filter(|it| !self.cases.other.contains_key(*it)).collect();
         let mut trials = Vec::new();
-        for scenario in self.scenarios.keys().filter(|name| !only_taught.contains(name)) {
+        for scenario in self.cases.assemblies.keys().filter(|name| !only_taught.contains(name)) {
             for &start in &options.start {
                 for &contender in &contenders {
                     // Who learns nothing starts the same way every time.
                     if !contender.learns() && options.start.first() != Some(&start) {
                         continue;
                     }
-                    trials.extend((1..=seeds).map(|seed| Trial { scenario: scenario.clone(), contender, start, seed }));
+                    trials.extend((1..=seeds).map(|seed| Trial {
+                        scenario: scenario.clone(),
+                        contender,
+                        start,
+                        seed,
+                    }));
                 }
             }
         }
@@ -239,7 +275,7 @@ impl Bench {
             _ if !trial.contender.learns() => None,
             Start::Cold => None,
             Start::Warm => Some(&trial.scenario),
-            Start::Stale => self.other.get(&trial.scenario),
+            Start::Stale => self.cases.other.get(&trial.scenario),
         };
         scenario.map(|scenario| (scenario.clone(), trial.contender))
     }
@@ -268,7 +304,13 @@ impl Bench {
                         let index = next.fetch_add(1, Ordering::Relaxed);
                         let Some(trial) = trials.get(index) else { return };
                         let folder = home.join(format!("{what}-{index}"));
-                        if sender.send((index, self.run(trial, &folder, snapshots).map(|row| (folder, row)))).is_err() {
+                        if sender
+                            .send((
+                                index,
+                                self.run(trial, &folder, snapshots).map(|row| (folder, row)),
+                            ))
+                            .is_err()
+                        {
                             return;
                         }
                     }
@@ -276,7 +318,10 @@ impl Bench {
             }
             drop(sender);
             for (index, result) in finished {
-                done.insert(index, result.inspect_err(|_| next.store(trials.len(), Ordering::Relaxed))?);
+                done.insert(
+                    index,
+                    result.inspect_err(|_| next.store(trials.len(), Ordering::Relaxed))?,
+                );
                 // In the order of the trials, whoever was faster.
                 while let Some((_, row)) = done.get(&reported) {
                     each(row)?;
@@ -286,7 +331,10 @@ impl Bench {
                 terminal.progress(Instant::now(), || {
                     let spent = begin.elapsed().as_secs_f64();
                     let left = spent / count as f64 * (trials.len() - count) as f64;
-                    Some(format!("{what}: {count} of {}, {spent:.0} s, about {left:.0} s to go", trials.len()))
+                    Some(format!(
+                        "{what}: {count} of {}, {spent:.0} s, about {left:.0} s to go",
+                        trials.len()
+                    ))
                 });
             }
             Ok::<(), ExperimentError>(())
@@ -294,31 +342,35 @@ impl Bench {
         Ok(done.into_values().collect())
     }
 
-    fn run(&self, trial: &Trial, folder: &Path, snapshots: &BTreeMap<(String, Contender), PathBuf>) -> Result<Row, ExperimentError> {
-        let mut assembly = self.base.clone();
-        if let Some(scenario) = self.scenarios.get(&trial.scenario) {
-            assembly.scenario = scenario.clone();
-        }
+    fn run(
+        &self,
+        trial: &Trial,
+        folder: &Path,
+        snapshots: &BTreeMap<(String, Contender), PathBuf>,
+    ) -> Result<Row, ExperimentError> {
+        let Some(case) = self.cases.assemblies.get(&trial.scenario) else {
+            return Err(ExperimentError::NoCase { scenario: trial.scenario.clone() });
+        };
+        let mut assembly = case.clone();
         assembly.graph.pace = process::Pace::LockStep;
         assembly.graph.processes.recorder.enabled = false;
         assembly.scenario.seed = trial.seed;
         assembly.scenario.duration_s = self.duration_s.unwrap_or(assembly.scenario.duration_s);
         trial.contender.take_over(&mut assembly);
-        assembly.scenario.learner.resume = self.lesson(trial).and_then(|lesson| snapshots.get(&lesson).cloned());
-        fs::create_dir_all(folder).map_err(|source| ExperimentError::File { path: folder.to_path_buf(), source })?;
+        assembly.scenario.learner.resume =
+            self.lesson(trial).and_then(|lesson| snapshots.get(&lesson).cloned());
+        fs::create_dir_all(folder)
+            .map_err(|source| ExperimentError::File { path: folder.to_path_buf(), source })?;
         let poison = self.poison.filter(|_| trial.seed != TEACHING_SEED);
         if let Some(poison) = poison {
-            assembly.faults = poison.faults(trial.seed, assembly.scenario.period_millis * 1e-3).into();
+            assembly.faults =
+                poison.faults(trial.seed, assembly.scenario.period_millis * 1e-3).into();
         }
         let label = (trial.scenario.as_str(), self.profile.as_str(), trial.contender, trial.start);
         let row = trial::run(&assembly, folder, label).map(|row| Row { poison, ..row });
-        row.map_err(|source| ExperimentError::Trial { trial: trial.name(), source: Box::new(source) })
+        row.map_err(|source| ExperimentError::Trial {
+            trial: trial.name(),
+            source: Box::new(source),
+        })
     }
-}
-
-/// Another variant of the same scenario: the next in the alphabet.
-fn elsewhere(name: &str, variants: &[String]) -> String {
-    let (base, variant) = name.split_once('+').unwrap_or((name, ""));
-    let after = variants.iter().find(|other| other.as_str() > variant).or(variants.first());
-    after.map_or_else(|| name.to_owned(), |other| format!("{base}+{other}"))
 }

@@ -37,7 +37,9 @@ pub fn exposed(graph: &Graph, with_certificates: bool) -> Vec<Exposed> {
         ("network.connect", &graph.network.connect),
         ("telemetry.listen", &graph.telemetry.listen),
     ];
-    let endpoints = lists.into_iter().flat_map(|(key, endpoints)| endpoints.iter().map(move |endpoint| (key, endpoint)));
+    let endpoints = lists
+        .into_iter()
+        .flat_map(|(key, endpoints)| endpoints.iter().map(move |endpoint| (key, endpoint)));
     let mut found: Vec<Exposed> = endpoints
         .filter(|(_, endpoint)| !with_certificates && !is_here(endpoint))
         .map(|(key, endpoint)| Exposed { key: key.to_owned(), address: endpoint.clone() })
@@ -74,22 +76,22 @@ mod tests {
             "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\npace = \"real-time\"\n[links]\ndefault = \"network\"\n{tables}"
         );
         let graph = settings::parse::<Graph>(&text, Path::new("g.toml"));
-        let keys = |graph: Graph| exposed(&graph, with_certificates).into_iter().map(|exposed| exposed.key).collect();
+        let keys = |graph: Graph| {
+            exposed(&graph, with_certificates).into_iter().map(|exposed| exposed.key).collect()
+        };
         graph.map_or_else(|error| vec![error.to_string()], keys)
     }
 
     #[test]
     fn a_graph_that_says_nothing_is_not_to_be_reached() {
         assert_eq!(of(""), Vec::<String>::new());
-        let here =
-            "[network]\nlisten = [\"tcp/127.0.0.1:0\", \"tcp/[::1]:7447\", \"tcp/localhost:1\"]\n[page]\nlisten = \"127.9.9.9:80\"\n";
+        let here = "[network]\nlisten = [\"tcp/127.0.0.1:0\", \"tcp/[::1]:7447\", \"tcp/localhost:1\"]\n[page]\nlisten = \"127.9.9.9:80\"\n";
         assert_eq!(of(here), Vec::<String>::new());
     }
 
     #[test]
     fn with_certificates_the_live_page_alone_is_open_to_strangers() {
-        let tables =
-            "[network]\nlisten = [\"tcp/0.0.0.0:7447\"]\n[telemetry]\nlisten = [\"tls/10.0.0.1:1\"]\n[page]\nlisten = \"0.0.0.0:8080\"\n";
+        let tables = "[network]\nlisten = [\"tcp/0.0.0.0:7447\"]\n[telemetry]\nlisten = [\"tls/10.0.0.1:1\"]\n[page]\nlisten = \"0.0.0.0:8080\"\n";
         assert_eq!(found(tables, true), ["page.listen"]);
     }
 
@@ -101,7 +103,14 @@ mod tests {
             of("[telemetry]\nlisten = [\"tcp/[::]:7448\"]\n[page]\nlisten = \"0.0.0.0:8080\"\n"),
             ["telemetry.listen", "page.listen"]
         );
-        assert_eq!(of("[telemetry]\nlisten = [\"tcp/robot.example:7448\"]\n"), ["telemetry.listen"], "who knows where that is");
-        assert_eq!(of("[telemetry]\nlisten = [\"tcp/localhost.example:7448\"]\n"), ["telemetry.listen"]);
+        assert_eq!(
+            of("[telemetry]\nlisten = [\"tcp/robot.example:7448\"]\n"),
+            ["telemetry.listen"],
+            "who knows where that is"
+        );
+        assert_eq!(
+            of("[telemetry]\nlisten = [\"tcp/localhost.example:7448\"]\n"),
+            ["telemetry.listen"]
+        );
     }
 }

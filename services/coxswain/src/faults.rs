@@ -122,7 +122,11 @@ impl ProcessFault {
         let kind = self.kind.name();
         let seconds = |key, value: f64, least: f64| {
             let possible = value.is_finite() && value >= least && value <= SECONDS_MAX;
-            if possible { Ok(()) } else { Err(Impossible::new(key, format!("{least} to {SECONDS_MAX} s"))) }
+            if possible {
+                Ok(())
+            } else {
+                Err(Impossible::new(key, format!("{least} to {SECONDS_MAX} s")))
+            }
         };
         let given = |key: &str, is: bool, wanted: bool, what: &str| match (is, wanted) {
             (true, false) => Err(Impossible::new(key, format!("no such key for {kind}"))),
@@ -133,7 +137,10 @@ impl ProcessFault {
         given("participant", self.participant.is_some(), !of_nobody, "whose process")?;
         let lasts = of_nobody || self.kind == ProcessFaultKind::Stop;
         given("millis", self.millis.is_some(), lasts, "how long")?;
-        let limits = matches!(self.kind, ProcessFaultKind::Memory | ProcessFaultKind::Disk | ProcessFaultKind::SharedMemory);
+        let limits = matches!(
+            self.kind,
+            ProcessFaultKind::Memory | ProcessFaultKind::Disk | ProcessFaultKind::SharedMemory
+        );
         given("mebibytes", self.mebibytes.is_some(), limits, "how much there is")?;
         if self.times > 1 {
             given("every_s", self.every_s.is_some(), true, "how far apart, for more than once")?;
@@ -162,22 +169,41 @@ impl FaultsFile {
         SnapshotFaults { seed: self.seed, snapshot: self.snapshot.clone() }
     }
 
-    /// The world of `truth`, in which what happens to the robot happens beside what happens there anyway.
+    /// The world of `truth`, in which what happens to the robot happens beside what happens there
+    /// anyway. Where there is no simulator nothing can happen to the robot on purpose.
     ///
     /// # Errors
     /// [`Impossible`] if both cannot be in one world.
-    pub fn in_world(&self, truth: &Truth) -> Result<Truth, Impossible> {
+    pub fn in_world(&self, truth: Option<&Truth>) -> Result<Option<Truth>, Impossible> {
+        let Some(truth) = truth else {
+            return if self.plant.is_empty() {
+                Ok(None)
+            } else {
+                Err(Impossible::new(
+                    "plant",
+                    "nothing: only a scenario with [truth] has a simulator",
+                ))
+            };
+        };
         let mut world = truth.clone();
         for (index, fault) in self.plant.iter().enumerate() {
-            fault.happen_in(&mut world).map_err(|impossible| impossible.under(&format!("plant.{index}")))?;
+            fault
+                .happen_in(&mut world)
+                .map_err(|impossible| impossible.under(&format!("plant.{index}")))?;
         }
-        world.check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected).under("plant"))?;
-        Ok(world)
+        world.check().map_err(|impossible| {
+            Impossible::new(impossible.key, impossible.expected).under("plant")
+        })?;
+        Ok(Some(world))
     }
 
     /// How many there are.
     pub fn count(&self) -> usize {
-        self.fault.len() + self.process.len() + self.solver.len() + self.snapshot.len() + self.plant.len()
+        self.fault.len()
+            + self.process.len()
+            + self.solver.len()
+            + self.snapshot.len()
+            + self.plant.len()
     }
 }
 
@@ -190,13 +216,19 @@ impl From<Faults> for FaultsFile {
 
 impl Check for FaultsFile {
     fn check(&self) -> Result<(), Impossible> {
-        self.of_messages().check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))?;
+        self.of_messages()
+            .check()
+            .map_err(|impossible| Impossible::new(impossible.key, impossible.expected))?;
         self.of_solver().check()?;
         self.of_snapshots().check()?;
         let mut plants = self.plant.iter().enumerate();
-        plants.try_for_each(|(index, fault)| fault.check().map_err(|impossible| impossible.under(&format!("plant.{index}"))))?;
+        plants.try_for_each(|(index, fault)| {
+            fault.check().map_err(|impossible| impossible.under(&format!("plant.{index}")))
+        })?;
         let mut processes = self.process.iter().enumerate();
-        processes.try_for_each(|(index, fault)| fault.check().map_err(|impossible| impossible.under(&format!("process.{index}"))))
+        processes.try_for_each(|(index, fault)| {
+            fault.check().map_err(|impossible| impossible.under(&format!("process.{index}")))
+        })
     }
 }
 
@@ -209,7 +241,9 @@ impl Check for LockStepFaultsFile {
     fn check(&self) -> Result<(), Impossible> {
         let LockStepFaultsFile(file) = self;
         file.check()?;
-        file.of_messages().check_lock_step().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))
+        file.of_messages()
+            .check_lock_step()
+            .map_err(|impossible| Impossible::new(impossible.key, impossible.expected))
     }
 }
 
@@ -219,14 +253,23 @@ mod tests {
     use std::path::Path;
 
     fn refusal(text: &str) -> Option<String> {
-        settings::parse::<FaultsFile>(text, Path::new("f.toml")).err().map(|error| error.to_string())
+        settings::parse::<FaultsFile>(text, Path::new("f.toml"))
+            .err()
+            .map(|error| error.to_string())
     }
 
     #[test]
     fn a_fault_of_a_process_says_what_it_needs_and_nothing_else() {
-        let refused = |fault: &str| refusal(&format!("[[process]]\nfrom_s = 1.0\n{fault}")).unwrap_or_default();
+        let refused = |fault: &str| {
+            refusal(&format!("[[process]]\nfrom_s = 1.0\n{fault}")).unwrap_or_default()
+        };
         assert_eq!(refused("kind = \"kill\"\nparticipant = \"controller\""), "");
-        assert_eq!(refused("kind = \"stop\"\nparticipant = \"plant\"\nmillis = 300\ntimes = 3\nevery_s = 1.5"), "");
+        assert_eq!(
+            refused(
+                "kind = \"stop\"\nparticipant = \"plant\"\nmillis = 300\ntimes = 3\nevery_s = 1.5"
+            ),
+            ""
+        );
         assert_eq!(refused("kind = \"hog\"\nmillis = 300"), "");
         assert_eq!(refused("kind = \"memory\"\nparticipant = \"learner\"\nmebibytes = 64"), "");
         assert_eq!(refused("kind = \"shared-memory\"\nmebibytes = 0\nmillis = 300"), "");
@@ -242,10 +285,15 @@ mod tests {
             ("kind = \"kill\"\nparticipant = \"plant\"\ntimes = 0", "times"),
             ("kind = \"kill\"\nparticipant = \"plant\"\ntimes = 2\nevery_s = 0.0", "every_s"),
         ] {
-            assert!(refused(fault).contains(&format!("process.0.{key}")), "{fault}: {}", refused(fault));
+            assert!(
+                refused(fault).contains(&format!("process.0.{key}")),
+                "{fault}: {}",
+                refused(fault)
+            );
         }
         assert!(
-            refusal("[[process]]\nfrom_s = -1.0\nkind = \"kill\"\nparticipant = \"plant\"").is_some_and(|said| said.contains("from_s"))
+            refusal("[[process]]\nfrom_s = -1.0\nkind = \"kill\"\nparticipant = \"plant\"")
+                .is_some_and(|said| said.contains("from_s"))
         );
     }
 
@@ -261,8 +309,9 @@ mod tests {
             mebibytes: None,
         };
         let period = Duration::from_millis(20);
-        let phases =
-            kills.times(period, 7).zip(0..).map(|(at, time)| at.saturating_sub(Duration::from_secs(2 + time)).as_secs_f64() / 0.02);
+        let phases = kills.times(period, 7).zip(0..).map(|(at, time)| {
+            at.saturating_sub(Duration::from_secs(2 + time)).as_secs_f64() / 0.02
+        });
         let mut tenths = [0; 10];
         for phase in phases {
             assert!((0.0..1.0).contains(&phase), "{phase}");

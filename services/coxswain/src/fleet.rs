@@ -54,7 +54,9 @@ pub enum FleetError {
         last_words: String,
     },
     /// It died more often than its restart policy allows.
-    #[error("{role} ended with {ending}, and {per_minute} restarts within a minute are the limit{last_words}")]
+    #[error(
+        "{role} ended with {ending}, and {per_minute} restarts within a minute are the limit{last_words}"
+    )]
     TooManyDeaths {
         /// Who.
         role: Participant,
@@ -170,13 +172,20 @@ impl<'a> Fleet<'a> {
     pub fn new(voyage: &'a Voyage) -> io::Result<Self> {
         // A launch that meets others is not the first that they hear of: its epochs are above those of any launch before it.
         let meets = voyage.links.network_graph.is_some();
-        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let since_1970 =
+            SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let floor = if meets { since_1970.as_secs() } else { 0 };
         let mut epochs = Epochs::open(&voyage.folder.join("epochs.toml"), floor)?;
         if voyage.assembly.graph.pace == Pace::RealTime {
             epochs.observe(Participant::Plant, unheard_of(since_1970))?;
         }
-        Ok(Self { voyage, epochs, members: BTreeMap::new(), roster: Roster::default(), tended: None })
+        Ok(Self {
+            voyage,
+            epochs,
+            members: BTreeMap::new(),
+            roster: Roster::default(),
+            tended: None,
+        })
     }
 
     /// Who plays which role.
@@ -245,16 +254,24 @@ impl<'a> Fleet<'a> {
                 self.start(role)?;
                 return Ok(false);
             }
-            return Err(FleetError::NeverReady { role, ending, last_words: last_words(&self.voyage.folder, role) });
+            return Err(FleetError::NeverReady {
+                role,
+                ending,
+                last_words: last_words(&self.voyage.folder, role),
+            });
         }
         let ready = child.heard().phase() != Phase::Starting;
         let processes = &self.voyage.assembly.graph.processes;
         let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
-        if !ready && real_time && since.elapsed() > processes.hung_after(role) && child.is_stopped() {
+        if !ready && real_time && since.elapsed() > processes.hung_after(role) && child.is_stopped()
+        {
             child.kill();
         }
         if !ready && since.elapsed() > READY_WITHIN {
-            return Err(FleetError::TooSlow { role, last_words: last_words(&self.voyage.folder, role) });
+            return Err(FleetError::TooSlow {
+                role,
+                last_words: last_words(&self.voyage.folder, role),
+            });
         }
         Ok(ready)
     }
@@ -265,7 +282,10 @@ impl<'a> Fleet<'a> {
     /// [`FleetError`] if the run cannot go on.
     pub fn tend(&mut self, view: &View, now: Instant) -> Result<Vec<Event>, FleetError> {
         let mut events = Vec::new();
-        let round = self.tended.replace(now).map_or(Duration::ZERO, |before| now.saturating_duration_since(before));
+        let round = self
+            .tended
+            .replace(now)
+            .map_or(Duration::ZERO, |before| now.saturating_duration_since(before));
         let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
         for (&role, member) in &mut self.members {
             let State::Running(child) = &mut member.state else { continue };
@@ -273,12 +293,17 @@ impl<'a> Fleet<'a> {
                 // In lock step whoever waits is silent, and its patience ends the run.
                 let patience = self.voyage.assembly.graph.processes.hung_after(role);
                 let beats = child.heard().beats();
-                if real_time && let Some(silence) = member.silence.broken_by(beats, round, patience, || child.is_stopped()) {
+                if real_time
+                    && let Some(silence) =
+                        member.silence.broken_by(beats, round, patience, || child.is_stopped())
+                {
                     child.kill();
                     events.push(Event::Hung { role, silence });
                 }
                 let heard = view.health(role).map_or(0, |health| health.heard);
-                events.extend(member.unheard.since(beats, heard).map(|beats| Event::Unheard { role, beats }));
+                events.extend(
+                    member.unheard.since(beats, heard).map(|beats| Event::Unheard { role, beats }),
+                );
                 continue;
             };
             member.state = State::Ended;
@@ -294,14 +319,21 @@ impl<'a> Fleet<'a> {
                     continue;
                 }
                 let last_words = last_words(&self.voyage.folder, role);
-                return Err(FleetError::TooManyDeaths { role, ending, per_minute: policy.per_minute, last_words });
+                return Err(FleetError::TooManyDeaths {
+                    role,
+                    ending,
+                    per_minute: policy.per_minute,
+                    last_words,
+                });
             };
             member.state = State::Due(now + wait);
             events.push(Event::Died { role, ending, wait });
         }
         // A plant of another launch ends the run as well.
         let elsewhere = !self.members.contains_key(&Participant::Plant);
-        if elsewhere && view.health(Participant::Plant).is_some_and(|health| health.phase == Phase::Finished) {
+        if elsewhere
+            && view.health(Participant::Plant).is_some_and(|health| health.phase == Phase::Finished)
+        {
             events.push(Event::Finished);
         }
         for role in self.due(now) {
@@ -315,12 +347,21 @@ impl<'a> Fleet<'a> {
     }
 
     /// Somebody cannot be started again, on a full disk for instance: it is tried anew as if he had died, as often as that is allowed.
-    fn postpone(&mut self, role: Participant, error: FleetError, now: Instant) -> Result<Event, FleetError> {
+    fn postpone(
+        &mut self,
+        role: Participant,
+        error: FleetError,
+        now: Instant,
+    ) -> Result<Event, FleetError> {
         let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
         let Some(member) = self.members.get_mut(&role) else { return Err(error) };
         let wait = member.restarts.after_death(&policy, now);
         member.state = wait.map_or(State::Ended, |wait| State::Due(now + wait));
-        if wait.is_none() && is_needed(role) { Err(error) } else { Ok(Event::NotStarted { role, trouble: error.to_string(), wait }) }
+        if wait.is_none() && is_needed(role) {
+            Err(error)
+        } else {
+            Ok(Event::NotStarted { role, trouble: error.to_string(), wait })
+        }
     }
 
     /// Those whose wait is over.
@@ -332,17 +373,25 @@ impl<'a> Fleet<'a> {
     /// Ends everybody in order, each row within `patience`, then by force. `hurry` says whether somebody wants it at once.
     ///
     /// Gives a sentence for each who did not end as it should.
-    pub fn end(&mut self, patience: impl Fn(Participant) -> Duration, mut hurry: impl FnMut() -> bool) -> Vec<String> {
+    pub fn end(
+        &mut self,
+        patience: impl Fn(Participant) -> Duration,
+        mut hurry: impl FnMut() -> bool,
+    ) -> Vec<String> {
         let mut complaints = Vec::new();
         let mut hurried = false;
         for row in END_ORDER {
-            let mut living: Vec<Child> = row.iter().filter_map(|role| self.release(*role)).collect();
+            let mut living: Vec<Child> =
+                row.iter().filter_map(|role| self.release(*role)).collect();
             living.iter().for_each(Child::ask_to_end);
             let asked = Instant::now();
             while !living.is_empty() {
                 living.retain_mut(|child| still_lives(child, &self.voyage.folder, &mut complaints));
                 hurried |= hurry();
-                if let Some(slow) = living.iter().position(|child| hurried || asked.elapsed() > patience(child.role())) {
+                if let Some(slow) = living
+                    .iter()
+                    .position(|child| hurried || asked.elapsed() > patience(child.role()))
+                {
                     let child = living.swap_remove(slow);
                     complaints.push(end_by_force(child));
                 } else if !living.is_empty() {
@@ -381,9 +430,15 @@ pub fn settings_file(folder: &Path, role: Participant) -> PathBuf {
 fn still_lives(child: &mut Child, folder: &Path, complaints: &mut Vec<String>) -> bool {
     match child.ended() {
         Ok(None) => return true,
-        Ok(Some(ending)) if ending.is_clean() => tracing::info!(role = %child.role(), %ending, "ended"),
+        Ok(Some(ending)) if ending.is_clean() => {
+            tracing::info!(role = %child.role(), %ending, "ended");
+        }
         Ok(Some(ending)) => {
-            complaints.push(format!("{} ended with {ending} when asked to end{}", child.role(), last_words(folder, child.role())));
+            complaints.push(format!(
+                "{} ended with {ending} when asked to end{}",
+                child.role(),
+                last_words(folder, child.role())
+            ));
         }
         Err(error) => complaints.push(format!("{}: {error}", child.role())),
     }
@@ -392,7 +447,11 @@ fn still_lives(child: &mut Child, folder: &Path, complaints: &mut Vec<String>) -
 
 fn end_by_force(mut child: Child) -> String {
     child.kill();
-    let complaint = format!("{} (process {}) did not end when asked to, and was killed", child.role(), child.pid());
+    let complaint = format!(
+        "{} (process {}) did not end when asked to, and was killed",
+        child.role(),
+        child.pid()
+    );
     match child.wait() {
         Ok(_) => complaint,
         Err(error) => format!("{complaint}; {error}"),

@@ -36,7 +36,10 @@ pub enum FolderError {
 /// # Errors
 /// [`FolderError`].
 pub fn create(out: Option<&Path>, scenario: &str, id: &str) -> Result<PathBuf, FolderError> {
-    let folder = out.map_or_else(|| Path::new(RUNS).join(format!("{}-{scenario}-{id}", utc(SystemTime::now()))), Path::to_path_buf);
+    let folder = out.map_or_else(
+        || Path::new(RUNS).join(format!("{}-{scenario}-{id}", utc(SystemTime::now()))),
+        Path::to_path_buf,
+    );
     let unusable = |source| FolderError::Unusable { folder: folder.clone(), source };
     check(&folder)?;
     private::make(&folder)?;
@@ -69,7 +72,12 @@ pub(crate) fn utc(time: SystemTime) -> String {
     let seconds = time.duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let (year, month, day) = civil_date(seconds / 86_400);
     let of_day = seconds % 86_400;
-    format!("{year:04}{month:02}{day:02}T{:02}{:02}{:02}Z", of_day / 3600, of_day / 60 % 60, of_day % 60)
+    format!(
+        "{year:04}{month:02}{day:02}T{:02}{:02}{:02}Z",
+        of_day / 3600,
+        of_day / 60 % 60,
+        of_day % 60
+    )
 }
 
 /// Year, month and day of the Gregorian calendar, so many days after 1970-01-01.
@@ -79,7 +87,8 @@ fn civil_date(days: u64) -> (u64, u64, u64) {
     let since_0000_03 = days + 719_468;
     let era = since_0000_03 / 146_097;
     let day_of_era = since_0000_03 % 146_097;
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let year_of_era =
+        (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
     let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
     let month_from_march = (5 * day_of_year + 2) / 153;
     let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
@@ -102,7 +111,8 @@ mod tests {
     }
 
     #[test]
-    fn of_many_runs_that_begin_at_the_same_moment_one_gets_the_folder() -> Result<(), Box<dyn std::error::Error>> {
+    fn of_many_runs_that_begin_at_the_same_moment_one_gets_the_folder()
+    -> Result<(), Box<dyn std::error::Error>> {
         for _ in 0..20 {
             let parent = tempfile::tempdir()?;
             let (out, start) = (parent.path().join("run"), std::sync::Barrier::new(8));
@@ -112,7 +122,11 @@ mod tests {
             };
             let got = std::thread::scope(|scope| {
                 let beginners: Vec<_> = (0..8).map(|_| scope.spawn(begin)).collect();
-                beginners.into_iter().filter_map(|beginner| beginner.join().ok()).filter(|&got| got).count()
+                beginners
+                    .into_iter()
+                    .filter_map(|beginner| beginner.join().ok())
+                    .filter(|&got| got)
+                    .count()
             });
             assert_eq!(got, 1);
         }
@@ -126,7 +140,10 @@ mod tests {
         let folder = create(Some(&out), "paper", "a")?;
         assert!(folder.join("settings").is_dir());
         let refused = create(Some(&out), "paper", "b").map_err(|error| error.to_string());
-        assert_eq!(refused, Err(format!("--out {}: expected a new or empty folder", out.display())));
+        assert_eq!(
+            refused,
+            Err(format!("--out {}: expected a new or empty folder", out.display()))
+        );
         Ok(())
     }
 }

@@ -69,7 +69,12 @@ pub struct Network {
 
 impl Default for Network {
     fn default() -> Self {
-        Self { listen: vec!["tcp/127.0.0.1:0".to_owned()], connect: Vec::new(), graph: None, delay_millis: 0 }
+        Self {
+            listen: vec!["tcp/127.0.0.1:0".to_owned()],
+            connect: Vec::new(),
+            graph: None,
+            delay_millis: 0,
+        }
     }
 }
 
@@ -77,17 +82,26 @@ impl Network {
     fn check(&self) -> Result<(), Impossible> {
         for (key, endpoints) in [("listen", &self.listen), ("connect", &self.connect)] {
             if let Some(index) = endpoints.iter().position(|endpoint| !is_endpoint(endpoint)) {
-                return Err(Impossible::new(format!("{key}.{index}"), "an endpoint such as tcp/127.0.0.1:7447"));
+                return Err(Impossible::new(
+                    format!("{key}.{index}"),
+                    "an endpoint such as tcp/127.0.0.1:7447",
+                ));
             }
         }
         if self.listen.is_empty() {
-            return Err(Impossible::new("listen", "at least one endpoint, such as tcp/127.0.0.1:0"));
+            return Err(Impossible::new(
+                "listen",
+                "at least one endpoint, such as tcp/127.0.0.1:0",
+            ));
         }
         if self.graph.as_deref().is_some_and(|name| !is_graph_name(name)) {
             return Err(Impossible::new("graph", "1 to 32 characters out of a-z, 0-9, _ and -"));
         }
         if self.delay_millis > LINK_DELAY_MILLIS_MAX {
-            return Err(Impossible::new("delay_millis", format!("at most {LINK_DELAY_MILLIS_MAX} ms")));
+            return Err(Impossible::new(
+                "delay_millis",
+                format!("at most {LINK_DELAY_MILLIS_MAX} ms"),
+            ));
         }
         if !self.connect.is_empty() && self.graph.is_none() {
             return Err(Impossible::new("graph", "a name, the same for all launches that meet"));
@@ -98,9 +112,13 @@ impl Network {
 
 /// Whether `text` names a protocol, a host and a port, and nothing else: behind them it could say that certificates need not be looked at.
 pub fn is_endpoint(text: &str) -> bool {
-    let parts = text.split_once('/').and_then(|(protocol, address)| Some((protocol, address.rsplit_once(':')?)));
+    let parts = text
+        .split_once('/')
+        .and_then(|(protocol, address)| Some((protocol, address.rsplit_once(':')?)));
     let is_host = |host: &str| !host.is_empty() && !host.contains(['?', '#', '/', ';']);
-    parts.is_some_and(|(protocol, (host, port))| ["tcp", "tls"].contains(&protocol) && is_host(host) && port.parse::<u16>().is_ok())
+    parts.is_some_and(|(protocol, (host, port))| {
+        ["tcp", "tls"].contains(&protocol) && is_host(host) && port.parse::<u16>().is_ok()
+    })
 }
 
 fn lock_step_patience_millis() -> u64 {
@@ -139,7 +157,13 @@ impl Default for Processes {
     fn default() -> Self {
         let started = Treatment::default();
         let gateway = Treatment { enabled: false, ..started.clone() };
-        Self { plant: started.clone(), controller: started.clone(), learner: started.clone(), recorder: started, gateway }
+        Self {
+            plant: started.clone(),
+            controller: started.clone(),
+            learner: started.clone(),
+            recorder: started,
+            gateway,
+        }
     }
 }
 
@@ -209,20 +233,28 @@ impl Check for Graph {
         for link in self.links.exceptions.keys() {
             if !Topic::ALL.iter().any(|topic| topic.name() == link) {
                 let topics = Topic::ALL.map(Topic::name).join(", ");
-                return Err(Impossible::new(format!("links.{link}"), format!("default or a topic for the name of a link: {topics}")));
+                return Err(Impossible::new(
+                    format!("links.{link}"),
+                    format!("default or a topic for the name of a link: {topics}"),
+                ));
             }
         }
         self.network.check().map_err(|impossible| impossible.under("network"))?;
         for role in START_ORDER {
             let treatment = self.processes.of(role);
             let key = |key: &str| format!("processes.{}.{key}", role.text());
-            treatment.scheduling.check().map_err(|impossible| impossible.under(&key("scheduling")))?;
+            treatment
+                .scheduling
+                .check()
+                .map_err(|impossible| impossible.under(&key("scheduling")))?;
             if treatment.scheduling.real_time_priority.is_some() && !is_needed(role) {
                 let expected = "nothing: a command waits for plant and controller alone";
                 return Err(Impossible::new(key("scheduling.real_time_priority"), expected));
             }
             if treatment.hung_after_millis.is_some_and(|millis| millis < HUNG_AFTER_LEAST_MILLIS) {
-                let expected = format!("at least {HUNG_AFTER_LEAST_MILLIS} ms: a heartbeat comes every 100 ms");
+                let expected = format!(
+                    "at least {HUNG_AFTER_LEAST_MILLIS} ms: a heartbeat comes every 100 ms"
+                );
                 return Err(Impossible::new(key("hung_after_millis"), expected));
             }
         }
@@ -240,8 +272,7 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    const GOOD: &str =
-        "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\npace = \"real-time\"\n[links]\ndefault = \"shared-memory\"\n";
+    const GOOD: &str = "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\npace = \"real-time\"\n[links]\ndefault = \"shared-memory\"\n";
 
     fn refusal(text: &str) -> Option<String> {
         settings::parse::<Graph>(text, Path::new("g.toml")).err().map(|error| error.to_string())
@@ -250,7 +281,12 @@ mod tests {
     #[test]
     fn a_graph_need_not_say_how_each_process_is_treated() {
         assert_eq!(refusal(GOOD), None);
-        assert_eq!(refusal(&format!("{GOOD}state = \"shared-memory\"\n[processes.learner]\nenabled = false\n")), None);
+        assert_eq!(
+            refusal(&format!(
+                "{GOOD}state = \"shared-memory\"\n[processes.learner]\nenabled = false\n"
+            )),
+            None
+        );
     }
 
     #[test]
@@ -258,51 +294,87 @@ mod tests {
         let topics = "state, command, residual, snapshot, plan, health, truth, credit";
         assert_eq!(
             refusal(&format!("{GOOD}stat = \"shared-memory\"\n")),
-            Some(format!("g.toml:7: links.stat = \"shared-memory\": expected default or a topic for the name of a link: {topics}"))
+            Some(format!(
+                "g.toml:7: links.stat = \"shared-memory\": expected default or a topic for the name of a link: {topics}"
+            ))
         );
     }
 
     #[test]
     fn an_endpoint_or_a_meeting_that_cannot_be_is_refused() {
-        let refused = |network: &str| refusal(&format!("{GOOD}[network]\n{network}\n")).unwrap_or_default();
+        let refused =
+            |network: &str| refusal(&format!("{GOOD}[network]\n{network}\n")).unwrap_or_default();
         assert_eq!(
-            refused("listen = [\"tcp/0.0.0.0:7447\"]\nconnect = [\"tcp/10.0.0.2:7447\"]\ngraph = \"mecanum\"\ndelay_millis = 5"),
+            refused(
+                "listen = [\"tcp/0.0.0.0:7447\"]\nconnect = [\"tcp/10.0.0.2:7447\"]\ngraph = \"mecanum\"\ndelay_millis = 5"
+            ),
             ""
         );
-        for endpoint in ["7447", "tcp/7447", "udp/127.0.0.1:7447", "tcp/127.0.0.1:70000", "tcp/:7447"] {
+        for endpoint in
+            ["7447", "tcp/7447", "udp/127.0.0.1:7447", "tcp/127.0.0.1:70000", "tcp/:7447"]
+        {
             let said = refused(&format!("listen = [\"{endpoint}\"]"));
-            assert!(said.contains("g.toml:8: network.listen") && said.contains("tcp/127.0.0.1:7447"), "{said}");
+            assert!(
+                said.contains("g.toml:8: network.listen") && said.contains("tcp/127.0.0.1:7447"),
+                "{said}"
+            );
         }
-        assert!(refused("connect = [\"tcp/10.0.0.2:7447\"]").contains("network.graph"), "which of the launches there is meant?");
+        assert!(
+            refused("connect = [\"tcp/10.0.0.2:7447\"]").contains("network.graph"),
+            "which of the launches there is meant?"
+        );
         assert!(refused("graph = \"A robot\"").contains("network.graph = \"A robot\""));
-        assert!(refused("delay_millis = 18446744073710").contains("network.delay_millis = 18446744073710: expected at most 10000 ms"));
+        assert!(
+            refused("delay_millis = 18446744073710")
+                .contains("network.delay_millis = 18446744073710: expected at most 10000 ms")
+        );
         assert!(refused("listen = []").contains("at least one endpoint"));
     }
 
     #[test]
     fn a_page_at_no_address_is_refused() {
         assert_eq!(refusal(&format!("{GOOD}[page]\nlisten = \"off\"\n")), None);
-        assert!(refusal(&format!("{GOOD}[page]\n")).is_some_and(|told| told.contains("page.listen is missing")));
+        assert!(
+            refusal(&format!("{GOOD}[page]\n"))
+                .is_some_and(|told| told.contains("page.listen is missing"))
+        );
         assert_eq!(
             refusal(&format!("{GOOD}[page]\nlisten = \"8080\"\n")).as_deref(),
-            Some("g.toml:8: page.listen = \"8080\": expected an address and a port such as 127.0.0.1:8080, or off")
+            Some(
+                "g.toml:8: page.listen = \"8080\": expected an address and a port such as 127.0.0.1:8080, or off"
+            )
         );
     }
 
     #[test]
     fn a_priority_for_whom_no_command_waits_is_refused() {
-        let refused = |role: &str, keys: &str| refusal(&format!("{GOOD}[processes.{role}.scheduling]\n{keys}\n")).unwrap_or_default();
-        assert_eq!(refused("controller", "processors = [1]\nlock_memory = true\nreal_time_priority = 20"), "");
+        let refused = |role: &str, keys: &str| {
+            refusal(&format!("{GOOD}[processes.{role}.scheduling]\n{keys}\n")).unwrap_or_default()
+        };
+        assert_eq!(
+            refused("controller", "processors = [1]\nlock_memory = true\nreal_time_priority = 20"),
+            ""
+        );
         let said = refused("learner", "real_time_priority = 20");
-        assert!(said.contains("g.toml:8: processes.learner.scheduling.real_time_priority = 20: expected nothing"), "{said}");
-        assert!(refused("plant", "real_time_priority = 99").contains("g.toml:8: processes.plant.scheduling.real_time_priority = 99"));
+        assert!(
+            said.contains(
+                "g.toml:8: processes.learner.scheduling.real_time_priority = 20: expected nothing"
+            ),
+            "{said}"
+        );
+        assert!(
+            refused("plant", "real_time_priority = 99")
+                .contains("g.toml:8: processes.plant.scheduling.real_time_priority = 99")
+        );
     }
 
     #[test]
     fn an_unknown_process_is_refused() {
         assert_eq!(
             refusal(&format!("{GOOD}[processes.lerner]\n")).as_deref(),
-            Some("g.toml:7: processes.lerner = a table: unknown key, expected one of plant, controller, learner, recorder, gateway")
+            Some(
+                "g.toml:7: processes.lerner = a table: unknown key, expected one of plant, controller, learner, recorder, gateway"
+            )
         );
     }
 }

@@ -25,7 +25,7 @@ const ROUND: Duration = Duration::from_millis(1);
 pub enum InProcessError {
     /// The plant.
     #[error("plant: {0}")]
-    Plant(#[from] plant_sim::run::RunError),
+    Plant(#[from] driver::RunError),
     /// The controller.
     #[error("controller: {0}")]
     Controller(#[from] controller::run::RunError),
@@ -48,8 +48,10 @@ pub enum InProcessError {
 /// # Errors
 /// [`InProcessError`].
 pub fn run(assembly: &Assembly, folder: &Path) -> Result<Summary, InProcessError> {
-    drive(assembly, folder, |ports, run, stop| recorder::run::run(ports, &recorder::settings::Settings { run: run.clone() }, stop))?
-        .map_err(InProcessError::from)
+    drive(assembly, folder, |ports, run, stop| {
+        recorder::run::run(ports, &recorder::settings::Settings { run: run.clone() }, stop)
+    })?
+    .map_err(InProcessError::from)
 }
 
 /// Runs `assembly` to its end in lock step, while `witness` listens on a thread of its own: it plays the part of the recorder, says by its
@@ -65,11 +67,17 @@ pub fn drive<W: Send>(
     let exchange = Exchange::new(true, PATIENCE);
     let mut links = assembly.links("in-process", folder, &[]);
     links.lock_step = true;
-    let told = Run { log: assembly.log.clone(), ..Run::new(folder, assembly.scenario.period_nanos(), links) };
+    let told = Run {
+        log: assembly.log.clone(),
+        ..Run::new(folder, assembly.scenario.period_nanos(), links)
+    };
     let identity = || Identity::new(1);
-    let ports = |role, identity| Ports::in_memory_with(&exchange, identity, &assembly.faults.of_messages().in_process(role));
+    let ports = |role, identity| {
+        Ports::in_memory_with(&exchange, identity, &assembly.faults.of_messages().in_process(role))
+    };
     let (others, record) = (Stop::new(), Stop::new());
-    let mut ready = Ready { healths: Ports::in_memory(&exchange, identity()).source(Since::First)? };
+    let mut ready =
+        Ready { healths: Ports::in_memory(&exchange, identity()).source(Since::First)? };
     thread::scope(|scope| {
         let recorder = {
             let (told, stop) = (told.clone(), record.clone());
@@ -78,36 +86,49 @@ pub fn drive<W: Send>(
         ready.wait_for(Participant::Recorder, || recorder.is_finished());
         let learner = assembly.learns().then(|| {
             let (settings, stop) = (assembly.learner(told.clone()), others.clone());
-            scope.spawn(move || learner::run::run(&settings, &ports(Participant::Learner, identity()), &stop))
+            scope.spawn(move || {
+                learner::run::run(&settings, &ports(Participant::Learner, identity()), &stop)
+            })
         });
         if let Some(learner) = &learner {
             ready.wait_for(Participant::Learner, || learner.is_finished());
         }
         let controller = {
-            let (settings, foresight, stop) = (assembly.controller(told.clone()), foresight(assembly), others.clone());
+            let (settings, foresight, stop) =
+                (assembly.controller(told.clone()), foresight(assembly), others.clone());
             let connect = move |identity| Ok(ports(Participant::Controller, identity));
-            scope.spawn(move || controller::run::run_foreseeing(&settings, foresight, connect, &stop))
+            scope.spawn(move || {
+                controller::run::run_foreseeing(&settings, foresight, connect, &stop)
+            })
         };
         ready.wait_for(Participant::Controller, || controller.is_finished());
         let plant = {
             let (settings, stop) = (assembly.plant(told.clone()), others.clone());
             let identity = identity();
-            scope.spawn(move || plant_sim::run::run(&settings, &ports(Participant::Plant, identity), identity, &stop))
+            scope.spawn(move || {
+                plant_sim::run(&settings, &ports(Participant::Plant, identity), identity, &stop)
+            })
         };
-        let one_has_ended =
-            || controller.is_finished() || recorder.is_finished() || learner.as_ref().is_some_and(ScopedJoinHandle::is_finished);
+        let one_has_ended = || {
+            controller.is_finished()
+                || recorder.is_finished()
+                || learner.as_ref().is_some_and(ScopedJoinHandle::is_finished)
+        };
         while !plant.is_finished() && !one_has_ended() {
             thread::sleep(ROUND);
         }
         others.request();
-        let plant = plant.join().map_err(|_| InProcessError::Died("plant"))?;
-        controller.join().map_err(|_| InProcessError::Died("controller"))??;
-        if let Some(learner) = learner {
-            learner.join().map_err(|_| InProcessError::Died("learner"))??;
-        }
+        let plant = plant.join();
+        let controller = controller.join();
+        let learner = learner.map(ScopedJoinHandle::join);
+        // All threads are asked to end before the first error is returned.
         record.request();
         let witnessed = recorder.join().map_err(|_| InProcessError::Died("recorder"))?;
-        plant?;
+        controller.map_err(|_| InProcessError::Died("controller"))??;
+        if let Some(learner) = learner {
+            learner.map_err(|_| InProcessError::Died("learner"))??;
+        }
+        plant.map_err(|_| InProcessError::Died("plant"))??;
         Ok(witnessed)
     })
 }
@@ -115,7 +136,8 @@ pub fn drive<W: Send>(
 /// For a controller that is an oracle, what it knows.
 fn foresight(assembly: &Assembly) -> Option<Box<dyn Foresight>> {
     let Scenario { truth, mpc, .. } = &assembly.scenario;
-    (mpc.method == Method::Oracle).then(|| Box::new(Oracle::new(truth, assembly.scenario.period_nanos())) as Box<dyn Foresight>)
+    let truth = truth.as_ref().filter(|_| mpc.method == Method::Oracle)?;
+    Some(Box::new(Oracle::new(truth, assembly.scenario.period_nanos())))
 }
 
 /// Knows who is ready.

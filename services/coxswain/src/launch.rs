@@ -105,7 +105,9 @@ impl Outcome {
     pub fn exit_code(self) -> ExitCode {
         match self {
             Self::Finished => ExitCode::SUCCESS,
-            Self::Signal(signal) => ExitCode::from(128_u8.saturating_add(u8::try_from(signal).unwrap_or(0))),
+            Self::Signal(signal) => {
+                ExitCode::from(128_u8.saturating_add(u8::try_from(signal).unwrap_or(0)))
+            }
         }
     }
 }
@@ -114,7 +116,10 @@ impl LaunchError {
     /// 2 if nothing was started because of what a person set, else 1.
     pub fn exit_code(&self) -> ExitCode {
         match self {
-            Self::Settings(_) | Self::Folder(FolderError::NotEmpty { .. } | FolderError::NotPrivate(_)) => ExitCode::from(2),
+            Self::Settings(_)
+            | Self::Folder(FolderError::NotEmpty { .. } | FolderError::NotPrivate(_)) => {
+                ExitCode::from(2)
+            }
             _ => ExitCode::FAILURE,
         }
     }
@@ -135,9 +140,11 @@ pub fn run(options: &Options) -> Result<Outcome, LaunchError> {
     if let Some(out) = &options.out {
         folder::check(out)?;
     }
-    let signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(|source| LaunchError::System { what: "signals", source })?;
+    let signals = Signals::new([SIGINT, SIGTERM, SIGHUP])
+        .map_err(|source| LaunchError::System { what: "signals", source })?;
     let roles: Vec<Participant> = assembly.roles().collect();
-    let manager = ServiceManager::of_environment(&roles).map_err(|source| LaunchError::System { what: "NOTIFY_SOCKET", source })?;
+    let manager = ServiceManager::of_environment(&roles)
+        .map_err(|source| LaunchError::System { what: "NOTIFY_SOCKET", source })?;
     let mut person = Person { signals, terminal: Terminal::new(), manager };
     let base = berth::base();
     let (swept, left) = berth::sweep_stale(&base);
@@ -202,7 +209,9 @@ fn run_at(
     if without_learning::is_wanted(&assembly) {
         match without_learning::run(&assembly, &folder) {
             Ok(file) => assembly.without_learning = Some(file),
-            Err(error) => person.terminal.say(format_args!("the live page shows no run without learning: {error}")),
+            Err(error) => person
+                .terminal
+                .say(format_args!("the live page shows no run without learning: {error}")),
         }
     }
     open_log(&folder, &assembly.log)?;
@@ -217,16 +226,20 @@ fn run_at(
         tracing::info!("strangers are kept out of the network");
     }
     if let Some(router) = &router {
-        person.terminal.say(format_args!("network: listening at {}", router.endpoints().join(", ")));
+        person
+            .terminal
+            .say(format_args!("network: listening at {}", router.endpoints().join(", ")));
     }
     let endpoints = router.as_ref().map(Router::own_endpoints).unwrap_or_default();
     let links = assembly.links(berth.id(), &berth.root(), endpoints);
     let voyage = Voyage { assembly, links, programs, folder };
     // From here on it can be asked for changes.
-    wishes::welcome(&voyage.folder).and_then(|()| berth.note_run(&voyage.folder)).map_err(|source| {
-        let what = "the place for changes while it runs";
-        LaunchError::System { what, source }
-    })?;
+    wishes::welcome(&voyage.folder).and_then(|()| berth.note_run(&voyage.folder)).map_err(
+        |source| {
+            let what = "the place for changes while it runs";
+            LaunchError::System { what, source }
+        },
+    )?;
     let Ended { outcome, complaints } = sail(&voyage, person)?;
     conclude(&voyage, &mut person.terminal);
     let outcome = outcome?;
@@ -251,9 +264,12 @@ fn open_router(assembly: &Assembly, id: &str) -> Result<Router, OpenError> {
             go_first(PRIORITY);
         }
         let Network { listen, connect, graph, .. } = &assembly.graph.network;
-        let (graph, lock_step) = (graph.as_deref().unwrap_or(id), assembly.graph.pace == Pace::LockStep);
+        let (graph, lock_step) =
+            (graph.as_deref().unwrap_or(id), assembly.graph.pace == Pace::LockStep);
         match &assembly.certificates {
-            Some(certificates) => Router::guarded(listen, connect, graph, &certificates.of_host(), lock_step),
+            Some(certificates) => {
+                Router::guarded(listen, connect, graph, &certificates.of_host(), lock_step)
+            }
             None => Router::open(listen, connect),
         }
     };
@@ -262,7 +278,8 @@ fn open_router(assembly: &Assembly, id: &str) -> Result<Router, OpenError> {
 
 /// Starts, looks after, and ends the processes.
 fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
-    let mut fleet = Fleet::new(voyage).map_err(|source| LaunchError::System { what: "the epochs of the run", source })?;
+    let mut fleet = Fleet::new(voyage)
+        .map_err(|source| LaunchError::System { what: "the epochs of the run", source })?;
     let watch = Watch::open(&voyage.links)?;
     let outcome = match start(&mut fleet, voyage, person) {
         Ok(None) => {
@@ -279,7 +296,8 @@ fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
         Err(error) => tracing::error!("{error}"),
     }
     person.manager.stopping();
-    let patience = |role| if role == Participant::Recorder { RECORDER_ENDS_WITHIN } else { ENDS_WITHIN };
+    let patience =
+        |role| if role == Participant::Recorder { RECORDER_ENDS_WITHIN } else { ENDS_WITHIN };
     let complaints = fleet.end(patience, || person.asks_to_end().is_some());
     for complaint in &complaints {
         tracing::error!("{complaint}");
@@ -289,17 +307,29 @@ fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
 }
 
 /// Starts everybody, each when the one before is ready. An outcome only if the run is over before it began.
-fn start(fleet: &mut Fleet<'_>, voyage: &Voyage, person: &mut Person) -> Result<Option<Outcome>, LaunchError> {
+fn start(
+    fleet: &mut Fleet<'_>,
+    voyage: &Voyage,
+    person: &mut Person,
+) -> Result<Option<Outcome>, LaunchError> {
     // A gateway only looks on: in real time it starts beside the others, and is waited for when the robot drives; with certificates before, since
     // it is ready when it has found strangers kept out.
     let real_time = voyage.assembly.graph.pace == Pace::RealTime;
-    let (beside, mut order): (Vec<_>, Vec<_>) = voyage.assembly.roles().partition(|&role| real_time && role == Participant::Gateway);
+    let (beside, mut order): (Vec<_>, Vec<_>) =
+        voyage.assembly.roles().partition(|&role| real_time && role == Participant::Gateway);
     for &role in &beside {
         fleet.start(role)?;
     }
-    let place_of = |last: Participant| order.iter().position(|&role| role == last).filter(|_| voyage.assembly.certificates.is_some());
+    let place_of = |last: Participant| {
+        order
+            .iter()
+            .position(|&role| role == last)
+            .filter(|_| voyage.assembly.certificates.is_some())
+    };
     // Where the robot is on another machine, it does not move without a controller.
-    let place = place_of(Participant::Plant).or_else(|| place_of(Participant::Controller)).unwrap_or(order.len());
+    let place = place_of(Participant::Plant)
+        .or_else(|| place_of(Participant::Controller))
+        .unwrap_or(order.len());
     order.splice(place..place, beside.iter().copied());
     for role in order {
         if !beside.contains(&role) {
@@ -324,19 +354,32 @@ fn invite(voyage: &Voyage, terminal: &mut Terminal) {
         terminal.say(format_args!("live page: http://{address}/"));
     }
     for endpoint in gateway::berth::endpoints(&voyage.links.root) {
-        let shown = voyage.assembly.certificates.as_ref().map(|of| format!(" --certificates {}", of.folder().display()));
-        terminal.say(format_args!("watch with: coxswain watch {endpoint}{}", shown.unwrap_or_default()));
+        let shown = voyage
+            .assembly
+            .certificates
+            .as_ref()
+            .map(|of| format!(" --certificates {}", of.folder().display()));
+        terminal.say(format_args!(
+            "watch with: coxswain watch {endpoint}{}",
+            shown.unwrap_or_default()
+        ));
     }
 }
 
 /// Restarts what dies and shows how it goes, until the plant has finished or somebody asks for the end.
-fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mut Person) -> Result<Outcome, LaunchError> {
+fn look_after(
+    fleet: &mut Fleet<'_>,
+    voyage: &Voyage,
+    watch: &Watch,
+    person: &mut Person,
+) -> Result<Outcome, LaunchError> {
     let scenario = &voyage.assembly.scenario;
     let (period_nanos, duration_s) = (scenario.period_nanos(), scenario.duration_s);
     let faults = &voyage.assembly.faults;
     let mut saboteur = None;
     let mut claimed = Instant::now();
     let mut short = false;
+    let mut told = 0;
     let mut half_made = HalfMade::new(&voyage.links);
     loop {
         half_made.remove();
@@ -347,8 +390,17 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
         refusals::tell(now);
         if saboteur.is_none() && view.plan().is_some() && !faults.process.is_empty() {
             let period = Duration::from_nanos(period_nanos);
-            let begun = Saboteur::begin(&faults.process, faults.seed, period, fleet.roster(), &voyage.folder);
-            saboteur = Some(begun.map_err(|source| LaunchError::System { what: "the list of injected faults", source })?);
+            let begun = Saboteur::begin(
+                &faults.process,
+                faults.seed,
+                period,
+                fleet.roster(),
+                &voyage.folder,
+            );
+            saboteur = Some(begun.map_err(|source| LaunchError::System {
+                what: "the list of injected faults",
+                source,
+            })?);
         }
         if now.saturating_duration_since(claimed) >= CLAIMS_EVERY {
             claimed = now;
@@ -361,17 +413,26 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
                 outcome => short = outcome.is_err(),
             }
         }
+        for complaint in view.complaints().iter().skip(told) {
+            person.terminal.say(format_args!("controller: {complaint}"));
+        }
+        told = view.complaints().len();
         for event in fleet.tend(&view, now)? {
             match event {
                 Event::Finished => return Ok(Outcome::Finished),
                 Event::Died { role, ending, wait } => {
                     tracing::warn!(%role, %ending, ?wait, "died");
                     let when = if wait.is_zero() { "now".into() } else { format!("in {wait:?}") };
-                    person.terminal.say(format_args!("{role} ended with {ending}; it is started again {when}"));
+                    person.terminal.say(format_args!(
+                        "{role} ended with {ending}; it is started again {when}"
+                    ));
                 }
                 Event::Hung { role, silence } => {
                     tracing::warn!(%role, ?silence, "hangs, and was killed");
-                    person.terminal.say(format_args!("{role} has been silent for {:.1} s, and was killed", silence.as_secs_f64()));
+                    person.terminal.say(format_args!(
+                        "{role} has been silent for {:.1} s, and was killed",
+                        silence.as_secs_f64()
+                    ));
                 }
                 Event::Unheard { role, beats } => {
                     tracing::error!(%role, beats, "runs, but nobody hears its heartbeats on the graph's links");
@@ -379,19 +440,30 @@ fn look_after(fleet: &mut Fleet<'_>, voyage: &Voyage, watch: &Watch, person: &mu
                 }
                 Event::GivenUp { role, ending } => {
                     tracing::error!(%role, %ending, "given up");
-                    person.terminal.say(format_args!("{role} ended with {ending} too often; the run goes on without it"));
+                    person.terminal.say(format_args!(
+                        "{role} ended with {ending} too often; the run goes on without it"
+                    ));
                 }
                 Event::NotStarted { role, trouble, wait } => {
                     tracing::error!(%role, trouble, ?wait, "cannot be started again");
-                    let next = wait.map_or_else(|| "the run goes on without it".to_owned(), |wait| format!("it is tried anew in {wait:?}"));
-                    person.terminal.say(format_args!("{role} cannot be started again: {trouble}; {next}"));
+                    let next = wait.map_or_else(
+                        || "the run goes on without it".to_owned(),
+                        |wait| format!("it is tried anew in {wait:?}"),
+                    );
+                    person
+                        .terminal
+                        .say(format_args!("{role} cannot be started again: {trouble}; {next}"));
                 }
-                Event::Restarted { role, epoch_floor } => tracing::info!(%role, epoch_floor, "started again"),
+                Event::Restarted { role, epoch_floor } => {
+                    tracing::info!(%role, epoch_floor, "started again");
+                }
             }
         }
         person.manager.feed(|role| fleet.heartbeats(role), now);
         let restarts = fleet.restarts();
-        person.terminal.progress(now, || view.plan().map(|plan| progress::line(&plan, period_nanos, duration_s, restarts)));
+        person.terminal.progress(now, || {
+            view.plan().map(|plan| progress::line(&plan, period_nanos, duration_s, restarts))
+        });
         thread::sleep(ROUND);
     }
 }
@@ -422,19 +494,28 @@ fn heading(assembly: &Assembly) -> String {
         0 => String::new(),
         count => format!("\nFAULTS ARE INJECTED: {count} of them, seed {}", assembly.faults.seed),
     };
-    format!("{}: {scenario_name}, {:.1} s in {pace}, learner {learner}\n{}{faults}", graph.name, scenario.duration_s, scenario.description)
+    format!(
+        "{}: {scenario_name}, {:.1} s in {pace}, learner {learner}\n{}{faults}",
+        graph.name, scenario.duration_s, scenario.description
+    )
 }
 
 /// Binaries lie beside each other.
 fn programs_folder() -> Result<PathBuf, LaunchError> {
-    let own = env::current_exe().map_err(|source| LaunchError::System { what: "the launcher's own place", source })?;
+    let own = env::current_exe()
+        .map_err(|source| LaunchError::System { what: "the launcher's own place", source })?;
     Ok(own.parent().unwrap_or(Path::new("")).to_path_buf())
 }
 
 fn open_log(folder: &Path, filter: &str) -> Result<(), LaunchError> {
     let failed = |source| LaunchError::System { what: "the launcher's log", source };
-    let file = File::options().create(true).append(true).open(folder.join("coxswain.log")).map_err(failed)?;
-    let filter = refusals::log_filter(filter, true).map_err(|error| failed(io::Error::other(error)))?;
+    let file = File::options()
+        .create(true)
+        .append(true)
+        .open(folder.join("coxswain.log"))
+        .map_err(failed)?;
+    let filter =
+        refusals::log_filter(filter, true).map_err(|error| failed(io::Error::other(error)))?;
     // A second run in one process, as in a test, keeps to the log of the first.
     let lines = tracing_subscriber::fmt::layer().with_ansi(false).with_writer(Mutex::new(file));
     let _ = tracing_subscriber::registry().with(lines.with_filter(filter)).try_init();

@@ -46,7 +46,9 @@ pub enum WatchError {
     #[error(transparent)]
     Telemetry(#[from] TelemetryError),
     /// No endpoint was named, and none is to be found.
-    #[error("no graph with a gateway runs on this machine; name an endpoint, as in `coxswain watch tcp/192.168.0.7:7448 --plain`")]
+    #[error(
+        "no graph with a gateway runs on this machine; name an endpoint, as in `coxswain watch tcp/192.168.0.7:7448 --plain`"
+    )]
     NothingRuns,
     /// No endpoint was named, and more than one is to be found.
     #[error("several graphs run on this machine; name one of {}", endpoints.join(", "))]
@@ -55,10 +57,14 @@ pub enum WatchError {
         endpoints: Vec<String>,
     },
     /// The view would go into a file or a pipe, or to a terminal that cannot show it.
-    #[error("the output is no terminal that could show the view; `coxswain watch --plain` prints one line per period")]
+    #[error(
+        "the output is no terminal that could show the view; `coxswain watch --plain` prints one line per period"
+    )]
     NoTerminal,
     /// The terminal cannot be taken, drawn on or listened to.
-    #[error("the terminal cannot be used: {0}; `coxswain watch --plain` prints one line per period")]
+    #[error(
+        "the terminal cannot be used: {0}; `coxswain watch --plain` prints one line per period"
+    )]
     Terminal(#[source] io::Error),
     /// The lines cannot be printed.
     #[error("the lines cannot be printed: {0}")]
@@ -69,7 +75,11 @@ impl WatchError {
     /// 2 if what a person said cannot be, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Telemetry(TelemetryError::Robot { .. } | TelemetryError::Endpoint { .. } | TelemetryError::Credentials { .. })
+            Self::Telemetry(
+                TelemetryError::Robot { .. }
+                | TelemetryError::Endpoint { .. }
+                | TelemetryError::Credentials { .. },
+            )
             | Self::SeveralRun { .. }
             | Self::NoTerminal => 2,
             _ => 1,
@@ -89,8 +99,16 @@ pub struct Telescope {
 impl Telescope {
     /// What `options` say, with the graphs of this machine in `base`.
     pub fn new(options: &WatchOptions, base: &Path) -> Self {
-        let credentials = options.certificates.as_ref().map(|folder| Credentials::in_folder(folder.join(Role::Watcher.name())));
-        Self { endpoint: options.endpoint.clone(), robot: options.robot.clone(), credentials, base: base.to_owned() }
+        let credentials = options
+            .certificates
+            .as_ref()
+            .map(|folder| Credentials::in_folder(folder.join(Role::Watcher.name())));
+        Self {
+            endpoint: options.endpoint.clone(),
+            robot: options.robot.clone(),
+            credentials,
+            base: base.to_owned(),
+        }
     }
 
     /// Reaches it; with the endpoint that it was found at.
@@ -99,7 +117,10 @@ impl Telescope {
     /// [`WatchError`] if there is nothing to watch.
     pub fn open(&self) -> Result<(Watcher, String), WatchError> {
         let endpoint = self.endpoint.clone().map_or_else(|| find(&self.base), Ok)?;
-        Ok((Watcher::open_as(&endpoint, self.robot.as_deref(), self.credentials.as_ref())?, endpoint))
+        Ok((
+            Watcher::open_as(&endpoint, self.robot.as_deref(), self.credentials.as_ref())?,
+            endpoint,
+        ))
     }
 }
 
@@ -107,7 +128,12 @@ impl Telescope {
 ///
 /// # Errors
 /// [`WatchError`] if there is nothing to watch at the start. A robot that goes later is waited for.
-pub fn run(options: &WatchOptions, base: &Path, terminal: &mut Terminal, stop: &Stop) -> Result<(), WatchError> {
+pub fn run(
+    options: &WatchOptions,
+    base: &Path,
+    terminal: &mut Terminal,
+    stop: &Stop,
+) -> Result<(), WatchError> {
     let telescope = Telescope::new(options, base);
     if options.plain {
         return print(&telescope, &mut io::stdout(), terminal, stop);
@@ -119,7 +145,12 @@ pub fn run(options: &WatchOptions, base: &Path, terminal: &mut Terminal, stop: &
 }
 
 /// Prints what is heard on `out`.
-fn print(telescope: &Telescope, out: &mut impl Write, terminal: &mut Terminal, stop: &Stop) -> Result<(), WatchError> {
+fn print(
+    telescope: &Telescope,
+    out: &mut impl Write,
+    terminal: &mut Terminal,
+    stop: &Stop,
+) -> Result<(), WatchError> {
     let (mut watcher, mut endpoint) = telescope.open()?;
     let mut lines = Lines::default();
     let mut contact = Contact::new(Instant::now());
@@ -153,8 +184,10 @@ fn print(telescope: &Telescope, out: &mut impl Write, terminal: &mut Terminal, s
 /// The endpoint of the one graph that can be watched on this machine.
 fn find(base: &Path) -> Result<String, WatchError> {
     let graphs = berth::living(base);
-    let mut endpoints: Vec<String> =
-        graphs.iter().filter_map(|graph| gateway::berth::endpoints(&graph.root()).into_iter().next()).collect();
+    let mut endpoints: Vec<String> = graphs
+        .iter()
+        .filter_map(|graph| gateway::berth::endpoints(&graph.root()).into_iter().next())
+        .collect();
     match (endpoints.pop(), endpoints.is_empty()) {
         (Some(endpoint), true) => Ok(endpoint),
         (Some(endpoint), false) => {
@@ -207,7 +240,8 @@ impl Lines {
     /// The line that is complete now, if one is.
     fn take_in(&mut self, word: Word) -> Option<String> {
         let line = self.line_of(word)?;
-        let exposed = self.exposures.values().max().filter(|&&exposure| exposure > Exposure::Closed);
+        let exposed =
+            self.exposures.values().max().filter(|&&exposure| exposure > Exposure::Closed);
         Some(match exposed {
             Some(exposure) => format!("{line}  INSECURE: {exposure}"),
             None => line,
@@ -222,9 +256,12 @@ impl Lines {
                 before.map(|(state, seconds)| line(&state, seconds, None))
             }
             Heard::Plan(plan) => {
-                let answered =
-                    |(state, _): &mut (PlantState, f64)| state.stamp.epoch == plan.plant_epoch && state.stamp.tick == plan.stamp.tick;
-                self.waiting.take_if(answered).map(|(state, seconds)| line(&state, seconds, Some(&plan)))
+                let answered = |(state, _): &mut (PlantState, f64)| {
+                    state.stamp.epoch == plan.plant_epoch && state.stamp.tick == plan.stamp.tick
+                };
+                self.waiting
+                    .take_if(answered)
+                    .map(|(state, seconds)| line(&state, seconds, Some(&plan)))
             }
             Heard::Health(health) => {
                 self.exposures.extend(health.participant().map(|who| (who, health.exposure())));
@@ -237,7 +274,10 @@ impl Lines {
 /// One period: what was measured, what acted before, and how it was answered.
 fn line(state: &PlantState, seconds: f64, plan: Option<&Plan>) -> String {
     let [x, y, yaw] = state.pose;
-    let measured = format!("tick {:6}  {seconds:8.2} s  x {x:8.3}  y {y:8.3}  yaw {yaw:7.3}", state.stamp.tick);
+    let measured = format!(
+        "tick {:6}  {seconds:8.2} s  x {x:8.3}  y {y:8.3}  yaw {yaw:7.3}",
+        state.stamp.tick
+    );
     match plan {
         Some(plan) => format!(
             "{measured}  error {:6.3} m  {:<12}  model {:4}  tick time {:6.0} us",
@@ -246,7 +286,12 @@ fn line(state: &PlantState, seconds: f64, plan: Option<&Plan>) -> String {
             plan.model_version,
             plan.tick_nanos as f64 * 1e-3
         ),
-        None => format!("{measured}  error      -    {:<12}  model    -  tick time      -   ", state.rung().text()).trim_end().to_owned(),
+        None => format!(
+            "{measured}  error      -    {:<12}  model    -  tick time      -   ",
+            state.rung().text()
+        )
+        .trim_end()
+        .to_owned(),
     }
 }
 
@@ -273,7 +318,8 @@ mod tests {
 
     fn plan(tick: u64) -> Heard {
         let mut plan: Box<Plan> = Box::new(bytemuck::Zeroable::zeroed());
-        (plan.stamp.tick, plan.plant_epoch, plan.tick_nanos, plan.model_version) = (tick, 1, 412_300, 7);
+        (plan.stamp.tick, plan.plant_epoch, plan.tick_nanos, plan.model_version) =
+            (tick, 1, 412_300, 7);
         Heard::Plan(plan)
     }
 
@@ -282,13 +328,14 @@ mod tests {
         let mut lines = Lines::default();
         assert_eq!(lines.take_in(word(Heard::State(Box::new(state(12))))), None);
         assert_eq!(lines.take_in(word(plan(11))), None, "the answer to another state");
-        let answered =
-            "tick     12      1.20 s  x    0.000  y    0.000  yaw   0.000  error  0.000 m  fresh plan    model    7  tick time    412 us";
+        let answered = "tick     12      1.20 s  x    0.000  y    0.000  yaw   0.000  error  0.000 m  fresh plan    model    7  tick time    412 us";
         assert_eq!(lines.take_in(word(plan(12))).as_deref(), Some(answered));
         assert_eq!(lines.take_in(word(Heard::State(Box::new(state(13))))), None);
-        let unanswered =
-            "tick     13      1.30 s  x    0.000  y    0.000  yaw   0.000  error      -    fresh plan    model    -  tick time      -";
-        assert_eq!(lines.take_in(word(Heard::State(Box::new(state(14))))).as_deref(), Some(unanswered));
+        let unanswered = "tick     13      1.30 s  x    0.000  y    0.000  yaw   0.000  error      -    fresh plan    model    -  tick time      -";
+        assert_eq!(
+            lines.take_in(word(Heard::State(Box::new(state(14))))).as_deref(),
+            Some(unanswered)
+        );
     }
 
     #[test]
@@ -305,10 +352,22 @@ mod tests {
             lines.take_in(word(plan(12))).unwrap_or_default()
         };
         assert!(end(health(Participant::Plant, Exposure::Closed)).ends_with(" us"));
-        assert!(end(health(Participant::Learner, Exposure::Watched)).ends_with(" us  INSECURE: strangers can watch"));
-        assert!(end(health(Participant::Plant, Exposure::Driven)).ends_with(" us  INSECURE: strangers can drive"));
-        assert!(end(health(Participant::Recorder, Exposure::Closed)).ends_with("drive"), "the plant still says so");
-        assert!(end(health(Participant::Plant, Exposure::Closed)).ends_with("watch"), "another launch has taken its place");
+        assert!(
+            end(health(Participant::Learner, Exposure::Watched))
+                .ends_with(" us  INSECURE: strangers can watch")
+        );
+        assert!(
+            end(health(Participant::Plant, Exposure::Driven))
+                .ends_with(" us  INSECURE: strangers can drive")
+        );
+        assert!(
+            end(health(Participant::Recorder, Exposure::Closed)).ends_with("drive"),
+            "the plant still says so"
+        );
+        assert!(
+            end(health(Participant::Plant, Exposure::Closed)).ends_with("watch"),
+            "another launch has taken its place"
+        );
     }
 
     #[test]
@@ -325,8 +384,13 @@ mod tests {
 
     #[test]
     fn lines_have_to_be_asked_for() {
-        assert!(Arguments::try_parse_from(["watch"]).is_ok_and(|arguments| !arguments.options.plain));
-        assert!(Arguments::try_parse_from(["watch", "--plain"]).is_ok_and(|arguments| arguments.options.plain));
+        assert!(
+            Arguments::try_parse_from(["watch"]).is_ok_and(|arguments| !arguments.options.plain)
+        );
+        assert!(
+            Arguments::try_parse_from(["watch", "--plain"])
+                .is_ok_and(|arguments| arguments.options.plain)
+        );
     }
 
     #[test]
@@ -334,12 +398,17 @@ mod tests {
         let base = tempfile::tempdir()?;
         assert!(matches!(find(base.path()), Err(WatchError::NothingRuns)));
         let berth = berth::Berth::take(&base.path().join("b"))?;
-        assert!(matches!(find(&base.path().join("b")), Err(WatchError::NothingRuns)), "a graph without gateway");
+        assert!(
+            matches!(find(&base.path().join("b")), Err(WatchError::NothingRuns)),
+            "a graph without gateway"
+        );
         gateway::berth::note(&berth.root(), &["tcp/127.0.0.1:1".to_owned()])?;
         assert_eq!(find(&base.path().join("b"))?, "tcp/127.0.0.1:1");
         let other = berth::Berth::take(&base.path().join("b"))?;
         gateway::berth::note(&other.root(), &["tcp/127.0.0.1:2".to_owned()])?;
-        assert!(matches!(find(&base.path().join("b")), Err(WatchError::SeveralRun { endpoints }) if endpoints.len() == 2));
+        assert!(
+            matches!(find(&base.path().join("b")), Err(WatchError::SeveralRun { endpoints }) if endpoints.len() == 2)
+        );
         berth.leave()?;
         other.leave()?;
         Ok(())

@@ -155,8 +155,9 @@ fn drill(options: &DrillOptions) -> ExitCode {
 
 fn launch(options: &Options) -> ExitCode {
     let watched = if options.stop_with_stdin { end_with_stdin() } else { Ok(()) };
-    let outcome =
-        watched.map_err(|source| LaunchError::System { what: "the standard input", source }).and_then(|()| coxswain::launch::run(options));
+    let outcome = watched
+        .map_err(|source| LaunchError::System { what: "the standard input", source })
+        .and_then(|()| coxswain::launch::run(options));
     match outcome {
         Ok(outcome) => outcome.exit_code(),
         Err(error) => {
@@ -180,7 +181,8 @@ fn end_with_stdin() -> io::Result<()> {
 fn watch(options: &WatchOptions) -> ExitCode {
     let (stop, mut terminal) = (Stop::new(), Terminal::new());
     let watched = stop.on_signals().map_err(lookout::WatchError::from);
-    let watched = watched.and_then(|()| lookout::run(options, &berth::base(), &mut terminal, &stop));
+    let watched =
+        watched.and_then(|()| lookout::run(options, &berth::base(), &mut terminal, &stop));
     match watched {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -81,7 +81,8 @@ impl Options {
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds: &f64| *seconds > 0.0 && *seconds <= DURATION_MAX_S);
+    let seconds =
+        text.parse().ok().filter(|seconds: &f64| *seconds > 0.0 && *seconds <= DURATION_MAX_S);
     seconds.ok_or_else(|| format!("expected seconds: more than 0 and at most {DURATION_MAX_S}"))
 }
 
@@ -94,7 +95,11 @@ fn pace(text: &str) -> Result<Pace, String> {
 }
 
 fn endpoint(text: &str) -> Result<String, String> {
-    if is_endpoint(text) { Ok(text.to_owned()) } else { Err("expected an endpoint such as tcp/127.0.0.1:7447".into()) }
+    if is_endpoint(text) {
+        Ok(text.to_owned())
+    } else {
+        Err("expected an endpoint such as tcp/127.0.0.1:7447".into())
+    }
 }
 
 fn switch(text: &str) -> Result<bool, String> {
@@ -108,7 +113,9 @@ fn switch(text: &str) -> Result<bool, String> {
 fn filter(text: &str) -> Result<String, String> {
     match EnvFilter::try_new(text) {
         Ok(_) => Ok(text.to_owned()),
-        Err(error) => Err(format!("expected a level (error, warn, info, debug, trace) or a list of module=level: {error}")),
+        Err(error) => Err(format!(
+            "expected a level (error, warn, info, debug, trace) or a list of module=level: {error}"
+        )),
     }
 }
 

@@ -68,7 +68,12 @@ pub fn make(folder: &Path) -> Result<(), NotPrivate> {
     let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(folder);
     match made {
         // What is there is judged below.
-        Err(error) if !matches!(error.kind(), io::ErrorKind::AlreadyExists | io::ErrorKind::NotADirectory) => {
+        Err(error)
+            if !matches!(
+                error.kind(),
+                io::ErrorKind::AlreadyExists | io::ErrorKind::NotADirectory
+            ) =>
+        {
             Err(NotPrivate::FileSystem { folder: folder.to_owned(), source: error })
         }
         _ => check(folder),
@@ -107,7 +112,10 @@ mod tests {
     use std::os::unix::fs::{PermissionsExt, chown, symlink};
 
     /// What is said of a folder in `parent` that `prepare` has made.
-    fn said(parent: &Path, prepare: impl FnOnce(&Path) -> io::Result<()>) -> Result<String, Box<dyn Error>> {
+    fn said(
+        parent: &Path,
+        prepare: impl FnOnce(&Path) -> io::Result<()>,
+    ) -> Result<String, Box<dyn Error>> {
         let folder = parent.join("folder");
         prepare(&folder)?;
         let said = make(&folder).err().map_or_else(String::new, |error| error.to_string());
@@ -124,7 +132,11 @@ mod tests {
         let parent = tempfile::tempdir()?;
         make(&parent.path().join("deep/deeper"))?;
         for made in ["deep", "deep/deeper"] {
-            assert_eq!(fs::metadata(parent.path().join(made))?.mode() & PERMISSIONS, 0o700, "{made}");
+            assert_eq!(
+                fs::metadata(parent.path().join(made))?.mode() & PERMISSIONS,
+                0o700,
+                "{made}"
+            );
         }
         make(&parent.path().join("deep/deeper"))?;
         Ok(())
@@ -135,8 +147,12 @@ mod tests {
         for mode in [0o755, 0o770, 0o707, 0o720, 0o702, 0o701, 0o1777] {
             let parent = tempfile::tempdir()?;
             let said = said(parent.path(), |folder| with_mode(folder, mode))?;
-            let expected = "FOLDER: expected a folder that nobody else can enter, mode 700, this has mode";
-            assert_eq!(said, format!("{expected} {mode:o}: `chmod 700 FOLDER` if all in it is yours"));
+            let expected =
+                "FOLDER: expected a folder that nobody else can enter, mode 700, this has mode";
+            assert_eq!(
+                said,
+                format!("{expected} {mode:o}: `chmod 700 FOLDER` if all in it is yours")
+            );
         }
         Ok(())
     }
@@ -149,7 +165,10 @@ mod tests {
         let slash = check(&parent.path().join("folder/")).map_err(|error| error.to_string());
         assert!(slash.is_err_and(|said| said.ends_with("this is a symbolic link")));
         let parent = tempfile::tempdir()?;
-        assert_eq!(said(parent.path(), |folder| fs::write(folder, ""))?, "FOLDER: expected a folder, this is none");
+        assert_eq!(
+            said(parent.path(), |folder| fs::write(folder, ""))?,
+            "FOLDER: expected a folder, this is none"
+        );
         Ok(())
     }
 
@@ -158,14 +177,18 @@ mod tests {
         let parent = tempfile::tempdir()?;
         fs::set_permissions(parent.path(), fs::Permissions::from_mode(0o777))?;
         let refused = said(parent.path(), |folder| with_mode(folder, 0o700))?;
-        assert!(refused.starts_with("FOLDER: expected to lie where others cannot replace it, but ") && refused.ends_with("has mode 777"));
+        assert!(
+            refused.starts_with("FOLDER: expected to lie where others cannot replace it, but ")
+                && refused.ends_with("has mode 777")
+        );
         fs::set_permissions(parent.path(), fs::Permissions::from_mode(0o1777))?;
         make(&parent.path().join("folder"))?;
         Ok(())
     }
 
     #[test]
-    fn a_folder_is_refused_whose_way_others_can_replace_however_far_above() -> Result<(), Box<dyn Error>> {
+    fn a_folder_is_refused_whose_way_others_can_replace_however_far_above()
+    -> Result<(), Box<dyn Error>> {
         let home = tempfile::tempdir()?;
         let (open, parent) = (home.path().join("open"), home.path().join("open/deep/deeper"));
         make(&parent)?;
@@ -175,7 +198,10 @@ mod tests {
             let refused = said(&parent, |_| Ok(()))?;
             assert_eq!(
                 refused,
-                format!("FOLDER: expected to lie where others cannot replace it, but {} has mode {mode:o}", open.display())
+                format!(
+                    "FOLDER: expected to lie where others cannot replace it, but {} has mode {mode:o}",
+                    open.display()
+                )
             );
         }
         Ok(())
@@ -189,7 +215,9 @@ mod tests {
             return Ok(());
         }
         let parent = tempfile::tempdir()?;
-        let said = said(parent.path(), |folder| with_mode(folder, 0o700).and_then(|()| chown(folder, Some(65_534), None)))?;
+        let said = said(parent.path(), |folder| {
+            with_mode(folder, 0o700).and_then(|()| chown(folder, Some(65_534), None))
+        })?;
         assert_eq!(said, "FOLDER: expected a folder of user 0, this is one of user 65534");
         Ok(())
     }

@@ -7,7 +7,8 @@ use std::fmt::Write;
 /// One line about the run.
 pub fn line(plan: &PlanView, period_nanos: u64, duration_s: f64, restarts: u64) -> String {
     let seconds = plan.tick as f64 * period_nanos as f64 * 1e-9;
-    let mut line = format!("{seconds:6.1} of {duration_s:.1} s   error {:6.3} m   ", plan.position_error);
+    let mut line =
+        format!("{seconds:6.1} of {duration_s:.1} s   error {:6.3} m   ", plan.position_error);
     // Writing to a String never fails.
     let _ = match plan.model_version {
         0 => write!(line, "main model"),
@@ -29,11 +30,23 @@ mod tests {
 
     #[test]
     fn the_line_says_what_is_unusual_only_when_it_is() {
-        let mut plan = PlanView { tick: 123, position_error: 0.0432, model_version: 7, tick_nanos: 412_300, rung: Rung::FreshPlan };
-        assert_eq!(line(&plan, 100_000_000, 25.0, 0), "  12.3 of 25.0 s   error  0.043 m   model    7   tick   412 µs");
+        let mut plan = PlanView {
+            tick: 123,
+            position_error: 0.0432,
+            model_version: 7,
+            tick_nanos: 412_300,
+            rung: Rung::FreshPlan,
+        };
+        assert_eq!(
+            line(&plan, 100_000_000, 25.0, 0),
+            "  12.3 of 25.0 s   error  0.043 m   model    7   tick   412 µs"
+        );
         plan.rung = Rung::Lqr;
         plan.model_version = 0;
         let line = line(&plan, 100_000_000, 25.0, 2);
-        assert_eq!(line, "  12.3 of 25.0 s   error  0.043 m   main model   tick   412 µs   lqr   restarts 2");
+        assert_eq!(
+            line,
+            "  12.3 of 25.0 s   error  0.043 m   main model   tick   412 µs   lqr   restarts 2"
+        );
     }
 }

@@ -72,7 +72,8 @@ pub fn export(options: &ExportOptions) -> Result<(), RecordsError> {
         terminal::print(format_args!("{}: {rows} rows", file.display()));
     }
     for file in &exported.ended_early {
-        Terminal::new().say(format_args!("{} ends early, and was read as far as it goes", file.display()));
+        Terminal::new()
+            .say(format_args!("{} ends early, and was read as far as it goes", file.display()));
     }
     Ok(())
 }

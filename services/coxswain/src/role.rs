@@ -3,12 +3,20 @@
 use protocol::message::Participant;
 
 /// Who listens starts before who talks, so that nothing is missed.
-pub const START_ORDER: [Participant; 5] =
-    [Participant::Recorder, Participant::Gateway, Participant::Learner, Participant::Controller, Participant::Plant];
+pub const START_ORDER: [Participant; 5] = [
+    Participant::Recorder,
+    Participant::Gateway,
+    Participant::Learner,
+    Participant::Controller,
+    Participant::Plant,
+];
 
 /// The robot comes to rest first; the recorder sees the others go. Those of one row end together.
-pub const END_ORDER: [&[Participant]; 3] =
-    [&[Participant::Plant], &[Participant::Controller, Participant::Learner, Participant::Gateway], &[Participant::Recorder]];
+pub const END_ORDER: [&[Participant]; 3] = [
+    &[Participant::Plant],
+    &[Participant::Controller, Participant::Learner, Participant::Gateway],
+    &[Participant::Recorder],
+];
 
 /// Name of the binary that plays `role`.
 pub const fn program(role: Participant) -> &'static str {

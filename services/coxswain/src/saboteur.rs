@@ -59,14 +59,22 @@ impl Saboteur {
     ///
     /// # Errors
     /// If the list cannot be made.
-    pub fn begin(faults: &[ProcessFault], seed: u64, period: Duration, roster: Roster, folder: &Path) -> io::Result<Self> {
+    pub fn begin(
+        faults: &[ProcessFault],
+        seed: u64,
+        period: Duration,
+        roster: Roster,
+        folder: &Path,
+    ) -> io::Result<Self> {
         let begin = Instant::now();
-        let mut deeds: Vec<Deed> = faults.iter().flat_map(|fault| deeds(fault, period, seed)).collect();
+        let mut deeds: Vec<Deed> =
+            faults.iter().flat_map(|fault| deeds(fault, period, seed)).collect();
         deeds.sort_by_key(|deed| deed.at);
         let list = File::create(folder.join(LIST))?;
         let stop = Stop::new();
         let work = Work { begin, roster, list, stop: stop.clone() };
-        let thread = thread::Builder::new().name("saboteur".into()).spawn(move || work.work(&deeds))?;
+        let thread =
+            thread::Builder::new().name("saboteur".into()).spawn(move || work.work(&deeds))?;
         Ok(Self { stop, thread: Some(thread) })
     }
 }
@@ -81,7 +89,8 @@ impl Drop for Saboteur {
 }
 
 fn deeds(fault: &ProcessFault, period: Duration, seed: u64) -> impl Iterator<Item = Deed> + use<> {
-    let (kind, participant, lasts) = (fault.kind, fault.participant, Duration::from_millis(fault.millis.unwrap_or(0)));
+    let (kind, participant, lasts) =
+        (fault.kind, fault.participant, Duration::from_millis(fault.millis.unwrap_or(0)));
     let bytes = fault.mebibytes.unwrap_or(0) << 20;
     fault.times(period, seed).map(move |at| Deed { at, kind, participant, lasts, bytes })
 }
@@ -166,7 +175,9 @@ impl Work {
                 self.note(deed, None);
                 self.sleep_until(Instant::now() + deed.lasts);
             }
-            Err(error) => tracing::error!(kind = deed.kind.name(), %error, "a fault could not be injected"),
+            Err(error) => {
+                tracing::error!(kind = deed.kind.name(), %error, "a fault could not be injected");
+            }
         }
     }
 
@@ -184,7 +195,13 @@ impl Work {
     fn note(&mut self, deed: &Deed, victim: Option<Pid>) {
         let (kind, participant) = (deed.kind.name().to_owned(), deed.participant);
         let millis = (!deed.lasts.is_zero()).then_some(deed.lasts.as_millis() as u64);
-        let injected = Injected { kind, participant, pid: victim.map(Pid::as_raw_pid), nanos: monotonic_nanos(), millis };
+        let injected = Injected {
+            kind,
+            participant,
+            pid: victim.map(Pid::as_raw_pid),
+            nanos: monotonic_nanos(),
+            millis,
+        };
         let line = serde_json::to_string(&injected).map_err(io::Error::other);
         if let Err(error) = line.and_then(|line| writeln!(self.list, "{line}")) {
             tracing::error!(%error, "an injected fault is not in the list");
@@ -205,6 +222,7 @@ impl Work {
 
 /// Whether a process is dead already, and only waits for its parent to take note.
 fn awaits_burial(process: Pid) -> bool {
-    let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.as_raw_pid())).unwrap_or_default();
+    let stat =
+        std::fs::read_to_string(format!("/proc/{}/stat", process.as_raw_pid())).unwrap_or_default();
     stat.rsplit_once(')').is_none_or(|(_, state)| state.trim_start().starts_with(['Z', 'X']))
 }

@@ -2,8 +2,10 @@
 
 use controller::reference::{PLACE_MAX, Reference, ReferenceSettings, is_place};
 use controller::settings::MpcSettings;
+use driver::Start;
+use driver::piped::Program;
 use learner::settings::LearnerSettings;
-use plant_sim::truth::{Start, Truth};
+use plant_sim::truth::Truth;
 use serde::Deserialize;
 use settings::{Check, Impossible, SettingsError};
 use std::fs;
@@ -32,8 +34,13 @@ pub struct Scenario {
     pub mpc: MpcSettings,
     /// How to learn.
     pub learner: LearnerSettings,
-    /// What is really the case, which the controller does not know.
-    pub truth: Truth,
+    /// What is really the case in the simulator, which the controller does not know.
+    #[serde(default)]
+    pub truth: Option<Truth>,
+    /// A world that is another program, in place of the simulator. Its file is relative to the
+    /// scenario's; which settings there are is its own affair.
+    #[serde(default)]
+    pub world: Option<Program>,
 }
 
 impl Scenario {
@@ -49,23 +56,57 @@ impl Scenario {
     ///
     /// # Errors
     /// [`SettingsError`] names the first thing that is wrong.
-    pub fn named(folder: &Path, name: &str, profile: Option<&str>, changes: &[String]) -> Result<Self, SettingsError> {
+    pub fn named(
+        folder: &Path,
+        name: &str,
+        profile: Option<&str>,
+        changes: &[String],
+    ) -> Result<Self, SettingsError> {
         if !name.contains('+') && profile.is_none() && changes.is_empty() {
-            return settings::read(&folder.join(name).with_extension("toml"));
+            return Self::read(&folder.join(name).with_extension("toml"));
         }
-        // Lines are those of the merged text, which nobody sees; the keys say where to look.
-        settings::parse(&Self::merged(folder, name, profile, changes)?, &folder.join(name))
+        // Lines are those of the merged text, which is in no file; the keys say where to look.
+        let merged = Self::merged(folder, name, profile, changes)?;
+        Ok(settings::parse::<Self>(&merged, &folder.join(name))?.located_in(folder))
+    }
+
+    /// Reads a scenario file. Of `figure-eight+payload.toml`, which is no file, the parts are.
+    ///
+    /// # Errors
+    /// [`SettingsError`] names the first thing that is wrong.
+    pub fn read(file: &Path) -> Result<Self, SettingsError> {
+        let folder = file.parent().unwrap_or(Path::new(""));
+        let stem = file.file_stem().map(|stem| stem.to_string_lossy());
+        match stem.filter(|stem| stem.contains('+') && !file.exists()) {
+            Some(name) => Self::named(folder, &name, None, &[]),
+            None => Ok(settings::read::<Self>(file)?.located_in(folder)),
+        }
+    }
+
+    /// The same with paths that were relative to `folder`.
+    fn located_in(mut self, folder: &Path) -> Self {
+        if let Some(world) = &mut self.world {
+            world.program = folder.join(&world.program);
+        }
+        self
     }
 
     /// The same as one text, unchecked.
     ///
     /// # Errors
     /// [`SettingsError`] if a part of it cannot be read.
-    pub fn merged(folder: &Path, name: &str, profile: Option<&str>, changes: &[String]) -> Result<String, SettingsError> {
+    pub fn merged(
+        folder: &Path,
+        name: &str,
+        profile: Option<&str>,
+        changes: &[String],
+    ) -> Result<String, SettingsError> {
         let mut parts = name.split('+');
         let base = folder.join(parts.next().unwrap_or_default()).with_extension("toml");
-        let variants = parts.map(|variant| folder.join("variants").join(variant).with_extension("toml"));
-        let profile = profile.map(|profile| folder.join("profiles").join(profile).with_extension("toml"));
+        let variants =
+            parts.map(|variant| folder.join("variants").join(variant).with_extension("toml"));
+        let profile =
+            profile.map(|profile| folder.join("profiles").join(profile).with_extension("toml"));
         let overlays: Vec<PathBuf> = profile.into_iter().chain(variants).collect();
         let mut whole = table(&base)?;
         for overlay in overlays {
@@ -81,7 +122,8 @@ impl Scenario {
     /// The variants in `folder`, by name.
     pub fn variants(folder: &Path) -> Vec<String> {
         let files = fs::read_dir(folder.join("variants")).into_iter().flatten().flatten();
-        let mut names: Vec<String> = files.filter_map(|file| Some(file.path().file_stem()?.to_str()?.to_owned())).collect();
+        let mut names: Vec<String> =
+            files.filter_map(|file| Some(file.path().file_stem()?.to_str()?.to_owned())).collect();
         names.sort_unstable();
         names
     }
@@ -121,23 +163,45 @@ impl Check for Scenario {
             return Err(Impossible::new("duration_s", "more than 0 and at most 10000 s"));
         }
         if i64::try_from(self.seed).is_err() {
-            return Err(Impossible::new("seed", "at most 9223372036854775807, the largest number of TOML"));
+            return Err(Impossible::new(
+                "seed",
+                "at most 9223372036854775807, the largest number of TOML",
+            ));
         }
-        for (key, values) in [("start.pose", self.start.pose), ("start.velocity", self.start.velocity)] {
+        for (key, values) in
+            [("start.pose", self.start.pose), ("start.velocity", self.start.velocity)]
+        {
             if !is_place(&values) {
-                return Err(Impossible::new(key, format!("three numbers of at most {PLACE_MAX}, either way")));
+                return Err(Impossible::new(
+                    key,
+                    format!("three numbers of at most {PLACE_MAX}, either way"),
+                ));
             }
         }
         self.reference.check().map_err(|impossible| impossible.under("reference"))?;
         // Only a file of points can fail here; which file and why is in the error.
-        Reference::new(&self.reference, &self.start.pose, self.period_millis * 1e-3, 0)
-            .map_err(|error| Impossible::new("reference.path.points.file", format!("a usable file of points: {error}")))?;
+        Reference::new(&self.reference, &self.start.pose, self.period_millis * 1e-3, 0).map_err(
+            |error| {
+                Impossible::new(
+                    "reference.path.points.file",
+                    format!("a usable file of points: {error}"),
+                )
+            },
+        )?;
         self.mpc.check().map_err(|impossible| impossible.under("mpc"))?;
         self.learner.check().map_err(|impossible| impossible.under("learner"))?;
         if self.learner.resume.as_ref().is_some_and(|file| !file.is_file()) {
-            return Err(Impossible::new("learner.resume", "the snapshot of an earlier run, but there is no such file"));
+            return Err(Impossible::new(
+                "learner.resume",
+                "the snapshot of an earlier run, but there is no such file",
+            ));
         }
-        self.truth.check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected).under("truth"))
+        if self.truth.is_some() && self.world.is_some() {
+            return Err(Impossible::new("world", "nothing beside [truth]: one world at a time"));
+        }
+        self.truth.as_ref().map_or(Ok(()), Truth::check).map_err(|impossible| {
+            Impossible::new(impossible.key, impossible.expected).under("truth")
+        })
     }
 }
 
@@ -150,8 +214,10 @@ mod tests {
     }
 
     #[test]
-    fn every_scenario_with_every_variant_in_every_profile_is_possible() -> Result<(), SettingsError> {
-        for base in ["paper", "circle", "hold", "corridor", "figure-eight", "square", "stop-and-go"] {
+    fn every_scenario_with_every_variant_in_every_profile_is_possible() -> Result<(), SettingsError>
+    {
+        for base in ["paper", "circle", "hold", "corridor", "figure-eight", "square", "stop-and-go"]
+        {
             for variant in Scenario::variants(&folder()) {
                 for profile in [None, Some("agile")] {
                     Scenario::named(&folder(), &format!("{base}+{variant}"), profile, &[])?;
@@ -165,17 +231,25 @@ mod tests {
     fn a_variant_changes_what_it_names_and_nothing_else() -> Result<(), SettingsError> {
         let base = Scenario::named(&folder(), "figure-eight", None, &[])?;
         let mut soft = Scenario::named(&folder(), "figure-eight+soft", None, &[])?;
-        assert!((soft.truth.speed_loop_gain_a_s_per_rad - 0.2).abs() < 1e-12);
-        soft.truth.speed_loop_gain_a_s_per_rad = base.truth.speed_loop_gain_a_s_per_rad;
+        let gain = |scenario: &Scenario| {
+            scenario.truth.as_ref().map(|truth| truth.speed_loop_gain_a_s_per_rad)
+        };
+        assert!(gain(&soft).is_some_and(|gain| (gain - 0.2).abs() < 1e-12));
+        soft.truth = base.truth.clone();
         assert_eq!(soft, base);
         let agile = Scenario::named(&folder(), "figure-eight", Some("agile"), &[])?;
-        assert_eq!((agile.period_nanos(), agile.mpc.horizon_steps, agile.truth), (20_000_000, 20, base.truth));
+        assert_eq!(
+            (agile.period_nanos(), agile.mpc.horizon_steps, agile.truth),
+            (20_000_000, 20, base.truth)
+        );
         Ok(())
     }
 
     #[test]
     fn what_is_changed_by_hand_is_checked_like_a_file() -> Result<(), SettingsError> {
-        let named = |change: &str| Scenario::named(&folder(), "figure-eight+soft", Some("agile"), &[change.to_owned()]);
+        let named = |change: &str| {
+            Scenario::named(&folder(), "figure-eight+soft", Some("agile"), &[change.to_owned()])
+        };
         assert!((named("mpc.weights.position = 50.0")?.mpc.weights.position - 50.0).abs() < 1e-12);
         for wrong in ["mpc.weights.position = -1.0", "mpc.weights.positon = 1.0", "mpc.weights"] {
             assert!(named(wrong).is_err(), "{wrong}");
@@ -184,14 +258,23 @@ mod tests {
     }
 
     #[test]
-    fn a_chance_level_that_is_no_probability_is_refused_with_file_line_and_key() -> Result<(), std::io::Error> {
+    fn a_chance_level_that_is_no_probability_is_refused_with_file_line_and_key()
+    -> Result<(), std::io::Error> {
         let text = fs::read_to_string(folder().join("corridor.toml"))?;
         for wrong in ["0.3", "1.0", "95.5", "nan"] {
             let text = text.replace("chance_level = 0.955", &format!("chance_level = {wrong}"));
-            let line = text.lines().take_while(|line| !line.starts_with("chance_level")).count() + 1;
-            let told = settings::parse::<Scenario>(&text, Path::new("corridor.toml")).err().map(|error| error.to_string());
-            let expected = format!("corridor.toml:{line}: mpc.state_limits.chance_level = {wrong}: expected 0.5");
-            assert!(told.as_ref().is_some_and(|told| told.starts_with(&expected)), "{told:?} does not begin with {expected}");
+            let line =
+                text.lines().take_while(|line| !line.starts_with("chance_level")).count() + 1;
+            let told = settings::parse::<Scenario>(&text, Path::new("corridor.toml"))
+                .err()
+                .map(|error| error.to_string());
+            let expected = format!(
+                "corridor.toml:{line}: mpc.state_limits.chance_level = {wrong}: expected 0.5"
+            );
+            assert!(
+                told.as_ref().is_some_and(|told| told.starts_with(&expected)),
+                "{told:?} does not begin with {expected}"
+            );
         }
         Ok(())
     }
@@ -199,7 +282,10 @@ mod tests {
     #[test]
     fn what_is_not_there_is_named() {
         for name in ["figure-nine", "figure-eight+tornado"] {
-            let refused = Scenario::named(&folder(), name, None, &[]).err().map(|error| error.to_string()).unwrap_or_default();
+            let refused = Scenario::named(&folder(), name, None, &[])
+                .err()
+                .map(|error| error.to_string())
+                .unwrap_or_default();
             assert!(refused.contains(name.rsplit('+').next().unwrap_or(name)), "{refused}");
         }
     }

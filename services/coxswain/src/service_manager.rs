@@ -53,7 +53,11 @@ impl ServiceManager {
         Self::reach(socket, patience.filter(|_| ours), roles)
     }
 
-    fn reach(socket: Option<OsString>, patience_micros: Option<OsString>, roles: &[Participant]) -> io::Result<Self> {
+    fn reach(
+        socket: Option<OsString>,
+        patience_micros: Option<OsString>,
+        roles: &[Participant],
+    ) -> io::Result<Self> {
         let Some(name) = socket.filter(|name| !name.is_empty()) else { return Ok(Self::default()) };
         let address = match name.as_bytes().strip_prefix(b"@") {
             Some(name) => SocketAddr::from_abstract_name(name)?,
@@ -62,8 +66,11 @@ impl ServiceManager {
         let socket = UnixDatagram::unbound()?;
         socket.connect_addr(&address)?;
         socket.set_nonblocking(true)?;
-        let micros = patience_micros.and_then(|micros| micros.to_str()?.parse().ok()).filter(|&micros: &u64| micros > 0);
-        let watchdog = micros.map(|micros| Watchdog::new(Duration::from_micros(micros) / FEEDS, roles));
+        let micros = patience_micros
+            .and_then(|micros| micros.to_str()?.parse().ok())
+            .filter(|&micros: &u64| micros > 0);
+        let watchdog =
+            micros.map(|micros| Watchdog::new(Duration::from_micros(micros) / FEEDS, roles));
         Ok(Self { socket: Some(socket), watchdog })
     }
 
@@ -95,19 +102,26 @@ impl ServiceManager {
 impl Watchdog {
     /// Fed by the loops that drive the robot; where there is none of them, by all that there are.
     fn new(every: Duration, roles: &[Participant]) -> Self {
-        let drives = |role: &Participant| matches!(role, Participant::Plant | Participant::Controller);
+        let drives =
+            |role: &Participant| matches!(role, Participant::Plant | Participant::Controller);
         let any = roles.iter().any(drives);
-        let loops = roles.iter().filter(|role| !any || drives(role)).map(|&role| (role, None)).collect();
+        let loops =
+            roles.iter().filter(|role| !any || drives(role)).map(|&role| (role, None)).collect();
         Self { every, next: None, loops }
     }
 
     /// Whether it is time, and every loop has turned since it was so last.
-    fn is_fed(&mut self, heard: impl FnMut(Participant) -> Option<(u32, u64)>, now: Instant) -> bool {
+    fn is_fed(
+        &mut self,
+        heard: impl FnMut(Participant) -> Option<(u32, u64)>,
+        now: Instant,
+    ) -> bool {
         if self.next.is_some_and(|next| now < next) {
             return false;
         }
         let beats: Vec<Option<(u32, u64)>> = self.loops.keys().copied().map(heard).collect();
-        if self.loops.values().zip(&beats).any(|(before, beats)| beats.is_none() || beats == before) {
+        if self.loops.values().zip(&beats).any(|(before, beats)| beats.is_none() || beats == before)
+        {
             return false;
         }
         self.loops.values_mut().zip(beats).for_each(|(before, beats)| *before = beats);
@@ -153,21 +167,31 @@ mod tests {
     }
 
     #[test]
-    fn it_is_reached_by_path_and_by_abstract_name_and_one_that_is_not_there_is_an_error() -> io::Result<()> {
+    fn it_is_reached_by_path_and_by_abstract_name_and_one_that_is_not_there_is_an_error()
+    -> io::Result<()> {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("notify");
         let name = format!("coxswain-test-{}", std::process::id());
         for (listener, socket) in [
             (UnixDatagram::bind(&path)?, path.clone().into_os_string()),
-            (UnixDatagram::bind_addr(&SocketAddr::from_abstract_name(&name)?)?, format!("@{name}").into()),
+            (
+                UnixDatagram::bind_addr(&SocketAddr::from_abstract_name(&name)?)?,
+                format!("@{name}").into(),
+            ),
         ] {
-            ServiceManager::reach(Some(socket), Some("4000000".into()), &[Participant::Plant])?.ready();
+            ServiceManager::reach(Some(socket), Some("4000000".into()), &[Participant::Plant])?
+                .ready();
             let mut said = [0; 64];
             let length = listener.recv(&mut said)?;
             assert_eq!(said.get(..length), Some(&b"READY=1"[..]));
         }
-        assert!(ServiceManager::reach(Some(folder.path().join("nobody").into()), None, &[]).is_err());
-        assert!(ServiceManager::reach(None, Some("1".into()), &[]).is_ok_and(|nobody| nobody.socket.is_none()));
+        assert!(
+            ServiceManager::reach(Some(folder.path().join("nobody").into()), None, &[]).is_err()
+        );
+        assert!(
+            ServiceManager::reach(None, Some("1".into()), &[])
+                .is_ok_and(|nobody| nobody.socket.is_none())
+        );
         Ok(())
     }
 

@@ -93,7 +93,11 @@ impl SetError {
     /// 2 if what a person said cannot be, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::NothingRuns | Self::Elsewhere { .. } | Self::Ask(_) | Self::Ended | Self::NoAnswer { .. } => 1,
+            Self::NothingRuns
+            | Self::Elsewhere { .. }
+            | Self::Ask(_)
+            | Self::Ended
+            | Self::NoAnswer { .. } => 1,
             _ => 2,
         }
     }
@@ -108,7 +112,9 @@ pub fn run(options: &SetOptions, base: &Path) -> Result<(), SetError> {
     let settled = set(options.run.as_deref(), base, role, &lines)?;
     if let Outcome::Applied { taken_at_tick, acts_from_tick, .. } = settled.answer.outcome {
         let keys = lines.trim_end().replace('\n', ", ");
-        terminal::print(format_args!("{keys}: in use from tick {acts_from_tick} on, taken up at tick {taken_at_tick}"));
+        terminal::print(format_args!(
+            "{keys}: in use from tick {acts_from_tick} on, taken up at tick {taken_at_tick}"
+        ));
     }
     Ok(())
 }
@@ -117,13 +123,21 @@ pub fn run(options: &SetOptions, base: &Path) -> Result<(), SetError> {
 ///
 /// # Errors
 /// [`SetError`]; nothing of it is in use then.
-pub fn set(run: Option<&Path>, base: &Path, role: Participant, lines: &str) -> Result<Settled, SetError> {
+pub fn set(
+    run: Option<&Path>,
+    base: &Path,
+    role: Participant,
+    lines: &str,
+) -> Result<Settled, SetError> {
     let (berth, folder) = launch(run, base)?;
     if !settings_file(&folder, role).exists() {
         return Err(SetError::Elsewhere { role });
     }
-    let asked_unix_nanos = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
-    let asked = ask(&folder, role, &Wish { who: who(), asked_unix_nanos, change: lines.to_owned() })?;
+    let asked_unix_nanos = SystemTime::now()
+        .duration_since(SystemTime::UNIX_EPOCH)
+        .map_or(0, |since| since.as_nanos() as u64);
+    let asked =
+        ask(&folder, role, &Wish { who: who(), asked_unix_nanos, change: lines.to_owned() })?;
     let Some(settled) = asked.wait(PATIENCE, || berth.is_living()) else {
         return Err(if berth.is_living() { SetError::NoAnswer { role } } else { SetError::Ended });
     };
@@ -140,7 +154,8 @@ pub fn set(run: Option<&Path>, base: &Path, role: Participant, lines: &str) -> R
 pub fn understand(said: &[String]) -> Result<(String, Participant), SetError> {
     let lines = said.iter().map(|said| line(said)).collect::<Result<String, _>>()?;
     let change = Change::parse(&lines)?;
-    let of_learner: Vec<bool> = change.entries().iter().map(|(key, _)| key.starts_with("learner.")).collect();
+    let of_learner: Vec<bool> =
+        change.entries().iter().map(|(key, _)| key.starts_with("learner.")).collect();
     match (of_learner.contains(&true), of_learner.contains(&false)) {
         (true, true) => Err(SetError::TwoProcesses),
         (true, false) => Ok((lines, Participant::Learner)),
@@ -151,20 +166,24 @@ pub fn understand(said: &[String]) -> Result<(String, Participant), SetError> {
 /// `key=value` as a line of TOML: a value that is none is a word that lacks its quotes.
 fn line(said: &str) -> Result<String, SetError> {
     let no_pair = || SetError::NoPair { said: said.to_owned() };
-    let (key, value) = said.split_once('=').map(|(key, value)| (key.trim(), value.trim())).ok_or_else(no_pair)?;
+    let (key, value) =
+        said.split_once('=').map(|(key, value)| (key.trim(), value.trim())).ok_or_else(no_pair)?;
     // One change has one line.
     if key.is_empty() || value.is_empty() || said.contains('\n') {
         return Err(no_pair());
     }
     let is_toml = format!("value = {value}").parse::<toml::Table>().is_ok();
-    let value = if is_toml { value.to_owned() } else { Value::String(value.to_owned()).to_string() };
+    let value =
+        if is_toml { value.to_owned() } else { Value::String(value.to_owned()).to_string() };
     Ok(format!("{key} = {value}\n"))
 }
 
 /// The launch that is meant, and the folder of its run.
 fn launch(run: Option<&Path>, base: &Path) -> Result<(Berth, PathBuf), SetError> {
-    let mut running: Vec<(Berth, PathBuf)> =
-        berth::living(base).into_iter().filter_map(|berth| berth.run_folder().map(|folder| (berth, folder))).collect();
+    let mut running: Vec<(Berth, PathBuf)> = berth::living(base)
+        .into_iter()
+        .filter_map(|berth| berth.run_folder().map(|folder| (berth, folder)))
+        .collect();
     if let Some(run) = run {
         let not_running = || SetError::NotRunning { run: run.to_owned() };
         let meant = run.canonicalize().map_err(|_| not_running())?;
@@ -173,7 +192,8 @@ fn launch(run: Option<&Path>, base: &Path) -> Result<(Berth, PathBuf), SetError>
     match (running.pop(), running.is_empty()) {
         (Some(only), true) => Ok(only),
         (Some((_, last)), false) => {
-            let mut runs: Vec<PathBuf> = running.into_iter().map(|(_, folder)| folder).chain([last]).collect();
+            let mut runs: Vec<PathBuf> =
+                running.into_iter().map(|(_, folder)| folder).chain([last]).collect();
             runs.sort();
             Err(SetError::SeveralRun { runs })
         }
@@ -187,7 +207,9 @@ fn alternatives(runs: &[PathBuf]) -> String {
 
 /// The person's name, as the system has it.
 fn who() -> String {
-    let named = ["SUDO_USER", "USER", "LOGNAME"].into_iter().find_map(|name| env::var(name).ok().filter(|name| !name.is_empty()));
+    let named = ["SUDO_USER", "USER", "LOGNAME"]
+        .into_iter()
+        .find_map(|name| env::var(name).ok().filter(|name| !name.is_empty()));
     named.unwrap_or_else(|| format!("user {}", rustix::process::getuid().as_raw()))
 }
 
@@ -196,19 +218,29 @@ mod tests {
     use super::*;
 
     fn understood(said: &[&str]) -> Result<(String, Participant), String> {
-        understand(&said.iter().map(|&said| said.to_owned()).collect::<Vec<_>>()).map_err(|error| error.to_string())
+        understand(&said.iter().map(|&said| said.to_owned()).collect::<Vec<_>>())
+            .map_err(|error| error.to_string())
     }
 
     #[test]
     fn what_is_said_becomes_toml_and_goes_to_whom_it_belongs() {
         assert_eq!(
             understood(&["mpc.weights.position=20", "mpc.solver = clarabel"]),
-            Ok(("mpc.weights.position = 20\nmpc.solver = \"clarabel\"\n".into(), Participant::Controller))
+            Ok((
+                "mpc.weights.position = 20\nmpc.solver = \"clarabel\"\n".into(),
+                Participant::Controller
+            ))
         );
-        assert_eq!(understood(&["learner.every_ticks=10"]), Ok(("learner.every_ticks = 10\n".into(), Participant::Learner)));
         assert_eq!(
-            understood(&["reference.path.circle={ radius_m = 1.0, speed_mps = 0.5 }", "reference.heading={fixed-rad=0.5}"])
-                .map(|(_, role)| role),
+            understood(&["learner.every_ticks=10"]),
+            Ok(("learner.every_ticks = 10\n".into(), Participant::Learner))
+        );
+        assert_eq!(
+            understood(&[
+                "reference.path.circle={ radius_m = 1.0, speed_mps = 0.5 }",
+                "reference.heading={fixed-rad=0.5}"
+            ])
+            .map(|(_, role)| role),
             Ok(Participant::Controller)
         );
     }
@@ -223,7 +255,10 @@ mod tests {
         refused(&["=3"], "expected KEY=VALUE");
         refused(&["mpc.solver="], "expected KEY=VALUE");
         refused(&["a=1\nb=2"], "expected KEY=VALUE");
-        refused(&["mpc.weights.position=1", "mpc.weights.position=2"], "is not TOML: duplicate key");
+        refused(
+            &["mpc.weights.position=1", "mpc.weights.position=2"],
+            "is not TOML: duplicate key",
+        );
         refused(&["mpc weights=1"], "is not TOML");
         refused(&["learner.every_ticks=5", "mpc.budget_share=0.4"], "one after the other");
     }
@@ -231,10 +266,16 @@ mod tests {
     #[test]
     fn where_nothing_runs_nothing_is_set() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
-        let say = |run| set(run, folder.path(), Participant::Controller, "a = 1").map_err(|error| (error.exit_code(), error.to_string()));
+        let say = |run| {
+            set(run, folder.path(), Participant::Controller, "a = 1")
+                .map_err(|error| (error.exit_code(), error.to_string()))
+        };
         assert_eq!(say(None), Err((1, "no launch runs on this machine".into())));
         let run = folder.path();
-        assert_eq!(say(Some(run)), Err((2, format!("--run {}: no launch runs there", run.display()))));
+        assert_eq!(
+            say(Some(run)),
+            Err((2, format!("--run {}: no launch runs there", run.display())))
+        );
         Ok(())
     }
 }

@@ -33,7 +33,9 @@ impl Silence {
             return None;
         }
         self.lasted += round.min(ROUND_MOST);
-        let broken = !self.punished && self.lasted > patience && (self.beats > 0 || self.lasted > STARTS_WITHIN || stopped());
+        let broken = !self.punished
+            && self.lasted > patience
+            && (self.beats > 0 || self.lasted > STARTS_WITHIN || stopped());
         self.punished |= broken;
         broken.then_some(self.lasted)
     }
@@ -84,7 +86,11 @@ mod tests {
         assert_eq!(told(&|beats| beats.min(500)), [101]);
         assert_eq!(told(&|beats| beats / 500), [101, 101], "each time anew");
         let mut away = Unheard::default();
-        assert_eq!((away.since(50, 50), away.since(500, 50), away.since(501, 499)), (None, None, None), "the launcher was stopped");
+        assert_eq!(
+            (away.since(50, 50), away.since(500, 50), away.since(501, 499)),
+            (None, None, None),
+            "the launcher was stopped"
+        );
     }
 
     const ROUND: Duration = Duration::from_millis(20);

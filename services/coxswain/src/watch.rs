@@ -15,11 +15,16 @@ use std::time::Duration;
 /// Longest sleep: how often the health and the request to end are looked at.
 const PATIENCE: Duration = Duration::from_millis(20);
 
+/// So many complaints of the controller are told.
+const COMPLAINTS_MAX: usize = 20;
+
 /// What was heard last.
 #[derive(Debug, Clone, Default)]
 pub struct View {
     health: BTreeMap<Participant, HealthView>,
     plan: Option<PlanView>,
+    /// What the controller has said that is wrong, each once.
+    complaints: Vec<String>,
 }
 
 /// What counts of a Health.
@@ -65,11 +70,25 @@ impl View {
         self.plan
     }
 
+    /// What the controller has said that is wrong, each once, in the order in which it said so.
+    pub fn complaints(&self) -> &[String] {
+        &self.complaints
+    }
+
     /// Hears a Health.
     pub fn take_in(&mut self, health: &Health) {
         if let Some(role) = health.participant() {
             let heard = self.health(role).map_or(0, |before| before.heard) + 1;
             self.health.insert(role, HealthView { heard, phase: health.phase() });
+            let said = health.last_error();
+            let is_new = || !self.complaints.iter().any(|before| before == said);
+            if role == Participant::Controller
+                && !said.is_empty()
+                && self.complaints.len() < COMPLAINTS_MAX
+                && is_new()
+            {
+                self.complaints.push(said.to_owned());
+            }
         }
     }
 }
@@ -102,7 +121,12 @@ impl Watch {
             }
         });
         let watch = Self { view, done, thread: Some(thread) };
-        let silent = |_| Err(OpenError::Join { graph: links.graph.clone(), reason: "the listening thread has died".into() });
+        let silent = |_| {
+            Err(OpenError::Join {
+                graph: links.graph.clone(),
+                reason: "the listening thread has died".into(),
+            })
+        };
         outcome.recv().unwrap_or_else(silent)?;
         Ok(watch)
     }
@@ -134,7 +158,11 @@ struct Ears {
 impl Ears {
     fn open(links: &Links) -> Result<Self, OpenError> {
         let ports = Ports::open(links, Identity::new(0))?;
-        Ok(Self { _links: ports.hold_links()?, health: ports.source(Since::First)?, plans: ports.source(Since::First)? })
+        Ok(Self {
+            _links: ports.hold_links()?,
+            health: ports.source(Since::First)?,
+            plans: ports.source(Since::First)?,
+        })
     }
 
     fn listen(mut self, opened: &Sender<Result<(), OpenError>>, view: &Mutex<View>, done: &Stop) {

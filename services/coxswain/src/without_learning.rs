@@ -44,7 +44,8 @@ pub enum WithoutLearningError {
 /// Whether somebody will look at a run that learns, in a world that can be had twice.
 pub fn is_wanted(assembly: &Assembly) -> bool {
     let is_shown = matches!(assembly.graph.page.address(), Ok(Some(_)));
-    let needed = [Participant::Plant, Participant::Controller, Participant::Learner, Participant::Gateway];
+    let needed =
+        [Participant::Plant, Participant::Controller, Participant::Learner, Participant::Gateway];
     let enabled = needed.into_iter().all(|role| assembly.graph.processes.of(role).enabled);
     is_shown && enabled && assembly.graph.pace == Pace::RealTime
 }
@@ -57,6 +58,7 @@ pub fn run(assembly: &Assembly, folder: &Path) -> Result<PathBuf, WithoutLearnin
     let mut alone = assembly.clone();
     alone.graph.pace = Pace::LockStep;
     alone.graph.processes.learner.enabled = false;
+    alone.scenario.mpc.identify = false;
     alone.graph.processes.recorder.enabled = false;
     alone.scenario.learner.resume = None;
     alone.faults = FaultsFile::default();
@@ -64,7 +66,10 @@ pub fn run(assembly: &Assembly, folder: &Path) -> Result<PathBuf, WithoutLearnin
     alone.scenario.duration_s = alone.scenario.duration_s.min(longest);
     let rows = in_process::drive(&alone, folder, |ports, _, stop| witness(ports, stop))??;
     let file = folder.join(FILE);
-    comparison::write(&file, &rows).map_err(|source| WithoutLearningError::File { file: file.clone(), source: source.into() })?;
+    comparison::write(&file, &rows).map_err(|source| WithoutLearningError::File {
+        file: file.clone(),
+        source: source.into(),
+    })?;
     Ok(file)
 }
 
@@ -93,23 +98,30 @@ mod tests {
     use crate::options::Options;
 
     fn local() -> Result<Assembly, settings::SettingsError> {
-        Assembly::read(&Options::of_graph(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/graphs/local.toml")))
+        Assembly::read(&Options::of_graph(
+            &Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/graphs/local.toml"),
+        ))
     }
 
     #[test]
-    fn the_paper_without_learning_keeps_an_offset_and_every_period_is_told() -> Result<(), Box<dyn std::error::Error>> {
+    fn the_paper_without_learning_keeps_an_offset_and_every_period_is_told()
+    -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let mut assembly = local()?;
         assembly.scenario.duration_s = 6.0;
         let rows = comparison::read(&run(&assembly, folder.path())?)?;
-        assert_eq!(rows.iter().map(|row| row.tick).collect::<Vec<_>>(), (0..rows.len() as u64).collect::<Vec<_>>());
+        assert_eq!(
+            rows.iter().map(|row| row.tick).collect::<Vec<_>>(),
+            (0..rows.len() as u64).collect::<Vec<_>>()
+        );
         assert!((60..=61).contains(&rows.len()), "{}", rows.len());
         assert!(rows.iter().skip(30).all(|row| row.error_m > 0.03), "{rows:?}");
         Ok(())
     }
 
     #[test]
-    fn only_a_run_that_learns_in_real_time_and_is_shown_is_compared() -> Result<(), settings::SettingsError> {
+    fn only_a_run_that_learns_in_real_time_and_is_shown_is_compared()
+    -> Result<(), settings::SettingsError> {
         let wanted_with = |change: fn(&mut Assembly)| {
             let mut assembly = local()?;
             change(&mut assembly);

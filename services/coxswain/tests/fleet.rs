@@ -20,8 +20,7 @@ type Outcome = Result<(), Box<dyn Error>>;
 /// Plays its role until it is told to end, then says so.
 const OBEDIENT: &str = "trap 'echo $0 >> \"$(dirname \"$0\")/ended\"; exit 0' TERM; echo up >> \"$0.up\"; while :; do sleep 0.01; done";
 /// Does not hear, and says that it is ready as often as it is given a word.
-const SPEAKS: &str =
-    "trap '' TERM; echo up >> \"$0.up\"; while :; do [ -e \"$0.word\" ] && printf '\\001' >&0 && rm \"$0.word\"; sleep 0.01; done";
+const SPEAKS: &str = "trap '' TERM; echo up >> \"$0.up\"; while :; do [ -e \"$0.word\" ] && printf '\\001' >&0 && rm \"$0.word\"; sleep 0.01; done";
 /// Does not hear.
 const DEAF: &str = "trap '' TERM; echo up >> \"$0.up\"; while :; do sleep 0.01; done";
 
@@ -54,7 +53,11 @@ fn fixture(script: &str, other: (Participant, &str)) -> Result<Fixture, Box<dyn 
     }
     let assembly = Assembly::read(&options())?;
     let links = assembly.links("test", &folder.path().join("links"), &[]);
-    Ok(Fixture { voyage: Voyage { assembly, links, programs, folder: run }, _folder: folder, _alone: alone })
+    Ok(Fixture {
+        voyage: Voyage { assembly, links, programs, folder: run },
+        _folder: folder,
+        _alone: alone,
+    })
 }
 
 fn start_all(fleet: &mut Fleet<'_>, voyage: &Voyage) -> Outcome {
@@ -83,7 +86,9 @@ fn next_events(fleet: &mut Fleet<'_>) -> Result<Vec<Event>, FleetError> {
 
 fn ended(voyage: &Voyage) -> Vec<String> {
     let text = fs::read_to_string(voyage.programs.join("ended")).unwrap_or_default();
-    let name = |line: &str| PathBuf::from(line).file_name().map(|name| name.to_string_lossy().into_owned());
+    let name = |line: &str| {
+        PathBuf::from(line).file_name().map(|name| name.to_string_lossy().into_owned())
+    };
     text.lines().filter_map(name).collect()
 }
 
@@ -106,9 +111,18 @@ fn who_does_not_hear_is_killed_and_the_others_still_end_in_order() -> Outcome {
     let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Controller, DEAF))?;
     let mut fleet = Fleet::new(voyage)?;
     start_all(&mut fleet, voyage)?;
-    let patience = |role| if role == Participant::Controller { Duration::from_millis(50) } else { Duration::from_mins(1) };
+    let patience = |role| {
+        if role == Participant::Controller {
+            Duration::from_millis(50)
+        } else {
+            Duration::from_mins(1)
+        }
+    };
     let complaints = fleet.end(patience, || false);
-    assert!(matches!(&complaints[..], [only] if only.starts_with("controller") && only.ends_with("was killed")), "{complaints:?}");
+    assert!(
+        matches!(&complaints[..], [only] if only.starts_with("controller") && only.ends_with("was killed")),
+        "{complaints:?}"
+    );
     let mut order = ended(voyage);
     // Those of one row end in any order.
     order.get_mut(1..3).ok_or("too few have ended")?.sort();
@@ -131,10 +145,16 @@ fn what_dies_is_started_again_at_once_in_a_higher_epoch() -> Outcome {
     let mut fleet = Fleet::new(voyage)?;
     assert_eq!(fleet.start(Participant::Learner)?, 0);
     let events = next_events(&mut fleet)?;
-    let [Event::Died { role, ending, wait }, again] = &events[..] else { return Err(format!("{events:?}").into()) };
-    assert_eq!((*role, ending.to_string(), *wait), (Participant::Learner, "exit code 7".into(), Duration::ZERO));
+    let [Event::Died { role, ending, wait }, again] = &events[..] else {
+        return Err(format!("{events:?}").into());
+    };
+    assert_eq!(
+        (*role, ending.to_string(), *wait),
+        (Participant::Learner, "exit code 7".into(), Duration::ZERO)
+    );
     assert_eq!(*again, Event::Restarted { role: Participant::Learner, epoch_floor: 1 });
-    let told: learner::Settings = settings::read(&settings_file(&voyage.folder, Participant::Learner))?;
+    let told: learner::Settings =
+        settings::read(&settings_file(&voyage.folder, Participant::Learner))?;
     assert!(told.run.restarted);
     assert_eq!(told.run.epoch_floor, 1);
     fleet.end(|_| Duration::from_mins(1), || false);
@@ -143,7 +163,8 @@ fn what_dies_is_started_again_at_once_in_a_higher_epoch() -> Outcome {
 
 #[test]
 fn what_dies_over_and_over_ends_the_run_with_its_last_words() -> Outcome {
-    let Fixture { voyage, .. } = &mut fixture(OBEDIENT, (Participant::Controller, "echo out of memory; exit 7"))?;
+    let Fixture { voyage, .. } =
+        &mut fixture(OBEDIENT, (Participant::Controller, "echo out of memory; exit 7"))?;
     voyage.assembly.graph.processes.controller.restarts_per_minute = 2;
     let mut fleet = Fleet::new(voyage)?;
     fleet.start(Participant::Controller)?;
@@ -153,7 +174,12 @@ fn what_dies_over_and_over_ends_the_run_with_its_last_words() -> Outcome {
             Err(error) => break error.to_string(),
         }
     };
-    assert!(error.starts_with("controller ended with exit code 7, and 2 restarts within a minute are the limit"), "{error}");
+    assert!(
+        error.starts_with(
+            "controller ended with exit code 7, and 2 restarts within a minute are the limit"
+        ),
+        "{error}"
+    );
     assert!(error.ends_with("out of memory"), "{error}");
     Ok(())
 }
@@ -182,16 +208,22 @@ fn give_up(role: Participant, pace: Pace) -> Result<Option<String>, Box<dyn Erro
 }
 
 #[test]
-fn whom_the_robot_does_not_need_is_given_up_when_it_dies_over_and_over_and_the_run_goes_on() -> Outcome {
+fn whom_the_robot_does_not_need_is_given_up_when_it_dies_over_and_over_and_the_run_goes_on()
+-> Outcome {
     let expected = Some("exit code 7".to_owned());
     assert_eq!(give_up(Participant::Gateway, Pace::LockStep)?, expected);
     assert_eq!(give_up(Participant::Learner, Pace::RealTime)?, expected);
-    assert_eq!(give_up(Participant::Learner, Pace::LockStep)?, None, "in lock step the clock would wait for it for ever");
+    assert_eq!(
+        give_up(Participant::Learner, Pace::LockStep)?,
+        None,
+        "in lock step the clock would wait for it for ever"
+    );
     Ok(())
 }
 
 #[test]
-fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_launcher_that_was_away() -> Outcome {
+fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_launcher_that_was_away()
+-> Outcome {
     let Fixture { voyage, .. } = &fixture(SPEAKS, (Participant::Plant, DEAF))?;
     let mut fleet = Fleet::new(voyage)?;
     fleet.start(Participant::Controller)?;
@@ -217,24 +249,36 @@ fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_l
     }
     assert!(fleet.is_ready(Participant::Controller, Instant::now())?);
     assert_eq!(fleet.heartbeats(Participant::Controller), Some((u32::try_from(first)?, 50)));
-    assert_eq!(tend(&mut fleet, Duration::from_mins(1))?, [], "the launcher was stopped for a minute, not the controller");
+    assert_eq!(
+        tend(&mut fleet, Duration::from_mins(1))?,
+        [],
+        "the launcher was stopped for a minute, not the controller"
+    );
     // That counts as a short one, and so much had passed since the last word.
     let passed = Duration::from_millis(40) + round * 14;
     let mut rounds = 0;
     let silence = loop {
         rounds += 1;
-        if let [Event::Hung { role: Participant::Controller, silence }] = tend(&mut fleet, round)?[..] {
+        if let [Event::Hung { role: Participant::Controller, silence }] =
+            tend(&mut fleet, round)?[..]
+        {
             break silence;
         }
         assert!(rounds < 100, "nobody noticed");
     };
-    assert!((Duration::from_millis(400)..Duration::from_millis(450)).contains(&silence), "{silence:?}");
+    assert!(
+        (Duration::from_millis(400)..Duration::from_millis(450)).contains(&silence),
+        "{silence:?}"
+    );
     assert_eq!(silence, passed + round * rounds);
     while pid() == Some(first) || pid().is_none() {
         std::thread::sleep(Duration::from_millis(1));
         tend(&mut fleet, Duration::ZERO)?;
     }
-    assert!(fs::read_to_string(format!("/proc/{first}/stat")).is_err(), "it is dead and buried before its successor starts");
+    assert!(
+        fs::read_to_string(format!("/proc/{first}/stat")).is_err(),
+        "it is dead and buried before its successor starts"
+    );
     fleet.end(|_| Duration::ZERO, || true);
     Ok(())
 }
@@ -245,7 +289,11 @@ fn a_plant_that_is_done_ends_the_run_and_one_that_fails_does_not() -> Outcome {
         let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Plant, script))?;
         let mut fleet = Fleet::new(voyage)?;
         fleet.start(Participant::Plant)?;
-        assert_eq!(next_events(&mut fleet)?.first() == Some(&Event::Finished), finished, "{script}");
+        assert_eq!(
+            next_events(&mut fleet)?.first() == Some(&Event::Finished),
+            finished,
+            "{script}"
+        );
         fleet.end(|_| Duration::from_mins(1), || false);
     }
     Ok(())
@@ -253,7 +301,8 @@ fn a_plant_that_is_done_ends_the_run_and_one_that_fails_does_not() -> Outcome {
 
 #[test]
 fn death_before_readiness_is_told_with_its_last_words() -> Outcome {
-    let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Recorder, "echo disk full >&2; exit 1"))?;
+    let Fixture { voyage, .. } =
+        &fixture(OBEDIENT, (Participant::Recorder, "echo disk full >&2; exit 1"))?;
     let mut fleet = Fleet::new(voyage)?;
     fleet.start(Participant::Recorder)?;
     let told = loop {
@@ -277,9 +326,15 @@ fn every_process_can_read_what_it_is_told() -> Outcome {
     let learner: learner::Settings = settings::read(&file(Participant::Learner))?;
     let recorder: recorder::settings::Settings = settings::read(&file(Participant::Recorder))?;
     let gateway: gateway::settings::Settings = settings::read(&file(Participant::Gateway))?;
-    assert_eq!((gateway.telemetry, gateway.rates), (voyage.assembly.graph.telemetry.clone(), voyage.assembly.graph.rates));
+    assert_eq!(
+        (gateway.telemetry, gateway.rates),
+        (voyage.assembly.graph.telemetry.clone(), voyage.assembly.graph.rates)
+    );
     assert_eq!((plant.seed, plant.truth), (9, voyage.assembly.scenario.truth.clone()));
-    assert_eq!((controller.robot, controller.mpc), (voyage.assembly.robot, voyage.assembly.scenario.mpc));
+    assert_eq!(
+        (controller.robot, controller.mpc),
+        (voyage.assembly.robot, voyage.assembly.scenario.mpc)
+    );
     assert_eq!(learner.learner, voyage.assembly.scenario.learner);
     assert_eq!(recorder.run.links, voyage.links);
     fleet.end(|_| Duration::from_mins(1), || false);

@@ -47,14 +47,15 @@ pub fn judge(command: &Command, situation: &Situation, bounds: &Bounds) -> Resul
         return Err(Reason::FromTheFuture);
     }
     // Epoch before tick: a controller that takes over may answer a state that the other one has answered already, but no older one.
-    if situation
-        .accepted
-        .is_some_and(|(epoch, tick)| command.stamp.tick < tick || (command.stamp.tick, command.stamp.epoch) == (tick, epoch))
-    {
+    if situation.accepted.is_some_and(|(epoch, tick)| {
+        command.stamp.tick < tick || (command.stamp.tick, command.stamp.epoch) == (tick, epoch)
+    }) {
         return Err(Reason::NotNewer);
     }
     let oldest = bounds.period_nanos * AGE_LIMIT_HALF_PERIODS / 2 + bounds.link_delay_nanos;
-    let Some(age) = situation.age_nanos.filter(|&age| age <= oldest) else { return Err(Reason::TooOld) };
+    let Some(age) = situation.age_nanos.filter(|&age| age <= oldest) else {
+        return Err(Reason::TooOld);
+    };
     // By its age, it may be the tail that acts first. And a tail may have moved on since the period began: both changes together are one period's.
     let first = inputs().nth((age / bounds.period_nanos) as usize);
     let leaps = |from: &[f64; 3]| first.is_some_and(|first| !bounds.allow_change(from, first));

@@ -77,11 +77,14 @@ mod tests {
 
     /// Every situation that can be told apart.
     fn every_situation() -> impl Iterator<Item = Situation> {
-        let accepted = Rung::ALL
-            .iter()
-            .flat_map(|&rung| (0..6).flat_map(move |age_periods| (0..5).map(move |tail| Some(Accepted { rung, age_periods, tail }))));
+        let accepted = Rung::ALL.iter().flat_map(|&rung| {
+            (0..6).flat_map(move |age_periods| {
+                (0..5).map(move |tail| Some(Accepted { rung, age_periods, tail }))
+            })
+        });
         accepted.chain(std::iter::once(None)).flat_map(|accepted| {
-            [(false, false), (false, true), (true, false), (true, true)].map(|(latched, braking)| Situation { latched, accepted, braking })
+            [(false, false), (false, true), (true, false), (true, true)]
+                .map(|(latched, braking)| Situation { latched, accepted, braking })
         })
     }
 
@@ -97,7 +100,9 @@ mod tests {
     #[test]
     fn a_tail_is_never_played_beyond_its_end() {
         for situation in every_situation() {
-            if let (Choice::Tail(index), Some(accepted)) = (decide(&situation).0, situation.accepted) {
+            if let (Choice::Tail(index), Some(accepted)) =
+                (decide(&situation).0, situation.accepted)
+            {
                 assert!((index as u64) < accepted.tail, "{situation:?}");
             }
         }
@@ -112,15 +117,23 @@ mod tests {
                 assert_eq!((choice, rung), (Choice::Brake, Rung::Brake), "{situation:?}");
             } else if accepted.age_periods == 0 {
                 assert_eq!((choice, rung), (Choice::Command, accepted.rung), "{situation:?}");
-            } else if accepted.age_periods <= accepted.tail && accepted.age_periods < BRAKE_FROM_PERIODS {
-                assert_eq!((choice, rung), (Choice::Tail(accepted.age_periods as usize - 1), Rung::StoredTail), "{situation:?}");
+            } else if accepted.age_periods <= accepted.tail
+                && accepted.age_periods < BRAKE_FROM_PERIODS
+            {
+                assert_eq!(
+                    (choice, rung),
+                    (Choice::Tail(accepted.age_periods as usize - 1), Rung::StoredTail),
+                    "{situation:?}"
+                );
             }
         }
     }
 
     #[test]
     fn before_the_first_command_the_wheels_stand() {
-        for situation in every_situation().filter(|situation| situation.accepted.is_none() && !situation.latched) {
+        for situation in
+            every_situation().filter(|situation| situation.accepted.is_none() && !situation.latched)
+        {
             assert_eq!(decide(&situation).0, Choice::Stand, "{situation:?}");
         }
     }
@@ -138,8 +151,12 @@ mod tests {
         for situation in every_situation() {
             let (_, rung, reason) = decide(&situation);
             let unexplained = rung == Rung::FreshPlan;
-            let echoes_the_controller = situation.accepted.is_some_and(|accepted| accepted.rung == rung);
-            assert!(unexplained || echoes_the_controller || reason != Reason::None, "{situation:?} gives {rung} without a reason");
+            let echoes_the_controller =
+                situation.accepted.is_some_and(|accepted| accepted.rung == rung);
+            assert!(
+                unexplained || echoes_the_controller || reason != Reason::None,
+                "{situation:?} gives {rung} without a reason"
+            );
         }
     }
 }

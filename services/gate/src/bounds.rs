@@ -1,7 +1,6 @@
 //! What an input may be: box, wheel speeds, change per period, and the ramp of the brake.
 
-use model::Velocity;
-use model::robot::{Robot, kinematics};
+use robot::{Robot, Velocity, kinematics};
 
 /// Rounding that an optimiser may leave at a bound, relative.
 const SLACK: f64 = 1e-6;
@@ -32,22 +31,32 @@ impl Bounds {
             period_nanos,
             link_delay_nanos,
             input: [limits.input_mps, limits.input_mps, limits.yaw_input_radps],
-            change: [limits.input_rate_mps2, limits.input_rate_mps2, limits.yaw_input_rate_radps2].map(|rate| rate * period * CHANGE_SLACK),
+            change: [limits.input_rate_mps2, limits.input_rate_mps2, limits.yaw_input_rate_radps2]
+                .map(|rate| rate * period * CHANGE_SLACK),
             brake: [limits.brake_mps2, limits.brake_mps2, limits.yaw_brake_radps2],
-            wheel: kinematics::jacobian(&robot.geometry).map(|row| row.map(|value| value * per_wheel)),
+            wheel: kinematics::jacobian(&robot.geometry)
+                .map(|row| row.map(|value| value * per_wheel)),
         }
     }
 
     /// Whether an input is within the box and the wheels' speed.
     pub fn contain(&self, input: &Velocity) -> bool {
-        let in_box = input.iter().zip(&self.input).all(|(value, bound)| value.abs() <= bound * (1.0 + SLACK));
-        let turning = |row: &Velocity| row.iter().zip(input).map(|(a, b)| a * b).sum::<f64>().abs() <= 1.0 + SLACK;
+        let in_box = input
+            .iter()
+            .zip(&self.input)
+            .all(|(value, bound)| value.abs() <= bound * (1.0 + SLACK));
+        let turning = |row: &Velocity| {
+            row.iter().zip(input).map(|(a, b)| a * b).sum::<f64>().abs() <= 1.0 + SLACK
+        };
         in_box && self.wheel.iter().all(turning)
     }
 
     /// Whether `to` may follow `from` one period later.
     pub fn allow_change(&self, from: &Velocity, to: &Velocity) -> bool {
-        from.iter().zip(to).zip(&self.change).all(|((from, to), bound)| (to - from).abs() <= bound * (1.0 + SLACK))
+        from.iter()
+            .zip(to)
+            .zip(&self.change)
+            .all(|((from, to), bound)| (to - from).abs() <= bound * (1.0 + SLACK))
     }
 
     /// `input` after braking for `nanos`.

@@ -3,8 +3,8 @@
 use crate::Bounds;
 use crate::accept::{self, judge};
 use crate::arbiter::{self, Accepted, Choice, RECOVERY_PERIODS, decide};
-use model::Velocity;
 use protocol::message::{Command, Reason, Rung};
+use robot::Velocity;
 
 /// Publishing times that are remembered: more than any acceptable age.
 const REMEMBERED: usize = 8;
@@ -106,7 +106,9 @@ impl Gate {
             tick: self.tick,
             age_nanos: self.published_at(command.stamp.tick).map(|at| now.saturating_sub(at)),
             accepted: self.accepted(),
-            writer: self.writer.map(|(epoch, writer, heard)| (epoch, writer, now.saturating_sub(heard))),
+            writer: self
+                .writer
+                .map(|(epoch, writer, heard)| (epoch, writer, now.saturating_sub(heard))),
             acting: self.input,
             begun_with: self.begun_with,
         };
@@ -141,7 +143,9 @@ impl Gate {
         self.input_nanos = now;
         self.input = match (choice, stored) {
             (Choice::Command, Some(command)) => command.input,
-            (Choice::Tail(index), Some(command)) => command.tail().get(index).copied().unwrap_or([0.0; 3]),
+            (Choice::Tail(index), Some(command)) => {
+                command.tail().get(index).copied().unwrap_or([0.0; 3])
+            }
             (Choice::Brake, _) => self.bounds.braked(&self.input, elapsed),
             _ => [0.0; 3],
         };
@@ -150,9 +154,11 @@ impl Gate {
             self.good_periods = 0;
         }
         let acting = match (choice, stored) {
-            (Choice::Command | Choice::Tail(_), Some(command)) => {
-                Acting { epoch: command.stamp.epoch, writer: command.stamp.writer, tick: command.stamp.tick }
-            }
+            (Choice::Command | Choice::Tail(_), Some(command)) => Acting {
+                epoch: command.stamp.epoch,
+                writer: command.stamp.writer,
+                tick: command.stamp.tick,
+            },
             _ => Acting::default(),
         };
         Decision { input: self.input, rung, reason, acting }
@@ -160,18 +166,30 @@ impl Gate {
 
     /// Ends the period at `now`, and says on which rung it was: that of the answer to its own state, if one came in time.
     pub fn end_period(&mut self, now: u64) -> (Rung, Reason) {
-        let answered = self.stored.map(|stored| stored.command).filter(|command| command.stamp.tick == self.tick);
+        let answered = self
+            .stored
+            .map(|stored| stored.command)
+            .filter(|command| command.stamp.tick == self.tick);
         if self.braking {
             self.good_periods = if answered.is_some() { self.good_periods + 1 } else { 0 };
             let recovering = if answered.is_some() { Reason::Recovering } else { Reason::Missing };
-            return (if self.latched { Rung::LatchedStop } else { Rung::Brake }, self.explain(recovering));
+            return (
+                if self.latched { Rung::LatchedStop } else { Rung::Brake },
+                self.explain(recovering),
+            );
         }
         match answered {
-            Some(command) if !self.latched => (command.rung(), self.explain(arbiter::own_reason(command.rung()))),
+            Some(command) if !self.latched => {
+                (command.rung(), self.explain(arbiter::own_reason(command.rung())))
+            }
             _ => {
                 let (_, rung, reason) = decide(&self.situation(now.saturating_sub(1)));
                 // What acted was a tail even if its command came late enough to begin with it.
-                let rung = if matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr) { Rung::StoredTail } else { rung };
+                let rung = if matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr) {
+                    Rung::StoredTail
+                } else {
+                    rung
+                };
                 (rung, self.explain(reason))
             }
         }
@@ -218,7 +236,7 @@ impl Gate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::robot::Robot;
+    use robot::Robot;
 
     const PERIOD: u64 = 100_000_000;
 
@@ -342,7 +360,11 @@ mod tests {
         gate.begin_period(2, 2 * PERIOD);
         assert_eq!(gate.decide(2 * PERIOD).input[0], 0.0);
         let now = 2 * PERIOD + PERIOD / 4;
-        assert_eq!(gate.offer(&late(most + 0.1), now), Err(Reason::TooFast), "of its input it would be a small step");
+        assert_eq!(
+            gate.offer(&late(most + 0.1), now),
+            Err(Reason::TooFast),
+            "of its input it would be a small step"
+        );
         assert_eq!(gate.offer(&late(most - 0.1), now), Ok(()));
         assert_eq!(gate.decide(now).input[0], most - 0.1);
     }
@@ -366,7 +388,11 @@ mod tests {
         }
         let now = 8 * PERIOD;
         gate.begin_period(8, now);
-        assert_eq!(gate.decide(now + 5).input, [0.0; 3], "three good periods are over, and nobody has answered this one");
+        assert_eq!(
+            gate.decide(now + 5).input,
+            [0.0; 3],
+            "three good periods are over, and nobody has answered this one"
+        );
         assert_eq!(gate.offer(&command(1, 5, 8), now + 10), Ok(()));
         assert_eq!(gate.decide(now + 20).input, [1.0, 0.0, 0.0]);
         assert_eq!(gate.end_period(now + PERIOD - 1), (Rung::FreshPlan, Reason::None));
@@ -379,7 +405,11 @@ mod tests {
         gate.begin_period(1, PERIOD);
         assert_eq!(gate.offer(&command(1, 5, 1), PERIOD + 10), Ok(()));
         assert_eq!(gate.offer(&command(2, 6, 0), PERIOD + 20), Err(Reason::NotNewer));
-        assert_eq!(gate.offer(&command(2, 6, 1), PERIOD + 30), Ok(()), "it is slower, but of a greater epoch");
+        assert_eq!(
+            gate.offer(&command(2, 6, 1), PERIOD + 30),
+            Ok(()),
+            "it is slower, but of a greater epoch"
+        );
         assert_eq!(gate.offer(&command(1, 5, 1), PERIOD + 40), Err(Reason::OldEpoch));
         assert_eq!(gate.offer(&command(2, 6, 1), PERIOD + 50), Err(Reason::NotNewer));
     }

@@ -1,8 +1,8 @@
 //! Promise: the gate has no heap after start.
 
 use gate::{Bounds, Gate};
-use model::robot::Robot;
 use protocol::message::{Command, Rung};
+use robot::Robot;
 
 const PERIOD: u64 = 20_000_000;
 
@@ -47,6 +47,9 @@ fn whatever_it_is_offered_the_gate_allocates_nothing() {
         }
     });
     assert_eq!((heap.count_total, heap.bytes_total), (0, 0));
-    assert!(rungs.iter().filter(|&&periods| periods > 0).count() >= 3, "fresh plans, tails and brakes: {rungs:?}");
+    assert!(
+        rungs.iter().filter(|&&periods| periods > 0).count() >= 3,
+        "fresh plans, tails and brakes: {rungs:?}"
+    );
     assert!(gate.refused() > 1000, "{}", gate.refused());
 }

@@ -100,7 +100,11 @@ impl Comparison {
     /// Nothing before the first period that both have.
     pub(crate) fn standing(&self) -> Option<Standing> {
         let rms = |sum: f64| (sum / self.periods as f64).sqrt();
-        (self.periods > 0).then(|| Standing { since: self.since, with: rms(self.sum), without: rms(self.sum_without) })
+        (self.periods > 0).then(|| Standing {
+            since: self.since,
+            with: rms(self.sum),
+            without: rms(self.sum_without),
+        })
     }
 }
 
@@ -132,7 +136,9 @@ mod tests {
             comparison.take_in(tick, error);
         }
         assert!(comparison.standing().is_some_and(|standing| {
-            standing.since == 1 && (standing.with - 0.125_f64.sqrt()).abs() < 1e-12 && (standing.without - 12.5_f64.sqrt()).abs() < 1e-12
+            standing.since == 1
+                && (standing.with - 0.125_f64.sqrt()).abs() < 1e-12
+                && (standing.without - 12.5_f64.sqrt()).abs() < 1e-12
         }));
         comparison.start_again();
         assert_eq!(comparison.standing(), None);

@@ -22,7 +22,11 @@ impl<T: OnTopic + Viewable> Lane<T> {
     }
 
     /// Shows the newest message, if there is one and it is time. Gives what was shown.
-    pub(crate) fn pass(&mut self, now: Instant, publisher: &mut Publisher) -> Result<Option<T>, GatewayError> {
+    pub(crate) fn pass(
+        &mut self,
+        now: Instant,
+        publisher: &mut Publisher,
+    ) -> Result<Option<T>, GatewayError> {
         if !self.turn.has_come(now) {
             return Ok(None);
         }
@@ -49,11 +53,20 @@ pub(crate) struct HealthLane {
 impl HealthLane {
     /// Looks on at the health of all processes, to show each at `rate` \[Hz\].
     pub(crate) fn open(ports: &Ports, rate: f64) -> Result<Self, OpenError> {
-        Ok(Self { source: ports.watcher()?, turn: Turn::new(Rates::interval(rate)), newest: [None; Participant::ALL.len()] })
+        Ok(Self {
+            source: ports.watcher()?,
+            turn: Turn::new(Rates::interval(rate)),
+            newest: [None; Participant::ALL.len()],
+        })
     }
 
     /// Takes in what was said, and shows the newest of each process if it is time. `shown` hears what was.
-    pub(crate) fn pass(&mut self, now: Instant, publisher: &mut Publisher, mut shown: impl FnMut(&Health)) -> Result<(), GatewayError> {
+    pub(crate) fn pass(
+        &mut self,
+        now: Instant,
+        publisher: &mut Publisher,
+        mut shown: impl FnMut(&Health),
+    ) -> Result<(), GatewayError> {
         self.take_in()?;
         if !self.turn.has_come(now) || self.newest.iter().all(Option::is_none) {
             return Ok(());
@@ -109,7 +122,8 @@ mod tests {
     use super::*;
 
     fn taken(rate: f64, every: Duration, over: Duration) -> usize {
-        let (mut turn, begin, mut now) = (Turn::new(Rates::interval(rate)), Instant::now(), Duration::ZERO);
+        let (mut turn, begin, mut now) =
+            (Turn::new(Rates::interval(rate)), Instant::now(), Duration::ZERO);
         let mut taken = 0;
         while now < over {
             if turn.has_come(begin + now) {
@@ -126,7 +140,11 @@ mod tests {
         let (ms, second) = (Duration::from_millis, Duration::from_secs(1));
         assert_eq!(taken(50.0, ms(100), second), 10, "a slow topic passes whole");
         assert_eq!(taken(50.0, ms(20), second), 50);
-        assert_eq!(taken(50.0, Duration::from_micros(19_900), second), 50, "just faster than the rate");
+        assert_eq!(
+            taken(50.0, Duration::from_micros(19_900), second),
+            50,
+            "just faster than the rate"
+        );
         assert!((48..=51).contains(&taken(50.0, ms(1), second)));
         assert_eq!(taken(0.0, ms(1), second), 0);
     }

@@ -69,15 +69,30 @@ pub(crate) struct Page {
 
 impl Page {
     /// Serves the page at `before`, if that is possible, else where `settings` say; nothing if there shall be none.
-    pub(crate) fn open(settings: &Settings, before: Option<SocketAddr>) -> Result<Option<Self>, PageError> {
+    pub(crate) fn open(
+        settings: &Settings,
+        before: Option<SocketAddr>,
+    ) -> Result<Option<Self>, PageError> {
         let Ok(Some(address)) = settings.page.address() else { return Ok(None) };
         let again = before.and_then(|before| Server::open(before).ok());
-        let server = again.map_or_else(|| Server::open(address), Ok).map_err(|source| PageError { address, source })?;
-        let without = settings.about.without_learning.as_deref().map(comparison::read).transpose().unwrap_or_else(|error| {
-            tracing::warn!(%error, "the run without learning cannot be shown");
-            None
-        });
-        Ok(Some(Self { feed: Feed::new(settings, without.unwrap_or_default()), server, next: Instant::now() }))
+        let server = again
+            .map_or_else(|| Server::open(address), Ok)
+            .map_err(|source| PageError { address, source })?;
+        let without = settings
+            .about
+            .without_learning
+            .as_deref()
+            .map(comparison::read)
+            .transpose()
+            .unwrap_or_else(|error| {
+                tracing::warn!(%error, "the run without learning cannot be shown");
+                None
+            });
+        Ok(Some(Self {
+            feed: Feed::new(settings, without.unwrap_or_default()),
+            server,
+            next: Instant::now(),
+        }))
     }
 
     /// Where it is served, with the true port.

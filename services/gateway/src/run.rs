@@ -7,7 +7,9 @@ use crate::settings::{Rates, Settings};
 use process::wishes::Answers;
 use process::{Pulse, Stop, refusals};
 use protocol::access::Breach;
-use protocol::message::{ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth};
+use protocol::message::{
+    ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
+};
 use protocol::port::{OpenError, Ports, ReceiveError, Tally};
 use protocol::telemetry::{Publisher, TelemetryError, TelemetrySettings};
 use protocol::topic::Topic;
@@ -48,13 +50,19 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
     let (mut publisher, place) = publisher(settings)?;
     let mut page = page(settings)?;
     // One that comes back does so without: it has been tested where it listens now, and watchers wait for it.
-    if let Some(credentials) = settings.telemetry.credentials.as_ref().filter(|_| place == Place::New) {
+    if let Some(credentials) =
+        settings.telemetry.credentials.as_ref().filter(|_| place == Place::New)
+    {
         refusals::unlogged(|| publisher.self_test(credentials, pulse.health()))?;
         tracing::info!("strangers are kept out of the telemetry");
     }
     welcome(settings, publisher.endpoints());
     pulse.phase(Phase::Ready);
-    let mut answers = if settings.run.restarted { Answers::from_now_on(&settings.run.folder) } else { Answers::all(&settings.run.folder) };
+    let mut answers = if settings.run.restarted {
+        Answers::from_now_on(&settings.run.folder)
+    } else {
+        Answers::all(&settings.run.folder)
+    };
     let breath = rates.shortest_interval() / 2;
     while !stop.requested() {
         if relay.plans.source.wait(PATIENCE)? {
@@ -89,7 +97,9 @@ fn publisher(settings: &Settings) -> Result<(Publisher, Place), GatewayError> {
     let before = berth::endpoints(root);
     let again = || {
         let telemetry = TelemetrySettings { listen: before.clone(), ..settings.telemetry.clone() };
-        (!before.is_empty()).then(|| Publisher::open(&telemetry, settings.run.period_nanos).ok()).flatten()
+        (!before.is_empty())
+            .then(|| Publisher::open(&telemetry, settings.run.period_nanos).ok())
+            .flatten()
     };
     Ok(match again() {
         Some(publisher) => (publisher, Place::Known),
@@ -144,7 +154,11 @@ impl Relay {
     }
 
     /// The state goes before the plan that answers it.
-    fn pass(&mut self, publisher: &mut Publisher, mut page: Option<&mut Feed>) -> Result<(), GatewayError> {
+    fn pass(
+        &mut self,
+        publisher: &mut Publisher,
+        mut page: Option<&mut Feed>,
+    ) -> Result<(), GatewayError> {
         let now = Instant::now();
         let state = self.states.pass(now, publisher)?;
         let plan = self.plans.pass(now, publisher)?;

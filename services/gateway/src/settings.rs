@@ -88,7 +88,8 @@ pub struct About {
 
 impl Check for About {
     fn check(&self) -> Result<(), Impossible> {
-        let Self { duration_s, heading_rad, speed_mps, corridor_left_m, corridor_right_m, .. } = *self;
+        let Self { duration_s, heading_rad, speed_mps, corridor_left_m, corridor_right_m, .. } =
+            *self;
         let limits = [
             ("duration_s", Some(duration_s)),
             ("heading_rad", heading_rad),
@@ -96,8 +97,11 @@ impl Check for About {
             ("corridor_left_m", corridor_left_m),
             ("corridor_right_m", corridor_right_m),
         ];
-        let impossible = limits.into_iter().find(|(_, value)| value.is_some_and(|value| !(value.is_finite() && value >= 0.0)));
-        impossible.map_or(Ok(()), |(key, _)| Err(Impossible::new(key, "a finite number of at least 0")))
+        let impossible = limits
+            .into_iter()
+            .find(|(_, value)| value.is_some_and(|value| !(value.is_finite() && value >= 0.0)));
+        impossible
+            .map_or(Ok(()), |(key, _)| Err(Impossible::new(key, "a finite number of at least 0")))
     }
 }
 
@@ -143,17 +147,28 @@ impl Rates {
     /// Time between two messages of the topic that is shown most often; a second at most.
     pub(crate) fn shortest_interval(&self) -> Duration {
         let rates = [self.state, self.plan, self.health, self.residual, self.snapshot, self.truth];
-        rates.into_iter().filter_map(Self::interval).min().map_or(Duration::from_secs(1), |interval| interval.min(Duration::from_secs(1)))
+        rates
+            .into_iter()
+            .filter_map(Self::interval)
+            .min()
+            .map_or(Duration::from_secs(1), |interval| interval.min(Duration::from_secs(1)))
     }
 }
 
 impl Check for Rates {
     fn check(&self) -> Result<(), Impossible> {
         let Self { state, plan, health, residual, snapshot, truth } = *self;
-        let rates =
-            [("state", state), ("plan", plan), ("health", health), ("residual", residual), ("snapshot", snapshot), ("truth", truth)];
+        let rates = [
+            ("state", state),
+            ("plan", plan),
+            ("health", health),
+            ("residual", residual),
+            ("snapshot", snapshot),
+            ("truth", truth),
+        ];
         let impossible = rates.into_iter().find(|(_, rate)| !(0.0..=RATE_MAX).contains(rate));
-        impossible.map_or(Ok(()), |(topic, _)| Err(Impossible::new(topic, format!("0 to {RATE_MAX} Hz"))))
+        impossible
+            .map_or(Ok(()), |(topic, _)| Err(Impossible::new(topic, format!("0 to {RATE_MAX} Hz"))))
     }
 }
 
@@ -163,8 +178,12 @@ impl Check for Rates {
 /// [`Impossible`] names the first that is not.
 pub fn check_telemetry(telemetry: &TelemetrySettings) -> Result<(), Impossible> {
     telemetry.check().map_err(|error| match error {
-        TelemetryError::Robot { .. } => Impossible::new("robot", "1 to 32 characters out of a-z, 0-9, _ and -"),
-        other => Impossible::new("listen", format!("endpoints like [\"tcp/127.0.0.1:7448\"]: {other}")),
+        TelemetryError::Robot { .. } => {
+            Impossible::new("robot", "1 to 32 characters out of a-z, 0-9, _ and -")
+        }
+        other => {
+            Impossible::new("listen", format!("endpoints like [\"tcp/127.0.0.1:7448\"]: {other}"))
+        }
     })
 }
 
@@ -206,25 +225,55 @@ mod tests {
 
     #[test]
     fn a_page_is_served_at_an_address_or_not_at_all() {
-        let address = |listen: &str| PageSettings { listen: listen.to_owned() }.address().map_err(|impossible| impossible.key);
+        let address = |listen: &str| {
+            PageSettings { listen: listen.to_owned() }
+                .address()
+                .map_err(|impossible| impossible.key)
+        };
         assert_eq!(address("127.0.0.1:0"), Ok(Some(SocketAddr::from(([127, 0, 0, 1], 0)))));
         assert_eq!((address("off"), PageSettings::default().address()), (Ok(None), Ok(None)));
         assert!(matches!(address("[::1]:8080"), Ok(Some(_))));
-        for wrong in ["", "8080", "127.0.0.1", "localhost:8080", "127.0.0.1:99999", "http://127.0.0.1:80", "tcp/127.0.0.1:80", "Off"] {
+        for wrong in [
+            "",
+            "8080",
+            "127.0.0.1",
+            "localhost:8080",
+            "127.0.0.1:99999",
+            "http://127.0.0.1:80",
+            "tcp/127.0.0.1:80",
+            "Off",
+        ] {
             assert_eq!(address(wrong), Err("listen".to_owned()), "{wrong}");
         }
         let endless = About { duration_s: f64::INFINITY, ..About::default() };
-        assert_eq!(endless.check().map_err(|impossible| impossible.key), Err("duration_s".to_owned()));
+        assert_eq!(
+            endless.check().map_err(|impossible| impossible.key),
+            Err("duration_s".to_owned())
+        );
     }
 
     #[test]
     fn an_endpoint_that_cannot_be_is_refused_before_anything_is_opened() {
-        for endpoint in ["", "127.0.0.1:7448", "tcp/127.0.0.1", "tcp/127.0.0.1:99999", "udp/127.0.0.1:7448", "tcp/:1"] {
-            let telemetry = TelemetrySettings { listen: vec![endpoint.to_owned()], ..TelemetrySettings::default() };
+        for endpoint in [
+            "",
+            "127.0.0.1:7448",
+            "tcp/127.0.0.1",
+            "tcp/127.0.0.1:99999",
+            "udp/127.0.0.1:7448",
+            "tcp/:1",
+        ] {
+            let telemetry = TelemetrySettings {
+                listen: vec![endpoint.to_owned()],
+                ..TelemetrySettings::default()
+            };
             let refused = check_telemetry(&telemetry).map_err(|impossible| impossible.key);
             assert_eq!(refused, Err("listen".to_owned()), "{endpoint}");
         }
-        let telemetry = TelemetrySettings { robot: "a/b".to_owned(), ..TelemetrySettings::default() };
-        assert_eq!(check_telemetry(&telemetry).map_err(|impossible| impossible.key), Err("robot".to_owned()));
+        let telemetry =
+            TelemetrySettings { robot: "a/b".to_owned(), ..TelemetrySettings::default() };
+        assert_eq!(
+            check_telemetry(&telemetry).map_err(|impossible| impossible.key),
+            Err("robot".to_owned())
+        );
     }
 }

@@ -21,8 +21,18 @@ const SOON: Duration = Duration::from_millis(20);
 fn settings(folder: &Path, rates: Rates) -> Settings {
     let links = Links::on_this_machine("test", folder, true, 1000);
     let run = Run::new(folder, 100_000_000, links);
-    let telemetry = TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "test".into(), credentials: None };
-    Settings { run, telemetry, rates, page: PageSettings { listen: "127.0.0.1:0".into() }, about: About::default() }
+    let telemetry = TelemetrySettings {
+        listen: vec!["tcp/127.0.0.1:0".into()],
+        robot: "test".into(),
+        credentials: None,
+    };
+    Settings {
+        run,
+        telemetry,
+        rates,
+        page: PageSettings { listen: "127.0.0.1:0".into() },
+        about: About::default(),
+    }
 }
 
 /// A gateway on a thread of its own, in lock step over memory.
@@ -42,7 +52,9 @@ impl Fixture {
         let healths = ports.source(Since::First)?;
         let thread = {
             let (exchange, stop) = (exchange.clone(), stop.clone());
-            thread::spawn(move || gateway::run::run(&Ports::in_memory(&exchange, Identity::new(1)), &settings, &stop))
+            thread::spawn(move || {
+                gateway::run::run(&Ports::in_memory(&exchange, Identity::new(1)), &settings, &stop)
+            })
         };
         let mut fixture = Self { exchange, ports, stop, thread, healths };
         fixture.wait_for(Phase::Ready)?;
@@ -75,7 +87,8 @@ fn what_the_plant_says_is_shown() -> Outcome {
     let folder = tempfile::tempdir()?;
     let fixture = Fixture::start(folder.path(), Rates::default())?;
     let endpoints = berth::endpoints(folder.path());
-    let mut watcher = Watcher::open(endpoints.first().ok_or("no endpoint was noted")?, Some("test"))?;
+    let mut watcher =
+        Watcher::open(endpoints.first().ok_or("no endpoint was noted")?, Some("test"))?;
     let mut sink = fixture.ports.sink::<PlantState>()?;
     let begin = Instant::now();
     let mut heard = Vec::new();

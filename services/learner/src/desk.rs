@@ -6,7 +6,8 @@ use protocol::message::Participant;
 use settings::change::{Change, ChangeError, Rules, changed};
 
 /// What can be changed while the robot drives.
-pub const RULES: Rules<'static> = Rules { tunable: &["learner.every_ticks", "learner.evaluations_max"], choices: &[] };
+pub const RULES: Rules<'static> =
+    Rules { tunable: &["learner.every_ticks", "learner.evaluations_max"], choices: &[] };
 
 /// Why a change is refused.
 #[derive(Debug, thiserror::Error)]
@@ -55,7 +56,12 @@ impl Desk {
         match self.with(wish) {
             Ok(settings) => {
                 self.settings = settings;
-                self.inbox.answer(Outcome::Applied { plant_epoch, taken_at_tick, ready_at_tick: taken_at_tick, acts_from_tick });
+                self.inbox.answer(Outcome::Applied {
+                    plant_epoch,
+                    taken_at_tick,
+                    ready_at_tick: taken_at_tick,
+                    acts_from_tick,
+                });
                 true
             }
             Err(refusal) => {

@@ -80,10 +80,14 @@ impl<const D: usize> Outset<D> {
 
     /// A smooth function, of the size that physics allows; beside a linear part, a quarter of that.
     fn medians(&self, bound: f64) -> Hyperparameters<D> {
-        let smooth = |share: f64| Hyperparameters::new([3.0; D], (share * bound).powi(2), (0.01 * bound).powi(2));
+        let smooth = |share: f64| {
+            Hyperparameters::new([3.0; D], (share * bound).powi(2), (0.01 * bound).powi(2))
+        };
         match self.kernel {
             KernelChoice::SquaredExponential => smooth(0.2),
-            KernelChoice::LinearPlusSquaredExponential => smooth(0.05).with_linear((0.2 * bound).powi(2)),
+            KernelChoice::LinearPlusSquaredExponential => {
+                smooth(0.05).with_linear((0.2 * bound).powi(2))
+            }
         }
     }
 
@@ -96,10 +100,18 @@ impl<const D: usize> Outset<D> {
     ///
     /// # Errors
     /// [`FailedFit`].
-    pub fn fit(&self, observations: &[(Observation<D>, f64)], start: &[Hyperparameters<D>; AXES]) -> Result<FittedModel<D>, FailedFit> {
+    pub fn fit(
+        &self,
+        observations: &[(Observation<D>, f64)],
+        start: &[Hyperparameters<D>; AXES],
+    ) -> Result<FittedModel<D>, FailedFit> {
         let normalisation = self.normalisation();
-        let inputs: Vec<[f64; D]> = observations.iter().map(|(observation, _)| normalisation.apply(&observation.input)).collect();
-        let targets: Vec<[f64; AXES]> = observations.iter().map(|(observation, _)| observation.target).collect();
+        let inputs: Vec<[f64; D]> = observations
+            .iter()
+            .map(|(observation, _)| normalisation.apply(&observation.input))
+            .collect();
+        let targets: Vec<[f64; AXES]> =
+            observations.iter().map(|(observation, _)| observation.target).collect();
         let noise_scale: Vec<f64> = observations.iter().map(|&(_, scale)| scale).collect();
         let mut hyperparameters = *start;
         let mut log_likelihood = [0.0; AXES];
@@ -110,14 +122,17 @@ impl<const D: usize> Outset<D> {
                 let fitted = Likelihood::new(&inputs, &of_axis)
                     .and_then(|likelihood| likelihood.with_noise_scale(&noise_scale))
                     .map_err(FitError::Likelihood)
-                    .and_then(|mut likelihood| fit_likelihood(&mut likelihood, &start[axis], &self.options(axis)))
+                    .and_then(|mut likelihood| {
+                        fit_likelihood(&mut likelihood, &start[axis], &self.options(axis))
+                    })
                     .map_err(|source| FailedFit::Axis { axis, source })?;
                 hyperparameters[axis] = fitted.hyperparameters;
                 log_likelihood[axis] = fitted.log_likelihood;
                 evaluations += fitted.evaluations;
             }
         }
-        let posterior = Posterior::with_noise_scale(&inputs, &targets, &noise_scale, &hyperparameters)?;
+        let posterior =
+            Posterior::with_noise_scale(&inputs, &targets, &noise_scale, &hyperparameters)?;
         let learned = Learned {
             layout: self.layout,
             normalisation,
@@ -125,23 +140,38 @@ impl<const D: usize> Outset<D> {
             bound: self.bound,
             sample_variance: hyperparameters.map(|axis| axis.noise_variance),
         };
-        Ok(FittedModel { learned, hyperparameters, log_likelihood, evaluations, inputs, targets, noise_scale })
+        Ok(FittedModel {
+            learned,
+            hyperparameters,
+            log_likelihood,
+            evaluations,
+            inputs,
+            targets,
+            noise_scale,
+        })
     }
 
     /// Bounds and priors of one axis: wide, but such that a direction which the data does not excite keeps a sane length scale.
     fn options(&self, axis: usize) -> FitOptions<D> {
         let bound = self.bound[axis];
         let bounds = Bounds {
-            lower: Hyperparameters::new([0.3; D], (1e-3 * bound).powi(2), (NOISE_FLOOR * bound).powi(2))
-                .with_linear((1e-3 * bound).powi(2)),
-            upper: Hyperparameters::new([100.0; D], (2.0 * bound).powi(2), (0.3 * bound).powi(2)).with_linear((2.0 * bound).powi(2)),
+            lower: Hyperparameters::new(
+                [0.3; D],
+                (1e-3 * bound).powi(2),
+                (NOISE_FLOOR * bound).powi(2),
+            )
+            .with_linear((1e-3 * bound).powi(2)),
+            upper: Hyperparameters::new([100.0; D], (2.0 * bound).powi(2), (0.3 * bound).powi(2))
+                .with_linear((2.0 * bound).powi(2)),
         };
         let Hyperparameters { kernel, noise_variance } = self.medians(bound);
         let around = |median: f64, log_deviation: f64| Some(LogNormal { median, log_deviation });
         // Beside a linear part, a few samples must not tempt the smooth one to explain a wrong gain.
         let (variance_deviation, linear_variance) = match self.kernel {
             KernelChoice::SquaredExponential => (3.0, None),
-            KernelChoice::LinearPlusSquaredExponential => (1.0, around(kernel.linear_variance, 1.0)),
+            KernelChoice::LinearPlusSquaredExponential => {
+                (1.0, around(kernel.linear_variance, 1.0))
+            }
         };
         let priors = Priors {
             length_scale: kernel.length_scale.map(|median| around(median, 1.0)),

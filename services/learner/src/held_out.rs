@@ -42,13 +42,15 @@ impl HeldOut {
     /// Takes in the error of one sample, the variance of the function there, and the n that it was told to have. Numbers that are none are
     /// passed over.
     pub fn push(&mut self, error: &Velocity, variance: &Velocity, told: &Velocity) {
-        let beyond: Velocity = std::array::from_fn(|axis| (error[axis] / HALF_WIDTH).powi(2) - variance[axis]);
+        let beyond: Velocity =
+            std::array::from_fn(|axis| (error[axis] / HALF_WIDTH).powi(2) - variance[axis]);
         if beyond.iter().all(|value| value.is_finite()) {
             self.counted += 1;
             for (axis, within) in self.within.iter_mut().enumerate() {
                 let inside = beyond[axis] <= told[axis];
                 *within += u64::from(inside);
-                self.lately[axis] = (self.lately[axis] << 1 | u32::from(inside)) & ((1 << LATELY) - 1);
+                self.lately[axis] =
+                    (self.lately[axis] << 1 | u32::from(inside)) & ((1 << LATELY) - 1);
             }
             self.beyond.push_back(beyond);
             if self.beyond.len() > MEMORY {
@@ -59,7 +61,8 @@ impl HeldOut {
 
     /// Whether of the last samples so few were in their intervals, on one axis, that the robot cannot be the one that was learnt.
     pub fn contradicted(&self) -> bool {
-        self.counted >= u64::from(LATELY) && self.lately.iter().any(|inside| inside.count_ones() < CONTRADICTED)
+        self.counted >= u64::from(LATELY)
+            && self.lately.iter().any(|inside| inside.count_ones() < CONTRADICTED)
     }
 
     /// Share of all samples that were in the interval which they were told, per axis.
@@ -74,7 +77,8 @@ impl HeldOut {
             let mut of_axis: Vec<f64> = self.beyond.iter().map(|beyond| beyond[axis]).collect();
             of_axis.sort_by(f64::total_cmp);
             let enough = self.beyond.len() >= SAMPLES_MIN;
-            let noise = of_axis.get(rank.saturating_sub(1)).or(of_axis.last()).copied().filter(|_| enough);
+            let noise =
+                of_axis.get(rank.saturating_sub(1)).or(of_axis.last()).copied().filter(|_| enough);
             noise.unwrap_or(otherwise[axis]).max(floor[axis])
         })
     }
@@ -94,7 +98,8 @@ mod tests {
         for i in 0..20_000 {
             // Errors with tails, where the function is known well and not so well.
             let variance = if i % 3 == 0 { 4e-4 } else { 1e-6 };
-            let error = random.normal() * (variance + 1e-4_f64 * (1.0 + 0.5 * random.normal()).powi(2)).sqrt();
+            let error = random.normal()
+                * (variance + 1e-4_f64 * (1.0 + 0.5 * random.normal()).powi(2)).sqrt();
             let told = held_out.noise(&[1.0; AXES], &FLOOR);
             held_out.push(&[0.0, error, 0.0], &[0.0, variance, 0.0], &told);
         }
@@ -107,7 +112,11 @@ mod tests {
         let noise = |wild: f64| {
             let (mut held_out, mut random) = (HeldOut::default(), SplitMix64::new(2));
             for i in 0..100 {
-                held_out.push(&[if i % 50 == 7 { wild } else { 0.01 * random.normal() }; AXES], &[0.0; AXES], &[0.0; AXES]);
+                held_out.push(
+                    &[if i % 50 == 7 { wild } else { 0.01 * random.normal() }; AXES],
+                    &[0.0; AXES],
+                    &[0.0; AXES],
+                );
             }
             held_out.noise(&[1.0; AXES], &FLOOR)[0]
         };
@@ -126,7 +135,11 @@ mod tests {
         let contradicted = |scale: f64, samples: usize| {
             let (mut held_out, mut random) = (HeldOut::default(), SplitMix64::new(3));
             (0..samples).any(|_| {
-                held_out.push(&[0.01 * random.normal(), scale * random.normal(), 0.0], &[1e-5; AXES], &[9e-5; AXES]);
+                held_out.push(
+                    &[0.01 * random.normal(), scale * random.normal(), 0.0],
+                    &[1e-5; AXES],
+                    &[9e-5; AXES],
+                );
                 held_out.contradicted()
             })
         };

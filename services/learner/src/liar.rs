@@ -34,9 +34,17 @@ impl Liar {
         if self.faults.is_empty() {
             return None;
         }
-        let bad = self.faults.strike(tick).and_then(|(kind, mut random)| Some((kind, self.bad(kind, good, &mut random)?)));
+        let bad = self
+            .faults
+            .strike(tick)
+            .and_then(|(kind, mut random)| Some((kind, self.bad(kind, good, &mut random)?)));
         if let Some((kind, bad)) = bad {
-            tracing::warn!(kind = kind.name(), version = bad.head.version, tick, "a bad snapshot is sent");
+            tracing::warn!(
+                kind = kind.name(),
+                version = bad.head.version,
+                tick,
+                "a bad snapshot is sent"
+            );
             return Some(bad);
         }
         let [_, newer] = &mut self.sent;
@@ -45,7 +53,12 @@ impl Liar {
     }
 
     /// None if there is nothing to make it of.
-    fn bad(&self, kind: SnapshotFaultKind, good: &ModelSnapshot, random: &mut SplitMix64) -> Option<ModelSnapshot> {
+    fn bad(
+        &self,
+        kind: SnapshotFaultKind,
+        good: &ModelSnapshot,
+        random: &mut SplitMix64,
+    ) -> Option<ModelSnapshot> {
         let mut bad = good.clone();
         let head = &mut bad.head;
         let axis = below(random, AXES);
@@ -55,7 +68,8 @@ impl Liar {
                 newer.as_ref()?;
                 bad = older.clone()?;
                 // In lock step it takes the place of the one that is due.
-                (bad.head.effective_tick, bad.head.plant_epoch) = (good.head.effective_tick, good.head.plant_epoch);
+                (bad.head.effective_tick, bad.head.plant_epoch) =
+                    (good.head.effective_tick, good.head.plant_epoch);
             }
             SnapshotFaultKind::Nan => {
                 let field = ModelSnapshot::NUMBERS[below(random, ModelSnapshot::NUMBERS.len())];
@@ -70,7 +84,9 @@ impl Liar {
                     bad.head.noise_variance[axis] = f64::NAN;
                 }
             }
-            SnapshotFaultKind::Indefinite => bad = twins(good).ok().filter(|twins| twins.head.points > 1)?,
+            SnapshotFaultKind::Indefinite => {
+                bad = twins(good).ok().filter(|twins| twins.head.points > 1)?;
+            }
             SnapshotFaultKind::WrongSize => bad = with_another_input(good).ok()?,
             SnapshotFaultKind::WrongFingerprint => head.fingerprint ^= 1 << below(random, 64),
             SnapshotFaultKind::Absurd => {
@@ -150,9 +166,11 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_wrong_is_in_what_is_sent_and_nothing_is_wrong_out_of_its_ticks() -> Result<(), DecodeError> {
+    fn whatever_is_wrong_is_in_what_is_sent_and_nothing_is_wrong_out_of_its_ticks()
+    -> Result<(), DecodeError> {
         for kind in SnapshotFaultKind::ALL {
-            let fault = SnapshotFault { kind, from_tick: 30, until_tick: Some(40), probability: 1.0 };
+            let fault =
+                SnapshotFault { kind, from_tick: 30, until_tick: Some(40), probability: 1.0 };
             let mut liar = Liar::new(SnapshotFaults { seed: 1, snapshot: vec![fault] });
             for tick in [10, 20, 40] {
                 assert_eq!(liar.in_place_of(&good(tick)?, tick), None, "{}", kind.name());
@@ -165,7 +183,12 @@ mod tests {
 
     #[test]
     fn what_is_stale_is_older_than_the_last_good_one_that_was_sent() -> Result<(), DecodeError> {
-        let fault = SnapshotFault { kind: SnapshotFaultKind::Stale, from_tick: 30, until_tick: None, probability: 1.0 };
+        let fault = SnapshotFault {
+            kind: SnapshotFaultKind::Stale,
+            from_tick: 30,
+            until_tick: None,
+            probability: 1.0,
+        };
         let mut liar = Liar::new(SnapshotFaults { seed: 1, snapshot: vec![fault] });
         for tick in [10, 20] {
             assert_eq!(liar.in_place_of(&good(tick)?, tick), None);

@@ -79,7 +79,11 @@ pub fn run(settings: &Settings, ports: &Ports, stop: &Stop) -> Result<(), RunErr
 }
 
 /// The same, of a residual over D inputs.
-fn run_over<const D: usize>(settings: &Settings, ports: &Ports, stop: &Stop) -> Result<(), RunError> {
+fn run_over<const D: usize>(
+    settings: &Settings,
+    ports: &Ports,
+    stop: &Stop,
+) -> Result<(), RunError> {
     let desk = Desk::open(settings);
     let outset = outset::<D>(settings);
     let (jobs, inbox) = mpsc::channel::<Job<D>>();
@@ -104,7 +108,9 @@ fn outset<const D: usize>(settings: &Settings) -> Outset<D> {
     Outset {
         layout: settings.learner.layout,
         kernel: settings.learner.kernel,
-        input_scale: std::array::from_fn(|i| if i < AXES { VELOCITY_SHARE } else { rest_share } * range[i % AXES]),
+        input_scale: std::array::from_fn(
+            |i| if i < AXES { VELOCITY_SHARE } else { rest_share } * range[i % AXES],
+        ),
         bound: bound(&main, &settings.robot),
         evaluations_max: settings.learner.evaluations_max,
     }
@@ -175,7 +181,10 @@ impl<'a, const D: usize> Learner<'a, D> {
         let fingerprint = fingerprint(&main_model(settings), settings.learner.layout.name());
         let mut dictionary = Dictionary::new(selection(settings, &outset));
         let resumed = store::to_resume_from(settings, fingerprint);
-        let start = resumed.as_ref().map_or_else(|| outset.hyperparameters(), |snapshot| store::resume(snapshot, &outset, &mut dictionary));
+        let start = resumed.as_ref().map_or_else(
+            || outset.hyperparameters(),
+            |snapshot| store::resume(snapshot, &outset, &mut dictionary),
+        );
         Ok(Self {
             settings,
             fingerprint,
@@ -234,7 +243,10 @@ impl<'a, const D: usize> Learner<'a, D> {
     /// Whether the oldest cut only waits for its fit.
     fn may_publish(&self) -> bool {
         let oldest = self.pending.front();
-        self.finished.is_none() && oldest.is_some_and(|cut| self.newest.is_some_and(|(_, tick)| tick >= self.score_until(*cut)))
+        self.finished.is_none()
+            && oldest.is_some_and(|cut| {
+                self.newest.is_some_and(|(_, tick)| tick >= self.score_until(*cut))
+            })
     }
 
     /// Last tick whose sample scores the snapshot of `cut`.
@@ -244,7 +256,9 @@ impl<'a, const D: usize> Learner<'a, D> {
 
     fn take_in(&mut self, sample: &ResidualSample) -> Result<(), RunError> {
         if sample.fingerprint != self.fingerprint {
-            self.pulse.health().set_last_error("samples of another robot, period or input layout are left out");
+            self.pulse
+                .health()
+                .set_last_error("samples of another robot, period or input layout are left out");
             return Ok(());
         }
         let tick = sample.stamp.tick;
@@ -261,14 +275,26 @@ impl<'a, const D: usize> Learner<'a, D> {
         if first {
             self.join(sample)?;
         }
-        let believable = sample.residual.iter().zip(self.outset.bound).all(|(residual, bound)| residual.abs() <= bound);
+        let believable = sample
+            .residual
+            .iter()
+            .zip(self.outset.bound)
+            .all(|(residual, bound)| residual.abs() <= bound);
         // One number that is not finite would spoil every fit for as long as it stays in the data.
-        let finite = sample.velocity.iter().chain(&sample.input).chain(&sample.input_before).all(|value| value.is_finite());
+        let finite = sample
+            .velocity
+            .iter()
+            .chain(&sample.input)
+            .chain(&sample.input_before)
+            .all(|value| value.is_finite());
         if sample.usable == 1 && believable && finite {
             let input = self.settings.learner.layout.inputs(&snapshot::moment(sample));
             let outcome = self.dictionary.insert(Observation { input, target: sample.residual });
             if outcome == Outcome::Changed {
-                tracing::info!(tick, "the robot is not what it was: what was learnt before counts less");
+                tracing::info!(
+                    tick,
+                    "the robot is not what it was: what was learnt before counts less"
+                );
             }
             // What is not believed does not judge a model either.
             if outcome != Outcome::Held {
@@ -281,8 +307,17 @@ impl<'a, const D: usize> Learner<'a, D> {
             self.last_cut = cut;
             let cut = cut * self.desk.every_ticks();
             self.pending.push_back(cut);
-            let observations = self.dictionary.observations().map(|(observation, scale)| (*observation, scale)).collect();
-            let job = Job { cut, observations, anew: std::mem::take(&mut self.anew), evaluations_max: self.desk.evaluations_max() };
+            let observations = self
+                .dictionary
+                .observations()
+                .map(|(observation, scale)| (*observation, scale))
+                .collect();
+            let job = Job {
+                cut,
+                observations,
+                anew: std::mem::take(&mut self.anew),
+                evaluations_max: self.desk.evaluations_max(),
+            };
             self.jobs.send(job).map_err(|_| RunError::Fitter)?;
         }
         Ok(())
@@ -292,7 +327,9 @@ impl<'a, const D: usize> Learner<'a, D> {
         if self.finished.is_none() {
             self.finished = self.done.try_recv().ok();
         }
-        let scored = |done: &Done<D>| self.newest.is_some_and(|(_, tick)| tick >= self.score_until(done.0) || tick < done.0);
+        let scored = |done: &Done<D>| {
+            self.newest.is_some_and(|(_, tick)| tick >= self.score_until(done.0) || tick < done.0)
+        };
         if !self.finished.as_ref().is_some_and(scored) {
             return Ok(());
         }
@@ -314,11 +351,19 @@ impl<'a, const D: usize> Learner<'a, D> {
     /// Holds the model before against the samples that it has not been held against, and gives the noise that a new model is to have.
     fn hold_out(&mut self, until: u64, otherwise: &Velocity) -> Velocity {
         if let Some((learned, judged)) = &self.judged {
-            for sample in self.recent.iter().filter(|sample| sample.stamp.tick > *judged && sample.stamp.tick <= until) {
+            for sample in self
+                .recent
+                .iter()
+                .filter(|sample| sample.stamp.tick > *judged && sample.stamp.tick <= until)
+            {
                 let at = snapshot::moment(sample);
                 let mean = learned.mean(&at);
                 let error = std::array::from_fn(|axis| sample.residual[axis] - mean[axis]);
-                self.held_out.push(&error, &learned.variance(&at, &mut self.scratch), &learned.sample_variance);
+                self.held_out.push(
+                    &error,
+                    &learned.variance(&at, &mut self.scratch),
+                    &learned.sample_variance,
+                );
             }
         }
         self.forget_if_contradicted(until);
@@ -336,11 +381,20 @@ impl<'a, const D: usize> Learner<'a, D> {
         }
     }
 
-    fn publish(&mut self, mut fitted: FittedModel<D>, cut: u64, plant_epoch: u64) -> Result<(), RunError> {
+    fn publish(
+        &mut self,
+        mut fitted: FittedModel<D>,
+        cut: u64,
+        plant_epoch: u64,
+    ) -> Result<(), RunError> {
         let until = self.score_until(cut);
         fitted.learned.sample_variance = self.hold_out(until, &fitted.learned.sample_variance);
-        let newer: Vec<ResidualSample> =
-            self.recent.iter().filter(|sample| sample.stamp.tick > cut && sample.stamp.tick <= until).copied().collect();
+        let newer: Vec<ResidualSample> = self
+            .recent
+            .iter()
+            .filter(|sample| sample.stamp.tick > cut && sample.stamp.tick <= until)
+            .copied()
+            .collect();
         self.version += 1;
         let label = Label {
             version: self.version,
@@ -385,14 +439,20 @@ impl<'a, const D: usize> Learner<'a, D> {
         last.head.effective_tick = cut + self.settings.learner.delay_ticks;
         last.head.plant_epoch = plant_epoch;
         self.snapshots.send(last)?;
-        tracing::info!(version = last.head.version, points = last.head.points, cut, "published again");
+        tracing::info!(
+            version = last.head.version,
+            points = last.head.points,
+            cut,
+            "published again"
+        );
         Ok(())
     }
 
     /// The first sample tells how far time has come. What had been learnt before goes out again: at once, and for every cut that has
     /// been missed and whose model is still due.
     fn join(&mut self, sample: &ResidualSample) -> Result<(), RunError> {
-        let (every_ticks, delay_ticks) = (self.desk.every_ticks(), self.settings.learner.delay_ticks);
+        let (every_ticks, delay_ticks) =
+            (self.desk.every_ticks(), self.settings.learner.delay_ticks);
         let tick = sample.stamp.tick;
         self.last_cut = tick / every_ticks;
         if tick == 0 && (self.last.is_some() || self.settings.learner.resume.is_some()) {

@@ -3,7 +3,7 @@
 mod snapshot_fault;
 
 use model::learned::Layout;
-use model::robot::Robot;
+use robot::Robot;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 use std::path::PathBuf;
@@ -66,12 +66,16 @@ impl LearnerSettings {
     /// # Errors
     /// [`Impossible`] names the first setting that cannot be.
     pub fn check(&self) -> Result<(), Impossible> {
-        let impossible = |key: &str, expected: String| Err(Impossible { key: key.into(), expected });
+        let impossible =
+            |key: &str, expected: String| Err(Impossible { key: key.into(), expected });
         if self.every_ticks == 0 {
             return impossible("every_ticks", "at least 1 period".into());
         }
         if !(2..=200).contains(&self.delay_ticks) {
-            return impossible("delay_ticks", "2 to 200 periods: one at least to score the snapshot on".into());
+            return impossible(
+                "delay_ticks",
+                "2 to 200 periods: one at least to score the snapshot on".into(),
+            );
         }
         if !(4..=POINTS_MAX).contains(&self.points_max) {
             return impossible("points_max", format!("4 to {POINTS_MAX} points"));
@@ -91,7 +95,10 @@ impl process::HasRun for Settings {
 
 impl Check for Settings {
     fn check(&self) -> Result<(), Impossible> {
-        self.robot.check().map_err(|e| Impossible { key: format!("robot.{}", e.key), expected: e.expected.into() })?;
+        self.robot.check().map_err(|e| Impossible {
+            key: format!("robot.{}", e.key),
+            expected: e.expected.into(),
+        })?;
         self.learner.check().map_err(|e| e.under("learner"))?;
         self.snapshot_faults.check().map_err(|e| e.under("snapshot_faults"))
     }

@@ -27,7 +27,10 @@ pub fn moment(sample: &ResidualSample) -> Moment {
 }
 
 /// RMS one-step error of the fitted model and of the main model alone, per axis, over `samples`; zeros if there are none.
-pub fn score<const D: usize>(fitted: &FittedModel<D>, samples: &[ResidualSample]) -> ([f64; AXES], [f64; AXES]) {
+pub fn score<const D: usize>(
+    fitted: &FittedModel<D>,
+    samples: &[ResidualSample],
+) -> ([f64; AXES], [f64; AXES]) {
     let (mut learned, mut main) = ([0.0; AXES], [0.0; AXES]);
     for sample in samples {
         let mean = fitted.learned.mean(&moment(sample));
@@ -44,7 +47,11 @@ pub fn score<const D: usize>(fitted: &FittedModel<D>, samples: &[ResidualSample]
 ///
 /// # Errors
 /// [`DecodeError`] if it has more points than a message can carry.
-pub fn write<const D: usize>(fitted: &FittedModel<D>, label: &Label, newer: &[ResidualSample]) -> Result<ModelSnapshot, DecodeError> {
+pub fn write<const D: usize>(
+    fitted: &FittedModel<D>,
+    label: &Label,
+    newer: &[ResidualSample],
+) -> Result<ModelSnapshot, DecodeError> {
     let posterior = &fitted.learned.posterior;
     let mut head: SnapshotHead = bytemuck::Zeroable::zeroed();
     head.stamp.tick = label.trained_tick;
@@ -68,7 +75,9 @@ pub fn write<const D: usize>(fitted: &FittedModel<D>, label: &Label, newer: &[Re
     (head.score_learned, head.score_main) = score(fitted, newer);
     let mut snapshot = ModelSnapshot::new(head);
     let weights = posterior.weights();
-    for (row, ((input, target), &noise_scale)) in fitted.inputs.iter().zip(&fitted.targets).zip(&fitted.noise_scale).enumerate() {
+    for (row, ((input, target), &noise_scale)) in
+        fitted.inputs.iter().zip(&fitted.targets).zip(&fitted.noise_scale).enumerate()
+    {
         let weight = weights.map(|of_axis| of_axis.get(row).copied().unwrap_or(0.0));
         snapshot.push_with_noise(input, *target, weight, noise_scale)?;
     }

@@ -31,7 +31,9 @@ pub enum StoreError {
         source: DecodeError,
     },
     /// It was learnt with another main model.
-    #[error("{file}: fingerprint {got:#018x} where {expected:#018x} was expected: learnt for another robot, period or input layout")]
+    #[error(
+        "{file}: fingerprint {got:#018x} where {expected:#018x} was expected: learnt for another robot, period or input layout"
+    )]
     Foreign {
         /// The file.
         file: PathBuf,
@@ -86,22 +88,37 @@ pub fn save(file: &Path, snapshot: &ModelSnapshot) -> Result<(), StoreError> {
 /// # Errors
 /// [`StoreError`] if it cannot be read, is damaged, or belongs to another main model.
 pub fn load(file: &Path, fingerprint: u64) -> Result<ModelSnapshot, StoreError> {
-    let bytes = fs::read(file).map_err(|source| StoreError::File { file: file.to_owned(), source })?;
-    let snapshot: ModelSnapshot = frame::decode(&bytes).map_err(|source| StoreError::Damaged { file: file.to_owned(), source })?;
+    let bytes =
+        fs::read(file).map_err(|source| StoreError::File { file: file.to_owned(), source })?;
+    let snapshot: ModelSnapshot = frame::decode(&bytes)
+        .map_err(|source| StoreError::Damaged { file: file.to_owned(), source })?;
     if snapshot.head.fingerprint != fingerprint {
-        return Err(StoreError::Foreign { file: file.to_owned(), expected: fingerprint, got: snapshot.head.fingerprint });
+        return Err(StoreError::Foreign {
+            file: file.to_owned(),
+            expected: fingerprint,
+            got: snapshot.head.fingerprint,
+        });
     }
     Ok(snapshot)
 }
 
 /// Puts the data of a snapshot back into `dictionary`, and gives back the hyperparameters to go on with: its own, if they are of the kernel and
 /// the units of `outset`, and possible.
-pub fn resume<const D: usize>(snapshot: &ModelSnapshot, outset: &Outset<D>, dictionary: &mut Dictionary<D>) -> [Hyperparameters<D>; AXES] {
+pub fn resume<const D: usize>(
+    snapshot: &ModelSnapshot,
+    outset: &Outset<D>,
+    dictionary: &mut Dictionary<D>,
+) -> [Hyperparameters<D>; AXES] {
     let head = &snapshot.head;
     let entry = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(f64::NAN);
     for row in snapshot.rows() {
-        let input = std::array::from_fn(|i| entry(&head.input_mean, i) + entry(&head.input_scale, i) * entry(row.input, i));
-        dictionary.restore(Observation { input, target: std::array::from_fn(|axis| entry(row.target, axis)) }, row.noise_scale);
+        let input = std::array::from_fn(|i| {
+            entry(&head.input_mean, i) + entry(&head.input_scale, i) * entry(row.input, i)
+        });
+        dictionary.restore(
+            Observation { input, target: std::array::from_fn(|axis| entry(row.target, axis)) },
+            row.noise_scale,
+        );
     }
     let first = outset.hyperparameters();
     let scale: [f64; D] = std::array::from_fn(|i| entry(&head.input_scale, i));
@@ -110,9 +127,14 @@ pub fn resume<const D: usize>(snapshot: &ModelSnapshot, outset: &Outset<D>, dict
     }
     std::array::from_fn(|axis| {
         let length_scale = std::array::from_fn(|i| entry(&head.length_scale[axis], i));
-        let plain = Hyperparameters::new(length_scale, head.signal_variance[axis], head.noise_variance[axis]);
+        let plain = Hyperparameters::new(
+            length_scale,
+            head.signal_variance[axis],
+            head.noise_variance[axis],
+        );
         // A linear part is begun with or left out as it is asked for now, not as it was then.
-        let linear_variance = match (first[axis].kernel.linear_variance, head.linear_variance[axis]) {
+        let linear_variance = match (first[axis].kernel.linear_variance, head.linear_variance[axis])
+        {
             (asked, kept) if asked > 0.0 && kept > 0.0 => kept,
             (asked, _) => asked,
         };

@@ -4,10 +4,10 @@ use learner::settings::{KernelChoice, LearnerSettings, SnapshotFaults};
 use learner::{Settings, run};
 use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
-use model::robot::Robot;
 use process::{Run, Stop};
 use protocol::message::{ModelSnapshot, ResidualSample};
 use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
+use robot::Robot;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::thread;
@@ -39,15 +39,27 @@ fn sample(tick: u64, friction: f64) -> ResidualSample {
     let wave = |k: f64| (k * tick as f64).sin();
     let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
     (sample.stamp.tick, sample.plant_epoch, sample.usable) = (tick, 1, 1);
-    sample.fingerprint = fingerprint(&MainModel::new(&Robot::example(), 0.1), Layout::VelocitySlip.name());
+    sample.fingerprint =
+        fingerprint(&MainModel::new(&Robot::example(), 0.1), Layout::VelocitySlip.name());
     sample.velocity = [1.5 * wave(0.31), wave(0.23), wave(0.17)];
-    sample.input = [sample.velocity[0] + 0.3 * wave(0.7), sample.velocity[1] + 0.2 * wave(0.9), sample.velocity[2] + 0.2 * wave(0.5)];
-    sample.residual = std::array::from_fn(|axis| -friction * (4.0 * sample.velocity[axis]).tanh() + 1e-3 * wave(7.3 + axis as f64));
+    sample.input = [
+        sample.velocity[0] + 0.3 * wave(0.7),
+        sample.velocity[1] + 0.2 * wave(0.9),
+        sample.velocity[2] + 0.2 * wave(0.5),
+    ];
+    sample.residual = std::array::from_fn(|axis| {
+        -friction * (4.0 * sample.velocity[axis]).tanh() + 1e-3 * wave(7.3 + axis as f64)
+    });
     sample
 }
 
 /// How many points each model of a run of so many ticks has.
-fn points(folder: &Path, resume: Option<PathBuf>, ticks: u64, friction: f64) -> Result<Vec<u32>, Box<dyn Error>> {
+fn points(
+    folder: &Path,
+    resume: Option<PathBuf>,
+    ticks: u64,
+    friction: f64,
+) -> Result<Vec<u32>, Box<dyn Error>> {
     let settings = settings(folder, resume);
     let exchange = Exchange::new(true, Duration::from_secs(5));
     let ports = Ports::in_memory(&exchange, Identity::new(1));
@@ -56,7 +68,8 @@ fn points(folder: &Path, resume: Option<PathBuf>, ticks: u64, friction: f64) -> 
     let stop = Stop::new();
     let (exchange, learner_stop) = (exchange.clone(), stop.clone());
     let learner = thread::spawn(move || {
-        run::run(&settings, &Ports::in_memory(&exchange, Identity::new(2)), &learner_stop).map_err(|e| e.to_string())
+        run::run(&settings, &Ports::in_memory(&exchange, Identity::new(2)), &learner_stop)
+            .map_err(|e| e.to_string())
     });
     let mut points = Vec::new();
     for tick in 0..ticks {
@@ -74,7 +87,8 @@ fn points(folder: &Path, resume: Option<PathBuf>, ticks: u64, friction: f64) -> 
 }
 
 #[test]
-fn what_an_earlier_run_has_learnt_is_kept_until_the_robot_contradicts_it() -> Result<(), Box<dyn Error>> {
+fn what_an_earlier_run_has_learnt_is_kept_until_the_robot_contradicts_it()
+-> Result<(), Box<dyn Error>> {
     let (earlier, same, other) = (tempfile::tempdir()?, tempfile::tempdir()?, tempfile::tempdir()?);
     let learnt = points(earlier.path(), None, 100, 0.05)?;
     let kept = *learnt.last().ok_or("nothing was learnt")?;

@@ -4,21 +4,31 @@ use learner::settings::{KernelChoice, LearnerSettings, SnapshotFaults};
 use learner::{Settings, run};
 use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
-use model::robot::Robot;
 use process::{Run, Stop};
 use protocol::message::{ModelSnapshot, ResidualSample};
 use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
+use robot::Robot;
 use std::error::Error;
 use std::thread;
 use std::time::Duration;
 
 /// Effective ticks of what a restarted learner with nothing to resume publishes when the first sample that it gets is of `tick`.
-fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected: usize) -> Result<Vec<u64>, Box<dyn Error>> {
+fn published_on_joining(
+    tick: u64,
+    every_ticks: u64,
+    delay_ticks: u64,
+    expected: usize,
+) -> Result<Vec<u64>, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     let exchange = Exchange::new(true, Duration::from_secs(5));
     let links = Links::on_this_machine("rejoin", folder.path(), true, 5000);
     let settings = Settings {
-        run: Run { log: "off".into(), epoch_floor: 1, restarted: true, ..Run::new(folder.path(), 100_000_000, links) },
+        run: Run {
+            log: "off".into(),
+            epoch_floor: 1,
+            restarted: true,
+            ..Run::new(folder.path(), 100_000_000, links)
+        },
         robot: Robot::example(),
         learner: LearnerSettings {
             layout: Layout::VelocitySlip,
@@ -36,13 +46,15 @@ fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected:
     let mut samples = ports.sink::<ResidualSample>()?;
     let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
     (sample.stamp.tick, sample.plant_epoch, sample.usable) = (tick, 1, 1);
-    sample.fingerprint = fingerprint(&MainModel::new(&Robot::example(), 0.1), Layout::VelocitySlip.name());
+    sample.fingerprint =
+        fingerprint(&MainModel::new(&Robot::example(), 0.1), Layout::VelocitySlip.name());
     samples.send(&mut sample)?;
 
     let stop = Stop::new();
     let (exchange, learner_stop) = (exchange.clone(), stop.clone());
     let learner = thread::spawn(move || {
-        run::run(&settings, &Ports::in_memory(&exchange, Identity::new(2)), &learner_stop).map_err(|e| e.to_string())
+        run::run(&settings, &Ports::in_memory(&exchange, Identity::new(2)), &learner_stop)
+            .map_err(|e| e.to_string())
     });
     let mut effective = Vec::new();
     while effective.len() < expected && !learner.is_finished() {
@@ -57,7 +69,8 @@ fn published_on_joining(tick: u64, every_ticks: u64, delay_ticks: u64, expected:
 }
 
 #[test]
-fn every_model_that_is_still_due_comes_even_if_nothing_had_been_learnt() -> Result<(), Box<dyn Error>> {
+fn every_model_that_is_still_due_comes_even_if_nothing_had_been_learnt()
+-> Result<(), Box<dyn Error>> {
     assert_eq!(published_on_joining(12, 5, 3, 1)?, [13], "the cut at 10 is due at 13");
     assert_eq!(published_on_joining(16, 5, 8, 2)?, [18, 23], "the cuts at 10 and 15");
     Ok(())

@@ -13,10 +13,16 @@ use model::gp::likelihood::Likelihood;
 use model::gp::posterior::{Posterior, VarianceScratch};
 
 const START: Hyperparameters<6> = Hyperparameters::new([1.0; 6], 1.0, 0.1);
-const TYPICAL: Hyperparameters<6> = Hyperparameters::new([2.0, 2.0, 1.0, 2.5, 2.5, 1.2], 1.0, 0.0025);
+const TYPICAL: Hyperparameters<6> =
+    Hyperparameters::new([2.0, 2.0, 1.0, 2.5, 2.5, 1.2], 1.0, 0.0025);
 const QUERY: [f64; 6] = [1.0, -0.5, 0.2, 1.2, -0.6, 0.1];
 
-fn fit_all(inputs: &[[f64; 6]], targets: &[[f64; 3]], start: &[Hyperparameters<6>; 3], options: &FitOptions<6>) -> [Hyperparameters<6>; 3] {
+fn fit_all(
+    inputs: &[[f64; 6]],
+    targets: &[[f64; 3]],
+    start: &[Hyperparameters<6>; 3],
+    options: &FitOptions<6>,
+) -> [Hyperparameters<6>; 3] {
     std::array::from_fn(|output| {
         let of_one: Vec<f64> = targets.iter().map(|target| target[output]).collect();
         fit(inputs, &of_one, &start[output], options).unwrap().hyperparameters
@@ -28,23 +34,43 @@ fn query(criterion: &mut Criterion) {
         let (inputs, targets) = gp_data::gp_data(samples, 7);
         let posterior = Posterior::new(&inputs, &targets, &[TYPICAL; 3]).unwrap();
         let mut scratch = VarianceScratch::new(samples);
-        criterion.bench_with_input(BenchmarkId::new("mean and gradient, 3 outputs", samples), &posterior, |bencher, posterior| {
-            bencher.iter(|| posterior.mean_and_gradient(black_box(&QUERY)));
-        });
-        criterion.bench_with_input(BenchmarkId::new("mean, 3 outputs", samples), &posterior, |bencher, posterior| {
-            bencher.iter(|| posterior.mean(black_box(&QUERY)));
-        });
-        criterion.bench_with_input(BenchmarkId::new("variance, 3 outputs", samples), &posterior, |bencher, posterior| {
-            bencher.iter(|| posterior.variance(black_box(&QUERY), &mut scratch));
-        });
-        criterion.bench_with_input(BenchmarkId::new("condition, 3 outputs", samples), &samples, |bencher, _| {
-            bencher.iter(|| Posterior::new(black_box(&inputs), &targets, &[TYPICAL; 3]));
-        });
+        criterion.bench_with_input(
+            BenchmarkId::new("mean and gradient, 3 outputs", samples),
+            &posterior,
+            |bencher, posterior| {
+                bencher.iter(|| posterior.mean_and_gradient(black_box(&QUERY)));
+            },
+        );
+        criterion.bench_with_input(
+            BenchmarkId::new("mean, 3 outputs", samples),
+            &posterior,
+            |bencher, posterior| {
+                bencher.iter(|| posterior.mean(black_box(&QUERY)));
+            },
+        );
+        criterion.bench_with_input(
+            BenchmarkId::new("variance, 3 outputs", samples),
+            &posterior,
+            |bencher, posterior| {
+                bencher.iter(|| posterior.variance(black_box(&QUERY), &mut scratch));
+            },
+        );
+        criterion.bench_with_input(
+            BenchmarkId::new("condition, 3 outputs", samples),
+            &samples,
+            |bencher, _| {
+                bencher.iter(|| Posterior::new(black_box(&inputs), &targets, &[TYPICAL; 3]));
+            },
+        );
         let of_one: Vec<f64> = targets.iter().map(|target| target[0]).collect();
         let mut likelihood = Likelihood::new(&inputs, &of_one).unwrap();
-        criterion.bench_with_input(BenchmarkId::new("likelihood and gradient, 1 output", samples), &samples, |bencher, _| {
-            bencher.iter(|| likelihood.evaluate(black_box(&TYPICAL)));
-        });
+        criterion.bench_with_input(
+            BenchmarkId::new("likelihood and gradient, 1 output", samples),
+            &samples,
+            |bencher, _| {
+                bencher.iter(|| likelihood.evaluate(black_box(&TYPICAL)));
+            },
+        );
     }
 }
 

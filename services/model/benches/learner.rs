@@ -19,7 +19,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 const START: Hyperparameters<6> = Hyperparameters::new([1.0; 6], 1.0, 0.1);
-const TYPICAL: Hyperparameters<6> = Hyperparameters::new([2.0, 2.0, 1.0, 2.5, 2.5, 1.2], 1.0, 0.0025);
+const TYPICAL: Hyperparameters<6> =
+    Hyperparameters::new([2.0, 2.0, 1.0, 2.5, 2.5, 1.2], 1.0, 0.0025);
 
 fn main() -> Result<(), Box<dyn Error>> {
     for points in [50, 100, 200, 500, 1000, 2000] {
@@ -62,12 +63,16 @@ fn learn(points: usize) {
         let begin = Instant::now();
         for (output, likelihood) in likelihoods.iter_mut().enumerate() {
             let of_one: Vec<f64> = targets.iter().map(|target| target[output]).collect();
-            *likelihood = fit(&inputs, &of_one, &START, &options).map_or(f64::NAN, |fitted| fitted.log_likelihood);
+            *likelihood = fit(&inputs, &of_one, &START, &options)
+                .map_or(f64::NAN, |fitted| fitted.log_likelihood);
         }
         begin.elapsed().as_secs_f64()
     };
     let seconds = median((0..5).map(&mut fits));
-    println!("{}", json!({ "fit": "three outputs", "n": points, "fit_s": seconds, "lml_each": likelihoods }));
+    println!(
+        "{}",
+        json!({ "fit": "three outputs", "n": points, "fit_s": seconds, "lml_each": likelihoods })
+    );
 }
 
 /// Samples one by one into a dictionary that is full.
@@ -90,7 +95,12 @@ fn keep(kept: usize) -> Result<(), Box<dyn Error>> {
         }
     }
     times.sort_by(f64::total_cmp);
-    let at = |share: f64| times.get((share * times.len() as f64) as usize).copied().ok_or("the dictionary was never full");
+    let at = |share: f64| {
+        times
+            .get((share * times.len() as f64) as usize)
+            .copied()
+            .ok_or("the dictionary was never full")
+    };
     println!(
         "{}",
         json!({ "dictionary": "a sample into a full one", "n": kept, "p50_us": at(0.5)?, "p99_us": at(0.99)?, "samples": times.len() })

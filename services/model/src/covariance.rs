@@ -53,11 +53,20 @@ pub fn quantile(level: f64) -> f64 {
     let centred = level - 0.5;
     if centred.abs() <= 0.425 {
         let above = [3.387_132_717_9, 50.434_271_938, 159.291_132_02, 59.109_374_720];
-        return centred * ratio(above, [17.895_169_469, 78.757_757_664, 67.187_563_600], 0.180_625 - centred * centred);
+        return centred
+            * ratio(
+                above,
+                [17.895_169_469, 78.757_757_664, 67.187_563_600],
+                0.180_625 - centred * centred,
+            );
     }
     let tail = (-level.min(1.0 - level).ln()).sqrt();
     let size = if tail <= 5.0 {
-        ratio([1.423_437_277_7, 2.756_815_390_0, 1.306_728_481_6, 0.170_238_211_03], [0.737_001_642_50, 0.120_211_329_75, 0.0], tail - 1.6)
+        ratio(
+            [1.423_437_277_7, 2.756_815_390_0, 1.306_728_481_6, 0.170_238_211_03],
+            [0.737_001_642_50, 0.120_211_329_75, 0.0],
+            tail - 1.6,
+        )
     } else {
         ratio(
             [6.657_905_115_0, 3.081_226_386_0, 0.428_682_943_37, 0.017_337_203_997],
@@ -73,7 +82,7 @@ mod tests {
     use super::*;
     use crate::linearise::linearise;
     use crate::predict::Belief;
-    use crate::robot::Robot;
+    use robot::Robot;
 
     fn close(ours: f64, theirs: f64, tolerance: f64) {
         assert!((ours - theirs).abs() < tolerance, "{ours} is not {theirs}");
@@ -83,8 +92,15 @@ mod tests {
     fn variance_grows_as_calculated_by_hand_for_a_linear_system() {
         // Straight ahead at heading 0, each axis of it is linear: v⁺ = A v + B u + g, x⁺ = x + T ((1 − w) v + w v⁺).
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
-        let (decay, gain, period, share) = (main.decay[0], main.gain[0], main.period, main.end_share[0]);
+        let belief = Belief {
+            main: &main,
+            learned: None,
+            foresight: None,
+            disturbance: [0.0; 3],
+            carry: 0.0,
+        };
+        let (decay, gain, period, share) =
+            (main.decay[0], main.gain[0], main.period, main.end_share[0]);
         let (noise, kp, kv) = ([4e-4, 0.0, 0.0], 1.3, 0.2);
         let mut feedback = Feedback::zeros();
         (feedback[(0, 0)], feedback[(0, 3)]) = (-kp, -kv);
@@ -98,7 +114,8 @@ mod tests {
             state = step.next;
             // v⁺ = c x + d v + g, x⁺ = a x + b v + T w g
             let (c, d) = (-gain * kp, decay - gain * kv);
-            let (a, b, e) = (1.0 + period * share * c, period * (1.0 - share + share * d), period * share);
+            let (a, b, e) =
+                (1.0 + period * share * c, period * (1.0 - share + share * d), period * share);
             let q = noise[0];
             (xx, xv, vv) = (
                 a * a * xx + 2.0 * a * b * xv + b * b * vv + e * e * q,
@@ -109,20 +126,37 @@ mod tests {
                 close(ours, by_hand, 1e-12);
             }
         }
-        close(deviation(&ours, &SMatrix::<f64, 6, 1>::from([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])), xx.sqrt(), 1e-12);
+        close(
+            deviation(&ours, &SMatrix::<f64, 6, 1>::from([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
+            xx.sqrt(),
+            1e-12,
+        );
     }
 
     #[test]
     fn a_robot_that_is_steered_strays_less_than_one_that_is_not() {
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+        let belief = Belief {
+            main: &main,
+            learned: None,
+            foresight: None,
+            disturbance: [0.0; 3],
+            carry: 0.0,
+        };
         let mut feedback = Feedback::zeros();
         (feedback[(1, 1)], feedback[(1, 4)]) = (-2.0, -0.3);
         let (mut steered, mut left_alone) = (Covariance::zeros(), Covariance::zeros());
         for _ in 0..20 {
             let step = linearise(&belief, &State::default(), &[0.0; 3]);
             steered = propagate(&steered, &main, &State::default(), &step, &feedback, &[1e-4; 3]);
-            left_alone = propagate(&left_alone, &main, &State::default(), &step, &Feedback::zeros(), &[1e-4; 3]);
+            left_alone = propagate(
+                &left_alone,
+                &main,
+                &State::default(),
+                &step,
+                &Feedback::zeros(),
+                &[1e-4; 3],
+            );
         }
         assert!(steered[(1, 1)] < 0.5 * left_alone[(1, 1)]);
         close(steered[(0, 0)], left_alone[(0, 0)], 1e-15);
@@ -130,7 +164,13 @@ mod tests {
 
     #[test]
     fn quantiles_are_those_of_the_normal_distribution() {
-        for (level, expected) in [(0.5, 0.0), (0.9, 1.281_551_6), (0.955, 1.695_397_7), (0.975, 1.959_964_0), (0.999, 3.090_232_3)] {
+        for (level, expected) in [
+            (0.5, 0.0),
+            (0.9, 1.281_551_6),
+            (0.955, 1.695_397_7),
+            (0.975, 1.959_964_0),
+            (0.999, 3.090_232_3),
+        ] {
             close(quantile(level), expected, 1e-6);
             close(quantile(1.0 - level), -expected, 1e-6);
         }

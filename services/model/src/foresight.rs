@@ -25,35 +25,68 @@ pub trait Foresight: std::fmt::Debug + Send {
 }
 
 /// What is foreseen, moved by the disturbance that `belief` holds: whatever the foresight does not know of, a random force.
-pub(crate) fn advance(belief: &Belief<'_>, foresight: &dyn Foresight, state: &State, input: &Velocity) -> State {
+pub(crate) fn advance(
+    belief: &Belief<'_>,
+    foresight: &dyn Foresight,
+    state: &State,
+    input: &Velocity,
+) -> State {
     let mut next = foresight.predict(state, input);
     let (main, disturbance) = (belief.main, &belief.disturbance);
-    let [forward, left, turn]: Velocity = std::array::from_fn(|axis| main.period * main.end_share[axis] * disturbance[axis]);
+    let [forward, left, turn]: Velocity =
+        std::array::from_fn(|axis| main.period * main.end_share[axis] * disturbance[axis]);
     let (sin, cos) = (0.5 * (state.pose[2] + next.pose[2])).sin_cos();
-    next.pose = [next.pose[0] + cos * forward - sin * left, next.pose[1] + sin * forward + cos * left, next.pose[2] + turn];
+    next.pose = [
+        next.pose[0] + cos * forward - sin * left,
+        next.pose[1] + sin * forward + cos * left,
+        next.pose[2] + turn,
+    ];
     next.velocity = std::array::from_fn(|axis| next.velocity[axis] + disturbance[axis]);
     next.acted = *input;
     next
 }
 
 /// v⁺, and how each axis of it varies with its own input. 7 predictions.
-pub(crate) fn velocity_and_gain(belief: &Belief<'_>, foresight: &dyn Foresight, state: &State, input: &Velocity) -> (Velocity, Velocity) {
-    let gain = std::array::from_fn(|axis| slope(|by| advance(belief, foresight, state, &moved(input, axis, by)))[axis + AXES]);
+pub(crate) fn velocity_and_gain(
+    belief: &Belief<'_>,
+    foresight: &dyn Foresight,
+    state: &State,
+    input: &Velocity,
+) -> (Velocity, Velocity) {
+    let gain = std::array::from_fn(|axis| {
+        slope(|by| advance(belief, foresight, state, &moved(input, axis, by)))[axis + AXES]
+    });
     (advance(belief, foresight, state, input).velocity, gain)
 }
 
 /// Predicts one step and differentiates it. 15 predictions; does not allocate.
-pub(crate) fn linearise(belief: &Belief<'_>, foresight: &dyn Foresight, state: &State, input: &Velocity) -> Linearised {
+pub(crate) fn linearise(
+    belief: &Belief<'_>,
+    foresight: &dyn Foresight,
+    state: &State,
+    input: &Velocity,
+) -> Linearised {
     let mut by_state = SMatrix::<f64, 6, 6>::identity();
     let turned = |by: f64| State { pose: moved(&state.pose, 2, by), ..*state };
-    by_state.column_mut(2).copy_from_slice(&slope(|by| advance(belief, foresight, &turned(by), input)));
+    by_state
+        .column_mut(2)
+        .copy_from_slice(&slope(|by| advance(belief, foresight, &turned(by), input)));
     let mut by_input = SMatrix::<f64, 6, 3>::zeros();
     for axis in 0..AXES {
         let faster = |by: f64| State { velocity: moved(&state.velocity, axis, by), ..*state };
-        by_state.column_mut(axis + AXES).copy_from_slice(&slope(|by| advance(belief, foresight, &faster(by), input)));
-        by_input.column_mut(axis).copy_from_slice(&slope(|by| advance(belief, foresight, state, &moved(input, axis, by))));
+        by_state
+            .column_mut(axis + AXES)
+            .copy_from_slice(&slope(|by| advance(belief, foresight, &faster(by), input)));
+        by_input.column_mut(axis).copy_from_slice(&slope(|by| {
+            advance(belief, foresight, state, &moved(input, axis, by))
+        }));
     }
-    Linearised { next: advance(belief, foresight, state, input), by_state, by_input, by_acted: SMatrix::zeros() }
+    Linearised {
+        next: advance(belief, foresight, state, input),
+        by_state,
+        by_input,
+        by_acted: SMatrix::zeros(),
+    }
 }
 
 /// Central difference of a state at 0.
@@ -71,7 +104,7 @@ mod tests {
     use super::*;
     use crate::linearise::linearise;
     use crate::main_model::MainModel;
-    use crate::robot::Robot;
+    use robot::Robot;
 
     /// Foresees what the main model believes.
     #[derive(Debug)]
@@ -81,7 +114,14 @@ mod tests {
         fn look(&mut self, _tick: u64) {}
 
         fn predict(&self, state: &State, input: &Velocity) -> State {
-            Belief { main: &self.0, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 }.predict(state, input)
+            Belief {
+                main: &self.0,
+                learned: None,
+                foresight: None,
+                disturbance: [0.0; 3],
+                carry: 0.0,
+            }
+            .predict(state, input)
         }
     }
 
@@ -89,11 +129,16 @@ mod tests {
     fn to_foresee_what_is_believed_changes_nothing() {
         let main = MainModel::new(&Robot::example(), 0.1);
         let believer = Believer(main);
-        let (state, input) = (State { pose: [0.3, -0.2, 0.7], velocity: [1.2, -0.4, 0.3], ..State::default() }, [1.0, 0.5, -0.6]);
+        let (state, input) = (
+            State { pose: [0.3, -0.2, 0.7], velocity: [1.2, -0.4, 0.3], ..State::default() },
+            [1.0, 0.5, -0.6],
+        );
         for (disturbance, tolerance) in [([0.0; 3], 1e-9), ([0.01, -0.02, 0.03], 1e-3)] {
-            let belief = Belief { main: &main, learned: None, foresight: None, disturbance, carry: 0.0 };
+            let belief =
+                Belief { main: &main, learned: None, foresight: None, disturbance, carry: 0.0 };
             let foreseen = Belief { foresight: Some(&believer), ..belief };
-            let (believed, ours) = (linearise(&belief, &state, &input), linearise(&foreseen, &state, &input));
+            let (believed, ours) =
+                (linearise(&belief, &state, &input), linearise(&foreseen, &state, &input));
             for (a, b) in believed.next.to_array().iter().zip(ours.next.to_array()) {
                 assert!((a - b).abs() < tolerance, "{a} is not {b}");
             }

@@ -93,7 +93,12 @@ pub struct Response {
 
 impl Response {
     /// No residual.
-    pub const NONE: Self = Self { mean: [0.0; 3], by_velocity: [[0.0; 3]; 3], by_input: [[0.0; 3]; 3], by_before: [[0.0; 3]; 3] };
+    pub const NONE: Self = Self {
+        mean: [0.0; 3],
+        by_velocity: [[0.0; 3]; 3],
+        by_input: [[0.0; 3]; 3],
+        by_before: [[0.0; 3]; 3],
+    };
 }
 
 /// A model of g that a prediction can use.
@@ -149,14 +154,18 @@ impl<const D: usize> Residual for Learned<D> {
         for axis in (0..AXES).filter(|&axis| response.mean[axis].abs() < self.bound[axis]) {
             for column in 0..AXES {
                 let [by_first, by_second, by_third] = [0, 1, 2].map(|part| {
-                    let slope = slope[axis].get(part * AXES + column).zip(self.normalisation.scale.get(part * AXES + column));
+                    let slope = slope[axis]
+                        .get(part * AXES + column)
+                        .zip(self.normalisation.scale.get(part * AXES + column));
                     slope.map_or(0.0, |(slope, scale)| slope / scale)
                 });
                 response.by_input[axis][column] = by_second;
                 response.by_before[axis][column] = by_third;
                 response.by_velocity[axis][column] = match self.layout {
                     Layout::VelocityInput => by_first,
-                    Layout::VelocitySlip | Layout::VelocitySlipHistory => by_first - by_second - by_third,
+                    Layout::VelocitySlip | Layout::VelocitySlipHistory => {
+                        by_first - by_second - by_third
+                    }
                 };
             }
         }

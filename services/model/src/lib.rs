@@ -2,17 +2,15 @@
 //!
 //! | module         | what it computes                                                               |
 //! |----------------|--------------------------------------------------------------------------------|
-//! | [`robot`]      | geometry, kinematics and dynamics of a mecanum base (eqs. 4–21)                |
+//! | [`dynamics`]   | inertia and speed-loop stiffness of a mecanum base (eqs. 10–21)                |
 //! | [`main_model`] | f: the exact discretisation of the believed dynamics, one axis at a time       |
 //! | [`lqr`]        | the gain K of u = −K x^f (eq. 23) and its cost-to-go                            |
 //! | [`residual`]   | g: what was measured minus what f said (eqs. 27–29)                            |
 //! | [`runge_kutta`] | one period of the pose as most toolboxes have it                              |
 //! | [`gp`]         | Gaussian-process regression of g                                               |
 //! | [`learned`]    | g as the controller uses it: layout of the inputs, normalisation, bound        |
-//! | [`least_squares`] | g as a linear function, by recursive least squares                          |
-//! | [`observer`]   | d: what neither f nor g explains                                               |
-//! | [`explanation`] | d beside a given model, and how well the two do                             |
-//! | [`delay`]      | how long a command takes to the wheels                                         |
+//! | [`delay`]      | the dead time from a command to its response                                   |
+//! | [`response`]   | dead time, time constant and gain of this robot, found while it drives         |
 //! | [`predict`]    | one step of f + g + d                                                          |
 //! | [`linearise`]  | its Jacobians                                                                  |
 //! | [`covariance`] | how the uncertainty of single steps adds up along a prediction                 |
@@ -22,25 +20,19 @@
 
 pub mod covariance;
 pub mod delay;
-pub mod explanation;
+pub mod dynamics;
 pub mod foresight;
 pub mod gp;
 pub mod learned;
-pub mod least_squares;
 pub mod linearise;
 pub mod lqr;
 pub mod main_model;
-pub mod observer;
 pub mod predict;
 pub mod residual;
-pub mod robot;
+pub mod response;
 pub mod runge_kutta;
 
-/// Velocity axes of the body: forward, left, yaw.
-pub const AXES: usize = 3;
-
-/// Forward, left and yaw: a body velocity \[m/s, m/s, rad/s\], or something per velocity axis.
-pub type Velocity = [f64; AXES];
+pub use robot::{AXES, Velocity};
 
 /// x, y and yaw in the world \[m, m, rad\].
 pub type Pose = [f64; 3];

@@ -37,10 +37,12 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
     let response = belief.response(&Moment::new(state, input));
     let next = advance(belief, state, input, &response.mean);
 
-    let velocity_by_velocity =
-        Matrix3::from_fn(|row, column| response.by_velocity[row][column] + if row == column { belief.main.decay[row] } else { 0.0 });
-    let velocity_by_input =
-        Matrix3::from_fn(|row, column| response.by_input[row][column] + if row == column { belief.main.gain[row] } else { 0.0 });
+    let velocity_by_velocity = Matrix3::from_fn(|row, column| {
+        response.by_velocity[row][column] + if row == column { belief.main.decay[row] } else { 0.0 }
+    });
+    let velocity_by_input = Matrix3::from_fn(|row, column| {
+        response.by_input[row][column] + if row == column { belief.main.gain[row] } else { 0.0 }
+    });
     let velocity_by_acted = Matrix3::from_fn(|row, column| response.by_before[row][column]);
     if let Motion::RungeKutta(nodes) = &belief.main.motion {
         let moved = nodes.displace(state, input);
@@ -65,7 +67,11 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
 }
 
 /// ∂x⁺/∂x of its parts; the pose goes on from where it was.
-fn of_state(pose_by_heading: &Vector3<f64>, pose_by_velocity: &Matrix3<f64>, velocity_by_velocity: &Matrix3<f64>) -> SMatrix<f64, 6, 6> {
+fn of_state(
+    pose_by_heading: &Vector3<f64>,
+    pose_by_velocity: &Matrix3<f64>,
+    velocity_by_velocity: &Matrix3<f64>,
+) -> SMatrix<f64, 6, 6> {
     let mut by_state = SMatrix::<f64, 6, 6>::identity();
     let mut heading_column = by_state.fixed_view_mut::<3, 1>(0, 2);
     heading_column += pose_by_heading;
@@ -87,15 +93,20 @@ pub fn by_residual(main: &MainModel, state: &State, next: &State) -> SMatrix<f64
     if main.motion != Motion::MeanVelocity {
         return of_input(&Matrix3::zeros(), &Matrix3::identity());
     }
-    let (pose_by_mean, _) = displacement(main.period, state, &main.mean_velocity(&state.velocity, &next.velocity));
-    of_input(&(pose_by_mean * Matrix3::from_diagonal(&Vector3::from(main.end_share))), &Matrix3::identity())
+    let (pose_by_mean, _) =
+        displacement(main.period, state, &main.mean_velocity(&state.velocity, &next.velocity));
+    of_input(
+        &(pose_by_mean * Matrix3::from_diagonal(&Vector3::from(main.end_share))),
+        &Matrix3::identity(),
+    )
 }
 
 /// The world displacement and turn per mean velocity, row by row, and the same per mid-step heading.
 fn displacement(period: f64, state: &State, mean: &Velocity) -> (Matrix3<f64>, Vector3<f64>) {
     let (sin, cos) = (state.pose[2] + 0.5 * period * mean[2]).sin_cos();
     let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0) * period;
-    let by_heading = Vector3::new(-sin * mean[0] - cos * mean[1], cos * mean[0] - sin * mean[1], 0.0) * period;
+    let by_heading =
+        Vector3::new(-sin * mean[0] - cos * mean[1], cos * mean[0] - sin * mean[1], 0.0) * period;
     (turned + by_heading * RowVector3::new(0.0, 0.0, 0.5 * period), by_heading)
 }
 
@@ -106,24 +117,38 @@ mod tests {
     use crate::gp::normalisation::Normalisation;
     use crate::gp::posterior::{Posterior, PosteriorError};
     use crate::learned::{INPUTS, INPUTS_WITH_HISTORY, Layout, Learned, Residual};
-    use crate::robot::Robot;
     use proptest::prelude::*;
+    use robot::Robot;
 
     /// A learned model of some residual, in any layout, with next to nothing but a linear part: the part that is differentiated.
     fn learned<const D: usize>(layout: Layout) -> Result<Learned<D>, PosteriorError> {
         let repeated = |values: [f64; INPUTS]| std::array::from_fn(|i| values[i % INPUTS]);
-        let normalisation =
-            Normalisation { mean: repeated([0.5, 0.0, 0.0, 0.1, 0.0, 0.0]), scale: repeated([2.0, 1.0, 1.5, 1.0, 0.5, 2.0]) };
+        let normalisation = Normalisation {
+            mean: repeated([0.5, 0.0, 0.0, 0.1, 0.0, 0.0]),
+            scale: repeated([2.0, 1.0, 1.5, 1.0, 0.5, 2.0]),
+        };
         let wave = |i: usize, k: f64| (1.7 * k * i as f64).sin() * 2.0;
         let three = |i: usize, [a, b, c]: [f64; 3]| [wave(i, a), wave(i, b), wave(i, c)];
-        let moment =
-            |i: usize| Moment { velocity: three(i, [1.0, 1.3, 0.7]), input: three(i, [0.3, 1.9, 2.3]), before: three(i, [0.9, 1.1, 0.2]) };
-        let inputs: Vec<[f64; D]> = (0..40).map(|i| normalisation.apply(&layout.inputs(&moment(i)))).collect();
+        let moment = |i: usize| Moment {
+            velocity: three(i, [1.0, 1.3, 0.7]),
+            input: three(i, [0.3, 1.9, 2.3]),
+            before: three(i, [0.9, 1.1, 0.2]),
+        };
+        let inputs: Vec<[f64; D]> =
+            (0..40).map(|i| normalisation.apply(&layout.inputs(&moment(i)))).collect();
         let target = |Moment { velocity: v, input: u, before }| {
-            [0.1 * v[0].tanh() + 0.05 * before[0], 0.05 * v[1] * u[2], 0.1 * (u[0] - v[0]).sin() - 0.07 * before[2]]
+            [
+                0.1 * v[0].tanh() + 0.05 * before[0],
+                0.05 * v[1] * u[2],
+                0.1 * (u[0] - v[0]).sin() - 0.07 * before[2],
+            ]
         };
         let targets: Vec<[f64; 3]> = (0..40).map(|i| target(moment(i))).collect();
-        let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([1.5; D], 1e-18, 1e-4).with_linear(0.04); 3])?;
+        let posterior = Posterior::new(
+            &inputs,
+            &targets,
+            &[Hyperparameters::new([1.5; D], 1e-18, 1e-4).with_linear(0.04); 3],
+        )?;
         Ok(Learned { layout, normalisation, posterior, bound: [1.0; 3], sample_variance: [0.0; 3] })
     }
 

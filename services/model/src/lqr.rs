@@ -35,7 +35,9 @@ pub struct AxisGain {
 
 /// The iteration of the Riccati equation did not settle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the Riccati equation of axis {axis} did not settle in {iterations} iterations: are its weights greater than 0?")]
+#[error(
+    "the Riccati equation of axis {axis} did not settle in {iterations} iterations: are its weights greater than 0?"
+)]
 pub struct NoGain {
     /// 0 forward, 1 left, 2 yaw.
     pub axis: usize,
@@ -79,7 +81,7 @@ fn axis_gain(model: &MainModel, axis: usize, cost: &AxisCost) -> Result<AxisGain
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::Robot;
+    use robot::Robot;
 
     const COST: AxisCost = AxisCost { position: 10.0, velocity: 2.0, input: 0.05 };
 
@@ -93,7 +95,9 @@ mod tests {
             + forward.cost[1][1] * velocity * velocity;
         for _ in 0..500 {
             let input = -forward.gain[0] * position - forward.gain[1] * velocity;
-            total += COST.position * position * position + COST.velocity * velocity * velocity + COST.input * input * input;
+            total += COST.position * position * position
+                + COST.velocity * velocity * velocity
+                + COST.input * input * input;
             let next = model.decay[0] * velocity + model.gain[0] * input;
             position += model.period * (velocity + model.end_share[0] * (next - velocity));
             velocity = next;

@@ -7,8 +7,9 @@
 //! ```
 
 use crate::Velocity;
-use crate::robot::{Robot, dynamics};
+use crate::dynamics;
 use crate::runge_kutta::RungeKutta;
+use robot::Robot;
 
 /// f for one robot and one period. Constant.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,22 +50,34 @@ impl MainModel {
         let nodes = RungeKutta::new(time_constant, period);
         let gain = nodes.gain(time_constant);
         let decay = gain.map(|gain| 1.0 - gain);
-        Self { decay, gain, end_share: decay.map(end_share), period, motion: Motion::RungeKutta(nodes) }
+        Self {
+            decay,
+            gain,
+            end_share: decay.map(end_share),
+            period,
+            motion: Motion::RungeKutta(nodes),
+        }
     }
 
     /// Mean velocity of a period that began with `velocity` and ended with `next`, v̄ = (1 − w) v + w v⁺ \[m/s, m/s, rad/s\].
     pub fn mean_velocity(&self, velocity: &Velocity, next: &Velocity) -> Velocity {
-        std::array::from_fn(|axis| velocity[axis] + self.end_share[axis] * (next[axis] - velocity[axis]))
+        std::array::from_fn(|axis| {
+            velocity[axis] + self.end_share[axis] * (next[axis] - velocity[axis])
+        })
     }
 
     /// Velocity one period after `velocity` under `input` \[m/s, m/s, rad/s\].
     pub fn next_velocity(&self, velocity: &Velocity, input: &Velocity) -> Velocity {
-        std::array::from_fn(|axis| self.decay[axis] * velocity[axis] + self.gain[axis] * input[axis])
+        std::array::from_fn(|axis| {
+            self.decay[axis] * velocity[axis] + self.gain[axis] * input[axis]
+        })
     }
 
     /// Input that holds `velocity` against a constant residual \[m/s, m/s, rad/s\]: v = A v + B u + g.
     pub fn holding_input(&self, velocity: &Velocity, residual: &Velocity) -> Velocity {
-        std::array::from_fn(|axis| ((1.0 - self.decay[axis]) * velocity[axis] - residual[axis]) / self.gain[axis])
+        std::array::from_fn(|axis| {
+            ((1.0 - self.decay[axis]) * velocity[axis] - residual[axis]) / self.gain[axis]
+        })
     }
 }
 
@@ -85,7 +98,9 @@ fn end_share(decay: f64) -> f64 {
 pub fn fingerprint(model: &MainModel, layout: &str) -> u64 {
     let numbers = model.decay.iter().chain(&model.gain).chain(std::iter::once(&model.period));
     let bytes = numbers.flat_map(|value| value.to_bits().to_le_bytes()).chain(layout.bytes());
-    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+    })
 }
 
 #[cfg(test)]
@@ -94,7 +109,8 @@ mod tests {
 
     #[test]
     fn the_discretisation_is_exact_two_halves_make_a_whole() {
-        let (whole, half) = (MainModel::new(&Robot::example(), 0.1), MainModel::new(&Robot::example(), 0.05));
+        let (whole, half) =
+            (MainModel::new(&Robot::example(), 0.1), MainModel::new(&Robot::example(), 0.05));
         let (velocity, input) = ([1.0, -2.0, 0.5], [2.0, 1.0, -1.0]);
         let twice = half.next_velocity(&half.next_velocity(&velocity, &input), &input);
         for (a, b) in twice.iter().zip(whole.next_velocity(&velocity, &input)) {
@@ -111,7 +127,9 @@ mod tests {
         let (mut velocity, mut sum) = (start, [0.0; 3]);
         for _ in 0..slices {
             let next = slice.next_velocity(&velocity, &input);
-            sum = std::array::from_fn(|axis| sum[axis] + 0.5 * (velocity[axis] + next[axis]) / f64::from(slices));
+            sum = std::array::from_fn(|axis| {
+                sum[axis] + 0.5 * (velocity[axis] + next[axis]) / f64::from(slices)
+            });
             velocity = next;
         }
         let mean = whole.mean_velocity(&start, &whole.next_velocity(&start, &input));
@@ -137,6 +155,9 @@ mod tests {
         heavier.body.mass_kg += 1e-9;
         let print = |robot: &Robot, layout| fingerprint(&MainModel::new(robot, 0.1), layout);
         assert_ne!(print(&Robot::example(), "velocity-slip"), print(&heavier, "velocity-slip"));
-        assert_ne!(print(&Robot::example(), "velocity-slip"), print(&Robot::example(), "velocity-input"));
+        assert_ne!(
+            print(&Robot::example(), "velocity-slip"),
+            print(&Robot::example(), "velocity-input")
+        );
     }
 }

@@ -34,8 +34,15 @@ impl Belief<'_> {
     /// g from one state under one input, without d.
     pub fn residual(&self, state: &State, input: &Velocity) -> Velocity {
         match self.foresight {
-            Some(foresight) => residual(self.main, &state.velocity, input, &foresight.predict(state, input).velocity),
-            None => self.learned.map_or([0.0; AXES], |learned| learned.mean(&Moment::new(state, input))),
+            Some(foresight) => residual(
+                self.main,
+                &state.velocity,
+                input,
+                &foresight.predict(state, input).velocity,
+            ),
+            None => {
+                self.learned.map_or([0.0; AXES], |learned| learned.mean(&Moment::new(state, input)))
+            }
         }
     }
 
@@ -46,8 +53,17 @@ impl Belief<'_> {
         }
         let response = self.response(&Moment { before: *input, ..Moment::new(state, input) });
         let expected = self.main.next_velocity(&state.velocity, input);
-        let velocity = std::array::from_fn(|axis| expected[axis] + response.mean[axis] + self.disturbance[axis]);
-        (velocity, std::array::from_fn(|axis| self.main.gain[axis] + response.by_input[axis][axis] + response.by_before[axis][axis]))
+        let velocity = std::array::from_fn(|axis| {
+            expected[axis] + response.mean[axis] + self.disturbance[axis]
+        });
+        (
+            velocity,
+            std::array::from_fn(|axis| {
+                self.main.gain[axis]
+                    + response.by_input[axis][axis]
+                    + response.by_before[axis][axis]
+            }),
+        )
     }
 
     /// g with its Jacobians, of what was learnt.
@@ -70,9 +86,15 @@ impl Belief<'_> {
 }
 
 /// The state one period later, for a residual that is already known.
-pub(crate) fn advance(belief: &Belief<'_>, state: &State, input: &Velocity, residual: &Velocity) -> State {
+pub(crate) fn advance(
+    belief: &Belief<'_>,
+    state: &State,
+    input: &Velocity,
+    residual: &Velocity,
+) -> State {
     let expected = belief.main.next_velocity(&state.velocity, input);
-    let velocity: Velocity = std::array::from_fn(|axis| expected[axis] + residual[axis] + belief.disturbance[axis]);
+    let velocity: Velocity =
+        std::array::from_fn(|axis| expected[axis] + residual[axis] + belief.disturbance[axis]);
     if let Motion::RungeKutta(nodes) = &belief.main.motion {
         return State { pose: nodes.displace(state, input).pose, velocity, acted: *input };
     }
@@ -80,6 +102,10 @@ pub(crate) fn advance(belief: &Belief<'_>, state: &State, input: &Velocity, resi
     let period = belief.main.period;
     let [x, y, yaw] = state.pose;
     let (sin, cos) = (yaw + 0.5 * period * mean[2]).sin_cos();
-    let pose = [x + period * (cos * mean[0] - sin * mean[1]), y + period * (sin * mean[0] + cos * mean[1]), yaw + period * mean[2]];
+    let pose = [
+        x + period * (cos * mean[0] - sin * mean[1]),
+        y + period * (sin * mean[0] + cos * mean[1]),
+        yaw + period * mean[2],
+    ];
     State { pose, velocity, acted: *input }
 }

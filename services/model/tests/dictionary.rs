@@ -33,7 +33,11 @@ impl Robot {
         if self.until == 0 {
             let excursion = self.random.uniform() < 0.5;
             self.until = if excursion { 25 } else { 300 };
-            self.input = if excursion { std::array::from_fn(|_| 1.2 * self.random.normal()) } else { [1.5, 0.0, 0.2] };
+            self.input = if excursion {
+                std::array::from_fn(|_| 1.2 * self.random.normal())
+            } else {
+                [1.5, 0.0, 0.2]
+            };
         }
         self.until -= 1;
         let mut input = [0.0; D];
@@ -60,20 +64,30 @@ fn residual(input: &[f64; D]) -> [f64; 3] {
 /// 300 of them at most.
 fn error(observations: &[(Observation<D>, f64)], held_out: &[Observation<D>]) -> f64 {
     let start = Hyperparameters::new([2.0; D], 0.01, 1e-5).with_linear(0.01);
-    let few: Vec<Observation<D>> =
-        observations.iter().step_by(observations.len().div_ceil(300)).map(|&(observation, _)| observation).collect();
+    let few: Vec<Observation<D>> = observations
+        .iter()
+        .step_by(observations.len().div_ceil(300))
+        .map(|&(observation, _)| observation)
+        .collect();
     let few_inputs: Vec<[f64; D]> = few.iter().map(|observation| observation.input).collect();
     let length_scale = [Some(LogNormal { median: 2.0, log_deviation: 1.0 }); D];
-    let mut options = FitOptions { priors: Some(Priors { length_scale, ..Priors::NONE }), max_evaluations: 30, ..FitOptions::default() };
+    let mut options = FitOptions {
+        priors: Some(Priors { length_scale, ..Priors::NONE }),
+        max_evaluations: 30,
+        ..FitOptions::default()
+    };
     options.bounds.lower = Hyperparameters::new([0.1; D], 1e-6, 1e-7).with_linear(1e-6);
     let hyperparameters = std::array::from_fn(|output| {
         let targets: Vec<f64> = few.iter().map(|observation| observation.target[output]).collect();
         fit(&few_inputs, &targets, &start, &options).unwrap().hyperparameters
     });
-    let inputs: Vec<[f64; D]> = observations.iter().map(|(observation, _)| observation.input).collect();
-    let targets: Vec<[f64; 3]> = observations.iter().map(|(observation, _)| observation.target).collect();
+    let inputs: Vec<[f64; D]> =
+        observations.iter().map(|(observation, _)| observation.input).collect();
+    let targets: Vec<[f64; 3]> =
+        observations.iter().map(|(observation, _)| observation.target).collect();
     let noise_scale: Vec<f64> = observations.iter().map(|&(_, scale)| scale).collect();
-    let posterior = Posterior::with_noise_scale(&inputs, &targets, &noise_scale, &hyperparameters).unwrap();
+    let posterior =
+        Posterior::with_noise_scale(&inputs, &targets, &noise_scale, &hyperparameters).unwrap();
     let square = |observation: &Observation<D>| {
         let (mean, truth) = (posterior.mean(&observation.input), residual(&observation.input));
         mean.iter().zip(truth).map(|(mean, truth)| (mean - truth).powi(2)).sum::<f64>()
@@ -101,14 +115,22 @@ fn it_is_worth_as_much_as_two_thousand_points_and_more_than_the_newest_or_random
         }
         let mut other = Robot::new(seed + 100);
         let held_out: Vec<Observation<D>> = (0..STREAM).map(|_| other.step()).collect();
-        let alike = |places: &mut dyn Iterator<Item = usize>| -> Vec<(Observation<D>, f64)> { places.map(|i| (stream[i], 1.0)).collect() };
-        let kept: Vec<(Observation<D>, f64)> = set.observations().map(|(observation, scale)| (*observation, scale)).collect();
+        let alike = |places: &mut dyn Iterator<Item = usize>| -> Vec<(Observation<D>, f64)> {
+            places.map(|i| (stream[i], 1.0)).collect()
+        };
+        let kept: Vec<(Observation<D>, f64)> =
+            set.observations().map(|(observation, scale)| (*observation, scale)).collect();
         let mut random = SplitMix64::new(seed);
         let ours = error(&kept, &held_out);
         let full = error(&alike(&mut (0..2_000).map(|i| i * STREAM / 2_000)), &held_out);
         let newest = error(&alike(&mut (STREAM - CAPACITY..STREAM)), &held_out);
-        let drawn = error(&alike(&mut (0..CAPACITY).map(|_| (random.uniform() * STREAM as f64) as usize)), &held_out);
-        let figures = format!("seed {seed}: dictionary {ours:.5}, 2000 points {full:.5}, newest {newest:.5}, random {drawn:.5}");
+        let drawn = error(
+            &alike(&mut (0..CAPACITY).map(|_| (random.uniform() * STREAM as f64) as usize)),
+            &held_out,
+        );
+        let figures = format!(
+            "seed {seed}: dictionary {ours:.5}, 2000 points {full:.5}, newest {newest:.5}, random {drawn:.5}"
+        );
         eprintln!("{figures}");
         assert!(ours <= 1.10 * full, "{figures}");
         assert!(ours <= 0.80 * newest && ours <= 0.80 * drawn, "{figures}");

@@ -40,7 +40,12 @@ fn query() -> impl Strategy<Value = [f64; D]> {
 }
 
 /// Eqs. 2.25 and 2.26 of Rasmussen & Williams, written out.
-fn textbook(inputs: &[[f64; D]], targets: &[f64], hyperparameters: &Hyperparameters<D>, x: &[f64; D]) -> (f64, f64) {
+fn textbook(
+    inputs: &[[f64; D]],
+    targets: &[f64],
+    hyperparameters: &Hyperparameters<D>,
+    x: &[f64; D],
+) -> (f64, f64) {
     let kernel: &Kernel<D> = &hyperparameters.kernel;
     let count = inputs.len();
     let covariance = DMatrix::from_fn(count, count, |i, j| kernel.value(&inputs[i], &inputs[j]))
@@ -147,7 +152,10 @@ fn far_from_all_samples_there_is_the_prior() {
     let posterior = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();
     let far = [1e3, -1e3, 1e150];
     assert_eq!(posterior.mean(&far), [0.0; 3]);
-    assert_eq!(posterior.variance(&far, &mut VarianceScratch::new(20)), hyperparameters.map(|of_one| of_one.kernel.variance));
+    assert_eq!(
+        posterior.variance(&far, &mut VarianceScratch::new(20)),
+        hyperparameters.map(|of_one| of_one.kernel.variance)
+    );
 }
 
 #[test]
@@ -158,7 +166,11 @@ fn twins_among_the_inputs_cost_a_jitter_and_nothing_else() {
         targets[twin] = targets[twin - 10];
     }
     let posterior = Posterior::new(&inputs, &targets, &hyperparameters(1e-18)).unwrap();
-    assert!(posterior.jitter().iter().all(|&jitter| jitter > 0.0 && jitter < 1e-6), "{:?}", posterior.jitter());
+    assert!(
+        posterior.jitter().iter().all(|&jitter| jitter > 0.0 && jitter < 1e-6),
+        "{:?}",
+        posterior.jitter()
+    );
     let mean = posterior.mean(&inputs[3]);
     assert!(mean.iter().zip(&targets[3]).all(|(mean, target)| (mean - target).abs() < 1e-3));
 }
@@ -170,7 +182,9 @@ fn rounding_does_not_make_a_variance_negative() {
     for prior in 1..100 {
         let certain = [Hyperparameters::new([1.0; D], f64::from(prior), 1e-20); 3];
         let posterior = Posterior::new(&[[0.5; D]], &[[1.0; 3]], &certain).unwrap();
-        assert!(posterior.variance(&[0.5; D], &mut scratch).iter().all(|&variance| variance >= 0.0));
+        assert!(
+            posterior.variance(&[0.5; D], &mut scratch).iter().all(|&variance| variance >= 0.0)
+        );
     }
 }
 
@@ -186,7 +200,9 @@ fn honest_samples_need_no_jitter_and_their_weights_solve_the_system() {
             let sum: f64 = inputs
                 .iter()
                 .zip(weights)
-                .map(|(input, weight)| weight * hyperparameters[output].kernel.value(input, &inputs[sample]))
+                .map(|(input, weight)| {
+                    weight * hyperparameters[output].kernel.value(input, &inputs[sample])
+                })
                 .sum();
             assert!((sum + 0.01 * weights[sample] - target[output]).abs() < 1e-11);
         }

@@ -22,7 +22,8 @@ fn the_fit_is_as_likely_as_the_reference() {
         let targets = output(&targets, index);
         let fitted = fit(&inputs, &targets, &START, &options).unwrap();
         assert!(fitted.log_likelihood >= reference - 0.01, "{index}: {fitted:?}");
-        let again = Likelihood::new(&inputs, &targets).unwrap().evaluate(&fitted.hyperparameters).unwrap();
+        let again =
+            Likelihood::new(&inputs, &targets).unwrap().evaluate(&fitted.hyperparameters).unwrap();
         assert!((again.log_likelihood - fitted.log_likelihood).abs() < 1e-9);
     }
 }

@@ -58,7 +58,11 @@ impl Lifeline {
             // Nothing more to be heard, or nobody there any more: the system says how he ended.
             let Ok(count @ 1..) = self.line.read(&mut said) else { return };
             self.beats += count as u64;
-            let last = said.iter().take(count).rev().find_map(|&code| Phase::try_from(u32::from(code)).ok());
+            let last = said
+                .iter()
+                .take(count)
+                .rev()
+                .find_map(|&code| Phase::try_from(u32::from(code)).ok());
             self.phase = last.unwrap_or(self.phase);
         }
     }
@@ -91,11 +95,19 @@ mod tests {
         }
         other.write_all(&[Phase::Running.code() as u8, 99])?;
         lifeline.listen();
-        assert_eq!((lifeline.beats(), lifeline.phase()), (102, Phase::Running), "what is no phase says nothing of it");
+        assert_eq!(
+            (lifeline.beats(), lifeline.phase()),
+            (102, Phase::Running),
+            "what is no phase says nothing of it"
+        );
         other.write_all(&[Phase::Running.code() as u8])?;
         drop(other);
         lifeline.listen();
-        assert_eq!((lifeline.beats(), lifeline.phase()), (103, Phase::Running), "what was said before the end counts");
+        assert_eq!(
+            (lifeline.beats(), lifeline.phase()),
+            (103, Phase::Running),
+            "what was said before the end counts"
+        );
         Ok(())
     }
 

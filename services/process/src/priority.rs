@@ -1,9 +1,12 @@
 //! Who goes first when processors are short.
 
 use rustix::process::setpriority_process;
-use thread_priority::unix::{set_thread_priority_and_policy, thread_native_id, thread_schedule_policy};
+use thread_priority::unix::{
+    set_thread_priority_and_policy, thread_native_id, thread_schedule_policy,
+};
 use thread_priority::{
-    Error, NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+    Error, NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority,
+    ThreadPriorityValue, ThreadSchedulePolicy,
 };
 
 /// Priority among the real-time threads of the machine, from 1 to 99: before everything that has none, behind what serves hardware.
@@ -13,7 +16,8 @@ pub const PRIORITY: u8 = 10;
 const PRIORITY_OF_WITNESS: u8 = 50;
 
 /// Real-time threads of the same priority take no turns: each runs until it waits.
-const FIFO: ThreadSchedulePolicy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+const FIFO: ThreadSchedulePolicy =
+    ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
 
 /// The greatest niceness.
 const LAST: i32 = 19;
@@ -30,7 +34,9 @@ const NICE_0: u8 = 48;
 pub fn go_first(priority: u8) {
     match set(priority, FIFO) {
         Ok(()) => tracing::info!(priority, "runs as a real-time thread"),
-        Err(error) => tracing::info!(%error, "runs among all others: a real-time priority is not permitted (see README, \"On time\")"),
+        Err(error) => {
+            tracing::info!(%error, "runs among all others: a real-time priority is not permitted (see README, \"On time\")");
+        }
     }
 }
 
@@ -59,7 +65,8 @@ pub fn step_back() {
     if thread_schedule_policy() != Ok(FIFO) {
         return;
     }
-    if let Err(error) = set(NICE_0, ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other)) {
+    if let Err(error) = set(NICE_0, ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other))
+    {
         tracing::warn!(%error, "a thread that nothing waits for stays a real-time thread");
     }
 }
@@ -71,8 +78,13 @@ pub fn give_way() {
 }
 
 fn set(priority: u8, policy: ThreadSchedulePolicy) -> Result<(), Error> {
-    let priority = ThreadPriorityValue::try_from(priority).map_err(|_| Error::Priority("not from 0 to 99"))?;
-    set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(priority), policy)
+    let priority =
+        ThreadPriorityValue::try_from(priority).map_err(|_| Error::Priority("not from 0 to 99"))?;
+    set_thread_priority_and_policy(
+        thread_native_id(),
+        ThreadPriority::Crossplatform(priority),
+        policy,
+    )
 }
 
 #[cfg(test)]
@@ -108,6 +120,10 @@ mod tests {
         let (first, started) = chain.join().unwrap_or_default();
         assert_eq!(started, Some((first, before)), "a thread inherits it, and steps back alone");
         let permitted = thread::spawn(|| set(PRIORITY, FIFO).is_ok()).join().ok();
-        assert_eq!(Some(first != before), permitted, "where it is permitted, and only there, it goes first");
+        assert_eq!(
+            Some(first != before),
+            permitted,
+            "where it is permitted, and only there, it goes first"
+        );
     }
 }

@@ -13,7 +13,8 @@ use std::time::Duration;
 const INTERVAL_NANOS: u64 = 100_000_000;
 /// Pauses before last words in real time, and before they are said again: a router lets go of what comes right behind something else of the
 /// same role.
-const LAST_AFTER: [Duration; 3] = [Duration::from_millis(2), Duration::from_millis(20), Duration::from_millis(80)];
+const LAST_AFTER: [Duration; 3] =
+    [Duration::from_millis(2), Duration::from_millis(20), Duration::from_millis(80)];
 
 /// Heartbeat and counters of this process: owns what it says of itself.
 ///
@@ -83,7 +84,8 @@ impl Pulse {
     /// takes a tenth of a second.
     pub fn last_words(&mut self, phase: Phase, pace: Pace) {
         self.health.phase = phase.code();
-        let pauses: &[Duration] = if pace == Pace::RealTime { &LAST_AFTER } else { &[Duration::ZERO] };
+        let pauses: &[Duration] =
+            if pace == Pace::RealTime { &LAST_AFTER } else { &[Duration::ZERO] };
         for pause in pauses {
             thread::sleep(*pause);
             self.send_now();
@@ -138,7 +140,10 @@ mod tests {
         pulse.phase(Phase::Ready);
         pulse.phase(Phase::Ready);
         let health = source.next()?.ok_or("nothing was said")?;
-        assert_eq!((health.participant(), health.phase()), (Some(Participant::Learner), Phase::Ready));
+        assert_eq!(
+            (health.participant(), health.phase()),
+            (Some(Participant::Learner), Phase::Ready)
+        );
         assert_eq!((health.pid, health.stamp.epoch), (std::process::id(), 4));
         assert!(source.next()?.is_none());
         Ok(())
@@ -175,7 +180,8 @@ mod tests {
     #[test]
     fn counters_land_at_their_topic() -> Result<(), Box<dyn Error>> {
         let (mut pulse, mut source) = pair()?;
-        let ports = Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(4));
+        let ports =
+            Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(4));
         let mut commands = ports.sink::<Command>()?;
         for _ in 0..7 {
             commands.send(&mut Command::zeroed())?;
@@ -210,7 +216,10 @@ mod tests {
         pulse.send_now();
         let health = source.next()?.ok_or("nothing was said")?;
         let index = Topic::Snapshot.index();
-        assert_eq!((health.sent[index], health.dropped[index]), (snapshots.sent(), snapshots.dropped()));
+        assert_eq!(
+            (health.sent[index], health.dropped[index]),
+            (snapshots.sent(), snapshots.dropped())
+        );
         Ok(())
     }
 }

@@ -35,8 +35,13 @@ const RATES: &str = "zenoh::net::routing::interceptor::downsampling";
 const ASIDES: [&str; 3] = [". Hint:", " at /", ": verification time"];
 
 /// Behind these words comes what a stranger has sent, of which there is as much as he likes.
-const BY_STRANGERS: [&str; 5] =
-    ["received fatal alert", "received corrupt message", "received unexpected message", "peer misbehaved", "peer is incompatible"];
+const BY_STRANGERS: [&str; 5] = [
+    "received fatal alert",
+    "received corrupt message",
+    "received unexpected message",
+    "peer misbehaved",
+    "peer is incompatible",
+];
 
 static BOOK: Mutex<Book<Reason>> = Mutex::new(Book::new());
 /// Whether this process itself plays the stranger.
@@ -48,8 +53,15 @@ static PLAYED: AtomicBool = AtomicBool::new(false);
 /// # Errors
 ///
 /// If `directives` are none.
-pub fn log_filter<S>(directives: &str, serves: bool) -> Result<impl Filter<S> + use<S>, ParseError> {
-    let more = if serves { format!(",{ACCESS}=trace,{DOOR}=trace,{ARRIVALS}=trace,{RATES}=trace") } else { String::new() };
+pub fn log_filter<S>(
+    directives: &str,
+    serves: bool,
+) -> Result<impl Filter<S> + use<S>, ParseError> {
+    let more = if serves {
+        format!(",{ACCESS}=trace,{DOOR}=trace,{ARRIVALS}=trace,{RATES}=trace")
+    } else {
+        String::new()
+    };
     Ok(EnvFilter::try_new(directives.to_owned() + &more)?.and(Refusals))
 }
 
@@ -88,10 +100,18 @@ impl<S> Filter<S> for Refusals {
             return false;
         }
         let judge: fn(&str) -> Option<Reason> = match metadata.target() {
-            ACCESS if *metadata.level() >= Level::INFO => |message| rights::refused(message).map(Reason::Ours),
-            DOOR if *metadata.level() >= Level::INFO => |message| no_room(message).map(Reason::Ours),
-            ARRIVALS if *metadata.level() >= Level::DEBUG => |message| too_long(message).map(Reason::Ours),
-            RATES if *metadata.level() >= Level::INFO => |message| rights::too_often(message).map(Reason::Ours),
+            ACCESS if *metadata.level() >= Level::INFO => {
+                |message| rights::refused(message).map(Reason::Ours)
+            }
+            DOOR if *metadata.level() >= Level::INFO => {
+                |message| no_room(message).map(Reason::Ours)
+            }
+            ARRIVALS if *metadata.level() >= Level::DEBUG => {
+                |message| too_long(message).map(Reason::Ours)
+            }
+            RATES if *metadata.level() >= Level::INFO => {
+                |message| rights::too_often(message).map(Reason::Ours)
+            }
             _ if is_refusal(metadata) => |message| Some(Reason::Others(without_asides(message))),
             _ => return true,
         };
@@ -147,7 +167,10 @@ fn is_refusal(metadata: &Metadata<'_>) -> bool {
 /// Whom there is no room for, if that is what zenoh says.
 fn no_room(message: &str) -> Option<String> {
     let full = message.starts_with("Max transports reached").then_some("no session is free");
-    full.or_else(|| message.starts_with("Closing link for preventing").then_some("too many at the door at once")).map(str::to_owned)
+    full.or_else(|| {
+        message.starts_with("Closing link for preventing").then_some("too many at the door at once")
+    })
+    .map(str::to_owned)
 }
 
 /// That a message was too long, if that is what zenoh says.
@@ -157,7 +180,9 @@ fn too_long(message: &str) -> Option<String> {
 
 /// The same for all whom the same befalls.
 fn without_asides(message: &str) -> String {
-    let short = ASIDES.iter().fold(message, |message, aside| message.split(aside).next().unwrap_or(message));
+    let short = ASIDES
+        .iter()
+        .fold(message, |message, aside| message.split(aside).next().unwrap_or(message));
     let short = BY_STRANGERS.iter().find(|words| short.starts_with(**words)).unwrap_or(&short);
     short.chars().take(200).collect()
 }
@@ -175,7 +200,9 @@ impl<R: Ord + Clone> Book<R> {
 
     /// The reasons that are to be told now, with how many there were since they were told last: each at once, and then every ten seconds at most.
     pub fn due(&mut self, now: Instant) -> Vec<(R, u64)> {
-        self.take(now, |refused| refused.told.is_none_or(|told| now.saturating_duration_since(told) >= PAUSE))
+        self.take(now, |refused| {
+            refused.told.is_none_or(|told| now.saturating_duration_since(told) >= PAUSE)
+        })
     }
 
     /// All that have not been told, whenever the last time was: at the end.
@@ -199,7 +226,11 @@ impl Book<Reason> {
     fn note_words(&mut self, reason: Reason) {
         let others = || self.0.keys().filter(|known| matches!(known, Reason::Others(_))).count();
         let is_known = matches!(reason, Reason::Ours(_)) || self.0.contains_key(&reason);
-        self.note(if is_known || others() < OTHERS_MAX { reason } else { Reason::Ours("other reasons".to_owned()) });
+        self.note(if is_known || others() < OTHERS_MAX {
+            reason
+        } else {
+            Reason::Ours("other reasons".to_owned())
+        });
     }
 }
 
@@ -212,7 +243,8 @@ struct Message {
 impl Write for Message {
     fn write_str(&mut self, more: &str) -> std::fmt::Result {
         self.text.push_str(more);
-        let goes_on = self.only.is_empty() || self.only.len() > self.text.len() && self.only.starts_with(&self.text);
+        let goes_on = self.only.is_empty()
+            || self.only.len() > self.text.len() && self.only.starts_with(&self.text);
         if goes_on { Ok(()) } else { Err(std::fmt::Error) }
     }
 }
@@ -244,7 +276,10 @@ mod tests {
         assert_eq!(book.due(begin + Duration::from_mins(1)), [("no certificate".to_owned(), 499)]);
         assert_eq!(book.due(begin + Duration::from_secs(90)), []);
         book.note("no certificate".to_owned());
-        assert_eq!((book.due(begin + Duration::from_secs(61)), book.rest().len(), book.rest().len()), (Vec::new(), 1, 0));
+        assert_eq!(
+            (book.due(begin + Duration::from_secs(61)), book.rest().len(), book.rest().len()),
+            (Vec::new(), 1, 0)
+        );
     }
 
     #[test]
@@ -259,14 +294,28 @@ mod tests {
         let mut book = Book::new();
         (0..1000).for_each(|number| book.note_words(Reason::Others(format!("reason {number}"))));
         let mut named = Vec::new();
-        for kind in ["Put", "Delete", "Query", "Reply", "Declare Queryable", "Liveliness Token", "Liveliness Query", "Declare Subscriber"] {
+        for kind in [
+            "Put",
+            "Delete",
+            "Query",
+            "Reply",
+            "Declare Queryable",
+            "Liveliness Token",
+            "Liveliness Query",
+            "Declare Subscriber",
+        ] {
             for topic in Topic::ALL {
                 let key = format!("coxswain-link/g/{}/data/x", topic.name());
-                let said = format!("7d on lo+CertCommonName(watcher.pilot)+tls+7d is unauthorized to {kind} (ingress) on {key}");
+                let said = format!(
+                    "7d on lo+CertCommonName(watcher.pilot)+tls+7d is unauthorized to {kind} (ingress) on {key}"
+                );
                 if let Some(reason) = rights::refused(&said) {
                     book.note_words(Reason::Ours(reason));
                 }
-                named.push(Reason::Ours(format!("watcher.pilot may not {kind} on {}", topic.name())));
+                named.push(Reason::Ours(format!(
+                    "watcher.pilot may not {kind} on {}",
+                    topic.name()
+                )));
             }
         }
         let told = book.due(Instant::now());
@@ -275,15 +324,29 @@ mod tests {
 
     #[test]
     fn a_reason_is_told_without_what_zenoh_guesses_and_where_it_was_built() {
-        assert_eq!(without_asides("peer sent no certificates. Hint: increase it."), "peer sent no certificates");
-        assert_eq!(without_asides("received fatal alert: Unknown(0x2a)"), "received fatal alert");
-        assert_eq!(without_asides("invalid peer certificate: Expired"), "invalid peer certificate: Expired");
-        assert_eq!(without_asides("Received invalid message at /home/x.rs:1."), "Received invalid message");
         assert_eq!(
-            without_asides("certificate expired: verification time 9 (UNIX), but certificate is not valid after 8"),
+            without_asides("peer sent no certificates. Hint: increase it."),
+            "peer sent no certificates"
+        );
+        assert_eq!(without_asides("received fatal alert: Unknown(0x2a)"), "received fatal alert");
+        assert_eq!(
+            without_asides("invalid peer certificate: Expired"),
+            "invalid peer certificate: Expired"
+        );
+        assert_eq!(
+            without_asides("Received invalid message at /home/x.rs:1."),
+            "Received invalid message"
+        );
+        assert_eq!(
+            without_asides(
+                "certificate expired: verification time 9 (UNIX), but certificate is not valid after 8"
+            ),
             "certificate expired"
         );
-        assert_eq!(no_room("Max transports reached (128). Denying new transport with peer: 7f").as_deref(), Some("no session is free"));
+        assert_eq!(
+            no_room("Max transports reached (128). Denying new transport with peer: 7f").as_deref(),
+            Some("no session is free")
+        );
         assert_eq!(no_room("Accepting link... tls/127.0.0.1:1"), None);
     }
 
@@ -295,7 +358,10 @@ mod tests {
             message.text
         };
         let full = "Defragmentation buffer full: 65537 bytes. Capacity: 65536.";
-        assert_eq!(too_long(&read(&format_args!("{full}"))).as_deref(), Some("a message is longer than any may be"));
+        assert_eq!(
+            too_long(&read(&format_args!("{full}"))).as_deref(),
+            Some("a message is longer than any may be")
+        );
         let frame = read(&format_args!("Received: {:?}", [0_u8; 1000]));
         assert_eq!((frame.as_str(), too_long(&frame)), ("Received: ", None));
     }

@@ -72,7 +72,11 @@ impl Run {
     /// runs already, and before everything else. But if there will be threads of the network it goes first, since they go as the one that opens them.
     pub fn go_first_to_open(&self) {
         if let Some(priority) = self.priority() {
-            if self.has_threads() { priority::go_first(priority) } else { priority::go_before_the_rest() }
+            if self.has_threads() {
+                priority::go_first(priority);
+            } else {
+                priority::go_before_the_rest();
+            }
         }
     }
 
@@ -104,7 +108,10 @@ pub trait HasRun {
 impl Check for Run {
     fn check(&self) -> Result<(), Impossible> {
         if !(1..=PERIOD_NANOS_MAX).contains(&self.period_nanos) {
-            return Err(Impossible::new("period_nanos", format!("a period of 1 to {PERIOD_NANOS_MAX} ns")));
+            return Err(Impossible::new(
+                "period_nanos",
+                format!("a period of 1 to {PERIOD_NANOS_MAX} ns"),
+            ));
         }
         self.scheduling.check().map_err(|impossible| impossible.under("scheduling"))?;
         if self.links.lock_step != (self.pace == Pace::LockStep) {
@@ -112,9 +119,15 @@ impl Check for Run {
         }
         let faults = &self.links.faults;
         let lock_step = if self.links.lock_step { faults.check_lock_step() } else { Ok(()) };
-        faults.check().and(lock_step).map_err(|error| Impossible::new(error.key, error.expected).under("links.faults"))?;
+        faults
+            .check()
+            .and(lock_step)
+            .map_err(|error| Impossible::new(error.key, error.expected).under("links.faults"))?;
         if EnvFilter::try_new(&self.log).is_err() {
-            return Err(Impossible::new("log", "a level (error, warn, info, debug, trace) or a list of module=level"));
+            return Err(Impossible::new(
+                "log",
+                "a level (error, warn, info, debug, trace) or a list of module=level",
+            ));
         }
         Ok(())
     }

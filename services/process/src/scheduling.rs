@@ -27,7 +27,9 @@ pub struct Scheduling {
 #[derive(Debug, thiserror::Error)]
 pub enum SchedulingError {
     /// There are no such processors, or it may not run there.
-    #[error("scheduling.processors = {asked:?}: expected some of {there:?}, on which it may run here")]
+    #[error(
+        "scheduling.processors = {asked:?}: expected some of {there:?}, on which it may run here"
+    )]
     Processors {
         /// Those that were asked for.
         asked: Vec<usize>,
@@ -56,10 +58,16 @@ pub enum SchedulingError {
 impl Check for Scheduling {
     fn check(&self) -> Result<(), Impossible> {
         if let Some(index) = self.processors.iter().position(|&one| one >= CpuSet::MAX_CPU) {
-            return Err(Impossible::new(format!("processors.{index}"), format!("a processor from 0 to {}", CpuSet::MAX_CPU - 1)));
+            return Err(Impossible::new(
+                format!("processors.{index}"),
+                format!("a processor from 0 to {}", CpuSet::MAX_CPU - 1),
+            ));
         }
         if self.real_time_priority.is_some_and(|priority| priority > PRIORITY_MAX) {
-            return Err(Impossible::new("real_time_priority", format!("0 for none, or 1 to {PRIORITY_MAX}")));
+            return Err(Impossible::new(
+                "real_time_priority",
+                format!("0 for none, or 1 to {PRIORITY_MAX}"),
+            ));
         }
         Ok(())
     }
@@ -77,7 +85,9 @@ impl Scheduling {
             keep_memory()?;
         }
         match self.real_time_priority {
-            Some(asked) if asked > 0 && !priority::is_permitted(asked) => Err(SchedulingError::Priority { asked }),
+            Some(asked) if asked > 0 && !priority::is_permitted(asked) => {
+                Err(SchedulingError::Priority { asked })
+            }
             _ => Ok(()),
         }
     }
@@ -101,9 +111,14 @@ impl Scheduling {
 /// Asks before: under a limit the system locks what there is, and later gives no more memory at all.
 fn keep_memory() -> Result<(), SchedulingError> {
     let limit = getrlimit(Resource::Memlock).current;
-    let may = limit.is_none() || capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
+    let may = limit.is_none()
+        || capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
     let refused = SchedulingError::Memory { limit_kibibytes: limit.map(|bytes| bytes / 1024) };
-    if may && mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).is_ok() { Ok(()) } else { Err(refused) }
+    if may && mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).is_ok() {
+        Ok(())
+    } else {
+        Err(refused)
+    }
 }
 
 #[cfg(test)]
@@ -113,8 +128,15 @@ mod tests {
 
     #[test]
     fn what_no_system_can_do_is_refused_by_name() {
-        let refused = |text: &str| settings::parse::<Scheduling>(text, Path::new("s.toml")).err().map(|error| error.to_string());
-        assert_eq!(refused("processors = [0, 1]\nlock_memory = true\nreal_time_priority = 49\n"), None);
+        let refused = |text: &str| {
+            settings::parse::<Scheduling>(text, Path::new("s.toml"))
+                .err()
+                .map(|error| error.to_string())
+        };
+        assert_eq!(
+            refused("processors = [0, 1]\nlock_memory = true\nreal_time_priority = 49\n"),
+            None
+        );
         for (text, parts) in [
             ("processors = [0, 4096]\n", ["s.toml:1: processors.1 = 4096", "0 to 1023"]),
             ("real_time_priority = 50\n", ["s.toml:1: real_time_priority = 50", "1 to 49"]),

@@ -60,7 +60,9 @@ impl<S: Check + HasRun> Check for WithRun<S> {
 ///
 /// # Errors
 /// [`SettingsError`] says what is wrong first, and where.
-pub fn read_settings<S: DeserializeOwned + Check + HasRun>(file: &Path) -> Result<S, SettingsError> {
+pub fn read_settings<S: DeserializeOwned + Check + HasRun>(
+    file: &Path,
+) -> Result<S, SettingsError> {
     settings::read(file).map(|WithRun(settings)| settings)
 }
 
@@ -69,7 +71,10 @@ pub fn read_settings<S: DeserializeOwned + Check + HasRun>(file: &Path) -> Resul
 ///
 /// Exit code 0 if `body` ended well, 1 if it failed, 2 if it was never started because the arguments or the settings are of no use. The error
 /// is logged, and said in one line on the standard error.
-pub fn main<S>(participant: Participant, body: impl FnOnce(S, &Stop) -> anyhow::Result<()>) -> ExitCode
+pub fn main<S>(
+    participant: Participant,
+    body: impl FnOnce(S, &Stop) -> anyhow::Result<()>,
+) -> ExitCode
 where
     S: DeserializeOwned + Check + HasRun,
 {
@@ -124,7 +129,9 @@ fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow:
     let file = file.with_context(|| format!("the log {} cannot be opened", path.display()))?;
     let lines = tracing_subscriber::fmt::layer().with_ansi(false).with_writer(Mutex::new(file));
     tracing_subscriber::registry()
-        .with(lines.with_filter(refusals::log_filter(&run.log, name == Participant::Gateway.text())?))
+        .with(
+            lines.with_filter(refusals::log_filter(&run.log, name == Participant::Gateway.text())?),
+        )
         .try_init()
         .map_err(|error| anyhow::anyhow!("the log cannot be started: {error}"))?;
     log_panics();
@@ -134,20 +141,29 @@ fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow:
             thread::sleep(TELLS_EVERY);
         }
     };
-    thread::Builder::new().name("refusals".into()).spawn(tell).context("who is turned away cannot be told")?;
+    thread::Builder::new()
+        .name("refusals".into())
+        .spawn(tell)
+        .context("who is turned away cannot be told")?;
     stop.on_signals().context("signals cannot be caught")?;
     if stop_with_stdin {
         // A stopped process would not see its input end: the launcher's death wakes it.
-        set_parent_process_death_signal(Some(Signal::CONT)).context("the launcher's death cannot be watched")?;
+        set_parent_process_death_signal(Some(Signal::CONT))
+            .context("the launcher's death cannot be watched")?;
         lifeline::hold();
         let stop = stop.clone();
         let watch = move || {
             stop.at_end_of(io::stdin().lock());
             thread::sleep(LAST_WORDS);
-            tracing::error!("the launcher is gone and this process has not ended for {LAST_WORDS:?}: it ends now");
+            tracing::error!(
+                "the launcher is gone and this process has not ended for {LAST_WORDS:?}: it ends now"
+            );
             std::process::exit(FAILED.into());
         };
-        thread::Builder::new().name("stdin".into()).spawn(watch).context("the standard input cannot be watched")?;
+        thread::Builder::new()
+            .name("stdin".into())
+            .spawn(watch)
+            .context("the standard input cannot be watched")?;
     }
     Ok(())
 }
@@ -202,7 +218,9 @@ carriers.default = "shared-memory"
 
     fn refusal(from: &str, to: &str) -> Option<String> {
         let text = GOOD.replacen(from, to, 1);
-        settings::parse::<WithRun<Plain>>(&text, Path::new("plant.toml")).err().map(|error| error.to_string())
+        settings::parse::<WithRun<Plain>>(&text, Path::new("plant.toml"))
+            .err()
+            .map(|error| error.to_string())
     }
 
     #[test]
@@ -214,10 +232,15 @@ carriers.default = "shared-memory"
     fn what_the_launcher_tells_is_checked_with_the_rest() {
         assert_eq!(refusal("", ""), None);
         let filter = "a level (error, warn, info, debug, trace) or a list of module=level";
-        assert_eq!(refusal("info,protocol=debug", "noise=["), Some(format!("plant.toml:4: run.log = \"noise=[\": expected {filter}")));
+        assert_eq!(
+            refusal("info,protocol=debug", "noise=["),
+            Some(format!("plant.toml:4: run.log = \"noise=[\": expected {filter}"))
+        );
         assert_eq!(
             refusal("lock_step = true", "lock_step = false").as_deref(),
-            Some("plant.toml:11: run.links.lock_step = false: expected true in lock step, and only there")
+            Some(
+                "plant.toml:11: run.links.lock_step = false: expected true in lock step, and only there"
+            )
         );
         let late = "[[run.links.faults.fault]]\ntopic = \"state\"\nat = \"reader\"\nkind = \"delay\"\nmillis = 5\n";
         assert_eq!(

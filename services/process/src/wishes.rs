@@ -94,7 +94,8 @@ pub struct Settled {
 impl Settled {
     /// Wish `number` of `role` in the folder of a run, if it has been answered. One that could not be read was refused unread.
     pub fn read(folder: &Path, role: Participant, number: u64) -> Option<Self> {
-        let answer: Answer = serde_json::from_slice(&fs::read(answer_file(folder, role, number)).ok()?).ok()?;
+        let answer: Answer =
+            serde_json::from_slice(&fs::read(answer_file(folder, role, number)).ok()?).ok()?;
         let unread = Wish { who: String::new(), asked_unix_nanos: 0, change: String::new() };
         let wish = Wish::read(&wish_file(folder, role, number)).map_or(unread, |(wish, _)| wish);
         Some(Self { process: role.text().to_owned(), number, wish, answer })
@@ -105,12 +106,23 @@ impl Settled {
 impl Display for Settled {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let short = |text: &str| {
-            let line: String = text.trim().replace('\n', ", ").chars().filter(|letter| !letter.is_control()).collect();
-            if line.chars().count() <= TOLD_MAX { line } else { line.chars().take(TOLD_MAX).chain(" …".chars()).collect() }
+            let line: String = text
+                .trim()
+                .replace('\n', ", ")
+                .chars()
+                .filter(|letter| !letter.is_control())
+                .collect();
+            if line.chars().count() <= TOLD_MAX {
+                line
+            } else {
+                line.chars().take(TOLD_MAX).chain(" …".chars()).collect()
+            }
         };
         let (who, change) = (short(&self.wish.who), short(&self.wish.change));
         match &self.answer.outcome {
-            Outcome::Applied { acts_from_tick, .. } => write!(f, "{who} set {change} from tick {acts_from_tick} on"),
+            Outcome::Applied { acts_from_tick, .. } => {
+                write!(f, "{who} set {change} from tick {acts_from_tick} on")
+            }
             Outcome::Refused { reason } => write!(f, "refused to {who}: {}", short(reason)),
         }
     }
@@ -122,7 +134,9 @@ impl Wish {
         use std::os::unix::fs::MetadataExt;
         let about = fs::metadata(file)?;
         if !about.is_file() || about.len() > WISH_BYTES_MAX {
-            return Err(io::Error::other(format!("expected a file of at most {WISH_BYTES_MAX} bytes")));
+            return Err(io::Error::other(format!(
+                "expected a file of at most {WISH_BYTES_MAX} bytes"
+            )));
         }
         Ok((serde_json::from_slice(&fs::read(file)?).map_err(io::Error::other)?, about.uid()))
     }

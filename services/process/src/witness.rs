@@ -36,7 +36,8 @@ impl Witness {
     pub fn begin() -> Self {
         let stop = Stop::new();
         let allowed = sched_getaffinity(None).ok();
-        let processors = (0..CpuSet::MAX_CPU).filter(|&one| allowed.as_ref().is_some_and(|allowed| allowed.is_set(one)));
+        let processors = (0..CpuSet::MAX_CPU)
+            .filter(|&one| allowed.as_ref().is_some_and(|allowed| allowed.is_set(one)));
         let look = |processor| {
             let stop = stop.clone();
             thread::spawn(move || look(processor, &stop))
@@ -48,7 +49,8 @@ impl Witness {
     /// Ends, and gives the gaps of all processors in the order of time.
     pub fn end(self) -> Vec<Gap> {
         self.stop.request();
-        let mut gaps: Vec<Gap> = self.looking.into_iter().flat_map(|thread| thread.join().unwrap_or_default()).collect();
+        let mut gaps: Vec<Gap> =
+            self.looking.into_iter().flat_map(|thread| thread.join().unwrap_or_default()).collect();
         gaps.sort_by_key(|gap| gap.from_nanos);
         gaps
     }
@@ -86,7 +88,9 @@ mod tests {
         let gaps = witness.end();
         let end = monotonic_nanos();
         assert!(
-            gaps.iter().all(|gap| begin <= gap.from_nanos && gap.from_nanos + LATE_NANOS < gap.to_nanos && gap.to_nanos <= end),
+            gaps.iter().all(|gap| begin <= gap.from_nanos
+                && gap.from_nanos + LATE_NANOS < gap.to_nanos
+                && gap.to_nanos <= end),
             "{gaps:?}"
         );
         assert!(gaps.is_sorted_by_key(|gap| gap.from_nanos), "{gaps:?}");

@@ -80,16 +80,26 @@ mod tests {
     use process::wishes::{Answer, Outcome, Settled, Wish};
 
     #[test]
-    fn everything_that_is_said_of_a_change_is_in_the_schema() -> Result<(), Box<dyn std::error::Error>> {
+    fn everything_that_is_said_of_a_change_is_in_the_schema()
+    -> Result<(), Box<dyn std::error::Error>> {
         let wish = Wish { who: "ada".into(), asked_unix_nanos: 1, change: "a = 1".into() };
-        let applied = Outcome::Applied { plant_epoch: 1, taken_at_tick: 2, ready_at_tick: 2, acts_from_tick: 3 };
+        let applied = Outcome::Applied {
+            plant_epoch: 1,
+            taken_at_tick: 2,
+            ready_at_tick: 2,
+            acts_from_tick: 3,
+        };
         for outcome in [applied, Outcome::Refused { reason: "no".into() }] {
             let answer = Answer { user: 0, answered_nanos: 5, outcome };
-            let settled = Settled { process: "controller".into(), number: 1, wish: wish.clone(), answer };
+            let settled =
+                Settled { process: "controller".into(), number: 1, wish: wish.clone(), answer };
             let said = serde_json::to_value(&settled)?;
             let schema = schema();
             let known = schema["properties"].as_object().ok_or("no properties")?;
-            assert!(said.as_object().ok_or("no object")?.keys().all(|key| known.contains_key(key)), "{said}");
+            assert!(
+                said.as_object().ok_or("no object")?.keys().all(|key| known.contains_key(key)),
+                "{said}"
+            );
             assert_eq!(serde_json::from_value::<Settled>(said)?, settled);
         }
         Ok(())

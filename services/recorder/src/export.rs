@@ -70,25 +70,36 @@ pub fn write(path: &Path, folder: &Path) -> Result<Exported, ExportError> {
     check_empty(folder)?;
     let files = reader::files(path)?;
     let mut tables: [Table; TOPIC_COUNT] = Default::default();
-    let ended_early = reader::all_messages(&files, |message| match topic_of(&message.channel.topic) {
-        Some(topic) => {
-            let schema = message.channel.schema.as_ref().map_or(&[][..], |schema| &schema.data[..]);
-            tables.get_mut(topic.index()).map_or(Ok(()), |table| table.look(topic, schema, &message.data))
-        }
-        None => Ok(()),
-    })?;
+    let ended_early =
+        reader::all_messages(&files, |message| match topic_of(&message.channel.topic) {
+            Some(topic) => {
+                let schema =
+                    message.channel.schema.as_ref().map_or(&[][..], |schema| &schema.data[..]);
+                tables
+                    .get_mut(topic.index())
+                    .map_or(Ok(()), |table| table.look(topic, schema, &message.data))
+            }
+            None => Ok(()),
+        })?;
     if tables.iter().all(|table| table.messages == 0) {
         return Err(ExportError::NoMessages { path: path.to_owned() });
     }
     let failed = |source| ExportError::Write { path: folder.to_owned(), source };
-    let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let parent =
+        folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(parent).map_err(failed)?;
-    let half = tempfile::Builder::new().prefix(".csv-").permissions(Permissions::from_mode(0o777)).tempdir_in(parent).map_err(failed)?;
+    let half = tempfile::Builder::new()
+        .prefix(".csv-")
+        .permissions(Permissions::from_mode(0o777))
+        .tempdir_in(parent)
+        .map_err(failed)?;
     for (topic, table) in Topic::ALL.into_iter().zip(&mut tables) {
         table.open(&half.path().join(topic.name()).with_extension("csv"))?;
     }
     reader::all_messages(&files, |message| match topic_of(&message.channel.topic) {
-        Some(topic) => tables.get_mut(topic.index()).map_or(Ok(()), |table| table.write(topic, &message.data)),
+        Some(topic) => {
+            tables.get_mut(topic.index()).map_or(Ok(()), |table| table.write(topic, &message.data))
+        }
         None => Ok(()),
     })?;
     let mut rows = Vec::new();
@@ -132,7 +143,11 @@ impl Table {
     fn look(&mut self, topic: Topic, schema: &[u8], json: &[u8]) -> Result<(), ExportError> {
         self.messages += 1;
         let number = self.messages;
-        self.columns.look(schema, json).map_err(|source| ExportError::NoObject { topic, number, source })
+        self.columns.look(schema, json).map_err(|source| ExportError::NoObject {
+            topic,
+            number,
+            source,
+        })
     }
 
     /// Begins the file, if there is anything to write.
@@ -141,7 +156,9 @@ impl Table {
         if self.messages > 0 {
             let file = File::create(path).map_err(|source| self.failed(source))?;
             let mut writer = Writer::from_writer(file);
-            writer.write_record(self.columns.header()).map_err(|error| self.failed(error.into()))?;
+            writer
+                .write_record(self.columns.header())
+                .map_err(|error| self.failed(error.into()))?;
             self.writer = Some(writer);
         }
         Ok(())
@@ -149,10 +166,16 @@ impl Table {
 
     /// Writes a message's row. What has come into the record since it was looked at is left out.
     fn write(&mut self, topic: Topic, json: &[u8]) -> Result<(), ExportError> {
-        let Some(writer) = self.writer.as_mut().filter(|_| self.written < self.messages) else { return Ok(()) };
+        let Some(writer) = self.writer.as_mut().filter(|_| self.written < self.messages) else {
+            return Ok(());
+        };
         self.written += 1;
         let number = self.written;
-        let row = self.columns.row(json).map_err(|source| ExportError::NoObject { topic, number, source })?;
+        let row = self.columns.row(json).map_err(|source| ExportError::NoObject {
+            topic,
+            number,
+            source,
+        })?;
         let written = writer.write_record(row);
         written.map_err(|error| self.failed(error.into()))
     }

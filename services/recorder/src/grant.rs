@@ -55,7 +55,12 @@ impl Grant {
     pub(crate) fn extend(&mut self) -> Result<(), SendError> {
         let Some(sink) = &mut self.sink else { return Ok(()) };
         let Some(through_tick) = self.reach.due() else { return Ok(()) };
-        let mut credit = Credit { stamp: Stamp::default(), through_tick, participant: Participant::Recorder.code(), reserved: 0 };
+        let mut credit = Credit {
+            stamp: Stamp::default(),
+            through_tick,
+            participant: Participant::Recorder.code(),
+            reserved: 0,
+        };
         let sent = sink.send(&mut credit).inspect_err(|_| self.reach.granted_at = None);
         (self.last, self.heard) = (Some(credit), Instant::now());
         sent

@@ -6,7 +6,9 @@ use crate::segment::RecordError;
 use crate::store::Store;
 use crate::visual::Easel;
 use process::Pulse;
-use protocol::message::{Command, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth};
+use protocol::message::{
+    Command, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
+};
 use protocol::port::{OpenError, Ports, Since, Source};
 use protocol::topic::{OnTopic, Topic};
 use protocol::view::Viewable;
@@ -46,10 +48,15 @@ impl Intake {
     ///
     /// # Errors
     /// [`RecorderError`] if a topic cannot be read or the file not be written.
-    pub(crate) fn drain(&mut self, store: &mut Store, grant: &mut Grant) -> Result<usize, RecorderError> {
+    pub(crate) fn drain(
+        &mut self,
+        store: &mut Store,
+        grant: &mut Grant,
+    ) -> Result<usize, RecorderError> {
         let mut written = drain(&mut self.healths, store, |health, _| {
             // A plant that starts has no state yet, but its clock wants credit.
-            if health.participant() == Some(Participant::Plant) && health.phase() != Phase::Finished {
+            if health.participant() == Some(Participant::Plant) && health.phase() != Phase::Finished
+            {
                 grant.note_health(health.stamp.epoch, health.stamp.tick);
             }
             Ok(())
@@ -61,7 +68,9 @@ impl Intake {
         })?;
         written += drain(&mut self.truths, store, |_, _| Ok(()))?;
         written += drain(&mut self.commands, store, |_, _| Ok(()))?;
-        written += drain(&mut self.plans, store, |plan, store| store.draw(&easel.draw_plan(plan), plan.stamp.sent_nanos))?;
+        written += drain(&mut self.plans, store, |plan, store| {
+            store.draw(&easel.draw_plan(plan), plan.stamp.sent_nanos)
+        })?;
         written += drain(&mut self.residuals, store, |_, _| Ok(()))?;
         written += drain(&mut self.snapshots, store, |_, _| Ok(()))?;
         Ok(written)

@@ -9,7 +9,12 @@ fn main() -> ExitCode {
     process::main(Participant::Recorder, |settings: Settings, stop| {
         let ports = Ports::open(&settings.run.links, Identity::new(settings.run.epoch_floor + 1))?;
         let summary = recorder::run::run(&ports, &settings, stop)?;
-        tracing::info!(periods = summary.periods, missed = summary.periods_missed, segments = summary.segments, "recorded");
+        tracing::info!(
+            periods = summary.periods,
+            missed = summary.periods_missed,
+            segments = summary.segments,
+            "recorded"
+        );
         Ok(())
     })
 }

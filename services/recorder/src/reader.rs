@@ -106,7 +106,10 @@ pub fn all_messages<E: From<SourceError>>(
 ///
 /// # Errors
 /// If it cannot be opened, or `take` refuses.
-pub fn messages(path: &Path, mut take: impl FnMut(&Message<'_>) -> io::Result<()>) -> io::Result<Ending> {
+pub fn messages(
+    path: &Path,
+    mut take: impl FnMut(&Message<'_>) -> io::Result<()>,
+) -> io::Result<Ending> {
     let mut file = File::open(path)?;
     for message in MessageReader::new_with_options(BufReader::new(&file), options()) {
         match message {
@@ -152,12 +155,18 @@ pub fn head(path: &Path) -> io::Result<Head> {
 impl Head {
     fn of(said: &Metadata) -> Self {
         let word = |key: &str| said.metadata.get(key).cloned().unwrap_or_default();
-        Self { graph: word("graph"), pace: word("pace"), period_nanos: word("period_nanos").parse().ok().filter(|&nanos| nanos > 0) }
+        Self {
+            graph: word("graph"),
+            pace: word("pace"),
+            period_nanos: word("period_nanos").parse().ok().filter(|&nanos| nanos > 0),
+        }
     }
 }
 
 fn options() -> LinearReaderOptions {
-    LinearReaderOptions::default().with_skip_end_magic(true).with_record_length_limit(RECORD_BYTES_MAX)
+    LinearReaderOptions::default()
+        .with_skip_end_magic(true)
+        .with_record_length_limit(RECORD_BYTES_MAX)
 }
 
 fn ends_whole(file: &mut File) -> io::Result<bool> {

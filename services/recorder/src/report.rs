@@ -82,11 +82,16 @@ pub enum ReportError {
 pub fn write(records: &[PathBuf], out: &Path) -> Result<(), ReportError> {
     let records = read(records)?;
     let place = out.canonicalize().ok();
-    if records.iter().flat_map(|record| &record.files).any(|file| place.is_some() && file.canonicalize().ok() == place) {
+    if records
+        .iter()
+        .flat_map(|record| &record.files)
+        .any(|file| place.is_some() && file.canonicalize().ok() == place)
+    {
         return Err(ReportError::OverRecord { path: out.to_owned() });
     }
     let page = page::page(&records);
-    whole::write(out, page.as_bytes()).map_err(|source| ReportError::Write { path: out.to_owned(), source })
+    whole::write(out, page.as_bytes())
+        .map_err(|source| ReportError::Write { path: out.to_owned(), source })
 }
 
 /// The page about `records` as HTML.

@@ -11,6 +11,9 @@ use serde::de::{Deserializer, Error as _};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
+/// So many errors of processes are kept.
+const TOLD_MAX: usize = 50;
+
 /// A segment cannot be opened.
 #[derive(Debug, thiserror::Error)]
 #[error("{} cannot be read", path.display())]
@@ -36,7 +39,12 @@ pub struct Mark {
 
 impl From<&Stamp> for Mark {
     fn from(stamp: &Stamp) -> Self {
-        Self { writer: stamp.writer, epoch: stamp.epoch, sequence: stamp.sequence, tick: stamp.tick }
+        Self {
+            writer: stamp.writer,
+            epoch: stamp.epoch,
+            sequence: stamp.sequence,
+            tick: stamp.tick,
+        }
     }
 }
 
@@ -50,6 +58,12 @@ pub struct StateRow {
     /// Rung of the period.
     #[serde(deserialize_with = "rung")]
     pub rung: Rung,
+    /// Measured x, y, yaw \[m, m, rad\].
+    #[serde(deserialize_with = "numbers")]
+    pub pose: [f64; 3],
+    /// Measured forward, left, yaw \[m/s, m/s, rad/s\].
+    #[serde(deserialize_with = "numbers")]
+    pub velocity: [f64; 3],
 }
 
 /// What was really the case at the start of a period.
@@ -97,6 +111,9 @@ pub struct HealthRow {
     pub received: BTreeMap<String, u64>,
     /// Messages lost on the way to it, by topic.
     pub lost: BTreeMap<String, u64>,
+    /// Its last error, empty if all is well.
+    #[serde(default)]
+    pub last_error: String,
 }
 
 /// What the summary needs of a record.
@@ -110,6 +127,8 @@ pub struct Rows {
     pub plans: Vec<PlanRow>,
     /// The last one of each process instance, by writer.
     pub healths: BTreeMap<u64, HealthRow>,
+    /// What each process has said that is wrong, in the order of the record, each once.
+    pub told: Vec<String>,
     /// Epochs from which commands came.
     pub controller_epochs: BTreeSet<u64>,
     /// Messages that were sent before one that is in the record, and are not in it themselves, by topic.
@@ -145,18 +164,33 @@ impl Rows {
 
     /// Adds a state that was heard, not read.
     pub fn heard_state(&mut self, state: &PlantState) {
-        self.states.push(StateRow { stamp: (&state.stamp).into(), accepted_epoch: state.accepted_epoch, rung: state.rung() });
+        self.states.push(StateRow {
+            stamp: (&state.stamp).into(),
+            accepted_epoch: state.accepted_epoch,
+            rung: state.rung(),
+            pose: state.pose,
+            velocity: state.velocity,
+        });
     }
 
     /// Adds a truth that was heard, not read.
     pub fn heard_truth(&mut self, truth: &Truth) {
-        self.truths.push(TruthRow { stamp: (&truth.stamp).into(), pose: truth.pose, velocity: truth.velocity });
+        self.truths.push(TruthRow {
+            stamp: (&truth.stamp).into(),
+            pose: truth.pose,
+            velocity: truth.velocity,
+        });
     }
 
     /// Adds a plan that was heard, not read.
     pub fn heard_plan(&mut self, plan: &Plan) {
         let [reference, ..] = plan.reference;
-        self.plans.push(PlanRow { stamp: (&plan.stamp).into(), plant_epoch: plan.plant_epoch, tick_nanos: plan.tick_nanos, reference });
+        self.plans.push(PlanRow {
+            stamp: (&plan.stamp).into(),
+            plant_epoch: plan.plant_epoch,
+            tick_nanos: plan.tick_nanos,
+            reference,
+        });
     }
 
     fn read_segment(&mut self, path: &Path) -> std::io::Result<()> {
@@ -230,6 +264,11 @@ impl Rows {
     pub(crate) fn add_health(&mut self, row: HealthRow) -> bool {
         let new = self.count(Topic::Health, row.stamp);
         if new {
+            let told = format!("{}: {}", row.participant, row.last_error);
+            let is_more = !row.last_error.is_empty() && self.told.len() < TOLD_MAX;
+            if is_more && !self.told.contains(&told) {
+                self.told.push(told);
+            }
             self.healths.insert(row.stamp.writer, row);
         }
         new
@@ -263,14 +302,18 @@ fn number(value: Option<f64>) -> f64 {
     value.unwrap_or(f64::NAN)
 }
 
-pub(crate) fn numbers<'de, D: Deserializer<'de>, const N: usize>(deserializer: D) -> Result<[f64; N], D::Error>
+pub(crate) fn numbers<'de, D: Deserializer<'de>, const N: usize>(
+    deserializer: D,
+) -> Result<[f64; N], D::Error>
 where
     [Option<f64>; N]: Deserialize<'de>,
 {
     <[Option<f64>; N]>::deserialize(deserializer).map(|values| values.map(number))
 }
 
-pub(crate) fn first_row<'de, D: Deserializer<'de>, const N: usize>(deserializer: D) -> Result<[f64; N], D::Error>
+pub(crate) fn first_row<'de, D: Deserializer<'de>, const N: usize>(
+    deserializer: D,
+) -> Result<[f64; N], D::Error>
 where
     [Option<f64>; N]: Deserialize<'de>,
 {

@@ -50,14 +50,18 @@ pub enum RecorderError {
 /// [`RecorderError`]; the last Health says it too. What was written before stays.
 pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<Summary, RecorderError> {
     let mut pulse = Pulse::new(ports, Participant::Recorder)?.exposed(settings.run.exposure);
-    let outcome = Segment::create(&settings.run)
-        .map_err(RecorderError::from)
-        .and_then(|segment| Recorder::open(ports, settings, segment, &mut pulse)?.record(settings, stop));
+    let outcome = Segment::create(&settings.run).map_err(RecorderError::from).and_then(|segment| {
+        Recorder::open(ports, settings, segment, &mut pulse)?.record(settings, stop)
+    });
     tell(&mut pulse, settings.run.pace, outcome)
 }
 
 /// Tells the others how it ended.
-fn tell(pulse: &mut Pulse, pace: Pace, outcome: Result<Summary, RecorderError>) -> Result<Summary, RecorderError> {
+fn tell(
+    pulse: &mut Pulse,
+    pace: Pace,
+    outcome: Result<Summary, RecorderError>,
+) -> Result<Summary, RecorderError> {
     match &outcome {
         Ok(_) => pulse.last_words(Phase::Finished, pace),
         Err(error) => {
@@ -70,7 +74,8 @@ fn tell(pulse: &mut Pulse, pace: Pace, outcome: Result<Summary, RecorderError>) 
 
 /// The whole error in one line, its cause in front, since Health cuts long lines.
 fn cause_first(error: &(dyn Error + 'static)) -> String {
-    let mut parts: Vec<String> = successors(Some(error), |&error| error.source()).map(ToString::to_string).collect();
+    let mut parts: Vec<String> =
+        successors(Some(error), |&error| error.source()).map(ToString::to_string).collect();
     parts.reverse();
     parts.join(": ")
 }
@@ -93,7 +98,12 @@ struct Recorder<'a> {
 }
 
 impl<'a> Recorder<'a> {
-    fn open(ports: &Ports, settings: &Settings, segment: Segment, pulse: &'a mut Pulse) -> Result<Self, RecorderError> {
+    fn open(
+        ports: &Ports,
+        settings: &Settings,
+        segment: Segment,
+        pulse: &'a mut Pulse,
+    ) -> Result<Self, RecorderError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
         Ok(Self {
             intake: Intake::open(ports, since, settings.run.period_nanos)?,
@@ -111,7 +121,8 @@ impl<'a> Recorder<'a> {
         self.hear_out()?;
         let unwritten = self.store.finish()?;
         let folder = &settings.run.folder;
-        let summary = Summary::of(&Rows::read(&segment::paths(folder))?, settings.run.period_nanos).without(unwritten);
+        let summary = Summary::of(&Rows::read(&segment::paths(folder))?, settings.run.period_nanos)
+            .without(unwritten);
         summary.write(folder)?;
         Ok(summary)
     }
@@ -192,32 +203,44 @@ mod tests {
     }
 
     #[test]
-    fn in_lock_step_a_full_disk_is_told_to_the_others_before_the_end() -> Result<(), Box<dyn Error>> {
+    fn in_lock_step_a_full_disk_is_told_to_the_others_before_the_end() -> Result<(), Box<dyn Error>>
+    {
         let folder = tempfile::tempdir()?;
         let settings = settings(folder.path(), Pace::LockStep);
-        let ports = Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(1));
+        let ports =
+            Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(1));
         let mut healths = ports.source::<Health>(Since::First)?;
         let segment = segment::tests::without_room()?;
         let mut pulse = Pulse::new(&ports, Participant::Recorder)?;
-        let outcome = Recorder::open(&ports, &settings, segment, &mut pulse)?.record(&settings, &Stop::new());
+        let outcome =
+            Recorder::open(&ports, &settings, segment, &mut pulse)?.record(&settings, &Stop::new());
         let outcome = tell(&mut pulse, Pace::LockStep, outcome);
-        assert!(matches!(outcome, Err(RecorderError::Record(RecordError::Write { .. }))), "{outcome:?}");
+        assert!(
+            matches!(outcome, Err(RecorderError::Record(RecordError::Write { .. }))),
+            "{outcome:?}"
+        );
         let last = healths.latest()?.ok_or("no health")?;
-        assert!(last.last_error().ends_with(": full/record.mcap cannot be written"), "{}", last.last_error());
+        assert!(
+            last.last_error().ends_with(": full/record.mcap cannot be written"),
+            "{}",
+            last.last_error()
+        );
         assert_eq!(last.phase(), Phase::Degraded);
         Ok(())
     }
 
     #[test]
-    fn in_real_time_what_has_no_room_on_the_disk_is_counted_and_the_rest_is_recorded_once_there_is_room_again() -> Result<(), Box<dyn Error>>
-    {
+    fn in_real_time_what_has_no_room_on_the_disk_is_counted_and_the_rest_is_recorded_once_there_is_room_again()
+    -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
         let settings = settings(folder.path(), Pace::RealTime);
-        let ports = Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(1));
+        let ports =
+            Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(1));
         let mut healths = ports.source::<Health>(Since::First)?;
         let mut states = ports.sink::<PlantState>()?;
         let mut pulse = Pulse::new(&ports, Participant::Recorder)?;
-        let mut recorder = Recorder::open(&ports, &settings, segment::tests::without_room()?, &mut pulse)?;
+        let mut recorder =
+            Recorder::open(&ports, &settings, segment::tests::without_room()?, &mut pulse)?;
         recorder.pulse.phase(Phase::Ready);
         let stop = Stop::new();
         let mut state: PlantState = bytemuck::Zeroable::zeroed();
@@ -228,7 +251,10 @@ mod tests {
         std::thread::sleep(Duration::from_millis(250)); // a flush is due
         recorder.round()?;
         assert!(
-            recorder.store.closed().is_some_and(|why| why.contains("full/record.mcap cannot be written")),
+            recorder
+                .store
+                .closed()
+                .is_some_and(|why| why.contains("full/record.mcap cannot be written")),
             "{:?}",
             recorder.store.closed()
         );

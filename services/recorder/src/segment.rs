@@ -90,7 +90,8 @@ impl Segment {
     pub fn create(run: &Run) -> Result<Self, RecordError> {
         let (number, path, file) = next_file(&run.folder, run.restarted)?;
         let attachments = settings_files(&run.folder)?;
-        let mut segment = Self::over(path.clone(), file).map_err(|error| RecordError::Write { path, source: cause(error) })?;
+        let mut segment = Self::over(path.clone(), file)
+            .map_err(|error| RecordError::Write { path, source: cause(error) })?;
         let described = segment.describe(&metadata(run, number), &attachments);
         described.map_err(|error| segment.failed(error))?;
         segment.flush()?;
@@ -116,13 +117,32 @@ impl Segment {
         add_channel::<Truth>(&mut writer, &mut channels)?;
         let mut drawings = [(0, 0); Shown::ALL.len()];
         for (shown, (channel, _)) in Shown::ALL.into_iter().zip(&mut drawings) {
-            let schema = writer.add_schema(shown.kind(), "jsonschema", shown.schema().to_string().as_bytes())?;
+            let schema = writer.add_schema(
+                shown.kind(),
+                "jsonschema",
+                shown.schema().to_string().as_bytes(),
+            )?;
             *channel = writer.add_channel(schema, shown.channel(), "json", &BTreeMap::new())?;
         }
-        let schema = writer.add_schema(changes::KIND, "jsonschema", changes::schema().to_string().as_bytes())?;
+        let schema = writer.add_schema(
+            changes::KIND,
+            "jsonschema",
+            changes::schema().to_string().as_bytes(),
+        )?;
         let changes = writer.add_channel(schema, changes::CHANNEL, "json", &BTreeMap::new())?;
         let (json, flushed_nanos) = (Vec::new(), clock::monotonic_nanos());
-        Ok(Self { path, writer, channels, drawings, changes, json, flushed_nanos, file: kept, whole_bytes: 0, since: [0; TOPIC_COUNT] })
+        Ok(Self {
+            path,
+            writer,
+            channels,
+            drawings,
+            changes,
+            json,
+            flushed_nanos,
+            file: kept,
+            whole_bytes: 0,
+            since: [0; TOPIC_COUNT],
+        })
     }
 
     /// Appends `message`, under the time at which it was sent.
@@ -141,10 +161,22 @@ impl Segment {
     ///
     /// # Errors
     /// [`RecordError::Write`].
-    pub(crate) fn draw(&mut self, shown: Shown, drawing: &Drawing, log_time: u64) -> Result<(), RecordError> {
-        let Some((channel_id, count)) = self.drawings.get_mut(shown as usize) else { return Ok(()) };
+    pub(crate) fn draw(
+        &mut self,
+        shown: Shown,
+        drawing: &Drawing,
+        log_time: u64,
+    ) -> Result<(), RecordError> {
+        let Some((channel_id, count)) = self.drawings.get_mut(shown as usize) else {
+            return Ok(());
+        };
         *count += 1;
-        let header = MessageHeader { channel_id: *channel_id, sequence: *count, log_time, publish_time: log_time };
+        let header = MessageHeader {
+            channel_id: *channel_id,
+            sequence: *count,
+            log_time,
+            publish_time: log_time,
+        };
         self.append_json(&header, drawing).map_err(|error| self.failed(error))
     }
 
@@ -154,7 +186,8 @@ impl Segment {
     /// [`RecordError::Write`].
     pub(crate) fn write_change(&mut self, settled: &Settled) -> Result<(), RecordError> {
         let (log_time, sequence) = (settled.answer.answered_nanos, settled.number as u32);
-        let header = MessageHeader { channel_id: self.changes, sequence, log_time, publish_time: log_time };
+        let header =
+            MessageHeader { channel_id: self.changes, sequence, log_time, publish_time: log_time };
         self.append_json(&header, settled).map_err(|error| self.failed(error))
     }
 
@@ -183,7 +216,11 @@ impl Segment {
         file.and_then(|file| file.sync_all()).map_err(|source| RecordError::Write { path, source })
     }
 
-    fn describe(&mut self, metadata: &Metadata, attachments: &[Attachment]) -> Result<(), McapError> {
+    fn describe(
+        &mut self,
+        metadata: &Metadata,
+        attachments: &[Attachment],
+    ) -> Result<(), McapError> {
         self.writer.write_metadata(metadata)?;
         attachments.iter().try_for_each(|attachment| self.writer.attach(attachment))
     }
@@ -215,10 +252,17 @@ impl Segment {
         let channel = self.channels.get(T::TOPIC.index()).copied().flatten();
         let channel_id = channel.ok_or(McapError::UnknownChannel(stamp.sequence as u32, 0))?;
         let (log_time, sequence) = (stamp.sent_nanos, stamp.sequence as u32);
-        self.append_json(&MessageHeader { channel_id, sequence, log_time, publish_time: log_time }, &View(message))
+        self.append_json(
+            &MessageHeader { channel_id, sequence, log_time, publish_time: log_time },
+            &View(message),
+        )
     }
 
-    fn append_json(&mut self, header: &MessageHeader, says: &impl Serialize) -> Result<(), McapError> {
+    fn append_json(
+        &mut self,
+        header: &MessageHeader,
+        says: &impl Serialize,
+    ) -> Result<(), McapError> {
         self.json.clear();
         serde_json::to_writer(&mut self.json, says).map_err(io::Error::from)?;
         self.writer.write_to_known_channel(header, &self.json)
@@ -239,11 +283,18 @@ fn cause(error: McapError) -> io::Error {
 
 /// The files of the record in `folder`, in the order in which they were written.
 pub fn paths(folder: &Path) -> Vec<PathBuf> {
-    (1..=SEGMENTS_MAX).map(|number| path_of(folder, number)).take_while(|path| path.exists()).collect()
+    (1..=SEGMENTS_MAX)
+        .map(|number| path_of(folder, number))
+        .take_while(|path| path.exists())
+        .collect()
 }
 
 fn path_of(folder: &Path, number: usize) -> PathBuf {
-    folder.join(if number == 1 { "record.mcap".to_owned() } else { format!("record-{number}.mcap") })
+    folder.join(if number == 1 {
+        "record.mcap".to_owned()
+    } else {
+        format!("record-{number}.mcap")
+    })
 }
 
 fn next_file(folder: &Path, restarted: bool) -> Result<(usize, PathBuf, File), RecordError> {
@@ -258,10 +309,14 @@ fn next_file(folder: &Path, restarted: bool) -> Result<(usize, PathBuf, File), R
     }
 }
 
-fn add_channel<T: Viewable>(writer: &mut Writer<BufWriter<File>>, channels: &mut [Option<u16>; TOPIC_COUNT]) -> Result<(), McapError> {
+fn add_channel<T: Viewable>(
+    writer: &mut Writer<BufWriter<File>>,
+    channels: &mut [Option<u16>; TOPIC_COUNT],
+) -> Result<(), McapError> {
     let topic: Topic = T::TOPIC;
     let schema = view::schema::<T>().to_string();
-    let schema = writer.add_schema(&format!("coxswain.{}", T::NAME), "jsonschema", schema.as_bytes())?;
+    let schema =
+        writer.add_schema(&format!("coxswain.{}", T::NAME), "jsonschema", schema.as_bytes())?;
     let channel = writer.add_channel(schema, topic.name(), "json", &BTreeMap::new())?;
     if let Some(slot) = channels.get_mut(topic.index()) {
         *slot = Some(channel);
@@ -271,7 +326,8 @@ fn add_channel<T: Viewable>(writer: &mut Writer<BufWriter<File>>, channels: &mut
 
 /// What a reader needs to know of the run, and of the clock of its stamps.
 fn metadata(run: &Run, number: usize) -> Metadata {
-    let unix_nanos = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
+    let unix_nanos =
+        SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
     let pace = match run.pace {
         Pace::RealTime => "real-time",
         Pace::LockStep => "lock-step",
@@ -286,7 +342,10 @@ fn metadata(run: &Run, number: usize) -> Metadata {
         ("opened_monotonic_nanos", clock::monotonic_nanos().to_string()),
         ("opened_unix_nanos", unix_nanos.to_string()),
     ];
-    Metadata { name: "coxswain".to_owned(), metadata: entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect() }
+    Metadata {
+        name: "coxswain".to_owned(),
+        metadata: entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect(),
+    }
 }
 
 /// The settings that the run was started with, `settings/*.toml` in its folder.
@@ -298,14 +357,24 @@ fn settings_files(folder: &Path) -> Result<Vec<Attachment<'static>>, RecordError
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         Err(error) => return Err(failed(&folder, error)),
     };
-    let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<io::Result<Vec<_>>>().map_err(|error| failed(&folder, error))?;
+    let mut paths = entries
+        .map(|entry| Ok(entry?.path()))
+        .collect::<io::Result<Vec<_>>>()
+        .map_err(|error| failed(&folder, error))?;
     paths.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
     paths.sort();
     let now = clock::monotonic_nanos();
     let attach = |path: PathBuf| {
         let data = Cow::Owned(fs::read(&path).map_err(|error| failed(&path, error))?);
-        let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        Ok(Attachment { log_time: now, create_time: now, name, media_type: "application/toml".to_owned(), data })
+        let name =
+            path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        Ok(Attachment {
+            log_time: now,
+            create_time: now,
+            name,
+            media_type: "application/toml".to_owned(),
+            data,
+        })
     };
     paths.into_iter().map(attach).collect()
 }

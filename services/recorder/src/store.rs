@@ -29,7 +29,14 @@ pub(crate) struct Store {
 impl Store {
     pub(crate) fn new(segment: Segment, run: &Run) -> Self {
         let closed = String::new();
-        Self { run: run.clone(), segment: Some(segment), files: 1, closed, retry_at: Instant::now(), unwritten: [0; TOPIC_COUNT] }
+        Self {
+            run: run.clone(),
+            segment: Some(segment),
+            files: 1,
+            closed,
+            retry_at: Instant::now(),
+            unwritten: [0; TOPIC_COUNT],
+        }
     }
 
     /// Appends `message`, or counts it.
@@ -50,9 +57,16 @@ impl Store {
     ///
     /// # Errors
     /// [`RecordError`] in lock step.
-    pub(crate) fn draw(&mut self, drawn: &[(Shown, Drawing)], log_time: u64) -> Result<(), RecordError> {
+    pub(crate) fn draw(
+        &mut self,
+        drawn: &[(Shown, Drawing)],
+        log_time: u64,
+    ) -> Result<(), RecordError> {
         for (shown, drawing) in drawn {
-            let written = self.segment.as_mut().map_or(Ok(()), |segment| segment.draw(*shown, drawing, log_time));
+            let written = self
+                .segment
+                .as_mut()
+                .map_or(Ok(()), |segment| segment.draw(*shown, drawing, log_time));
             self.survive(written)?;
         }
         Ok(())
@@ -128,7 +142,8 @@ impl Store {
         if self.run.pace == Pace::LockStep {
             return Err(error);
         }
-        self.closed = error.source().map_or_else(|| error.to_string(), |cause| format!("{cause}: {error}"));
+        self.closed =
+            error.source().map_or_else(|| error.to_string(), |cause| format!("{cause}: {error}"));
         tracing::error!("{}; what comes is counted until there is room again", self.closed);
         if let Some(segment) = self.segment.take() {
             for (unwritten, lost) in self.unwritten.iter_mut().zip(segment.abandon()) {

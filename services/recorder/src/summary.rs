@@ -7,7 +7,7 @@ mod figures;
 #[cfg(test)]
 mod tests;
 
-use crate::rows::{HealthRow, PlanRow, Rows, StateRow};
+use crate::rows::{HealthRow, Mark, PlanRow, Rows, StateRow};
 use crate::whole;
 pub(crate) use figures::root_mean_square;
 use figures::{Deviation, Window, largest, percentile, settled_at};
@@ -39,6 +39,8 @@ pub struct Summary {
     pub speed_settle_s: Option<f64>,
     /// Largest difference of speed and reference speed in the last 10 s \[m/s\].
     pub steady_speed_error_mps: Option<f64>,
+    /// Whose motion these figures are about: "truth", or "measured" where the record has no truth.
+    pub figures_of: &'static str,
     /// Distance from the reference from 3 s on, RMS \[m\].
     pub position_rmse_m: Option<f64>,
     /// Largest distance from the reference from 3 s on \[m\].
@@ -74,6 +76,8 @@ pub struct Summary {
     pub controller_epochs: usize,
     /// Files that the record is in: one more for each restart of the recorder.
     pub segments: usize,
+    /// What processes have said that is wrong, each once.
+    pub told: Vec<String>,
     /// The most that strangers on the network could do, as any process has told.
     #[serde(serialize_with = "in_words")]
     pub exposure: Exposure,
@@ -102,7 +106,9 @@ impl Summary {
     /// The same, of a record that could not take in so many messages of each topic.
     #[must_use]
     pub fn without(self, unwritten: [u64; TOPIC_COUNT]) -> Self {
-        let named = Topic::ALL.into_iter().map(|topic| (topic.name(), unwritten.get(topic.index()).copied().unwrap_or(0)));
+        let named = Topic::ALL
+            .into_iter()
+            .map(|topic| (topic.name(), unwritten.get(topic.index()).copied().unwrap_or(0)));
         Self { unwritten: named.filter(|(_, count)| *count > 0).collect(), ..self }
     }
 
@@ -117,15 +123,27 @@ impl Summary {
         Self {
             arrival_s: settled_at(&deviations, |deviation| deviation.position, ARRIVAL_BAND_M),
             speed_settle_s: settled_at(&deviations, |deviation| deviation.speed, SPEED_BAND_MPS),
-            steady_speed_error_mps: largest(window.last(STEADY_NANOS).map(|deviation| deviation.speed)),
-            position_rmse_m: root_mean_square(window.from(START_NANOS).map(|deviation| deviation.position)),
+            steady_speed_error_mps: largest(
+                window.last(STEADY_NANOS).map(|deviation| deviation.speed),
+            ),
+            figures_of: if has_truth(rows, last) { "truth" } else { "measured" },
+            position_rmse_m: root_mean_square(
+                window.from(START_NANOS).map(|deviation| deviation.position),
+            ),
             position_max_m: largest(window.from(START_NANOS).map(|deviation| deviation.position)),
-            heading_rmse_rad: root_mean_square(window.from(START_NANOS).map(|deviation| deviation.heading)),
+            heading_rmse_rad: root_mean_square(
+                window.from(START_NANOS).map(|deviation| deviation.heading),
+            ),
             tick_p50_us: percentile(&ticks, 50).map(micros),
             tick_p99_us: percentile(&ticks, 99).map(micros),
             tick_max_us: percentile(&ticks, 100).map(micros),
             periods: rungs.counts.values().sum(),
-            periods_missed: rungs.counts.iter().filter(|(rung, _)| is_missed(**rung)).map(|(_, periods)| periods).sum(),
+            periods_missed: rungs
+                .counts
+                .iter()
+                .filter(|(rung, _)| is_missed(**rung))
+                .map(|(_, periods)| periods)
+                .sum(),
             rungs,
             world_stalled_s: stalled(rows),
             snapshots_published: snapshots(rows, Participant::Learner),
@@ -135,7 +153,13 @@ impl Summary {
             plant_epochs: epochs.len(),
             controller_epochs: rows.controller_epochs.len(),
             segments: rows.segments,
-            exposure: rows.healths.values().map(|health| health.exposure).max().unwrap_or(Exposure::Closed),
+            told: rows.told.clone(),
+            exposure: rows
+                .healths
+                .values()
+                .map(|health| health.exposure)
+                .max()
+                .unwrap_or(Exposure::Closed),
         }
     }
 
@@ -166,7 +190,12 @@ pub struct SummaryError {
 
 /// Epochs of the plant, the last one last.
 fn plant_epochs(rows: &Rows) -> Vec<u64> {
-    let mut epochs: Vec<u64> = rows.states.iter().map(|row| row.stamp.epoch).chain(rows.truths.iter().map(|row| row.stamp.epoch)).collect();
+    let mut epochs: Vec<u64> = rows
+        .states
+        .iter()
+        .map(|row| row.stamp.epoch)
+        .chain(rows.truths.iter().map(|row| row.stamp.epoch))
+        .collect();
     epochs.sort_unstable();
     epochs.dedup();
     epochs
@@ -175,20 +204,31 @@ fn plant_epochs(rows: &Rows) -> Vec<u64> {
 /// Time since tick 0 \[ns\] and distance from the reference \[m\] at every tick of the plant's last epoch, in the order of time.
 pub fn distances(rows: &Rows, period_nanos: u64) -> Vec<(u64, f64)> {
     let last = plant_epochs(rows).last().copied().unwrap_or(0);
-    deviations(rows, last, period_nanos).iter().map(|deviation| (deviation.nanos, deviation.position)).collect()
+    deviations(rows, last, period_nanos)
+        .iter()
+        .map(|deviation| (deviation.nanos, deviation.position))
+        .collect()
 }
 
-/// Truth against reference at every tick of an epoch that has both, in the order of time.
+/// Whether the record knows where the robot really was.
+fn has_truth(rows: &Rows, epoch: u64) -> bool {
+    rows.truths.iter().any(|truth| truth.stamp.epoch == epoch)
+}
+
+/// Where the robot was against the reference, at every tick of an epoch that has both, in the order
+/// of time: really, or as measured in a record without truth.
 fn deviations(rows: &Rows, epoch: u64, period_nanos: u64) -> Vec<Deviation> {
     let plans = rows.plans.iter().filter(|plan| plan.plant_epoch == epoch);
     let plans: BTreeMap<u64, &PlanRow> = plans.map(|plan| (plan.stamp.tick, plan)).collect();
-    let truths = rows.truths.iter().filter(|truth| truth.stamp.epoch == epoch);
-    let mut deviations: Vec<_> = truths
-        .filter_map(|truth| {
-            let plan = plans.get(&truth.stamp.tick)?;
-            Some(Deviation::of(truth, plan, truth.stamp.tick.saturating_mul(period_nanos)))
-        })
-        .collect();
+    let of = |stamp: &Mark, pose: &[f64; 3], velocity: &[f64; 3]| {
+        let plan = plans.get(&stamp.tick).filter(|_| stamp.epoch == epoch)?;
+        Some(Deviation::of(pose, velocity, plan, stamp.tick.saturating_mul(period_nanos)))
+    };
+    let mut deviations: Vec<Deviation> = if has_truth(rows, epoch) {
+        rows.truths.iter().filter_map(|row| of(&row.stamp, &row.pose, &row.velocity)).collect()
+    } else {
+        rows.states.iter().filter_map(|row| of(&row.stamp, &row.pose, &row.velocity)).collect()
+    };
     deviations.sort_by_key(|deviation| deviation.nanos);
     deviations
 }
@@ -205,10 +245,14 @@ fn tick_times(rows: &Rows, epoch: u64) -> Vec<u64> {
 ///
 /// The period in which that command came counts if the plant says that it acted in it, not if the plant still waited.
 fn rungs(rows: &Rows, epoch: u64) -> Rungs {
-    let mut states: Vec<&StateRow> = rows.states.iter().filter(|state| state.stamp.epoch == epoch).collect();
+    let mut states: Vec<&StateRow> =
+        rows.states.iter().filter(|state| state.stamp.epoch == epoch).collect();
     states.sort_by_key(|state| state.stamp.tick);
     let mut rungs = Rungs::default();
-    for state in states.into_iter().skip_while(|state| state.accepted_epoch == 0 || state.rung == Rung::Waiting) {
+    for state in states
+        .into_iter()
+        .skip_while(|state| state.accepted_epoch == 0 || state.rung == Rung::Waiting)
+    {
         *rungs.counts.entry(state.rung).or_default() += 1;
     }
     rungs
@@ -228,7 +272,8 @@ fn snapshots(rows: &Rows, participant: Participant) -> u64 {
 }
 
 fn stalled(rows: &Rows) -> f64 {
-    rows.healths.values().map(|health| health.stalled_nanos).fold(0, u64::saturating_add) as f64 / 1e9
+    rows.healths.values().map(|health| health.stalled_nanos).fold(0, u64::saturating_add) as f64
+        / 1e9
 }
 
 /// Losses by topic and who lost them. Of those who reported, only those who read the topic.
@@ -238,10 +283,15 @@ fn losses(rows: &Rows) -> BTreeMap<&'static str, BTreeMap<String, u64>> {
     for topic in Topic::ALL {
         let of_topic = losses.entry(topic.name()).or_default();
         if topic != Topic::Credit {
-            of_topic.insert(recorder.to_owned(), rows.missing.get(topic.name()).copied().unwrap_or(0));
+            of_topic
+                .insert(recorder.to_owned(), rows.missing.get(topic.name()).copied().unwrap_or(0));
         }
-        let counted = |counts: &BTreeMap<String, u64>| counts.get(topic.name()).copied().unwrap_or(0);
-        let readers = |health: &&HealthRow| health.participant != recorder && (counted(&health.received) > 0 || counted(&health.lost) > 0);
+        let counted =
+            |counts: &BTreeMap<String, u64>| counts.get(topic.name()).copied().unwrap_or(0);
+        let readers = |health: &&HealthRow| {
+            health.participant != recorder
+                && (counted(&health.received) > 0 || counted(&health.lost) > 0)
+        };
         for health in rows.healths.values().filter(readers) {
             let lost = of_topic.entry(health.participant.clone()).or_default();
             *lost = lost.saturating_add(counted(&health.lost));

@@ -49,7 +49,8 @@ pub enum Shown {
 
 impl Shown {
     /// All of them.
-    pub const ALL: [Self; 6] = [Self::Transform, Self::Pose, Self::Path, Self::Horizon, Self::Reference, Self::Tracking];
+    pub const ALL: [Self; 6] =
+        [Self::Transform, Self::Pose, Self::Path, Self::Horizon, Self::Reference, Self::Tracking];
 
     /// Name of its channel.
     pub const fn channel(self) -> &'static str {
@@ -86,9 +87,11 @@ impl Shown {
                 ("rotation", quaternion()),
             ]),
             Self::Pose => object(&[("timestamp", time()), ("frame_id", text()), ("pose", pose())]),
-            Self::Path | Self::Horizon | Self::Reference => {
-                object(&[("timestamp", time()), ("frame_id", text()), ("poses", json!({"type": "array", "items": pose()}))])
-            }
+            Self::Path | Self::Horizon | Self::Reference => object(&[
+                ("timestamp", time()),
+                ("frame_id", text()),
+                ("poses", json!({"type": "array", "items": pose()})),
+            ]),
             Self::Tracking => tracking(),
         };
         if let Value::Object(entries) = &mut schema {
@@ -99,12 +102,16 @@ impl Shown {
 }
 
 fn object(fields: &[(&str, Value)]) -> Value {
-    let properties: serde_json::Map<String, Value> = fields.iter().map(|(name, schema)| ((*name).to_owned(), schema.clone())).collect();
+    let properties: serde_json::Map<String, Value> =
+        fields.iter().map(|(name, schema)| ((*name).to_owned(), schema.clone())).collect();
     json!({"type": "object", "properties": properties})
 }
 
 fn time() -> Value {
-    let mut schema = object(&[("sec", json!({"type": "integer", "minimum": 0})), ("nsec", json!({"type": "integer", "minimum": 0}))]);
+    let mut schema = object(&[
+        ("sec", json!({"type": "integer", "minimum": 0})),
+        ("nsec", json!({"type": "integer", "minimum": 0})),
+    ]);
     if let Value::Object(entries) = &mut schema {
         entries.insert("title".to_owned(), json!("time"));
     }
@@ -127,11 +134,26 @@ fn tracking() -> Value {
         ("position_error", number("distance of the measured position from the reference [m]")),
         ("heading_error", number("measured yaw minus that of the reference, wrapped [rad]")),
         ("speed", number("measured speed over the ground [m/s]")),
-        ("residual", number("velocity after the past period, measured minus predicted by the main model, length in the plane [m/s]")),
+        (
+            "residual",
+            number(
+                "velocity after the past period, measured minus predicted by the main model, length in the plane [m/s]",
+            ),
+        ),
         ("innovation", number("the same of the whole model [m/s]")),
-        ("standard_deviation", number("of the learned residual at the measured state, larger one of forward and left [m/s]")),
+        (
+            "standard_deviation",
+            number(
+                "of the learned residual at the measured state, larger one of forward and left [m/s]",
+            ),
+        ),
         ("model_version", number("learned model in use, 0 is the main model alone")),
-        ("rung", number("on which the controller stands: 1 fresh plan, 2 shifted plan, 3 LQR, and so on down")),
+        (
+            "rung",
+            number(
+                "on which the controller stands: 1 fresh plan, 2 shifted plan, 3 LQR, and so on down",
+            ),
+        ),
         ("tick_micros", number("state received to command worked out [us]")),
     ])
 }
@@ -175,7 +197,10 @@ impl Pose {
     fn plane(x: f64, y: f64, yaw: f64) -> Self {
         let (sin, cos) = (0.5 * yaw).sin_cos();
         let position = Vector3 { x: rounded(x), y: rounded(y), z: 0.0 };
-        Self { position, orientation: Quaternion { x: 0.0, y: 0.0, z: rounded(sin), w: rounded(cos) } }
+        Self {
+            position,
+            orientation: Quaternion { x: 0.0, y: 0.0, z: rounded(sin), w: rounded(cos) },
+        }
     }
 }
 
@@ -260,14 +285,28 @@ impl Easel {
         }
         let (timestamp, pose) = (Time::of(state.stamp.sent_nanos), Pose::plane(x, y, yaw));
         let (translation, rotation) = (pose.position, pose.orientation);
-        let transform = FrameTransform { timestamp, parent_frame_id: WORLD, child_frame_id: ROBOT, translation, rotation };
+        let transform = FrameTransform {
+            timestamp,
+            parent_frame_id: WORLD,
+            child_frame_id: ROBOT,
+            translation,
+            rotation,
+        };
         let mut drawn = vec![
             (Shown::Transform, Drawing::Transform(transform)),
             (Shown::Pose, Drawing::Pose(PoseInFrame { timestamp, frame_id: WORLD, pose })),
         ];
         self.lengthen_path(state.stamp.epoch, pose);
-        if is_due(&mut self.path_at, state.stamp.tick.saturating_mul(self.period_nanos), PATH_EVERY) {
-            drawn.push((Shown::Path, Drawing::Poses(PosesInFrame { timestamp, frame_id: WORLD, poses: self.path.clone() })));
+        if is_due(&mut self.path_at, state.stamp.tick.saturating_mul(self.period_nanos), PATH_EVERY)
+        {
+            drawn.push((
+                Shown::Path,
+                Drawing::Poses(PosesInFrame {
+                    timestamp,
+                    frame_id: WORLD,
+                    poses: self.path.clone(),
+                }),
+            ));
         }
         drawn
     }
@@ -277,7 +316,9 @@ impl Easel {
         if plant_epoch != self.plant_epoch {
             (self.plant_epoch, self.path, self.path_at) = (plant_epoch, Vec::new(), None);
         }
-        let apart = |last: &Pose| (pose.position.x - last.position.x).hypot(pose.position.y - last.position.y);
+        let apart = |last: &Pose| {
+            (pose.position.x - last.position.x).hypot(pose.position.y - last.position.y)
+        };
         if self.path.last().is_none_or(|last| apart(last) >= PATH_STEP) {
             if self.path.len() == PATH_MAX {
                 self.path.remove(0);
@@ -292,15 +333,25 @@ impl Easel {
         let (predicted, reference) = (first(&plan.predicted, rows), first(&plan.reference, rows));
         let finite = |rows: &[[f64; 6]]| rows.iter().flatten().all(|value| value.is_finite());
         let errors = [plan.residual, plan.innovation];
-        if !finite(predicted) || !finite(reference) || !errors.iter().flatten().all(|value| value.is_finite()) {
+        if !finite(predicted)
+            || !finite(reference)
+            || !errors.iter().flatten().all(|value| value.is_finite())
+        {
             return Vec::new();
         }
         let timestamp = Time::of(plan.stamp.sent_nanos);
         let mut drawn = vec![(Shown::Tracking, Drawing::Tracking(tracked(plan, timestamp)))];
-        if is_due(&mut self.horizon_at, plan.stamp.tick.saturating_mul(self.period_nanos), HORIZON_EVERY) {
+        if is_due(
+            &mut self.horizon_at,
+            plan.stamp.tick.saturating_mul(self.period_nanos),
+            HORIZON_EVERY,
+        ) {
             for (shown, rows) in [(Shown::Horizon, predicted), (Shown::Reference, reference)] {
                 let poses = rows.iter().map(|&[x, y, yaw, ..]| Pose::plane(x, y, yaw)).collect();
-                drawn.push((shown, Drawing::Poses(PosesInFrame { timestamp, frame_id: WORLD, poses })));
+                drawn.push((
+                    shown,
+                    Drawing::Poses(PosesInFrame { timestamp, frame_id: WORLD, poses }),
+                ));
             }
         }
         drawn
@@ -308,7 +359,8 @@ impl Easel {
 }
 
 fn tracked(plan: &Plan, timestamp: Time) -> Tracking {
-    let ([state, ..], [target, ..], [variance, ..]) = (plan.predicted, plan.reference, plan.variance);
+    let ([state, ..], [target, ..], [variance, ..]) =
+        (plan.predicted, plan.reference, plan.variance);
     let length = |[forward, left, _]: [f64; 3]| forward.hypot(left);
     Tracking {
         timestamp,
@@ -351,7 +403,8 @@ mod tests {
 
     fn state(tick: u64, pose: [f64; 3]) -> PlantState {
         let mut state = PlantState::zeroed();
-        (state.stamp.epoch, state.stamp.tick, state.stamp.sent_nanos, state.pose) = (1, tick, 5, pose);
+        (state.stamp.epoch, state.stamp.tick, state.stamp.sent_nanos, state.pose) =
+            (1, tick, 5, pose);
         state
     }
 
@@ -385,11 +438,15 @@ mod tests {
         let mut reborn = state(0, [0.0; 3]);
         reborn.stamp.epoch = 2;
         let drawn = easel.draw_state(&reborn);
-        assert!(matches!(&drawn[..], [.., (Shown::Path, Drawing::Poses(path))] if path.poses.len() == 1), "{drawn:?}");
+        assert!(
+            matches!(&drawn[..], [.., (Shown::Path, Drawing::Poses(path))] if path.poses.len() == 1),
+            "{drawn:?}"
+        );
     }
 
     #[test]
-    fn heading_is_a_rotation_about_the_vertical_and_what_is_drawn_has_few_digits() -> Result<(), serde_json::Error> {
+    fn heading_is_a_rotation_about_the_vertical_and_what_is_drawn_has_few_digits()
+    -> Result<(), serde_json::Error> {
         let half_turn = Pose::plane(1.234_567_89, -2.0, std::f64::consts::PI);
         let text = serde_json::to_string(&half_turn)?;
         assert!(text.len() < 130, "{text}");
@@ -430,7 +487,9 @@ mod tests {
         assert_eq!(names.len(), Shown::ALL.len());
         for shown in Shown::ALL {
             assert_eq!(shown.schema()["title"], shown.kind());
-            assert!(protocol::topic::Topic::ALL.iter().all(|topic| topic.name() != shown.channel()));
+            assert!(
+                protocol::topic::Topic::ALL.iter().all(|topic| topic.name() != shown.channel())
+            );
         }
     }
 }

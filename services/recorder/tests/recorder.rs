@@ -41,7 +41,13 @@ impl Recording {
     fn start(exchange: &Exchange, settings: Settings) -> Self {
         let stop = Stop::new();
         let (exchange, stop_of_thread) = (exchange.clone(), stop.clone());
-        let thread = thread::spawn(move || recorder::run::run(&Ports::in_memory(&exchange, Identity::new(1)), &settings, &stop_of_thread));
+        let thread = thread::spawn(move || {
+            recorder::run::run(
+                &Ports::in_memory(&exchange, Identity::new(1)),
+                &settings,
+                &stop_of_thread,
+            )
+        });
         Self { stop, thread }
     }
 
@@ -58,7 +64,10 @@ fn stored(path: &Path) -> Result<BTreeMap<String, u64>, Box<dyn Error>> {
     for message in mcap::MessageStream::new(&bytes)? {
         let message = message?;
         assert_eq!(message.channel.message_encoding, "json");
-        assert_eq!(message.channel.schema.as_ref().map(|schema| schema.encoding.as_str()), Some("jsonschema"));
+        assert_eq!(
+            message.channel.schema.as_ref().map(|schema| schema.encoding.as_str()),
+            Some("jsonschema")
+        );
         assert!(message.log_time > 0 && message.log_time == message.publish_time);
         *counts.entry(message.channel.topic.clone()).or_default() += 1;
     }
@@ -66,7 +75,11 @@ fn stored(path: &Path) -> Result<BTreeMap<String, u64>, Box<dyn Error>> {
 }
 
 /// Waits for the first health of the recorder: from then on it hears everything.
-fn wait_until_it_listens(ports: &Ports, exchange: &Exchange, settings: Settings) -> Result<Recording, Box<dyn Error>> {
+fn wait_until_it_listens(
+    ports: &Ports,
+    exchange: &Exchange,
+    settings: Settings,
+) -> Result<Recording, Box<dyn Error>> {
     let mut healths = ports.source::<Health>(Since::Joining)?;
     let recording = Recording::start(exchange, settings);
     assert!(healths.wait(PATIENCE)?, "the recorder does not get ready");
@@ -99,25 +112,49 @@ fn in_lock_step_the_plant_waits_for_the_record_and_nothing_is_lost() -> Result<(
         assert_eq!((topic, stored.get(topic).copied()), (topic, Some(TICKS)));
     }
     assert_eq!(stored.get("snapshot").copied(), Some(TICKS / SNAPSHOT_TICKS));
-    assert!(summary.losses.values().all(|of_topic| of_topic.get("recorder").is_none_or(|lost| *lost == 0)), "{:?}", summary.losses);
+    assert!(
+        summary
+            .losses
+            .values()
+            .all(|of_topic| of_topic.get("recorder").is_none_or(|lost| *lost == 0)),
+        "{:?}",
+        summary.losses
+    );
     assert_eq!(summary.losses["state"]["controller"], 29);
     assert_eq!(summary.arrival_s, Some(2.0));
-    assert_eq!((summary.periods, summary.rungs.on(Rung::FreshPlan), summary.periods_missed), (TICKS - 1, TICKS - 1, 0));
-    assert_eq!((summary.snapshots_adopted, summary.plant_epochs, summary.controller_epochs, summary.segments), (12, 1, 1, 1));
+    assert_eq!(
+        (summary.periods, summary.rungs.on(Rung::FreshPlan), summary.periods_missed),
+        (TICKS - 1, TICKS - 1, 0)
+    );
+    assert_eq!(
+        (
+            summary.snapshots_adopted,
+            summary.plant_epochs,
+            summary.controller_epochs,
+            summary.segments
+        ),
+        (12, 1, 1, 1)
+    );
 
-    let written: serde_json::Value = serde_json::from_slice(&fs::read(folder.path().join("summary.json"))?)?;
+    let written: serde_json::Value =
+        serde_json::from_slice(&fs::read(folder.path().join("summary.json"))?)?;
     assert_eq!(written["periods"], TICKS - 1);
     let bytes = fs::read(folder.path().join("record.mcap"))?;
     let index = mcap::Summary::read(&bytes)?.ok_or("no index")?;
     let attached = index.attachment_indexes.first().ok_or("no attachment")?;
-    assert_eq!((attached.name.as_str(), &*mcap::read::attachment(&bytes, attached)?.data), ("plant.toml", b"[robot]\n".as_slice()));
-    let metadata = mcap::read::metadata(&bytes, index.metadata_indexes.first().ok_or("no metadata")?)?;
+    assert_eq!(
+        (attached.name.as_str(), &*mcap::read::attachment(&bytes, attached)?.data),
+        ("plant.toml", b"[robot]\n".as_slice())
+    );
+    let metadata =
+        mcap::read::metadata(&bytes, index.metadata_indexes.first().ok_or("no metadata")?)?;
     assert_eq!(metadata.metadata.get("period_nanos").map(String::as_str), Some("100000000"));
     Ok(())
 }
 
 #[test]
-fn a_plant_that_says_no_more_than_how_it_is_hears_its_credit_again_and_again() -> Result<(), Box<dyn Error>> {
+fn a_plant_that_says_no_more_than_how_it_is_hears_its_credit_again_and_again()
+-> Result<(), Box<dyn Error>> {
     const TOLD_AGAIN: u64 = 2;
     let folder = TempDir::new()?;
     let exchange = Exchange::new(true, PATIENCE);
@@ -132,9 +169,14 @@ fn a_plant_that_says_no_more_than_how_it_is_hears_its_credit_again_and_again() -
         let (begin, told_before) = (Instant::now(), credits.tally().stale);
         while credits.tally().stale < told_before + TOLD_AGAIN {
             if begin.elapsed() > PATIENCE {
-                return Err(format!("before tick {silent_from} the credit is not said again").into());
+                return Err(
+                    format!("before tick {silent_from} the credit is not said again").into()
+                );
             }
-            healths.send(&mut Health { participant: Participant::Plant.code(), ..Zeroable::zeroed() })?;
+            healths.send(&mut Health {
+                participant: Participant::Plant.code(),
+                ..Zeroable::zeroed()
+            })?;
             credits.wait(HEARTBEAT)?;
             while credits.next()?.is_some() {}
         }
@@ -149,7 +191,8 @@ fn what_was_sent_is_stored_or_lost() -> Result<(), Box<dyn Error>> {
     let folder = TempDir::new()?;
     let exchange = Exchange::new(false, PATIENCE);
     let ports = Ports::in_memory(&exchange, Identity::new(1));
-    let recording = wait_until_it_listens(&ports, &exchange, settings(folder.path(), Pace::RealTime, false))?;
+    let recording =
+        wait_until_it_listens(&ports, &exchange, settings(folder.path(), Pace::RealTime, false))?;
     let mut graph = Graph::open(&ports)?;
     for tick in 0..TICKS {
         graph.tick(tick)?;
@@ -170,7 +213,8 @@ fn a_restarted_recorder_goes_on_in_a_new_file_and_sums_up_both() -> Result<(), B
     let exchange = Exchange::new(false, PATIENCE);
     let ports = Ports::in_memory(&exchange, Identity::new(1));
     let mut graph = Graph::open(&ports)?;
-    let recording = wait_until_it_listens(&ports, &exchange, settings(folder.path(), Pace::RealTime, false))?;
+    let recording =
+        wait_until_it_listens(&ports, &exchange, settings(folder.path(), Pace::RealTime, false))?;
     for tick in 0..40 {
         graph.tick(tick)?;
     }
@@ -182,7 +226,8 @@ fn a_restarted_recorder_goes_on_in_a_new_file_and_sums_up_both() -> Result<(), B
     for tick in 40..50 {
         graph.tick(tick)?;
     }
-    let recording = wait_until_it_listens(&ports, &exchange, settings(folder.path(), Pace::RealTime, true))?;
+    let recording =
+        wait_until_it_listens(&ports, &exchange, settings(folder.path(), Pace::RealTime, true))?;
     for tick in 50..90 {
         graph.tick(tick)?;
     }
@@ -205,8 +250,11 @@ fn a_record_is_never_written_over() -> Result<(), Box<dyn Error>> {
     let exchange = Exchange::new(false, PATIENCE);
     Recording::start(&exchange, settings(folder.path(), Pace::RealTime, false)).stop()?;
     let record = fs::read(folder.path().join("record.mcap"))?;
-    let again =
-        recorder::run::run(&Ports::in_memory(&exchange, Identity::new(2)), &settings(folder.path(), Pace::RealTime, false), &Stop::new());
+    let again = recorder::run::run(
+        &Ports::in_memory(&exchange, Identity::new(2)),
+        &settings(folder.path(), Pace::RealTime, false),
+        &Stop::new(),
+    );
     assert!(matches!(again, Err(RecorderError::Record(RecordError::Exists { .. }))), "{again:?}");
     assert_eq!(fs::read(folder.path().join("record.mcap"))?, record);
     Ok(())
@@ -216,9 +264,16 @@ fn a_record_is_never_written_over() -> Result<(), Box<dyn Error>> {
 fn a_folder_that_is_not_there_is_named() {
     let exchange = Exchange::new(false, PATIENCE);
     let ports = Ports::in_memory(&exchange, Identity::new(1));
-    let outcome = recorder::run::run(&ports, &settings(Path::new("/nowhere/run"), Pace::RealTime, false), &Stop::new());
+    let outcome = recorder::run::run(
+        &ports,
+        &settings(Path::new("/nowhere/run"), Pace::RealTime, false),
+        &Stop::new(),
+    );
     let Err(RecorderError::Record(RecordError::Create { path, source })) = outcome else {
         return assert!(outcome.is_err(), "{outcome:?}");
     };
-    assert_eq!((path.as_path(), source.kind()), (Path::new("/nowhere/run/record.mcap"), io::ErrorKind::NotFound));
+    assert_eq!(
+        (path.as_path(), source.kind()),
+        (Path::new("/nowhere/run/record.mcap"), io::ErrorKind::NotFound)
+    );
 }

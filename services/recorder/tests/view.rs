@@ -15,16 +15,25 @@ fn json<T: Viewable>(message: &T) -> Value {
 /// Fails unless `value` is what `schema` says. Null stands for a number that is not finite.
 fn fits(value: &Value, schema: &Value, place: &str) {
     let words = schema["enum"].as_array();
-    assert!(words.is_none_or(|words| words.contains(value)), "{place}: {value} is none of {words:?}");
+    assert!(
+        words.is_none_or(|words| words.contains(value)),
+        "{place}: {value} is none of {words:?}"
+    );
     match (schema["type"].as_str(), value) {
         (Some("object"), Value::Object(entries)) => {
-            let properties = schema["properties"].as_object().map(|properties| properties.keys().collect::<Vec<_>>());
+            let properties = schema["properties"]
+                .as_object()
+                .map(|properties| properties.keys().collect::<Vec<_>>());
             assert_eq!(properties, Some(entries.keys().collect()), "{place}");
             for (key, value) in entries {
                 fits(value, &schema["properties"][key], &format!("{place}.{key}"));
             }
         }
-        (Some("array"), Value::Array(items)) => items.iter().for_each(|item| fits(item, &schema["items"], place)),
+        (Some("array"), Value::Array(items)) => {
+            for item in items {
+                fits(item, &schema["items"], place);
+            }
+        }
         (Some("integer"), Value::Number(number)) => assert!(number.is_u64(), "{place}: {number}"),
         (Some("number"), Value::Number(_) | Value::Null) | (Some("string"), Value::String(_)) => {}
         (expected, found) => assert_eq!(expected, None, "{place}: {found}"),
@@ -49,7 +58,9 @@ fn every_message_fits_its_schema() {
 fn every_field_says_what_it_means() {
     for schema in [schema::<Plan>(), schema::<ModelSnapshot>(), schema::<Health>()] {
         let properties = schema["properties"].as_object();
-        let silent = |(_, property): (&String, &Value)| property["description"].as_str().is_none_or(str::is_empty);
+        let silent = |(_, property): (&String, &Value)| {
+            property["description"].as_str().is_none_or(str::is_empty)
+        };
         assert!(properties.is_some_and(|properties| !properties.iter().any(silent)), "{schema}");
     }
 }
@@ -58,7 +69,10 @@ fn every_field_says_what_it_means() {
 fn arrays_end_where_they_end_to_count() {
     let plan = json(&graph::plan(3));
     let rows = |key: &str| plan[key].as_array().map(Vec::len);
-    assert_eq!((rows("predicted"), rows("reference"), rows("variance"), rows("input")), (Some(6), Some(6), Some(6), Some(5)));
+    assert_eq!(
+        (rows("predicted"), rows("reference"), rows("variance"), rows("input")),
+        (Some(6), Some(6), Some(6), Some(5))
+    );
     let snapshot = json(&graph::snapshot(25));
     assert_eq!(snapshot["inputs"], serde_json::json!([[0.0, 0.5], [1.0, 0.5], [2.0, 0.5]]));
     assert_eq!(snapshot["length_scale"], serde_json::json!([[0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]));

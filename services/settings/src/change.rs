@@ -137,11 +137,16 @@ impl Change {
     /// Whether only what is tunable is changed.
     fn keeps_to(&self, rules: &Rules<'_>) -> Result<(), ChangeError> {
         let may = |key: &str| {
-            rules.tunable.iter().any(|tunable| key.strip_prefix(tunable).is_some_and(|rest| rest.is_empty() || rest.starts_with('.')))
+            rules.tunable.iter().any(|tunable| {
+                key.strip_prefix(tunable)
+                    .is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+            })
         };
         let tunable = || rules.tunable.iter().map(|&key| key.to_owned()).collect();
         match self.entries().into_iter().find(|(key, _)| !may(key)) {
-            Some((key, value)) => Err(ChangeError::Fixed { key, value: quote(value), tunable: tunable() }),
+            Some((key, value)) => {
+                Err(ChangeError::Fixed { key, value: quote(value), tunable: tunable() })
+            }
             None => Ok(()),
         }
     }
@@ -151,7 +156,11 @@ impl Change {
 ///
 /// # Errors
 /// [`ChangeError`] says what is wrong first.
-pub fn changed<T: Serialize + DeserializeOwned + Check>(settings: &T, changes: &[Change], rules: &Rules<'_>) -> Result<T, ChangeError> {
+pub fn changed<T: Serialize + DeserializeOwned + Check>(
+    settings: &T,
+    changes: &[Change],
+    rules: &Rules<'_>,
+) -> Result<T, ChangeError> {
     let unsayable = |reason: String| ChangeError::Unsayable { reason };
     let mut whole = Table::try_from(settings).map_err(|error| unsayable(error.to_string()))?;
     for change in changes {
@@ -168,9 +177,13 @@ impl From<SettingsError> for ChangeError {
         match error {
             SettingsError::Unreadable { reason, .. } => Self::Unsayable { reason },
             SettingsError::Syntax { text, expected, .. } => Self::Syntax { text, expected },
-            SettingsError::UnknownKey { key, value, known, .. } => Self::UnknownKey { key, value, known },
+            SettingsError::UnknownKey { key, value, known, .. } => {
+                Self::UnknownKey { key, value, known }
+            }
             SettingsError::MissingKey { key, .. } => Self::MissingKey { key },
-            SettingsError::Value { key, value, expected, .. } => Self::Value { key, value, expected },
+            SettingsError::Value { key, value, expected, .. } => {
+                Self::Value { key, value, expected }
+            }
         }
     }
 }
@@ -197,7 +210,9 @@ fn overlay(table: &mut Table, change: &Table, path: &str, rules: &Rules<'_>) {
     for (key, value) in change {
         match (table.get_mut(key), value) {
             (_, Value::String(word)) if word == NONE => drop(table.remove(key)),
-            (Some(Value::Table(there)), Value::Table(below)) => overlay(there, below, &joined(path, key), rules),
+            (Some(Value::Table(there)), Value::Table(below)) => {
+                overlay(there, below, &joined(path, key), rules);
+            }
             _ => drop(table.insert(key.clone(), value.clone())),
         }
     }
@@ -206,6 +221,7 @@ fn overlay(table: &mut Table, change: &Table, path: &str, rules: &Rules<'_>) {
 /// The value, shortened to one line.
 fn quote(value: &Value) -> String {
     let written = value.to_string();
-    let line: String = written.lines().next().unwrap_or_default().chars().take(QUOTED_MAX).collect();
+    let line: String =
+        written.lines().next().unwrap_or_default().chars().take(QUOTED_MAX).collect();
     if line.len() == written.len() { line } else { format!("{line} …") }
 }

@@ -96,7 +96,8 @@ fn alternatives(known: &[String]) -> String {
 
 /// Where a missing key should be.
 fn within(key: &str) -> String {
-    key.rsplit_once('.').map_or_else(|| "at the top of the file".into(), |(table, _)| format!("in [{table}]"))
+    key.rsplit_once('.')
+        .map_or_else(|| "at the top of the file".into(), |(table, _)| format!("in [{table}]"))
 }
 
 fn colon(line: Option<usize>) -> String {

@@ -17,21 +17,35 @@ pub(crate) fn refusal(document: &Document<'_>, file: &Path, error: &Error) -> Se
         let line = entry.map_or(1, |table| document.line_of(table));
         return SettingsError::MissingKey { file, line, key };
     }
-    let line = entry.map(|entry| document.line_of(entry)).or_else(|| span.map(|span| document.line(span.start)));
+    let line = entry
+        .map(|entry| document.line_of(entry))
+        .or_else(|| span.map(|span| document.line(span.start)));
     let key = entry.map_or_else(|| "(the whole file)".to_owned(), |entry| entry.path.clone());
     let value = entry.map(|entry| document.quote(entry));
     if let Some(known) = known_keys(said) {
-        return SettingsError::UnknownKey { file, line: line.unwrap_or(1), key, value: value.unwrap_or_default(), known };
+        return SettingsError::UnknownKey {
+            file,
+            line: line.unwrap_or(1),
+            key,
+            value: value.unwrap_or_default(),
+            known,
+        };
     }
     SettingsError::Value { file, line, key, value, expected: expected(said) }
 }
 
 /// A document of the right type that cannot be.
-pub(crate) fn impossible(document: &Document<'_>, file: &Path, impossible: Impossible) -> SettingsError {
+pub(crate) fn impossible(
+    document: &Document<'_>,
+    file: &Path,
+    impossible: Impossible,
+) -> SettingsError {
     let entry = document.find(&impossible.key);
     SettingsError::Value {
         file: file.to_path_buf(),
-        line: entry.map(|entry| document.line_of(entry)).or_else(|| document.line_around(&impossible.key)),
+        line: entry
+            .map(|entry| document.line_of(entry))
+            .or_else(|| document.line_around(&impossible.key)),
         value: entry.map(|entry| document.quote(entry)),
         key: impossible.key,
         expected: impossible.expected,
@@ -40,26 +54,37 @@ pub(crate) fn impossible(document: &Document<'_>, file: &Path, impossible: Impos
 
 /// What was expected, of serde's "invalid type: …, expected …" and the like.
 fn expected(said: &str) -> String {
-    let Some((before, expected)) = said.rsplit_once(", expected ") else { return format!("something else: {said}") };
+    let Some((before, expected)) = said.rsplit_once(", expected ") else {
+        return format!("something else: {said}");
+    };
     if before.starts_with("unknown variant ") {
         let known = quoted(expected);
-        return if known.len() > 1 { format!("one of {}", known.join(", ")) } else { known.concat() };
+        return if known.len() > 1 {
+            format!("one of {}", known.join(", "))
+        } else {
+            known.concat()
+        };
     }
     match expected {
         "f64" => "a number".into(),
         "u64" | "u32" | "u16" | "u8" | "usize" => "a whole number of at least 0".into(),
         "i64" | "i32" => "a whole number".into(),
         "a boolean" => "true or false".into(),
-        other => other.strip_prefix("struct ").map_or_else(|| other.to_owned(), |_| "a table".into()),
+        other => {
+            other.strip_prefix("struct ").map_or_else(|| other.to_owned(), |_| "a table".into())
+        }
     }
 }
 
 /// The keys that there are, if `said` is that there is another one: in serde's words, or in those of toml for the tables of an enum.
 fn known_keys(said: &str) -> Option<Vec<String>> {
     if said.starts_with("unknown field ") {
-        return Some(said.split_once(", expected ").map(|(_, list)| quoted(list)).unwrap_or_default());
+        return Some(
+            said.split_once(", expected ").map(|(_, list)| quoted(list)).unwrap_or_default(),
+        );
     }
-    let (_, list) = said.strip_prefix("unexpected keys in table: ")?.split_once(", available keys: ")?;
+    let (_, list) =
+        said.strip_prefix("unexpected keys in table: ")?.split_once(", available keys: ")?;
     Some(list.split(", ").map(str::to_owned).collect())
 }
 

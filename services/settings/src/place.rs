@@ -42,7 +42,10 @@ impl<'i> Document<'i> {
         let exactly = self.entries.iter().find(|entry| entry.key.as_ref() == Some(span));
         let exactly = exactly.or_else(|| self.entries.iter().rfind(|entry| entry.value == *span));
         exactly.or_else(|| {
-            let around = self.entries.iter().filter(|entry| entry.value.start <= span.start && span.end <= entry.value.end);
+            let around = self
+                .entries
+                .iter()
+                .filter(|entry| entry.value.start <= span.start && span.end <= entry.value.end);
             around.min_by_key(|entry| entry.value.len())
         })
     }
@@ -85,12 +88,21 @@ pub(crate) fn line(text: &[u8], offset: usize) -> usize {
 
 fn visit_table(table: &DeTable<'_>, prefix: &str, entries: &mut Vec<Entry>) {
     for (key, value) in table {
-        let path = if prefix.is_empty() { key.get_ref().to_string() } else { format!("{prefix}.{}", key.get_ref()) };
+        let path = if prefix.is_empty() {
+            key.get_ref().to_string()
+        } else {
+            format!("{prefix}.{}", key.get_ref())
+        };
         visit_value(value, Some(key.span()), &path, entries);
     }
 }
 
-fn visit_value(value: &Spanned<DeValue<'_>>, key: Option<Range<usize>>, path: &str, entries: &mut Vec<Entry>) {
+fn visit_value(
+    value: &Spanned<DeValue<'_>>,
+    key: Option<Range<usize>>,
+    path: &str,
+    entries: &mut Vec<Entry>,
+) {
     entries.push(Entry { path: path.to_owned(), key, value: value.span() });
     match value.get_ref() {
         DeValue::Table(table) => visit_table(table, path, entries),

@@ -14,8 +14,12 @@ use toml::de::{DeTable, Deserializer, Error};
 /// # Errors
 /// [`SettingsError`] says what is wrong first, and where.
 pub fn read<T: DeserializeOwned + Check>(file: &Path) -> Result<T, SettingsError> {
-    let bytes = fs::read(file).map_err(|error| SettingsError::Unreadable { file: file.to_path_buf(), reason: error.to_string() })?;
-    let text = std::str::from_utf8(&bytes).map_err(|error| not_text(&bytes, file, error.valid_up_to()))?;
+    let bytes = fs::read(file).map_err(|error| SettingsError::Unreadable {
+        file: file.to_path_buf(),
+        reason: error.to_string(),
+    })?;
+    let text =
+        std::str::from_utf8(&bytes).map_err(|error| not_text(&bytes, file, error.valid_up_to()))?;
     parse(text, file)
 }
 
@@ -26,7 +30,8 @@ pub fn read<T: DeserializeOwned + Check>(file: &Path) -> Result<T, SettingsError
 pub fn parse<T: DeserializeOwned + Check>(text: &str, file: &Path) -> Result<T, SettingsError> {
     let root = DeTable::parse(text).map_err(|error| syntax(text, file, &error))?;
     let document = Document::new(text, root.get_ref());
-    let settings = T::deserialize(Deserializer::from(root)).map_err(|error| explain::refusal(&document, file, &error))?;
+    let settings = T::deserialize(Deserializer::from(root))
+        .map_err(|error| explain::refusal(&document, file, &error))?;
     settings.check().map_err(|impossible| explain::impossible(&document, file, impossible))?;
     Ok(settings)
 }
@@ -36,8 +41,12 @@ pub fn parse<T: DeserializeOwned + Check>(text: &str, file: &Path) -> Result<T, 
 /// # Errors
 /// [`WriteError`] if TOML cannot say them or the file cannot be written.
 pub fn write<T: Serialize>(file: &Path, settings: &T) -> Result<(), WriteError> {
-    let text = toml::to_string(settings).map_err(|error| WriteError::Unsayable { file: file.to_path_buf(), reason: error.to_string() })?;
-    fs::write(file, text).map_err(|source| WriteError::Unwritable { file: file.to_path_buf(), source })
+    let text = toml::to_string(settings).map_err(|error| WriteError::Unsayable {
+        file: file.to_path_buf(),
+        reason: error.to_string(),
+    })?;
+    fs::write(file, text)
+        .map_err(|source| WriteError::Unwritable { file: file.to_path_buf(), source })
 }
 
 /// Bytes whose byte `place` is the first that is not UTF-8.

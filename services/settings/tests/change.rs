@@ -46,11 +46,18 @@ enum Heading {
 
 impl Check for Robot {
     fn check(&self) -> Result<(), Impossible> {
-        if self.free_steps <= self.steps { Ok(()) } else { Err(Impossible::new("free_steps", format!("at most {}", self.steps))) }
+        if self.free_steps <= self.steps {
+            Ok(())
+        } else {
+            Err(Impossible::new("free_steps", format!("at most {}", self.steps)))
+        }
     }
 }
 
-const RULES: Rules<'static> = Rules { tunable: &["steps", "free_steps", "weights", "path", "heading", "limits"], choices: &["path"] };
+const RULES: Rules<'static> = Rules {
+    tunable: &["steps", "free_steps", "weights", "path", "heading", "limits"],
+    choices: &["path"],
+};
 
 fn robot() -> Robot {
     Robot {
@@ -65,12 +72,19 @@ fn robot() -> Robot {
 }
 
 fn say(lines: &str) -> Result<Robot, String> {
-    Change::parse(lines).and_then(|change| changed(&robot(), &[change], &RULES)).map_err(|error| error.to_string())
+    Change::parse(lines)
+        .and_then(|change| changed(&robot(), &[change], &RULES))
+        .map_err(|error| error.to_string())
 }
 
 #[test]
 fn what_is_said_is_changed_and_nothing_else() {
-    let expected = Robot { steps: 7, free_steps: 6, weights: Weights { position: 4.0, ..robot().weights }, ..robot() };
+    let expected = Robot {
+        steps: 7,
+        free_steps: 6,
+        weights: Weights { position: 4.0, ..robot().weights },
+        ..robot()
+    };
     assert_eq!(say("steps = 7\nfree_steps = 6\nweights.position = 4"), Ok(expected.clone()));
     assert_eq!(say("[weights]\nposition = 4.0\n").map(|robot| robot.weights), Ok(expected.weights));
     assert_eq!(say("weights = { position = 1.0 }"), Ok(robot()), "a table is merged, key by key");
@@ -78,42 +92,80 @@ fn what_is_said_is_changed_and_nothing_else() {
 
 #[test]
 fn another_kind_of_path_takes_the_place_of_the_whole_and_the_same_kind_is_merged() {
-    assert_eq!(say("path.circle.radius = 2.0").map(|robot| robot.path), Ok(Route::Circle { radius: 2.0, speed: 0.3 }));
-    assert_eq!(say("path.line.speed = 0.5").map(|robot| robot.path), Ok(Route::Line { speed: 0.5 }));
-    assert_eq!(say("heading = { fixed-rad = 0.5 }").map(|robot| robot.heading), Ok(Heading::FixedRad(0.5)));
+    assert_eq!(
+        say("path.circle.radius = 2.0").map(|robot| robot.path),
+        Ok(Route::Circle { radius: 2.0, speed: 0.3 })
+    );
+    assert_eq!(
+        say("path.line.speed = 0.5").map(|robot| robot.path),
+        Ok(Route::Line { speed: 0.5 })
+    );
+    assert_eq!(
+        say("heading = { fixed-rad = 0.5 }").map(|robot| robot.heading),
+        Ok(Heading::FixedRad(0.5))
+    );
     let nothing_left = say("path.line.colour = 1");
-    assert!(nothing_left.as_ref().is_err_and(|told| told.contains("path.line.colour = 1: unknown key")), "{nothing_left:?}");
+    assert!(
+        nothing_left.as_ref().is_err_and(|told| told.contains("path.line.colour = 1: unknown key")),
+        "{nothing_left:?}"
+    );
 }
 
 #[test]
 fn a_limit_can_be_taken_away_and_what_is_needed_cannot() {
     assert_eq!(say("limits.speed = \"none\"").map(|robot| robot.limits), Ok(Limits::default()));
     assert_eq!(say("limits.width = \"none\""), Ok(robot()), "what is not there is gone already");
-    assert_eq!(say("weights.position = \"none\""), Err("weights.position is missing: expected it beside what is changed".into()));
+    assert_eq!(
+        say("weights.position = \"none\""),
+        Err("weights.position is missing: expected it beside what is changed".into())
+    );
 }
 
 #[test]
 fn every_refusal_names_the_key_with_its_value_and_what_was_expected() {
     let told = |lines: &str| say(lines).err().unwrap_or_default();
     assert_eq!(told("free_steps = 6"), "free_steps = 6: expected at most 5");
-    assert_eq!(told("steps = 2"), "free_steps = 3: expected at most 2", "the one that no longer goes with it");
-    assert_eq!(told("weights.position = 4.0\nfree_steps = 6"), "free_steps = 6: expected at most 5", "the other half is good");
-    assert_eq!(told("weights.position = \"much\""), "weights.position = \"much\": expected a number");
-    assert_eq!(told("weights.length = 1"), "weights.length = 1: unknown key, expected one of position, heading");
+    assert_eq!(
+        told("steps = 2"),
+        "free_steps = 3: expected at most 2",
+        "the one that no longer goes with it"
+    );
+    assert_eq!(
+        told("weights.position = 4.0\nfree_steps = 6"),
+        "free_steps = 6: expected at most 5",
+        "the other half is good"
+    );
+    assert_eq!(
+        told("weights.position = \"much\""),
+        "weights.position = \"much\": expected a number"
+    );
+    assert_eq!(
+        told("weights.length = 1"),
+        "weights.length = 1: unknown key, expected one of position, heading"
+    );
     assert_eq!(
         told("name = \"b\""),
         "name = \"b\": stays as it was at the start; expected a key below steps, free_steps, weights, path, heading, limits"
     );
-    assert_eq!(told("steps_of_mine = 1").split(';').next(), Some("steps_of_mine = 1: stays as it was at the start"));
+    assert_eq!(
+        told("steps_of_mine = 1").split(';').next(),
+        Some("steps_of_mine = 1: stays as it was at the start")
+    );
     assert_eq!(told(""), "nothing is changed: expected at least one KEY = VALUE");
     assert_eq!(told("# nothing"), "nothing is changed: expected at least one KEY = VALUE");
-    assert!(told("steps = 7\nsteps 8").starts_with("`steps 8` is not TOML: "), "{}", told("steps = 7\nsteps 8"));
+    assert!(
+        told("steps = 7\nsteps 8").starts_with("`steps 8` is not TOML: "),
+        "{}",
+        told("steps = 7\nsteps 8")
+    );
 }
 
 #[test]
 fn several_changes_are_merged_in_their_order() -> Result<(), Box<dyn std::error::Error>> {
-    let changes =
-        ["steps = 2\nfree_steps = 1", "steps = 9", "free_steps = 8"].map(Change::parse).into_iter().collect::<Result<Vec<_>, _>>()?;
+    let changes = ["steps = 2\nfree_steps = 1", "steps = 9", "free_steps = 8"]
+        .map(Change::parse)
+        .into_iter()
+        .collect::<Result<Vec<_>, _>>()?;
     let robot = changed(&robot(), &changes, &RULES)?;
     assert_eq!((robot.steps, robot.free_steps), (9, 8));
     Ok(())

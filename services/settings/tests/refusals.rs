@@ -56,7 +56,8 @@ impl Check for Scenario {
         }
         for (wheel, gain) in self.truth.motor_gain.into_iter().enumerate() {
             if gain < 0.0 {
-                return Err(Impossible::new(format!("motor_gain.{wheel}"), "a gain of at least 0").under("truth"));
+                return Err(Impossible::new(format!("motor_gain.{wheel}"), "a gain of at least 0")
+                    .under("truth"));
             }
         }
         if self.seed == 13 {
@@ -122,7 +123,8 @@ fn what_is_written_reads_back_the_same() -> Result<(), Box<dyn std::error::Error
 
 #[test]
 fn a_missing_file_is_named() {
-    let refused = settings::read::<Scenario>(Path::new("/nowhere/paper.toml")).map_err(|error| error.to_string());
+    let refused = settings::read::<Scenario>(Path::new("/nowhere/paper.toml"))
+        .map_err(|error| error.to_string());
     let told = "/nowhere/paper.toml: expected a file of settings, but No such file or directory (os error 2)";
     assert_eq!(refused, Err(told.to_owned()));
 }
@@ -132,7 +134,10 @@ fn a_byte_that_is_no_text_is_shown_with_its_line() -> Result<(), Box<dyn std::er
     let file = tempfile::NamedTempFile::new()?;
     std::fs::write(file.path(), b"seed = 7\n# \xff of the crate\n")?;
     let refused = settings::read::<Scenario>(file.path()).map_err(|error| error.to_string());
-    let told = format!("{}:2: `# \u{fffd} of the crate` is not TOML: expected text in UTF-8", file.path().display());
+    let told = format!(
+        "{}:2: `# \u{fffd} of the crate` is not TOML: expected text in UTF-8",
+        file.path().display()
+    );
     assert_eq!(refused, Err(told));
     Ok(())
 }
@@ -171,8 +176,14 @@ fn an_unknown_key_is_named_with_those_that_are_known() {
 
 #[test]
 fn a_value_of_the_wrong_type_is_shown() {
-    assert_eq!(refusal_with("mass_kg = 22", "mass_kg = \"heavy\""), "deploy/paper.toml:5: truth.mass_kg = \"heavy\": expected a number");
-    assert_eq!(refusal_with("seed = 7", "seed = -7"), "deploy/paper.toml:2: seed = -7: expected a whole number of at least 0");
+    assert_eq!(
+        refusal_with("mass_kg = 22", "mass_kg = \"heavy\""),
+        "deploy/paper.toml:5: truth.mass_kg = \"heavy\": expected a number"
+    );
+    assert_eq!(
+        refusal_with("seed = 7", "seed = -7"),
+        "deploy/paper.toml:2: seed = -7: expected a whole number of at least 0"
+    );
     assert_eq!(
         refusal_with("0.85, 1, 1, 1", "0.85, 1, 1"),
         "deploy/paper.toml:6: truth.motor_gain = [0.85, 1, 1]: expected an array of length 4"
@@ -181,36 +192,68 @@ fn a_value_of_the_wrong_type_is_shown() {
         refusal_with("seed = 7", "seed = 7\npace = \"slow\""),
         "deploy/paper.toml:3: pace = \"slow\": expected one of real-time, lock-step"
     );
-    assert_eq!(refusal("seed = 7\ntruth = 3\n"), "deploy/paper.toml:2: truth = 3: expected a table");
+    assert_eq!(
+        refusal("seed = 7\ntruth = 3\n"),
+        "deploy/paper.toml:2: truth = 3: expected a table"
+    );
 }
 
 #[test]
 fn an_unknown_alternative_is_named_with_those_that_are_known() {
-    assert_eq!(refusal_with("path.circle", "path.cycle"), "deploy/paper.toml:8: path.cycle = a table: expected one of circle, line");
+    assert_eq!(
+        refusal_with("path.circle", "path.cycle"),
+        "deploy/paper.toml:8: path.cycle = a table: expected one of circle, line"
+    );
 }
 
 #[test]
 fn a_missing_key_is_named_with_its_table() {
-    assert_eq!(refusal_with("mass_kg = 22\n", ""), "deploy/paper.toml:4: truth.mass_kg is missing: expected it in [truth]");
-    assert_eq!(refusal_with("seed = 7\n", ""), "deploy/paper.toml:1: seed is missing: expected it at the top of the file");
-    assert_eq!(refusal_with("force_n = 2.0\n", ""), "deploy/paper.toml:13: pushes.1.force_n is missing: expected it in [pushes.1]");
-    assert_eq!(refusal_with("radius_m = 2.0\n", ""), "deploy/paper.toml:8: path.circle.radius_m is missing: expected it in [path.circle]");
+    assert_eq!(
+        refusal_with("mass_kg = 22\n", ""),
+        "deploy/paper.toml:4: truth.mass_kg is missing: expected it in [truth]"
+    );
+    assert_eq!(
+        refusal_with("seed = 7\n", ""),
+        "deploy/paper.toml:1: seed is missing: expected it at the top of the file"
+    );
+    assert_eq!(
+        refusal_with("force_n = 2.0\n", ""),
+        "deploy/paper.toml:13: pushes.1.force_n is missing: expected it in [pushes.1]"
+    );
+    assert_eq!(
+        refusal_with("radius_m = 2.0\n", ""),
+        "deploy/paper.toml:8: path.circle.radius_m is missing: expected it in [path.circle]"
+    );
 }
 
 #[test]
 fn an_impossible_value_is_shown_with_its_line() {
-    assert_eq!(refusal_with("mass_kg = 22", "mass_kg = -3.0"), "deploy/paper.toml:5: truth.mass_kg = -3.0: expected a positive mass");
-    assert_eq!(refusal_with("1, 1, 1", "1,\n  1,\n  -1"), "deploy/paper.toml:8: truth.motor_gain.3 = -1: expected a gain of at least 0");
-    assert_eq!(refusal_with("force_n = 2.0", "force_n = 200.0"), "deploy/paper.toml:14: pushes.1.force_n = 200.0: expected at most 100 N");
+    assert_eq!(
+        refusal_with("mass_kg = 22", "mass_kg = -3.0"),
+        "deploy/paper.toml:5: truth.mass_kg = -3.0: expected a positive mass"
+    );
+    assert_eq!(
+        refusal_with("1, 1, 1", "1,\n  1,\n  -1"),
+        "deploy/paper.toml:8: truth.motor_gain.3 = -1: expected a gain of at least 0"
+    );
+    assert_eq!(
+        refusal_with("force_n = 2.0", "force_n = 200.0"),
+        "deploy/paper.toml:14: pushes.1.force_n = 200.0: expected at most 100 N"
+    );
 }
 
 #[test]
 fn an_impossible_default_is_shown_with_the_line_of_its_table() {
-    assert_eq!(refusal_with("seed = 7", "seed = 13"), "deploy/paper.toml:4: truth.absent.key: expected another seed");
+    assert_eq!(
+        refusal_with("seed = 7", "seed = 13"),
+        "deploy/paper.toml:4: truth.absent.key: expected another seed"
+    );
 }
 
 #[test]
 fn an_error_can_be_told_apart_by_its_kind() {
     let unknown = settings::parse::<Scenario>("sead = 7\n", Path::new("a.toml"));
-    assert!(matches!(unknown, Err(SettingsError::UnknownKey { line: 1, key, .. }) if key == "sead"));
+    assert!(
+        matches!(unknown, Err(SettingsError::UnknownKey { line: 1, key, .. }) if key == "sead")
+    );
 }

@@ -40,7 +40,10 @@ impl Echo {
     pub(super) fn of_zenoh(endpoint: &str, bytes: usize) -> Result<Self, Failure> {
         let session = client(endpoint)?;
         let (note, heard) = mpsc::channel();
-        let ears = session.declare_subscriber("bare/back").callback(move |_| note.send(()).unwrap_or_default()).wait()?;
+        let ears = session
+            .declare_subscriber("bare/back")
+            .callback(move |_| note.send(()).unwrap_or_default())
+            .wait()?;
         let child = start(&["zenoh", endpoint])?;
         Self { child, way: Way::Zenoh { session, heard, bytes, _ears: ears } }.begin()
     }
@@ -54,7 +57,11 @@ impl Echo {
     /// There and back \[ns\].
     pub(super) fn round(&self) -> Result<u64, Failure> {
         let begin = monotonic_nanos();
-        if self.answers(LONG)? { Ok(monotonic_nanos() - begin) } else { Err("the echo does not answer".into()) }
+        if self.answers(LONG)? {
+            Ok(monotonic_nanos() - begin)
+        } else {
+            Err("the echo does not answer".into())
+        }
     }
 
     fn answers(&self, patience: Duration) -> Result<bool, Failure> {
@@ -83,7 +90,11 @@ impl Drop for Echo {
 }
 
 fn start(arguments: &[&str]) -> Result<Child, Failure> {
-    Ok(Command::new(std::env::current_exe()?).arg("--echo").args(arguments).stdin(Stdio::piped()).spawn()?)
+    Ok(Command::new(std::env::current_exe()?)
+        .arg("--echo")
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .spawn()?)
 }
 
 /// The other process.
@@ -91,8 +102,10 @@ pub(super) fn answer(arguments: &[String]) -> Result<(), Failure> {
     go_first(PRIORITY);
     match arguments {
         [library, folder, prefix, words, ..] if library == "iceoryx2" => {
-            let end = End::open(Path::new(folder), prefix, ["there", "back"], words.parse()?, DEPTH)?;
-            let ended = std::thread::spawn(|| std::io::copy(&mut std::io::stdin(), &mut std::io::sink()));
+            let end =
+                End::open(Path::new(folder), prefix, ["there", "back"], words.parse()?, DEPTH)?;
+            let ended =
+                std::thread::spawn(|| std::io::copy(&mut std::io::stdin(), &mut std::io::sink()));
             while !ended.is_finished() {
                 if let Some(number) = end.hear(Duration::from_millis(200))? {
                     end.say(number)?;
@@ -103,11 +116,15 @@ pub(super) fn answer(arguments: &[String]) -> Result<(), Failure> {
         [library, endpoint, ..] if library == "zenoh" => {
             let session = client(endpoint)?;
             let echo = session.clone();
-            let back = move |sample: zenoh::sample::Sample| drop(echo.put("bare/back", sample.payload().clone()).wait());
+            let back = move |sample: zenoh::sample::Sample| {
+                drop(echo.put("bare/back", sample.payload().clone()).wait());
+            };
             let _ears = session.declare_subscriber("bare/there").callback(back).wait()?;
             std::io::copy(&mut std::io::stdin(), &mut std::io::sink())?;
             Ok(())
         }
-        _ => Err("expected iceoryx2 with folder, prefix and words, or zenoh with an endpoint".into()),
+        _ => {
+            Err("expected iceoryx2 with folder, prefix and words, or zenoh with an endpoint".into())
+        }
     }
 }

@@ -27,7 +27,10 @@ fn an_impossible_setting_is_named_by_its_path() {
         ("push.force_n", Truth { push: Some(push), ..plain() }),
         ("patches.0.grip_factor", Truth { patches: vec![patch], ..plain() }),
         ("faults.0.gain", Truth { faults: vec![fault], ..plain() }),
-        ("sensor.heading_noise_rad", Truth { sensor: Sensor { heading_noise_rad: -0.1, ..Sensor::default() }, ..plain() }),
+        (
+            "sensor.heading_noise_rad",
+            Truth { sensor: Sensor { heading_noise_rad: -0.1, ..Sensor::default() }, ..plain() },
+        ),
     ];
     for (key, truth) in cases {
         assert_eq!(refused(&truth), key);
@@ -40,7 +43,10 @@ fn what_a_step_cannot_follow_is_refused() {
     let plain = Truth::default;
     let cases = [
         ("speed_loop_gain_a_s_per_rad", Truth { speed_loop_gain_a_s_per_rad: 1e3, ..plain() }),
-        ("rolling_friction_speed_scale_radps", Truth { rolling_friction_speed_scale_radps: 1e-6, ..plain() }),
+        (
+            "rolling_friction_speed_scale_radps",
+            Truth { rolling_friction_speed_scale_radps: 1e-6, ..plain() },
+        ),
         ("wheel_slip.slip_speed_scale_mps", Truth { wheel_slip: Some(slip), ..plain() }),
     ];
     for (key, truth) in cases {

@@ -53,8 +53,13 @@ fn the_columns_of_j_are_eigenvectors_of_m() {
 #[test]
 fn body_and_wheels_obey_the_papers_matrix() {
     // J⁺(M ω̇ − τ − r J⁺ᵀF) = 0, with τ of the speed loop alone and F of the turning frame and drag.
-    let truth =
-        Truth { wheel_viscous_friction_nms: 0.0, rolling_friction: 0.0, drag_n_s2_per_m2: 0.5, current_limit_a: 1e3, ..Truth::default() };
+    let truth = Truth {
+        wheel_viscous_friction_nms: 0.0,
+        rolling_friction: 0.0,
+        drag_n_s2_per_m2: 0.5,
+        current_limit_a: 1e3,
+        ..Truth::default()
+    };
     let dynamics = Dynamics::new(&truth);
     let g = Geometry::new(&truth);
     let command = Vector3::new(1.0, -0.5, 0.3);
@@ -72,7 +77,10 @@ fn body_and_wheels_obey_the_papers_matrix() {
 
 #[test]
 fn the_turning_frame_does_no_work() {
-    let given = Conditions { mass_moment: Vector2::new(1.5, -0.8), ..conditions(&Truth::default(), Vector3::zeros()) };
+    let given = Conditions {
+        mass_moment: Vector2::new(1.5, -0.8),
+        ..conditions(&Truth::default(), Vector3::zeros())
+    };
     for v in velocities() {
         assert!(turning_frame(&given, &v).dot(&v).abs() < 1e-11);
     }
@@ -80,18 +88,30 @@ fn the_turning_frame_does_no_work() {
 
 #[test]
 fn a_load_beside_the_centre_obeys_newton_and_euler() {
-    let payload = crate::truth::Payload { mass_kg: 11.0, yaw_inertia_kg_m2: 0.1, offset_m: [0.1, -0.05], at_s: 0.0, until_s: None };
+    let payload = crate::truth::Payload {
+        mass_kg: 11.0,
+        yaw_inertia_kg_m2: 0.1,
+        offset_m: [0.1, -0.05],
+        at_s: 0.0,
+        until_s: None,
+    };
     let truth = Truth { payload: Some(payload), ..Truth::default() };
     let given = conditions(&truth, Vector3::zeros());
     let (mass, turn, moment) = (26.0, 0.6 + 0.1 + 11.0 * 0.0125, Vector2::new(1.1, -0.55));
-    let matrix = nalgebra::Matrix3::new(mass, 0.0, -moment.y, 0.0, mass, moment.x, -moment.y, moment.x, turn);
+    let matrix = nalgebra::Matrix3::new(
+        mass, 0.0, -moment.y, 0.0, mass, moment.x, -moment.y, moment.x, turn,
+    );
     for force in velocities() {
         let acceleration = accelerated(&given, &Vector3::zeros(), &force);
         assert!((matrix * acceleration - force).amax() < 1e-12);
     }
     let loads = Dynamics::new(&truth).load_n(&given);
     assert!((loads.sum() - mass * GRAVITY).abs() < 1e-10);
-    let leaning: Vector2<f64> = loads.iter().zip(&Geometry::new(&truth).contacts_m).map(|(load, place)| *load * place).sum();
+    let leaning: Vector2<f64> = loads
+        .iter()
+        .zip(&Geometry::new(&truth).contacts_m)
+        .map(|(load, place)| *load * place)
+        .sum();
     assert!((leaning - moment * GRAVITY).amax() < 1e-10, "the wheels hold the load where it lies");
 }
 
@@ -103,7 +123,10 @@ fn breaking_away_takes_more_than_rolling_on() {
     let lost = |truth: &Truth, speed: f64| {
         let slow = moving(truth, Vector3::new(speed, 0.0, 0.0));
         Dynamics::new(truth).rate(&slow, &given).velocity.x
-            - Dynamics::new(&Truth { rolling_friction: 0.0, ..truth.clone() }).rate(&slow, &given).velocity.x
+            - Dynamics::new(&Truth { rolling_friction: 0.0, ..truth.clone() })
+                .rate(&slow, &given)
+                .velocity
+                .x
     };
     assert!(lost(&truth, 0.05) < 1.8 * lost(&plain, 0.05));
     assert!((lost(&truth, 1.0) / lost(&plain, 1.0) - 1.0).abs() < 1e-9);
@@ -112,7 +135,12 @@ fn breaking_away_takes_more_than_rolling_on() {
 #[test]
 fn friction_drag_and_brake_only_take_energy_away() {
     for wheel_slip in [None, Some(WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 })] {
-        let truth = Truth { wheel_slip, drag_n_s2_per_m2: 0.5, motor_gain: [0.85, 1.0, 0.0, 1.0], ..Truth::default() };
+        let truth = Truth {
+            wheel_slip,
+            drag_n_s2_per_m2: 0.5,
+            motor_gain: [0.85, 1.0, 0.0, 1.0],
+            ..Truth::default()
+        };
         let dynamics = Dynamics::new(&truth);
         let given = conditions(&truth, Vector3::zeros());
         for v in velocities() {
@@ -122,8 +150,8 @@ fn friction_drag_and_brake_only_take_energy_away() {
             }
             let rate = dynamics.rate(&state, &given);
             let inertia = Vector3::new(truth.mass_kg, truth.mass_kg, truth.yaw_inertia_kg_m2);
-            let power =
-                rate.velocity.component_mul(&inertia).dot(&v) + truth.wheel_inertia_kg_m2 * rate.wheel_speed.dot(&state.wheel_speed);
+            let power = rate.velocity.component_mul(&inertia).dot(&v)
+                + truth.wheel_inertia_kg_m2 * rate.wheel_speed.dot(&state.wheel_speed);
             assert!(power < 0.0, "{power} W at {v}");
         }
     }
@@ -131,7 +159,10 @@ fn friction_drag_and_brake_only_take_energy_away() {
 
 #[test]
 fn a_slope_pulls_down_whichever_way_the_robot_looks() {
-    let truth = Truth { slope: Some(crate::truth::Slope { angle_rad: 0.1, direction_rad: 1.0 }), ..Truth::default() };
+    let truth = Truth {
+        slope: Some(crate::truth::Slope { angle_rad: 0.1, direction_rad: 1.0 }),
+        ..Truth::default()
+    };
     let dynamics = Dynamics::new(&truth);
     let given = conditions(&truth, Vector3::zeros());
     for heading in [0.0, 0.5, 2.0, -3.0] {
@@ -139,13 +170,21 @@ fn a_slope_pulls_down_whichever_way_the_robot_looks() {
         state.pose.z = heading;
         let in_world = world_from_body(heading, &dynamics.force(&state, &given));
         let weight = 15.0 * GRAVITY * 0.1_f64.sin();
-        assert!((in_world - Vector3::new(weight * 1_f64.cos(), weight * 1_f64.sin(), 0.0)).amax() < 1e-12);
+        assert!(
+            (in_world - Vector3::new(weight * 1_f64.cos(), weight * 1_f64.sin(), 0.0)).amax()
+                < 1e-12
+        );
     }
 }
 
 #[test]
 fn only_the_wheels_on_a_patch_feel_it() {
-    let patch = crate::truth::Patch { from_m: [0.0, 0.0], to_m: [1.0, 1.0], friction_factor: 3.0, grip_factor: 0.5 };
+    let patch = crate::truth::Patch {
+        from_m: [0.0, 0.0],
+        to_m: [1.0, 1.0],
+        friction_factor: 3.0,
+        grip_factor: 0.5,
+    };
     let dynamics = Dynamics::new(&Truth { patches: vec![patch], ..Truth::default() });
     let floor = dynamics.floor(&Vector3::zeros());
     assert_eq!(floor.friction, Vector4::new(1.0, 3.0, 1.0, 1.0));
@@ -165,7 +204,8 @@ fn a_deadband_ignores_small_errors_and_shrinks_large_ones() {
 
 #[test]
 fn a_speed_loop_at_its_limit_does_not_wind_up() {
-    let truth = Truth { speed_loop_integral_a_per_rad: 1.0, current_limit_a: 10.0, ..Truth::default() };
+    let truth =
+        Truth { speed_loop_integral_a_per_rad: 1.0, current_limit_a: 10.0, ..Truth::default() };
     let dynamics = Dynamics::new(&truth);
     let error = Vector4::new(30.0, -30.0, 30.0, 5.0);
     let integral = Vector4::new(0.0, 0.0, -40.0, 0.0);

@@ -49,7 +49,12 @@ impl Anatomy {
     }
 
     /// The same message with the numbers of `field` changed; none if it is no valid message, or has no number there.
-    pub(super) fn with_field(&self, bytes: &[u8], field: &str, change: Change<'_>) -> Option<Vec<u8>> {
+    pub(super) fn with_field(
+        &self,
+        bytes: &[u8],
+        field: &str,
+        change: Change<'_>,
+    ) -> Option<Vec<u8>> {
         (self.with_field)(self.encoding, bytes, field, change)
     }
 
@@ -107,7 +112,12 @@ fn with_numbers<T: Message>(encoding: Encoding, bytes: &[u8], numbers: &[f64]) -
     (fits && rest.is_empty()).then(|| sealed(encoding, &message))
 }
 
-fn with_field<T: Message>(encoding: Encoding, bytes: &[u8], field: &str, change: Change<'_>) -> Option<Vec<u8>> {
+fn with_field<T: Message>(
+    encoding: Encoding,
+    bytes: &[u8],
+    field: &str,
+    change: Change<'_>,
+) -> Option<Vec<u8>> {
     let mut message: T = opened(encoding, bytes)?;
     let mut found = false;
     message.visit_numbers(&mut |name, values| {

@@ -105,7 +105,10 @@ impl Inlet for FaultyInlet {
             let left = wake.map_or(Duration::MAX, |wake| wake.saturating_duration_since(now));
             let arrived = self.inner.wait(left)?;
             let now = Instant::now();
-            if !arrived && (deadline.is_some_and(|deadline| deadline <= now) || wake.is_none_or(|wake| now < wake)) {
+            if !arrived
+                && (deadline.is_some_and(|deadline| deadline <= now)
+                    || wake.is_none_or(|wake| now < wake))
+            {
                 // The time is over, or a signal came.
                 return self.pull();
             }

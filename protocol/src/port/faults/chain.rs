@@ -60,7 +60,13 @@ impl Chain {
     /// When something that is held comes out, if nothing else happens.
     pub(super) fn next_due(&self) -> Option<Instant> {
         let by_time = self.stages.iter().filter_map(Stage::next_due).min();
-        let by_quiet = self.stages.iter().any(Stage::withholds).then_some(self.quiet_since).flatten().map(|since| since + QUIET);
+        let by_quiet = self
+            .stages
+            .iter()
+            .any(Stage::withholds)
+            .then_some(self.quiet_since)
+            .flatten()
+            .map(|since| since + QUIET);
         by_time.into_iter().chain(by_quiet).min()
     }
 

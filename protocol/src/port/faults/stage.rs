@@ -45,13 +45,34 @@ enum Due {
 }
 
 impl Stage {
-    pub(super) fn new(index: usize, fault: Fault, random: SplitMix64, withheld_returns: bool) -> Self {
+    pub(super) fn new(
+        index: usize,
+        fault: Fault,
+        random: SplitMix64,
+        withheld_returns: bool,
+    ) -> Self {
         let (held, past) = (VecDeque::new(), VecDeque::new());
-        Self { index, fault, seen: 0, injected: 0, random, held, past, frozen: None, withheld_returns }
+        Self {
+            index,
+            fault,
+            seen: 0,
+            injected: 0,
+            random,
+            held,
+            past,
+            frozen: None,
+            withheld_returns,
+        }
     }
 
     /// Takes in one message, and appends what comes out to `out`.
-    pub(super) fn take(&mut self, bytes: Vec<u8>, now: Instant, anatomy: &Anatomy, out: &mut Vec<Vec<u8>>) {
+    pub(super) fn take(
+        &mut self,
+        bytes: Vec<u8>,
+        now: Instant,
+        anatomy: &Anatomy,
+        out: &mut Vec<Vec<u8>>,
+    ) {
         let held_before = self.held.len();
         let past = (self.fault.kind == Kind::Replay).then(|| bytes.clone());
         if self.picks(&bytes, anatomy) {
@@ -67,7 +88,12 @@ impl Stage {
             }
         }
         while self.held.len() > HELD_MAX {
-            out.extend(self.held.pop_front().filter(|held| !matches!(held.due, Due::Lost)).map(|held| held.bytes));
+            out.extend(
+                self.held
+                    .pop_front()
+                    .filter(|held| !matches!(held.due, Due::Lost))
+                    .map(|held| held.bytes),
+            );
         }
     }
 
@@ -91,7 +117,10 @@ impl Stage {
 
     /// When the next held message is due by time.
     pub(super) fn next_due(&self) -> Option<Instant> {
-        let times = self.held.iter().filter_map(|held| if let Due::At(at) = held.due { Some(at) } else { None });
+        let times = self
+            .held
+            .iter()
+            .filter_map(|held| if let Due::At(at) = held.due { Some(at) } else { None });
         times.min()
     }
 
@@ -134,7 +163,8 @@ impl Stage {
                 self.withhold(bytes);
             }
             Kind::Freeze => {
-                let frozen = self.frozen.as_ref().and_then(|numbers| anatomy.with_numbers(&bytes, numbers));
+                let frozen =
+                    self.frozen.as_ref().and_then(|numbers| anatomy.with_numbers(&bytes, numbers));
                 self.push_altered(bytes, frozen, before, out);
             }
             Kind::Nan | Kind::Flip | Kind::Outlier => {
@@ -143,7 +173,8 @@ impl Stage {
             }
             Kind::Version => {
                 // Any but ours.
-                let version = VERSION.wrapping_add(1 + self.random.below(u64::from(u16::MAX)) as u16);
+                let version =
+                    VERSION.wrapping_add(1 + self.random.below(u64::from(u16::MAX)) as u16);
                 let altered = anatomy.with_version(&bytes, version);
                 if altered.is_some() {
                     self.withhold(bytes.clone());
@@ -165,7 +196,10 @@ impl Stage {
         let (random, number) = (&mut self.random, self.fault.number);
         let chosen = |place: &usize| number.is_none_or(|number| number == *place);
         let mut change = |values: &mut [f64]| match kind {
-            Kind::Flip => (0..).zip(values).filter(|(place, _)| chosen(place)).for_each(|(_, value)| *value = -*value),
+            Kind::Flip => (0..)
+                .zip(values)
+                .filter(|(place, _)| chosen(place))
+                .for_each(|(_, value)| *value = -*value),
             Kind::Outlier => {
                 for (_, value) in (0..).zip(values).filter(|(place, _)| chosen(place)) {
                     *value += amount * (2.0 * random.share() - 1.0);
@@ -179,7 +213,13 @@ impl Stage {
         anatomy.with_field(bytes, self.fault.field.as_deref().unwrap_or_default(), &mut change)
     }
 
-    fn push_altered(&mut self, bytes: Vec<u8>, altered: Option<Vec<u8>>, before: u64, out: &mut Vec<Vec<u8>>) {
+    fn push_altered(
+        &mut self,
+        bytes: Vec<u8>,
+        altered: Option<Vec<u8>>,
+        before: u64,
+        out: &mut Vec<Vec<u8>>,
+    ) {
         if altered.is_none() {
             self.injected = before;
         }
@@ -194,12 +234,17 @@ impl Stage {
 
     fn hold(&mut self, bytes: Vec<u8>, now: Instant, out: &mut Vec<Vec<u8>>) {
         let most = self.fault.millis.or(self.fault.messages).unwrap_or(1);
-        let amount = if self.fault.kind == Kind::Jitter { self.random.below(most + 1) } else { most };
+        let amount =
+            if self.fault.kind == Kind::Jitter { self.random.below(most + 1) } else { most };
         if amount == 0 {
             out.push(bytes);
             return;
         }
-        let due = if self.fault.millis.is_some() { Due::At(now + Duration::from_millis(amount)) } else { Due::After(amount) };
+        let due = if self.fault.millis.is_some() {
+            Due::At(now + Duration::from_millis(amount))
+        } else {
+            Due::After(amount)
+        };
         self.held.push_back(Held { bytes, due });
     }
 
@@ -220,7 +265,12 @@ impl Stage {
                 }
                 Due::After(_) | Due::Lost => {}
             }
-            out.extend(self.held.remove(index).filter(|held| !matches!(held.due, Due::Lost)).map(|held| held.bytes));
+            out.extend(
+                self.held
+                    .remove(index)
+                    .filter(|held| !matches!(held.due, Due::Lost))
+                    .map(|held| held.bytes),
+            );
         }
     }
 }

@@ -31,22 +31,36 @@ pub(super) const BYTES_MAX: usize = 64 * 1024;
 const SESSIONS_MAX: usize = 128;
 
 /// A client of the routers at `connect`, which are tried in turn for so long \[ms\].
-pub(super) fn client(connect: &[String], open_millis: u64, guard: Option<&Guard>) -> Result<Config, zenoh::Error> {
+pub(super) fn client(
+    connect: &[String],
+    open_millis: u64,
+    guard: Option<&Guard>,
+) -> Result<Config, zenoh::Error> {
     let config = configured(&[
         ("mode", json!("client")),
         ("connect/endpoints", json!(connect)),
         ("connect/timeout_ms", json!(open_millis)),
         ("connect/exit_on_failure", json!(true)),
         ("listen/endpoints", json!([])),
-        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(CLIENT_WAIT_MICROS)),
-        ("transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", json!(CLIENT_WAIT_MICROS)),
+        (
+            "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
+            json!(CLIENT_WAIT_MICROS),
+        ),
+        (
+            "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments",
+            json!(CLIENT_WAIT_MICROS),
+        ),
     ])?;
     let Some(guard) = guard else { return Ok(config) };
     guarded(config, &guard.credentials, &[("access_control", of_client(&guard.robot))])
 }
 
 /// A router at `listen`, which joins the routers at `connect` in the background, again and again.
-pub(super) fn router(listen: &[String], connect: &[String], guard: Option<&Guard>) -> Result<Config, zenoh::Error> {
+pub(super) fn router(
+    listen: &[String],
+    connect: &[String],
+    guard: Option<&Guard>,
+) -> Result<Config, zenoh::Error> {
     let config = configured(&[
         ("mode", json!("router")),
         ("listen/endpoints", json!(listen)),
@@ -55,10 +69,19 @@ pub(super) fn router(listen: &[String], connect: &[String], guard: Option<&Guard
         ("connect/exit_on_failure", json!(false)),
         // Else opening takes this long, for routers that might be found.
         ("scouting/delay", json!(0)),
-        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(ROUTER_WAIT_MICROS)),
-        ("transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", json!(ROUTER_WAIT_MICROS)),
+        (
+            "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
+            json!(ROUTER_WAIT_MICROS),
+        ),
+        (
+            "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments",
+            json!(ROUTER_WAIT_MICROS),
+        ),
         // In lock step nothing is dropped: a link on which nothing moves any more ends instead.
-        ("transport/link/tx/queue/congestion_control/block/wait_before_close", json!(ROUTER_WAIT_MICROS)),
+        (
+            "transport/link/tx/queue/congestion_control/block/wait_before_close",
+            json!(ROUTER_WAIT_MICROS),
+        ),
     ])?;
     let Some(guard) = guard else { return Ok(config) };
     let mut limits = vec![
@@ -67,14 +90,20 @@ pub(super) fn router(listen: &[String], connect: &[String], guard: Option<&Guard
         ("transport/unicast/accept_pending", json!(SESSIONS_MAX)),
     ];
     if guard.real_time {
-        limits.extend([("downsampling", gaps(&guard.graph)), ("qos/network", qualities(&guard.graph, |topic| priority(topic).1))]);
+        limits.extend([
+            ("downsampling", gaps(&guard.graph)),
+            ("qos/network", qualities(&guard.graph, |topic| priority(topic).1)),
+        ]);
     }
     guarded(config, &guard.credentials, &limits)
 }
 
 fn configured(settings: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
     let common = [
-        ("connect/retry", json!({ "period_init_ms": 50, "period_max_ms": RETRY_MILLIS_MAX, "period_increase_factor": 2.0 })),
+        (
+            "connect/retry",
+            json!({ "period_init_ms": 50, "period_max_ms": RETRY_MILLIS_MAX, "period_increase_factor": 2.0 }),
+        ),
         ("scouting/multicast/enabled", json!(false)),
         ("scouting/gossip/enabled", json!(false)),
         ("timestamping/enabled", json!(false)),
@@ -84,10 +113,22 @@ fn configured(settings: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
         ("transport/link/tx/lease", json!(LEASE_MILLIS)),
         ("transport/link/rx/max_message_size", json!(BYTES_MAX)),
     ];
-    let priorities = ["control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low", "background"];
+    let priorities = [
+        "control",
+        "real_time",
+        "interactive_high",
+        "interactive_low",
+        "data_high",
+        "data",
+        "data_low",
+        "background",
+    ];
     let mut config = Config::default();
     for priority in priorities {
-        config.insert_json5(&format!("transport/link/tx/queue/size/{priority}"), &BATCHES.to_string())?;
+        config.insert_json5(
+            &format!("transport/link/tx/queue/size/{priority}"),
+            &BATCHES.to_string(),
+        )?;
     }
     for (key, value) in common.iter().chain(settings) {
         config.insert_json5(key, &value.to_string())?;

@@ -20,6 +20,12 @@ impl Guard {
     /// Reads the certificate.
     pub(super) fn new(credentials: &Credentials, graph: &str) -> Result<Self, AccessError> {
         let identity = credentials.read()?;
-        Ok(Self { credentials: credentials.clone(), role: identity.role, robot: identity.robot, graph: graph.to_owned(), real_time: false })
+        Ok(Self {
+            credentials: credentials.clone(),
+            role: identity.role,
+            robot: identity.robot,
+            graph: graph.to_owned(),
+            real_time: false,
+        })
     }
 }

@@ -86,13 +86,19 @@ impl NetworkInlet {
         check(network, topic, Role::Reader)?;
         let (keys, id) = (Keys::of(network, topic), draw_id(network.role));
         let (line, failed) = (&network.line, failed(topic));
-        let arrivals = Arrivals::new(network.quality(topic), Rates::on(topic, network)).map_err(|error| failed(error.into()))?;
+        let arrivals = Arrivals::new(network.quality(topic), Rates::on(topic, network))
+            .map_err(|error| failed(error.into()))?;
         let arrivals = Arc::new(arrivals);
         let presence = presence::key(network, topic, Role::Reader, &id);
-        let heard = [Some(keys.data("*")), arrivals.quality.says_again().then(|| keys.history(&id, "*"))];
+        let heard =
+            [Some(keys.data("*")), arrivals.quality.says_again().then(|| keys.history(&id, "*"))];
         let (token, shared) = (presence.clone(), Arc::clone(&arrivals));
         let declare = move |session: &Session| {
-            let subscribers = heard.iter().flatten().map(|key| listen(session, key, &shared)).collect::<Result<_, _>>()?;
+            let subscribers = heard
+                .iter()
+                .flatten()
+                .map(|key| listen(session, key, &shared))
+                .collect::<Result<_, _>>()?;
             let token = session.liveliness().declare_token(&token).wait()?;
             Ok(Declared { _token: Some(token), _subscribers: subscribers, _queryable: None })
         };
@@ -101,10 +107,15 @@ impl NetworkInlet {
 
         let mut reporter = None;
         if arrivals.quality.delivery == Delivery::Lossless {
-            let (shared, line, keys, id) = (Arc::clone(&arrivals), Arc::clone(line), keys.clone(), id);
+            let (shared, line, keys, id) =
+                (Arc::clone(&arrivals), Arc::clone(line), keys.clone(), id);
             let report = move || shared.report(&line, &keys, &id);
-            let thread = thread::Builder::new().name(format!("room {}", topic.name())).spawn(report).map_err(no_thread(topic))?;
-            *arrivals.reporter.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread.thread().clone());
+            let thread = thread::Builder::new()
+                .name(format!("room {}", topic.name()))
+                .spawn(report)
+                .map_err(no_thread(topic))?;
+            *arrivals.reporter.lock().unwrap_or_else(PoisonError::into_inner) =
+                Some(thread.thread().clone());
             reporter = Some(thread);
         }
         let inlet = Self { topic, arrivals, reporter, _held: held, _own: Some(own) };
@@ -115,11 +126,17 @@ impl NetworkInlet {
     /// A reader that no writer knows of, and that none waits for.
     pub(super) fn watch(network: &Network, topic: Topic) -> Result<Self, OpenError> {
         let failed = failed(topic);
-        let arrivals = Arrivals::new(topic.watched_quality(), Rates::on(topic, network)).map_err(|error| failed(error.into()))?;
+        let arrivals = Arrivals::new(topic.watched_quality(), Rates::on(topic, network))
+            .map_err(|error| failed(error.into()))?;
         let arrivals = Arc::new(arrivals);
         let (shared, data) = (Arc::clone(&arrivals), Keys::of(network, topic).data("*"));
-        let declare =
-            move |session: &Session| Ok(Declared { _token: None, _subscribers: vec![listen(session, &data, &shared)?], _queryable: None });
+        let declare = move |session: &Session| {
+            Ok(Declared {
+                _token: None,
+                _subscribers: vec![listen(session, &data, &shared)?],
+                _queryable: None,
+            })
+        };
         let held = network.line.hold(Box::new(declare)).map_err(&failed)?;
         Ok(Self { topic, arrivals, reporter: None, _held: held, _own: None })
     }
@@ -130,14 +147,19 @@ impl NetworkInlet {
 }
 
 /// Hears what is said under `key`.
-fn listen(session: &Session, key: &str, arrivals: &Arc<Arrivals>) -> Result<Subscriber<()>, zenoh::Error> {
+fn listen(
+    session: &Session,
+    key: &str,
+    arrivals: &Arc<Arrivals>,
+) -> Result<Subscriber<()>, zenoh::Error> {
     let arrivals = Arc::clone(arrivals);
     session.declare_subscriber(key).callback(move |sample| arrivals.arrived(&sample)).wait()
 }
 
 /// Waits until every writer knows of the reader that has just been declared: the question travels behind that.
 fn meet_writers(session: &Session, keys: &Keys) -> Result<(), zenoh::Error> {
-    let question = session.get(keys.join("*")).target(QueryTarget::All).consolidation(ConsolidationMode::None);
+    let question =
+        session.get(keys.join("*")).target(QueryTarget::All).consolidation(ConsolidationMode::None);
     let answers = question.timeout(ANSWER_TIMEOUT).wait()?;
     while answers.recv().is_ok() {}
     Ok(())
@@ -170,12 +192,17 @@ impl Inlet for NetworkInlet {
             if self.something_waits() {
                 return Ok(true);
             }
-            let left = deadline.map_or(Duration::MAX, |deadline| deadline.saturating_duration_since(Instant::now()));
+            let left = deadline.map_or(Duration::MAX, |deadline| {
+                deadline.saturating_duration_since(Instant::now())
+            });
             if left.is_zero() {
                 return Ok(false);
             }
             let slept = self.arrivals.bell.sleep(left);
-            let failure = |_| ReceiveError::Carrier { topic: self.topic, reason: "its events cannot be waited for" };
+            let failure = |_| ReceiveError::Carrier {
+                topic: self.topic,
+                reason: "its events cannot be waited for",
+            };
             if slept.map_err(failure)? == Slept::Interrupted {
                 return Ok(self.something_waits());
             }
@@ -219,7 +246,9 @@ impl Arrivals {
         let mut ledger = self.ledger();
         if let Some(rates) = &mut ledger.rates {
             let now = Instant::now();
-            if !(rates.admit(writer, now) && rates.believe(writer, &sample.payload().to_bytes(), now)) {
+            if !(rates.admit(writer, now)
+                && rates.believe(writer, &sample.payload().to_bytes(), now))
+            {
                 return;
             }
         }
@@ -231,7 +260,9 @@ impl Arrivals {
         }
         let Some(bytes) = self.whole(origin, label, sample) else { return };
         if let Some(number) = number {
-            if self.quality.delivery == Delivery::Lossless && origin.waits_for_what_is_before(number) {
+            if self.quality.delivery == Delivery::Lossless
+                && origin.waits_for_what_is_before(number)
+            {
                 return self.recycle(bytes);
             }
             origin.last = number;
@@ -289,7 +320,10 @@ impl Arrivals {
             for (outlet, number) in due {
                 let session = line.session();
                 let put = session.put(keys.room(&outlet, id), number.to_le_bytes().as_slice());
-                let put = put.priority(Priority::RealTime).congestion_control(CongestionControl::Block).express(true);
+                let put = put
+                    .priority(Priority::RealTime)
+                    .congestion_control(CongestionControl::Block)
+                    .express(true);
                 // Without a link the writer does not know this reader any more; when it does again, it starts anew.
                 let _ = put.wait();
             }
@@ -298,7 +332,9 @@ impl Arrivals {
     }
 
     fn wake_reporter(&self) {
-        if let Some(reporter) = self.reporter.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
+        if let Some(reporter) =
+            self.reporter.lock().unwrap_or_else(PoisonError::into_inner).as_ref()
+        {
             reporter.unpark();
         }
     }
@@ -319,7 +355,15 @@ impl Ledger {
             }
             self.next += 1;
             let (serial, id) = (self.next, id.to_owned());
-            self.origins.push(Origin { serial, id, last: 0, waiting: 0, reported: None, missing: None, unfinished: Unfinished::default() });
+            self.origins.push(Origin {
+                serial,
+                id,
+                last: 0,
+                waiting: 0,
+                reported: None,
+                missing: None,
+                unfinished: Unfinished::default(),
+            });
             self.origins.len() - 1
         });
         &mut self.origins[index]
@@ -357,7 +401,8 @@ impl Origin {
         self.last > 0
             && self.reported.is_none_or(|reported| {
                 let handled = self.handled();
-                handled > reported && (handled - reported >= (depth / 4).max(1) || self.last - reported >= depth)
+                handled > reported
+                    && (handled - reported >= (depth / 4).max(1) || self.last - reported >= depth)
             })
     }
 }

@@ -79,8 +79,12 @@ pub(super) struct Held {
 
 impl Line {
     /// Connects to one of the routers at `connect`, with a certificate if there is a `guard`.
-    pub(super) fn open(connect: &[String], guard: Option<Guard>) -> Result<Arc<Self>, zenoh::Error> {
-        let session = Arc::new(Client::open(config::client(connect, OPEN_MILLIS, guard.as_ref())?)?);
+    pub(super) fn open(
+        connect: &[String],
+        guard: Option<Guard>,
+    ) -> Result<Arc<Self>, zenoh::Error> {
+        let session =
+            Arc::new(Client::open(config::client(connect, OPEN_MILLIS, guard.as_ref())?)?);
         // Asked at once: a router that goes before the keeper's first look has shown its token all the same.
         let ours = !neighbours(&session).is_disjoint(&ask_for_tokens(&session)?);
         let (sight, seen) = look_out(&session)?;
@@ -88,7 +92,9 @@ impl Line {
         let shared = Arc::new(Shared { connect: connect.to_vec(), guard, state });
         let (end, ended) = channel();
         let kept = Arc::clone(&shared);
-        let keeper = thread::Builder::new().name("net line".to_owned()).spawn(move || kept.keep(&ended, ours))?;
+        let keeper = thread::Builder::new()
+            .name("net line".to_owned())
+            .spawn(move || kept.keep(&ended, ours))?;
         Ok(Arc::new(Self { shared, end: Some(end), keeper: Some(keeper) }))
     }
 
@@ -139,7 +145,10 @@ impl Shared {
                 }
                 match self.begin_session() {
                     Ok(()) => {
-                        tracing::info!("there was no router for {:.1} s; connected anew", seen.elapsed().as_secs_f64());
+                        tracing::info!(
+                            "there was no router for {:.1} s; connected anew",
+                            seen.elapsed().as_secs_f64()
+                        );
                         seen = Instant::now();
                     }
                     Err(error) => tracing::debug!(%error, "no router yet"),
@@ -164,7 +173,8 @@ impl Shared {
     fn end_session(&self) {
         let mut state = self.state();
         let old = Arc::clone(&state.session);
-        let gone: Vec<_> = state.ports.values_mut().filter_map(|port| port.declared.take()).collect();
+        let gone: Vec<_> =
+            state.ports.values_mut().filter_map(|port| port.declared.take()).collect();
         drop(state);
         drop(gone);
         if let Err(error) = old.close() {
@@ -173,7 +183,11 @@ impl Shared {
     }
 
     fn begin_session(&self) -> Result<(), zenoh::Error> {
-        let session = Arc::new(Client::open(config::client(&self.connect, OPEN_AGAIN_MILLIS, self.guard.as_ref())?)?);
+        let session = Arc::new(Client::open(config::client(
+            &self.connect,
+            OPEN_AGAIN_MILLIS,
+            self.guard.as_ref(),
+        )?)?);
         let (sight, seen) = look_out(&session)?;
         let mut state = self.state();
         (state.session, state.sight, state.seen) = (Arc::clone(&session), sight, seen);
@@ -199,21 +213,26 @@ fn neighbours(session: &Session) -> BTreeSet<String> {
 /// Zenoh ids of the routers that have tokens at this moment.
 fn ask_for_tokens(session: &Session) -> Result<BTreeSet<String>, zenoh::Error> {
     let replies = session.liveliness().get(router::TOKENS).timeout(ANSWER_TIMEOUT).wait()?;
-    Ok(replies.iter().filter_map(|reply| Some(keys::last(reply.result().ok()?.key_expr().as_str()).to_owned())).collect())
+    Ok(replies
+        .iter()
+        .filter_map(|reply| Some(keys::last(reply.result().ok()?.key_expr().as_str()).to_owned()))
+        .collect())
 }
 
 /// Follows which routers' tokens come and go in one session.
 fn look_out(session: &Session) -> Result<(Sight, Subscriber<()>), zenoh::Error> {
     let sight = Sight::default();
     let seen = Arc::clone(&sight);
-    let tokens = session.liveliness().declare_subscriber(router::TOKENS).history(true).callback(move |sample| {
-        let id = keys::last(sample.key_expr().as_str());
-        if sample.kind() == SampleKind::Put {
-            lock(&seen).insert(id.to_owned());
-        } else {
-            lock(&seen).remove(id);
-        }
-    });
+    let tokens = session.liveliness().declare_subscriber(router::TOKENS).history(true).callback(
+        move |sample| {
+            let id = keys::last(sample.key_expr().as_str());
+            if sample.kind() == SampleKind::Put {
+                lock(&seen).insert(id.to_owned());
+            } else {
+                lock(&seen).remove(id);
+            }
+        },
+    );
     Ok((sight, tokens.wait()?))
 }
 
@@ -244,7 +263,8 @@ mod tests {
     }
 
     #[test]
-    fn a_client_without_a_router_for_long_begins_a_new_session_in_which_it_hears_what_it_heard() -> Result<(), Box<dyn Error>> {
+    fn a_client_without_a_router_for_long_begins_a_new_session_in_which_it_hears_what_it_heard()
+    -> Result<(), Box<dyn Error>> {
         let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
         let endpoints = router.endpoints().to_vec();
         let line = Line::open(&endpoints, None).map_err(|error| error.to_string())?;
@@ -276,7 +296,8 @@ mod tests {
     fn router_of_others() -> Result<(Session, String), Box<dyn Error>> {
         for _ in 0..router::DRAWS {
             let endpoint = router::with_port("tcp/127.0.0.1:0")?;
-            let config = config::router(slice::from_ref(&endpoint), &[], None).map_err(|error| error.to_string())?;
+            let config = config::router(slice::from_ref(&endpoint), &[], None)
+                .map_err(|error| error.to_string())?;
             if let Ok(session) = zenoh::open(config).wait() {
                 return Ok((session, endpoint));
             }
@@ -285,9 +306,11 @@ mod tests {
     }
 
     #[test]
-    fn a_client_of_a_router_without_a_token_stays_with_it_when_the_router_of_another_launch_goes() -> Result<(), Box<dyn Error>> {
+    fn a_client_of_a_router_without_a_token_stays_with_it_when_the_router_of_another_launch_goes()
+    -> Result<(), Box<dyn Error>> {
         let (_own, endpoint) = router_of_others()?;
-        let line = Line::open(slice::from_ref(&endpoint), None).map_err(|error| error.to_string())?;
+        let line =
+            Line::open(slice::from_ref(&endpoint), None).map_err(|error| error.to_string())?;
         let first = line.session();
         let another = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[endpoint])?;
         let sees = || !lock(&line.shared.state().sight).is_empty();
@@ -303,15 +326,24 @@ mod tests {
     }
 
     #[test]
-    fn a_client_whose_own_router_shows_no_token_any_more_begins_anew_whoever_else_shows_one() -> Result<(), Box<dyn Error>> {
+    fn a_client_whose_own_router_shows_no_token_any_more_begins_anew_whoever_else_shows_one()
+    -> Result<(), Box<dyn Error>> {
         let (own, endpoint) = router_of_others()?;
-        let token = own.liveliness().declare_token(router::TOKENS.replace('*', &own.zid().to_string())).wait();
-        let line = Line::open(slice::from_ref(&endpoint), None).map_err(|error| error.to_string())?;
+        let token = own
+            .liveliness()
+            .declare_token(router::TOKENS.replace('*', &own.zid().to_string()))
+            .wait();
+        let line =
+            Line::open(slice::from_ref(&endpoint), None).map_err(|error| error.to_string())?;
         let first = line.session();
         let _another = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[endpoint])?;
         wait_until("both tokens", || lock(&line.shared.state().sight).len() == 2)?;
         // As of a router that ends, and forgets this client.
-        token.map_err(|error| error.to_string())?.undeclare().wait().map_err(|error| error.to_string())?;
+        token
+            .map_err(|error| error.to_string())?
+            .undeclare()
+            .wait()
+            .map_err(|error| error.to_string())?;
         wait_until("the end of the session", || first.is_closed())?;
         Ok(())
     }

@@ -65,7 +65,11 @@ struct Parcel {
 }
 
 impl NetworkOutlet {
-    pub(super) fn open(network: &Network, topic: Topic, reservation: Reservation) -> Result<Self, OpenError> {
+    pub(super) fn open(
+        network: &Network,
+        topic: Topic,
+        reservation: Reservation,
+    ) -> Result<Self, OpenError> {
         check(network, topic, Role::Writer)?;
         let quality = network.quality(topic);
         let (keys, id) = (Keys::of(network, topic), draw_id(network.role));
@@ -80,7 +84,10 @@ impl NetworkOutlet {
             drop(post);
             drop(done);
         };
-        let sender = thread::Builder::new().name(format!("net {}", topic.name())).spawn(run).map_err(no_thread(topic))?;
+        let sender = thread::Builder::new()
+            .name(format!("net {}", topic.name()))
+            .spawn(run)
+            .map_err(no_thread(topic))?;
         let sender = sender.thread().clone();
         // From here on the sender ends with the outlet, or, if that does not come to be, with this.
         let closing = Closing { departures: &departures, sender: &sender };
@@ -91,15 +98,20 @@ impl NetworkOutlet {
             let mut subscribers = Vec::new();
             if quality.is_paced() {
                 let departures = Arc::clone(&shared);
-                let room = session.declare_subscriber(keys.room(&id, "*")).callback(move |sample| departures.readers.room_made(&sample));
+                let room = session
+                    .declare_subscriber(keys.room(&id, "*"))
+                    .callback(move |sample| departures.readers.room_made(&sample));
                 subscribers.push(room.wait()?);
             }
             let (departures, greeter) = (Arc::clone(&shared), greeter.clone());
-            let readers = session.liveliness().declare_subscriber(keys.readers()).history(true).callback(move |sample| {
-                departures.readers.presence_changed(&sample);
-                departures.greet.store(true, Ordering::Release);
-                greeter.unpark();
-            });
+            let readers =
+                session.liveliness().declare_subscriber(keys.readers()).history(true).callback(
+                    move |sample| {
+                        departures.readers.presence_changed(&sample);
+                        departures.greet.store(true, Ordering::Release);
+                        greeter.unpark();
+                    },
+                );
             subscribers.push(readers.wait()?);
             // A query ends when all that it was passed to have let go of it: it needs no answer.
             let join = session.declare_queryable(keys.join(&id)).callback(drop).wait()?;
@@ -115,14 +127,29 @@ impl NetworkOutlet {
         }
         std::mem::forget(closing);
         let patience = network.patience;
-        Ok(Self { topic, quality, patience, number: 0, dropped: 0, departures, sender, sent, _held: held, _own: own })
+        Ok(Self {
+            topic,
+            quality,
+            patience,
+            number: 0,
+            dropped: 0,
+            departures,
+            sender,
+            sent,
+            _held: held,
+            _own: own,
+        })
     }
 
     fn send_lossless(&self, mut parcel: Parcel) -> Result<(), SendError> {
         let no_room = SendError::NoRoom { topic: self.topic, waited: self.patience };
         let now = Instant::now();
         let deadline = now.checked_add(self.patience).unwrap_or(now);
-        let has_room = self.departures.readers.wait_for_room(parcel.number, self.quality.depth as u64, deadline);
+        let has_room = self.departures.readers.wait_for_room(
+            parcel.number,
+            self.quality.depth as u64,
+            deadline,
+        );
         // Even if one reader has no room, the others shall have the message.
         while let Err(refused) = self.departures.waiting.push(parcel) {
             if Instant::now() >= deadline {
@@ -274,11 +301,26 @@ impl Post {
             Delivery::NewestWins => CongestionControl::Drop,
         };
         let data = keys.data(&id);
-        let remembered = if quality.delivery == Delivery::Lossless { quality.depth } else { quality.history };
+        let remembered =
+            if quality.delivery == Delivery::Lossless { quality.depth } else { quality.history };
         let last = VecDeque::with_capacity(remembered);
-        let is_limited = network.role.is_some() && topic == Topic::Snapshot && quality.delivery == Delivery::NewestWins;
+        let is_limited = network.role.is_some()
+            && topic == Topic::Snapshot
+            && quality.delivery == Delivery::NewestWins;
         let apart = is_limited.then(Cell::default);
-        Self { line, keys, id, data, quality, priority, congestion, last, remembered, unasked: Cell::new(0), apart }
+        Self {
+            line,
+            keys,
+            id,
+            data,
+            quality,
+            priority,
+            congestion,
+            last,
+            remembered,
+            unasked: Cell::new(0),
+            apart,
+        }
     }
 
     fn send(&mut self, parcel: &Parcel) {
@@ -295,7 +337,13 @@ impl Post {
     /// Says to one reader again what it has not heard: the history to a new one, everything to one that comes back.
     fn repeat(&self, reader: &Newcomer) {
         let key = self.keys.history(&reader.id, &self.id);
-        let history = self.last.iter().rev().take(self.quality.history).next_back().map_or(u64::MAX, |(number, _)| *number);
+        let history = self
+            .last
+            .iter()
+            .rev()
+            .take(self.quality.history)
+            .next_back()
+            .map_or(u64::MAX, |(number, _)| *number);
         let first = reader.had.map_or(history, |had| had + 1);
         for (number, bytes) in self.last.iter().filter(|(number, _)| *number >= first) {
             self.put(&key, *number, bytes);
@@ -336,7 +384,10 @@ impl Post {
     /// Waits until the router has taken everything: a question of the same priority follows it, and is answered.
     fn flush(&self) {
         let session = self.line.session();
-        let question = session.get(self.keys.join("nobody")).priority(self.priority).congestion_control(CongestionControl::Block);
+        let question = session
+            .get(self.keys.join("nobody"))
+            .priority(self.priority)
+            .congestion_control(CongestionControl::Block);
         if let Ok(answers) = question.timeout(FLUSH_TIMEOUT).wait() {
             while answers.recv().is_ok() {}
         }
@@ -365,16 +416,22 @@ mod tests {
         const SENT: u64 = 1000;
         let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
         let (carriers, connect) = (Carriers::all(Carrier::Network), router.endpoints().to_vec());
-        let network = Network::open(&Links { carriers, connect, ..Links::on_this_machine("t", "", false, 100) })?;
+        let network = Network::open(&Links {
+            carriers,
+            connect,
+            ..Links::on_this_machine("t", "", false, 100)
+        })?;
         let mut outlet = NetworkOutlet::open(&network, Topic::Credit, Reservation::Whole(8))?;
         // A listener in the same session hears before `put` returns, so that as long as it waits, so does the sender.
         let (gate, heard) = (Arc::new(Mutex::new(())), Arc::new(AtomicU64::new(0)));
         let session = network.line.session();
         let (shared_gate, shared_heard) = (Arc::clone(&gate), Arc::clone(&heard));
-        let listener = session.declare_subscriber(Keys::of(&network, Topic::Credit).data("*")).callback(move |_| {
-            drop(shared_gate.lock());
-            shared_heard.fetch_add(1, Ordering::Relaxed);
-        });
+        let listener = session
+            .declare_subscriber(Keys::of(&network, Topic::Credit).data("*"))
+            .callback(move |_| {
+                drop(shared_gate.lock());
+                shared_heard.fetch_add(1, Ordering::Relaxed);
+            });
         let listener = listener.wait().map_err(|error| error.to_string())?;
         let closed = gate.lock();
         for _ in 0..SENT {
@@ -386,7 +443,10 @@ mod tests {
         assert_eq!(heard.load(Ordering::Relaxed) + dropped, SENT);
         let waited = SENT - dropped;
         let depth = Topic::Credit.quality(false).depth as u64;
-        assert!((depth..=depth + 1).contains(&waited), "{waited}: what the queue holds, and one that was on its way");
+        assert!(
+            (depth..=depth + 1).contains(&waited),
+            "{waited}: what the queue holds, and one that was on its way"
+        );
         drop(listener);
         Ok(())
     }

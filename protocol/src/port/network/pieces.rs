@@ -55,7 +55,10 @@ impl Label {
 pub(super) fn pieces(number: u64, length: usize) -> impl Iterator<Item = (Range<usize>, Label)> {
     (0..length).step_by(PIECE_BYTES_MAX).map(move |offset| {
         // A message is far shorter than 4 GiB.
-        let place = Place { offset: u32::try_from(offset).unwrap_or(u32::MAX), length: u32::try_from(length).unwrap_or(u32::MAX) };
+        let place = Place {
+            offset: u32::try_from(offset).unwrap_or(u32::MAX),
+            length: u32::try_from(length).unwrap_or(u32::MAX),
+        };
         (offset..length.min(offset + PIECE_BYTES_MAX), Label { number, place: Some(place) })
     })
 }
@@ -69,7 +72,12 @@ pub(super) struct Unfinished {
 
 impl Unfinished {
     /// Takes in one piece. The whole message with its last one; a piece that does not follow what has come ends that.
-    pub(super) fn take<'a>(&mut self, number: u64, place: Place, piece: impl Iterator<Item = &'a [u8]>) -> Option<Vec<u8>> {
+    pub(super) fn take<'a>(
+        &mut self,
+        number: u64,
+        place: Place,
+        piece: impl Iterator<Item = &'a [u8]>,
+    ) -> Option<Vec<u8>> {
         let (offset, length) = (place.offset as usize, place.length as usize);
         if offset == 0 {
             *self = Self { number, bytes: Vec::new() };
@@ -94,7 +102,12 @@ mod tests {
     use super::*;
 
     /// The message with `skipped` of its pieces lost on the way.
-    fn arrives(unfinished: &mut Unfinished, number: u64, message: &[u8], skipped: Option<usize>) -> Option<Vec<u8>> {
+    fn arrives(
+        unfinished: &mut Unfinished,
+        number: u64,
+        message: &[u8],
+        skipped: Option<usize>,
+    ) -> Option<Vec<u8>> {
         let mut whole = None;
         for (index, (range, label)) in pieces(number, message.len()).enumerate() {
             let place = Label::of(&label.to_bytes())?.place?;
@@ -131,18 +144,24 @@ mod tests {
     #[test]
     fn pieces_of_two_messages_never_make_one() {
         let sent = message(2 * PIECE_BYTES_MAX);
-        let place = |offset: usize| pieces(1, sent.len()).nth(offset).and_then(|(_, label)| label.place);
+        let place =
+            |offset: usize| pieces(1, sent.len()).nth(offset).and_then(|(_, label)| label.place);
         let mut unfinished = Unfinished::default();
         let half = || [&sent[..PIECE_BYTES_MAX]].into_iter();
         assert_eq!(place(0).and_then(|place| unfinished.take(1, place, half())), None);
         assert_eq!(place(1).and_then(|place| unfinished.take(2, place, half())), None);
-        assert_eq!(place(1).and_then(|place| unfinished.take(1, place, half())), None, "what had come has ended");
+        assert_eq!(
+            place(1).and_then(|place| unfinished.take(1, place, half())),
+            None,
+            "what had come has ended"
+        );
     }
 
     #[test]
     fn no_more_is_kept_than_was_announced_or_can_be() {
         let much = message(PIECE_BYTES_MAX);
-        let (short, huge) = (Place { offset: 0, length: 10 }, Place { offset: 0, length: u32::MAX });
+        let (short, huge) =
+            (Place { offset: 0, length: 10 }, Place { offset: 0, length: u32::MAX });
         let mut unfinished = Unfinished::default();
         assert_eq!(unfinished.take(1, short, [&much[..]].into_iter()), None);
         assert!(unfinished.bytes.is_empty());

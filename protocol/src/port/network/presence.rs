@@ -58,7 +58,13 @@ impl<'a> Presence<'a> {
         let mut parts = key.rsplit('/');
         let (id, delivery, message) = (parts.next()?, parts.next()?, parts.next()?);
         let (version, role) = (parts.next()?, parts.next()?);
-        [Role::Writer.name(), Role::Reader.name()].contains(&role).then_some(Self { role, version, message, delivery, id })
+        [Role::Writer.name(), Role::Reader.name()].contains(&role).then_some(Self {
+            role,
+            version,
+            message,
+            delivery,
+            id,
+        })
     }
 
     pub(super) fn is_reader(&self) -> bool {
@@ -82,7 +88,8 @@ const UNPACED: &str = "unpaced";
 /// A name that no other port has. With a certificate it begins with the role, without which routers take in nothing from a writer.
 pub(super) fn draw_id(role: Option<access::Role>) -> String {
     let seed = RandomState::new();
-    let name = format!("{:016x}", seed.hash_one((std::process::id(), crate::clock::monotonic_nanos())));
+    let name =
+        format!("{:016x}", seed.hash_one((std::process::id(), crate::clock::monotonic_nanos())));
     match role {
         Some(role) => format!("{}.{name}", role.name()),
         None => name,
@@ -111,7 +118,8 @@ impl Drop for Own {
 /// Key of the token of port `id`.
 pub(super) fn key(network: &Network, topic: Topic, role: Role, id: &str) -> String {
     let (version, delivery) = (VERSION.to_string(), delivery_name(network.quality(topic).delivery));
-    let presence = Presence { role: role.name(), version: &version, message: topic.message(), delivery, id };
+    let presence =
+        Presence { role: role.name(), version: &version, message: topic.message(), delivery, id };
     Keys::of(network, topic).presence(&presence)
 }
 
@@ -120,8 +128,16 @@ pub(super) fn key(network: &Network, topic: Topic, role: Role, id: &str) -> Stri
 /// zenoh names those of other sessions reliably, and those of this one twice, or under load not at all.
 pub(super) fn list(network: &Network, topic: Topic) -> Result<BTreeSet<String>, OpenError> {
     let (keys, failed) = (Keys::of(network, topic), failed(topic));
-    let replies = network.line.session().liveliness().get(keys.presences()).timeout(ANSWER_TIMEOUT).wait().map_err(&failed)?;
-    let mut found: BTreeSet<String> = network.own.borrow().iter().filter(|key| keys.include(key)).cloned().collect();
+    let replies = network
+        .line
+        .session()
+        .liveliness()
+        .get(keys.presences())
+        .timeout(ANSWER_TIMEOUT)
+        .wait()
+        .map_err(&failed)?;
+    let mut found: BTreeSet<String> =
+        network.own.borrow().iter().filter(|key| keys.include(key)).cloned().collect();
     while let Ok(reply) = replies.recv() {
         let said = |error| failed(format!("the router does not say who is there: {error}").into());
         found.insert(reply.into_result().map_err(said)?.key_expr().as_str().to_owned());
@@ -153,7 +169,8 @@ fn look(network: &Network, topic: Topic, role: Role) -> Result<usize, OpenError>
     for key in list(network, topic)? {
         let Some(presence) = Presence::of(&key) else { continue };
         let is_alike = [delivery_name(delivery), UNPACED].contains(&presence.delivery)
-            && (presence.version, presence.message) == (VERSION.to_string().as_str(), topic.message());
+            && (presence.version, presence.message)
+                == (VERSION.to_string().as_str(), topic.message());
         if network.role.is_some() && !is_alike {
             strange += 1;
             continue;
@@ -173,7 +190,11 @@ fn look(network: &Network, topic: Topic, role: Role) -> Result<usize, OpenError>
         count += usize::from(presence.role == role.name());
     }
     if strange > 0 {
-        tracing::warn!(topic = topic.name(), strange, "somebody shows ports of another protocol: they do not count");
+        tracing::warn!(
+            topic = topic.name(),
+            strange,
+            "somebody shows ports of another protocol: they do not count"
+        );
     }
     Ok(count)
 }
@@ -185,16 +206,35 @@ mod tests {
     use std::error::Error;
 
     #[test]
-    fn a_program_of_another_version_or_message_is_refused_with_both_named_on_the_network() -> Result<(), Box<dyn Error>> {
+    fn a_program_of_another_version_or_message_is_refused_with_both_named_on_the_network()
+    -> Result<(), Box<dyn Error>> {
         let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
         let carriers = Carriers::all(Carrier::Network);
-        let links = Links { carriers, connect: router.endpoints().to_vec(), ..Links::on_this_machine("t", "", false, 100) };
+        let links = Links {
+            carriers,
+            connect: router.endpoints().to_vec(),
+            ..Links::on_this_machine("t", "", false, 100)
+        };
         let (network, other) = (Network::open(&links)?, Network::open(&links)?);
         let version = VERSION.to_string();
-        for (topic, said_version, said_message) in [(Topic::Command, "7001", "Command"), (Topic::Credit, version.as_str(), "Sonnet")] {
-            let theirs = Presence { role: "writer", version: said_version, message: said_message, delivery: "newest-wins", id: "other" };
+        for (topic, said_version, said_message) in
+            [(Topic::Command, "7001", "Command"), (Topic::Credit, version.as_str(), "Sonnet")]
+        {
+            let theirs = Presence {
+                role: "writer",
+                version: said_version,
+                message: said_message,
+                delivery: "newest-wins",
+                id: "other",
+            };
             let key = Keys::of(&other, topic).presence(&theirs);
-            let _token = other.line.session().liveliness().declare_token(key).wait().map_err(|error| error.to_string())?;
+            let _token = other
+                .line
+                .session()
+                .liveliness()
+                .declare_token(key)
+                .wait()
+                .map_err(|error| error.to_string())?;
             // Until the token has come round.
             let refused = loop {
                 match check(&network, topic, Role::Reader) {
@@ -203,8 +243,12 @@ mod tests {
                 }
             };
             let (name, message) = (topic.name(), topic.message());
-            let found = format!("topic {name} carries {said_message} in protocol version {said_version}");
-            assert_eq!(refused, format!("{found}, this program wants {message} in version {version}"));
+            let found =
+                format!("topic {name} carries {said_message} in protocol version {said_version}");
+            assert_eq!(
+                refused,
+                format!("{found}, this program wants {message} in version {version}")
+            );
         }
         Ok(())
     }

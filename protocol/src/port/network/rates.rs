@@ -63,7 +63,8 @@ struct Place {
 impl Rates {
     /// Those of `topic`, if roles share it and it is known who says what.
     pub(super) fn on(topic: Topic, network: &Network) -> Option<Self> {
-        (network.role.is_some() && Role::share(topic)).then(|| Self { topic, roles: BTreeMap::new() })
+        (network.role.is_some() && Role::share(topic))
+            .then(|| Self { topic, roles: BTreeMap::new() })
     }
 
     /// Whether what the writer called `id` says `now` is heard. Tells the log, now and then, who says too much.
@@ -81,7 +82,10 @@ impl Rates {
     /// Whether the writer called `id` may say `message` `now`: a heartbeat, of a process in his role. Tells the log, now and then, who says others.
     pub(super) fn believe(&mut self, id: &str, message: &[u8], now: Instant) -> bool {
         let Some(role) = role_of(id) else { return false };
-        let whose = wire::decode::<Health>(message).ok().and_then(|health| health.participant()).map(Role::from);
+        let whose = wire::decode::<Health>(message)
+            .ok()
+            .and_then(|health| health.participant())
+            .map(Role::from);
         if whose == Some(role) {
             return true;
         }
@@ -135,8 +139,13 @@ impl Heard {
 
     /// The place of `writer`, or one that is free.
     fn place(&mut self, writer: &str, now: Instant) -> Option<&mut Place> {
-        let is_his = |place: &Option<Place>| place.as_ref().is_some_and(|place| place.writer == writer);
-        let is_free = |place: &Option<Place>| place.as_ref().is_none_or(|place| now.saturating_duration_since(place.said) >= FREE_AFTER);
+        let is_his =
+            |place: &Option<Place>| place.as_ref().is_some_and(|place| place.writer == writer);
+        let is_free = |place: &Option<Place>| {
+            place
+                .as_ref()
+                .is_none_or(|place| now.saturating_duration_since(place.said) >= FREE_AFTER)
+        };
         let own = self.places.iter().position(is_his);
         let index = own.or_else(|| self.places.iter().position(is_free))?;
         if own.is_none() {
@@ -149,7 +158,8 @@ impl Heard {
 impl Refused {
     /// How many have been refused since that was told last, if it is to be told now: the first at once.
     fn due(&mut self, now: Instant) -> Option<u64> {
-        let is_due = self.untold > 0 && self.told.is_none_or(|told| now.saturating_duration_since(told) >= PAUSE);
+        let is_due = self.untold > 0
+            && self.told.is_none_or(|told| now.saturating_duration_since(told) >= PAUSE);
         is_due.then(|| {
             self.told = Some(now);
             std::mem::take(&mut self.untold)
@@ -213,7 +223,8 @@ mod tests {
         let now = Instant::now();
         let mut says = |id: &str, participant: Participant| {
             let mut health = Health::zeroed();
-            (health.stamp.version, health.stamp.kind, health.participant) = (VERSION, Health::KIND, participant.code());
+            (health.stamp.version, health.stamp.kind, health.participant) =
+                (VERSION, Health::KIND, participant.code());
             let mut message = Vec::new();
             wire::encode(&health, &mut message);
             rates.believe(id, &message, now)
@@ -221,14 +232,22 @@ mod tests {
         for &participant in Participant::ALL {
             for role in Role::ALL {
                 let is_his = Role::from(participant) == role;
-                assert_eq!(says(&format!("{}.00", role.name()), participant), is_his, "{role:?} of {participant}");
+                assert_eq!(
+                    says(&format!("{}.00", role.name()), participant),
+                    is_his,
+                    "{role:?} of {participant}"
+                );
             }
             assert!(!says("root.00", participant) && !says("", participant));
         }
         assert!(!rates.believe("robot.00", b"no heartbeat", now));
-        let refused = |role| rates.roles.get(&role).map_or(0, |heard: &Heard| heard.false_words.untold);
+        let refused =
+            |role| rates.roles.get(&role).map_or(0, |heard: &Heard| heard.false_words.untold);
         // The first of each is told at once.
-        assert_eq!((refused(Role::Robot), refused(Role::Learner), refused(Role::RobotHost)), (4, 3, 4));
+        assert_eq!(
+            (refused(Role::Robot), refused(Role::Learner), refused(Role::RobotHost)),
+            (4, 3, 4)
+        );
     }
 
     #[test]
@@ -251,8 +270,13 @@ mod tests {
             let now = begin + Duration::from_millis(100) * tenth;
             // By one name, and by another each time.
             forged += (0..500).filter(|_| rates.admit("learner.flood", now)).count();
-            forged += (0..500).filter(|number| rates.admit(&format!("learner.{tenth}-{number}"), now)).count();
-            assert!(rates.admit("learner.honest", now), "not heard after {tenth} tenths of a second");
+            forged += (0..500)
+                .filter(|number| rates.admit(&format!("learner.{tenth}-{number}"), now))
+                .count();
+            assert!(
+                rates.admit("learner.honest", now),
+                "not heard after {tenth} tenths of a second"
+            );
         }
         let most = (PLACES - 1) * (PER_SECOND * 10 + AT_ONCE) as usize;
         assert!(forged > 0 && forged <= most, "{forged} of {most}");

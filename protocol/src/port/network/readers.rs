@@ -67,13 +67,17 @@ impl Readers {
         let mut known = self.lock();
         let mut had = known.left.remove(presence.id);
         // Whoever may hear a topic can show as many tokens as he likes.
-        if presence.is_paced() && (known.taken.len() < REMEMBERED_MAX || known.taken.contains_key(presence.id)) {
+        if presence.is_paced()
+            && (known.taken.len() < REMEMBERED_MAX || known.taken.contains_key(presence.id))
+        {
             // One that was never seen to go may have missed something all the same.
             had = had.or_else(|| known.taken.get(presence.id).copied());
             let taken = had.unwrap_or(known.sent);
             known.taken.entry(presence.id.to_owned()).or_insert(taken);
         }
-        if known.newcomers.len() < self.places && !known.newcomers.iter().any(|newcomer| newcomer.id == presence.id) {
+        if known.newcomers.len() < self.places
+            && !known.newcomers.iter().any(|newcomer| newcomer.id == presence.id)
+        {
             known.newcomers.push(Newcomer { id: presence.id.to_owned(), had });
         }
     }

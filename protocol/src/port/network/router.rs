@@ -95,24 +95,41 @@ impl Router {
         let failed = |reason| OpenError::Router { endpoints: listen.join(", "), reason };
         let guard = Guard::new(credentials, graph).map_err(|error| failed(error.to_string()))?;
         let guard = Guard { real_time: !lock_step, ..guard };
-        let over_tls = |endpoints: &[String]| -> Vec<String> { endpoints.iter().map(|endpoint| over_tls(endpoint)).collect() };
+        let over_tls = |endpoints: &[String]| -> Vec<String> {
+            endpoints.iter().map(|endpoint| over_tls(endpoint)).collect()
+        };
         Self::begin(&over_tls(listen), over_tls(connect), Some(guard))
     }
 
-    fn begin(listen: &[String], connect: Vec<String>, guard: Option<Guard>) -> Result<Self, OpenError> {
+    fn begin(
+        listen: &[String],
+        connect: Vec<String>,
+        guard: Option<Guard>,
+    ) -> Result<Self, OpenError> {
         let draws = guard.is_some() || listen.iter().any(|endpoint| endpoint.ends_with(":0"));
         let (signs, told) = channel();
         let mut attempt = 1;
         loop {
-            let endpoints = listen.iter().map(|endpoint| with_port(endpoint)).collect::<Result<Vec<_>, _>>()?;
+            let endpoints =
+                listen.iter().map(|endpoint| with_port(endpoint)).collect::<Result<Vec<_>, _>>()?;
             let door = guard.as_ref().map(|_| with_port(DOOR)).transpose()?;
             let all: Vec<String> = endpoints.iter().chain(&door).cloned().collect();
-            let failed = |reason: String| OpenError::Router { endpoints: endpoints.join(", "), reason };
+            let failed =
+                |reason: String| OpenError::Router { endpoints: endpoints.join(", "), reason };
             match Life::begin(&all, &connect, guard.as_ref(), &signs) {
                 Ok(life) => {
-                    let keeper = Keeper { listen: all, connect, guard: guard.clone(), signs: signs.clone(), told };
-                    let keeper = thread::Builder::new().name("router".to_owned()).spawn(move || keeper.keep(life));
-                    let keeper = Some(keeper.map_err(|error| failed(format!("no thread: {error}")))?);
+                    let keeper = Keeper {
+                        listen: all,
+                        connect,
+                        guard: guard.clone(),
+                        signs: signs.clone(),
+                        told,
+                    };
+                    let keeper = thread::Builder::new()
+                        .name("router".to_owned())
+                        .spawn(move || keeper.keep(life));
+                    let keeper =
+                        Some(keeper.map_err(|error| failed(format!("no thread: {error}")))?);
                     return Ok(Self { endpoints, door, guard, signs, keeper });
                 }
                 Err(_) if draws && attempt < DRAWS => attempt += 1,
@@ -129,7 +146,9 @@ impl Router {
     pub fn self_test(&self) -> Result<(), Breach> {
         let Some(guard) = &self.guard else { return Ok(()) };
         let endpoints = self.endpoints.iter().chain(&self.door);
-        endpoints.into_iter().try_for_each(|endpoint| self_test(&from_here(endpoint), &guard.graph, &guard.credentials))
+        endpoints.into_iter().try_for_each(|endpoint| {
+            self_test(&from_here(endpoint), &guard.graph, &guard.credentials)
+        })
     }
 
     /// Where it listens, with the ports that were drawn.
@@ -155,17 +174,31 @@ impl Drop for Router {
 
 impl Life {
     /// Who joins others is told when one of them is not to be seen any more.
-    fn begin(listen: &[String], connect: &[String], guard: Option<&Guard>, signs: &Sender<Sign>) -> Result<Self, zenoh::Error> {
+    fn begin(
+        listen: &[String],
+        connect: &[String],
+        guard: Option<&Guard>,
+        signs: &Sender<Sign>,
+    ) -> Result<Self, zenoh::Error> {
         let session = zenoh::open(config::router(listen, connect, guard)?).wait()?;
-        let token = session.liveliness().declare_token(TOKENS.replace('*', &session.zid().to_string())).wait()?;
+        let token = session
+            .liveliness()
+            .declare_token(TOKENS.replace('*', &session.zid().to_string()))
+            .wait()?;
         let signs = signs.clone();
         let tell = move |sample: zenoh::sample::Sample| {
             let id = super::keys::last(sample.key_expr().as_str()).to_owned();
             // If nobody hears it, the router has ended.
-            let _ = signs.send(if sample.kind() == SampleKind::Put { Sign::Seen(id) } else { Sign::Gone(id) });
+            let _ = signs.send(if sample.kind() == SampleKind::Put {
+                Sign::Seen(id)
+            } else {
+                Sign::Gone(id)
+            });
         };
         let seen = (!connect.is_empty())
-            .then(|| session.liveliness().declare_subscriber(TOKENS).history(true).callback(tell).wait())
+            .then(|| {
+                session.liveliness().declare_subscriber(TOKENS).history(true).callback(tell).wait()
+            })
             .transpose()?;
         Ok(Self { _seen: seen, _token: token, session })
     }
@@ -247,8 +280,10 @@ pub(super) fn with_port(endpoint: &str) -> Result<String, OpenError> {
     };
     let failed = |reason: String| OpenError::Router { endpoints: endpoint.to_owned(), reason };
     let address = host.strip_prefix("tcp/").or_else(|| host.strip_prefix("tls/"));
-    let address = address.ok_or_else(|| failed("only tcp and tls have ports to draw from".to_owned()))?;
-    let listener = TcpListener::bind(format!("{address}:0")).map_err(|error| failed(error.to_string()))?;
+    let address =
+        address.ok_or_else(|| failed("only tcp and tls have ports to draw from".to_owned()))?;
+    let listener =
+        TcpListener::bind(format!("{address}:0")).map_err(|error| failed(error.to_string()))?;
     let port = listener.local_addr().map_err(|error| failed(error.to_string()))?.port();
     Ok(format!("{host}:{port}"))
 }

@@ -6,7 +6,9 @@
 use super::config;
 use super::guard::Guard;
 use super::presence::draw_id;
-use crate::access::{ATTEMPT_MILLIS, AccessError, Breach, Credentials, Role, TESTER, keeps_strangers_out, over_tls};
+use crate::access::{
+    ATTEMPT_MILLIS, AccessError, Breach, Credentials, Role, TESTER, keeps_strangers_out, over_tls,
+};
 use crate::reason::first_line;
 use crate::topic::Topic;
 use serde_json::json;
@@ -35,16 +37,23 @@ const SAID_AGAIN_AFTER: Duration = Duration::from_millis(200);
 /// The first [`Breach`].
 pub fn self_test(endpoint: &str, graph: &str, credentials: &Credentials) -> Result<(), Breach> {
     let guard = Guard::new(credentials, graph);
-    let guard = &guard.map_err(|error| Breach::Unknown { endpoint: endpoint.to_owned(), reason: error.to_string() })?;
+    let guard = &guard.map_err(|error| Breach::Unknown {
+        endpoint: endpoint.to_owned(),
+        reason: error.to_string(),
+    })?;
     keeps_strangers_out(endpoint, &guard.credentials)?;
     let tls = [over_tls(endpoint)];
     let endpoint = || endpoint.to_owned();
     let unknown = |reason: String| Breach::Unknown { endpoint: endpoint(), reason };
-    let role = guard.credentials.read().map_err(|error: AccessError| unknown(error.to_string()))?.role;
+    let role =
+        guard.credentials.read().map_err(|error: AccessError| unknown(error.to_string()))?.role;
     let attempt = || {
         let config = config::client(&tls, ATTEMPT_MILLIS, Some(guard)).and_then(|mut config| {
             // To hear what the router should not have passed on.
-            config.insert_json5("transport/link/rx/max_message_size", &json!(2 * OVERSIZE_BYTES).to_string())?;
+            config.insert_json5(
+                "transport/link/rx/max_message_size",
+                &json!(2 * OVERSIZE_BYTES).to_string(),
+            )?;
             Ok(config)
         });
         config.and_then(|config| zenoh::open(config).wait())
@@ -59,12 +68,19 @@ pub fn self_test(endpoint: &str, graph: &str, credentials: &Credentials) -> Resu
             }
         }
     };
-    let arrived = as_another(&open()?, &open()?, &guard.graph, role).map_err(|error| unknown(first_line(&error)))?;
+    let arrived = as_another(&open()?, &open()?, &guard.graph, role)
+        .map_err(|error| unknown(first_line(&error)))?;
     match arrived {
         None => Err(unknown(format!("what may pass did not arrive within {ARRIVES_WITHIN:?}"))),
         Some(Arrived::Nothing) => Ok(()),
-        Some(Arrived::Forbidden(topic)) => Err(Breach::WrongRole { endpoint: endpoint(), role: role.name(), topic }),
-        Some(Arrived::Oversize) => Err(Breach::Oversize { endpoint: endpoint(), bytes: OVERSIZE_BYTES, most: config::BYTES_MAX }),
+        Some(Arrived::Forbidden(topic)) => {
+            Err(Breach::WrongRole { endpoint: endpoint(), role: role.name(), topic })
+        }
+        Some(Arrived::Oversize) => Err(Breach::Oversize {
+            endpoint: endpoint(),
+            bytes: OVERSIZE_BYTES,
+            most: config::BYTES_MAX,
+        }),
     }
 }
 
@@ -77,23 +93,37 @@ enum Arrived {
 }
 
 /// Says in `role` what it must not say, between two times what it may. None if not even that arrives.
-fn as_another(listener: &Session, speaker: &Session, graph: &str, role: Role) -> Result<Option<Arrived>, zenoh::Error> {
+fn as_another(
+    listener: &Session,
+    speaker: &Session,
+    graph: &str,
+    role: Role,
+) -> Result<Option<Arrived>, zenoh::Error> {
     // One on which it may hear what is said to one reader, in real time as well.
-    let may_be_heard = |topic: &Topic| role.hears().contains(topic) && topic.quality(false).says_again();
-    let forbidden = Topic::ALL.into_iter().find(|topic| may_be_heard(topic) && !role.says().contains(topic));
-    let Some(forbidden) = forbidden else { return Err(format!("{} hears nothing that it may not say", role.name()).into()) };
+    let may_be_heard =
+        |topic: &Topic| role.hears().contains(topic) && topic.quality(false).says_again();
+    let forbidden =
+        Topic::ALL.into_iter().find(|topic| may_be_heard(topic) && !role.says().contains(topic));
+    let Some(forbidden) = forbidden else {
+        return Err(format!("{} hears nothing that it may not say", role.name()).into());
+    };
     // Others may be testing themselves.
     let own = draw_id(Some(role));
-    let key = |topic: Topic| format!("coxswain-link/{graph}/{}/history/{TESTER}/{own}", topic.name());
+    let key =
+        |topic: Topic| format!("coxswain-link/{graph}/{}/history/{TESTER}/{own}", topic.name());
     let (tell, heard) = channel();
     let mut listening = Vec::new();
     for topic in [forbidden, Topic::Health] {
         let tell = tell.clone();
         // Nobody listens any more once all is known.
-        let hear = move |sample: zenoh::sample::Sample| tell.send((topic, sample.payload().len())).unwrap_or_default();
+        let hear = move |sample: zenoh::sample::Sample| {
+            tell.send((topic, sample.payload().len())).unwrap_or_default();
+        };
         listening.push(listener.declare_subscriber(key(topic)).callback(hear).wait()?);
     }
-    let say = |topic: Topic, bytes: usize| speaker.put(key(topic), vec![0; bytes]).congestion_control(CongestionControl::Block).wait();
+    let say = |topic: Topic, bytes: usize| {
+        speaker.put(key(topic), vec![0; bytes]).congestion_control(CongestionControl::Block).wait()
+    };
     let deadline = Instant::now() + ARRIVES_WITHIN;
     // The router does not know the listener at once; it knows it for the other topic as well once it passes this on, since that was declared before.
     loop {

@@ -37,10 +37,13 @@ pub(super) struct Alarm {
 
 impl Alarm {
     pub(super) fn new(events: &Events) -> Result<Self, &'static str> {
-        let listener = events.listener_builder().create().map_err(|_| "no place for one more listener")?;
+        let listener =
+            events.listener_builder().create().map_err(|_| "no place for one more listener")?;
         let waitset = WaitSetBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled);
         let waitset = waitset.create().map_err(|_| "the system gives no event queue")?;
-        let guard = waitset.attach_notification(&listener).map_err(|_| "its events cannot be waited for")?;
+        let guard = waitset
+            .attach_notification(&listener)
+            .map_err(|_| "its events cannot be waited for")?;
         // Watched as long as both live. The guard would borrow from them; the system forgets a socket that is closed by itself.
         mem::forget(guard);
         Ok(Self { waitset, listener })
@@ -58,9 +61,16 @@ impl Alarm {
             thread::sleep(most.min(PIECE));
             return Ok(Slept::Awake);
         }
-        match self.waitset.wait_and_process_once_with_timeout(|_| CallbackProgression::Stop, most.min(SLEEP_MAX)) {
-            Ok(WaitSetRunResult::Interrupt | WaitSetRunResult::TerminationRequest) => Ok(Slept::Interrupted),
-            Ok(WaitSetRunResult::StopRequest | WaitSetRunResult::AllEventsHandled) => Ok(Slept::Awake),
+        match self
+            .waitset
+            .wait_and_process_once_with_timeout(|_| CallbackProgression::Stop, most.min(SLEEP_MAX))
+        {
+            Ok(WaitSetRunResult::Interrupt | WaitSetRunResult::TerminationRequest) => {
+                Ok(Slept::Interrupted)
+            }
+            Ok(WaitSetRunResult::StopRequest | WaitSetRunResult::AllEventsHandled) => {
+                Ok(Slept::Awake)
+            }
             Err(_) => Err("its events cannot be waited for"),
         }
     }

@@ -22,11 +22,16 @@ pub(super) fn close(links: &Links) {
         if !entry.file_name().to_str().is_some_and(|name| name.starts_with(&prefix)) {
             continue;
         }
-        let ours = entry
-            .metadata()
-            .is_ok_and(|found| found.is_file() && found.uid() == geteuid().as_raw() && found.mode() & GROUP_AND_OTHERS != 0);
+        let ours = entry.metadata().is_ok_and(|found| {
+            found.is_file()
+                && found.uid() == geteuid().as_raw()
+                && found.mode() & GROUP_AND_OTHERS != 0
+        });
         // One that has just gone is closed as well.
-        if ours && let Err(error) = fs::set_permissions(entry.path(), Permissions::from_mode(OWNER_READ_WRITE)) {
+        if ours
+            && let Err(error) =
+                fs::set_permissions(entry.path(), Permissions::from_mode(OWNER_READ_WRITE))
+        {
             tracing::debug!(%error, name = %entry.file_name().display(), "shared memory is as open as iceoryx2 has made it");
         }
     }

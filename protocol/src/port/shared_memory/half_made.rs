@@ -40,7 +40,11 @@ impl HalfMade {
         for entry in fs::read_dir(FOLDER).into_iter().flatten().flatten() {
             let name = entry.file_name();
             let ours = name.to_str().is_some_and(|name| name.starts_with(&self.prefix));
-            let Some(found) = ours.then(|| entry.metadata().ok()).flatten().filter(|found| found.is_file() && found.len() == 0) else {
+            let Some(found) = ours
+                .then(|| entry.metadata().ok())
+                .flatten()
+                .filter(|found| found.is_file() && found.len() == 0)
+            else {
                 continue;
             };
             let key = (name, found.ino());
@@ -69,11 +73,15 @@ mod tests {
     use std::path::PathBuf;
 
     #[test]
-    fn a_name_that_gets_no_size_is_removed_and_one_that_gets_one_in_time_stays() -> std::io::Result<()> {
+    fn a_name_that_gets_no_size_is_removed_and_one_that_gets_one_in_time_stays()
+    -> std::io::Result<()> {
         let links = Links::on_this_machine(format!("half{}", std::process::id()), "/tmp", false, 0);
         let place = |name: &str| PathBuf::from(FOLDER).join(format!("{}{name}", prefix(&links)));
-        let (dead, slow, strange) =
-            (place("dead"), place("slow"), PathBuf::from(FOLDER).join(format!("cx.halves{}.x", std::process::id())));
+        let (dead, slow, strange) = (
+            place("dead"),
+            place("slow"),
+            PathBuf::from(FOLDER).join(format!("cx.halves{}.x", std::process::id())),
+        );
         for file in [&dead, &slow, &strange] {
             File::create(file)?;
         }

@@ -19,7 +19,11 @@ pub(in crate::port) struct SharedMemoryInlet {
 }
 
 impl SharedMemoryInlet {
-    pub(super) fn open(shared: &SharedMemory, topic: Topic, audience: Audience) -> Result<Self, OpenError> {
+    pub(super) fn open(
+        shared: &SharedMemory,
+        topic: Topic,
+        audience: Audience,
+    ) -> Result<Self, OpenError> {
         let (messages, events) = shared.services(topic, audience, &Announcement::of(topic))?;
         let limit = shared.quality(topic, audience).readers;
         let create = || messages.subscriber_builder().create();
@@ -29,7 +33,9 @@ impl SharedMemoryInlet {
             create()
         });
         let subscriber = subscriber.map_err(|error| match error {
-            SubscriberCreateError::ExceedsMaxSupportedSubscribers => OpenError::Full { topic, role: "readers", limit },
+            SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
+                OpenError::Full { topic, role: "readers", limit }
+            }
             other => OpenError::Carrier { topic, reason: other.to_string() },
         })?;
         Ok(Self { topic, subscriber, events, alarm: None })
@@ -40,14 +46,20 @@ impl SharedMemoryInlet {
     }
 
     /// Sleeps from event to event until a message waits: an event may be about one that has been taken already.
-    fn wait_for_message(&self, alarm: &Alarm, deadline: Option<Instant>) -> Result<bool, ReceiveError> {
+    fn wait_for_message(
+        &self,
+        alarm: &Alarm,
+        deadline: Option<Instant>,
+    ) -> Result<bool, ReceiveError> {
         loop {
             // The reset comes before the look, and writers send before they notify: no message falls between the two.
             alarm.reset().map_err(|reason| self.failure(reason))?;
             if self.something_waits()? {
                 return Ok(true);
             }
-            let left = deadline.map_or(Duration::MAX, |deadline| deadline.saturating_duration_since(Instant::now()));
+            let left = deadline.map_or(Duration::MAX, |deadline| {
+                deadline.saturating_duration_since(Instant::now())
+            });
             if left.is_zero() {
                 return Ok(false);
             }
@@ -64,7 +76,10 @@ impl SharedMemoryInlet {
 
 impl Inlet for SharedMemoryInlet {
     fn receive(&mut self, visit: &mut dyn FnMut(&[u8])) -> Result<bool, ReceiveError> {
-        let received = self.subscriber.receive().map_err(|_| self.failure("a writer could not be connected"))?;
+        let received = self
+            .subscriber
+            .receive()
+            .map_err(|_| self.failure("a writer could not be connected"))?;
         Ok(received.is_some_and(|sample| {
             visit(bytemuck::cast_slice(sample.payload()));
             true

@@ -38,7 +38,12 @@ pub(in crate::port) struct SharedMemoryOutlet {
 }
 
 impl SharedMemoryOutlet {
-    pub(super) fn open(shared: &SharedMemory, topic: Topic, audience: Audience, reservation: Reservation) -> Result<Self, OpenError> {
+    pub(super) fn open(
+        shared: &SharedMemory,
+        topic: Topic,
+        audience: Audience,
+        reservation: Reservation,
+    ) -> Result<Self, OpenError> {
         let (messages, events) = shared.services(topic, audience, &Announcement::of(topic))?;
         let quality = shared.quality(topic, audience);
         let (bytes, strategy) = match reservation {
@@ -75,7 +80,9 @@ impl SharedMemoryOutlet {
             other => OpenError::Carrier { topic, reason: other.to_string() },
         })?;
         let notifier = events.notifier_builder().create().map_err(|error| match error {
-            NotifierCreateError::ExceedsMaxSupportedNotifiers => OpenError::Full { topic, role: "notifiers", limit: quality.writers },
+            NotifierCreateError::ExceedsMaxSupportedNotifiers => {
+                OpenError::Full { topic, role: "notifiers", limit: quality.writers }
+            }
             other => OpenError::Carrier { topic, reason: other.to_string() },
         })?;
         let node = Rc::clone(&shared.node);
@@ -84,7 +91,11 @@ impl SharedMemoryOutlet {
     }
 
     /// Sends to all readers and says how many have got it.
-    fn send_once(&self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<usize, SendError> {
+    fn send_once(
+        &self,
+        length: usize,
+        fill: &mut dyn FnMut(&mut [u8]),
+    ) -> Result<usize, SendError> {
         let loan = self.publisher.loan_slice(length.div_ceil(WORD_BYTES));
         let mut sample = loan.map_err(|error| self.failure(error.into()))?;
         if let Some(bytes) = bytemuck::cast_slice_mut(sample.payload_mut()).get_mut(..length) {
@@ -98,7 +109,8 @@ impl SharedMemoryOutlet {
     }
 
     fn wake(&self) -> Result<(), SendError> {
-        let failed = |_| SendError::Carrier { topic: self.topic, reason: "the readers could not be woken" };
+        let failed =
+            |_| SendError::Carrier { topic: self.topic, reason: "the readers could not be woken" };
         self.notifier.notify().map(drop).map_err(failed)
     }
 
@@ -113,7 +125,9 @@ impl SharedMemoryOutlet {
             CarrierError::LoanError(_) => carrier("no memory could be loaned"),
             CarrierError::ConnectionError(_) => carrier("a reader could not be connected"),
             CarrierError::ConnectionCorrupted => carrier("the connection to a reader is corrupted"),
-            CarrierError::ConnectionBrokenSinceSenderNoLongerExists => carrier("the writer is closed"),
+            CarrierError::ConnectionBrokenSinceSenderNoLongerExists => {
+                carrier("the writer is closed")
+            }
             CarrierError::InternalError => carrier("an internal mechanism failed"),
         }
     }
@@ -129,7 +143,8 @@ impl Outlet for SharedMemoryOutlet {
         self.deadline_nanos.store(deadline_nanos, Ordering::Relaxed);
         // iceoryx2 passes over a reader that is full and has not looked since this writer came. Such a reader gets the message once more,
         // until it has it; the others know the sequence number, and drop what they have had.
-        while self.send_once(length, fill)? < self.messages.dynamic_config().number_of_subscribers() {
+        while self.send_once(length, fill)? < self.messages.dynamic_config().number_of_subscribers()
+        {
             if monotonic_nanos() >= deadline_nanos {
                 return Err(self.failure(CarrierError::UnableToDeliver));
             }

@@ -22,7 +22,11 @@ impl SharedMemory {
         // Where the system does not say, it is tried.
         let Ok(found) = statvfs(FOLDER) else { return Ok(()) };
         let free = found.f_bavail * found.f_frsize;
-        if free < LEAST_FREE { Err(OpenError::NoRoom { folder: FOLDER.into(), free, least: LEAST_FREE }) } else { Ok(()) }
+        if free < LEAST_FREE {
+            Err(OpenError::NoRoom { folder: FOLDER.into(), free, least: LEAST_FREE })
+        } else {
+            Ok(())
+        }
     }
 }
 
@@ -43,7 +47,8 @@ pub fn claim(links: &Links) -> Result<(), OpenError> {
         // Whoever has just made a file opens it for others last; whoever goes takes his with him.
         let Ok(file) = File::options().read(true).write(true).open(entry.path()) else { continue };
         let length = file.metadata().map_or(0, |found| found.len());
-        if length > 0 && fallocate(&file, FallocateFlags::KEEP_SIZE, 0, length) == Err(Errno::NOSPC) {
+        if length > 0 && fallocate(&file, FallocateFlags::KEEP_SIZE, 0, length) == Err(Errno::NOSPC)
+        {
             return Err(OpenError::NoRoom { folder: FOLDER.into(), free: 0, least: length });
         }
     }

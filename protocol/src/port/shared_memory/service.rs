@@ -4,7 +4,9 @@ use super::SharedMemory;
 use crate::VERSION;
 use crate::port::{Audience, OpenError};
 use crate::topic::{Delivery, Quality, Topic};
-use iceoryx2::prelude::{AttributeVerifier, EventId, MessagingPattern, Node, Service, ServiceName, ipc};
+use iceoryx2::prelude::{
+    AttributeVerifier, EventId, MessagingPattern, Node, Service, ServiceName, ipc,
+};
 use iceoryx2::service::attribute::{AttributeKey, AttributeSet, AttributeValue};
 use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{
@@ -38,7 +40,12 @@ impl Announcement {
 
 impl SharedMemory {
     /// Opens or makes the services of `topic`.
-    pub(super) fn services(&self, topic: Topic, audience: Audience, announcement: &Announcement) -> Result<(Messages, Events), OpenError> {
+    pub(super) fn services(
+        &self,
+        topic: Topic,
+        audience: Audience,
+        announcement: &Announcement,
+    ) -> Result<(Messages, Events), OpenError> {
         let failed = |reason: String| OpenError::Carrier { topic, reason };
         let lane = match audience {
             Audience::Members => "",
@@ -47,11 +54,17 @@ impl SharedMemory {
         let name = format!("coxswain/{}/{}{lane}", self.graph, topic.name());
         let name = ServiceName::new(&name).map_err(|error| failed(error.to_string()))?;
         let quality = self.quality(topic, audience);
-        let attributes = announced(announcement).ok_or_else(|| failed("its attributes are too long".to_owned()))?;
+        let attributes = announced(announcement)
+            .ok_or_else(|| failed("its attributes are too long".to_owned()))?;
 
-        let messages = retried(|| open_messages(&self.node, &name, quality, &attributes), is_messages_transient);
+        let messages = retried(
+            || open_messages(&self.node, &name, quality, &attributes),
+            is_messages_transient,
+        );
         let messages = messages.map_err(|error| match error {
-            PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(error) => self.refusal(topic, &name, error, announcement),
+            PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(error) => {
+                self.refusal(topic, &name, error, announcement)
+            }
             other => failed(other.to_string()),
         })?;
         let events = retried(|| open_events(&self.node, &name, quality), is_events_transient);
@@ -59,13 +72,25 @@ impl SharedMemory {
     }
 
     /// Says what is different about a service that could not be opened.
-    fn refusal(&self, topic: Topic, name: &ServiceName, error: PublishSubscribeOpenError, ours: &Announcement) -> OpenError {
+    fn refusal(
+        &self,
+        topic: Topic,
+        name: &ServiceName,
+        error: PublishSubscribeOpenError,
+        ours: &Announcement,
+    ) -> OpenError {
         match error {
             PublishSubscribeOpenError::IncompatibleAttributes => {
-                let details = ipc::Service::details(name, self.node.config(), MessagingPattern::PublishSubscribe);
+                let details = ipc::Service::details(
+                    name,
+                    self.node.config(),
+                    MessagingPattern::PublishSubscribe,
+                );
                 let details = details.ok().flatten();
                 let found = |key| {
-                    let found = details.as_ref().and_then(|details| value(details.static_details.attributes(), key));
+                    let found = details
+                        .as_ref()
+                        .and_then(|details| value(details.static_details.attributes(), key));
                     found.unwrap_or_else(|| "unknown".to_owned())
                 };
                 OpenError::Incompatible {
@@ -85,7 +110,9 @@ impl SharedMemory {
             | PublishSubscribeOpenError::DoesNotSupportRequestedMinSubscriberBorrowedSamples
             | PublishSubscribeOpenError::DoesNotSupportRequestedAmountOfPublishers
             | PublishSubscribeOpenError::DoesNotSupportRequestedAmountOfSubscribers
-            | PublishSubscribeOpenError::DoesNotSupportRequestedAmountOfNodes => OpenError::Quality { topic, reason: error.to_string() },
+            | PublishSubscribeOpenError::DoesNotSupportRequestedAmountOfNodes => {
+                OpenError::Quality { topic, reason: error.to_string() }
+            }
             other => OpenError::Carrier { topic, reason: other.to_string() },
         }
     }
@@ -109,7 +136,11 @@ fn open_messages(
         .open_or_create_with_attributes(attributes)
 }
 
-fn open_events(node: &Node<ipc::Service>, name: &ServiceName, quality: Quality) -> Result<Events, EventOpenOrCreateError> {
+fn open_events(
+    node: &Node<ipc::Service>,
+    name: &ServiceName,
+    quality: Quality,
+) -> Result<Events, EventOpenOrCreateError> {
     node.service_builder(name)
         .event()
         .max_notifiers(quality.writers)
@@ -142,7 +173,10 @@ fn value(attributes: &AttributeSet, key: &str) -> Option<String> {
 }
 
 /// Repeats `open` while it fails in a way that passes.
-fn retried<S, E: Copy>(open: impl Fn() -> Result<S, E>, passes: impl Fn(E) -> bool) -> Result<S, E> {
+fn retried<S, E: Copy>(
+    open: impl Fn() -> Result<S, E>,
+    passes: impl Fn(E) -> bool,
+) -> Result<S, E> {
     for _ in 1..ATTEMPTS {
         match open() {
             Err(error) if passes(error) => sleep(ATTEMPT_PAUSE),
@@ -183,7 +217,9 @@ fn is_events_transient(error: EventOpenOrCreateError) -> bool {
                     | EventOpenError::Interrupt
             )
             | E::EventCreateError(
-                EventCreateError::AlreadyExists | EventCreateError::IsBeingCreatedByAnotherInstance | EventCreateError::Interrupt
+                EventCreateError::AlreadyExists
+                    | EventCreateError::IsBeingCreatedByAnotherInstance
+                    | EventCreateError::Interrupt
             )
     )
 }
@@ -195,17 +231,33 @@ mod tests {
     use std::error::Error;
 
     #[test]
-    fn a_program_of_another_version_or_message_is_refused_with_both_named() -> Result<(), Box<dyn Error>> {
+    fn a_program_of_another_version_or_message_is_refused_with_both_named()
+    -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
-        let links = Links::on_this_machine(format!("v{}", std::process::id()), folder.path().join("r"), false, 100);
+        let links = Links::on_this_machine(
+            format!("v{}", std::process::id()),
+            folder.path().join("r"),
+            false,
+            100,
+        );
         let shared = SharedMemory::open(&links)?;
-        let services = shared.services(Topic::Command, Audience::Members, &Announcement::of(Topic::Command))?;
+        let services = shared.services(
+            Topic::Command,
+            Audience::Members,
+            &Announcement::of(Topic::Command),
+        )?;
         let newer = Announcement { version: "7001".to_owned(), ..Announcement::of(Topic::Command) };
-        let other = Announcement { message: "Sonnet".to_owned(), ..Announcement::of(Topic::Command) };
+        let other =
+            Announcement { message: "Sonnet".to_owned(), ..Announcement::of(Topic::Command) };
         let sonnet = format!("Sonnet in version {VERSION}");
         for (announcement, ours) in [(newer, "Command in version 7001"), (other, sonnet.as_str())] {
-            let refused = shared.services(Topic::Command, Audience::Members, &announcement).map(drop).map_err(|error| error.to_string());
-            let said = format!("topic command carries Command in protocol version {VERSION}, this program wants {ours}");
+            let refused = shared
+                .services(Topic::Command, Audience::Members, &announcement)
+                .map(drop)
+                .map_err(|error| error.to_string());
+            let said = format!(
+                "topic command carries Command in protocol version {VERSION}, this program wants {ours}"
+            );
             assert_eq!(refused, Err(said));
         }
         drop((services, shared));

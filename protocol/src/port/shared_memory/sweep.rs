@@ -74,7 +74,8 @@ fn remove_dead(links: &Links, node: &DeadNodeView<ipc::Service>) -> Result<(), N
     let remove = || node.clone().blocking_remove_stale_resources(CLEANUP_TIMEOUT);
     match remove() {
         Err(error @ NodeCleanupFailure::InternalError) => {
-            fs::remove_dir_all(links.root.join("nodes").join(node.id().value().to_string())).map_err(|_| error)?;
+            fs::remove_dir_all(links.root.join("nodes").join(node.id().value().to_string()))
+                .map_err(|_| error)?;
             remove()
         }
         other => other,
@@ -90,7 +91,14 @@ fn remove_files(links: &Links) -> io::Result<usize> {
     }
     removed += remove_prefixed(&links.root, &prefix)?;
     match fs::remove_dir(&links.root) {
-        Err(error) if !matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::DirectoryNotEmpty) => Err(error),
+        Err(error)
+            if !matches!(
+                error.kind(),
+                io::ErrorKind::NotFound | io::ErrorKind::DirectoryNotEmpty
+            ) =>
+        {
+            Err(error)
+        }
         _ => Ok(removed),
     }
 }
@@ -100,7 +108,9 @@ fn remove_prefixed(folder: &Path, prefix: &str) -> io::Result<usize> {
     let mut removed = 0;
     for entry in absent_as_none(fs::read_dir(folder))?.into_iter().flatten() {
         let entry = entry?;
-        if entry.file_name().to_str().is_some_and(|name| name.starts_with(prefix)) && !entry.file_type()?.is_dir() {
+        if entry.file_name().to_str().is_some_and(|name| name.starts_with(prefix))
+            && !entry.file_type()?.is_dir()
+        {
             removed += usize::from(absent_as_none(fs::remove_file(entry.path()))?.is_some());
         }
     }

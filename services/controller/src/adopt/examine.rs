@@ -63,10 +63,18 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
     let head = &snapshot.head;
     let version = head.version;
     if head.fingerprint != expected.fingerprint {
-        return Err(Refusal::Fingerprint { version, expected: expected.fingerprint, got: head.fingerprint });
+        return Err(Refusal::Fingerprint {
+            version,
+            expected: expected.fingerprint,
+            got: head.fingerprint,
+        });
     }
     if head.inputs as usize != expected.layout.dimension() {
-        return Err(Refusal::Inputs { version, expected: expected.layout.dimension(), got: head.inputs });
+        return Err(Refusal::Inputs {
+            version,
+            expected: expected.layout.dimension(),
+            got: head.inputs,
+        });
     }
     if head.points as usize > POINTS_MAX {
         return Err(Refusal::Points { version, got: head.points });
@@ -84,15 +92,23 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
 }
 
 /// Makes the posterior of a snapshot over D inputs.
-fn refactored<const D: usize>(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidate, Refusal> {
+fn refactored<const D: usize>(
+    snapshot: &ModelSnapshot,
+    expected: &Expected,
+) -> Result<Candidate, Refusal> {
     let (head, version) = (&snapshot.head, snapshot.head.version);
     let normalisation = normalisation::<D>(head).ok_or(Refusal::Normalisation { version })?;
     let hyperparameters = std::array::from_fn(|axis| {
-        Hyperparameters::new(first(&head.length_scale[axis]), head.signal_variance[axis], head.noise_variance[axis])
-            .with_linear(head.linear_variance[axis])
+        Hyperparameters::new(
+            first(&head.length_scale[axis]),
+            head.signal_variance[axis],
+            head.noise_variance[axis],
+        )
+        .with_linear(head.linear_variance[axis])
     });
     let count = snapshot.rows().len();
-    let (mut inputs, mut targets, mut noise_scale) = (Vec::with_capacity(count), Vec::with_capacity(count), Vec::with_capacity(count));
+    let (mut inputs, mut targets, mut noise_scale) =
+        (Vec::with_capacity(count), Vec::with_capacity(count), Vec::with_capacity(count));
     for row in snapshot.rows() {
         inputs.push(first(row.input));
         targets.push(first(row.target));
@@ -100,7 +116,9 @@ fn refactored<const D: usize>(snapshot: &ModelSnapshot, expected: &Expected) -> 
     }
     let posterior = Posterior::with_noise_scale(&inputs, &targets, &noise_scale, &hyperparameters)
         .map_err(|source| Refusal::Posterior { version, source })?;
-    if let Some((axis, jitter)) = posterior.jitter().into_iter().enumerate().find(|&(_, jitter)| jitter > 0.0) {
+    if let Some((axis, jitter)) =
+        posterior.jitter().into_iter().enumerate().find(|&(_, jitter)| jitter > 0.0)
+    {
         return Err(Refusal::Indefinite { version, axis, jitter });
     }
     let difference = weight_difference(snapshot, &posterior);
@@ -109,14 +127,28 @@ fn refactored<const D: usize>(snapshot: &ModelSnapshot, expected: &Expected) -> 
     }
     let scratch = VarianceScratch::new(inputs.len());
     let sample_variance = head.sample_variance;
-    let learned = Box::new(Learned { layout: expected.layout, normalisation, posterior, bound: expected.bound, sample_variance });
-    Ok(Candidate { version, plant_epoch: head.plant_epoch, effective_tick: head.effective_tick, learned, scratch })
+    let learned = Box::new(Learned {
+        layout: expected.layout,
+        normalisation,
+        posterior,
+        bound: expected.bound,
+        sample_variance,
+    });
+    Ok(Candidate {
+        version,
+        plant_epoch: head.plant_epoch,
+        effective_tick: head.effective_tick,
+        learned,
+        scratch,
+    })
 }
 
 fn normalisation<const D: usize>(head: &SnapshotHead) -> Option<Normalisation<D>> {
-    let normalisation = Normalisation { mean: first(&head.input_mean), scale: first(&head.input_scale) };
+    let normalisation =
+        Normalisation { mean: first(&head.input_mean), scale: first(&head.input_scale) };
     let mut means = normalisation.mean.iter();
-    let possible = means.all(|mean| mean.abs() <= *INPUT.end()) && normalisation.scale.iter().all(|scale| INPUT.contains(scale));
+    let possible = means.all(|mean| mean.abs() <= *INPUT.end())
+        && normalisation.scale.iter().all(|scale| INPUT.contains(scale));
     possible.then_some(normalisation)
 }
 
@@ -136,26 +168,42 @@ fn check_finite(snapshot: &ModelSnapshot) -> Result<(), Refusal> {
         ("score_learned", &head.score_learned),
         ("score_main", &head.score_main),
     ];
-    let of_rows = snapshot.rows().flat_map(|row| [("input", row.input), ("target", row.target), ("weight", row.weight)]);
+    let of_rows = snapshot
+        .rows()
+        .flat_map(|row| [("input", row.input), ("target", row.target), ("weight", row.weight)]);
     for (field, values) in of_head.into_iter().chain(of_rows) {
         if !values.iter().all(|value| value.is_finite()) {
             return Err(Refusal::NotFinite { version: head.version, field });
         }
     }
     let noise_scales = snapshot.rows().all(|row| row.noise_scale.is_finite());
-    if noise_scales { Ok(()) } else { Err(Refusal::NotFinite { version: head.version, field: "noise_scale" }) }
+    if noise_scales {
+        Ok(())
+    } else {
+        Err(Refusal::NotFinite { version: head.version, field: "noise_scale" })
+    }
 }
 
 /// Hyperparameters that some residual of this robot could have.
 fn check_hyperparameters(head: &SnapshotHead, expected: &Expected) -> Result<(), Refusal> {
     let version = head.version;
     let within = |axis: usize, name: &'static str, value: f64, (least, most): (f64, f64)| {
-        if (least..=most).contains(&value) { Ok(()) } else { Err(Refusal::Hyperparameter { version, axis, name, value, least, most }) }
+        if (least..=most).contains(&value) {
+            Ok(())
+        } else {
+            Err(Refusal::Hyperparameter { version, axis, name, value, least, most })
+        }
     };
     for (axis, bound) in expected.bound.into_iter().enumerate() {
-        let (least, most) = ((DEVIATION.start() * bound).powi(2), (DEVIATION.end() * bound).powi(2));
+        let (least, most) =
+            ((DEVIATION.start() * bound).powi(2), (DEVIATION.end() * bound).powi(2));
         for &length_scale in head.length_scale[axis].iter().take(expected.layout.dimension()) {
-            within(axis, "length_scale", length_scale, (*LENGTH_SCALE.start(), *LENGTH_SCALE.end()))?;
+            within(
+                axis,
+                "length_scale",
+                length_scale,
+                (*LENGTH_SCALE.start(), *LENGTH_SCALE.end()),
+            )?;
         }
         within(axis, "signal_variance", head.signal_variance[axis], (least, most))?;
         within(axis, "noise_variance", head.noise_variance[axis], (least, most))?;

@@ -7,7 +7,9 @@ use model::gp::posterior::PosteriorError;
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Refusal {
     /// It was learnt for another robot, period or layout.
-    #[error("snapshot {version} has fingerprint {got:#018x}, this controller {expected:#018x}: another robot, period or input layout")]
+    #[error(
+        "snapshot {version} has fingerprint {got:#018x}, this controller {expected:#018x}: another robot, period or input layout"
+    )]
     Fingerprint {
         /// Of the snapshot.
         version: u64,
@@ -27,7 +29,9 @@ pub enum Refusal {
         got: u32,
     },
     /// Older than one that has been prepared already.
-    #[error("snapshot {version} of learner epoch {epoch} is older than snapshot {newest} of epoch {newest_epoch}, which is in use")]
+    #[error(
+        "snapshot {version} of learner epoch {epoch} is older than snapshot {newest} of epoch {newest_epoch}, which is in use"
+    )]
     Stale {
         /// Of the snapshot.
         version: u64,
@@ -57,7 +61,9 @@ pub enum Refusal {
         field: &'static str,
     },
     /// A hyperparameter that no robot's residual can have.
-    #[error("snapshot {version}, axis {axis}: {name} is {value:.3e}, expected {least:.0e} to {most:.0e}")]
+    #[error(
+        "snapshot {version}, axis {axis}: {name} is {value:.3e}, expected {least:.0e} to {most:.0e}"
+    )]
     Hyperparameter {
         /// Of the snapshot.
         version: u64,
@@ -95,7 +101,9 @@ pub enum Refusal {
         source: PosteriorError,
     },
     /// Its covariance is not positive definite but with more on its diagonal than its noise.
-    #[error("snapshot {version}, axis {axis}: its covariance is positive definite with {jitter:.1e} more on its diagonal only")]
+    #[error(
+        "snapshot {version}, axis {axis}: its covariance is positive definite with {jitter:.1e} more on its diagonal only"
+    )]
     Indefinite {
         /// Of the snapshot.
         version: u64,
@@ -105,7 +113,9 @@ pub enum Refusal {
         jitter: f64,
     },
     /// Its α is not what its data give.
-    #[error("snapshot {version}: its weights differ from those of its data by {difference:.1e} of the largest")]
+    #[error(
+        "snapshot {version}: its weights differ from those of its data by {difference:.1e} of the largest"
+    )]
     Weights {
         /// Of the snapshot.
         version: u64,

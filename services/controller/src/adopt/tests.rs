@@ -9,7 +9,8 @@ use model::learned::INPUTS;
 use protocol::frame::{self, DecodeError};
 use protocol::message::{Message, ModelSnapshot, SnapshotHead};
 
-const EXPECTED: Expected = Expected { fingerprint: 42, layout: Layout::VelocitySlip, bound: [0.5; 3] };
+const EXPECTED: Expected =
+    Expected { fingerprint: 42, layout: Layout::VelocitySlip, bound: [0.5; 3] };
 
 /// A snapshot of a few points, as a learner would make it.
 fn snapshot() -> Result<ModelSnapshot, Box<dyn std::error::Error>> {
@@ -18,9 +19,12 @@ fn snapshot() -> Result<ModelSnapshot, Box<dyn std::error::Error>> {
     head.stamp.epoch = 5;
     head.input_scale = [1.0; protocol::message::INPUTS_MAX];
     head.length_scale = [[1.0; protocol::message::INPUTS_MAX]; 3];
-    (head.signal_variance, head.noise_variance, head.linear_variance) = ([0.01; 3], [1e-4; 3], [0.02, 0.02, 0.0]);
-    let inputs: Vec<[f64; INPUTS]> = (0..8).map(|i| std::array::from_fn(|j| ((i * INPUTS + j) as f64).sin())).collect();
-    let targets: Vec<[f64; AXES]> = inputs.iter().map(|input| [0.1 * input[0], 0.1 * input[1], 0.0]).collect();
+    (head.signal_variance, head.noise_variance, head.linear_variance) =
+        ([0.01; 3], [1e-4; 3], [0.02, 0.02, 0.0]);
+    let inputs: Vec<[f64; INPUTS]> =
+        (0..8).map(|i| std::array::from_fn(|j| ((i * INPUTS + j) as f64).sin())).collect();
+    let targets: Vec<[f64; AXES]> =
+        inputs.iter().map(|input| [0.1 * input[0], 0.1 * input[1], 0.0]).collect();
     let plain = Hyperparameters::new([1.0; INPUTS], 0.01, 1e-4);
     let hyperparameters = [plain.with_linear(0.02), plain.with_linear(0.02), plain];
     let posterior = Posterior::new(&inputs, &targets, &hyperparameters)?;
@@ -35,10 +39,14 @@ fn snapshot() -> Result<ModelSnapshot, Box<dyn std::error::Error>> {
 type Damage = (&'static str, fn(&mut ModelSnapshot), fn(&Refusal) -> bool);
 
 /// The rows again, each changed.
-fn rewritten(snapshot: &mut ModelSnapshot, change: impl Fn(usize, &mut [f64; INPUTS], &mut [f64; AXES], &mut f64)) {
+fn rewritten(
+    snapshot: &mut ModelSnapshot,
+    change: impl Fn(usize, &mut [f64; INPUTS], &mut [f64; AXES], &mut f64),
+) {
     let mut changed = ModelSnapshot::new(snapshot.head);
     for (index, row) in snapshot.rows().enumerate() {
-        let (mut input, mut target, mut noise_scale) = (first(row.input), first(row.target), row.noise_scale);
+        let (mut input, mut target, mut noise_scale) =
+            (first(row.input), first(row.target), row.noise_scale);
         change(index, &mut input, &mut target, &mut noise_scale);
         assert!(changed.push_with_noise(&input, target, first(row.weight), noise_scale).is_ok());
     }
@@ -54,7 +62,11 @@ fn not_finite(field: &str) -> impl Fn(&Refusal) -> bool {
 }
 
 const DAMAGES: &[Damage] = &[
-    ("another robot", |bad| bad.head.fingerprint = 7, |refusal| *refusal == Refusal::Fingerprint { version: 4, expected: 42, got: 7 }),
+    (
+        "another robot",
+        |bad| bad.head.fingerprint = 7,
+        |refusal| *refusal == Refusal::Fingerprint { version: 4, expected: 42, got: 7 },
+    ),
     (
         "an older version",
         |bad| bad.head.version = 2,
@@ -65,32 +77,96 @@ const DAMAGES: &[Damage] = &[
         |bad| bad.head.stamp.epoch = 4,
         |refusal| *refusal == Refusal::Stale { version: 4, epoch: 4, newest: 3, newest_epoch: 5 },
     ),
-    ("fewer points than promised", |bad| bad.head.points += 1, |refusal| *refusal == Refusal::Size { version: 4, promised: 9, got: 8 }),
-    ("too many points", |bad| bad.head.points = 2_001, |refusal| *refusal == Refusal::Points { version: 4, got: 2_001 }),
-    ("another layout's inputs", |bad| bad.head.inputs = 9, |refusal| matches!(refusal, Refusal::Inputs { got: 9, .. })),
+    (
+        "fewer points than promised",
+        |bad| bad.head.points += 1,
+        |refusal| *refusal == Refusal::Size { version: 4, promised: 9, got: 8 },
+    ),
+    (
+        "too many points",
+        |bad| bad.head.points = 2_001,
+        |refusal| *refusal == Refusal::Points { version: 4, got: 2_001 },
+    ),
+    (
+        "another layout's inputs",
+        |bad| bad.head.inputs = 9,
+        |refusal| matches!(refusal, Refusal::Inputs { got: 9, .. }),
+    ),
     (
         "an input that is no number",
         |bad| rewritten(bad, |row, input, _, _| input[1] /= if row == 3 { 0.0 } else { 1.0 }),
         |refusal| not_finite("input")(refusal),
     ),
-    ("a target that is no number", |bad| rewritten(bad, |_, _, target, _| target[2] = f64::NAN), |refusal| not_finite("target")(refusal)),
+    (
+        "a target that is no number",
+        |bad| rewritten(bad, |_, _, target, _| target[2] = f64::NAN),
+        |refusal| not_finite("target")(refusal),
+    ),
     (
         "a noise scale that is no number",
         |bad| rewritten(bad, |_, _, _, scale| *scale = f64::NAN),
         |refusal| not_finite("noise_scale")(refusal),
     ),
-    ("a mean that is no number", |bad| bad.head.input_mean[2] = f64::NAN, |refusal| not_finite("input_mean")(refusal)),
-    ("a length scale that is no number", |bad| bad.head.length_scale[1][0] = f64::NAN, |refusal| not_finite("length_scale")(refusal)),
-    ("a score that is no number", |bad| bad.head.score_learned[0] = f64::INFINITY, |refusal| not_finite("score_learned")(refusal)),
-    ("a scale of zero", |bad| bad.head.input_scale[2] = 0.0, |refusal| matches!(refusal, Refusal::Normalisation { .. })),
-    ("a mean out of this world", |bad| bad.head.input_mean[2] = 1e9, |refusal| matches!(refusal, Refusal::Normalisation { .. })),
-    ("a length scale of nothing", |bad| bad.head.length_scale[0][3] = 1e-9, |refusal| absurd("length_scale")(refusal)),
-    ("an endless length scale", |bad| bad.head.length_scale[2][5] = 1e30, |refusal| absurd("length_scale")(refusal)),
-    ("a negative variance", |bad| bad.head.signal_variance[0] = -1.0, |refusal| absurd("signal_variance")(refusal)),
-    ("a variance beyond physics", |bad| bad.head.signal_variance[1] = 1e6, |refusal| absurd("signal_variance")(refusal)),
-    ("a negative linear variance", |bad| bad.head.linear_variance[1] = -1.0, |refusal| absurd("linear_variance")(refusal)),
-    ("no noise at all", |bad| bad.head.noise_variance[2] = 0.0, |refusal| absurd("noise_variance")(refusal)),
-    ("a negative variance of a sample", |bad| bad.head.sample_variance[1] = -1.0, |refusal| absurd("sample_variance")(refusal)),
+    (
+        "a mean that is no number",
+        |bad| bad.head.input_mean[2] = f64::NAN,
+        |refusal| not_finite("input_mean")(refusal),
+    ),
+    (
+        "a length scale that is no number",
+        |bad| bad.head.length_scale[1][0] = f64::NAN,
+        |refusal| not_finite("length_scale")(refusal),
+    ),
+    (
+        "a score that is no number",
+        |bad| bad.head.score_learned[0] = f64::INFINITY,
+        |refusal| not_finite("score_learned")(refusal),
+    ),
+    (
+        "a scale of zero",
+        |bad| bad.head.input_scale[2] = 0.0,
+        |refusal| matches!(refusal, Refusal::Normalisation { .. }),
+    ),
+    (
+        "a mean out of this world",
+        |bad| bad.head.input_mean[2] = 1e9,
+        |refusal| matches!(refusal, Refusal::Normalisation { .. }),
+    ),
+    (
+        "a length scale of nothing",
+        |bad| bad.head.length_scale[0][3] = 1e-9,
+        |refusal| absurd("length_scale")(refusal),
+    ),
+    (
+        "an endless length scale",
+        |bad| bad.head.length_scale[2][5] = 1e30,
+        |refusal| absurd("length_scale")(refusal),
+    ),
+    (
+        "a negative variance",
+        |bad| bad.head.signal_variance[0] = -1.0,
+        |refusal| absurd("signal_variance")(refusal),
+    ),
+    (
+        "a variance beyond physics",
+        |bad| bad.head.signal_variance[1] = 1e6,
+        |refusal| absurd("signal_variance")(refusal),
+    ),
+    (
+        "a negative linear variance",
+        |bad| bad.head.linear_variance[1] = -1.0,
+        |refusal| absurd("linear_variance")(refusal),
+    ),
+    (
+        "no noise at all",
+        |bad| bad.head.noise_variance[2] = 0.0,
+        |refusal| absurd("noise_variance")(refusal),
+    ),
+    (
+        "a negative variance of a sample",
+        |bad| bad.head.sample_variance[1] = -1.0,
+        |refusal| absurd("sample_variance")(refusal),
+    ),
     (
         "a negative noise of a point",
         |bad| rewritten(bad, |_, _, _, scale| *scale = -1.0),
@@ -112,7 +188,8 @@ const DAMAGES: &[Damage] = &[
 ];
 
 #[test]
-fn every_bad_snapshot_is_refused_by_its_name_and_the_last_good_one_stays() -> Result<(), Box<dyn std::error::Error>> {
+fn every_bad_snapshot_is_refused_by_its_name_and_the_last_good_one_stays()
+-> Result<(), Box<dyn std::error::Error>> {
     let mut examiner = Examiner::new(EXPECTED);
     let mut controller = Controller::new(&told())?;
     assert!(controller.adopt(Box::new(examiner.examine(&snapshot()?)?)).is_none());
@@ -128,7 +205,11 @@ fn every_bad_snapshot_is_refused_by_its_name_and_the_last_good_one_stays() -> Re
         assert_eq!(controller.model_version(), 3, "{what}");
     }
     let again = examiner.examine(&snapshot()?)?;
-    assert_eq!(controller.adopt(Box::new(again)).map(|before| before.version), Some(3), "the same version may come again");
+    assert_eq!(
+        controller.adopt(Box::new(again)).map(|before| before.version),
+        Some(3),
+        "the same version may come again"
+    );
     Ok(())
 }
 
@@ -139,7 +220,10 @@ fn a_learner_of_a_later_epoch_may_begin_anew() -> Result<(), Box<dyn std::error:
     let mut restarted = snapshot()?;
     (restarted.head.stamp.epoch, restarted.head.version) = (6, 1);
     assert_eq!(examiner.examine(&restarted)?.version, 1);
-    assert!(matches!(examiner.examine(&snapshot()?), Err(Refusal::Stale { newest: 1, newest_epoch: 6, .. })));
+    assert!(matches!(
+        examiner.examine(&snapshot()?),
+        Err(Refusal::Stale { newest: 1, newest_epoch: 6, .. })
+    ));
     Ok(())
 }
 
@@ -167,14 +251,21 @@ fn weights_that_are_not_those_of_the_data_are_refused() -> Result<(), Box<dyn st
     let honest = snapshot()?;
     let mut forged = ModelSnapshot::new(honest.head);
     for row in honest.rows() {
-        forged.push(row.input, first(row.target), first::<3>(row.weight).map(|weight| 1.01 * weight))?;
+        forged.push(
+            row.input,
+            first(row.target),
+            first::<3>(row.weight).map(|weight| 1.01 * weight),
+        )?;
     }
     assert!(matches!(prepare(&forged, &EXPECTED), Err(Refusal::Weights { .. })));
     let mut aged = ModelSnapshot::new(honest.head);
     for row in honest.rows() {
         aged.push_with_noise(row.input, first(row.target), first(row.weight), 4.0)?;
     }
-    assert!(matches!(prepare(&aged, &EXPECTED), Err(Refusal::Weights { .. })), "the noise of its data is not what its weights are for");
+    assert!(
+        matches!(prepare(&aged, &EXPECTED), Err(Refusal::Weights { .. })),
+        "the noise of its data is not what its weights are for"
+    );
     Ok(())
 }
 

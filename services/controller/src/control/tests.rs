@@ -20,14 +20,21 @@ pub(crate) fn told() -> Settings {
         run: Run { log: "off".into(), ..Run::new("/tmp", 100_000_000, links) },
         duration_s: 10.0,
         start: [0.0; 3],
-        robot: model::robot::Robot::example(),
+        robot: robot::Robot::example(),
         reference: ReferenceSettings {
             path: PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 },
             heading: Heading::Tangent,
             ramp_s: 0.0,
+            speed_factor: 1.0,
         },
         mpc: settings(),
-        learned: LearnedSettings { enabled: true, layout: Layout::VelocitySlip, every_ticks: 5, delay_ticks: 3, resumed: false },
+        learned: LearnedSettings {
+            enabled: true,
+            layout: Layout::VelocitySlip,
+            every_ticks: 5,
+            delay_ticks: 3,
+            resumed: false,
+        },
         solver_faults: SolverFaults::default(),
     }
 }
@@ -58,8 +65,20 @@ fn nonsense() -> Result<Box<Candidate>, Box<dyn std::error::Error>> {
     let normalisation = Normalisation { mean: [f64::NAN; INPUTS], scale: [1.0; INPUTS] };
     let hyperparameters = [Hyperparameters::new([1.0; INPUTS], 1.0, 1e-2); 3];
     let posterior = Posterior::new(&[[0.0; INPUTS]], &[[0.1; 3]], &hyperparameters)?;
-    let learned = Box::new(Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [1.0; 3], sample_variance: [0.0; 3] });
-    Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(1) }))
+    let learned = Box::new(Learned {
+        layout: Layout::VelocitySlip,
+        normalisation,
+        posterior,
+        bound: [1.0; 3],
+        sample_variance: [0.0; 3],
+    });
+    Ok(Box::new(Candidate {
+        version: 1,
+        plant_epoch: 1,
+        effective_tick: 0,
+        learned,
+        scratch: VarianceScratch::new(1),
+    }))
 }
 
 #[test]
@@ -69,13 +88,21 @@ fn a_model_that_says_nonsense_is_never_used() -> Result<(), Box<dyn std::error::
         drop(controller.adopt(nonsense()?));
         let command = answer(&mut controller, &state(tick));
         assert_eq!((command.rung(), controller.knowledge().learned_axes()), (Rung::FreshPlan, 0));
-        assert!(command.input.iter().chain(command.tail().iter().flatten()).all(|value| value.is_finite()), "{command:?}");
+        assert!(
+            command
+                .input
+                .iter()
+                .chain(command.tail().iter().flatten())
+                .all(|value| value.is_finite()),
+            "{command:?}"
+        );
     }
     Ok(())
 }
 
 #[test]
-fn a_state_that_is_no_number_is_answered_with_the_brake() -> Result<(), Box<dyn std::error::Error>> {
+fn a_state_that_is_no_number_is_answered_with_the_brake() -> Result<(), Box<dyn std::error::Error>>
+{
     let mut controller = controller()?;
     answer(&mut controller, &state(0));
     let mut blind = state(1);
@@ -87,7 +114,8 @@ fn a_state_that_is_no_number_is_answered_with_the_brake() -> Result<(), Box<dyn 
 }
 
 #[test]
-fn a_plant_of_another_epoch_begins_with_nothing_remembered() -> Result<(), Box<dyn std::error::Error>> {
+fn a_plant_of_another_epoch_begins_with_nothing_remembered()
+-> Result<(), Box<dyn std::error::Error>> {
     let (mut used, mut fresh) = (controller()?, controller()?);
     for tick in 0..10 {
         let mut moving = state(tick);
@@ -116,7 +144,13 @@ struct Robotic {
 impl Robotic {
     fn new(settings: &Settings) -> Result<Self, ControllerError> {
         let gate = Gate::new(Bounds::new(&settings.robot, PERIOD_NANOS, 0), 1);
-        Ok(Self { controller: Controller::new(settings)?, gate, state: State::default(), input: [0.0; 3], stuck: None })
+        Ok(Self {
+            controller: Controller::new(settings)?,
+            gate,
+            state: State::default(),
+            input: [0.0; 3],
+            stuck: None,
+        })
     }
 
     /// One period: what the gate made of the answer, and the answer.
@@ -139,10 +173,16 @@ impl Robotic {
 #[test]
 fn of_a_thousand_answers_of_a_faulty_optimiser_none_is_driven_and_every_command_is_valid_in_its_own_period()
 -> Result<(), Box<dyn std::error::Error>> {
-    for kind in [SolverFaultKind::Infeasible, SolverFaultKind::OutOfIterations, SolverFaultKind::Nan, SolverFaultKind::Wrong] {
+    for kind in [
+        SolverFaultKind::Infeasible,
+        SolverFaultKind::OutOfIterations,
+        SolverFaultKind::Nan,
+        SolverFaultKind::Wrong,
+    ] {
         let fault = SolverFault { kind, from_tick: 20, until_tick: Some(1020), probability: 1.0 };
         let mut settings = told();
-        (settings.duration_s, settings.solver_faults) = (110.0, SolverFaults { seed: 5, solver: vec![fault] });
+        (settings.duration_s, settings.solver_faults) =
+            (110.0, SolverFaults { seed: 5, solver: vec![fault] });
         let mut robot = Robotic::new(&settings)?;
         let mut rungs = [0; 3];
         for tick in 0..1060 {
@@ -161,11 +201,15 @@ fn of_a_thousand_answers_of_a_faulty_optimiser_none_is_driven_and_every_command_
 }
 
 #[test]
-fn faults_now_and_then_are_answered_by_shifted_plans_and_the_next_plan_is_fresh_again() -> Result<(), Box<dyn std::error::Error>> {
+fn faults_now_and_then_are_answered_by_shifted_plans_and_the_next_plan_is_fresh_again()
+-> Result<(), Box<dyn std::error::Error>> {
     let mut settings = told();
     let fault = |kind| SolverFault { kind, from_tick: 5, until_tick: None, probability: 0.2 };
     settings.duration_s = 30.0;
-    settings.solver_faults = SolverFaults { seed: 9, solver: vec![fault(SolverFaultKind::Wrong), fault(SolverFaultKind::Nan)] };
+    settings.solver_faults = SolverFaults {
+        seed: 9,
+        solver: vec![fault(SolverFaultKind::Wrong), fault(SolverFaultKind::Nan)],
+    };
     let mut robot = Robotic::new(&settings)?;
     let mut rungs = Vec::new();
     for tick in 0..250 {
@@ -179,7 +223,8 @@ fn faults_now_and_then_are_answered_by_shifted_plans_and_the_next_plan_is_fresh_
 }
 
 #[test]
-fn a_command_that_the_gate_would_refuse_gives_way_to_the_next_rung() -> Result<(), Box<dyn std::error::Error>> {
+fn a_command_that_the_gate_would_refuse_gives_way_to_the_next_rung()
+-> Result<(), Box<dyn std::error::Error>> {
     let mut controller = controller()?;
     let mut weak = told().robot;
     (weak.limits.input_mps, weak.limits.yaw_input_radps) = (0.1, 0.1);
@@ -198,7 +243,8 @@ fn a_command_that_the_gate_would_refuse_gives_way_to_the_next_rung() -> Result<(
 }
 
 #[test]
-fn stuck_sensors_are_answered_with_the_brake_until_they_move_again() -> Result<(), Box<dyn std::error::Error>> {
+fn stuck_sensors_are_answered_with_the_brake_until_they_move_again()
+-> Result<(), Box<dyn std::error::Error>> {
     let mut robot = Robotic::new(&told())?;
     for tick in 0..30 {
         assert_eq!(robot.drive(tick).1.rung(), Rung::FreshPlan);
@@ -206,7 +252,11 @@ fn stuck_sensors_are_answered_with_the_brake_until_they_move_again() -> Result<(
     robot.stuck = Some(robot.state);
     let rungs: Vec<Rung> = (30..50).map(|tick| robot.drive(tick).1.rung()).collect();
     assert_eq!((&rungs[..3], &rungs[3..]), (&[Rung::FreshPlan; 3][..], &[Rung::Brake; 17][..]));
-    assert_eq!(robot.controller.sensor_fault(), Some(SensorFault::Everything), "not even the brake changes anything");
+    assert_eq!(
+        robot.controller.sensor_fault(),
+        Some(SensorFault::Everything),
+        "not even the brake changes anything"
+    );
     robot.stuck = None;
     assert_eq!(robot.drive(50).1.rung(), Rung::FreshPlan);
     Ok(())
@@ -216,11 +266,26 @@ fn stuck_sensors_are_answered_with_the_brake_until_they_move_again() -> Result<(
 fn learned(points: usize) -> Result<Box<Candidate>, Box<dyn std::error::Error>> {
     let normalisation = Normalisation { mean: [0.0; INPUTS], scale: [1.0; INPUTS] };
     let wave = |index: usize, axis: usize| (0.37 * index as f64 * (axis + 1) as f64).sin();
-    let inputs: Vec<[f64; INPUTS]> = (0..points).map(|index| std::array::from_fn(|axis| 2.0 * wave(index, axis))).collect();
-    let targets: Vec<[f64; 3]> = (0..points).map(|index| std::array::from_fn(|axis| 0.05 * wave(index, axis + 2))).collect();
-    let posterior = Posterior::new(&inputs, &targets, &[Hyperparameters::new([1.0; INPUTS], 0.05, 1e-2); 3])?;
-    let learned = Box::new(Learned { layout: Layout::VelocitySlip, normalisation, posterior, bound: [1.0; 3], sample_variance: [1e-4; 3] });
-    Ok(Box::new(Candidate { version: 1, plant_epoch: 1, effective_tick: 0, learned, scratch: VarianceScratch::new(points) }))
+    let inputs: Vec<[f64; INPUTS]> =
+        (0..points).map(|index| std::array::from_fn(|axis| 2.0 * wave(index, axis))).collect();
+    let targets: Vec<[f64; 3]> =
+        (0..points).map(|index| std::array::from_fn(|axis| 0.05 * wave(index, axis + 2))).collect();
+    let posterior =
+        Posterior::new(&inputs, &targets, &[Hyperparameters::new([1.0; INPUTS], 0.05, 1e-2); 3])?;
+    let learned = Box::new(Learned {
+        layout: Layout::VelocitySlip,
+        normalisation,
+        posterior,
+        bound: [1.0; 3],
+        sample_variance: [1e-4; 3],
+    });
+    Ok(Box::new(Candidate {
+        version: 1,
+        plant_epoch: 1,
+        effective_tick: 0,
+        learned,
+        scratch: VarianceScratch::new(points),
+    }))
 }
 
 #[test]
@@ -244,17 +309,25 @@ fn nothing_is_allocated(settings: &Settings) -> Result<(), Box<dyn std::error::E
             robot.state.pose[1] += 0.8;
         }
         let mut measured = state(tick);
-        (measured.pose, measured.velocity, measured.input) = (robot.state.pose, robot.state.velocity, robot.input);
+        (measured.pose, measured.velocity, measured.input) =
+            (robot.state.pose, robot.state.velocity, robot.input);
         let heap = allocation_counter::measure(|| {
             robot.controller.observe(&measured, &handover, 1);
             let command = robot.controller.answer(&measured, &handover);
-            (robot.input, fresh) = (command.input, fresh + u32::from(command.rung() == Rung::FreshPlan));
+            (robot.input, fresh) =
+                (command.input, fresh + u32::from(command.rung() == Rung::FreshPlan));
         });
         let after = allocation_counter::measure(|| {
             robot.controller.explain(0);
             robot.controller.prepare_next();
         });
-        assert_eq!((heap.count_total, after.count_total), (0, 0), "tick {tick}: {} and {} bytes", heap.bytes_total, after.bytes_total);
+        assert_eq!(
+            (heap.count_total, after.count_total),
+            (0, 0),
+            "tick {tick}: {} and {} bytes",
+            heap.bytes_total,
+            after.bytes_total
+        );
         robot.state = robot.controller.knowledge().belief().predict(&robot.state, &robot.input);
     }
     assert_eq!(fresh, 80);
@@ -269,41 +342,69 @@ fn tuned(change: impl FnOnce(&mut Settings)) -> Result<Box<Tuned>, ControllerErr
 }
 
 #[test]
-fn what_is_changed_while_it_drives_is_exchanged_without_the_heap_and_the_next_plan_is_fresh() -> Result<(), Box<dyn std::error::Error>> {
+fn what_is_changed_while_it_drives_is_exchanged_without_the_heap_and_the_next_plan_is_fresh()
+-> Result<(), Box<dyn std::error::Error>> {
     let mut robot = Robotic::new(&told())?;
     let square = PathSettings::Square { side_m: 3.0, speed_mps: 1.0 };
     let mut changes = [
         (tuned(|settings| settings.mpc.weights.position *= 4.0)?, told().mpc.horizon_steps),
-        (tuned(|settings| (settings.mpc.horizon_steps, settings.mpc.control_horizon_steps) = (HORIZON_MAX, 10))?, HORIZON_MAX),
-        (tuned(|settings| (settings.mpc.horizon_steps, settings.mpc.control_horizon_steps) = (3, 1))?, 3),
+        (
+            tuned(|settings| {
+                (settings.mpc.horizon_steps, settings.mpc.control_horizon_steps) =
+                    (HORIZON_MAX, 10);
+            })?,
+            HORIZON_MAX,
+        ),
+        (
+            tuned(|settings| {
+                (settings.mpc.horizon_steps, settings.mpc.control_horizon_steps) = (3, 1);
+            })?,
+            3,
+        ),
         (tuned(|settings| settings.reference.path = square)?, told().mpc.horizon_steps),
     ];
     for tick in 0..40 {
         if let (Some((tuned, _)), true) = (changes.get_mut(tick as usize / 10), tick % 10 == 5) {
             let heap = allocation_counter::measure(|| robot.controller.tune(tuned, tick));
-            assert_eq!((heap.count_total, heap.count_current), (0, 0), "tick {tick}: {} bytes", heap.bytes_total);
+            assert_eq!(
+                (heap.count_total, heap.count_current),
+                (0, 0),
+                "tick {tick}: {} bytes",
+                heap.bytes_total
+            );
             assert_eq!(tuned.since, Some((1, tick)));
         }
         let (verdict, command) = robot.drive(tick);
         assert_eq!((verdict, command.rung()), (Ok(()), Rung::FreshPlan), "{tick}");
         if let (Some((_, horizon)), true) = (changes.get(tick as usize / 10), tick % 10 >= 5) {
             let under_way = robot.controller.knowledge().delay().whole();
-            assert_eq!(robot.controller.plan.horizon as usize, (under_way + horizon).min(HORIZON_MAX), "{tick}");
+            assert_eq!(
+                robot.controller.plan.horizon as usize,
+                (under_way + horizon).min(HORIZON_MAX),
+                "{tick}"
+            );
         }
     }
     Ok(())
 }
 
 #[test]
-fn an_exchange_for_the_same_changes_no_command_but_for_rounding() -> Result<(), Box<dyn std::error::Error>> {
+fn an_exchange_for_the_same_changes_no_command_but_for_rounding()
+-> Result<(), Box<dyn std::error::Error>> {
     let (mut tuned_often, mut never) = (Robotic::new(&told())?, Robotic::new(&told())?);
     for tick in 0..30 {
         let mut same = Tuned::new(&told(), (tick % 2 == 0).then(told).as_ref())?;
         tuned_often.controller.tune(&mut same, tick);
         let (ours, theirs) = (tuned_often.drive(tick).1, never.drive(tick).1);
         // Its targets have been improved once more.
-        let inputs = |command: &Command| [command.input].into_iter().chain(command.tail).flatten().collect::<Vec<f64>>();
-        let apart = inputs(&ours).iter().zip(inputs(&theirs)).map(|(ours, theirs)| (ours - theirs).abs()).fold(0.0, f64::max);
+        let inputs = |command: &Command| {
+            [command.input].into_iter().chain(command.tail).flatten().collect::<Vec<f64>>()
+        };
+        let apart = inputs(&ours)
+            .iter()
+            .zip(inputs(&theirs))
+            .map(|(ours, theirs)| (ours - theirs).abs())
+            .fold(0.0, f64::max);
         assert!(apart < 1e-6, "tick {tick}: {apart}");
     }
     Ok(())

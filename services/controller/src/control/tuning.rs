@@ -49,7 +49,8 @@ impl Tuned {
     /// [`ControllerError`] if the weights, the solver or the reference refuse.
     pub fn new(settings: &Settings, before: Option<&Settings>) -> Result<Self, ControllerError> {
         let period = settings.run.period_nanos as f64 * 1e-9;
-        let mut mpc = Mpc::new(&settings.mpc, &settings.robot, &MainModel::new(&settings.robot, period))?;
+        let mut mpc =
+            Mpc::new(&settings.mpc, &settings.robot, &MainModel::new(&settings.robot, period))?;
         mpc.inject(settings.solver_faults.clone());
         // Long enough for every horizon that may come.
         let ticks = (settings.duration_s / period).ceil() as usize + DELAY_MAX + HORIZON_MAX + 1;

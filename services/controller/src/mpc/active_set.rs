@@ -124,20 +124,36 @@ impl ActiveSet {
     }
 
     /// Solves `program`, and writes inputs and slacks to `solution` if there is an answer. Does not allocate.
-    pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
+    pub fn solve(
+        &mut self,
+        program: &QuadraticProgram,
+        solution: &mut [f64],
+        turn: &Turn,
+    ) -> Outcome {
         self.prepare(program);
         self.finish(program, solution, turn)
     }
 
     /// What there is to do before gradients and bounds are known. Does not allocate.
     pub fn prepare(&mut self, program: &QuadraticProgram) {
-        self.prepared = self.factor.factorise(program) && program.prices.slack >= 0.0 && program.prices.slack_curvature > 0.0;
+        self.prepared = self.factor.factorise(program)
+            && program.prices.slack >= 0.0
+            && program.prices.slack_curvature > 0.0;
     }
 
     /// Solves the program that was [prepared](Self::prepare), as often as that is wanted. Does not allocate.
-    pub fn finish(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
+    pub fn finish(
+        &mut self,
+        program: &QuadraticProgram,
+        solution: &mut [f64],
+        turn: &Turn,
+    ) -> Outcome {
         let mut iterations = 0;
-        let status = if turn.is_over() { Status::OutOfTime } else { self.climb(program, turn, &mut iterations) };
+        let status = if turn.is_over() {
+            Status::OutOfTime
+        } else {
+            self.climb(program, turn, &mut iterations)
+        };
         if status == Status::Solved
             && let Some((inputs, slacks)) = solution.split_at_mut_checked(INPUT * program.blocks())
         {
@@ -170,7 +186,8 @@ impl ActiveSet {
                 }
             }
         }
-        let finite = self.at.inputs.as_flattened().iter().chain(&self.slacks).all(|value| value.is_finite());
+        let finite =
+            self.at.inputs.as_flattened().iter().chain(&self.slacks).all(|value| value.is_finite());
         if finite { Status::Solved } else { Status::Failed }
     }
 
@@ -207,7 +224,8 @@ impl ActiveSet {
         loop {
             while let Some((bound, _)) = self.violated.pop() {
                 self.look_at(program, bound);
-                let distance = bound.room(program) + self.image.rows(0, self.reach).dot(&self.whitened.rows(0, self.reach));
+                let distance = bound.room(program)
+                    + self.image.rows(0, self.reach).dot(&self.whitened.rows(0, self.reach));
                 if distance < -VIOLATION {
                     return Some((bound, distance));
                 }
@@ -242,12 +260,28 @@ impl ActiveSet {
     }
 
     /// Goes towards `bound`, which is `distance` away and whose multiplier so far is `multiplier`.
-    fn approach(&mut self, program: &QuadraticProgram, bound: Bound, distance: &mut f64, multiplier: &mut f64) -> Step {
+    fn approach(
+        &mut self,
+        program: &QuadraticProgram,
+        bound: Bound,
+        distance: &mut f64,
+        multiplier: &mut f64,
+    ) -> Step {
         let (whole, square) = self.normals.take_apart(&self.image, self.reach);
         self.find_release(program, bound);
         let (mut first, mut until_released) = (None, f64::INFINITY);
-        let of_active = self.multipliers.iter().zip(self.release.iter()).enumerate().map(|(place, of)| (Released::Active(place), of));
-        let of_slacks = self.slack_multipliers.iter().zip(&self.slack_release).enumerate().map(|(slack, of)| (Released::Slack(slack), of));
+        let of_active = self
+            .multipliers
+            .iter()
+            .zip(self.release.iter())
+            .enumerate()
+            .map(|(place, of)| (Released::Active(place), of));
+        let of_slacks = self
+            .slack_multipliers
+            .iter()
+            .zip(&self.slack_release)
+            .enumerate()
+            .map(|(slack, of)| (Released::Slack(slack), of));
         for (which, (multiplier, release)) in of_active.chain(of_slacks) {
             if *release > RELEASE && multiplier / release < until_released {
                 (first, until_released) = (Some(which), multiplier / release);
@@ -260,7 +294,9 @@ impl ActiveSet {
             return Step::Impossible;
         }
         let of_slacks = self.slack_multipliers.iter_mut().zip(&self.slack_release);
-        for (multiplier, release) in self.multipliers.iter_mut().zip(self.release.iter()).chain(of_slacks) {
+        for (multiplier, release) in
+            self.multipliers.iter_mut().zip(self.release.iter()).chain(of_slacks)
+        {
             *multiplier -= length * release;
         }
         *multiplier += length;
@@ -300,7 +336,8 @@ impl ActiveSet {
             }
             Bound::Slack(_) => self.image.fill(0.0),
         }
-        if let Some(Slack::Free(entry)) = bound.slack(program).map(|slack| self.slack_states[slack]) {
+        if let Some(Slack::Free(entry)) = bound.slack(program).map(|slack| self.slack_states[slack])
+        {
             self.image[entry] = entry_of_slack(program);
             self.reach = entry + 1;
         }
@@ -312,7 +349,9 @@ impl ActiveSet {
         self.slack_release.fill(0.0);
         let with_release = self.active.iter().zip(self.release.iter().map(|release| -release));
         for (bound, by) in with_release.chain([(&bound, 1.0)]) {
-            if let Some(slack) = bound.slack(program).filter(|slack| self.slack_states[*slack] == Slack::Held) {
+            if let Some(slack) =
+                bound.slack(program).filter(|slack| self.slack_states[*slack] == Slack::Held)
+            {
                 self.slack_release[slack] += by;
             }
         }

@@ -49,7 +49,8 @@ impl Caution {
     /// Variance of step `k`. What is no number is no reason to be cautious.
     pub(super) fn take_in(&mut self, k: usize, noise: Velocity) {
         if let Some(slot) = self.noise.get_mut(k) {
-            *slot = noise.map(|variance| if variance.is_finite() { variance.max(0.0) } else { 0.0 });
+            *slot =
+                noise.map(|variance| if variance.is_finite() { variance.max(0.0) } else { 0.0 });
         }
     }
 
@@ -58,21 +59,32 @@ impl Caution {
         self.unanswered = Covariance::zeros();
         let noise = self.noise.first().copied().unwrap_or_default();
         for _ in 0..self.under_way {
-            self.unanswered = propagate(&self.unanswered, main, state, step, &Feedback::zeros(), &noise);
+            self.unanswered =
+                propagate(&self.unanswered, main, state, step, &Feedback::zeros(), &noise);
         }
     }
 
     /// Σ_{k+1} from Σ_k.
-    pub(super) fn propagate(&mut self, k: usize, main: &MainModel, state: &State, step: &Linearised, feedback: &Feedback) {
-        if let (Some([before, after]), Some(noise)) = (self.covariance.get_mut(k..k + 2), self.noise.get(k)) {
+    pub(super) fn propagate(
+        &mut self,
+        k: usize,
+        main: &MainModel,
+        state: &State,
+        step: &Linearised,
+        feedback: &Feedback,
+    ) {
+        if let (Some([before, after]), Some(noise)) =
+            (self.covariance.get_mut(k..k + 2), self.noise.get(k))
+        {
             *after = propagate(before, main, state, step, feedback, noise);
         }
     }
 
     /// How far a bound on aᵀx_k is drawn in.
     pub(super) fn margin(&self, k: usize, direction: &SVector<f64, 6>) -> f64 {
-        let margin =
-            self.covariance.get(k).map_or(0.0, |covariance| self.deviations * deviation(&(covariance + self.unanswered), direction));
+        let margin = self.covariance.get(k).map_or(0.0, |covariance| {
+            self.deviations * deviation(&(covariance + self.unanswered), direction)
+        });
         if margin.is_finite() { margin } else { 0.0 }
     }
 }
@@ -84,32 +96,53 @@ mod tests {
     use crate::mpc::{Mpc, MpcError};
     use crate::settings::StateLimits;
     use model::predict::Belief;
-    use model::robot::Robot;
+    use robot::Robot;
 
     const WIDTH_M: f64 = 0.05;
 
     /// How far to the left the plan is at the end of each period, from 4 cm to the left of the reference on, in a corridor of 5 cm.
     fn lateral(level: Option<f64>, under_way: usize) -> Result<Vec<f64>, MpcError> {
-        let limits =
-            StateLimits { corridor_left_m: Some(WIDTH_M), corridor_right_m: Some(1.0), chance_level: level, ..StateLimits::default() };
+        let limits = StateLimits {
+            corridor_left_m: Some(WIDTH_M),
+            corridor_right_m: Some(1.0),
+            chance_level: level,
+            ..StateLimits::default()
+        };
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
-        let mut mpc = Mpc::new(&crate::settings::MpcSettings { state_limits: limits, ..settings() }, &Robot::example(), &main)?;
+        let belief = Belief {
+            main: &main,
+            learned: None,
+            foresight: None,
+            disturbance: [0.0; 3],
+            carry: 0.0,
+        };
+        let mut mpc = Mpc::new(
+            &crate::settings::MpcSettings { state_limits: limits, ..settings() },
+            &Robot::example(),
+            &main,
+        )?;
         let reference = circle(0, 7);
-        let state = State { pose: [0.0, 0.04, 0.0], velocity: [1.5, 0.0, 0.75], acted: [1.5, 0.0, 0.75] };
+        let state =
+            State { pose: [0.0, 0.04, 0.0], velocity: [1.5, 0.0, 0.75], acted: [1.5, 0.0, 0.75] };
         mpc.begin_at(&state);
         mpc.prepare(&reference, &belief);
         mpc.expect_errors(under_way, |_| [4e-3, 4e-3, 0.0]);
         assert!(mpc.iterate(&state, &[1.5, 0.0, 0.75], &reference, &belief).outcome.usable());
         let states = mpc.stages().iter().skip(1).map(|stage| stage.state).chain([*mpc.terminal()]);
-        Ok(states.zip(reference.iter().skip(1)).map(|(state, point)| point.lateral(&state.pose)).collect())
+        Ok(states
+            .zip(reference.iter().skip(1))
+            .map(|(state, point)| point.lateral(&state.pose))
+            .collect())
     }
 
     #[test]
     fn in_a_corridor_a_chance_level_keeps_the_plan_further_inside() -> Result<(), MpcError> {
         let (mean_alone, cautious) = (lateral(None, 0)?, lateral(Some(0.999), 0)?);
         for (cautious, mean_alone) in cautious.iter().zip(&mean_alone).skip(1) {
-            assert!(cautious + 1e-3 < *mean_alone, "{cautious} is not further inside than {mean_alone}");
+            assert!(
+                cautious + 1e-3 < *mean_alone,
+                "{cautious} is not further inside than {mean_alone}"
+            );
         }
         Ok(())
     }

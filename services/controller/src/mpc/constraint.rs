@@ -10,11 +10,12 @@
 //! Under caution the bounds on the state are drawn in, at most to where the two sides meet.
 
 use super::Outlook;
-use super::qp::{BEFORE, Prices, QuadraticProgram, Row};
+use super::qp::{BEFORE, Prices, QuadraticProgram, Row, Vector};
 use crate::settings::StateLimits;
-use model::Velocity;
-use model::robot::{Robot, kinematics};
+use model::main_model::MainModel;
+use model::{State, Velocity};
 use nalgebra::SVector;
+use robot::{Robot, kinematics};
 
 /// Price of a slack of 1, linear: greater than any multiplier of a soft row, so that slacks stay zero where they can.
 const SLACK_PRICE: f64 = 1e3;
@@ -33,7 +34,7 @@ enum Kind {
     Input(usize),
     /// Change of u in one period, per axis.
     Change(usize),
-    /// |`k_p` J (u − v)/r|/`i_max` of one wheel; soft.
+    /// |`k_p` J (u − v + (g + d)/(1 − A))/r|/`i_max` of one wheel; soft.
     Current(usize),
     /// |θ|/`θ_max`; soft.
     Heading,
@@ -65,9 +66,14 @@ impl InputLimits {
         let limits = &robot.limits;
         Self {
             wheel: scaled(1.0 / (radius * robot.drive.wheel_speed_limit_radps)),
-            current: Some(scaled(robot.drive.speed_loop_gain_a_s_per_rad / (radius * robot.drive.current_limit_a))),
+            current: Some(scaled(
+                robot.drive.speed_loop_gain_a_s_per_rad / (radius * robot.drive.current_limit_a),
+            )),
             input: [limits.input_mps, limits.input_mps, limits.yaw_input_radps],
-            change: Some([limits.input_rate_mps2, limits.input_rate_mps2, limits.yaw_input_rate_radps2].map(|rate| rate * period)),
+            change: Some(
+                [limits.input_rate_mps2, limits.input_rate_mps2, limits.yaw_input_rate_radps2]
+                    .map(|rate| rate * period),
+            ),
         }
     }
 }
@@ -81,23 +87,62 @@ pub struct Limits {
     /// Width to the left and to the right.
     corridor: [Option<f64>; 2],
     horizon: usize,
+    main: MainModel,
     /// Each row's kind, and its period; a row on a state is about that period's end.
     kinds: Vec<(Kind, usize)>,
 }
 
 impl Limits {
-    /// The limits for a horizon of `horizon` periods of which `blocks` have free inputs.
-    pub fn new(inputs: &InputLimits, state: &StateLimits, horizon: usize, blocks: usize) -> Self {
+    /// The limits for a horizon of `horizon` periods of which `blocks` have free inputs, of a robot with
+    /// this main model.
+    pub fn new(
+        inputs: &InputLimits,
+        state: &StateLimits,
+        horizon: usize,
+        blocks: usize,
+        main: &MainModel,
+    ) -> Self {
         let mut this = Self {
             inputs: *inputs,
             heading: state.heading_rad,
             speed: [state.speed_mps, state.speed_mps, state.yaw_rate_radps],
             corridor: [state.corridor_left_m, state.corridor_right_m],
             horizon,
+            main: *main,
             kinds: Vec::new(),
         };
         this.kinds = this.all_kinds(blocks);
         this
+    }
+
+    /// The acceleration that the main model does not know, as the u − v that would bring it:
+    /// (g + d)/(1 − A), with g + d the difference between the prediction and the main model. A robot
+    /// that slips, or whose speed loop has an integral part, drives steadily at u ≠ v, and without
+    /// much current. It is the plan's, and stays so while the program is solved.
+    fn unmodelled(&self, before: &Velocity, after: &State) -> Velocity {
+        let expected = self.main.next_velocity(before, &after.acted);
+        std::array::from_fn(|axis| {
+            (after.velocity[axis] - expected[axis]) / (1.0 - self.main.decay[axis])
+        })
+    }
+
+    /// The plan's states move by `moves` and its inputs stay: so does what the main model does not
+    /// know of its accelerations. Does not allocate.
+    pub(super) fn displace(&self, moves: &[Vector], program: &mut QuadraticProgram) {
+        let current = self.inputs.current.unwrap_or_default();
+        for (row, &(kind, period)) in program.rows.iter_mut().zip(&self.kinds) {
+            let (Kind::Current(wheel), Some([before, after, ..])) = (kind, moves.get(period..))
+            else {
+                continue;
+            };
+            let unmodelled = std::array::from_fn(|axis| {
+                let (decay, of) = (self.main.decay[axis], VELOCITY + axis);
+                (after[of] - decay * before[of]) / (1.0 - decay)
+            });
+            let moved = dot(&current[wheel], &unmodelled);
+            row.bounds[0] -= moved;
+            row.bounds[1] += moved;
+        }
     }
 
     /// How many slacks there are.
@@ -110,14 +155,30 @@ impl Limits {
         for period in 0..blocks {
             kinds.extend((0..4).map(|wheel| (Kind::WheelSpeed(wheel), period)));
             kinds.extend((0..3).map(|axis| (Kind::Input(axis), period)));
-            kinds.extend((0..3).filter(|_| self.inputs.change.is_some()).map(|axis| (Kind::Change(axis), period)));
-            kinds.extend((0..4).filter(|_| self.inputs.current.is_some()).map(|wheel| (Kind::Current(wheel), period)));
+            kinds.extend(
+                (0..3)
+                    .filter(|_| self.inputs.change.is_some())
+                    .map(|axis| (Kind::Change(axis), period)),
+            );
+            kinds.extend(
+                (0..4)
+                    .filter(|_| self.inputs.current.is_some())
+                    .map(|wheel| (Kind::Current(wheel), period)),
+            );
         }
         for period in 0..self.horizon {
             kinds.extend(self.heading.map(|_| (Kind::Heading, period)));
-            kinds.extend((0..3).filter(|&axis| self.speed[axis].is_some()).map(|axis| (Kind::Speed(axis), period)));
+            kinds.extend(
+                (0..3)
+                    .filter(|&axis| self.speed[axis].is_some())
+                    .map(|axis| (Kind::Speed(axis), period)),
+            );
             let sides = [1.0, -1.0].into_iter().zip(self.corridor);
-            kinds.extend(sides.filter(|(_, width)| width.is_some()).map(|(sign, _)| (Kind::Corridor(sign), period)));
+            kinds.extend(
+                sides
+                    .filter(|(_, width)| width.is_some())
+                    .map(|(sign, _)| (Kind::Corridor(sign), period)),
+            );
         }
         kinds
     }
@@ -134,7 +195,14 @@ impl Limits {
                 Kind::Corridor(_) => (period + 1, 0, Some(self.horizon + period)),
             };
             let below = if matches!(kind, Kind::Corridor(_)) { f64::INFINITY } else { 1.0 };
-            Row { stage, first, by_state: [0.0; 3], by_input: [0.0; 3], slack, bounds: [1.0, below] }
+            Row {
+                stage,
+                first,
+                by_state: [0.0; 3],
+                by_input: [0.0; 3],
+                slack,
+                bounds: [1.0, below],
+            }
         };
         self.kinds.iter().map(row).collect()
     }
@@ -158,7 +226,9 @@ impl Limits {
     pub fn reach(&self, wished: &Velocity, last: &Velocity) -> Velocity {
         let (wished, last) = (self.clamp(wished), self.clamp(last));
         let Some(change) = self.inputs.change else { return wished };
-        let near: Velocity = std::array::from_fn(|axis| wished[axis].clamp(last[axis] - change[axis], last[axis] + change[axis]));
+        let near: Velocity = std::array::from_fn(|axis| {
+            wished[axis].clamp(last[axis] - change[axis], last[axis] + change[axis])
+        });
         self.clamp(&near)
     }
 
@@ -174,16 +244,28 @@ impl Limits {
                 Kind::WheelSpeed(wheel) => on_input(row, &of_wheel[wheel], &stage.input),
                 Kind::Input(axis) => on_input(row, &unit(axis, largest[axis]), &stage.input),
                 Kind::Change(axis) => {
-                    let before = period.checked_sub(1).and_then(|k| stages.get(k)).map_or(last_input, |stage| &stage.input);
+                    let before = period
+                        .checked_sub(1)
+                        .and_then(|k| stages.get(k))
+                        .map_or(last_input, |stage| &stage.input);
                     let coefficients = unit(axis, change[axis]);
-                    on_input(row, &coefficients, &stage.input) + on_state(row, &coefficients.map(|value| -value), before)
+                    on_input(row, &coefficients, &stage.input)
+                        + on_state(row, &coefficients.map(|value| -value), before)
                 }
                 Kind::Current(wheel) => {
                     let coefficients = current[wheel];
-                    on_input(row, &coefficients, &stage.input) + on_state(row, &coefficients.map(|value| -value), &stage.state.velocity)
+                    on_input(row, &coefficients, &stage.input)
+                        + on_state(row, &coefficients.map(|value| -value), &stage.state.velocity)
+                        + dot(&coefficients, &self.unmodelled(&stage.state.velocity, after))
                 }
-                Kind::Heading => on_state(row, &unit(2, self.heading.unwrap_or(f64::INFINITY)), &after.pose),
-                Kind::Speed(axis) => on_state(row, &unit(axis, self.speed[axis].unwrap_or(f64::INFINITY)), &after.velocity),
+                Kind::Heading => {
+                    on_state(row, &unit(2, self.heading.unwrap_or(f64::INFINITY)), &after.pose)
+                }
+                Kind::Speed(axis) => on_state(
+                    row,
+                    &unit(axis, self.speed[axis].unwrap_or(f64::INFINITY)),
+                    &after.velocity,
+                ),
                 Kind::Corridor(sign) => {
                     let Some(point) = outlook.reference.get(period + 1) else { continue };
                     let [left, right] = self.corridor.map(|width| width.unwrap_or(f64::INFINITY));
@@ -191,7 +273,9 @@ impl Limits {
                     let [x, y] = point.leftwards().map(|value| sign * value / width);
                     row.by_state = [x, y, 0.0];
                     let most = 0.5 * (left + right) / width;
-                    row.bounds[0] = 1.0 - sign * point.lateral(&after.pose) / width - drawn_in(outlook, row, most);
+                    row.bounds[0] = 1.0
+                        - sign * point.lateral(&after.pose) / width
+                        - drawn_in(outlook, row, most);
                     continue;
                 }
             };

@@ -98,7 +98,11 @@ impl TrackingError {
 }
 
 impl Cost {
-    pub(super) fn new(settings: &MpcSettings, formulation: Formulation, main: &MainModel) -> Result<Self, NoGain> {
+    pub(super) fn new(
+        settings: &MpcSettings,
+        formulation: Formulation,
+        main: &MainModel,
+    ) -> Result<Self, NoGain> {
         let w = &settings.weights;
         let planar = AxisCost { position: w.position, velocity: w.velocity, input: w.input };
         let yaw = AxisCost { position: w.heading, velocity: w.yaw_rate, input: w.input };
@@ -114,8 +118,10 @@ impl Cost {
 
     /// u = t − K e, turned from the reference's frame into the body's: the answer without an optimiser.
     pub fn lqr_input(&self, error: &TrackingError, target: &Velocity) -> Velocity {
-        let correction: Velocity =
-            std::array::from_fn(|axis| -self.gains[axis].gain[0] * error.value[axis] - self.gains[axis].gain[1] * error.value[axis + 3]);
+        let correction: Velocity = std::array::from_fn(|axis| {
+            -self.gains[axis].gain[0] * error.value[axis]
+                - self.gains[axis].gain[1] * error.value[axis + 3]
+        });
         let (sin, cos) = error.turned;
         [
             target[0] + cos * correction[0] + sin * correction[1],
@@ -128,7 +134,8 @@ impl Cost {
     pub(super) fn feedback(&self, error: &TrackingError) -> Feedback {
         let mut by_error = Feedback::zeros();
         for (axis, of_axis) in self.gains.iter().enumerate() {
-            (by_error[(axis, axis)], by_error[(axis, axis + 3)]) = (-of_axis.gain[0], -of_axis.gain[1]);
+            (by_error[(axis, axis)], by_error[(axis, axis + 3)]) =
+                (-of_axis.gain[0], -of_axis.gain[1]);
         }
         let (sin, cos) = error.turned;
         let into_body = SMatrix::<f64, 3, 3>::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0);
@@ -144,7 +151,9 @@ impl Cost {
     pub(super) fn write(&self, outlook: &Outlook<'_>, program: &mut QuadraticProgram) {
         program.clear_gradients();
         let horizon = outlook.stages.len();
-        for (k, (stage, point)) in program.stages.iter_mut().zip(outlook.reference).enumerate().skip(1) {
+        for (k, (stage, point)) in
+            program.stages.iter_mut().zip(outlook.reference).enumerate().skip(1)
+        {
             let state = outlook.state(k);
             let factor = if k == horizon { self.terminal_factor } else { 1.0 };
             let weights = SVector::<f64, 6>::from(self.stage) * factor;
@@ -155,7 +164,8 @@ impl Cost {
                 }
                 Formulation::Plain => TrackingError::plain(state, point),
             };
-            let weighted = SMatrix::<f64, 6, 6>::from_fn(|row, column| weights[row] * jacobian[(row, column)]);
+            let weighted =
+                SMatrix::<f64, 6, 6>::from_fn(|row, column| weights[row] * jacobian[(row, column)]);
             stage.curvature = jacobian.transpose() * weighted;
             stage.gradient[..6].copy_from_slice(weighted.tr_mul(&error).as_slice());
         }
@@ -163,14 +173,25 @@ impl Cost {
     }
 
     /// The target of period `k` has moved.
-    pub(super) fn move_target(&self, k: usize, from: &Velocity, to: &Velocity, program: &mut QuadraticProgram) {
+    pub(super) fn move_target(
+        &self,
+        k: usize,
+        from: &Velocity,
+        to: &Velocity,
+        program: &mut QuadraticProgram,
+    ) {
         for axis in 0..3 {
             program.add_slope(k, axis, self.input * (from[axis] - to[axis]));
         }
     }
 
     /// R on the distance from the target, S on the change.
-    fn write_inputs(&self, stages: &[Stage], last_input: &Velocity, program: &mut QuadraticProgram) {
+    fn write_inputs(
+        &self,
+        stages: &[Stage],
+        last_input: &Velocity,
+        program: &mut QuadraticProgram,
+    ) {
         let mut before = last_input;
         for (k, stage) in stages.iter().enumerate() {
             for axis in 0..3 {

@@ -50,9 +50,20 @@ impl Mpc {
     /// Expects the robot on its reference, and along it a plan; `reference` begins at the tick that comes next.
     pub fn begin_on(&mut self, reference: &[ReferencePoint]) {
         self.reset();
-        let points = reference.iter().map(|point| State { pose: point.pose, velocity: point.velocity, ..State::default() });
+        let points = reference.iter().map(|point| State {
+            pose: point.pose,
+            velocity: point.velocity,
+            ..State::default()
+        });
         // The coming shift moves them to where they belong.
-        for (slot, point) in self.stages.iter_mut().map(|stage| &mut stage.state).skip(1).chain([&mut self.terminal]).zip(points) {
+        for (slot, point) in self
+            .stages
+            .iter_mut()
+            .map(|stage| &mut stage.state)
+            .skip(1)
+            .chain([&mut self.terminal])
+            .zip(points)
+        {
             *slot = point;
         }
         self.planned = true;
@@ -61,7 +72,12 @@ impl Mpc {
     /// With [`Linearise::Expected`]: does all of the next iteration that does not need the state. Called after [`prepare`](Self::prepare),
     /// with what is believed from now on; should anything but the disturbance change before the state comes, it is to be
     /// [forgotten](Self::forget_expectation). Does not allocate.
-    pub fn expect(&mut self, last_input: &Velocity, reference: &[ReferencePoint], belief: &Belief<'_>) {
+    pub fn expect(
+        &mut self,
+        last_input: &Velocity,
+        reference: &[ReferencePoint],
+        belief: &Belief<'_>,
+    ) {
         self.expectation = None;
         if self.linearise == Linearise::Measured || !self.planned || belief.foresight.is_some() {
             return;
@@ -72,7 +88,9 @@ impl Mpc {
             return;
         }
         self.program.set_dynamics(&self.steps, belief.carry);
-        for ((of_disturbance, stage), step) in self.by_disturbance.iter_mut().zip(&self.stages).zip(&self.steps) {
+        for ((of_disturbance, stage), step) in
+            self.by_disturbance.iter_mut().zip(&self.stages).zip(&self.steps)
+        {
             *of_disturbance = by_residual(belief.main, &stage.state, &step.next);
         }
         self.close_gaps();
@@ -85,7 +103,10 @@ impl Mpc {
             last_input: *last_input,
             disturbance: belief.disturbance,
             carry: belief.carry,
-            spent: Spent { linearise_nanos: linearised - begin, solve_nanos: monotonic_nanos() - linearised },
+            spent: Spent {
+                linearise_nanos: linearised - begin,
+                solve_nanos: monotonic_nanos() - linearised,
+            },
         });
     }
 
@@ -103,9 +124,17 @@ impl Mpc {
     }
 
     /// From the state to the plan, if the program that is ready covers it.
-    pub(super) fn iterate_expected(&mut self, state: &State, last_input: &Velocity, belief: &Belief<'_>) -> Option<Solved> {
+    pub(super) fn iterate_expected(
+        &mut self,
+        state: &State,
+        last_input: &Velocity,
+        belief: &Belief<'_>,
+    ) -> Option<Solved> {
         let begin = monotonic_nanos();
-        let expected = self.expectation.take().filter(|expected| expected.covers(state, last_input, belief))?;
+        let expected = self
+            .expectation
+            .take()
+            .filter(|expected| expected.covers(state, last_input, belief))?;
         self.surprise(&expected, state, &belief.disturbance);
         self.correct_targets(belief);
         let mut outcome = self.solver.finish(&self.program, &mut self.solution, &self.turn);
@@ -120,11 +149,15 @@ impl Mpc {
 
     /// Moves the plan's states, and the program with them, by what was not expected.
     fn surprise(&mut self, expected: &Expectation, state: &State, disturbance: &Velocity) {
-        let less = |a: &Velocity, b: &Velocity| SVector::<f64, 3>::from_fn(|axis, _| a[axis] - b[axis]);
-        let (acted, disturbance) = (less(&state.acted, &expected.state.acted), less(disturbance, &expected.disturbance));
-        let mut moved = SVector::<f64, STATE>::from(state.to_array()) - SVector::from(expected.state.to_array());
+        let less =
+            |a: &Velocity, b: &Velocity| SVector::<f64, 3>::from_fn(|axis, _| a[axis] - b[axis]);
+        let (acted, disturbance) =
+            (less(&state.acted, &expected.state.acted), less(disturbance, &expected.disturbance));
+        let mut moved = SVector::<f64, STATE>::from(state.to_array())
+            - SVector::from(expected.state.to_array());
         let mut dynamics = self.steps.iter().zip(&self.by_disturbance);
-        let states = self.stages.iter_mut().map(|stage| &mut stage.state).chain([&mut self.terminal]);
+        let states =
+            self.stages.iter_mut().map(|stage| &mut stage.state).chain([&mut self.terminal]);
         for (k, (slot, state)) in self.moves.iter_mut().zip(states).enumerate() {
             *slot = [0.0; WIDTH];
             slot[..STATE].copy_from_slice(moved.as_slice());
@@ -136,6 +169,7 @@ impl Mpc {
             }
         }
         self.program.displace(&self.moves);
+        self.limits.displace(&self.moves, &mut self.program);
     }
 
     /// Inputs of the present plan, and the Jacobians along its states.
@@ -143,18 +177,26 @@ impl Mpc {
         let (mut before, mut acted) = (*last_input, None);
         for k in 0..self.horizon {
             self.settle_input(k, belief);
-            let (Some(stage), Some(step)) = (self.stages.get_mut(k), self.steps.get_mut(k)) else { return };
+            let (Some(stage), Some(step)) = (self.stages.get_mut(k), self.steps.get_mut(k)) else {
+                return;
+            };
             stage.state.acted = acted.unwrap_or(stage.state.acted);
             let acting = belief.acting(&before, &stage.input);
             *step = linearise(belief, &stage.state, &acting);
             (before, acted) = (stage.input, Some(acting));
         }
+        self.terminal.acted = acted.unwrap_or(self.terminal.acted);
     }
 
     /// x̄ in place of the plan's states.
     fn close_gaps(&mut self) {
         let mut gap = SVector::<f64, 6>::zeros();
-        let states = self.stages.iter_mut().map(|stage| &mut stage.state).skip(1).chain([&mut self.terminal]);
+        let states = self
+            .stages
+            .iter_mut()
+            .map(|stage| &mut stage.state)
+            .skip(1)
+            .chain([&mut self.terminal]);
         for (slot, step) in states.zip(&self.steps) {
             let made_up = SVector::<f64, 6>::from(step.next.to_array()) + step.by_state * gap;
             gap = made_up - SVector::<f64, 6>::from(slot.to_array());

@@ -6,15 +6,22 @@ impl Mpc {
     /// Goes on from the plan of `before`, whose horizons may be others: what is beyond them is as at their end. Does not allocate.
     pub fn inherit(&mut self, before: &Self) {
         let (stages, deviations) = (before.stages.iter(), before.deviation.iter());
-        let end = before.stages.last().map(|stage| Stage { state: before.terminal, ..*stage }).unwrap_or_default();
+        let end = before
+            .stages
+            .last()
+            .map(|stage| Stage { state: before.terminal, ..*stage })
+            .unwrap_or_default();
         for (stage, old) in self.stages.iter_mut().zip(stages.chain(std::iter::repeat(&end))) {
             *stage = *old;
         }
         let last = before.deviation.last().copied().unwrap_or_default();
-        for (deviation, old) in self.deviation.iter_mut().zip(deviations.chain(std::iter::repeat(&last))) {
+        for (deviation, old) in
+            self.deviation.iter_mut().zip(deviations.chain(std::iter::repeat(&last)))
+        {
             *deviation = *old;
         }
-        self.terminal = before.stages.get(self.horizon).map_or(before.terminal, |stage| stage.state);
+        self.terminal =
+            before.stages.get(self.horizon).map_or(before.terminal, |stage| stage.state);
         (self.target_disturbance, self.turn) = (before.target_disturbance, before.turn);
     }
 }

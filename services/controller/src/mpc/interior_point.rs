@@ -7,7 +7,9 @@
 use super::qp::{BEFORE, INPUT, QuadraticProgram, STATE, WIDTH};
 use super::solver::{Outcome, Status, Turn};
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
+use clarabel::solver::{
+    DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT,
+};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -21,7 +23,9 @@ const RESIDUAL: f64 = 1e-9;
 
 /// Clarabel refused the problem's structure.
 #[derive(Debug, thiserror::Error)]
-#[error("the quadratic program of {variables} unknowns and {rows} rows was refused by the solver: {reason}")]
+#[error(
+    "the quadratic program of {variables} unknowns and {rows} rows was refused by the solver: {reason}"
+)]
 pub struct SolverError {
     variables: usize,
     rows: usize,
@@ -114,12 +118,22 @@ impl Entries {
         for &(_, column) in &places {
             starts.iter_mut().skip(column + 1).for_each(|start| *start += 1);
         }
-        CscMatrix::new(rows, columns, starts, places.iter().map(|&(row, _)| row).collect(), self.values.clone())
+        CscMatrix::new(
+            rows,
+            columns,
+            starts,
+            places.iter().map(|&(row, _)| row).collect(),
+            self.values.clone(),
+        )
     }
 }
 
 /// The upper triangle of the curvatures.
-fn visit_hessian(program: &QuadraticProgram, layout: Layout, entry: &mut dyn FnMut(usize, usize, f64)) {
+fn visit_hessian(
+    program: &QuadraticProgram,
+    layout: Layout,
+    entry: &mut dyn FnMut(usize, usize, f64),
+) {
     let prices = &program.prices;
     for i in 0..INPUT * layout.blocks {
         entry(i, i, prices.input + prices.change);
@@ -127,7 +141,8 @@ fn visit_hessian(program: &QuadraticProgram, layout: Layout, entry: &mut dyn FnM
     for (k, stage) in program.stages.iter().enumerate().skip(1) {
         let at = layout.state(k);
         for column in 0..STATE {
-            (0..=column).for_each(|row| entry(at + row, at + column, stage.curvature[(row, column)]));
+            (0..=column)
+                .for_each(|row| entry(at + row, at + column, stage.curvature[(row, column)]));
         }
         for i in 0..INPUT {
             let free = k < layout.blocks;
@@ -144,14 +159,20 @@ fn visit_hessian(program: &QuadraticProgram, layout: Layout, entry: &mut dyn FnM
 }
 
 /// First F ξ + G u − ξ⁺ of each period, then what is bounded.
-fn visit_rows(program: &QuadraticProgram, layout: Layout, entry: &mut dyn FnMut(usize, usize, f64)) {
+fn visit_rows(
+    program: &QuadraticProgram,
+    layout: Layout,
+    entry: &mut dyn FnMut(usize, usize, f64),
+) {
     for (k, stage) in program.stages.iter().enumerate().take(layout.horizon) {
         for row in 0..WIDTH {
             let (at, axis) = (WIDTH * k + row, row % INPUT);
             if k > 0 {
                 // p⁺ and a⁺ know no other axis than their own.
                 let columns = if row < STATE { 0..WIDTH } else { BEFORE + axis..BEFORE + axis + 1 };
-                columns.for_each(|column| entry(at, layout.state(k) + column, stage.transition[column][row]));
+                columns.for_each(|column| {
+                    entry(at, layout.state(k) + column, stage.transition[column][row]);
+                });
             }
             if k < layout.blocks {
                 let columns = if row < STATE { 0..INPUT } else { axis..axis + 1 };
@@ -167,7 +188,9 @@ fn visit_rows(program: &QuadraticProgram, layout: Layout, entry: &mut dyn FnMut(
                 continue;
             }
             if row.stage > 0 {
-                (0..3).for_each(|i| entry(at, layout.state(row.stage) + row.first + i, sign * row.by_state[i]));
+                (0..3).for_each(|i| {
+                    entry(at, layout.state(row.stage) + row.first + i, sign * row.by_state[i]);
+                });
             }
             if row.stage < layout.blocks {
                 (0..INPUT).for_each(|i| entry(at, INPUT * row.stage + i, sign * row.by_input[i]));
@@ -189,9 +212,19 @@ impl Clarabel {
     /// # Errors
     /// [`SolverError`] if the solver refuses it.
     pub fn new(program: &QuadraticProgram) -> Result<Self, SolverError> {
-        let layout = Layout { horizon: program.horizon(), blocks: program.blocks(), slacks: program.slacks() };
+        let layout = Layout {
+            horizon: program.horizon(),
+            blocks: program.blocks(),
+            slacks: program.slacks(),
+        };
         let (variables, equations) = (layout.unknowns(), WIDTH * layout.horizon);
-        let bounded = program.rows.iter().flat_map(|row| row.bounds).filter(|bound| *bound < f64::INFINITY).count() + layout.slacks;
+        let bounded = program
+            .rows
+            .iter()
+            .flat_map(|row| row.bounds)
+            .filter(|bound| *bound < f64::INFINITY)
+            .count()
+            + layout.slacks;
         let refused = |reason: String| SolverError { variables, rows: equations + bounded, reason };
         let hessian = Entries::visited_by(|entry| visit_hessian(program, layout, entry));
         let rows = Entries::visited_by(|entry| visit_rows(program, layout, entry));
@@ -232,21 +265,30 @@ impl Clarabel {
         let layout = self.layout;
         self.hessian.update(|entry| visit_hessian(program, layout, entry));
         self.rows.update(|entry| visit_rows(program, layout, entry));
-        let inputs = program.stages.iter().take(layout.blocks).flat_map(|stage| stage.input_gradient);
+        let inputs =
+            program.stages.iter().take(layout.blocks).flat_map(|stage| stage.input_gradient);
         let states = program.stages.iter().skip(1).flat_map(|stage| stage.gradient);
         let slacks = std::iter::repeat_n(program.prices.slack, layout.slacks);
         for (slot, slope) in self.gradient.iter_mut().zip(inputs.chain(states).chain(slacks)) {
             *slot = slope;
         }
-        let bounded = program.rows.iter().flat_map(|row| row.bounds).filter(|bound| *bound < f64::INFINITY);
+        let bounded =
+            program.rows.iter().flat_map(|row| row.bounds).filter(|bound| *bound < f64::INFINITY);
         let equations = std::iter::repeat_n(0.0, WIDTH * layout.horizon);
-        for (slot, bound) in self.bounds.iter_mut().zip(equations.chain(bounded).chain(std::iter::repeat(0.0))) {
+        for (slot, bound) in
+            self.bounds.iter_mut().zip(equations.chain(bounded).chain(std::iter::repeat(0.0)))
+        {
             *slot = bound;
         }
     }
 
     /// Solves `program`, and writes inputs and slacks to `solution` if there is a usable answer.
-    pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
+    pub fn solve(
+        &mut self,
+        program: &QuadraticProgram,
+        solution: &mut [f64],
+        turn: &Turn,
+    ) -> Outcome {
         self.until.store(turn.until.unwrap_or(NEVER), Ordering::Relaxed);
         self.update(program);
         let updated = self
@@ -274,7 +316,9 @@ impl Clarabel {
         let outcome = Outcome { status, iterations: answer.iterations };
         if outcome.usable() {
             let inputs = answer.x.iter().take(self.layout.state(1));
-            for (slot, value) in solution.iter_mut().zip(inputs.chain(answer.x.iter().skip(self.layout.slack(0)))) {
+            for (slot, value) in
+                solution.iter_mut().zip(inputs.chain(answer.x.iter().skip(self.layout.slack(0))))
+            {
                 *slot = *value;
             }
         }

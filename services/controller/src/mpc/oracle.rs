@@ -17,7 +17,10 @@ impl Point {
     }
 
     fn unit(program: &QuadraticProgram, unknown: usize) -> Self {
-        Self::new(program, DVector::from_fn(program.unknowns(), |row, _| if row == unknown { 1.0 } else { 0.0 }))
+        Self::new(
+            program,
+            DVector::from_fn(program.unknowns(), |row, _| if row == unknown { 1.0 } else { 0.0 }),
+        )
     }
 
     fn input(&self, k: usize, axis: usize) -> f64 {
@@ -28,15 +31,18 @@ impl Point {
 /// aᵀ H b, as the module of the program has it.
 fn curvature(program: &QuadraticProgram, a: &Point, b: &Point) -> f64 {
     let (prices, slacks) = (&program.prices, INPUT * program.blocks()..program.unknowns());
-    let mut sum: f64 = slacks.map(|slack| prices.slack_curvature * a.unknowns[slack] * b.unknowns[slack]).sum();
+    let mut sum: f64 =
+        slacks.map(|slack| prices.slack_curvature * a.unknowns[slack] * b.unknowns[slack]).sum();
     for (k, stage) in program.stages.iter().enumerate() {
-        let x = |point: &Point| SMatrix::<f64, STATE, 1>::from_column_slice(&point.states[k][..STATE]);
+        let x =
+            |point: &Point| SMatrix::<f64, STATE, 1>::from_column_slice(&point.states[k][..STATE]);
         sum += x(a).dot(&(stage.curvature * x(b)));
         for axis in 0..3 {
             let before = |point: &Point| point.states[k][BEFORE + axis];
             if k < program.blocks() {
                 let change = |point: &Point| point.input(k, axis) - before(point);
-                sum += prices.input * a.input(k, axis) * b.input(k, axis) + prices.change * change(a) * change(b);
+                sum += prices.input * a.input(k, axis) * b.input(k, axis)
+                    + prices.change * change(a) * change(b);
             } else if k < program.horizon() {
                 sum += prices.input * before(a) * before(b);
             }
@@ -46,9 +52,19 @@ fn curvature(program: &QuadraticProgram, a: &Point, b: &Point) -> f64 {
 }
 
 fn slope(program: &QuadraticProgram, at: &Point) -> f64 {
-    let slacks = at.unknowns.iter().skip(INPUT * program.blocks()).map(|slack| program.prices.slack * slack);
-    let states = program.stages.iter().zip(&at.states).flat_map(|(stage, state)| stage.gradient.into_iter().zip(*state));
-    let inputs = program.stages.iter().take(program.blocks()).flat_map(|stage| stage.input_gradient).zip(at.unknowns.iter().copied());
+    let slacks =
+        at.unknowns.iter().skip(INPUT * program.blocks()).map(|slack| program.prices.slack * slack);
+    let states = program
+        .stages
+        .iter()
+        .zip(&at.states)
+        .flat_map(|(stage, state)| stage.gradient.into_iter().zip(*state));
+    let inputs = program
+        .stages
+        .iter()
+        .take(program.blocks())
+        .flat_map(|stage| stage.input_gradient)
+        .zip(at.unknowns.iter().copied());
     slacks.sum::<f64>() + states.chain(inputs).map(|(slope, by)| slope * by).sum::<f64>()
 }
 
@@ -71,15 +87,20 @@ pub(crate) struct Dense {
 
 impl Dense {
     pub(crate) fn of(program: &QuadraticProgram) -> Self {
-        let units: Vec<Point> = (0..program.unknowns()).map(|unknown| Point::unit(program, unknown)).collect();
+        let units: Vec<Point> =
+            (0..program.unknowns()).map(|unknown| Point::unit(program, unknown)).collect();
         let free = INPUT * program.blocks();
         let mut rows = Vec::new();
         for row in &program.rows {
             let value = DVector::from_iterator(
                 units.len(),
-                units.iter().map(|unit| row.value(&unit.states, unit.unknowns.as_slice()[..free].as_chunks::<INPUT>().0)),
+                units.iter().map(|unit| {
+                    row.value(&unit.states, unit.unknowns.as_slice()[..free].as_chunks::<INPUT>().0)
+                }),
             );
-            for (bound, sign) in row.bounds.iter().zip([1.0, -1.0]).filter(|(bound, _)| bound.is_finite()) {
+            for (bound, sign) in
+                row.bounds.iter().zip([1.0, -1.0]).filter(|(bound, _)| bound.is_finite())
+            {
                 let mut value = sign * &value;
                 if let Some(slack) = row.slack {
                     value[free + slack] = -1.0;
@@ -89,7 +110,9 @@ impl Dense {
         }
         rows.extend((free..program.unknowns()).map(|slack| (-&units[slack].unknowns, 0.0)));
         Self {
-            hessian: DMatrix::from_fn(units.len(), units.len(), |row, column| curvature(program, &units[row], &units[column])),
+            hessian: DMatrix::from_fn(units.len(), units.len(), |row, column| {
+                curvature(program, &units[row], &units[column])
+            }),
             gradient: DVector::from_fn(units.len(), |row, _| slope(program, &units[row])),
             rows,
         }
@@ -100,7 +123,8 @@ impl Dense {
     pub(crate) fn misses(&self, x: &DVector<f64>, multipliers: &[f64]) -> f64 {
         assert_eq!(multipliers.len(), self.rows.len());
         let bent = &self.hessian * x;
-        let (mut left, mut scale) = (&bent + &self.gradient, bent.abs() + self.gradient.abs().add_scalar(1.0));
+        let (mut left, mut scale) =
+            (&bent + &self.gradient, bent.abs() + self.gradient.abs().add_scalar(1.0));
         let most = multipliers.iter().copied().fold(1.0, f64::max);
         let mut misses: f64 = 0.0;
         for ((row, bound), &multiplier) in self.rows.iter().zip(multipliers) {
@@ -117,32 +141,49 @@ impl Dense {
 
     /// By how much less than the answer with these multipliers `x` may cost, because of the bounds that it breaks (weak duality).
     pub(crate) fn gains(&self, x: &DVector<f64>, multipliers: &[f64]) -> f64 {
-        self.rows.iter().zip(multipliers).map(|((row, bound), multiplier)| multiplier * (row.dot(x) - bound).max(0.0)).sum()
+        self.rows
+            .iter()
+            .zip(multipliers)
+            .map(|((row, bound), multiplier)| multiplier * (row.dot(x) - bound).max(0.0))
+            .sum()
     }
 
     /// The answer, by trying every set of active rows.
     pub(crate) fn brute_force(&self) -> Option<DVector<f64>> {
         let unknowns = self.gradient.len();
-        (0..1_u32 << self.rows.len()).filter(|set| set.count_ones() as usize <= unknowns).find_map(|set| {
-            let active: Vec<&(DVector<f64>, f64)> =
-                self.rows.iter().enumerate().filter(|(row, _)| set >> row & 1 == 1).map(|(_, row)| row).collect();
-            let size = unknowns + active.len();
-            let mut system = DMatrix::zeros(size, size);
-            let mut right = DVector::zeros(size);
-            system.view_mut((0, 0), (unknowns, unknowns)).copy_from(&self.hessian);
-            right.rows_mut(0, unknowns).copy_from(&-&self.gradient);
-            for (place, (row, bound)) in active.iter().enumerate() {
-                system.view_mut((unknowns + place, 0), (1, unknowns)).copy_from(&row.transpose());
-                system.view_mut((0, unknowns + place), (unknowns, 1)).copy_from(row);
-                right[unknowns + place] = *bound;
-            }
-            let found = system.clone().lu().solve(&right)?;
-            // Twins among the rows make a system singular, and its answer worthless.
-            let answers = (system * &found - &right).amax() < 1e-9 * (1.0 + right.amax());
-            let x = found.rows(0, unknowns).into_owned();
-            let optimal = found.rows(unknowns, active.len()).iter().all(|multiplier| *multiplier > -1e-7);
-            let kept = self.rows.iter().all(|(row, bound)| row.dot(&x) <= bound + 1e-7 * (1.0 + bound.abs()));
-            (answers && optimal && kept).then_some(x)
-        })
+        (0..1_u32 << self.rows.len()).filter(|set| set.count_ones() as usize <= unknowns).find_map(
+            |set| {
+                let active: Vec<&(DVector<f64>, f64)> = self
+                    .rows
+                    .iter()
+                    .enumerate()
+                    .filter(|(row, _)| set >> row & 1 == 1)
+                    .map(|(_, row)| row)
+                    .collect();
+                let size = unknowns + active.len();
+                let mut system = DMatrix::zeros(size, size);
+                let mut right = DVector::zeros(size);
+                system.view_mut((0, 0), (unknowns, unknowns)).copy_from(&self.hessian);
+                right.rows_mut(0, unknowns).copy_from(&-&self.gradient);
+                for (place, (row, bound)) in active.iter().enumerate() {
+                    system
+                        .view_mut((unknowns + place, 0), (1, unknowns))
+                        .copy_from(&row.transpose());
+                    system.view_mut((0, unknowns + place), (unknowns, 1)).copy_from(row);
+                    right[unknowns + place] = *bound;
+                }
+                let found = system.clone().lu().solve(&right)?;
+                // Twins among the rows make a system singular, and its answer worthless.
+                let answers = (system * &found - &right).amax() < 1e-9 * (1.0 + right.amax());
+                let x = found.rows(0, unknowns).into_owned();
+                let optimal =
+                    found.rows(unknowns, active.len()).iter().all(|multiplier| *multiplier > -1e-7);
+                let kept = self
+                    .rows
+                    .iter()
+                    .all(|(row, bound)| row.dot(&x) <= bound + 1e-7 * (1.0 + bound.abs()));
+                (answers && optimal && kept).then_some(x)
+            },
+        )
     }
 }

@@ -44,7 +44,9 @@ impl Stage {
     const ZERO: Self = Self {
         transition: [[0.0; WIDTH]; WIDTH],
         drive: [[0.0; WIDTH]; INPUT],
-        curvature: SMatrix::<f64, STATE, STATE>::from_array_storage(nalgebra::ArrayStorage([[0.0; STATE]; STATE])),
+        curvature: SMatrix::<f64, STATE, STATE>::from_array_storage(nalgebra::ArrayStorage(
+            [[0.0; STATE]; STATE],
+        )),
         gradient: [0.0; WIDTH],
         input_gradient: [0.0; INPUT],
     };
@@ -72,9 +74,11 @@ impl Row {
     #[inline]
     pub fn value(&self, states: &[Vector], inputs: &[[f64; INPUT]]) -> f64 {
         let (g, h) = (&self.by_state, &self.by_input);
-        let entries = states.get(self.stage).and_then(|state| state.get(self.first..)?.first_chunk());
+        let entries =
+            states.get(self.stage).and_then(|state| state.get(self.first..)?.first_chunk());
         let of_state = entries.map_or(0.0, |[a, b, c]| g[0] * a + g[1] * b + g[2] * c);
-        let of_input = inputs.get(self.stage).map_or(0.0, |[a, b, c]| h[0] * a + h[1] * b + h[2] * c);
+        let of_input =
+            inputs.get(self.stage).map_or(0.0, |[a, b, c]| h[0] * a + h[1] * b + h[2] * c);
         of_state + of_input
     }
 }
@@ -109,8 +113,21 @@ pub struct QuadraticProgram {
 
 impl QuadraticProgram {
     /// A program over `horizon` periods of which `blocks` have free inputs, without numbers.
-    pub fn new(horizon: usize, blocks: usize, slacks: usize, rows: Vec<Row>, prices: Prices) -> Self {
-        Self { stages: vec![Stage::ZERO; horizon + 1], rows, prices, blocks, slacks, entries: WIDTH }
+    pub fn new(
+        horizon: usize,
+        blocks: usize,
+        slacks: usize,
+        rows: Vec<Row>,
+        prices: Prices,
+    ) -> Self {
+        Self {
+            stages: vec![Stage::ZERO; horizon + 1],
+            rows,
+            prices,
+            blocks,
+            slacks,
+            entries: WIDTH,
+        }
     }
 
     /// N.
@@ -146,8 +163,12 @@ impl QuadraticProgram {
     /// where u = p from period C on. O(N), does not allocate.
     pub fn set_dynamics(&mut self, steps: &[Linearised], carry: f64) {
         let looks_back = steps.iter().any(|step| step.by_acted.iter().any(|value| *value != 0.0));
-        let remembers = looks_back || carry != 0.0 || self.prices.change != 0.0 || self.blocks < self.horizon();
-        self.entries = match (remembers || self.rows.iter().any(|row| row.first == BEFORE), looks_back && carry != 0.0) {
+        let remembers =
+            looks_back || carry != 0.0 || self.prices.change != 0.0 || self.blocks < self.horizon();
+        self.entries = match (
+            remembers || self.rows.iter().any(|row| row.first == BEFORE),
+            looks_back && carry != 0.0,
+        ) {
             (_, true) => WIDTH,
             (true, false) => ACTED,
             (false, false) => STATE,
@@ -160,14 +181,17 @@ impl QuadraticProgram {
             for i in 0..INPUT {
                 let (mut input, mut before, mut acted) = ([0.0; WIDTH], [0.0; WIDTH], [0.0; WIDTH]);
                 for row in 0..STATE {
-                    (input[row], before[row]) = (free * step.by_input[(row, i)], carried * step.by_input[(row, i)]);
+                    (input[row], before[row]) =
+                        (free * step.by_input[(row, i)], carried * step.by_input[(row, i)]);
                     // Where nothing is carried, a = p.
                     let remembered = if carry == 0.0 { &mut before } else { &mut acted };
                     remembered[row] += step.by_acted[(row, i)];
                 }
-                (input[BEFORE + i], before[BEFORE + i]) = if k < self.blocks { (1.0, 0.0) } else { (0.0, 1.0) };
+                (input[BEFORE + i], before[BEFORE + i]) =
+                    if k < self.blocks { (1.0, 0.0) } else { (0.0, 1.0) };
                 (input[ACTED + i], before[ACTED + i]) = (free, carried);
-                (stage.drive[i], stage.transition[BEFORE + i], stage.transition[ACTED + i]) = (input, before, acted);
+                (stage.drive[i], stage.transition[BEFORE + i], stage.transition[ACTED + i]) =
+                    (input, before, acted);
             }
         }
     }
@@ -222,7 +246,9 @@ impl QuadraticProgram {
             *slot = now;
             let input = inputs.next().unwrap_or_default();
             let mut next = [0.0; WIDTH];
-            for (column, by) in stage.transition.iter().zip(&now).chain(stage.drive.iter().zip(input)) {
+            for (column, by) in
+                stage.transition.iter().zip(&now).chain(stage.drive.iter().zip(input))
+            {
                 for (entry, value) in next.iter_mut().zip(column) {
                     *entry += value * by;
                 }
@@ -233,14 +259,19 @@ impl QuadraticProgram {
 
     /// Whether inputs and slacks keep every row to within `tolerance`, with the states that [follow](Self::follow), and are finite.
     pub fn satisfied_by(&self, unknowns: &[f64], states: &[Vector], tolerance: f64) -> bool {
-        let Some((inputs, slacks)) = unknowns.split_at_checked(INPUT * self.blocks) else { return false };
+        let Some((inputs, slacks)) = unknowns.split_at_checked(INPUT * self.blocks) else {
+            return false;
+        };
         let (inputs, _) = inputs.as_chunks::<INPUT>();
         unknowns.iter().all(|value| value.is_finite())
             && slacks.len() == self.slacks
             && slacks.iter().all(|slack| *slack >= -tolerance)
             && self.rows.iter().all(|row| {
-                let (value, slack) = (row.value(states, inputs), row.slack.map_or(0.0, |slack| slacks[slack]));
-                let kept = |bound: f64, value: f64| bound + slack - value >= -tolerance * (1.0 + bound.abs());
+                let (value, slack) =
+                    (row.value(states, inputs), row.slack.map_or(0.0, |slack| slacks[slack]));
+                let kept = |bound: f64, value: f64| {
+                    bound + slack - value >= -tolerance * (1.0 + bound.abs())
+                };
                 (kept(row.bounds[0], value) || row.bounds[0] == f64::INFINITY)
                     && (kept(row.bounds[1], -value) || row.bounds[1] == f64::INFINITY)
             })

@@ -50,7 +50,10 @@ pub struct Trajectory {
 impl Trajectory {
     /// Room for what `program` is about.
     pub fn of(program: &QuadraticProgram) -> Self {
-        Self { inputs: vec![[0.0; INPUT]; program.blocks()], states: vec![[0.0; WIDTH]; program.stages.len()] }
+        Self {
+            inputs: vec![[0.0; INPUT]; program.blocks()],
+            states: vec![[0.0; WIDTH]; program.stages.len()],
+        }
     }
 }
 
@@ -67,7 +70,11 @@ pub struct Riccati {
 impl Riccati {
     /// Makes room for programs of the shape of `program`.
     pub fn new(program: &QuadraticProgram) -> Self {
-        Self { factors: vec![Factor::ZERO; program.horizon()], blocks: program.blocks(), entries: program.entries() }
+        Self {
+            factors: vec![Factor::ZERO; program.horizon()],
+            blocks: program.blocks(),
+            entries: program.entries(),
+        }
     }
 
     /// Works J out. `false` if H is not positive definite. Does not allocate.
@@ -87,8 +94,9 @@ impl Riccati {
         add_curvature(&mut value, last);
         for (k, (factor, stage)) in self.factors.iter_mut().zip(stages).enumerate().rev() {
             let free = k < self.blocks;
-            let weighted: [Vector; WIDTH] =
-                std::array::from_fn(|c| if c < D { times::<D>(&value, &stage.transition[c]) } else { [0.0; WIDTH] });
+            let weighted: [Vector; WIDTH] = std::array::from_fn(|c| {
+                if c < D { times::<D>(&value, &stage.transition[c]) } else { [0.0; WIDTH] }
+            });
             factor.columns = stage.transition;
             let mut whitened = [[0.0; WIDTH]; INPUT];
             if free {
@@ -114,8 +122,11 @@ impl Riccati {
                 }
                 for i in 0..INPUT {
                     (factor.gain[i], factor.drive[i]) = ([0.0; WIDTH], [0.0; WIDTH]);
-                    (i..INPUT).for_each(|j| add::<D>(&mut factor.gain[i], inverse[j][i], &whitened[j]));
-                    (0..=i).for_each(|j| add::<D>(&mut factor.drive[i], inverse[i][j], &stage.drive[j]));
+                    (i..INPUT)
+                        .for_each(|j| add::<D>(&mut factor.gain[i], inverse[j][i], &whitened[j]));
+                    (0..=i).for_each(|j| {
+                        add::<D>(&mut factor.drive[i], inverse[i][j], &stage.drive[j]);
+                    });
                 }
                 for (c, column) in factor.columns.iter_mut().enumerate().take(D) {
                     (0..INPUT).for_each(|i| add::<D>(column, -factor.gain[i][c], &stage.drive[i]));
@@ -135,7 +146,8 @@ impl Riccati {
             }
             add_curvature(&mut value, stage);
             for axis in BEFORE..BEFORE + INPUT {
-                value[axis][axis] += if free { program.prices.change } else { program.prices.input };
+                value[axis][axis] +=
+                    if free { program.prices.change } else { program.prices.input };
             }
         }
         true
@@ -161,7 +173,8 @@ impl Riccati {
             if let Some((input, v)) = free.next() {
                 for i in 0..INPUT {
                     add::<D>(&mut next, v[i], &factor.drive[i]);
-                    input[i] = (i..INPUT).map(|j| factor.inverse[j][i] * v[j]).sum::<f64>() - dot::<D>(&factor.gain[i], &now);
+                    input[i] = (i..INPUT).map(|j| factor.inverse[j][i] * v[j]).sum::<f64>()
+                        - dot::<D>(&factor.gain[i], &now);
                 }
             }
             now = next;
@@ -206,7 +219,11 @@ impl Riccati {
         }
     }
 
-    fn transposed_gradient_entries<const D: usize>(&self, program: &QuadraticProgram, to: &mut [f64]) {
+    fn transposed_gradient_entries<const D: usize>(
+        &self,
+        program: &QuadraticProgram,
+        to: &mut [f64],
+    ) {
         to.fill(0.0);
         let (v, _) = to.as_chunks_mut::<INPUT>();
         let Some((last, stages)) = program.stages.split_last() else { return };
@@ -234,7 +251,12 @@ impl Factor {
     }
 
     /// Adds what h makes of v and π.
-    fn take_input<const D: usize>(&self, by_input: &[f64; INPUT], costate: &mut Vector, v: &mut [f64; INPUT]) {
+    fn take_input<const D: usize>(
+        &self,
+        by_input: &[f64; INPUT],
+        costate: &mut Vector,
+        v: &mut [f64; INPUT],
+    ) {
         for i in 0..INPUT {
             v[i] += (0..=i).map(|j| self.inverse[i][j] * by_input[j]).sum::<f64>();
             add::<D>(costate, -by_input[i], &self.gain[i]);
@@ -266,7 +288,8 @@ fn inverse_factor(matrix: &[[f64; INPUT]; INPUT]) -> Option<[[f64; INPUT]; INPUT
             return None;
         }
         for j in 0..i {
-            inverse[i][j] = -inverse[i][i] * (j..i).map(|l| factor[i][l] * inverse[l][j]).sum::<f64>();
+            inverse[i][j] =
+                -inverse[i][i] * (j..i).map(|l| factor[i][l] * inverse[l][j]).sum::<f64>();
         }
     }
     Some(inverse)

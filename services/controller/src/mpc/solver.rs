@@ -98,7 +98,12 @@ impl Solver {
     }
 
     /// Solves `program`, and writes the answer to `solution` if there is a usable one.
-    pub fn solve(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
+    pub fn solve(
+        &mut self,
+        program: &QuadraticProgram,
+        solution: &mut [f64],
+        turn: &Turn,
+    ) -> Outcome {
         self.prepare(program);
         self.finish(program, solution, turn)
     }
@@ -111,7 +116,12 @@ impl Solver {
     }
 
     /// Solves the program that was [prepared](Self::prepare).
-    pub fn finish(&mut self, program: &QuadraticProgram, solution: &mut [f64], turn: &Turn) -> Outcome {
+    pub fn finish(
+        &mut self,
+        program: &QuadraticProgram,
+        solution: &mut [f64],
+        turn: &Turn,
+    ) -> Outcome {
         if let Some((kind, random)) = turn.tick.and_then(|tick| self.faults.strike(tick)) {
             return go_wrong(kind, random, solution);
         }

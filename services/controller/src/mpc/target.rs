@@ -18,7 +18,13 @@ pub(super) fn velocity_to_hold(point: &ReferencePoint, yaw: f64) -> Velocity {
 
 /// Input that the reference is weighed against at its `point`: to hold it, the one Newton step better than `before`; or its velocity itself.
 /// Does not allocate.
-pub(super) fn of(formulation: Formulation, belief: &Belief<'_>, point: &ReferencePoint, expected: &State, before: &Velocity) -> Velocity {
+pub(super) fn of(
+    formulation: Formulation,
+    belief: &Belief<'_>,
+    point: &ReferencePoint,
+    expected: &State,
+    before: &Velocity,
+) -> Velocity {
     match formulation {
         Formulation::Holding => {
             let held = State { velocity: velocity_to_hold(point, expected.pose[2]), ..*expected };
@@ -31,7 +37,11 @@ pub(super) fn of(formulation: Formulation, belief: &Belief<'_>, point: &Referenc
 /// One Newton step per axis towards the input that holds the velocity of `held`, from the one before. Does not allocate.
 fn improve(belief: &Belief<'_>, held: &State, before: &Velocity) -> Velocity {
     let (main, velocity) = (belief.main, &held.velocity);
-    let guess = if before.iter().all(|&value| value == 0.0) { main.holding_input(velocity, &belief.disturbance) } else { *before };
+    let guess = if before.iter().all(|&value| value == 0.0) {
+        main.holding_input(velocity, &belief.disturbance)
+    } else {
+        *before
+    };
     let (next, gain) = belief.velocity_and_gain(held, &guess);
     std::array::from_fn(|axis| {
         // A learned gain that nearly cancels the believed one is no gain to divide by.

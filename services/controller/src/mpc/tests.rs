@@ -16,10 +16,15 @@ pub(crate) fn settings() -> MpcSettings {
             input_change: 0.2,
             terminal_factor: 3.0,
         },
-        state_limits: StateLimits { heading_rad: Some(1.0), speed_mps: Some(3.5), ..StateLimits::default() },
+        state_limits: StateLimits {
+            heading_rad: Some(1.0),
+            speed_mps: Some(3.5),
+            ..StateLimits::default()
+        },
         observer_gain: 0.3,
         method: Method::Mpc,
         delay: DelaySetting::Estimated,
+        identify: true,
         no_harm: true,
         linearise: Linearise::Measured,
         solver: SolverSetting::ActiveSet,
@@ -34,7 +39,11 @@ pub(crate) fn circle(from: u64, count: usize) -> Vec<ReferencePoint> {
 
 fn circle_at(time: f64) -> ReferencePoint {
     let yaw = 0.75 * time;
-    ReferencePoint { pose: [2.0 * yaw.sin(), 2.0 * (1.0 - yaw.cos()), yaw], velocity: [1.5, 0.0, 0.75], course: yaw }
+    ReferencePoint {
+        pose: [2.0 * yaw.sin(), 2.0 * (1.0 - yaw.cos()), yaw],
+        velocity: [1.5, 0.0, 0.75],
+        course: yaw,
+    }
 }
 
 /// The cost of the module's head, slacks aside, of the plan that `mpc` holds.
@@ -58,7 +67,9 @@ fn true_cost(
         cost += 0.5 * factor * error.value.iter().zip(q).map(|(e, q)| q * e * e).sum::<f64>();
         for axis in 0..3 {
             cost += 0.5 * w.input * deviation[axis].powi(2);
-            cost += 0.5 * w.input_change * if k < mpc.blocks { (input[axis] - before[axis]).powi(2) } else { 0.0 };
+            cost += 0.5
+                * w.input_change
+                * if k < mpc.blocks { (input[axis] - before[axis]).powi(2) } else { 0.0 };
         }
         before = input;
     }
@@ -75,7 +86,9 @@ impl Residual for Echo {
     }
 
     fn response(&self, at: &Moment) -> Response {
-        let by_before = std::array::from_fn(|row| std::array::from_fn(|column| if row == column { 0.125 } else { 0.0 }));
+        let by_before = std::array::from_fn(|row| {
+            std::array::from_fn(|column| if row == column { 0.125 } else { 0.0 })
+        });
         Response { mean: self.mean(at), by_before, ..Response::NONE }
     }
 }
@@ -136,15 +149,20 @@ proptest! {
 
 /// Points on a straight line at 1.5 m/s.
 fn line(from: u64, count: usize) -> Vec<ReferencePoint> {
-    let at = |tick: u64| ReferencePoint { pose: [0.15 * tick as f64, 0.0, 0.0], velocity: [1.5, 0.0, 0.0], course: 0.0 };
+    let at = |tick: u64| ReferencePoint {
+        pose: [0.15 * tick as f64, 0.0, 0.0],
+        velocity: [1.5, 0.0, 0.0],
+        course: 0.0,
+    };
     (from..).take(count).map(at).collect()
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// As long as nobody turns, which costs far too much here, prediction and error are linear, and it does not matter about what they are
-    /// linearised.
+    /// As long as nobody turns, which costs far too much here, prediction and error are linear, and it
+    /// does not matter about what they are linearised. But for a residual that depends on inputs: a
+    /// current row keeps the plan's, so there the currents are not limited.
     #[test]
     fn on_a_straight_line_a_surprise_is_answered_as_if_it_had_been_known(
         place in prop::array::uniform2(-0.5..0.5_f64), velocity in prop::array::uniform2(-0.6..0.6_f64), acted in prop::array::uniform2(-0.5..0.5_f64),
@@ -155,11 +173,15 @@ proptest! {
         let belief = Belief { main: &main, learned, foresight: None, disturbance: [0.01, -0.02, 0.0], carry };
         let surprised = Belief { disturbance: [push[0], push[1], 0.0], ..belief };
         let start = State { pose: [0.0, 0.1, 0.0], velocity: [1.4, 0.0, 0.0], acted: [1.5, 0.0, 0.0] };
+        let mut robot = Robot::example();
+        if echoes {
+            robot.drive.current_limit_a = 1e6;
+        }
         let mut plans = Vec::new();
         for linearise in [Linearise::Measured, Linearise::Expected] {
             let weights = Weights { heading: 1e7, yaw_rate: 1e7, ..settings().weights };
             let settings = MpcSettings { weights, linearise, ..settings() };
-            let mut mpc = Mpc::new(&settings, &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
+            let mut mpc = Mpc::new(&settings, &robot, &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
             mpc.begin_at(&start);
             mpc.prepare(&line(0, 7), &belief);
             let last = [1.5, 0.0, 0.0];
@@ -189,12 +211,16 @@ proptest! {
 #[test]
 fn what_was_not_expected_is_answered_from_the_measured_state() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief =
+        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
     let settings = MpcSettings { linearise: Linearise::Expected, ..settings() };
     let start = State { velocity: [1.5, 0.0, 0.75], ..State::default() };
     let turned = State { pose: [0.0, 0.0, 0.075 - std::f64::consts::TAU], ..start };
     for (state, last) in [(turned, [1.5, 0.0, 0.75]), (start, [1.0, 0.0, 0.0])] {
-        let (mut ready, mut other) = (Mpc::new(&settings, &Robot::example(), &main)?, Mpc::new(&settings, &Robot::example(), &main)?);
+        let (mut ready, mut other) = (
+            Mpc::new(&settings, &Robot::example(), &main)?,
+            Mpc::new(&settings, &Robot::example(), &main)?,
+        );
         for mpc in [&mut ready, &mut other] {
             mpc.begin_on(&circle(0, 7));
             mpc.prepare(&circle(0, 7), &belief);
@@ -212,7 +238,8 @@ fn what_was_not_expected_is_answered_from_the_measured_state() -> Result<(), Mpc
 #[test]
 fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief =
+        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let state = State { pose: [0.02, -0.03, 0.01], velocity: [1.4, 0.0, 0.7], ..State::default() };
     mpc.prepare(&circle(0, 7), &belief);
@@ -230,9 +257,11 @@ fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError>
 #[test]
 fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief =
+        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
-    let (mut state, mut input) = (State { pose: [0.0, -0.8, 0.3], velocity: [0.0; 3], ..State::default() }, [0.0; 3]);
+    let (mut state, mut input) =
+        (State { pose: [0.0, -0.8, 0.3], velocity: [0.0; 3], ..State::default() }, [0.0; 3]);
     for tick in 0..40 {
         mpc.prepare(&circle(tick, 7), &belief);
         assert!(mpc.iterate(&state, &input, &circle(tick, 7), &belief).outcome.usable());
@@ -249,18 +278,21 @@ fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
 fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
-    let mut observer = model::observer::Observer::new(0.3, [1.0; 3]);
+    let mut disturbance = [0.0; 3];
     let still = vec![ReferencePoint::default(); 7];
     let push = [0.05, -0.03, 0.02];
     let (mut state, mut input) = (State::default(), [0.0; 3]);
     for _ in 0..120 {
-        let belief = Belief { main: &main, learned: None, foresight: None, disturbance: observer.disturbance(), carry: 0.0 };
+        let belief =
+            Belief { main: &main, learned: None, foresight: None, disturbance, carry: 0.0 };
         mpc.prepare(&still, &belief);
         assert!(mpc.iterate(&state, &input, &still, &belief).outcome.usable());
         input = mpc.stages[0].input;
         let next = Belief { disturbance: push, ..belief }.predict(&state, &input);
         let residual = model::residual::residual(&main, &state.velocity, &input, &next.velocity);
-        observer.update(&residual);
+        for (d, seen) in disturbance.iter_mut().zip(residual) {
+            *d += 0.3 * (seen - *d);
+        }
         state = next;
     }
     assert!(state.pose[0].hypot(state.pose[1]) < 1e-4, "{:?}", state.pose);
@@ -268,21 +300,34 @@ fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
 }
 
 #[test]
-fn an_optimiser_whose_time_is_used_up_stops_and_the_next_answer_is_as_if_nothing_had_been() -> Result<(), MpcError> {
+fn an_optimiser_whose_time_is_used_up_stops_and_the_next_answer_is_as_if_nothing_had_been()
+-> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief =
+        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
     for solver in [SolverSetting::ActiveSet, SolverSetting::Clarabel] {
         let settings = MpcSettings { solver, ..settings() };
-        let (mut stopped, mut other) = (Mpc::new(&settings, &Robot::example(), &main)?, Mpc::new(&settings, &Robot::example(), &main)?);
+        let (mut stopped, mut other) = (
+            Mpc::new(&settings, &Robot::example(), &main)?,
+            Mpc::new(&settings, &Robot::example(), &main)?,
+        );
         let state = State { pose: [0.4, -0.3, 0.1], velocity: [1.0, 0.0, 0.7], ..State::default() };
         for mpc in [&mut stopped, &mut other] {
             mpc.prepare(&circle(0, 7), &belief);
         }
         stopped.take_turn(Turn { tick: Some(0), until: Some(0) });
-        assert_eq!(stopped.iterate(&state, &[0.0; 3], &circle(0, 7), &belief).outcome.status, Status::OutOfTime, "{solver:?}");
+        assert_eq!(
+            stopped.iterate(&state, &[0.0; 3], &circle(0, 7), &belief).outcome.status,
+            Status::OutOfTime,
+            "{solver:?}"
+        );
         stopped.take_turn(Turn { tick: Some(0), until: Some(u64::MAX - 1) });
         for mpc in [&mut stopped, &mut other] {
-            assert_eq!(mpc.iterate(&state, &[0.0; 3], &circle(0, 7), &belief).outcome.status, Status::Solved, "{solver:?}");
+            assert_eq!(
+                mpc.iterate(&state, &[0.0; 3], &circle(0, 7), &belief).outcome.status,
+                Status::Solved,
+                "{solver:?}"
+            );
         }
         assert_eq!(stopped.stages()[0].input, other.stages()[0].input, "{solver:?}");
     }
@@ -298,12 +343,24 @@ fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
     let mut ladder = Ladder::default();
     let mut rung = |status| {
         let outcome = Outcome { status, iterations: 1 };
-        ladder.choose(outcome, &mpc, &State::default(), &ReferencePoint::default(), &[0.0; 3], &[0.0; 3]).0
+        ladder
+            .choose(
+                outcome,
+                &mpc,
+                &State::default(),
+                &ReferencePoint::default(),
+                &[0.0; 3],
+                &[0.0; 3],
+            )
+            .0
     };
     let (good, bad) = (Status::Solved, Status::OutOfIterations);
     assert_eq!(rung(bad), Rung::Lqr);
     assert_eq!(rung(good), Rung::FreshPlan);
-    assert_eq!((rung(bad), rung(bad), rung(bad)), (Rung::ShiftedPlan, Rung::ShiftedPlan, Rung::Lqr));
+    assert_eq!(
+        (rung(bad), rung(bad), rung(bad)),
+        (Rung::ShiftedPlan, Rung::ShiftedPlan, Rung::Lqr)
+    );
     assert_eq!((rung(good), rung(Status::Unpredictable)), (Rung::FreshPlan, Rung::Lqr));
     Ok(())
 }
@@ -311,13 +368,17 @@ fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
 #[test]
 fn the_lqr_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief =
+        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
     let mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
-    let (mut state, mut input) = (State { pose: [0.3, -0.2, 0.2], velocity: [0.0; 3], ..State::default() }, [0.0; 3]);
+    let (mut state, mut input) =
+        (State { pose: [0.3, -0.2, 0.2], velocity: [0.0; 3], ..State::default() }, [0.0; 3]);
     for tick in 0..80 {
         let point = circle(tick, 1)[0];
         let held = target::velocity_to_hold(&point, state.pose[2]);
-        let wished = mpc.cost.lqr_input(&TrackingError::new(&state, &point), &main.holding_input(&held, &[0.0; 3]));
+        let wished = mpc
+            .cost
+            .lqr_input(&TrackingError::new(&state, &point), &main.holding_input(&held, &[0.0; 3]));
         input = mpc.limits.reach(&wished, &input);
         state = belief.predict(&state, &input);
     }

@@ -47,16 +47,31 @@ pub(super) enum Path {
 impl Path {
     pub(super) fn new(settings: &PathSettings, start: &Pose) -> Result<Self, PointsError> {
         Ok(match *settings {
-            PathSettings::PaperCurve { speed_mps } => Self::PaperCurve { speed: speed_mps, cursor: Cursor::default() },
-            PathSettings::Circle { radius_m, speed_mps } => Self::Circle { radius: radius_m, speed: speed_mps },
-            PathSettings::FigureEight { length_m, width_m, lap_s } => Self::FigureEight { length: length_m, width: width_m, lap: lap_s },
-            PathSettings::Square { side_m, speed_mps } => Self::Square { side: side_m, speed: speed_mps },
+            PathSettings::PaperCurve { speed_mps } => {
+                Self::PaperCurve { speed: speed_mps, cursor: Cursor::default() }
+            }
+            PathSettings::Circle { radius_m, speed_mps } => {
+                Self::Circle { radius: radius_m, speed: speed_mps }
+            }
+            PathSettings::FigureEight { length_m, width_m, lap_s } => {
+                Self::FigureEight { length: length_m, width: width_m, lap: lap_s }
+            }
+            PathSettings::Square { side_m, speed_mps } => {
+                Self::Square { side: side_m, speed: speed_mps }
+            }
             PathSettings::StopAndGo { stretch_m, speed_mps, acceleration_mps2, pause_s } => {
-                Self::StopAndGo { profile: Profile::new(stretch_m, speed_mps, acceleration_mps2), pause: pause_s }
+                Self::StopAndGo {
+                    profile: Profile::new(stretch_m, speed_mps, acceleration_mps2),
+                    pause: pause_s,
+                }
             }
             PathSettings::PointToPoint { to, speed_mps, acceleration_mps2 } => {
                 let distance = (to[0] - start[0]).hypot(to[1] - start[1]);
-                Self::PointToPoint { from: *start, to, profile: Profile::new(distance, speed_mps, acceleration_mps2) }
+                Self::PointToPoint {
+                    from: *start,
+                    to,
+                    profile: Profile::new(distance, speed_mps, acceleration_mps2),
+                }
             }
             PathSettings::Points { ref file } => Self::Points(Points::read(file)?),
         })
@@ -196,7 +211,11 @@ impl Profile {
     }
 
     fn duration(&self) -> f64 {
-        if self.peak > 0.0 { self.distance / self.peak + self.peak / self.acceleration } else { 0.0 }
+        if self.peak > 0.0 {
+            self.distance / self.peak + self.peak / self.acceleration
+        } else {
+            0.0
+        }
     }
 
     /// Distance, speed and acceleration at a time.
@@ -208,7 +227,11 @@ impl Profile {
         } else if left > ramp {
             (self.peak * (time - 0.5 * ramp), self.peak, 0.0)
         } else if left > 0.0 {
-            (self.distance - 0.5 * self.acceleration * left * left, self.acceleration * left, -self.acceleration)
+            (
+                self.distance - 0.5 * self.acceleration * left * left,
+                self.acceleration * left,
+                -self.acceleration,
+            )
         } else {
             (self.distance, 0.0, 0.0)
         }

@@ -57,7 +57,8 @@ pub(super) struct Points {
 impl Points {
     pub(super) fn read(file: &Path) -> Result<Self, PointsError> {
         let unreadable = |source| PointsError::Unreadable { file: file.to_owned(), source };
-        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(file).map_err(unreadable)?;
+        let mut reader =
+            csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(file).map_err(unreadable)?;
         let mut points: Vec<Point> = Vec::new();
         let columns = reader.headers().map_err(unreadable)?.clone();
         for row in reader.records() {
@@ -66,11 +67,16 @@ impl Points {
             // Of a point directly behind a blank line this is the blank one.
             let line = row.position().map_or(0, csv::Position::line);
             let impossible = |what| PointsError::Impossible { file: file.to_owned(), line, what };
-            if ![point.time_s, point.x_m, point.y_m, point.yaw_rad].iter().all(|value| value.abs() <= PLACE_MAX) {
+            if ![point.time_s, point.x_m, point.y_m, point.yaw_rad]
+                .iter()
+                .all(|value| value.abs() <= PLACE_MAX)
+            {
                 return Err(impossible("expected four numbers of at most 1000000, either way"));
             }
             if points.last().is_some_and(|before| point.time_s < before.time_s + STEP_MIN_S) {
-                return Err(impossible("expected a time_s at least 0.000001 greater than in the line before"));
+                return Err(impossible(
+                    "expected a time_s at least 0.000001 greater than in the line before",
+                ));
             }
             points.push(point);
         }
@@ -82,14 +88,21 @@ impl Points {
 
     pub(super) fn at(&self, time: f64) -> Moment {
         let next = self.points.partition_point(|point| point.time_s <= time);
-        let standing = |point: &Point| Moment { position: [point.x_m, point.y_m], yaw: point.yaw_rad, ..Moment::default() };
-        let (Some(from), Some(to)) = (next.checked_sub(1).and_then(|i| self.points.get(i)), self.points.get(next)) else {
+        let standing = |point: &Point| Moment {
+            position: [point.x_m, point.y_m],
+            yaw: point.yaw_rad,
+            ..Moment::default()
+        };
+        let (Some(from), Some(to)) =
+            (next.checked_sub(1).and_then(|i| self.points.get(i)), self.points.get(next))
+        else {
             let end = if next == 0 { self.points.first() } else { self.points.last() };
             return end.map_or_else(Moment::default, standing);
         };
         let duration = to.time_s - from.time_s;
         let share = (time - from.time_s) / duration;
-        let (dx, dy, turn) = (to.x_m - from.x_m, to.y_m - from.y_m, wrap(to.yaw_rad - from.yaw_rad));
+        let (dx, dy, turn) =
+            (to.x_m - from.x_m, to.y_m - from.y_m, wrap(to.yaw_rad - from.yaw_rad));
         Moment {
             position: [from.x_m + share * dx, from.y_m + share * dy],
             velocity: [dx / duration, dy / duration],
@@ -121,7 +134,8 @@ mod tests {
     }
 
     #[test]
-    fn time_that_does_not_grow_is_refused_with_its_line() -> Result<(), Box<dyn std::error::Error>> {
+    fn time_that_does_not_grow_is_refused_with_its_line() -> Result<(), Box<dyn std::error::Error>>
+    {
         let bad = file("time_s,x_m,y_m,yaw_rad\n0,0,0,0\n2,4,2,1\n2,5,2,1\n")?;
         let text = Points::read(bad.path()).map(drop).map_err(|e| e.to_string());
         assert!(text.is_err_and(|text| text.contains(":4: expected a time_s at least 0.000001 greater")));
@@ -137,7 +151,8 @@ mod tests {
     }
 
     #[test]
-    fn points_between_which_no_speed_is_finite_are_refused() -> Result<(), Box<dyn std::error::Error>> {
+    fn points_between_which_no_speed_is_finite_are_refused()
+    -> Result<(), Box<dyn std::error::Error>> {
         for row in ["1e-300,1,0,0", "1,1e308,0,0"] {
             let bad = file(&format!("time_s,x_m,y_m,yaw_rad\n0,0,0,0\n{row}\n"))?;
             assert!(Points::read(bad.path()).is_err(), "{row}");

@@ -55,7 +55,9 @@ pub(super) fn attend(
             control_thread.unpark();
         }
         let tally = snapshots.tally();
-        for (slot, count) in handover.snapshots.iter().zip([tally.received, tally.lost, tally.refused]) {
+        for (slot, count) in
+            handover.snapshots.iter().zip([tally.received, tally.lost, tally.refused])
+        {
             slot.store(count, Ordering::Relaxed);
         }
         while handover.returned.pop().is_some() {}
@@ -69,13 +71,22 @@ pub(super) fn attend(
 fn write_events(handover: &Handover) {
     while let Some(event) = handover.events.pop() {
         match event {
-            Event::Plant { epoch, controller_epoch } => tracing::info!(plant_epoch = epoch, controller_epoch, "answering a plant"),
+            Event::Plant { epoch, controller_epoch } => {
+                tracing::info!(plant_epoch = epoch, controller_epoch, "answering a plant");
+            }
             Event::Adopted { version, tick } => tracing::info!(version, tick, "model adopted"),
             Event::Rung { tick, rung, reason } => tracing::info!(tick, %rung, %reason, "rung"),
             Event::Sensors { tick, fault: Some(fault) } => tracing::warn!(tick, "{}", fault.text()),
-            Event::Sensors { tick, fault: None } => tracing::info!(tick, "the sensors are well again"),
-            Event::OutOfTime { tick, nanos } => tracing::warn!(tick, micros = nanos / 1000, "the optimiser was out of time"),
-            Event::Late { tick, nanos } => tracing::warn!(tick, micros = nanos / 1000, "period missed"),
+            Event::Sensors { tick, fault: None } => {
+                tracing::info!(tick, "the sensors are well again");
+            }
+            Event::Complaint { tick, complaint } => tracing::warn!(tick, "{complaint}"),
+            Event::OutOfTime { tick, nanos } => {
+                tracing::warn!(tick, micros = nanos / 1000, "the optimiser was out of time");
+            }
+            Event::Late { tick, nanos } => {
+                tracing::warn!(tick, micros = nanos / 1000, "period missed");
+            }
         }
     }
     let dropped = handover.events_dropped.swap(0, Ordering::Relaxed);

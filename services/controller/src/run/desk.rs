@@ -39,7 +39,11 @@ pub(super) struct Desk {
 
 impl Desk {
     pub(super) fn open(settings: &Settings) -> Self {
-        Self { inbox: Inbox::open(&settings.run, Participant::Controller), settings: settings.clone(), under_way: None }
+        Self {
+            inbox: Inbox::open(&settings.run, Participant::Controller),
+            settings: settings.clone(),
+            under_way: None,
+        }
     }
 
     /// Whether an answer is due as soon as the control thread has done its part.
@@ -57,7 +61,11 @@ impl Desk {
         let taken_at_tick = handover.tick.load(Ordering::Relaxed);
         match self.build(wish) {
             Ok((settings, tuned)) => {
-                self.under_way = Some(UnderWay { settings, taken_at_tick, ready_at_tick: handover.tick.load(Ordering::Relaxed) });
+                self.under_way = Some(UnderWay {
+                    settings,
+                    taken_at_tick,
+                    ready_at_tick: handover.tick.load(Ordering::Relaxed),
+                });
                 // The slot is free: nothing else is under way.
                 drop(handover.tuned.push(Box::new(tuned)));
             }
@@ -86,14 +94,22 @@ impl Desk {
 
     fn answer_exchanged(&mut self, handover: &Handover) {
         let Some(tuned) = handover.exchanged.pop() else { return };
-        let (Some(UnderWay { settings, taken_at_tick, ready_at_tick }), Some((plant_epoch, acts_from_tick))) =
-            (self.under_way.take(), tuned.since)
+        let (
+            Some(UnderWay { settings, taken_at_tick, ready_at_tick }),
+            Some((plant_epoch, acts_from_tick)),
+        ) = (self.under_way.take(), tuned.since)
         else {
             return;
         };
         self.settings = settings;
         // A plant that has begun anew meanwhile counts anew.
-        let [taken_at_tick, ready_at_tick] = [taken_at_tick, ready_at_tick].map(|tick| tick.min(acts_from_tick));
-        self.inbox.answer(Outcome::Applied { plant_epoch, taken_at_tick, ready_at_tick, acts_from_tick });
+        let [taken_at_tick, ready_at_tick] =
+            [taken_at_tick, ready_at_tick].map(|tick| tick.min(acts_from_tick));
+        self.inbox.answer(Outcome::Applied {
+            plant_epoch,
+            taken_at_tick,
+            ready_at_tick,
+            acts_from_tick,
+        });
     }
 }

@@ -24,7 +24,8 @@ fn above_the_last_epoch_there_is_none_to_claim() -> Result<(), Box<dyn Error>> {
     let (exchange, stop) = (Exchange::new(false, Duration::from_secs(1)), Stop::new());
     let mut states = Ports::in_memory(&exchange, Identity::new(7)).sink::<PlantState>()?;
     let ended = thread::scope(|scope| {
-        let controller = scope.spawn(|| run(&told(), |identity| Ok(Ports::in_memory(&exchange, identity)), &stop));
+        let controller = scope
+            .spawn(|| run(&told(), |identity| Ok(Ports::in_memory(&exchange, identity)), &stop));
         let mut state = PlantState::zeroed();
         state.controller_epoch = u64::MAX;
         while !controller.is_finished() {
@@ -39,10 +40,12 @@ fn above_the_last_epoch_there_is_none_to_claim() -> Result<(), Box<dyn Error>> {
 }
 
 #[test]
-fn in_lock_step_a_state_that_is_said_again_because_its_answer_was_lost_gets_the_same_bytes() -> Result<(), Box<dyn Error>> {
+fn in_lock_step_a_state_that_is_said_again_because_its_answer_was_lost_gets_the_same_bytes()
+-> Result<(), Box<dyn Error>> {
     let (exchange, stop) = (Exchange::new(true, Duration::from_secs(1)), Stop::new());
     let ports = Ports::in_memory(&exchange, Identity::new(7));
-    let (mut first, mut states) = (ports.source::<Command>(Since::First)?, ports.sink::<PlantState>()?);
+    let (mut first, mut states) =
+        (ports.source::<Command>(Since::First)?, ports.sink::<PlantState>()?);
     thread::scope(|scope| {
         let controller = scope.spawn(|| {
             let connect = |identity| Ok(Ports::in_memory(&exchange, identity));
@@ -58,10 +61,18 @@ fn in_lock_step_a_state_that_is_said_again_because_its_answer_was_lost_gets_the_
                 states.repeat(&state)?;
             }
             assert_eq!(heard(&mut second)?, answer);
-            assert_eq!((first.next()?, first.tally().lost), (None, 0), "who has heard it does not notice");
+            assert_eq!(
+                (first.next()?, first.tally().lost),
+                (None, 0),
+                "who has heard it does not notice"
+            );
             state.stamp.tick = 1;
             states.send(&mut state)?;
-            assert_eq!((heard(&mut second)?.stamp.tick, heard(&mut first)?.stamp.tick), (1, 1), "the clock goes on");
+            assert_eq!(
+                (heard(&mut second)?.stamp.tick, heard(&mut first)?.stamp.tick),
+                (1, 1),
+                "the clock goes on"
+            );
             Ok(())
         };
         let talked = talk();

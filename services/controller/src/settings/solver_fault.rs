@@ -63,15 +63,23 @@ impl SolverFaults {
     /// [`Impossible`] names the first setting that cannot be; faults count from 0.
     pub fn check(&self) -> Result<(), Impossible> {
         if i64::try_from(self.seed).is_err() {
-            return Err(Impossible::new("seed", "at most 9223372036854775807, the largest number of TOML"));
+            return Err(Impossible::new(
+                "seed",
+                "at most 9223372036854775807, the largest number of TOML",
+            ));
         }
         for (index, fault) in self.solver.iter().enumerate() {
-            let impossible = |key: &str, expected: String| Err(Impossible::new(format!("solver.{index}.{key}"), expected));
+            let impossible = |key: &str, expected: String| {
+                Err(Impossible::new(format!("solver.{index}.{key}"), expected))
+            };
             if !(fault.probability > 0.0 && fault.probability <= 1.0) {
                 return impossible("probability", "a number greater than 0 and at most 1".into());
             }
             if fault.until_tick.is_some_and(|until| until <= fault.from_tick) {
-                return impossible("until_tick", format!("a tick after from_tick = {}, or nothing", fault.from_tick));
+                return impossible(
+                    "until_tick",
+                    format!("a tick after from_tick = {}, or nothing", fault.from_tick),
+                );
             }
         }
         Ok(())
@@ -80,8 +88,11 @@ impl SolverFaults {
     /// What happens in `tick`, with random numbers of that tick; the same for the same seed, tick and place in the list. Does not allocate.
     pub fn strike(&self, tick: u64) -> Option<(SolverFaultKind, SplitMix64)> {
         self.solver.iter().zip(1_u64..).find_map(|(fault, place)| {
-            let within = tick >= fault.from_tick && fault.until_tick.is_none_or(|until| tick < until);
-            let mut random = within.then(|| SplitMix64::new(SplitMix64::new(self.seed ^ (place << 32)).bits() ^ tick))?;
+            let within =
+                tick >= fault.from_tick && fault.until_tick.is_none_or(|until| tick < until);
+            let mut random = within.then(|| {
+                SplitMix64::new(SplitMix64::new(self.seed ^ (place << 32)).bits() ^ tick)
+            })?;
             (random.uniform() < fault.probability).then_some((fault.kind, random))
         })
     }
@@ -96,9 +107,12 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_happens_in_its_ticks_as_often_as_it_was_asked_for_and_again_in_the_same_ones() -> Result<(), toml::de::Error> {
+    fn a_fault_happens_in_its_ticks_as_often_as_it_was_asked_for_and_again_in_the_same_ones()
+    -> Result<(), toml::de::Error> {
         let text = "seed = 3\n[[solver]]\nkind = \"out-of-iterations\"\nfrom_tick = 100\nuntil_tick = 1100\nprobability = 0.3\n";
-        let ticks = |faults: &SolverFaults| (0..2000).filter(|&tick| faults.strike(tick).is_some()).collect::<Vec<_>>();
+        let ticks = |faults: &SolverFaults| {
+            (0..2000).filter(|&tick| faults.strike(tick).is_some()).collect::<Vec<_>>()
+        };
         let struck = ticks(&told(text)?);
         assert!((250..350).contains(&struck.len()), "{}", struck.len());
         assert!(struck.iter().all(|tick| (100..1100).contains(tick)));

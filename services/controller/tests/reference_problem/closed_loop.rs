@@ -48,10 +48,15 @@ pub(crate) struct Figures {
 }
 
 /// Drives the problem with so many points of data and such a horizon. Peers linearise about what they expect.
-pub(crate) fn drive(points: usize, horizon: usize, linearise: Linearise) -> Result<Figures, Box<dyn Error>> {
+pub(crate) fn drive(
+    points: usize,
+    horizon: usize,
+    linearise: Linearise,
+) -> Result<Figures, Box<dyn Error>> {
     let (main, processes) = (problem::main_model(), Processes::new(points)?);
     let learned = (points > 0).then_some(&processes as &dyn Residual);
-    let belief = Belief { main: &main, learned, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief =
+        Belief { main: &main, learned, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
     let settings = MpcSettings { linearise, ..problem::settings(horizon) };
     let mut mpc = Mpc::formulated(Formulation::Plain, &settings, &problem::inputs(), &main)?;
     let reference = problem::reference(PERIODS + horizon + 2);
@@ -72,15 +77,25 @@ pub(crate) fn drive(points: usize, horizon: usize, linearise: Linearise) -> Resu
             return Err(format!("period {period}: {:?}", solved.outcome).into());
         }
         iterations_most = iterations_most.max(solved.outcome.iterations);
-        let linearised = Duration::from_nanos(solved.ahead.linearise_nanos + solved.since.linearise_nanos);
+        let linearised =
+            Duration::from_nanos(solved.ahead.linearise_nanos + solved.since.linearise_nanos);
         let solve = Duration::from_nanos(solved.ahead.solve_nanos + solved.since.solve_nanos);
-        for (times, time) in times.iter_mut().zip([end - begin, processes.take_time(), linearised, solve, end - comes]) {
+        for (times, time) in times.iter_mut().zip([
+            end - begin,
+            processes.take_time(),
+            linearised,
+            solve,
+            end - comes,
+        ]) {
             times.push(time);
         }
         let planned = mpc.stages().first().ok_or("a plan has stages")?.input;
-        input = std::array::from_fn(|axis| planned[axis].clamp(-problem::LARGEST_INPUT[axis], problem::LARGEST_INPUT[axis]));
+        input = std::array::from_fn(|axis| {
+            planned[axis].clamp(-problem::LARGEST_INPUT[axis], problem::LARGEST_INPUT[axis])
+        });
         usum += input.iter().map(|value| value.abs()).sum::<f64>();
-        squares += (state.pose[0] - points[0].pose[0]).powi(2) + (state.pose[1] - points[0].pose[1]).powi(2);
+        squares += (state.pose[0] - points[0].pose[0]).powi(2)
+            + (state.pose[1] - points[0].pose[1]).powi(2);
         state = problem::plant(&state, &input);
     }
     let [step, gp, linearised, qp, feedback] = times.each_ref().map(|times| Times::new(times));
@@ -107,7 +122,8 @@ struct Times(Vec<f64>);
 
 impl Times {
     fn new(times: &[Duration]) -> Self {
-        let mut micros: Vec<f64> = times.iter().skip(WARM_UP).map(|time| 1e6 * time.as_secs_f64()).collect();
+        let mut micros: Vec<f64> =
+            times.iter().skip(WARM_UP).map(|time| 1e6 * time.as_secs_f64()).collect();
         micros.sort_by(f64::total_cmp);
         Self(micros)
     }

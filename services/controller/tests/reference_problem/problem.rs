@@ -13,13 +13,15 @@ pub(crate) mod gp_data;
 
 use controller::mpc::constraint::InputLimits;
 use controller::reference::ReferencePoint;
-use controller::settings::{DelaySetting, Linearise, Method, MpcSettings, SolverSetting, StateLimits, Weights};
+use controller::settings::{
+    DelaySetting, Linearise, Method, MpcSettings, SolverSetting, StateLimits, Weights,
+};
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::posterior::{Posterior, PosteriorError};
 use model::learned::{Moment, Residual, Response};
 use model::main_model::MainModel;
-use model::robot::{Geometry, kinematics};
 use model::{State, Velocity};
+use robot::{Geometry, kinematics};
 use std::cell::Cell;
 use std::time::{Duration, Instant};
 
@@ -56,12 +58,17 @@ pub(crate) fn settings(horizon: usize) -> MpcSettings {
             input_change: 0.0,
             terminal_factor: 5.0,
         },
-        state_limits: StateLimits { speed_mps: Some(3.4), yaw_rate_radps: Some(1.2), ..StateLimits::default() },
+        state_limits: StateLimits {
+            speed_mps: Some(3.4),
+            yaw_rate_radps: Some(1.2),
+            ..StateLimits::default()
+        },
         observer_gain: 0.0,
         method: Method::Mpc,
         delay: DelaySetting::Ignored,
         linearise: Linearise::Expected,
         solver: SolverSetting::ActiveSet,
+        identify: false,
         no_harm: false,
         budget_share: 1.0,
     }
@@ -79,9 +86,16 @@ impl Processes {
     pub(crate) fn new(points: usize) -> Result<Self, PosteriorError> {
         let (inputs, targets) = gp_data::gp_data(points, 7);
         let hyperparameters = [(1.0, 1.0), (1.1, 1.2), (0.9, 0.8)].map(|(stretch, variance)| {
-            Hyperparameters::new([2.0, 2.0, 1.0, 2.5, 2.5, 1.2].map(|length| length * stretch), variance, 0.05 * 0.05)
+            Hyperparameters::new(
+                [2.0, 2.0, 1.0, 2.5, 2.5, 1.2].map(|length| length * stretch),
+                variance,
+                0.05 * 0.05,
+            )
         });
-        Ok(Self { posterior: Posterior::new(&inputs, &targets, &hyperparameters)?, asked: Cell::default() })
+        Ok(Self {
+            posterior: Posterior::new(&inputs, &targets, &hyperparameters)?,
+            asked: Cell::default(),
+        })
     }
 
     /// For how long they were asked since the last time.
@@ -103,9 +117,17 @@ impl Residual for Processes {
         let begin = Instant::now();
         let answer = self.posterior.mean_and_gradient(&inputs_of(at));
         self.asked.set(self.asked.get() + begin.elapsed());
-        let [by_velocity, by_input] =
-            [0, 3].map(|first| answer.gradient.map(|of_axis| std::array::from_fn(|column| PERIOD * of_axis[first + column])));
-        Response { mean: answer.mean.map(|acceleration| PERIOD * acceleration), by_velocity, by_input, ..Response::NONE }
+        let [by_velocity, by_input] = [0, 3].map(|first| {
+            answer
+                .gradient
+                .map(|of_axis| std::array::from_fn(|column| PERIOD * of_axis[first + column]))
+        });
+        Response {
+            mean: answer.mean.map(|acceleration| PERIOD * acceleration),
+            by_velocity,
+            by_input,
+            ..Response::NONE
+        }
     }
 }
 
@@ -117,16 +139,26 @@ pub(crate) fn plant(state: &State, input: &Velocity) -> State {
         let velocity = [x[3], x[4], x[5]];
         let missed = gp_data::residual(velocity, *input);
         let pose = [cos * x[3] - sin * x[4], sin * x[3] + cos * x[4], x[5]];
-        std::array::from_fn(|i| if i < 3 { pose[i] } else { (input[i - 3] - x[i]) / TIME_CONSTANT[i - 3] + missed[i - 3] })
+        std::array::from_fn(|i| {
+            if i < 3 {
+                pose[i]
+            } else {
+                (input[i - 3] - x[i]) / TIME_CONSTANT[i - 3] + missed[i - 3]
+            }
+        })
     };
     let (mut x, step) = (state.to_array(), PERIOD / f64::from(SLICES));
     for _ in 0..SLICES {
-        let along = |by: f64, slope: &[f64; 6]| -> [f64; 6] { std::array::from_fn(|i| x[i] + by * slope[i]) };
+        let along = |by: f64, slope: &[f64; 6]| -> [f64; 6] {
+            std::array::from_fn(|i| x[i] + by * slope[i])
+        };
         let first = slope(&x);
         let second = slope(&along(step / 2.0, &first));
         let third = slope(&along(step / 2.0, &second));
         let fourth = slope(&along(step, &third));
-        x = std::array::from_fn(|i| x[i] + step / 6.0 * (first[i] + 2.0 * second[i] + 2.0 * third[i] + fourth[i]));
+        x = std::array::from_fn(|i| {
+            x[i] + step / 6.0 * (first[i] + 2.0 * second[i] + 2.0 * third[i] + fourth[i])
+        });
     }
     State { pose: [x[0], x[1], x[2]], velocity: [x[3], x[4], x[5]], acted: *input }
 }
@@ -150,7 +182,11 @@ pub(crate) fn reference(periods: usize) -> Vec<ReferencePoint> {
             let fourth = along(x + step * third);
             x += step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth);
         }
-        ReferencePoint { pose, velocity: [REFERENCE_SPEED, 0.0, REFERENCE_SPEED * curvature], course: pose[2] }
+        ReferencePoint {
+            pose,
+            velocity: [REFERENCE_SPEED, 0.0, REFERENCE_SPEED * curvature],
+            course: pose[2],
+        }
     };
     (0..periods).map(|_| next()).collect()
 }

@@ -13,7 +13,10 @@
 
 use protocol::access::{AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role, changeable, valid_until};
 use protocol::port::is_graph_name;
-use rcgen::{BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair, KeyUsagePurpose, date_time_ymd};
+use rcgen::{
+    BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
+    KeyUsagePurpose, date_time_ymd,
+};
 use std::fs::{self, DirBuilder, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
@@ -61,7 +64,9 @@ pub enum IssueError {
         robot: String,
     },
     /// It cannot be a name or address.
-    #[error("--address {address:?}: expected a host's name or address, as 10.0.0.1 or robot.example, without a port")]
+    #[error(
+        "--address {address:?}: expected a host's name or address, as 10.0.0.1 or robot.example, without a port"
+    )]
     Address {
         /// What was said.
         address: String,
@@ -123,7 +128,10 @@ pub fn issue(authority: &Path, out: &Path, order: &Order) -> Result<Made, IssueE
         return Err(IssueError::Address { address: address.clone() });
     }
     if place_of(authority)?.starts_with(place_of(out)?) {
-        return Err(IssueError::Inside { authority: authority.to_path_buf(), out: out.to_path_buf() });
+        return Err(IssueError::Inside {
+            authority: authority.to_path_buf(),
+            out: out.to_path_buf(),
+        });
     }
     check_new(out)?;
     let new_authority = !authority.exists();
@@ -150,15 +158,21 @@ pub fn issue(authority: &Path, out: &Path, order: &Order) -> Result<Made, IssueE
 
 /// Where `path` leads, from `/` on and with no links as far as it is there already.
 fn place_of(path: &Path) -> Result<PathBuf, IssueError> {
-    let written = std::path::absolute(path).map_err(|source| IssueError::FileSystem { path: path.to_path_buf(), source })?;
-    let above = written.ancestors().find_map(|above| Some((above.canonicalize().ok()?, written.strip_prefix(above).ok()?)));
+    let written = std::path::absolute(path)
+        .map_err(|source| IssueError::FileSystem { path: path.to_path_buf(), source })?;
+    let above = written
+        .ancestors()
+        .find_map(|above| Some((above.canonicalize().ok()?, written.strip_prefix(above).ok()?)));
     Ok(above.map_or_else(|| written.clone(), |(real, rest)| real.join(rest)))
 }
 
 fn is_host(text: &str) -> bool {
     let allowed = |byte: u8| byte.is_ascii_alphanumeric() || b".-:".contains(&byte);
     let is_name = !text.contains(':') && !text.starts_with(['.', '-']) && text != "0.0.0.0";
-    !text.is_empty() && text.len() <= 253 && text.bytes().all(allowed) && (is_name || text.parse::<std::net::Ipv6Addr>().is_ok())
+    !text.is_empty()
+        && text.len() <= 253
+        && text.bytes().all(allowed)
+        && (is_name || text.parse::<std::net::Ipv6Addr>().is_ok())
 }
 
 fn addresses_of(role: Role, order: &Order) -> Vec<String> {
@@ -175,7 +189,12 @@ fn addresses_of(role: Role, order: &Order) -> Vec<String> {
 }
 
 /// Certificate and key of `role`, as PEM.
-fn sign(issuer: &Issuer<'_, KeyPair>, role: Role, addresses: &[String], order: &Order) -> Result<(String, String), IssueError> {
+fn sign(
+    issuer: &Issuer<'_, KeyPair>,
+    role: Role,
+    addresses: &[String],
+    order: &Order,
+) -> Result<(String, String), IssueError> {
     let mut params = CertificateParams::new(addresses.to_vec())?;
     params.distinguished_name = rcgen::DistinguishedName::new();
     params.distinguished_name.push(DnType::CommonName, role.subject(&order.robot));
@@ -213,25 +232,38 @@ fn make_authority(folder: &Path, from_s: i64) -> Result<(), IssueError> {
 }
 
 /// Whoever signs, and its certificate as PEM.
-fn authority_in(folder: &Path, order: &Order) -> Result<(Issuer<'static, KeyPair>, String), IssueError> {
+fn authority_in(
+    folder: &Path,
+    order: &Order,
+) -> Result<(Issuer<'static, KeyPair>, String), IssueError> {
     let failed = |reason: String| IssueError::Authority { authority: folder.to_path_buf(), reason };
     let (key_file, certificate_file) = (folder.join(KEY_FILE), folder.join(AUTHORITY_FILE));
-    let read = |path: &Path| fs::read_to_string(path).map_err(|source| failed(format!("{}: {source}", path.display())));
+    let read = |path: &Path| {
+        fs::read_to_string(path).map_err(|source| failed(format!("{}: {source}", path.display())))
+    };
     let (key, certificate) = (read(&key_file)?, read(&certificate_file)?);
     if fs::metadata(&key_file).is_ok_and(|found| found.mode() & GROUP_AND_OTHERS != 0) {
-        return Err(failed(format!("{} can be read by others than its owner: expected mode 0600", key_file.display())));
+        return Err(failed(format!(
+            "{} can be read by others than its owner: expected mode 0600",
+            key_file.display()
+        )));
     }
     // What others have put there nobody shall believe.
     for path in [folder, &key_file, &certificate_file] {
-        if let Some(found) = changeable(path).map_err(|error| failed(format!("{}: {error}", path.display())))? {
-            return Err(failed(format!("{found}: expected what is of this user or root and nobody else can write")));
+        if let Some(found) =
+            changeable(path).map_err(|error| failed(format!("{}: {error}", path.display())))?
+        {
+            return Err(failed(format!(
+                "{found}: expected what is of this user or root and nobody else can write"
+            )));
         }
     }
     let until_s = valid_until(certificate.as_bytes()).map_err(failed)?;
     if until_s < order.until_s {
         return Err(failed("it ends before what it shall sign; make another one".to_owned()));
     }
-    let key = KeyPair::from_pem(&key).map_err(|error| failed(format!("its key cannot be used: {error}")))?;
+    let key = KeyPair::from_pem(&key)
+        .map_err(|error| failed(format!("its key cannot be used: {error}")))?;
     Ok((Issuer::new(authority_params(), key), certificate))
 }
 
@@ -249,7 +281,10 @@ fn check_new(out: &Path) -> Result<(), IssueError> {
 }
 
 /// Makes `folder` by `fill`, which is given another one to begin with: it is there whole, or not at all.
-fn whole(folder: &Path, fill: impl FnOnce(&Path) -> Result<(), IssueError>) -> Result<(), IssueError> {
+fn whole(
+    folder: &Path,
+    fill: impl FnOnce(&Path) -> Result<(), IssueError>,
+) -> Result<(), IssueError> {
     let failed = |path: &Path| {
         let path = path.to_path_buf();
         move |source| IssueError::FileSystem { path, source }
@@ -270,12 +305,16 @@ fn whole(folder: &Path, fill: impl FnOnce(&Path) -> Result<(), IssueError>) -> R
 }
 
 fn make_folder(path: &Path) -> Result<(), IssueError> {
-    DirBuilder::new().mode(0o700).create(path).map_err(|source| IssueError::FileSystem { path: path.to_path_buf(), source })
+    DirBuilder::new()
+        .mode(0o700)
+        .create(path)
+        .map_err(|source| IssueError::FileSystem { path: path.to_path_buf(), source })
 }
 
 fn write(path: &Path, text: &str) -> Result<(), IssueError> {
     let failed = |source| IssueError::FileSystem { path: path.to_path_buf(), source };
-    let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path).map_err(failed)?;
+    let mut file =
+        OpenOptions::new().write(true).create_new(true).mode(0o600).open(path).map_err(failed)?;
     file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)
 }
 
@@ -286,38 +325,68 @@ mod tests {
     use std::error::Error;
 
     fn order() -> Order {
-        Order { robot: "mecanum".into(), addresses: vec!["10.0.0.1".into(), "robot.example".into()], from_s: 1_000, until_s: 2_000 }
+        Order {
+            robot: "mecanum".into(),
+            addresses: vec!["10.0.0.1".into(), "robot.example".into()],
+            from_s: 1_000,
+            until_s: 2_000,
+        }
     }
 
     #[test]
-    fn every_role_gets_a_certificate_that_says_who_where_and_until_when() -> Result<(), Box<dyn Error>> {
+    fn every_role_gets_a_certificate_that_says_who_where_and_until_when()
+    -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
         let (authority, out) = (folder.path().join("a"), folder.path().join("deep/out"));
         assert!(issue(&authority, &out, &order())?.new_authority);
         for role in Role::ALL {
             let credentials = Credentials::in_folder(out.join(role.name()));
             let said = credentials.check(role, 1_500)?;
-            assert_eq!((said.role, said.robot.as_str(), said.from_s, said.until_s), (role, "mecanum", 1_000, 2_000));
-            assert!(["10.0.0.1", "robot.example", "127.0.0.1", "localhost"].into_iter().all(|host| said.covers(host) == role.serves()));
+            assert_eq!(
+                (said.role, said.robot.as_str(), said.from_s, said.until_s),
+                (role, "mecanum", 1_000, 2_000)
+            );
+            assert!(
+                ["10.0.0.1", "robot.example", "127.0.0.1", "localhost"]
+                    .into_iter()
+                    .all(|host| said.covers(host) == role.serves())
+            );
             for (now_s, told) in [(2_000, "expired since 0.0 h"), (999, "valid only in 0.0 h")] {
-                assert!(credentials.check(role, now_s).is_err_and(|error| error.to_string().contains(told)), "{now_s}");
+                assert!(
+                    credentials
+                        .check(role, now_s)
+                        .is_err_and(|error| error.to_string().contains(told)),
+                    "{now_s}"
+                );
             }
         }
         let wrong = Credentials::in_folder(out.join("watcher")).check(Role::Controller, 1_500);
-        assert!(wrong.is_err_and(|error| error.to_string().contains("for the role watcher, expected one for controller")));
+        assert!(wrong.is_err_and(|error| {
+            error.to_string().contains("for the role watcher, expected one for controller")
+        }));
         Ok(())
     }
 
     #[test]
-    fn keys_are_their_owners_alone_and_are_refused_when_they_are_not() -> Result<(), Box<dyn Error>> {
+    fn keys_are_their_owners_alone_and_are_refused_when_they_are_not() -> Result<(), Box<dyn Error>>
+    {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir()?;
         let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
         issue(&authority, &out, &order())?;
-        for path in [authority.clone(), out.clone(), out.join("robot"), authority.join(KEY_FILE), out.join("robot").join(KEY_FILE)] {
+        for path in [
+            authority.clone(),
+            out.clone(),
+            out.join("robot"),
+            authority.join(KEY_FILE),
+            out.join("robot").join(KEY_FILE),
+        ] {
             assert_eq!(fs::metadata(&path)?.mode() & GROUP_AND_OTHERS, 0, "{}", path.display());
         }
-        assert!(!out.join("authority").exists() && !out.join(KEY_FILE).exists(), "the authority's key does not travel");
+        assert!(
+            !out.join("authority").exists() && !out.join(KEY_FILE).exists(),
+            "the authority's key does not travel"
+        );
         fs::set_permissions(out.join("robot").join(KEY_FILE), fs::Permissions::from_mode(0o640))?;
         let read = Credentials::in_folder(out.join("robot")).read();
         assert!(read.is_err_and(|error| error.to_string().contains("expected mode 0600")));
@@ -345,31 +414,53 @@ mod tests {
         ] {
             set(&path, open)?;
             let said = robot.read().err().map_or_else(String::new, |error| error.to_string());
-            let expected = format!("{} has mode {open:o}: expected what is of this user or root and nobody else can write", path.display());
+            let expected = format!(
+                "{} has mode {open:o}: expected what is of this user or root and nobody else can write",
+                path.display()
+            );
             assert!(said.starts_with(&expected), "{said}");
             set(&path, closed)?;
             robot.read()?;
         }
         set(folder.path(), 0o777)?;
         let refused = robot.read().err().map_or_else(String::new, |error| error.to_string());
-        assert!(refused.contains("expected to lie where others cannot replace it, but ") && refused.ends_with("has mode 777"), "{refused}");
+        assert!(
+            refused.contains("expected to lie where others cannot replace it, but ")
+                && refused.ends_with("has mode 777"),
+            "{refused}"
+        );
         set(&authority, 0o777)?;
-        let refused = issue(&authority, &folder.path().join("more"), &order()).err().map_or_else(String::new, |error| error.to_string());
-        assert!(refused.contains("has mode 777: expected what is of this user or root"), "{refused}");
+        let refused = issue(&authority, &folder.path().join("more"), &order())
+            .err()
+            .map_or_else(String::new, |error| error.to_string());
+        assert!(
+            refused.contains("has mode 777: expected what is of this user or root"),
+            "{refused}"
+        );
         Ok(())
     }
 
     #[test]
-    fn an_authority_in_the_certificates_is_refused_however_it_is_written() -> Result<(), Box<dyn Error>> {
+    fn an_authority_in_the_certificates_is_refused_however_it_is_written()
+    -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
         let out = folder.path().canonicalize()?.join("out");
         let up: PathBuf = std::env::current_dir()?.components().skip(1).map(|_| "..").collect();
         let relative = up.join(out.strip_prefix("/")?);
         let link = folder.path().join("link");
         std::os::unix::fs::symlink(folder.path(), &link)?;
-        for (authority, out) in [(out.join("a"), relative.clone()), (relative.join("a"), out.clone()), (link.join("out/a"), out.clone())] {
+        for (authority, out) in [
+            (out.join("a"), relative.clone()),
+            (relative.join("a"), out.clone()),
+            (link.join("out/a"), out.clone()),
+        ] {
             let refused = issue(&authority, &out, &order());
-            assert!(matches!(refused, Err(IssueError::Inside { .. })), "{} in {}", authority.display(), out.display());
+            assert!(
+                matches!(refused, Err(IssueError::Inside { .. })),
+                "{} in {}",
+                authority.display(),
+                out.display()
+            );
         }
         assert!(!out.exists());
         issue(&up.join(link.strip_prefix("/")?).join("a"), &relative, &order())?;
@@ -385,10 +476,14 @@ mod tests {
         let next = folder.path().join("next");
         let later = Order { from_s: 1_800, until_s: 9_000, ..order() };
         assert!(!issue(&authority, &next, &later)?.new_authority);
-        let authorities = [&out, &next].map(|out| fs::read(out.join("learner").join(AUTHORITY_FILE)));
+        let authorities =
+            [&out, &next].map(|out| fs::read(out.join("learner").join(AUTHORITY_FILE)));
         assert_eq!(authorities[0].as_ref().ok(), authorities[1].as_ref().ok());
         let late = Order { until_s: 1_000 + AUTHORITY_VALID_S + 1, ..order() };
-        assert!(matches!(issue(&authority, &folder.path().join("late"), &late), Err(IssueError::Authority { .. })));
+        assert!(matches!(
+            issue(&authority, &folder.path().join("late"), &late),
+            Err(IssueError::Authority { .. })
+        ));
         Ok(())
     }
 
@@ -397,13 +492,20 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
         for robot in ["", "A", "a b", "a.b", "*"] {
-            assert!(matches!(issue(&authority, &out, &Order { robot: robot.into(), ..order() }), Err(IssueError::Robot { .. })));
+            assert!(matches!(
+                issue(&authority, &out, &Order { robot: robot.into(), ..order() }),
+                Err(IssueError::Robot { .. })
+            ));
         }
         for address in ["", "10.0.0.1:7447", "tcp/10.0.0.1", "a b", "0.0.0.0", "*", "-x"] {
-            let refused = issue(&authority, &out, &Order { addresses: vec![address.into()], ..order() });
+            let refused =
+                issue(&authority, &out, &Order { addresses: vec![address.into()], ..order() });
             assert!(matches!(refused, Err(IssueError::Address { .. })), "{address}");
         }
-        assert!(matches!(issue(&out.join("authority"), &out, &order()), Err(IssueError::Inside { .. })));
+        assert!(matches!(
+            issue(&out.join("authority"), &out, &order()),
+            Err(IssueError::Inside { .. })
+        ));
         assert_eq!(fs::read_dir(folder.path())?.count(), 0);
         Ok(())
     }

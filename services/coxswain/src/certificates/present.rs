@@ -3,7 +3,9 @@
 use super::{told, unix_s};
 use crate::graph::Graph;
 use crate::role::START_ORDER;
-use protocol::access::{AUTHORITY_FILE, AccessError, Certificate, Credentials, Role, host_in, is_any};
+use protocol::access::{
+    AUTHORITY_FILE, AccessError, Certificate, Credentials, Role, host_in, is_any,
+};
 use protocol::message::Participant;
 use protocol::port::Carrier;
 use serde::{Deserialize, Serialize};
@@ -81,7 +83,8 @@ impl Certificates {
             // Only what the gateway shows leaves the machine.
             started.filter(|&role| role == Participant::Gateway).map(Role::from).collect()
         };
-        let mut certificates = Self { folder: folder.to_path_buf(), host, robot: String::new(), until_s: i64::MAX };
+        let mut certificates =
+            Self { folder: folder.to_path_buf(), host, robot: String::new(), until_s: i64::MAX };
         let mut first: Option<(Role, Vec<u8>)> = None;
         for role in needed {
             let credentials = certificates.of(role);
@@ -100,9 +103,15 @@ impl Certificates {
                     first = Some((role, authority));
                 }
                 Some((host, _)) if said.robot != certificates.robot => {
-                    return Err(mixed(*host, &format!("robot {}", said.robot), &format!("robot {}", certificates.robot)));
+                    return Err(mixed(
+                        *host,
+                        &format!("robot {}", said.robot),
+                        &format!("robot {}", certificates.robot),
+                    ));
                 }
-                Some((host, other)) if *other != authority => return Err(mixed(*host, "one authority", "another")),
+                Some((host, other)) if *other != authority => {
+                    return Err(mixed(*host, "one authority", "another"));
+                }
                 Some(_) => {}
             }
             certificates.until_s = certificates.until_s.min(said.until_s);
@@ -139,7 +148,12 @@ impl Certificates {
 impl std::fmt::Display for Certificates {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { folder, robot, until_s, .. } = self;
-        write!(f, "certificates of robot {robot} in {}, valid until {}", folder.display(), told(*until_s))
+        write!(
+            f,
+            "certificates of robot {robot} in {}, valid until {}",
+            folder.display(),
+            told(*until_s)
+        )
     }
 }
 
@@ -149,7 +163,11 @@ fn host_of(graph: &Graph) -> Role {
 }
 
 /// Fails unless whoever shows the certificate may be connected to at each of `endpoints`.
-fn covers(certificate: &Certificate, key: &'static str, endpoints: &[String]) -> Result<(), PresentError> {
+fn covers(
+    certificate: &Certificate,
+    key: &'static str,
+    endpoints: &[String],
+) -> Result<(), PresentError> {
     for endpoint in endpoints {
         let host = host_in(endpoint);
         // Whoever connects there has another name for it, which is not known here.

@@ -55,7 +55,13 @@ pub struct Desk {
 impl Desk {
     /// The live picture, followed.
     pub fn new(picture: Picture) -> Self {
-        Self { live: picture, held: None, help: false, map: MapWindow::Follow { across_m: ACROSS_M }, across_m: ACROSS_M }
+        Self {
+            live: picture,
+            held: None,
+            help: false,
+            map: MapWindow::Follow { across_m: ACROSS_M },
+            across_m: ACROSS_M,
+        }
     }
 
     /// The picture that grows.
@@ -146,11 +152,20 @@ mod tests {
         let mut desk = Desk::new(Picture::new(""));
         let now = Instant::now();
         assert_eq!(desk.press(KeyEvent::new(KeyCode::Esc, KeyModifiers::NONE), now), Wish::Quit);
-        assert_eq!(desk.press(KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL), now), Wish::Quit);
+        assert_eq!(
+            desk.press(KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL), now),
+            Wish::Quit
+        );
         assert_eq!(press(&mut desk, "q"), Wish::Quit);
         assert_eq!(press(&mut desk, "c"), Wish::Watch);
         assert_eq!(press(&mut desk, " ?h+-f0x1"), Wish::Watch);
-        assert_eq!(desk.press(KeyEvent::new_with_kind(KeyCode::Esc, KeyModifiers::NONE, KeyEventKind::Release), now), Wish::Watch);
+        assert_eq!(
+            desk.press(
+                KeyEvent::new_with_kind(KeyCode::Esc, KeyModifiers::NONE, KeyEventKind::Release),
+                now
+            ),
+            Wish::Watch
+        );
     }
 
     #[test]
@@ -160,8 +175,12 @@ mod tests {
         desk.live().hear(specimen::state(1), begin);
         desk.press(KeyEvent::new(KeyCode::Char(' '), KeyModifiers::NONE), begin);
         desk.live().hear(specimen::state(2), begin);
-        let tick = |desk: &Desk| desk.shown(Instant::now()).0.state.as_ref().map(|state| state.stamp.tick);
-        assert_eq!((desk.is_held(), tick(&desk), desk.shown(Instant::now()).1), (true, Some(1), begin));
+        let tick =
+            |desk: &Desk| desk.shown(Instant::now()).0.state.as_ref().map(|state| state.stamp.tick);
+        assert_eq!(
+            (desk.is_held(), tick(&desk), desk.shown(Instant::now()).1),
+            (true, Some(1), begin)
+        );
         press(&mut desk, " ");
         assert_eq!((desk.is_held(), tick(&desk)), (false, Some(2)));
     }

@@ -21,7 +21,11 @@ pub(super) struct Ear {
 
 impl Ear {
     /// Passes on what `watcher` hears, and reaches out again where it hears nobody any more.
-    pub(super) fn listen(telescope: Telescope, watcher: Watcher, events: SyncSender<Event>) -> Self {
+    pub(super) fn listen(
+        telescope: Telescope,
+        watcher: Watcher,
+        events: SyncSender<Event>,
+    ) -> Self {
         let done = Stop::new();
         let thread = thread::spawn({
             let done = done.clone();

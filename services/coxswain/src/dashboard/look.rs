@@ -19,7 +19,11 @@ pub enum Look {
 impl Look {
     /// As the environment asks for.
     pub fn of_environment() -> Self {
-        if env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty()) { Self::Plain } else { Self::Coloured }
+        if env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty()) {
+            Self::Plain
+        } else {
+            Self::Coloured
+        }
     }
 
     /// `colour`, or the terminal's own.

@@ -40,7 +40,9 @@ struct Scene<'a> {
 
 /// Draws what is to be shown at `now`.
 pub fn draw(frame: &mut Frame<'_>, desk: &Desk, look: Look, now: Instant) {
-    let [top, body, bottom] = Layout::vertical([Constraint::Length(1), Constraint::Fill(1), Constraint::Length(1)]).areas(frame.area());
+    let [top, body, bottom] =
+        Layout::vertical([Constraint::Length(1), Constraint::Fill(1), Constraint::Length(1)])
+            .areas(frame.area());
     let (picture, shown_at) = desk.shown(now);
     let scene = Scene { picture, look, now: shown_at };
     match (frame.area().width, frame.area().height) {
@@ -60,11 +62,13 @@ pub fn draw(frame: &mut Frame<'_>, desk: &Desk, look: Look, now: Instant) {
 }
 
 fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, desk: &Desk) {
-    let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Length(36)]).areas(area);
+    let [left, right] =
+        Layout::horizontal([Constraint::Fill(1), Constraint::Length(36)]).areas(area);
     let [map, tracking] = Layout::vertical([Constraint::Fill(3), Constraint::Fill(2)]).areas(left);
     map::draw(frame, map, scene, desk.map());
     tracking::draw(frame, tracking, scene);
-    let heights = [controller::SMALL_ROWS, one_step::SMALL_ROWS, processes::SMALL_ROWS].map(Constraint::Length);
+    let heights = [controller::SMALL_ROWS, one_step::SMALL_ROWS, processes::SMALL_ROWS]
+        .map(Constraint::Length);
     let [controller, one_step, processes, losses] =
         Layout::vertical([heights[0], heights[1], heights[2], Constraint::Fill(1)]).areas(right);
     controller::draw(frame, controller, scene);
@@ -75,7 +79,9 @@ fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, desk: &Desk) 
 
 fn draw_large(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, desk: &Desk) {
     let [left, right] = Layout::horizontal([Constraint::Fill(3), Constraint::Fill(2)]).areas(area);
-    let [map, tracking, one_step] = Layout::vertical([Constraint::Fill(3), Constraint::Fill(1), Constraint::Fill(1)]).areas(left);
+    let [map, tracking, one_step] =
+        Layout::vertical([Constraint::Fill(3), Constraint::Fill(1), Constraint::Fill(1)])
+            .areas(left);
     map::draw(frame, map, scene, desk.map());
     tracking::draw(frame, tracking, scene);
     one_step::draw_curves(frame, one_step, scene);

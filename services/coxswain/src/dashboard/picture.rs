@@ -132,7 +132,9 @@ impl Picture {
 
     /// Lets time pass: who has been silent for too long is lost.
     pub fn look(&mut self, now: Instant) {
-        if !self.lost && self.heard.is_some_and(|heard| now.saturating_duration_since(heard) > self.silence) {
+        if !self.lost
+            && self.heard.is_some_and(|heard| now.saturating_duration_since(heard) > self.silence)
+        {
             self.lost = true;
             self.note("lost: no word from the robot".to_owned());
         }
@@ -143,14 +145,22 @@ impl Picture {
         match self.heard {
             None => Contact::Awaited,
             Some(heard) if self.lost => Contact::Lost(now.saturating_duration_since(heard)),
-            Some(_) if self.back.is_some_and(|back| now.saturating_duration_since(back) < WELCOME) => Contact::Back,
+            Some(_)
+                if self.back.is_some_and(|back| now.saturating_duration_since(back) < WELCOME) =>
+            {
+                Contact::Back
+            }
             Some(_) => Contact::Live,
         }
     }
 
     /// The most that strangers can do, of all that the processes have told.
     pub fn exposure(&self) -> Exposure {
-        self.processes.values().map(|process| process.health.exposure()).max().unwrap_or(Exposure::Closed)
+        self.processes
+            .values()
+            .map(|process| process.health.exposure())
+            .max()
+            .unwrap_or(Exposure::Closed)
     }
 
     /// Time of the run \[s\].
@@ -180,10 +190,17 @@ impl Picture {
     /// What was lost of a topic.
     pub fn losses_of(&self, topic: Topic) -> Losses {
         let sum = |count: &dyn Fn(&Health) -> [u64; protocol::topic::TOPIC_COUNT]| {
-            let of_topic = self.processes.values().filter_map(|process| count(&process.health).get(topic.index()).copied());
+            let of_topic = self
+                .processes
+                .values()
+                .filter_map(|process| count(&process.health).get(topic.index()).copied());
             of_topic.fold(0, u64::saturating_add)
         };
-        Losses { lost: sum(&|health| health.lost), refused: sum(&|health| health.refused), dropped: sum(&|health| health.dropped) }
+        Losses {
+            lost: sum(&|health| health.lost),
+            refused: sum(&|health| health.refused),
+            dropped: sum(&|health| health.dropped),
+        }
     }
 
     fn seconds_of(&self, tick: u64) -> f64 {
@@ -237,9 +254,13 @@ impl Picture {
 
     fn hear_health(&mut self, health: Box<Health>, now: Instant) {
         let Some(who) = health.participant() else { return };
-        let (phase, error, epoch) = (health.phase(), health.last_error().to_owned(), health.stamp.epoch);
+        let (phase, error, epoch) =
+            (health.phase(), health.last_error().to_owned(), health.stamp.epoch);
         let writer = health.stamp.writer;
-        let before = self.processes.insert(who, Process { health, heard: now }).map(|process| process.health);
+        let before = self
+            .processes
+            .insert(who, Process { health, heard: now })
+            .map(|process| process.health);
         let started = before.as_ref().is_some_and(|before| before.stamp.writer != writer);
         if started {
             self.note(format!("{who} has started anew, epoch {epoch}"));
@@ -302,7 +323,10 @@ mod tests {
         picture.look(at(begin, 12_000));
         assert_eq!(picture.contact(at(begin, 12_500)), Contact::Lost(Duration::from_millis(2500)));
         picture.hear(specimen::health(Participant::Gateway), at(begin, 12_600));
-        assert!(matches!(picture.contact(at(begin, 12_600)), Contact::Lost(_)), "a process is not the robot");
+        assert!(
+            matches!(picture.contact(at(begin, 12_600)), Contact::Lost(_)),
+            "a process is not the robot"
+        );
         picture.hear(specimen::state(2), at(begin, 13_000));
         assert_eq!(picture.contact(at(begin, 13_100)), Contact::Back);
         assert_eq!(picture.contact(at(begin, 19_000)), Contact::Live);
@@ -330,7 +354,8 @@ mod tests {
     }
 
     #[test]
-    fn errors_before_and_after_learning_are_averaged_over_the_recent_past() -> Result<(), &'static str> {
+    fn errors_before_and_after_learning_are_averaged_over_the_recent_past()
+    -> Result<(), &'static str> {
         let mut picture = Picture::new("");
         picture.period_nanos = 100_000_000;
         assert_eq!(picture.recent_one_step(), None);
@@ -355,14 +380,24 @@ mod tests {
             (state.stamp.epoch, state.stamp.writer) = (2, 99);
         }
         picture.hear(first, begin);
-        assert_eq!((picture.path.all().count(), picture.error.all().count(), picture.plan.is_none()), (1, 0, true));
-        assert!(picture.events.iter().any(|(_, what)| what == "plant has started anew, epoch 2"), "{:?}", picture.events);
+        assert_eq!(
+            (picture.path.all().count(), picture.error.all().count(), picture.plan.is_none()),
+            (1, 0, true)
+        );
+        assert!(
+            picture.events.iter().any(|(_, what)| what == "plant has started anew, epoch 2"),
+            "{:?}",
+            picture.events
+        );
     }
 
     #[test]
     fn losses_are_summed_over_the_processes() {
         let picture = specimen::picture(Instant::now());
-        assert_eq!(picture.losses_of(Topic::State), Losses { lost: 2 * specimen::LOST, refused: 0, dropped: 0 });
+        assert_eq!(
+            picture.losses_of(Topic::State),
+            Losses { lost: 2 * specimen::LOST, refused: 0, dropped: 0 }
+        );
         assert_eq!(picture.losses_of(Topic::Plan), Losses::default());
     }
 
@@ -370,13 +405,18 @@ mod tests {
     fn numbers_that_are_none_reach_no_chart() {
         let (mut state, mut plan) = (specimen::state(1), specimen::plan(1));
         if let (Heard::State(state), Heard::Plan(plan)) = (&mut state.said, &mut plan.said) {
-            (state.pose[0], plan.predicted[0][0], plan.reference[0][1], plan.residual[2]) = (f64::NAN, f64::NAN, f64::INFINITY, f64::NAN);
+            (state.pose[0], plan.predicted[0][0], plan.reference[0][1], plan.residual[2]) =
+                (f64::NAN, f64::NAN, f64::INFINITY, f64::NAN);
         }
         let mut picture = Picture::new("");
         picture.hear(state, Instant::now());
         picture.hear(plan, Instant::now());
-        let points =
-            [picture.path.all().count(), picture.reference.all().count(), picture.error.all().count(), picture.one_step.all().count()];
+        let points = [
+            picture.path.all().count(),
+            picture.reference.all().count(),
+            picture.error.all().count(),
+            picture.one_step.all().count(),
+        ];
         assert_eq!(points, [0; 4]);
     }
 }

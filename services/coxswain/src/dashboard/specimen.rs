@@ -29,16 +29,20 @@ fn pose(tick: u64) -> [f64; 3] {
 
 pub(crate) fn state(tick: u64) -> Word {
     let mut state: PlantState = bytemuck::Zeroable::zeroed();
-    (state.stamp.tick, state.stamp.epoch, state.rung, state.pose) = (tick, 1, Rung::FreshPlan.code(), pose(tick));
+    (state.stamp.tick, state.stamp.epoch, state.rung, state.pose) =
+        (tick, 1, Rung::FreshPlan.code(), pose(tick));
     word(Heard::State(Box::new(state)))
 }
 
 pub(crate) fn plan(tick: u64) -> Word {
     let mut plan: Box<Plan> = Box::new(bytemuck::Zeroable::zeroed());
-    (plan.stamp.tick, plan.plant_epoch, plan.horizon, plan.rung) = (tick, 1, 10, Rung::FreshPlan.code());
+    (plan.stamp.tick, plan.plant_epoch, plan.horizon, plan.rung) =
+        (tick, 1, 10, Rung::FreshPlan.code());
     (plan.tick_nanos, plan.model_version, plan.learned_axes, plan.status) = (412_300, 7, 7, 1);
     (plan.residual, plan.innovation) = (RESIDUAL, INNOVATION);
-    for (ahead, (predicted, reference)) in plan.predicted.iter_mut().zip(&mut plan.reference).enumerate() {
+    for (ahead, (predicted, reference)) in
+        plan.predicted.iter_mut().zip(&mut plan.reference).enumerate()
+    {
         let [x, y, yaw] = pose(tick + ahead as u64);
         *reference = [x, y, yaw, 1.0, 0.0, 0.5];
         *predicted = [x, y + 0.0321, yaw, 1.0, 0.0, 0.5];
@@ -48,7 +52,8 @@ pub(crate) fn plan(tick: u64) -> Word {
 
 pub(crate) fn health(who: Participant) -> Word {
     let mut health: Box<Health> = Box::new(bytemuck::Zeroable::zeroed());
-    (health.participant, health.phase, health.pid) = (who.code(), Phase::Running.code(), 4000 + who.code());
+    (health.participant, health.phase, health.pid) =
+        (who.code(), Phase::Running.code(), 4000 + who.code());
     (health.stamp.epoch, health.deadlines_met, health.model_version) = (1, 1234, 7);
     if matches!(who, Participant::Controller | Participant::Recorder) {
         health.lost[Topic::State.index()] = LOST;

@@ -7,7 +7,9 @@ use std::fmt::Write;
 use std::ops::Range;
 
 /// A graph of the drill.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Carrier {
     /// Every link over shared memory.
@@ -172,7 +174,9 @@ const EARLY_S: f64 = 0.3;
 
 /// SIGKILL, swept over the phase of the period, and every fifth time once more: swept over the time in which the successor starts.
 fn kills(extent: Extent, all: &mut Vec<Exercise>) {
-    for (participant, every_s) in [(Controller, 0.9), (Plant, 1.3), (Learner, 2.5), (Recorder, 1.0), (Gateway, 1.0)] {
+    for (participant, every_s) in
+        [(Controller, 0.9), (Plant, 1.3), (Learner, 2.5), (Recorder, 1.0), (Gateway, 1.0)]
+    {
         let (quick, whole) = (if participant == Learner { 3 } else { 6 }, 210_u32);
         for carrier in [Carrier::SharedMemory, Carrier::Network] {
             if extent == Extent::Quick && carrier == Carrier::Network && !needed(participant) {
@@ -183,11 +187,30 @@ fn kills(extent: Extent, all: &mut Vec<Exercise>) {
             let mut faults = process("kill", participant, 1.5, every_s, regular, "");
             if early > 0 {
                 let step = EARLY_S / f64::from(early);
-                faults += &process("kill", participant, 1.5 + 0.5 * step, 5.0 * every_s + step, early, "");
+                faults += &process(
+                    "kill",
+                    participant,
+                    1.5 + 0.5 * step,
+                    5.0 * every_s + step,
+                    early,
+                    "",
+                );
             }
-            let duration_s = 1.5 + f64::from(regular) * every_s + if participant == Learner { 4.0 } else { 2.0 };
-            let launch = Launch { duration_s, faults, restarts: Some(participant), undisturbed: !needed(participant), ..Launch::default() };
-            all.push(Exercise { fault: "kill", target: participant.text(), carrier, task: Task::Launch(launch) });
+            let duration_s =
+                1.5 + f64::from(regular) * every_s + if participant == Learner { 4.0 } else { 2.0 };
+            let launch = Launch {
+                duration_s,
+                faults,
+                restarts: Some(participant),
+                undisturbed: !needed(participant),
+                ..Launch::default()
+            };
+            all.push(Exercise {
+                fault: "kill",
+                target: participant.text(),
+                carrier,
+                task: Task::Launch(launch),
+            });
         }
     }
 }
@@ -203,12 +226,20 @@ fn stops(extent: Extent, all: &mut Vec<Exercise>) {
             if carrier == Carrier::Network && extent == Extent::Quick {
                 continue;
             }
-            let millis: &[u64] = extent.pick(&[20, 60, 1000], &[20, 40, 60, 100, 200, 350, 500, 1000, 4000, 10_000]);
+            let millis: &[u64] =
+                extent.pick(&[20, 60, 1000], &[20, 40, 60, 100, 200, 350, 500, 1000, 4000, 10_000]);
             let (mut faults, mut at) = (String::new(), 1.5);
             for millis in millis {
                 let rounds = extent.pick(1, 3);
                 let every = *millis as f64 * 1e-3 + 2.0;
-                faults += &process("stop", participant, at, every, rounds, &format!("millis = {millis}\n"));
+                faults += &process(
+                    "stop",
+                    participant,
+                    at,
+                    every,
+                    rounds,
+                    &format!("millis = {millis}\n"),
+                );
                 at += f64::from(rounds) * every;
             }
             let launch = Launch {
@@ -218,7 +249,12 @@ fn stops(extent: Extent, all: &mut Vec<Exercise>) {
                 restarts: Some(participant),
                 ..Launch::default()
             };
-            all.push(Exercise { fault: "stop", target: participant.text(), carrier, task: Task::Launch(launch) });
+            all.push(Exercise {
+                fault: "stop",
+                target: participant.text(),
+                carrier,
+                task: Task::Launch(launch),
+            });
         }
     }
 }
@@ -228,25 +264,70 @@ fn shared_fates(extent: Extent) -> Vec<Exercise> {
     let of = |fault, target, carrier, task| Exercise { fault, target, carrier, task };
     let mut all = vec![
         of("kill all", "everybody", Carrier::SharedMemory, Task::KillAll(extent.pick(3, 100))),
-        of("two controllers", "greater epoch", Carrier::SharedMemory, Task::Rivals(Rivalry::GreaterEpoch, extent.pick(3, 50))),
-        of("two controllers", "equal epochs", Carrier::SharedMemory, Task::Rivals(Rivalry::EqualEpochs, extent.pick(2, 20))),
-        of("two controllers", "old epoch", Carrier::SharedMemory, Task::Rivals(Rivalry::OldEpoch, extent.pick(3, 50))),
-        of("two launchers", "one folder", Carrier::SharedMemory, Task::Compete(Prize::Folder, extent.pick(2, 20))),
-        of("two launchers", "one address", Carrier::Network, Task::Compete(Prize::Address, extent.pick(2, 20))),
+        of(
+            "two controllers",
+            "greater epoch",
+            Carrier::SharedMemory,
+            Task::Rivals(Rivalry::GreaterEpoch, extent.pick(3, 50)),
+        ),
+        of(
+            "two controllers",
+            "equal epochs",
+            Carrier::SharedMemory,
+            Task::Rivals(Rivalry::EqualEpochs, extent.pick(2, 20)),
+        ),
+        of(
+            "two controllers",
+            "old epoch",
+            Carrier::SharedMemory,
+            Task::Rivals(Rivalry::OldEpoch, extent.pick(3, 50)),
+        ),
+        of(
+            "two launchers",
+            "one folder",
+            Carrier::SharedMemory,
+            Task::Compete(Prize::Folder, extent.pick(2, 20)),
+        ),
+        of(
+            "two launchers",
+            "one address",
+            Carrier::Network,
+            Task::Compete(Prize::Address, extent.pick(2, 20)),
+        ),
         of("two launchers", "side by side", Carrier::SharedMemory, Task::SideBySide),
-        of("partition", "cable", Carrier::Network, Task::Partition(extent.pick(vec![1000], partitions()))),
+        of(
+            "partition",
+            "cable",
+            Carrier::Network,
+            Task::Partition(extent.pick(vec![1000], partitions())),
+        ),
         of(
             "shared memory",
             "launch",
             Carrier::SharedMemory,
             Task::LittleSharedMemory(extent.pick(vec![4, 64], (2..34).step_by(2).collect())),
         ),
-        of("damaged bytes", "all readers", Carrier::None, Task::Damaged(extent.pick(100_000, 1_000_000))),
+        of(
+            "damaged bytes",
+            "all readers",
+            Carrier::None,
+            Task::Damaged(extent.pick(100_000, 1_000_000)),
+        ),
     ];
     if whole {
         all.push(of("kill all", "everybody", Carrier::Network, Task::KillAll(100)));
-        all.push(of("two controllers", "greater epoch", Carrier::Network, Task::Rivals(Rivalry::GreaterEpoch, 50)));
-        all.push(of("two controllers", "old epoch", Carrier::Network, Task::Rivals(Rivalry::OldEpoch, 50)));
+        all.push(of(
+            "two controllers",
+            "greater epoch",
+            Carrier::Network,
+            Task::Rivals(Rivalry::GreaterEpoch, 50),
+        ));
+        all.push(of(
+            "two controllers",
+            "old epoch",
+            Carrier::Network,
+            Task::Rivals(Rivalry::OldEpoch, 50),
+        ));
     }
     all
 }
@@ -260,10 +341,22 @@ fn partitions() -> Vec<u64> {
 fn solvers(extent: Extent, all: &mut Vec<Exercise>) {
     for kind in ["infeasible", "out-of-iterations", "nan", "wrong"] {
         let ticks: u32 = extent.pick(100, 1000);
-        let faults = format!("[[solver]]\nkind = {kind:?}\nfrom_tick = 100\nuntil_tick = {}\n", 100 + ticks);
+        let faults =
+            format!("[[solver]]\nkind = {kind:?}\nfrom_tick = 100\nuntil_tick = {}\n", 100 + ticks);
         let duration_s = f64::from(200 + ticks) * 0.02;
-        let launch = Launch { duration_s, lock_step: true, faults, answered: Some(u64::from(ticks)), ..Launch::default() };
-        all.push(Exercise { fault: "solver", target: kind, carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
+        let launch = Launch {
+            duration_s,
+            lock_step: true,
+            faults,
+            answered: Some(u64::from(ticks)),
+            ..Launch::default()
+        };
+        all.push(Exercise {
+            fault: "solver",
+            target: kind,
+            carrier: Carrier::SharedMemory,
+            task: Task::Launch(launch),
+        });
     }
 }
 
@@ -290,28 +383,52 @@ fn worlds(extent: Extent, all: &mut Vec<Exercise>) {
                 "payload" => "mass_kg = 11.0\n".to_owned(),
                 _ => format!("sensor = {sensor:?}\n"),
             };
-            let _ = write!(faults, "[[plant]]\nkind = {kind:?}\nfrom_s = {}.0\nmillis = 2000\n{keys}", 3 + 4 * window);
+            let _ = write!(
+                faults,
+                "[[plant]]\nkind = {kind:?}\nfrom_s = {}.0\nmillis = 2000\n{keys}",
+                3 + 4 * window
+            );
         }
         let (duration_s, undisturbed) = (6.0 + 4.0 * windows as f64, kind != "stuck-sensor");
-        let launch = Launch { duration_s, lock_step: true, faults, undisturbed, ..Launch::default() };
-        all.push(Exercise { fault, target: "robot", carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
+        let launch =
+            Launch { duration_s, lock_step: true, faults, undisturbed, ..Launch::default() };
+        all.push(Exercise {
+            fault,
+            target: "robot",
+            carrier: Carrier::SharedMemory,
+            task: Task::Launch(launch),
+        });
     }
 }
 
 /// What the machine does.
 fn machine(extent: Extent, all: &mut Vec<Exercise>) {
     let mut of = |fault, target, faults| {
-        let launch = Launch { duration_s: extent.pick(6.0, 30.0), faults, undisturbed: true, ..Launch::default() };
-        all.push(Exercise { fault, target, carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
+        let launch = Launch {
+            duration_s: extent.pick(6.0, 30.0),
+            faults,
+            undisturbed: true,
+            ..Launch::default()
+        };
+        all.push(Exercise {
+            fault,
+            target,
+            carrier: Carrier::SharedMemory,
+            task: Task::Launch(launch),
+        });
     };
-    let hog = format!("[[process]]\nkind = \"hog\"\nfrom_s = 1.0\nmillis = {}\n", extent.pick(3000, 25_000));
+    let hog = format!(
+        "[[process]]\nkind = \"hog\"\nfrom_s = 1.0\nmillis = {}\n",
+        extent.pick(3000, 25_000)
+    );
     of("busy machine", "everybody", hog);
     of("no memory", "learner", process("memory", Learner, 1.0, 1.0, 1, "mebibytes = 1\n"));
     of("full disk", "recorder", process("disk", Recorder, 1.0, 1.0, 1, "mebibytes = 1\n"));
     // All of it taken by somebody else, and given back.
     let rounds = extent.pick(1, 10);
-    let faults =
-        format!("[[process]]\nkind = \"shared-memory\"\nmebibytes = 0\nmillis = 2000\nfrom_s = 1.5\nevery_s = 4.0\ntimes = {rounds}\n");
+    let faults = format!(
+        "[[process]]\nkind = \"shared-memory\"\nmebibytes = 0\nmillis = 2000\nfrom_s = 1.5\nevery_s = 4.0\ntimes = {rounds}\n"
+    );
     let launch = Launch {
         duration_s: 2.5 + 4.0 * f64::from(rounds),
         faults,
@@ -319,15 +436,32 @@ fn machine(extent: Extent, all: &mut Vec<Exercise>) {
         shared_memory_mebibytes: Some(64),
         ..Launch::default()
     };
-    all.push(Exercise { fault: "shared memory", target: "running graph", carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
+    all.push(Exercise {
+        fault: "shared memory",
+        target: "running graph",
+        carrier: Carrier::SharedMemory,
+        task: Task::Launch(launch),
+    });
     if extent == Extent::Whole {
         let faults = "[[process]]\nkind = \"hog\"\nfrom_s = 1.0\nmillis = 598000\n".to_owned();
         let launch = Launch { duration_s: 600.0, faults, undisturbed: true, ..Launch::default() };
-        all.push(Exercise { fault: "ten minutes", target: "everybody", carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
+        all.push(Exercise {
+            fault: "ten minutes",
+            target: "everybody",
+            carrier: Carrier::SharedMemory,
+            task: Task::Launch(launch),
+        });
     }
 }
 
-fn process(kind: &str, participant: Participant, from_s: f64, every_s: f64, times: u32, keys: &str) -> String {
+fn process(
+    kind: &str,
+    participant: Participant,
+    from_s: f64,
+    every_s: f64,
+    times: u32,
+    keys: &str,
+) -> String {
     let name = participant.text();
     let mut text = String::new();
     let _ = write!(

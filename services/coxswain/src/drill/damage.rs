@@ -7,17 +7,18 @@ mod numbers;
 use super::measure::Measured;
 use super::session::Trouble;
 use gate::{Bounds, Gate};
-use model::robot::Robot;
 use protocol::VERSION;
 use protocol::frame::{self, DecodeError};
 use protocol::message::{
-    Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, Reason, ResidualSample, Rung, SnapshotHead, Stamp, TAIL_MAX, Truth,
+    Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, Reason, ResidualSample,
+    Rung, SnapshotHead, Stamp, TAIL_MAX, Truth,
 };
 use protocol::port::{Exchange, Identity, Ports, Since, Source};
 use protocol::topic::OnTopic;
 use protocol::wire;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use robot::Robot;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::process::Command as Process;
@@ -70,16 +71,28 @@ pub fn print(options: &OfferOptions) -> Result<(), Trouble> {
 /// # Errors
 /// If it could not be done.
 pub(super) fn run(count: u64, seed: u64) -> Result<Measured, Trouble> {
-    let output = Process::new(std::env::current_exe()?).arg("offer").args([count.to_string(), seed.to_string()]).output()?;
+    let output = Process::new(std::env::current_exe()?)
+        .arg("offer")
+        .args([count.to_string(), seed.to_string()])
+        .output()?;
     if !output.status.success() {
-        let violations = vec![format!("it ended with {}: {}", output.status, String::from_utf8_lossy(&output.stderr).trim())];
+        let violations = vec![format!(
+            "it ended with {}: {}",
+            output.status,
+            String::from_utf8_lossy(&output.stderr).trim()
+        )];
         return Ok(Measured { injections: count, violations, ..Measured::default() });
     }
-    let Offered { injections, mut violations, kibibytes: [before, after] } = serde_json::from_slice(&output.stdout)?;
+    let Offered { injections, mut violations, kibibytes: [before, after] } =
+        serde_json::from_slice(&output.stdout)?;
     if after > before + GROWTH_KIBIBYTES {
-        violations.push(format!("{after} KiB of memory in use, expected {before} and {GROWTH_KIBIBYTES} more at most"));
+        violations.push(format!(
+            "{after} KiB of memory in use, expected {before} and {GROWTH_KIBIBYTES} more at most"
+        ));
     }
-    let notes = vec![format!("memory in use: {before} KiB when a tenth had been offered, {after} KiB in the end")];
+    let notes = vec![format!(
+        "memory in use: {before} KiB when a tenth had been offered, {after} KiB in the end"
+    )];
     Ok(Measured { injections, violations, notes, ..Measured::default() })
 }
 
@@ -143,14 +156,17 @@ fn offer(count: u64, seed: u64) -> Result<Offered, Trouble> {
 /// Memory in use by this process.
 fn resident_kibibytes() -> Result<u64, Trouble> {
     let status = fs::read_to_string("/proc/self/status")?;
-    let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.split_whitespace().next()?.parse().ok());
+    let resident = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmRSS:")?.split_whitespace().next()?.parse().ok());
     Ok(resident.ok_or("the system does not say how much memory is in use")?)
 }
 
 fn offer_to_gate(count: u64, random: &mut Pcg64Mcg, offered: &mut Offered) -> Result<(), Trouble> {
     let gate = obeying()?;
     for encoding in Encoding::BOTH {
-        accepted(&encoding.sealed(good()), encoding, &gate).map_err(|reason| format!("the undamaged command was refused: {reason}"))?;
+        accepted(&encoding.sealed(good()), encoding, &gate)
+            .map_err(|reason| format!("the undamaged command was refused: {reason}"))?;
     }
     for _ in 0..count {
         let encoding = Encoding::any(random);
@@ -169,7 +185,8 @@ fn obeying() -> Result<Gate, Trouble> {
     gate.begin_period(0, 0);
     let mut first = good();
     first.stamp.tick = 0;
-    gate.offer(&first, PERIOD / 4).map_err(|reason: Reason| format!("the first command was refused: {reason}"))?;
+    gate.offer(&first, PERIOD / 4)
+        .map_err(|reason: Reason| format!("the first command was refused: {reason}"))?;
     gate.decide(PERIOD / 4);
     gate.begin_period(TICK, PERIOD);
     Ok(gate)
@@ -215,7 +232,9 @@ fn damaged(encoding: Encoding, random: &mut Pcg64Mcg) -> Vec<u8> {
             0 => command.plant_epoch = EPOCH.wrapping_add(random.random_range(1..u64::MAX)),
             1 => command.stamp.tick = TICK.wrapping_add(random.random_range(1..u64::MAX)),
             // On the network a tail cannot be said to be longer than it is.
-            2 if matches!(encoding, Encoding::Memory) => command.tail_len = random.random_range(1 + TAIL_MAX as u32..=u32::MAX),
+            2 if matches!(encoding, Encoding::Memory) => {
+                command.tail_len = random.random_range(1 + TAIL_MAX as u32..=u32::MAX);
+            }
             3 => command.rung = random.random_range(7..=u32::MAX),
             4 => command.stamp.epoch = random.random_range(0..CONTROLLER.0),
             5 => command.stamp.writer = CONTROLLER.1.wrapping_add(random.random_range(1..u64::MAX)),
@@ -245,10 +264,19 @@ fn accepted(bytes: &[u8], encoding: Encoding, gate: &Gate) -> Result<(), String>
 }
 
 /// To the reader of each topic in turn: it takes in none, and counts every one.
-fn offer_to_readers(count: u64, random: &mut Pcg64Mcg, offered: &mut Offered) -> Result<(), Trouble> {
+fn offer_to_readers(
+    count: u64,
+    random: &mut Pcg64Mcg,
+    offered: &mut Offered,
+) -> Result<(), Trouble> {
     let each = count / 8;
     let snapshot = ModelSnapshot::new(SnapshotHead { inputs: 6, ..bytemuck::Zeroable::zeroed() });
-    offer_to_reader::<PlantState>(&bytemuck::Zeroable::zeroed(), count - 7 * each, random, offered)?;
+    offer_to_reader::<PlantState>(
+        &bytemuck::Zeroable::zeroed(),
+        count - 7 * each,
+        random,
+        offered,
+    )?;
     offer_to_reader::<Command>(&bytemuck::Zeroable::zeroed(), each, random, offered)?;
     offer_to_reader::<ResidualSample>(&bytemuck::Zeroable::zeroed(), each, random, offered)?;
     offer_to_reader::<ModelSnapshot>(&snapshot, each, random, offered)?;
@@ -258,9 +286,15 @@ fn offer_to_readers(count: u64, random: &mut Pcg64Mcg, offered: &mut Offered) ->
     offer_to_reader::<Credit>(&bytemuck::Zeroable::zeroed(), each, random, offered)
 }
 
-fn offer_to_reader<T: OnTopic + Clone>(good: &T, count: u64, random: &mut Pcg64Mcg, offered: &mut Offered) -> Result<(), Trouble> {
+fn offer_to_reader<T: OnTopic + Clone>(
+    good: &T,
+    count: u64,
+    random: &mut Pcg64Mcg,
+    offered: &mut Offered,
+) -> Result<(), Trouble> {
     let ports = Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(1));
-    let (mut source, mut sink): (Source<T>, _) = (ports.source(Since::First)?, ports.raw_sink(T::TOPIC)?);
+    let (mut source, mut sink): (Source<T>, _) =
+        (ports.source(Since::First)?, ports.raw_sink(T::TOPIC)?);
     for encoding in Encoding::BOTH {
         encoding.decode::<T>(&encoding.sealed(good.clone()))?;
     }
@@ -271,7 +305,9 @@ fn offer_to_reader<T: OnTopic + Clone>(good: &T, count: u64, random: &mut Pcg64M
         match random.random_range(0..4_u8) {
             0 => bytes = with_other_bits(&bytes, random),
             // Carriers of memory may move whole words.
-            1 if matches!(encoding, Encoding::Memory) => bytes.truncate(8 * random.random_range(1..bytes.len() / 8)),
+            1 if matches!(encoding, Encoding::Memory) => {
+                bytes.truncate(8 * random.random_range(1..bytes.len() / 8));
+            }
             1 => bytes.truncate(random.random_range(0..bytes.len())),
             2 => bytes = encoding.sealed_as(good.clone(), other_than(VERSION, random), T::KIND),
             _ => bytes = encoding.sealed_as(good.clone(), VERSION, other_than(T::KIND, random)),
@@ -285,13 +321,20 @@ fn offer_to_reader<T: OnTopic + Clone>(good: &T, count: u64, random: &mut Pcg64M
             Encoding::Network => wire::decode::<T>(&bytes).is_ok(),
         };
         if taken_in {
-            offered.violations.push(format!("damaged {} {} was taken in", T::NAME, offered.injections));
+            offered.violations.push(format!(
+                "damaged {} {} was taken in",
+                T::NAME,
+                offered.injections
+            ));
         }
         offered.injections += 1;
     }
     let refused = source.tally().refused;
     if refused != sent {
-        offered.violations.push(format!("{refused} of {sent} damaged messages on topic {} were counted", T::TOPIC.name()));
+        offered.violations.push(format!(
+            "{refused} of {sent} damaged messages on topic {} were counted",
+            T::TOPIC.name()
+        ));
     }
     Ok(())
 }

@@ -26,26 +26,52 @@ pub(super) const SETTLED: Duration = Duration::from_millis(500);
 ///
 /// # Errors
 /// If it could not be done.
-pub(super) fn run(exercise: &Exercise, deploy: &Path, seed: u64, kept: &Path, stop: &Stop) -> Result<Measured, Trouble> {
+pub(super) fn run(
+    exercise: &Exercise,
+    deploy: &Path,
+    seed: u64,
+    kept: &Path,
+    stop: &Stop,
+) -> Result<Measured, Trouble> {
     let plain = Launch::default();
     match &exercise.task {
         Task::Damaged(count) => damage::run(*count, seed),
-        Task::Launch(Launch { shared_memory_mebibytes: Some(_), .. }) | Task::LittleSharedMemory(_) if !permits_little_shared_memory() => {
-            Ok(Measured { impossible: Some("unshare --mount and a tmpfs in it are not permitted"), ..Measured::default() })
+        Task::Launch(Launch { shared_memory_mebibytes: Some(_), .. })
+        | Task::LittleSharedMemory(_)
+            if !permits_little_shared_memory() =>
+        {
+            Ok(Measured {
+                impossible: Some("unshare --mount and a tmpfs in it are not permitted"),
+                ..Measured::default()
+            })
         }
-        Task::Launch(launch) => launch_with_faults(exercise.carrier, launch, deploy, seed, kept, stop),
-        Task::KillAll(times) => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| kill_all(home, *times, seed, stop)),
-        Task::Rivals(rivalry, times) => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| match rivalry {
-            Rivalry::GreaterEpoch => rivals::greater_epoch(home, *times, stop),
-            Rivalry::EqualEpochs => rivals::equal_epochs(home, *times, stop),
-            Rivalry::OldEpoch => rivals::old_epoch(home, *times, seed, stop),
+        Task::Launch(launch) => {
+            launch_with_faults(exercise.carrier, launch, deploy, seed, kept, stop)
+        }
+        Task::KillAll(times) => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| {
+            kill_all(home, *times, seed, stop)
         }),
-        Task::Compete(prize, times) => {
-            in_home(exercise.carrier, &plain, deploy, seed, kept, |home| launchers::compete(home, *prize, *times, seed, stop))
+        Task::Rivals(rivalry, times) => {
+            in_home(exercise.carrier, &plain, deploy, seed, kept, |home| match rivalry {
+                Rivalry::GreaterEpoch => rivals::greater_epoch(home, *times, stop),
+                Rivalry::EqualEpochs => rivals::equal_epochs(home, *times, stop),
+                Rivalry::OldEpoch => rivals::old_epoch(home, *times, seed, stop),
+            })
         }
-        Task::Partition(cuts) => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| partition(home, cuts, stop)),
-        Task::LittleSharedMemory(sizes) => little_shared_memory(exercise.carrier, sizes, deploy, seed, kept, stop),
-        Task::SideBySide => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| launchers::side_by_side(home, stop)),
+        Task::Compete(prize, times) => {
+            in_home(exercise.carrier, &plain, deploy, seed, kept, |home| {
+                launchers::compete(home, *prize, *times, seed, stop)
+            })
+        }
+        Task::Partition(cuts) => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| {
+            partition(home, cuts, stop)
+        }),
+        Task::LittleSharedMemory(sizes) => {
+            little_shared_memory(exercise.carrier, sizes, deploy, seed, kept, stop)
+        }
+        Task::SideBySide => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| {
+            launchers::side_by_side(home, stop)
+        }),
     }
 }
 
@@ -69,28 +95,43 @@ fn in_home(
     Ok(measured)
 }
 
-fn launch_with_faults(carrier: Carrier, launch: &Launch, deploy: &Path, seed: u64, kept: &Path, stop: &Stop) -> Result<Measured, Trouble> {
+fn launch_with_faults(
+    carrier: Carrier,
+    launch: &Launch,
+    deploy: &Path,
+    seed: u64,
+    kept: &Path,
+    stop: &Stop,
+) -> Result<Measured, Trouble> {
     in_home(carrier, launch, deploy, seed, kept, |home| {
         let witness = Witness::begin();
         let mut session = home.launch("run", launch.duration_s)?;
         let status = session.wait(launch.duration_s, stop)?;
         let gaps = witness.end();
         if !session.run().is_dir() {
-            return Err(format!("the launch ended with {status}: {}", last_line(&home.said("run"))).into());
+            return Err(format!(
+                "the launch ended with {status}: {}",
+                last_line(&home.said("run"))
+            )
+            .into());
         }
         let injected = injected(session.run());
         let record = session.record()?;
         let mut measured = measure(&record, launch, &home.limits()?, &injected, &gaps);
         let asked = asked_of_processes(launch)?;
         if injected.len() as u64 != asked {
-            measured.violations.push(format!("{} of {asked} faults of processes were injected", injected.len()));
+            measured
+                .violations
+                .push(format!("{} of {asked} faults of processes were injected", injected.len()));
         }
         let on_links = refusals::on_links(session.run())?;
         measured.injections += on_links.iter().map(|fault| fault.count).sum::<u64>();
         // The world knows no chance: all of it happens, once it has come so far.
         measured.injections += launch.faults.matches("[[plant]]").count() as u64;
         match launch.refused {
-            Some(Refused::Messages) => measured.violations.extend(refusals::judge_messages(&on_links, &record)),
+            Some(Refused::Messages) => {
+                measured.violations.extend(refusals::judge_messages(&on_links, &record));
+            }
             Some(Refused::Snapshots) => {
                 let (sent, violations) = refusals::judge_snapshots(session.run(), &record)?;
                 measured.injections += sent;
@@ -102,7 +143,9 @@ fn launch_with_faults(carrier: Carrier, launch: &Launch, deploy: &Path, seed: u6
             measured.violations.push("nothing was injected".to_owned());
         }
         if !status.success() {
-            measured.violations.push(format!("the launch ended with {status}: {}", last_line(&home.said("run"))));
+            measured
+                .violations
+                .push(format!("the launch ended with {status}: {}", last_line(&home.said("run"))));
         }
         measured.violations.extend(left_behind(home, &[session.graph_name()?]));
         Ok(measured)
@@ -126,7 +169,10 @@ fn kill_all(home: &Home, times: u32, seed: u64, stop: &Stop) -> Result<Measured,
             measured.injections += 1;
         }
         let record = session.record()?;
-        let fresh = record.of("state").find(|state| state.word("rung") == "fresh plan").map(|state| state.stamp("sent_nanos"));
+        let fresh = record
+            .of("state")
+            .find(|state| state.word("rung") == "fresh plan")
+            .map(|state| state.stamp("sent_nanos"));
         match fresh.map(|at| at.saturating_sub(session.begun_nanos) as f64 * 1e-9) {
             // The first launch is no restart.
             Some(took) if round > 0 => {
@@ -145,32 +191,52 @@ fn kill_all(home: &Home, times: u32, seed: u64, stop: &Stop) -> Result<Measured,
 }
 
 /// Launches with less and less room: each is refused before the robot has moved, or drives as if there were no end of it.
-fn little_shared_memory(carrier: Carrier, sizes: &[u64], deploy: &Path, seed: u64, kept: &Path, stop: &Stop) -> Result<Measured, Trouble> {
+fn little_shared_memory(
+    carrier: Carrier,
+    sizes: &[u64],
+    deploy: &Path,
+    seed: u64,
+    kept: &Path,
+    stop: &Stop,
+) -> Result<Measured, Trouble> {
     let duration_s = 3.0;
     let mut measured = Measured::default();
     for &mebibytes in sizes {
-        let launch = Launch { undisturbed: true, shared_memory_mebibytes: Some(mebibytes), ..Launch::default() };
-        let one = in_home(carrier, &launch, deploy, seed, &kept.join(format!("{mebibytes}-MiB")), |home| {
-            let witness = Witness::begin();
-            let mut session = home.launch("run", duration_s)?;
-            let status = session.wait(duration_s, stop)?;
-            let gaps = witness.end();
-            let mut one = Measured::default();
-            if status.success() {
-                one = measure(&session.record()?, &launch, &home.limits()?, &[], &gaps);
-            } else {
-                let moved = session.record().is_ok_and(|record| record.of("truth").any(|truth| truth.count("acting_epoch") > 0));
-                let said = home.said("run");
-                if moved || !said.contains("/dev/shm") {
-                    one.violations.push(format!(
-                        "with {mebibytes} MiB it ended with {status}, the robot {}: {}",
-                        if moved { "had moved" } else { "stood" },
-                        last_line(&said)
-                    ));
+        let launch = Launch {
+            undisturbed: true,
+            shared_memory_mebibytes: Some(mebibytes),
+            ..Launch::default()
+        };
+        let one = in_home(
+            carrier,
+            &launch,
+            deploy,
+            seed,
+            &kept.join(format!("{mebibytes}-MiB")),
+            |home| {
+                let witness = Witness::begin();
+                let mut session = home.launch("run", duration_s)?;
+                let status = session.wait(duration_s, stop)?;
+                let gaps = witness.end();
+                let mut one = Measured::default();
+                if status.success() {
+                    one = measure(&session.record()?, &launch, &home.limits()?, &[], &gaps);
+                } else {
+                    let moved = session.record().is_ok_and(|record| {
+                        record.of("truth").any(|truth| truth.count("acting_epoch") > 0)
+                    });
+                    let said = home.said("run");
+                    if moved || !said.contains("/dev/shm") {
+                        one.violations.push(format!(
+                            "with {mebibytes} MiB it ended with {status}, the robot {}: {}",
+                            if moved { "had moved" } else { "stood" },
+                            last_line(&said)
+                        ));
+                    }
                 }
-            }
-            Ok(one)
-        })?;
+                Ok(one)
+            },
+        )?;
         measured.injections += 1;
         measured.violations.extend(one.violations);
         measured.excused += one.excused;
@@ -181,7 +247,9 @@ fn little_shared_memory(carrier: Carrier, sizes: &[u64], deploy: &Path, seed: u6
 
 /// What the oracle says of the wheels. What a killed recorder had not yet written is nobody's violation.
 pub(super) fn judge_wheels(record: &Record, limits: &Limits, measured: &mut Measured) {
-    let violations = judge(record, limits).into_iter().filter(|violation| violation.rule != super::oracle::Rule::Count);
+    let violations = judge(record, limits)
+        .into_iter()
+        .filter(|violation| violation.rule != super::oracle::Rule::Count);
     measured.violations.extend(violations.map(|violation| violation.to_string()));
     measured.worst_reaction = worse(measured.worst_reaction, worst_reaction(record, limits));
 }
@@ -217,13 +285,25 @@ mod tests {
     use crate::drill::catalogue::{Extent, exercises};
 
     #[test]
-    fn a_launch_goes_on_until_the_last_of_its_faults_of_processes_has_come() -> Result<(), Trouble> {
-        for exercise in [Extent::Quick, Extent::Whole].into_iter().flat_map(|extent| exercises(extent, true)) {
+    fn a_launch_goes_on_until_the_last_of_its_faults_of_processes_has_come() -> Result<(), Trouble>
+    {
+        for exercise in
+            [Extent::Quick, Extent::Whole].into_iter().flat_map(|extent| exercises(extent, true))
+        {
             let Task::Launch(launch) = &exercise.task else { continue };
             let faults: FaultsFile = settings::parse(&launch.faults, Path::new("faults.toml"))?;
             for fault in &faults.process {
-                let last = fault.times(Duration::from_millis(20), 1).last().unwrap_or_default().as_secs_f64();
-                assert!(last + 1.0 < launch.duration_s, "{} of {}: the last comes after {last} s", exercise.fault, exercise.target);
+                let last = fault
+                    .times(Duration::from_millis(20), 1)
+                    .last()
+                    .unwrap_or_default()
+                    .as_secs_f64();
+                assert!(
+                    last + 1.0 < launch.duration_s,
+                    "{} of {}: the last comes after {last} s",
+                    exercise.fault,
+                    exercise.target
+                );
             }
         }
         Ok(())

@@ -61,7 +61,9 @@ impl Hosts {
     pub fn kind(&self) -> &'static str {
         match &self.place {
             Place::Namespaces(..) => "network namespaces and a cable between each two",
-            Place::Loopback { .. } => "a relay on the loopback, which falls silent: network namespaces are not permitted",
+            Place::Loopback { .. } => {
+                "a relay on the loopback, which falls silent: network namespaces are not permitted"
+            }
         }
     }
 
@@ -92,7 +94,10 @@ impl Hosts {
     /// `command`, to be run on the first host, 0, or another one.
     pub fn on(&self, host: usize, command: Command) -> Command {
         let Place::Namespaces(near, others) = &self.place else { return command };
-        let Some(namespace) = host.checked_sub(1).map_or(Some(near), |other| others.get(other)) else { return command };
+        let Some(namespace) = host.checked_sub(1).map_or(Some(near), |other| others.get(other))
+        else {
+            return command;
+        };
         let mut there = namespace.enter();
         there.arg(command.get_program()).args(command.get_args());
         there
@@ -144,7 +149,9 @@ impl Namespace {
             let far = Self::new()?;
             far.ip(&["link", "set", "lo", "up"])?;
             let (there, cable) = (far.0.id().to_string(), format!("cable{number}"));
-            near.ip(&["link", "add", &cable, "type", "veth", "peer", "name", "cable", "netns", &there])?;
+            near.ip(&[
+                "link", "add", &cable, "type", "veth", "peer", "name", "cable", "netns", &there,
+            ])?;
             for (host, cable, end) in [(&near, cable.as_str(), 1), (&far, "cable", 2)] {
                 host.ip(&["address", "add", &format!("10.99.{number}.{end}/24"), "dev", cable])?;
                 host.ip(&["link", "set", cable, "up"])?;
@@ -159,7 +166,11 @@ impl Namespace {
         let network = |process: &str| fs::read_link(format!("/proc/{process}/ns/net")).ok();
         let ours = network("self")?;
         let mut first = Command::new("unshare");
-        first.args(["--net", "cat"]).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
+        first
+            .args(["--net", "cat"])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null());
         let mut namespace = Self(first.spawn().ok()?);
         let begin = Instant::now();
         while network(&namespace.0.id().to_string())? == ours {
@@ -180,7 +191,12 @@ impl Namespace {
 
     fn ip(&self, arguments: &[&str]) -> Option<()> {
         let mut there = self.enter();
-        there.arg("ip").args(arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        there
+            .arg("ip")
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null());
         there.status().ok()?.success().then_some(())
     }
 }
@@ -203,8 +219,11 @@ fn relay() -> io::Result<Place> {
         let (silent, closed) = (Arc::clone(&silent), Arc::clone(&closed));
         move || {
             while !closed.load(Ordering::Relaxed) {
-                let met = (!silent.load(Ordering::Relaxed)).then(|| listener.accept().ok()).flatten();
-                let Some((near, far)) = met.and_then(|(near, _)| Some((near, TcpStream::connect(("127.0.0.1", port)).ok()?))) else {
+                let met =
+                    (!silent.load(Ordering::Relaxed)).then(|| listener.accept().ok()).flatten();
+                let Some((near, far)) = met.and_then(|(near, _)| {
+                    Some((near, TcpStream::connect(("127.0.0.1", port)).ok()?))
+                }) else {
                     thread::sleep(LOOK);
                     continue;
                 };
@@ -237,7 +256,8 @@ fn carry(mut from: TcpStream, mut to: TcpStream, silent: &AtomicBool, closed: &A
                     break;
                 }
             }
-            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {}
+            Err(error)
+                if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {}
             Err(_) => break,
         }
     }

@@ -20,7 +20,13 @@ const APART_MICROS: u64 = 50_000;
 ///
 /// # Errors
 /// If it could not be done.
-pub(super) fn compete(home: &Home, prize: Prize, times: u32, seed: u64, stop: &Stop) -> Result<Measured, Trouble> {
+pub(super) fn compete(
+    home: &Home,
+    prize: Prize,
+    times: u32,
+    seed: u64,
+    stop: &Stop,
+) -> Result<Measured, Trouble> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let mut measured = Measured::default();
     let mut names = Vec::new();
@@ -29,16 +35,24 @@ pub(super) fn compete(home: &Home, prize: Prize, times: u32, seed: u64, stop: &S
             break;
         }
         let witness = Witness::begin();
-        let apart = Duration::from_micros(if round % 2 == 0 { 0 } else { random.random_range(0..APART_MICROS) });
+        let apart = Duration::from_micros(if round % 2 == 0 {
+            0
+        } else {
+            random.random_range(0..APART_MICROS)
+        });
         let endpoint = match prize {
             Prize::Folder => None,
-            Prize::Address => Some(format!("tcp/{}", TcpListener::bind("127.0.0.1:0")?.local_addr()?)),
+            Prize::Address => {
+                Some(format!("tcp/{}", TcpListener::bind("127.0.0.1:0")?.local_addr()?))
+            }
         };
         let mut sessions = Vec::new();
         for place in ["one", "other"] {
             let name = format!("{place}-{round}");
-            let run = if prize == Prize::Folder { format!("run-{round}") } else { format!("run-{name}") };
-            sessions.push((home.launch_beside(&name, &run, endpoint.as_deref(), DURATION_S)?, name));
+            let run =
+                if prize == Prize::Folder { format!("run-{round}") } else { format!("run-{name}") };
+            sessions
+                .push((home.launch_beside(&name, &run, endpoint.as_deref(), DURATION_S)?, name));
             thread::sleep(apart);
         }
         measured.injections += 1;
@@ -59,12 +73,17 @@ pub(super) fn compete(home: &Home, prize: Prize, times: u32, seed: u64, stop: &S
         }
         let gaps = witness.end();
         if drove.len() != 1 {
-            measured.violations.push(format!("round {round}: {} of two launches drove, expected one", drove.len()));
+            measured.violations.push(format!(
+                "round {round}: {} of two launches drove, expected one",
+                drove.len()
+            ));
         }
         for session in drove {
             let launch = Launch { undisturbed: true, ..Launch::default() };
             let one = measure(&session.record()?, &launch, &home.limits()?, &[], &gaps);
-            measured.violations.extend(one.violations.into_iter().map(|found| format!("round {round}: {found}")));
+            measured
+                .violations
+                .extend(one.violations.into_iter().map(|found| format!("round {round}: {found}")));
             measured.excused += one.excused;
             measured.worst_reaction = worse(measured.worst_reaction, one.worst_reaction);
             names.push(session.graph_name()?);
@@ -80,7 +99,8 @@ pub(super) fn compete(home: &Home, prize: Prize, times: u32, seed: u64, stop: &S
 /// If it could not be done.
 pub(super) fn side_by_side(home: &Home, stop: &Stop) -> Result<Measured, Trouble> {
     let witness = Witness::begin();
-    let mut sessions = [home.launch("first", 2.0 * DURATION_S)?, home.launch("second", 2.0 * DURATION_S)?];
+    let mut sessions =
+        [home.launch("first", 2.0 * DURATION_S)?, home.launch("second", 2.0 * DURATION_S)?];
     let mut measured = Measured { injections: 1, ..Measured::default() };
     let mut names = Vec::new();
     for session in &mut sessions {

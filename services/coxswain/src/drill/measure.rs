@@ -61,17 +61,32 @@ impl Measured {
 }
 
 /// Judges a launch with faults. `gaps` are the times in which the machine let nobody run.
-pub fn measure(record: &Record, launch: &Launch, limits: &Limits, injected: &[Injected], gaps: &[Gap]) -> Measured {
-    let known =
-        |found: &Violation| found.rule == Rule::Said && launch.misquoted.iter().any(|ticks| acts_until(ticks).contains(&found.tick));
-    let mut violations: Vec<String> = judge(record, limits).iter().filter(|found| !known(found)).map(ToString::to_string).collect();
-    let worst_restart = launch.restarts.and_then(|who| judge_restarts(record, who, injected, &mut violations));
+pub fn measure(
+    record: &Record,
+    launch: &Launch,
+    limits: &Limits,
+    injected: &[Injected],
+    gaps: &[Gap],
+) -> Measured {
+    let known = |found: &Violation| {
+        found.rule == Rule::Said
+            && launch.misquoted.iter().any(|ticks| acts_until(ticks).contains(&found.tick))
+    };
+    let mut violations: Vec<String> = judge(record, limits)
+        .iter()
+        .filter(|found| !known(found))
+        .map(ToString::to_string)
+        .collect();
+    let worst_restart =
+        launch.restarts.and_then(|who| judge_restarts(record, who, injected, &mut violations));
     let states = states(record);
     let excused = judge_driving(&states, launch, gaps, &mut violations);
     let excused = if launch.undisturbed { excused } else { 0 };
     let fallen = states.iter().filter(|state| fell(state)).count() as u64;
     if let Some(asked) = launch.answered.filter(|&asked| asked != fallen) {
-        violations.push(format!("{fallen} periods were answered without the optimiser, expected {asked}"));
+        violations.push(format!(
+            "{fallen} periods were answered without the optimiser, expected {asked}"
+        ));
     }
     let in_the_dark = if launch.undisturbed {
         judge_instances(&states, &mut violations);
@@ -81,7 +96,14 @@ pub fn measure(record: &Record, launch: &Launch, limits: &Limits, injected: &[In
     };
     let injections = if launch.answered.is_some() { fallen } else { injected.len() as u64 };
     let excused = excused + in_the_dark;
-    Measured { injections, violations, worst_reaction: worst_reaction(record, limits), worst_restart, excused, ..Measured::default() }
+    Measured {
+        injections,
+        violations,
+        worst_reaction: worst_reaction(record, limits),
+        worst_restart,
+        excused,
+        ..Measured::default()
+    }
 }
 
 /// Ticks in whose truth is what was heard in `ticks`: the tail of the last of it acts until the brake.
@@ -92,19 +114,28 @@ fn acts_until(ticks: &Range<u64>) -> Range<u64> {
 /// Age of the oldest state whose answer acted \[T\].
 pub fn worst_reaction(record: &Record, limits: &Limits) -> Option<f64> {
     let acting = record.of("truth").filter(|truth| truth.count("acting_epoch") > 0);
-    acting.map(|truth| truth.count("acting_age_nanos") as f64 * 1e-9 / limits.period_s).reduce(f64::max)
+    acting
+        .map(|truth| truth.count("acting_age_nanos") as f64 * 1e-9 / limits.period_s)
+        .reduce(f64::max)
 }
 
 /// States in the order of time, each once.
 fn states(record: &Record) -> Vec<&Message> {
     let mut seen = BTreeSet::new();
-    record.of("state").filter(|state| seen.insert((state.stamp("epoch"), state.stamp("tick")))).collect()
+    record
+        .of("state")
+        .filter(|state| seen.insert((state.stamp("epoch"), state.stamp("tick"))))
+        .collect()
 }
 
 /// Nobody whom the robot needs was started again, unless somebody was told to end it.
 fn judge_instances(states: &[&Message], violations: &mut Vec<String>) {
     let plants: BTreeSet<u64> = states.iter().map(|state| state.stamp("epoch")).collect();
-    let controllers: BTreeSet<u64> = states.iter().map(|state| state.count("accepted_epoch")).filter(|&epoch| epoch > 0).collect();
+    let controllers: BTreeSet<u64> = states
+        .iter()
+        .map(|state| state.count("accepted_epoch"))
+        .filter(|&epoch| epoch > 0)
+        .collect();
     for (who, count) in [("plants", plants.len()), ("controllers", controllers.len())] {
         if count > 1 {
             violations.push(format!("{count} {who} one after the other, expected one: nobody was touched whom the robot needs"));
@@ -113,15 +144,24 @@ fn judge_instances(states: &[&Message], violations: &mut Vec<String>) {
 }
 
 /// Nothing was missed while no recorder was there to see it: the plant counts its periods whoever listens. How many of those are excused.
-fn judge_unrecorded(record: &Record, states: &[&Message], gaps: &[Gap], violations: &mut Vec<String>) -> usize {
-    let missed = record.health_of("plant").next_back().map_or(0, |health| health.count("deadlines_missed"));
+fn judge_unrecorded(
+    record: &Record,
+    states: &[&Message],
+    gaps: &[Gap],
+    violations: &mut Vec<String>,
+) -> usize {
+    let missed =
+        record.health_of("plant").next_back().map_or(0, |health| health.count("deadlines_missed"));
     let seen = states.iter().filter(|state| is_missed(state)).count() as u64;
     let unseen = missed.saturating_sub(seen);
     let mut darkness = states.windows(2).filter_map(|pair| match pair {
-        [before, after] if before.stamp("tick") + 1 < after.stamp("tick") => Some((before.stamp("sent_nanos"), after.stamp("sent_nanos"))),
+        [before, after] if before.stamp("tick") + 1 < after.stamp("tick") => {
+            Some((before.stamp("sent_nanos"), after.stamp("sent_nanos")))
+        }
         _ => None,
     });
-    let excused = darkness.any(|(begin, end)| gaps.iter().any(|gap| gap.from_nanos < end && begin < gap.to_nanos));
+    let excused = darkness
+        .any(|(begin, end)| gaps.iter().any(|gap| gap.from_nanos < end && begin < gap.to_nanos));
     if unseen > 0 && !excused {
         violations.push(format!(
             "{unseen} periods were missed that are not in the record, expected none: nobody was touched whom the robot needs"
@@ -141,9 +181,16 @@ fn fell(state: &Message) -> bool {
 }
 
 /// The longest way back of `who`; a violation for each that was too long.
-fn judge_restarts(record: &Record, who: Participant, injected: &[Injected], violations: &mut Vec<String>) -> Option<f64> {
+fn judge_restarts(
+    record: &Record,
+    who: Participant,
+    injected: &[Injected],
+    violations: &mut Vec<String>,
+) -> Option<f64> {
     let hung_after = Processes::default().hung_after(who).as_millis() as u64;
-    let ends = |fault: &&Injected| fault.participant == Some(who) && fault.millis.is_none_or(|millis| millis > hung_after);
+    let ends = |fault: &&Injected| {
+        fault.participant == Some(who) && fault.millis.is_none_or(|millis| millis > hung_after)
+    };
     let ended: Vec<&Injected> = injected.iter().filter(ends).collect();
     let back = comebacks(record, who);
     let (mut worst, mut since) = (None, None);
@@ -163,7 +210,9 @@ fn judge_restarts(record: &Record, who: Participant, injected: &[Injected], viol
         let since = since.take().unwrap_or(fault);
         let (took, limit) = ((next - since.nanos) as f64 * 1e-9, back_within_s(who, since));
         if took > limit {
-            violations.push(format!("{who} was in use again {took:.2} s after fault {index}, expected {limit} s at most"));
+            violations.push(format!(
+                "{who} was in use again {took:.2} s after fault {index}, expected {limit} s at most"
+            ));
         }
         worst = Some(took.max(worst.unwrap_or(0.0)));
     }
@@ -184,18 +233,29 @@ fn comebacks(record: &Record, who: Participant) -> Vec<u64> {
     let mut back: Vec<u64> = match who {
         Participant::Plant | Participant::Controller => {
             let fresh = record.of("state").filter(|state| state.word("rung") == "fresh plan");
-            let instances = fresh.map(|state| ((state.stamp("epoch"), state.count("accepted_epoch")), state.stamp("sent_nanos")));
+            let instances = fresh.map(|state| {
+                ((state.stamp("epoch"), state.count("accepted_epoch")), state.stamp("sent_nanos"))
+            });
             let mut first = first;
             instances.filter_map(|(instance, at)| first(instance, at)).collect()
         }
         Participant::Learner => {
             let mut first = first;
-            record.of("snapshot").filter_map(|snapshot| first((snapshot.stamp("writer"), 0), snapshot.stamp("sent_nanos"))).collect()
+            record
+                .of("snapshot")
+                .filter_map(|snapshot| {
+                    first((snapshot.stamp("writer"), 0), snapshot.stamp("sent_nanos"))
+                })
+                .collect()
         }
         Participant::Recorder | Participant::Gateway => {
-            let ready = record.health_of(who.text()).filter(|health| matches!(health.word("phase"), "ready" | "running"));
+            let ready = record
+                .health_of(who.text())
+                .filter(|health| matches!(health.word("phase"), "ready" | "running"));
             let mut first = first;
-            ready.filter_map(|health| first((health.stamp("writer"), 0), health.stamp("sent_nanos"))).collect()
+            ready
+                .filter_map(|health| first((health.stamp("writer"), 0), health.stamp("sent_nanos")))
+                .collect()
         }
     };
     back.sort_unstable();
@@ -203,7 +263,12 @@ fn comebacks(record: &Record, who: Participant) -> Vec<u64> {
 }
 
 /// Whether it drove where it should have, and at the end. How many periods below a fresh plan are excused.
-fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations: &mut Vec<String>) -> usize {
+fn judge_driving(
+    states: &[&Message],
+    launch: &Launch,
+    gaps: &[Gap],
+    violations: &mut Vec<String>,
+) -> usize {
     let below = |state: &Message| !matches!(state.word("rung"), "fresh plan" | "waiting");
     // The state that says so comes after the period, which began with the state before; whoever should have answered it may have been late already.
     let excused = |index: usize| {
@@ -227,8 +292,13 @@ fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations:
         }
     }
     if launch.undisturbed || launch.answered.is_some() {
-        for state in unexcused.iter().filter_map(|&index| states.get(index)).filter(|state| launch.undisturbed || !fell(state)) {
-            let (tick, rung, reason) = (state.stamp("tick"), state.word("rung"), state.word("reason"));
+        for state in unexcused
+            .iter()
+            .filter_map(|&index| states.get(index))
+            .filter(|state| launch.undisturbed || !fell(state))
+        {
+            let (tick, rung, reason) =
+                (state.stamp("tick"), state.word("rung"), state.word("reason"));
             let expected = if launch.undisturbed {
                 "fresh plans alone: nobody was touched whom the robot needs"
             } else {
@@ -239,8 +309,12 @@ fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations:
     }
     match states.last() {
         None => violations.push("nothing is in the record".to_owned()),
-        Some(_) if states.iter().all(|state| state.word("rung") == "waiting") => violations.push("it never drove".to_owned()),
-        Some(_) if unexcused.last() == Some(&(states.len() - 1)) => violations.push("it does not drive at the end".to_owned()),
+        Some(_) if states.iter().all(|state| state.word("rung") == "waiting") => {
+            violations.push("it never drove".to_owned());
+        }
+        Some(_) if unexcused.last() == Some(&(states.len() - 1)) => {
+            violations.push("it does not drive at the end".to_owned());
+        }
         Some(_) => {}
     }
     if !launch.lock_step {
@@ -250,7 +324,11 @@ fn judge_driving(states: &[&Message], launch: &Launch, gaps: &[Gap], violations:
 }
 
 /// No time below a fresh plan is too long.
-fn judge_stretches(states: &[&Message], below: impl Fn(&Message) -> bool, violations: &mut Vec<String>) {
+fn judge_stretches(
+    states: &[&Message],
+    below: impl Fn(&Message) -> bool,
+    violations: &mut Vec<String>,
+) {
     let mut begin = None;
     for state in states {
         let now = state.stamp("sent_nanos");
@@ -302,21 +380,39 @@ mod tests {
             topic: "state".to_owned(),
             says: json!({"stamp": {"epoch": 1, "tick": tick, "sent_nanos": tick * 20 * MS}, "rung": rung}),
         };
-        let health = Message { topic: "health".to_owned(), says: json!({"participant": "plant", "deadlines_missed": 2}) };
-        let record = Record::of_messages(vec![state(1, "fresh plan"), state(2, "stored tail"), state(9, "fresh plan"), health]);
+        let health = Message {
+            topic: "health".to_owned(),
+            says: json!({"participant": "plant", "deadlines_missed": 2}),
+        };
+        let record = Record::of_messages(vec![
+            state(1, "fresh plan"),
+            state(2, "stored tail"),
+            state(9, "fresh plan"),
+            health,
+        ]);
         let judged = |gaps: &[Gap]| {
             let mut violations = Vec::new();
             (judge_unrecorded(&record, &states(&record), gaps, &mut violations), violations.len())
         };
         assert_eq!(judged(&[]), (0, 1));
         assert_eq!(judged(&[Gap { from_nanos: 100 * MS, to_nanos: 104 * MS }]), (1, 0));
-        assert_eq!(judged(&[Gap { from_nanos: 10 * MS, to_nanos: 14 * MS }]), (0, 1), "the machine was late at another time");
+        assert_eq!(
+            judged(&[Gap { from_nanos: 10 * MS, to_nanos: 14 * MS }]),
+            (0, 1),
+            "the machine was late at another time"
+        );
     }
 
     #[test]
     fn whom_the_robot_does_not_need_has_to_be_found_hung_before_its_way_back_begins() {
         let limits = Participant::ALL.iter().map(|&who| {
-            let fault = |millis| Injected { kind: "stop".into(), participant: Some(who), pid: None, nanos: 0, millis };
+            let fault = |millis| Injected {
+                kind: "stop".into(),
+                participant: Some(who),
+                pid: None,
+                nanos: 0,
+                millis,
+            };
             [back_within_s(who, &fault(None)), back_within_s(who, &fault(Some(4000)))]
         });
         let limits: Vec<_> = limits.collect();
@@ -327,11 +423,26 @@ mod tests {
     fn a_way_back_counts_from_the_first_end_that_was_not_made_good() {
         assert_eq!(judged(&[0, 1300, 2400], &[1000, 2000]), (Some(0.4), Vec::new()));
         let (worst, violations) = judged(&[0, 3200], &[1000, 1900, 2800]);
-        assert_eq!((worst, violations.len()), (Some(2.2), 1), "nobody was in use when it was ended again: {violations:?}");
-        assert_eq!(judged(&[0, 1500], &[1000, 1060]), (Some(0.44), Vec::new()), "ended on purpose on its way back");
+        assert_eq!(
+            (worst, violations.len()),
+            (Some(2.2), 1),
+            "nobody was in use when it was ended again: {violations:?}"
+        );
+        assert_eq!(
+            judged(&[0, 1500], &[1000, 1060]),
+            (Some(0.44), Vec::new()),
+            "ended on purpose on its way back"
+        );
         let (worst, violations) = judged(&[0, 6000], &[1000, 1900, 1960, 2800]);
-        assert_eq!((worst, violations.len()), (Some(5.0), 1), "an end on purpose in between makes nothing good: {violations:?}");
+        assert_eq!(
+            (worst, violations.len()),
+            (Some(5.0), 1),
+            "an end on purpose in between makes nothing good: {violations:?}"
+        );
         let (_, violations) = judged(&[0], &[1000, 1900]);
-        assert!(violations.iter().any(|found| found.contains("never in use again")), "{violations:?}");
+        assert!(
+            violations.iter().any(|found| found.contains("never in use again")),
+            "{violations:?}"
+        );
     }
 }

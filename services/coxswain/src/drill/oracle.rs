@@ -63,10 +63,21 @@ impl Limits {
             wheel_radius_m: robot.geometry.wheel_radius_m,
             lever_m: robot.geometry.half_track_m + robot.geometry.half_wheelbase_m,
             wheel_radps: robot.drive.wheel_speed_limit_radps,
-            rate: [robot.limits.input_rate_mps2, robot.limits.input_rate_mps2, robot.limits.yaw_input_rate_radps2],
-            brake: [robot.limits.brake_mps2, robot.limits.brake_mps2, robot.limits.yaw_brake_radps2],
-            link_delay_periods: (assembly.link_delay_millis() as f64 / assembly.scenario.period_millis).ceil() as u64,
-            at_once: assembly.scenario.truth.command_delay_s == 0.0,
+            rate: [
+                robot.limits.input_rate_mps2,
+                robot.limits.input_rate_mps2,
+                robot.limits.yaw_input_rate_radps2,
+            ],
+            brake: [
+                robot.limits.brake_mps2,
+                robot.limits.brake_mps2,
+                robot.limits.yaw_brake_radps2,
+            ],
+            link_delay_periods: (assembly.link_delay_millis() as f64
+                / assembly.scenario.period_millis)
+                .ceil() as u64,
+            at_once: (assembly.scenario.truth.as_ref())
+                .is_some_and(|truth| truth.command_delay_s == 0.0),
         }
     }
 }
@@ -144,7 +155,11 @@ pub fn judge(record: &Record, limits: &Limits) -> Vec<Violation> {
 /// One line for each violation.
 pub fn acquit(record: &Record, limits: &Limits) -> Result<(), String> {
     let violations = judge(record, limits);
-    if violations.is_empty() { Ok(()) } else { Err(violations.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")) }
+    if violations.is_empty() {
+        Ok(())
+    } else {
+        Err(violations.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))
+    }
 }
 
 type Ticks<'a> = BTreeMap<u64, &'a Message>;
@@ -159,41 +174,69 @@ fn by_epoch<'a>(record: &'a Record, topic: &'a str) -> BTreeMap<u64, Ticks<'a>> 
 }
 
 /// Rule b, of what was accepted in one plant epoch.
-fn judge_accepted(epoch: u64, states: &Ticks<'_>, limits: &Limits, violations: &mut Vec<Violation>) {
+fn judge_accepted(
+    epoch: u64,
+    states: &Ticks<'_>,
+    limits: &Limits,
+    violations: &mut Vec<Violation>,
+) {
     let accepted = |state: &Message| (state.count("accepted_epoch"), state.count("accepted_tick"));
     for (&tick, state) in states {
-        let Some(before) = tick.checked_sub(1).and_then(|before| states.get(&before)) else { continue };
+        let Some(before) = tick.checked_sub(1).and_then(|before| states.get(&before)) else {
+            continue;
+        };
         let within = ACCEPTED_WITHIN_TICKS + limits.link_delay_periods;
         let (_, answered) = accepted(state);
         if accepted(before) != accepted(state) && answered.saturating_add(within) < tick {
-            let (found, expected) =
-                (format!("an answer to tick {answered} was accepted"), format!("none to a tick before {}", tick - within));
+            let (found, expected) = (
+                format!("an answer to tick {answered} was accepted"),
+                format!("none to a tick before {}", tick - within),
+            );
             violations.push(Violation { rule: Rule::Age, epoch, tick, found, expected });
         }
     }
 }
 
 /// Rule e, of one plant epoch.
-fn judge_rungs(epoch: u64, states: &Ticks<'_>, truths: &Ticks<'_>, violations: &mut Vec<Violation>) {
+fn judge_rungs(
+    epoch: u64,
+    states: &Ticks<'_>,
+    truths: &Ticks<'_>,
+    violations: &mut Vec<Violation>,
+) {
     // The state of tick k tells of the period of tick k - 1.
-    let answered = |tick: u64| states.get(&tick).is_some_and(|state| state.count("accepted_tick").checked_add(1) == Some(tick));
+    let answered = |tick: u64| {
+        states
+            .get(&tick)
+            .is_some_and(|state| state.count("accepted_tick").checked_add(1) == Some(tick))
+    };
     for (&tick, state) in states {
-        let Some(before) = tick.checked_sub(1).and_then(|before| states.get(&before)) else { continue };
+        let Some(before) = tick.checked_sub(1).and_then(|before| states.get(&before)) else {
+            continue;
+        };
         let (from, to) = (before.word("rung"), state.word("rung"));
         if from == to {
             continue;
         }
-        let explained = if to == "fresh plan" { answered(tick) } else { state.word("reason") != "-" };
+        let explained =
+            if to == "fresh plan" { answered(tick) } else { state.word("reason") != "-" };
         if !explained {
-            let (found, expected) = (format!("{from} became {to}"), "a reason, or a command that was accepted".to_owned());
+            let (found, expected) = (
+                format!("{from} became {to}"),
+                "a reason, or a command that was accepted".to_owned(),
+            );
             violations.push(Violation { rule: Rule::Reason, epoch, tick, found, expected });
         }
-        let braked_by_the_gate = from == "brake" && truths.get(&(tick - 1)).is_none_or(|truth| truth.count("acting_epoch") == 0);
+        let braked_by_the_gate = from == "brake"
+            && truths.get(&(tick - 1)).is_none_or(|truth| truth.count("acting_epoch") == 0);
         // A state that is not in the record says nothing against its period.
         let good = |tick: &u64| !states.contains_key(tick) || answered(*tick);
-        let good = (1..=GOOD_PERIODS).take_while(|&ago| tick.checked_sub(ago).as_ref().is_some_and(good)).count() as u64;
+        let good = (1..=GOOD_PERIODS)
+            .take_while(|&ago| tick.checked_sub(ago).as_ref().is_some_and(good))
+            .count() as u64;
         if braked_by_the_gate && good < GOOD_PERIODS {
-            let (found, expected) = (format!("{to} after {good} good periods on the brake"), format!("{GOOD_PERIODS}"));
+            let (found, expected) =
+                (format!("{to} after {good} good periods on the brake"), format!("{GOOD_PERIODS}"));
             violations.push(Violation { rule: Rule::Recovery, epoch, tick, found, expected });
         }
     }

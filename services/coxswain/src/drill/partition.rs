@@ -45,13 +45,17 @@ pub(super) fn partition(home: &Home, cuts: &[u64], stop: &Stop) -> Result<Measur
 
     let record = plant.record()?;
     let limits = home.limits()?;
-    let fresh: Vec<u64> =
-        record.of("state").filter(|state| state.word("rung") == "fresh plan").map(|state| state.stamp("sent_nanos")).collect();
+    let fresh: Vec<u64> = record
+        .of("state")
+        .filter(|state| state.word("rung") == "fresh plan")
+        .map(|state| state.stamp("sent_nanos"))
+        .collect();
     let notes = vec![format!("the two hosts are {}", hosts.kind())];
     let mut measured = Measured { injections: healed.len() as u64, notes, ..Measured::default() };
     for (index, ((&cut, &at), millis)) in pulled.iter().zip(&healed).zip(cuts).enumerate() {
         // What was under way arrives, and the cut may begin and end in the midst of a period. To pull and to plug take their time.
-        let expected = ((*millis as f64 * 1e-3 / limits.period_s) as usize).saturating_sub(2).max(1);
+        let expected =
+            ((*millis as f64 * 1e-3 / limits.period_s) as usize).saturating_sub(2).max(1);
         let felt = periods_without_an_answer(&record, cut, at);
         if felt < expected {
             measured.violations.push(format!(
@@ -72,8 +76,11 @@ pub(super) fn partition(home: &Home, cuts: &[u64], stop: &Stop) -> Result<Measur
 
 /// Periods between two moments \[ns\] in which no answer to their own state came.
 fn periods_without_an_answer(record: &Record, from: u64, until: u64) -> usize {
-    let within = record.of("state").filter(|state| (from..until).contains(&state.stamp("sent_nanos")));
-    within.filter(|state| state.count("accepted_tick").checked_add(1) != Some(state.stamp("tick"))).count()
+    let within =
+        record.of("state").filter(|state| (from..until).contains(&state.stamp("sent_nanos")));
+    within
+        .filter(|state| state.count("accepted_tick").checked_add(1) != Some(state.stamp("tick")))
+        .count()
 }
 
 fn wait(time: Duration, stop: &Stop) {

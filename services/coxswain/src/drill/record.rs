@@ -61,7 +61,10 @@ impl Record {
     pub fn read_without_rows(folder: &Path) -> io::Result<Self> {
         Self::read_as(folder, |topic, says| {
             let fields = says.as_object_mut().into_iter();
-            let kept = |name: &str, value: &Value| name == "tail" || !value.as_array().is_some_and(|rows| rows.iter().any(Value::is_array));
+            let kept = |name: &str, value: &Value| {
+                name == "tail"
+                    || !value.as_array().is_some_and(|rows| rows.iter().any(Value::is_array))
+            };
             fields.for_each(|fields| fields.retain(|name, value| kept(name, value)));
             Topic::ALL.iter().any(|known| known.name() == topic)
         })
@@ -69,13 +72,15 @@ impl Record {
 
     /// Reads what `keep` wants, after it has changed it.
     fn read_as(folder: &Path, keep: impl Fn(&str, &mut Value) -> bool) -> io::Result<Self> {
-        let mut segments: Vec<_> = fs::read_dir(folder)?.flatten().map(|entry| entry.path()).collect();
+        let mut segments: Vec<_> =
+            fs::read_dir(folder)?.flatten().map(|entry| entry.path()).collect();
         segments.retain(|path| path.extension().is_some_and(|extension| extension == "mcap"));
         segments.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
         let mut messages = Vec::new();
         for segment in segments {
             reader::messages(&segment, |message| {
-                let (topic, mut says) = (message.channel.topic.clone(), serde_json::from_slice(&message.data)?);
+                let (topic, mut says) =
+                    (message.channel.topic.clone(), serde_json::from_slice(&message.data)?);
                 if keep(&topic, &mut says) {
                     messages.push(Message { topic, says });
                 }
@@ -106,7 +111,10 @@ impl Record {
     }
 
     /// The Health messages of one participant.
-    pub fn health_of<'a>(&'a self, participant: &'a str) -> impl DoubleEndedIterator<Item = &'a Message> {
+    pub fn health_of<'a>(
+        &'a self,
+        participant: &'a str,
+    ) -> impl DoubleEndedIterator<Item = &'a Message> {
         self.of("health").filter(move |message| message.word("participant") == participant)
     }
 }

@@ -29,20 +29,33 @@ pub(super) fn on_links(run: &Path) -> io::Result<Vec<OnLink>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(run)? {
         let path = entry?.path();
-        let Some(process) = path.file_stem().filter(|_| path.extension().is_some_and(|extension| extension == "log")) else { continue };
+        let Some(process) = path
+            .file_stem()
+            .filter(|_| path.extension().is_some_and(|extension| extension == "log"))
+        else {
+            continue;
+        };
         let text = fs::read_to_string(&path)?;
         let of_line = |line: &str| {
             let (topic, kind) = (value(line, "topic")?.to_owned(), value(line, "kind")?.to_owned());
-            Some(OnLink { process: process.to_string_lossy().into_owned(), topic, kind, count: value(line, "injected")?.parse().ok()? })
+            Some(OnLink {
+                process: process.to_string_lossy().into_owned(),
+                topic,
+                kind,
+                count: value(line, "injected")?.parse().ok()?,
+            })
         };
-        found.extend(text.lines().filter(|line| line.contains("faults were injected")).filter_map(of_line));
+        found.extend(
+            text.lines().filter(|line| line.contains("faults were injected")).filter_map(of_line),
+        );
     }
     Ok(found)
 }
 
 /// What a line of a log says of `key`.
 fn value<'a>(line: &'a str, key: &str) -> Option<&'a str> {
-    line.split_whitespace().find_map(|word| Some(word.strip_prefix(key)?.strip_prefix('=')?.trim_matches('"')))
+    line.split_whitespace()
+        .find_map(|word| Some(word.strip_prefix(key)?.strip_prefix('=')?.trim_matches('"')))
 }
 
 /// Every message that was none any more was refused and counted by the process that read it.
@@ -51,10 +64,16 @@ pub(super) fn judge_messages(on_links: &[OnLink], record: &Record) -> Vec<String
     for fault in on_links.iter().filter(|fault| MALFORMED.contains(&fault.kind.as_str())) {
         *injected.entry((&fault.process, &fault.topic)).or_default() += fault.count;
     }
-    let counted = |process: &str, topic: &str| record.health_of(process).next_back()?.says["refused"][topic].as_u64();
+    let counted = |process: &str, topic: &str| {
+        record.health_of(process).next_back()?.says["refused"][topic].as_u64()
+    };
     let differs = |((process, topic), count): ((&str, &str), u64)| {
         let refused = counted(process, topic);
-        (refused != Some(count)).then(|| format!("{process} counts {refused:?} messages refused on topic {topic}, expected {count}"))
+        (refused != Some(count)).then(|| {
+            format!(
+                "{process} counts {refused:?} messages refused on topic {topic}, expected {count}"
+            )
+        })
     };
     injected.into_iter().filter_map(differs).collect()
 }
@@ -65,15 +84,23 @@ pub(super) fn judge_messages(on_links: &[OnLink], record: &Record) -> Vec<String
 /// If the learner's log cannot be read.
 pub(super) fn judge_snapshots(run: &Path, record: &Record) -> io::Result<(u64, Vec<String>)> {
     let log = fs::read_to_string(run.join("learner.log"))?;
-    let sent: Vec<&str> = log.lines().filter(|line| line.contains("a bad snapshot is sent")).collect();
+    let sent: Vec<&str> =
+        log.lines().filter(|line| line.contains("a bad snapshot is sent")).collect();
     let mut violations = Vec::new();
-    let refused = record.health_of("controller").next_back().map_or(0, |health| health.count("snapshots_refused"));
+    let refused = record
+        .health_of("controller")
+        .next_back()
+        .map_or(0, |health| health.count("snapshots_refused"));
     if refused != sent.len() as u64 {
-        violations.push(format!("the controller refused {refused} snapshots, expected all {} bad ones and no other", sent.len()));
+        violations.push(format!(
+            "the controller refused {refused} snapshots, expected all {} bad ones and no other",
+            sent.len()
+        ));
     }
     // What is stale carries the version of a good one.
     let fresh = sent.iter().filter(|line| value(line, "kind") != Some("stale"));
-    let bad: BTreeSet<u64> = fresh.filter_map(|line| value(line, "version")?.parse().ok()).collect();
+    let bad: BTreeSet<u64> =
+        fresh.filter_map(|line| value(line, "version")?.parse().ok()).collect();
     let mut newest = 0;
     for command in record.of("command") {
         let (tick, version) = (command.stamp("tick"), command.count("model_version"));
@@ -103,10 +130,16 @@ mod tests {
         let line = "INFO chain: faults were injected fault=0 topic=\"state\" at=Reader kind=\"version\" seen=9 injected=4";
         fs::write(run.path().join("controller.log"), format!("{line}\nsomething else\n"))?;
         let found = on_links(run.path())?;
-        let expected = OnLink { process: "controller".into(), topic: "state".into(), kind: "version".into(), count: 4 };
+        let expected = OnLink {
+            process: "controller".into(),
+            topic: "state".into(),
+            kind: "version".into(),
+            count: 4,
+        };
         assert_eq!(found, [expected]);
         let health = |refused: u64| {
-            let says = json!({"participant": "controller", "refused": {"state": refused, "command": 0}});
+            let says =
+                json!({"participant": "controller", "refused": {"state": refused, "command": 0}});
             Record::of_messages(vec![Message { topic: "health".into(), says }])
         };
         assert_eq!(judge_messages(&found, &health(4)), [""; 0]);
@@ -117,15 +150,22 @@ mod tests {
     #[test]
     fn a_bad_snapshot_that_is_in_use_and_a_good_one_that_is_left_are_named() -> io::Result<()> {
         let run = tempfile::tempdir()?;
-        fs::write(run.path().join("learner.log"), "WARN learner::liar: a bad snapshot is sent kind=\"nan\" version=2 tick=50\n")?;
+        fs::write(
+            run.path().join("learner.log"),
+            "WARN learner::liar: a bad snapshot is sent kind=\"nan\" version=2 tick=50\n",
+        )?;
         let judged = |versions: &[u64], refused: u64| {
             let command = |(tick, &version): (usize, &u64)| Message {
                 topic: "command".into(),
                 says: json!({"stamp": {"tick": tick}, "model_version": version}),
             };
             let mut messages: Vec<Message> = versions.iter().enumerate().map(command).collect();
-            messages.push(Message { topic: "health".into(), says: json!({"participant": "controller", "snapshots_refused": refused}) });
-            judge_snapshots(run.path(), &Record::of_messages(messages)).map(|(sent, violations)| (sent, violations.len()))
+            messages.push(Message {
+                topic: "health".into(),
+                says: json!({"participant": "controller", "snapshots_refused": refused}),
+            });
+            judge_snapshots(run.path(), &Record::of_messages(messages))
+                .map(|(sent, violations)| (sent, violations.len()))
         };
         assert_eq!(judged(&[0, 1, 1, 3], 1)?, (1, 0));
         assert_eq!(judged(&[0, 1, 1, 3], 0)?, (1, 1));

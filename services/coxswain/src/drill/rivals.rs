@@ -51,17 +51,30 @@ impl Rival {
     fn start(session: &Session, name: &str, faults: &str) -> Result<Self, Trouble> {
         let folder = session.run().with_file_name(name);
         fs::create_dir(&folder)?;
-        let mut settings: toml::Table = fs::read_to_string(session.run().join("settings/controller.toml"))?.parse()?;
-        let run = settings.get_mut("run").and_then(toml::Value::as_table_mut).ok_or("the settings of the controller have no table run")?;
+        let mut settings: toml::Table =
+            fs::read_to_string(session.run().join("settings/controller.toml"))?.parse()?;
+        let run = settings
+            .get_mut("run")
+            .and_then(toml::Value::as_table_mut)
+            .ok_or("the settings of the controller have no table run")?;
         run.insert("folder".into(), folder.to_string_lossy().into_owned().into());
-        let links = run.get_mut("links").and_then(toml::Value::as_table_mut).ok_or("the settings of the controller have no links")?;
+        let links = run
+            .get_mut("links")
+            .and_then(toml::Value::as_table_mut)
+            .ok_or("the settings of the controller have no links")?;
         links.insert("faults".into(), faults.parse::<toml::Table>()?.into());
         let file = folder.join("settings.toml");
         fs::write(&file, settings.to_string())?;
-        let program = std::env::current_exe()?.with_file_name(crate::role::program(Participant::Controller));
+        let program =
+            std::env::current_exe()?.with_file_name(crate::role::program(Participant::Controller));
         let mut command = Command::new(program);
         command.arg("--settings").arg(file).arg("--stop-with-stdin");
-        let child = command.process_group(0).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null()).spawn()?;
+        let child = command
+            .process_group(0)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()?;
         Ok(Self { child, folder })
     }
 
@@ -102,7 +115,9 @@ impl Drop for Rival {
 /// The epoch that a controller has claimed first, from its log.
 fn epoch_in(log: &str) -> Result<u64, Trouble> {
     let line = log.lines().find(|line| line.contains(ANSWERS)).unwrap_or_default();
-    let epoch = line.split_whitespace().find_map(|word| word.strip_prefix("controller_epoch=")?.parse().ok());
+    let epoch = line
+        .split_whitespace()
+        .find_map(|word| word.strip_prefix("controller_epoch=")?.parse().ok());
     epoch.ok_or_else(|| format!("no epoch in {line:?}").into())
 }
 
@@ -123,7 +138,9 @@ pub(super) fn greater_epoch(home: &Home, times: u32, stop: &Stop) -> Result<Meas
         measured.injections += 1;
         // It answers, is replaced by the first one's successor, and ends by itself.
         if second.leaves()?.is_none() {
-            measured.violations.push(format!("round {round}: of two controllers none has left after {LEAVES_WITHIN:?}"));
+            measured.violations.push(format!(
+                "round {round}: of two controllers none has left after {LEAVES_WITHIN:?}"
+            ));
         }
     }
     thread::sleep(2 * SETTLED);
@@ -131,7 +148,11 @@ pub(super) fn greater_epoch(home: &Home, times: u32, stop: &Stop) -> Result<Meas
 }
 
 /// Ends the launch, and judges what every one of these exercises promises. Gives the record.
-fn conclude(home: &Home, session: &mut Session, measured: &mut Measured) -> Result<Record, Trouble> {
+fn conclude(
+    home: &Home,
+    session: &mut Session,
+    measured: &mut Measured,
+) -> Result<Record, Trouble> {
     session.end()?;
     let record = session.record()?;
     if record.of("state").next_back().is_none_or(|state| state.word("rung") != "fresh plan") {
@@ -171,7 +192,9 @@ pub(super) fn equal_epochs(home: &Home, times: u32, stop: &Stop) -> Result<Measu
         if attempt % 2 == 0 {
             rival.signal(Signal::KILL)?;
         } else {
-            let pid = session.pid_of(Participant::Controller).ok_or("the launcher's controller is gone")?;
+            let pid = session
+                .pid_of(Participant::Controller)
+                .ok_or("the launcher's controller is gone")?;
             kill_process(pid, Signal::KILL)?;
             if rival.leaves()?.is_none() {
                 measured.violations.push(format!("round {attempt}: the successor's epoch is greater, but the other one does not leave"));
@@ -181,10 +204,15 @@ pub(super) fn equal_epochs(home: &Home, times: u32, stop: &Stop) -> Result<Measu
         thread::sleep(2 * SETTLED);
         let record = conclude(home, &mut session, &mut measured)?;
         let found = judge_equals(&record, ours, killed_at);
-        measured.violations.extend(found.into_iter().map(|found| format!("round {attempt}: {found}")));
+        measured
+            .violations
+            .extend(found.into_iter().map(|found| format!("round {attempt}: {found}")));
     }
     if measured.injections < u64::from(times) && !stop.requested() {
-        measured.violations.push(format!("only {} of {times} times two controllers had equal epochs", measured.injections));
+        measured.violations.push(format!(
+            "only {} of {times} times two controllers had equal epochs",
+            measured.injections
+        ));
     }
     Ok(measured)
 }
@@ -193,23 +221,41 @@ pub(super) fn equal_epochs(home: &Home, times: u32, stop: &Stop) -> Result<Measu
 fn judge_equals(record: &Record, epoch: u64, killed_at: u64) -> Vec<String> {
     let mut found = Vec::new();
     let before = |message: &&Message| message.stamp("sent_nanos") < killed_at;
-    let commands: Vec<&Message> = record.of("command").filter(before).filter(|command| command.stamp("epoch") == epoch).collect();
+    let commands: Vec<&Message> = record
+        .of("command")
+        .filter(before)
+        .filter(|command| command.stamp("epoch") == epoch)
+        .collect();
     let spoke: BTreeSet<u64> = commands.iter().map(|command| command.stamp("writer")).collect();
     if spoke.len() != 2 {
         found.push(format!("{} writers spoke in epoch {epoch}, expected two", spoke.len()));
     }
-    let acted: BTreeSet<u64> =
-        record.of("truth").filter(before).map(|truth| truth.count("acting_writer")).filter(|&writer| writer > 0).collect();
+    let acted: BTreeSet<u64> = record
+        .of("truth")
+        .filter(before)
+        .map(|truth| truth.count("acting_writer"))
+        .filter(|&writer| writer > 0)
+        .collect();
     if acted.len() != 1 {
-        found.push(format!("{} of two writers of epoch {epoch} acted while both lived, expected one", acted.len()));
+        found.push(format!(
+            "{} of two writers of epoch {epoch} acted while both lived, expected one",
+            acted.len()
+        ));
     }
     let Some(last) = record.of("state").rfind(before) else { return found };
     // What was said in the last period may not have been judged yet.
     let judged = last.stamp("tick").saturating_sub(1);
-    let unheard =
-        commands.iter().filter(|command| !acted.contains(&command.stamp("writer")) && command.stamp("tick") < judged).count() as u64;
+    let unheard = commands
+        .iter()
+        .filter(|command| {
+            !acted.contains(&command.stamp("writer")) && command.stamp("tick") < judged
+        })
+        .count() as u64;
     if last.count("refused") < unheard {
-        found.push(format!("{} commands were refused, expected the {unheard} of the second writer at least", last.count("refused")));
+        found.push(format!(
+            "{} commands were refused, expected the {unheard} of the second writer at least",
+            last.count("refused")
+        ));
     }
     found
 }
@@ -218,9 +264,16 @@ fn judge_equals(record: &Record, epoch: u64, killed_at: u64) -> Vec<String> {
 ///
 /// # Errors
 /// If it could not be done.
-pub(super) fn old_epoch(home: &Home, times: u32, seed: u64, stop: &Stop) -> Result<Measured, Trouble> {
+pub(super) fn old_epoch(
+    home: &Home,
+    times: u32,
+    seed: u64,
+    stop: &Stop,
+) -> Result<Measured, Trouble> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
-    let late = format!("[[fault]]\ntopic = \"state\"\nat = \"reader\"\nkind = \"delay\"\nmillis = {LATE_MILLIS}\n");
+    let late = format!(
+        "[[fault]]\ntopic = \"state\"\nat = \"reader\"\nkind = \"delay\"\nmillis = {LATE_MILLIS}\n"
+    );
     let (mut measured, mut woken) = (Measured::default(), Vec::new());
     let mut session = home.launch("run", DURATION_S)?;
     for round in 0..times {
@@ -241,14 +294,21 @@ pub(super) fn old_epoch(home: &Home, times: u32, seed: u64, stop: &Stop) -> Resu
         measured.injections += 1;
         match second.leaves()? {
             Some(status) if status.code().is_some() => {}
-            Some(status) => measured.violations.push(format!("round {round}: woken in an old epoch, it ended with {status}")),
-            None => measured.violations.push(format!("round {round}: woken in an old epoch, it has not left after {LEAVES_WITHIN:?}")),
+            Some(status) => measured
+                .violations
+                .push(format!("round {round}: woken in an old epoch, it ended with {status}")),
+            None => measured.violations.push(format!(
+                "round {round}: woken in an old epoch, it has not left after {LEAVES_WITHIN:?}"
+            )),
         }
     }
     thread::sleep(2 * SETTLED);
     let record = conclude(home, &mut session, &mut measured)?;
     let said = judge_woken(&record, &woken, &mut measured.violations);
-    measured.notes.push(format!("{said} commands of {} that were woken reached the gate in an old epoch, and were refused", woken.len()));
+    measured.notes.push(format!(
+        "{said} commands of {} that were woken reached the gate in an old epoch, and were refused",
+        woken.len()
+    ));
     Ok(measured)
 }
 
@@ -256,14 +316,23 @@ pub(super) fn old_epoch(home: &Home, times: u32, seed: u64, stop: &Stop) -> Resu
 fn judge_woken(record: &Record, woken: &[(u64, u64)], violations: &mut Vec<String>) -> u64 {
     let mut said = 0;
     for &(epoch, at) in woken {
-        let of_epoch = |message: &&Message| message.stamp("epoch") == epoch && message.stamp("sent_nanos") > at;
+        let of_epoch = |message: &&Message| {
+            message.stamp("epoch") == epoch && message.stamp("sent_nanos") > at
+        };
         let commands = record.of("command").filter(of_epoch).count() as u64;
-        let acted = record.of("truth").filter(|truth| truth.stamp("sent_nanos") > at && truth.count("acting_epoch") == epoch).count();
+        let acted = record
+            .of("truth")
+            .filter(|truth| truth.stamp("sent_nanos") > at && truth.count("acting_epoch") == epoch)
+            .count();
         if acted > 0 {
             violations.push(format!("epoch {epoch} was over, and acted in {acted} periods"));
         }
         let refused = |until: u64| {
-            record.of("state").take_while(|state| state.stamp("sent_nanos") < until).last().map_or(0, |state| state.count("refused"))
+            record
+                .of("state")
+                .take_while(|state| state.stamp("sent_nanos") < until)
+                .last()
+                .map_or(0, |state| state.count("refused"))
         };
         let more = refused(at + HEARD_WITHIN_NANOS).saturating_sub(refused(at));
         if more < commands {

@@ -37,7 +37,8 @@ const PROFILE: &str = "agile";
 /// What must happen sooner or later may take so long. Far beyond what it takes.
 const GIVES_UP_AFTER: Duration = Duration::from_mins(2);
 /// Processes that may die often: what is measured is how they come back, not how the launcher loses its patience.
-const PATIENT: &str = "restarts_per_minute = 1000000\nback_off_millis = 0\nback_off_max_millis = 0\n";
+const PATIENT: &str =
+    "restarts_per_minute = 1000000\nback_off_millis = 0\nback_off_max_millis = 0\n";
 
 /// Which part of a graph.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,7 +86,12 @@ impl Home {
     ///
     /// # Errors
     /// A sentence.
-    pub(super) fn new(deploy: &Path, carrier: Carrier, launch: &Launch, seed: u64) -> Result<Self, Trouble> {
+    pub(super) fn new(
+        deploy: &Path,
+        carrier: Carrier,
+        launch: &Launch,
+        seed: u64,
+    ) -> Result<Self, Trouble> {
         let folder = tempfile::Builder::new().prefix("cx").tempdir()?;
         let scenario = Scenario::merged(&deploy.join("scenarios"), SCENARIO, Some(PROFILE), &[])?;
         fs::write(folder.path().join("scenario.toml"), scenario)?;
@@ -105,9 +111,15 @@ impl Home {
             for role in START_ORDER {
                 let enabled = match place {
                     // Over the network there is one only where it is what the exercise is about.
-                    Place::Everybody => role != Participant::Gateway || carrier == Carrier::SharedMemory || launch.restarts == Some(role),
+                    Place::Everybody => {
+                        role != Participant::Gateway
+                            || carrier == Carrier::SharedMemory
+                            || launch.restarts == Some(role)
+                    }
                     Place::Plant => matches!(role, Participant::Plant | Participant::Recorder),
-                    Place::Control => matches!(role, Participant::Controller | Participant::Learner),
+                    Place::Control => {
+                        matches!(role, Participant::Controller | Participant::Learner)
+                    }
                 };
                 let _ = write!(text, "[processes.{}]\nenabled = {enabled}\n{PATIENT}", role.text());
             }
@@ -145,7 +157,13 @@ impl Home {
     ///
     /// # Errors
     /// If it cannot be started.
-    pub(super) fn launch_beside(&self, name: &str, run: &str, endpoint: Option<&str>, duration_s: f64) -> Result<Session, Trouble> {
+    pub(super) fn launch_beside(
+        &self,
+        name: &str,
+        run: &str,
+        endpoint: Option<&str>,
+        duration_s: f64,
+    ) -> Result<Session, Trouble> {
         let mut command = self.command(Place::Everybody, run, duration_s)?;
         if let Some(endpoint) = endpoint {
             command.args(["--listen", endpoint]);
@@ -157,7 +175,13 @@ impl Home {
     ///
     /// # Errors
     /// If it cannot be started.
-    pub(super) fn launch_on(&self, hosts: &Hosts, place: Place, run: &str, duration_s: f64) -> Result<Session, Trouble> {
+    pub(super) fn launch_on(
+        &self,
+        hosts: &Hosts,
+        place: Place,
+        run: &str,
+        duration_s: f64,
+    ) -> Result<Session, Trouble> {
         let mut command = self.command(place, run, duration_s)?;
         let far = place == Place::Control;
         if far {
@@ -171,8 +195,16 @@ impl Home {
     fn command(&self, place: Place, run: &str, duration_s: f64) -> Result<Command, Trouble> {
         let home = self.folder.path();
         let mut command = Command::new(std::env::current_exe()?);
-        command.arg("launch").arg(home.join(place.file())).args(["--duration", &duration_s.to_string()]);
-        command.arg("--faults").arg(home.join("faults.toml")).arg("--out").arg(home.join(run)).arg("--stop-with-stdin");
+        command
+            .arg("launch")
+            .arg(home.join(place.file()))
+            .args(["--duration", &duration_s.to_string()]);
+        command
+            .arg("--faults")
+            .arg(home.join("faults.toml"))
+            .arg("--out")
+            .arg(home.join(run))
+            .arg("--stop-with-stdin");
         Ok(command)
     }
 
@@ -180,7 +212,12 @@ impl Home {
         let home = self.folder.path();
         let said = File::create(home.join(format!("{name}.txt")))?;
         // A person's Ctrl-C is for the drill, which ends its launches in order; a drill that is killed ends them by the end of their input.
-        command.env("TMPDIR", home).process_group(0).stdin(Stdio::piped()).stdout(said.try_clone()?).stderr(said);
+        command
+            .env("TMPDIR", home)
+            .process_group(0)
+            .stdin(Stdio::piped())
+            .stdout(said.try_clone()?)
+            .stderr(said);
         let begun_nanos = monotonic_nanos();
         Ok(Session { child: command.spawn()?, run: home.join(run), begun_nanos })
     }
@@ -192,13 +229,21 @@ impl Home {
 
     /// What is left of graphs that have ended: files of this home's graphs, and shared memory of those called `names`.
     pub(super) fn left_behind(&self, names: &[String]) -> Vec<String> {
-        let files = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten().map(|file| file.path());
-        let berths =
-            files(self.folder.path()).filter(|path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("coxswain-")));
-        let ours = |path: &PathBuf| {
-            path.file_name().and_then(OsStr::to_str).is_some_and(|file| names.iter().any(|name| file.contains(name.as_str())))
+        let files = |folder: &Path| {
+            fs::read_dir(folder).into_iter().flatten().flatten().map(|file| file.path())
         };
-        berths.chain(files(Path::new("/dev/shm")).filter(ours)).map(|path| path.display().to_string()).collect()
+        let berths = files(self.folder.path()).filter(|path| {
+            path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("coxswain-"))
+        });
+        let ours = |path: &PathBuf| {
+            path.file_name()
+                .and_then(OsStr::to_str)
+                .is_some_and(|file| names.iter().any(|name| file.contains(name.as_str())))
+        };
+        berths
+            .chain(files(Path::new("/dev/shm")).filter(ours))
+            .map(|path| path.display().to_string())
+            .collect()
     }
 
     /// Keeps everything in `folder`, to be looked at.
@@ -229,7 +274,10 @@ fn copy_all(from: &Path, to: &Path) -> Result<(), Trouble> {
 fn little_shared_memory(command: &Command, mebibytes: u64) -> Command {
     const MOUNT: &str = "mount -t tmpfs -o \"size=$1m\" tmpfs /dev/shm && shift && exec \"$@\"";
     let mut there = unshared();
-    there.args(["sh", "-c", MOUNT, "sh", &mebibytes.to_string()]).arg(command.get_program()).args(command.get_args());
+    there
+        .args(["sh", "-c", MOUNT, "sh", &mebibytes.to_string()])
+        .arg(command.get_program())
+        .args(command.get_args());
     there
 }
 
@@ -246,7 +294,10 @@ fn unshared() -> Command {
 /// Whether the system permits machines with little shared memory.
 pub(super) fn permits_little_shared_memory() -> bool {
     let mut look = unshared();
-    look.args(["mount", "-t", "tmpfs", "tmpfs", "/dev/shm"]).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    look.args(["mount", "-t", "tmpfs", "tmpfs", "/dev/shm"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
     look.status().is_ok_and(|status| status.success())
 }
 
@@ -265,7 +316,8 @@ impl Session {
             give_way();
             Record::read_without_rows(&self.run)
         };
-        Ok(thread::scope(|scope| scope.spawn(read).join()).unwrap_or_else(|panic| resume_unwind(panic))?)
+        Ok(thread::scope(|scope| scope.spawn(read).join())
+            .unwrap_or_else(|panic| resume_unwind(panic))?)
     }
 
     /// Name of the graph.
@@ -282,8 +334,14 @@ impl Session {
     ///
     /// # Errors
     /// If it never does.
-    pub(super) fn wait_for_log(&mut self, process: &str, text: &str, times: usize) -> Result<(), Trouble> {
-        wait_for_text(&mut self.child, &self.run.join(process).with_extension("log"), text, times).map(drop)
+    pub(super) fn wait_for_log(
+        &mut self,
+        process: &str,
+        text: &str,
+        times: usize,
+    ) -> Result<(), Trouble> {
+        wait_for_text(&mut self.child, &self.run.join(process).with_extension("log"), text, times)
+            .map(drop)
     }
 
     /// Process id of `role`, once the launcher has started it, and before anybody who starts behind it: the launcher is stopped meanwhile, and goes
@@ -291,7 +349,11 @@ impl Session {
     ///
     /// # Errors
     /// If it never starts it, or what `work` says.
-    pub(super) fn pausing_at<T>(&mut self, role: Participant, work: impl FnOnce(&Self) -> Result<T, Trouble>) -> Result<T, Trouble> {
+    pub(super) fn pausing_at<T>(
+        &mut self,
+        role: Participant,
+        work: impl FnOnce(&Self) -> Result<T, Trouble>,
+    ) -> Result<T, Trouble> {
         let begin = Instant::now();
         while self.pid_of(role).is_none() {
             if begin.elapsed() > GIVES_UP_AFTER || self.child.try_wait()?.is_some() {
@@ -308,7 +370,10 @@ impl Session {
 
     /// The process of the launcher's that plays `role`.
     pub(super) fn pid_of(&self, role: Participant) -> Option<Pid> {
-        let plays = |pid: &i32| fs::read_to_string(format!("/proc/{pid}/comm")).is_ok_and(|name| name.trim_end() == program(role));
+        let plays = |pid: &i32| {
+            fs::read_to_string(format!("/proc/{pid}/comm"))
+                .is_ok_and(|name| name.trim_end() == program(role))
+        };
         children(self.child.id()).into_iter().find(plays).and_then(Pid::from_raw)
     }
 
@@ -378,7 +443,12 @@ impl Drop for Session {
 ///
 /// # Errors
 /// If `writer` ends before, or it never does.
-pub(super) fn wait_for_text(writer: &mut Child, file: &Path, text: &str, times: usize) -> Result<String, Trouble> {
+pub(super) fn wait_for_text(
+    writer: &mut Child,
+    file: &Path,
+    text: &str,
+    times: usize,
+) -> Result<String, Trouble> {
     let begin = Instant::now();
     loop {
         let over = begin.elapsed() > GIVES_UP_AFTER || writer.try_wait()?.is_some();
@@ -396,5 +466,9 @@ pub(super) fn wait_for_text(writer: &mut Child, file: &Path, text: &str, times: 
 fn children(pid: u32) -> Vec<i32> {
     let tasks = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
     let lists = tasks.filter_map(|task| fs::read_to_string(task.path().join("children")).ok());
-    lists.flat_map(|list| list.split_whitespace().filter_map(|pid| pid.parse().ok()).collect::<Vec<i32>>()).collect()
+    lists
+        .flat_map(|list| {
+            list.split_whitespace().filter_map(|pid| pid.parse().ok()).collect::<Vec<i32>>()
+        })
+        .collect()
 }

@@ -12,12 +12,25 @@ pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
     let _ = writeln!(
         text,
         "{:<18} {:<17} {:<14} {:>10} {:>10} {:>14} {:>13} {:>9}",
-        "fault", "target", "carrier", "injections", "violations", "worst reaction", "worst restart", "95% bound"
+        "fault",
+        "target",
+        "carrier",
+        "injections",
+        "violations",
+        "worst reaction",
+        "worst restart",
+        "95% bound"
     );
     for row in rows {
-        let reaction = row.worst_reaction_periods.map_or("-".to_owned(), |periods| format!("{periods:.2} T"));
-        let restart = row.worst_restart_s.map_or("-".to_owned(), |seconds| format!("{seconds:.2} s"));
-        let bound = if row.violations == 0 && row.injections > 0 { percent(RULE_OF_THREE / row.injections as f64) } else { "-".to_owned() };
+        let reaction =
+            row.worst_reaction_periods.map_or("-".to_owned(), |periods| format!("{periods:.2} T"));
+        let restart =
+            row.worst_restart_s.map_or("-".to_owned(), |seconds| format!("{seconds:.2} s"));
+        let bound = if row.violations == 0 && row.injections > 0 {
+            percent(RULE_OF_THREE / row.injections as f64)
+        } else {
+            "-".to_owned()
+        };
         let _ = writeln!(
             text,
             "{:<18} {:<17} {:<14} {:>10} {:>10} {reaction:>14} {restart:>13} {bound:>9}",
@@ -28,11 +41,20 @@ pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
             row.violations
         );
     }
-    let (injections, violations): (u64, usize) = rows.iter().fold((0, 0), |sum, row| (sum.0 + row.injections, sum.1 + row.violations));
-    let _ = write!(text, "\n{} exercises, {injections} injections, {violations} violations", rows.len());
+    let (injections, violations): (u64, usize) =
+        rows.iter().fold((0, 0), |sum, row| (sum.0 + row.injections, sum.1 + row.violations));
+    let _ = write!(
+        text,
+        "\n{} exercises, {injections} injections, {violations} violations",
+        rows.len()
+    );
     let excused: usize = rows.iter().map(|row| row.excused_periods).sum();
     if excused > 0 {
-        let witness = if may_go_first { "a witness that goes before all of it" } else { "a witness, which may not go before it here" };
+        let witness = if may_go_first {
+            "a witness that goes before all of it"
+        } else {
+            "a witness, which may not go before it here"
+        };
         let _ = write!(
             text,
             "\n{excused} periods below a fresh plan are excused: what kept the graph from running kept {witness} from it as well"
@@ -42,7 +64,8 @@ pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
         let _ = write!(text, "\nnot done: {} of {}: {why}", row.fault, row.target);
     }
     for (row, note) in rows.iter().flat_map(|row| row.notes.iter().map(move |note| (row, note))) {
-        let _ = write!(text, "\n{} of {} over {}: {note}", row.fault, row.target, row.carrier.name());
+        let _ =
+            write!(text, "\n{} of {} over {}: {note}", row.fault, row.target, row.carrier.name());
     }
     for kept in rows.iter().filter_map(|row| row.kept.as_ref()) {
         let _ = write!(text, "\nkept: {}", kept.display());
@@ -52,7 +75,11 @@ pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
 
 /// Of a probability.
 fn percent(probability: f64) -> String {
-    if probability < 0.01 { format!("{:.4} %", 100.0 * probability) } else { format!("{:.0} %", 100.0 * probability.min(1.0)) }
+    if probability < 0.01 {
+        format!("{:.4} %", 100.0 * probability)
+    } else {
+        format!("{:.0} %", 100.0 * probability.min(1.0))
+    }
 }
 
 #[cfg(test)]
@@ -83,8 +110,15 @@ mod tests {
         assert!(text.contains("kill of plant over network: two network namespaces"), "{text}");
         assert!(text.contains("6 periods below a fresh plan are excused"), "{text}");
         let lines: Vec<&str> = text.lines().collect();
-        assert!(lines[1].contains("2.50 T") && lines[1].contains("0.14 s") && lines[1].ends_with("1 %"), "{text}");
+        assert!(
+            lines[1].contains("2.50 T") && lines[1].contains("0.14 s") && lines[1].ends_with("1 %"),
+            "{text}"
+        );
         assert!(lines[2].ends_with('-'), "{text}");
-        assert!(text.contains("2 exercises, 600 injections, 2 violations") && text.ends_with("kept: runs/drill/x"), "{text}");
+        assert!(
+            text.contains("2 exercises, 600 injections, 2 violations")
+                && text.ends_with("kept: runs/drill/x"),
+            "{text}"
+        );
     }
 }

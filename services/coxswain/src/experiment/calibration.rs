@@ -45,17 +45,25 @@ impl Calibration {
         let spread = quantile(0.5 + 0.5 * SHARE);
         let (mut within, mut counted) = ([0.0; AXES], 0.0);
         for (index, snapshot) in self.snapshots.iter().enumerate() {
-            let until = self.snapshots.get(index + 1).map_or(u64::MAX, |next| next.head.effective_tick);
+            let until =
+                self.snapshots.get(index + 1).map_or(u64::MAX, |next| next.head.effective_tick);
             // A sample bears the tick that ended its period.
-            let due = |sample: &&ResidualSample| (snapshot.head.effective_tick..until).contains(&sample.stamp.tick.saturating_sub(1));
+            let due = |sample: &&ResidualSample| {
+                (snapshot.head.effective_tick..until).contains(&sample.stamp.tick.saturating_sub(1))
+            };
             let Ok(mut model) = prepare(snapshot, &self.expected) else { continue };
             for sample in self.samples.iter().filter(due) {
-                let at = Moment { velocity: sample.velocity, input: sample.input, before: sample.input_before };
+                let at = Moment {
+                    velocity: sample.velocity,
+                    input: sample.input,
+                    before: sample.input_before,
+                };
                 let mean = model.learned.mean(&at);
                 let variance = model.learned.sample_variance(&at, &mut model.scratch);
                 counted += 1.0;
                 for axis in 0..AXES {
-                    let inside = (sample.residual[axis] - mean[axis]).abs() <= spread * variance[axis].sqrt();
+                    let inside = (sample.residual[axis] - mean[axis]).abs()
+                        <= spread * variance[axis].sqrt();
                     within[axis] += if inside { 1.0 } else { 0.0 };
                 }
             }

@@ -6,7 +6,7 @@ use controller::settings::{DelaySetting, Method};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
-/// ℓ of the observer of every contender that has one, where the scenario itself has none: the best of `mpc+observer` in `paper` and `circle`.
+/// Largest ℓ of the observer of every contender that has one, where the scenario itself has none.
 pub const OBSERVER_GAIN: f64 = 1.0;
 
 /// A controller in a comparison.
@@ -24,7 +24,7 @@ pub enum Contender {
     #[value(name = "mpc+observer")]
     #[serde(rename = "mpc+observer")]
     MpcObserver,
-    /// With a linear residual by recursive least squares, and the observer.
+    /// With the response that recursive least squares identify, and the observer.
     #[value(name = "rls-mpc+observer")]
     #[serde(rename = "rls-mpc+observer")]
     RlsMpcObserver,
@@ -32,7 +32,8 @@ pub enum Contender {
     #[value(name = "gpr-mpc")]
     #[serde(rename = "gpr-mpc")]
     GprMpc,
-    /// Ours: with a Gaussian process, and the observer for what remains.
+    /// Ours: with the identified response and a Gaussian process, whichever foretells better, and the
+    /// observer for what remains.
     #[value(name = "gpr-mpc+observer")]
     #[serde(rename = "gpr-mpc+observer")]
     GprMpcObserver,
@@ -44,8 +45,15 @@ pub enum Contender {
 
 impl Contender {
     /// All of them, the simplest first.
-    pub const ALL: [Self; 7] =
-        [Self::FeedforwardP, Self::Mpc, Self::MpcObserver, Self::RlsMpcObserver, Self::GprMpc, Self::GprMpcObserver, Self::OracleMpc];
+    pub const ALL: [Self; 7] = [
+        Self::FeedforwardP,
+        Self::Mpc,
+        Self::MpcObserver,
+        Self::RlsMpcObserver,
+        Self::GprMpc,
+        Self::GprMpcObserver,
+        Self::OracleMpc,
+    ];
 
     /// Whether it has a learner, and so something to begin with.
     pub fn learns(self) -> bool {
@@ -57,9 +65,8 @@ impl Contender {
         let mpc = &mut assembly.scenario.mpc;
         mpc.method = match self {
             Self::FeedforwardP => Method::FeedforwardP,
-            Self::RlsMpcObserver => Method::LeastSquaresMpc,
             Self::OracleMpc => Method::Oracle,
-            Self::Mpc | Self::MpcObserver | Self::GprMpc | Self::GprMpcObserver => Method::Mpc,
+            _ => Method::Mpc,
         };
         mpc.observer_gain = match self {
             Self::FeedforwardP | Self::Mpc | Self::GprMpc => 0.0,
@@ -67,11 +74,15 @@ impl Contender {
             _ if mpc.observer_gain > 0.0 => mpc.observer_gain,
             _ => OBSERVER_GAIN,
         };
-        // Making up for a transport delay is ours, and the oracle's, who knows it.
+        mpc.identify = matches!(self, Self::RlsMpcObserver | Self::GprMpcObserver);
+        // The same dead time is found and made up for by all that predict; the oracle knows it.
         mpc.delay = match self {
-            Self::GprMpc | Self::GprMpcObserver => DelaySetting::Estimated,
-            Self::OracleMpc => DelaySetting::KnownS(assembly.scenario.truth.command_delay_s),
-            Self::FeedforwardP | Self::Mpc | Self::MpcObserver | Self::RlsMpcObserver => DelaySetting::Ignored,
+            Self::OracleMpc => {
+                let truth = assembly.scenario.truth.as_ref();
+                DelaySetting::KnownS(truth.map_or(0.0, |truth| truth.command_delay_s))
+            }
+            Self::FeedforwardP => DelaySetting::Ignored,
+            _ => DelaySetting::Estimated,
         };
         assembly.graph.processes.learner.enabled = self.learns();
     }

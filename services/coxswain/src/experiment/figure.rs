@@ -82,7 +82,10 @@ impl Figure {
             Self::DelayFound => (row.delay_found_s, row.duration_s),
             Self::InputEffort => (Some(row.input_effort), f64::INFINITY),
             Self::CorridorViolations => (row.corridor_violations, f64::NAN),
-            Self::Coverage => (row.coverage.map(|of_axes| of_axes.iter().sum::<f64>() / of_axes.len() as f64), f64::NAN),
+            Self::Coverage => (
+                row.coverage.map(|of_axes| of_axes.iter().sum::<f64>() / of_axes.len() as f64),
+                f64::NAN,
+            ),
             Self::ConstraintViolations => (Some(row.constraint_violations as f64), f64::INFINITY),
             Self::TickP50 => (row.tick_p50_us, f64::INFINITY),
             Self::TickP99 => (row.tick_p99_us, f64::INFINITY),
@@ -92,23 +95,36 @@ impl Figure {
 }
 
 /// When the robot or its world first changes in mid-run \[ns\].
-pub(super) fn changes_at(truth: &Truth) -> Option<u64> {
-    let times = truth.payload.iter().map(|payload| payload.at_s).chain(truth.push.iter().map(|push| push.from_s));
-    let first = times.chain(truth.faults.iter().map(|fault| fault.at_s)).map(|at_s| (at_s * 1e9) as u64).filter(|&at| at > START_NANOS);
+pub(super) fn changes_at(truth: Option<&Truth>) -> Option<u64> {
+    let truth = truth?;
+    let times = truth
+        .payload
+        .iter()
+        .map(|payload| payload.at_s)
+        .chain(truth.push.iter().map(|push| push.from_s));
+    let first = times
+        .chain(truth.faults.iter().map(|fault| fault.at_s))
+        .map(|at_s| (at_s * 1e9) as u64)
+        .filter(|&at| at > START_NANOS);
     first.min()
 }
 
 /// Mean over the last 5 s \[m\].
 pub(super) fn at_end(distances: &[(u64, f64)]) -> Option<f64> {
     let (end, _) = distances.last()?;
-    let last: Vec<f64> = distances.iter().filter(|(at, _)| at + END_NANOS > *end).map(|&(_, distance)| distance).collect();
+    let last: Vec<f64> = distances
+        .iter()
+        .filter(|(at, _)| at + END_NANOS > *end)
+        .map(|&(_, distance)| distance)
+        .collect();
     finite(last.iter().sum::<f64>() / last.len() as f64)
 }
 
 /// How long after `change` the RMSE to the end is back within 1.2 times that before it \[s\].
 pub(super) fn recovery(distances: &[(u64, f64)], change: u64) -> Option<f64> {
     let before = distances.iter().filter(|(at, _)| (START_NANOS..change).contains(at));
-    let (count, sum) = before.fold((0.0, 0.0), |(count, sum), (_, distance)| (count + 1.0, sum + distance * distance));
+    let (count, sum) = before
+        .fold((0.0, 0.0), |(count, sum), (_, distance)| (count + 1.0, sum + distance * distance));
     let allowed = finite(BACK * BACK * sum / count)?;
     // From the end backwards: the mean square from each tick to the end.
     let mut back = None;
@@ -139,7 +155,10 @@ mod tests {
     /// 1 cm, but from `change` to `back` 5 cm.
     fn run(change: u64, back: u64) -> Vec<(u64, f64)> {
         let seconds = 1_000_000_000;
-        (0..400).map(|tick| tick * seconds / 10).map(|at| (at, if (change..back).contains(&at) { 0.05 } else { 0.01 })).collect()
+        (0..400)
+            .map(|tick| tick * seconds / 10)
+            .map(|at| (at, if (change..back).contains(&at) { 0.05 } else { 0.01 }))
+            .collect()
     }
 
     #[test]
@@ -148,7 +167,11 @@ mod tests {
         let recovered = |back| recovery(&run(15 * seconds, back), 15 * seconds);
         assert_eq!(recovered(15 * seconds), Some(0.0));
         // Of two seconds of five times the error, a few ticks do not count against the rest of the run.
-        assert!(recovered(17 * seconds).is_some_and(|after| (1.5..=2.0).contains(&after)), "{:?}", recovered(17 * seconds));
+        assert!(
+            recovered(17 * seconds).is_some_and(|after| (1.5..=2.0).contains(&after)),
+            "{:?}",
+            recovered(17 * seconds)
+        );
         assert_eq!(recovered(100 * seconds), None);
         assert_eq!(recovery(&[], 15 * seconds), None);
     }
@@ -156,7 +179,11 @@ mod tests {
     #[test]
     fn a_delay_is_found_when_it_is_not_lost_again() {
         let found = |delays: &[f64]| {
-            let at: Vec<(f64, f64)> = delays.iter().zip(0_u32..).map(|(&delay, tick)| (0.1 * f64::from(tick), delay)).collect();
+            let at: Vec<(f64, f64)> = delays
+                .iter()
+                .zip(0_u32..)
+                .map(|(&delay, tick)| (0.1 * f64::from(tick), delay))
+                .collect();
             delay_found(&at, 0.25, 0.1)
         };
         assert_eq!(found(&[0.2, 0.0, 0.18, 0.35, 0.25]), Some(0.2));
@@ -173,8 +200,15 @@ mod tests {
 
     #[test]
     fn only_a_change_in_mid_run_can_be_recovered_from() {
-        let payload = |at_s| plant_sim::truth::Payload { mass_kg: 1.0, yaw_inertia_kg_m2: 0.0, offset_m: [0.0; 2], at_s, until_s: None };
-        let changes = |at_s| changes_at(&Truth { payload: Some(payload(at_s)), ..Truth::default() });
+        let payload = |at_s| plant_sim::truth::Payload {
+            mass_kg: 1.0,
+            yaw_inertia_kg_m2: 0.0,
+            offset_m: [0.0; 2],
+            at_s,
+            until_s: None,
+        };
+        let changes =
+            |at_s| changes_at(Some(&Truth { payload: Some(payload(at_s)), ..Truth::default() }));
         assert_eq!((changes(0.0), changes(15.0)), (None, Some(15_000_000_000)));
     }
 }

@@ -24,7 +24,8 @@ impl Foresight for Oracle {
     }
 
     fn predict(&self, state: &State, input: &Velocity) -> State {
-        let (pose, velocity) = self.preview.after(self.period_nanos, state.pose, state.velocity, *input);
+        let (pose, velocity) =
+            self.preview.after(self.period_nanos, state.pose, state.velocity, *input);
         State { pose, velocity, acted: *input }
     }
 }

@@ -28,12 +28,17 @@ struct Cells<'a> {
 
 impl<'a> Cells<'a> {
     fn new(rows: &'a [Row], figure: Figure) -> Self {
-        let mut cells = Self { values: BTreeMap::new(), scenarios: BTreeSet::new(), columns: BTreeSet::new() };
+        let mut cells =
+            Self { values: BTreeMap::new(), scenarios: BTreeSet::new(), columns: BTreeSet::new() };
         for row in rows {
             let column = (row.controller, row.start);
             // A figure that a row cannot have is not told.
             let value = Some(figure.of(row)).filter(|value| !value.is_nan());
-            cells.values.entry((&row.scenario, column)).or_default().extend(value.map(|value| (row.seed, value)));
+            cells
+                .values
+                .entry((&row.scenario, column))
+                .or_default()
+                .extend(value.map(|value| (row.seed, value)));
             cells.scenarios.insert(&row.scenario);
             cells.columns.insert(column);
         }
@@ -51,25 +56,29 @@ impl<'a> Cells<'a> {
     }
 
     fn geometric_mean(&self, column: Column, baseline: Column) -> Option<f64> {
-        let ratios =
-            self.scenarios.iter().filter_map(|scenario| Some((self.mean(scenario, column)? / self.mean(scenario, baseline)?).ln()));
+        let ratios = self.scenarios.iter().filter_map(|scenario| {
+            Some((self.mean(scenario, column)? / self.mean(scenario, baseline)?).ln())
+        });
         let (count, sum) = ratios.fold((0, 0.0), |(count, sum), ratio| (count + 1, sum + ratio));
         (count > 0).then(|| (sum / f64::from(count)).exp())
     }
 
     fn gap_closed(&self, column: Column) -> Option<f64> {
-        let (observer, oracle) = (self.baseline(Contender::MpcObserver)?, self.baseline(Contender::OracleMpc)?);
+        let (observer, oracle) =
+            (self.baseline(Contender::MpcObserver)?, self.baseline(Contender::OracleMpc)?);
         let gaps = self.scenarios.iter().filter_map(|scenario| {
             let from = self.mean(scenario, observer)?;
             Some((from - self.mean(scenario, column)?, from - self.mean(scenario, oracle)?))
         });
-        let (closed, whole) = gaps.fold((0.0, 0.0), |(closed, whole), gap| (closed + gap.0, whole + gap.1));
+        let (closed, whole) =
+            gaps.fold((0.0, 0.0), |(closed, whole), gap| (closed + gap.0, whole + gap.1));
         (whole != 0.0).then(|| closed / whole)
     }
 
     /// The largest ratio, and its scenario and seed.
     fn worst(&self, column: Column) -> Option<(f64, &'a str, u64)> {
-        let (mpc, observer) = (self.baseline(Contender::Mpc)?, self.baseline(Contender::MpcObserver)?);
+        let (mpc, observer) =
+            (self.baseline(Contender::Mpc)?, self.baseline(Contender::MpcObserver)?);
         let mut worst: Option<(f64, &'a str, u64)> = None;
         for &scenario in &self.scenarios {
             let Some(seeds) = self.values.get(&(scenario, column)) else { continue };
@@ -101,7 +110,9 @@ pub(super) fn render(rows: &[Row], figure: Figure) -> String {
     line("controller", &|(contender, _)| Some(contender.to_string()));
     line("start", &|(contender, start)| contender.learns().then(|| start.to_string()));
     for scenario in &cells.scenarios {
-        line(scenario, &|column| cells.mean(scenario, column).map(|mean| format!("{:.1}", scale * mean)));
+        line(scenario, &|column| {
+            cells.mean(scenario, column).map(|mean| format!("{:.1}", scale * mean))
+        });
     }
     for contender in [Contender::Mpc, Contender::MpcObserver, Contender::RlsMpcObserver] {
         let Some(baseline) = cells.baseline(contender) else { continue };
@@ -112,12 +123,17 @@ pub(super) fn render(rows: &[Row], figure: Figure) -> String {
     if figure != Figure::PositionRmse {
         return out;
     }
-    line("gap closed from mpc+observer to oracle", &|column| cells.gap_closed(column).map(|share| format!("{:.0} %", 100.0 * share)));
-    line("worst, less 2 mm, of the better baseline", &|column| cells.worst(column).map(|(ratio, ..)| format!("{ratio:.2}")));
+    line("gap closed from mpc+observer to oracle", &|column| {
+        cells.gap_closed(column).map(|share| format!("{:.0} %", 100.0 * share))
+    });
+    line("worst, less 2 mm, of the better baseline", &|column| {
+        cells.worst(column).map(|(ratio, ..)| format!("{ratio:.2}"))
+    });
     for &(contender, start) in &cells.columns {
         if let Some((ratio, scenario, seed)) = cells.worst((contender, start)) {
             let known = if contender.learns() { format!(" {start}") } else { String::new() };
-            let _ = write!(out, "\nworst of {contender}{known}: {ratio:.2} in {scenario}, seed {seed}");
+            let _ =
+                write!(out, "\nworst of {contender}{known}: {ratio:.2} in {scenario}, seed {seed}");
         }
     }
     out
@@ -168,7 +184,10 @@ mod tests {
             row(Contender::RlsMpcObserver, 1, None),
         ];
         let table = render(&rows, Figure::PositionRmse);
-        assert!(table.contains("20.0") && table.contains("40.0") && table.contains("inf"), "{table}");
+        assert!(
+            table.contains("20.0") && table.contains("40.0") && table.contains("inf"),
+            "{table}"
+        );
         let ratios = line(&table, "geometric mean, of mpc+observer");
         assert!(ratios.contains("1.000") && ratios.contains("2.000"), "{table}");
     }
@@ -184,7 +203,10 @@ mod tests {
             row(Contender::GprMpcObserver, 2, Some(0.022)),
         ];
         let table = render(&rows, Figure::PositionRmse);
-        assert_eq!(line(&table, "worst of gpr"), "worst of gpr-mpc+observer cold: 1.50 in figure-eight+payload, seed 1");
+        assert_eq!(
+            line(&table, "worst of gpr"),
+            "worst of gpr-mpc+observer cold: 1.50 in figure-eight+payload, seed 1"
+        );
     }
 
     #[test]
@@ -195,7 +217,8 @@ mod tests {
             row(Contender::OracleMpc, 1, Some(0.010)),
         ];
         let table = render(&rows, Figure::PositionRmse);
-        let shares: Vec<&str> = line(&table, "gap closed").split_whitespace().rev().take(6).collect();
+        let shares: Vec<&str> =
+            line(&table, "gap closed").split_whitespace().rev().take(6).collect();
         assert_eq!(shares, ["%", "100", "%", "60", "%", "0"]);
     }
 

@@ -11,7 +11,9 @@ use controller::control::Controller;
 use controller::reference::{PointsError, Reference};
 use controller::settings::StateLimits;
 use process::{Pulse, Stop};
-use protocol::message::{ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Rung, Truth};
+use protocol::message::{
+    ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Rung, Truth,
+};
 use protocol::port::{OpenError, Ports, ReceiveError, Since, Source};
 use recorder::rows::Rows;
 use recorder::summary::{self, Summary};
@@ -133,13 +135,19 @@ pub enum TrialError {
 ///
 /// # Errors
 /// [`TrialError`].
-pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, Start)) -> Result<Row, TrialError> {
+pub fn run(
+    assembly: &Assembly,
+    folder: &Path,
+    label: (&str, &str, Contender, Start),
+) -> Result<Row, TrialError> {
     let limits = assembly.scenario.mpc.state_limits;
     let corridor = Corridor::of(&assembly.scenario)?;
     let period = assembly.scenario.period_millis * 1e-3;
     let outside = |truth: &Truth| {
         limits.heading_rad.is_some_and(|limit| truth.pose[2].abs() > limit)
-            || limits.speed_mps.is_some_and(|limit| truth.velocity[0].abs().max(truth.velocity[1].abs()) > limit)
+            || limits
+                .speed_mps
+                .is_some_and(|limit| truth.velocity[0].abs().max(truth.velocity[1].abs()) > limit)
             || limits.yaw_rate_radps.is_some_and(|limit| truth.velocity[2].abs() > limit)
             || corridor.as_ref().is_some_and(|corridor| corridor.is_left_by(truth))
     };
@@ -164,8 +172,11 @@ pub fn run(assembly: &Assembly, folder: &Path, label: (&str, &str, Contender, St
         position_rmse_m: summary.position_rmse_m,
         position_max_m: summary.position_max_m,
         position_at_end_m: figure::at_end(&distances),
-        recovery_s: figure::changes_at(&assembly.scenario.truth).and_then(|at| figure::recovery(&distances, at)),
-        delay_found_s: figure::delay_found(&witnessed.delays, assembly.scenario.truth.command_delay_s, period),
+        recovery_s: figure::changes_at(assembly.scenario.truth.as_ref())
+            .and_then(|at| figure::recovery(&distances, at)),
+        delay_found_s: (assembly.scenario.truth.as_ref()).and_then(|truth| {
+            figure::delay_found(&witnessed.delays, truth.command_delay_s, period)
+        }),
         heading_rmse_rad: summary.heading_rmse_rad,
         input_effort: effort(&witnessed.inputs) / period,
         constraint_violations: witnessed.violations,
@@ -192,17 +203,22 @@ impl Corridor {
         }
         let period = scenario.period_millis * 1e-3;
         let ticks = (scenario.duration_s / period).ceil() as usize;
-        Ok(Some(Self { limits, reference: Reference::new(&scenario.reference, &scenario.start.pose, period, ticks)? }))
+        Ok(Some(Self {
+            limits,
+            reference: Reference::new(&scenario.reference, &scenario.start.pose, period, ticks)?,
+        }))
     }
 
     fn is_left_by(&self, truth: &Truth) -> bool {
         let lateral = self.reference.at(truth.stamp.tick).lateral(&truth.pose);
-        self.limits.corridor_left_m.is_some_and(|left| lateral > left) || self.limits.corridor_right_m.is_some_and(|right| -lateral > right)
+        self.limits.corridor_left_m.is_some_and(|left| lateral > left)
+            || self.limits.corridor_right_m.is_some_and(|right| -lateral > right)
     }
 
     /// Share of `truths` outside.
     fn left_for(&self, truths: &[Truth]) -> f64 {
-        truths.iter().filter(|truth| self.is_left_by(truth)).count() as f64 / truths.len().max(1) as f64
+        truths.iter().filter(|truth| self.is_left_by(truth)).count() as f64
+            / truths.len().max(1) as f64
     }
 }
 
@@ -235,7 +251,10 @@ fn witness(
     loop {
         let ending = stop.requested();
         while let Some(state) = states.next()? {
-            let played = matches!(state.rung(), Rung::Waiting | Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr);
+            let played = matches!(
+                state.rung(),
+                Rung::Waiting | Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr
+            );
             kept.violations += u64::from(!played);
             kept.inputs.push(state.input);
             kept.rows.heard_state(&state);
@@ -247,7 +266,8 @@ fn witness(
         }
         while let Some(plan) = plans.next()? {
             kept.plans += 1;
-            kept.delays.push((plan.stamp.tick as f64 * period, 1e-6 * f64::from(plan.delay_micros)));
+            kept.delays
+                .push((plan.stamp.tick as f64 * period, 1e-6 * f64::from(plan.delay_micros)));
             for (axis, used) in kept.learned.iter_mut().enumerate() {
                 *used += u64::from(plan.learned_axes >> axis & 1);
             }

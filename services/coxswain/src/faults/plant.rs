@@ -72,25 +72,42 @@ impl PlantFault {
     /// # Errors
     /// [`Impossible`] names the key that does not go with what happens there anyway.
     pub(super) fn happen_in(&self, world: &mut Truth) -> Result<(), Impossible> {
-        let (from_s, until_s) = (self.from_s, self.millis.map(|millis| self.from_s + millis as f64 * 1e-3));
+        let (from_s, until_s) =
+            (self.from_s, self.millis.map(|millis| self.from_s + millis as f64 * 1e-3));
         let needed = |key: &str| Impossible::new(key, format!("it for {}", self.kind.name()));
         match self.kind {
             PlantFaultKind::WeakMotor | PlantFaultKind::DeadMotor => {
-                let gain = if self.kind == PlantFaultKind::DeadMotor { 0.0 } else { self.gain.ok_or_else(|| needed("gain"))? };
+                let gain = if self.kind == PlantFaultKind::DeadMotor {
+                    0.0
+                } else {
+                    self.gain.ok_or_else(|| needed("gain"))?
+                };
                 let wheel = self.wheel.ok_or_else(|| needed("wheel"))?;
                 world.faults.push(Fault { wheel, gain, at_s: from_s, until_s });
             }
             PlantFaultKind::Slip => {
                 let grip_factor = self.grip.ok_or_else(|| needed("grip"))?;
-                world.wheel_slip.get_or_insert(WheelSlip { grip: DRY_GRIP, slip_speed_scale_mps: SLIP_SPEED_SCALE_MPS });
+                world.wheel_slip.get_or_insert(WheelSlip {
+                    grip: DRY_GRIP,
+                    slip_speed_scale_mps: SLIP_SPEED_SCALE_MPS,
+                });
                 world.slippery.push(Slippery { grip_factor, from_s, until_s });
             }
             PlantFaultKind::Payload => {
                 if world.payload.is_some() {
-                    return Err(Impossible::new("kind", "no payload where the scenario, or a fault before, has one already"));
+                    return Err(Impossible::new(
+                        "kind",
+                        "no payload where the scenario, or a fault before, has one already",
+                    ));
                 }
                 let mass_kg = self.mass_kg.ok_or_else(|| needed("mass_kg"))?;
-                world.payload = Some(Payload { mass_kg, yaw_inertia_kg_m2: 0.0, offset_m: [0.0; 2], at_s: from_s, until_s });
+                world.payload = Some(Payload {
+                    mass_kg,
+                    yaw_inertia_kg_m2: 0.0,
+                    offset_m: [0.0; 2],
+                    at_s: from_s,
+                    until_s,
+                });
             }
             PlantFaultKind::StuckSensor => {
                 let sensor = self.sensor.ok_or_else(|| needed("sensor"))?;
@@ -112,8 +129,12 @@ impl PlantFault {
             ("sensor", self.sensor.is_some(), kind == PlantFaultKind::StuckSensor),
         ] {
             match (is, wanted) {
-                (true, false) => return Err(Impossible::new(key, format!("no such key for {}", kind.name()))),
-                (false, true) => return Err(Impossible::new(key, format!("it for {}", kind.name()))),
+                (true, false) => {
+                    return Err(Impossible::new(key, format!("no such key for {}", kind.name())));
+                }
+                (false, true) => {
+                    return Err(Impossible::new(key, format!("it for {}", kind.name())));
+                }
                 _ => {}
             }
         }
@@ -147,8 +168,13 @@ mod tests {
 
     #[test]
     fn a_fault_of_the_robot_is_what_a_scenario_would_say() -> Result<(), String> {
-        let world = |text: &str| read(text)?.in_world(&Truth::default()).map_err(|impossible| impossible.key);
-        let dead = world("[[plant]]\nkind = \"dead-motor\"\nwheel = \"rear-left\"\nfrom_s = 2.0\nmillis = 500\n")?;
+        let world = |text: &str| {
+            let world = read(text)?.in_world(Some(&Truth::default()));
+            world.map(Option::unwrap_or_default).map_err(|impossible| impossible.key)
+        };
+        let dead = world(
+            "[[plant]]\nkind = \"dead-motor\"\nwheel = \"rear-left\"\nfrom_s = 2.0\nmillis = 500\n",
+        )?;
         let fault = Fault { wheel: Wheel::RearLeft, gain: 0.0, at_s: 2.0, until_s: Some(2.5) };
         assert_eq!(dead, Truth { faults: vec![fault], ..Truth::default() });
         let slippery = world("[[plant]]\nkind = \"slip\"\ngrip = 0.3\nfrom_s = 2.0\n")?;
@@ -172,10 +198,13 @@ mod tests {
             ("kind = \"stuck-sensor\"\nsensor = \"pose\"\nmillis = 0", "millis"),
             ("kind = \"stuck-sensor\"\nsensor = \"pose\"\ngrip = 0.5", "grip"),
         ] {
-            let said = read(&format!("[[plant]]\nfrom_s = 1.0\n{keys}\n")).err().unwrap_or_default();
+            let said =
+                read(&format!("[[plant]]\nfrom_s = 1.0\n{keys}\n")).err().unwrap_or_default();
             assert!(said.contains(&format!("plant.0.{key}")), "{keys}: {said}");
         }
-        let said = read("[[plant]]\nfrom_s = -1.0\nkind = \"slip\"\ngrip = 0.5\n").err().unwrap_or_default();
+        let said = read("[[plant]]\nfrom_s = -1.0\nkind = \"slip\"\ngrip = 0.5\n")
+            .err()
+            .unwrap_or_default();
         assert!(said.contains("plant.0.from_s"), "{said}");
     }
 }

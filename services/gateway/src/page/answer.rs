@@ -43,7 +43,8 @@ pub(super) fn events() -> String {
 
 /// Why there is nothing to be had.
 pub(super) fn refusal(refusal: Refusal) -> String {
-    let (status, allow) = (refusal.status(), if refusal == Refusal::Method { "Allow: GET\r\n" } else { "" });
+    let (status, allow) =
+        (refusal.status(), if refusal == Refusal::Method { "Allow: GET\r\n" } else { "" });
     let body = format!("{status}\n");
     format!(
         "HTTP/1.1 {status}\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: {}\r\n{allow}\
@@ -72,8 +73,14 @@ mod tests {
         let (one, other) = (nonce(), nonce());
         assert!(one != other && one.len() == 32);
         let page = document(&one);
-        let policy = page.lines().find(|line| line.starts_with("Content-Security-Policy: ")).unwrap_or_default();
-        assert!(policy.contains("default-src 'none'") && policy.contains("frame-ancestors 'none'"), "{policy}");
+        let policy = page
+            .lines()
+            .find(|line| line.starts_with("Content-Security-Policy: "))
+            .unwrap_or_default();
+        assert!(
+            policy.contains("default-src 'none'") && policy.contains("frame-ancestors 'none'"),
+            "{policy}"
+        );
         assert!(!policy.contains("unsafe") && policy.matches(&one).count() == 2, "{policy}");
         let body = page.split("\r\n\r\n").nth(1).unwrap_or_default();
         assert_eq!(body.matches(&format!("nonce=\"{one}\"")).count(), 2);
@@ -83,11 +90,20 @@ mod tests {
     #[test]
     fn the_page_asks_for_nothing_from_elsewhere_and_shows_no_name_as_markup() {
         for part in [HTML, STYLE, SCRIPT] {
-            for forbidden in
-                ["http://", "https://", "//cdn", "@import", "url(", "innerHTML", "insertAdjacentHTML", "document.write", "eval("]
-            {
-                let own =
-                    forbidden.starts_with("http") && part.matches(forbidden).count() == part.matches("http://www.w3.org/2000/svg").count();
+            for forbidden in [
+                "http://",
+                "https://",
+                "//cdn",
+                "@import",
+                "url(",
+                "innerHTML",
+                "insertAdjacentHTML",
+                "document.write",
+                "eval(",
+            ] {
+                let own = forbidden.starts_with("http")
+                    && part.matches(forbidden).count()
+                        == part.matches("http://www.w3.org/2000/svg").count();
                 assert!(!part.contains(forbidden) || own, "{forbidden}");
             }
         }

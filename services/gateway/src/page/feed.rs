@@ -146,12 +146,18 @@ impl Feed {
     pub(crate) fn hear_state(&mut self, state: &PlantState) {
         let before = self.state.replace(*state);
         let seconds = self.now_s();
-        let another = before.is_some_and(|before| (before.stamp.writer, before.stamp.epoch) != (state.stamp.writer, state.stamp.epoch));
+        let another = before.is_some_and(|before| {
+            (before.stamp.writer, before.stamp.epoch) != (state.stamp.writer, state.stamp.epoch)
+        });
         if another {
             self.states.clear();
             self.plans.clear();
             self.comparison.start_again();
-            self.news = Gathered { model: self.news.model, entries_told: self.news.entries_told, ..Gathered::default() };
+            self.news = Gathered {
+                model: self.news.model,
+                entries_told: self.news.entries_told,
+                ..Gathered::default()
+            };
         }
         if let Some(before) = before {
             if let Some((sort, text)) = gate_change(&before, state) {
@@ -201,7 +207,9 @@ impl Feed {
         let Some(place) = self.processes.get_mut(health.participant as usize) else { return };
         let logbook = &mut self.logbook;
         match place {
-            Some(process) => process.take_in(health, now, |sort, text| logbook.write(seconds, who, sort, text)),
+            Some(process) => {
+                process.take_in(health, now, |sort, text| logbook.write(seconds, who, sort, text));
+            }
             None => *place = Some(Process::new(health, now)),
         }
     }
@@ -236,7 +244,9 @@ impl Feed {
             about: &self.about,
             rungs: Rung::ALL.iter().map(|rung| rung.text()).collect(),
             reasons: Reason::ALL.iter().map(|reason| reason.text()).collect(),
-            without: without.map(|row| [self.seconds(row.tick), row.x_m, row.y_m, row.error_m].map(round)).collect(),
+            without: without
+                .map(|row| [self.seconds(row.tick), row.x_m, row.y_m, row.error_m].map(round))
+                .collect(),
             states: &self.states,
             plans: &self.plans,
             standing: self.stands(now, true, 0),
@@ -248,10 +258,15 @@ impl Feed {
     pub(super) fn news(&mut self, now: Instant) -> Option<Arc<str>> {
         let news = std::mem::take(&mut self.news);
         let entries_told = self.logbook.written();
-        let processes = news.processes_told.is_none_or(|told| now.saturating_duration_since(told) >= PROCESSES_EVERY);
+        let processes = news
+            .processes_told
+            .is_none_or(|told| now.saturating_duration_since(told) >= PROCESSES_EVERY);
         self.news.entries_told = entries_told;
         self.news.processes_told = if processes { Some(now) } else { news.processes_told };
-        let nothing = news.states.is_empty() && news.plans.is_empty() && !news.model && entries_told == news.entries_told;
+        let nothing = news.states.is_empty()
+            && news.plans.is_empty()
+            && !news.model
+            && entries_told == news.entries_told;
         if nothing && !processes {
             return None;
         }

@@ -38,8 +38,12 @@ impl Horizon {
         Self {
             deviation: deviation.collect(),
             t: round(seconds),
-            predicted: rows().map(|(state, _)| [round(state[0]), round(state[1]), round(state[2])]).collect(),
-            reference: rows().map(|(_, reference)| [round(reference[0]), round(reference[1])]).collect(),
+            predicted: rows()
+                .map(|(state, _)| [round(state[0]), round(state[1]), round(state[2])])
+                .collect(),
+            reference: rows()
+                .map(|(_, reference)| [round(reference[0]), round(reference[1])])
+                .collect(),
         }
     }
 }
@@ -74,8 +78,13 @@ mod tests {
             spread.pass(variance, period);
         }
         // The error of period j lasts for the half of its own and for all later ones.
-        let lasts = |period_before: usize| period * (variances.len() - period_before) as f64 - period / 2.0;
-        let sum: f64 = variances.iter().enumerate().map(|(before, variance)| variance * lasts(before).powi(2)).sum();
+        let lasts =
+            |period_before: usize| period * (variances.len() - period_before) as f64 - period / 2.0;
+        let sum: f64 = variances
+            .iter()
+            .enumerate()
+            .map(|(before, variance)| variance * lasts(before).powi(2))
+            .sum();
         assert!((spread.position - sum).abs() < 1e-15, "{} is not {sum}", spread.position);
     }
 
@@ -85,8 +94,17 @@ mod tests {
         plan.horizon = 5;
         plan.variance = [[0.04, 0.01, 0.0]; 41];
         let horizon = Horizon::new(&plan, 1.0, 0.1);
-        assert_eq!((horizon.predicted.len(), horizon.reference.len(), horizon.deviation.len()), (6, 6, 6));
+        assert_eq!(
+            (horizon.predicted.len(), horizon.reference.len(), horizon.deviation.len()),
+            (6, 6, 6)
+        );
         assert_eq!(horizon.deviation.first(), Some(&[0.0, 0.0]));
-        assert!(horizon.deviation.is_sorted_by(|before, after| before[0] < after[0] && after[0] > after[1]), "{:?}", horizon.deviation);
+        assert!(
+            horizon
+                .deviation
+                .is_sorted_by(|before, after| before[0] < after[0] && after[0] > after[1]),
+            "{:?}",
+            horizon.deviation
+        );
     }
 }

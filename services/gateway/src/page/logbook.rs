@@ -46,7 +46,13 @@ pub(super) struct Logbook {
 impl Logbook {
     pub(super) fn write(&mut self, seconds: f64, who: Participant, sort: Sort, text: String) {
         self.written += 1;
-        self.entries.push_back(Entry { n: self.written, t: super::round(seconds), sort, who: who.text(), text });
+        self.entries.push_back(Entry {
+            n: self.written,
+            t: super::round(seconds),
+            sort,
+            who: who.text(),
+            text,
+        });
         if self.entries.len() > ENTRIES_MAX {
             self.entries.pop_front();
         }
@@ -77,10 +83,25 @@ pub(super) struct Process {
 /// Counters of a Health whose growth is told, and how.
 type Counter = (fn(&Health) -> u64, Sort, &'static str, &'static str);
 const COUNTED: [Counter; 5] = [
-    (|health| health.lost.iter().sum(), Sort::Fault, "message lost on the way to it", "messages lost on the way to it"),
-    (|health| health.refused.iter().sum(), Sort::Fault, "malformed message refused", "malformed messages refused"),
+    (
+        |health| health.lost.iter().sum(),
+        Sort::Fault,
+        "message lost on the way to it",
+        "messages lost on the way to it",
+    ),
+    (
+        |health| health.refused.iter().sum(),
+        Sort::Fault,
+        "malformed message refused",
+        "malformed messages refused",
+    ),
     (|health| health.deadlines_missed, Sort::Fault, "period missed", "periods missed"),
-    (|health| health.snapshots_refused, Sort::Fault, "learned model refused", "learned models refused"),
+    (
+        |health| health.snapshots_refused,
+        Sort::Fault,
+        "learned model refused",
+        "learned models refused",
+    ),
     (
         |health| health.models_left,
         Sort::Note,
@@ -92,11 +113,23 @@ const COUNTED: [Counter; 5] = [
 impl Process {
     /// Somebody who is heard for the first time.
     pub(super) fn new(health: &Health, now: Instant) -> Self {
-        Self { health: *health, heard: now, starts: 1, silent: false, counted: COUNTED.map(|(count, ..)| count(health)), counts_next: now }
+        Self {
+            health: *health,
+            heard: now,
+            starts: 1,
+            silent: false,
+            counted: COUNTED.map(|(count, ..)| count(health)),
+            counts_next: now,
+        }
     }
 
     /// Takes in what it says now, and tells what is otherwise than before.
-    pub(super) fn take_in(&mut self, health: &Health, now: Instant, mut tell: impl FnMut(Sort, String)) {
+    pub(super) fn take_in(
+        &mut self,
+        health: &Health,
+        now: Instant,
+        mut tell: impl FnMut(Sort, String),
+    ) {
         let before = std::mem::replace(&mut self.health, *health);
         self.heard = now;
         let another = before.pid != health.pid;
@@ -137,7 +170,8 @@ impl Process {
 
     /// Whether it has been silent for too long since the last look; one that has finished may be.
     pub(super) fn falls_silent(&mut self, now: Instant) -> bool {
-        let silent = now.saturating_duration_since(self.heard) > SILENCE && self.health.phase() != Phase::Finished;
+        let silent = now.saturating_duration_since(self.heard) > SILENCE
+            && self.health.phase() != Phase::Finished;
         !std::mem::replace(&mut self.silent, silent) && silent
     }
 
@@ -188,7 +222,11 @@ mod tests {
             hear(&mut process, &health(1, Phase::Degraded, "no disk"), millis);
         }
         hear(&mut process, &health(1, Phase::Running, ""), 300);
-        assert!(!process.falls_silent(after(1200)) && process.falls_silent(after(1400)) && !process.falls_silent(after(1500)));
+        assert!(
+            !process.falls_silent(after(1200))
+                && process.falls_silent(after(1400))
+                && !process.falls_silent(after(1500))
+        );
         let mut again = health(2, Phase::Running, "");
         for (lost, millis) in [(0, 1600), (3, 1700), (4, 1800), (5, 1900), (5, 2900)] {
             again.lost[0] = lost;
@@ -208,12 +246,22 @@ mod tests {
 
     #[test]
     fn the_gate_is_told_when_it_changes_its_rung() {
-        let state = |rung: Rung, reason: Reason| PlantState { rung: rung.code(), reason: reason.code(), ..PlantState::zeroed() };
+        let state = |rung: Rung, reason: Reason| PlantState {
+            rung: rung.code(),
+            reason: reason.code(),
+            ..PlantState::zeroed()
+        };
         let fresh = state(Rung::FreshPlan, Reason::None);
         let brake = state(Rung::Brake, Reason::Missing);
         assert_eq!(gate_change(&fresh, &fresh), None);
-        assert_eq!(gate_change(&fresh, &brake), Some((Sort::Fault, "fresh plan → brake (command missing)".to_owned())));
-        assert_eq!(gate_change(&brake, &fresh), Some((Sort::Mended, "brake → fresh plan".to_owned())));
+        assert_eq!(
+            gate_change(&fresh, &brake),
+            Some((Sort::Fault, "fresh plan → brake (command missing)".to_owned()))
+        );
+        assert_eq!(
+            gate_change(&brake, &fresh),
+            Some((Sort::Mended, "brake → fresh plan".to_owned()))
+        );
     }
 
     #[test]
@@ -222,6 +270,13 @@ mod tests {
         for line in 0..100 {
             logbook.write(0.0, Participant::Plant, Sort::Note, format!("{line}"));
         }
-        assert_eq!((logbook.since(0).len(), logbook.since(99).len(), logbook.since(logbook.written()).len()), (ENTRIES_MAX, 1, 0));
+        assert_eq!(
+            (
+                logbook.since(0).len(),
+                logbook.since(99).len(),
+                logbook.since(logbook.written()).len()
+            ),
+            (ENTRIES_MAX, 1, 0)
+        );
     }
 }

@@ -88,8 +88,10 @@ fn parse(bytes: &[u8], listening: IpAddr) -> Result<Option<Asked>, Refusal> {
         Err(_) => return Err(Refusal::Malformed),
     }
     let header = |name: &str| {
-        let mut values = request.headers.iter().filter(|header| header.name.eq_ignore_ascii_case(name));
-        let value = values.next().map(|header| std::str::from_utf8(header.value).unwrap_or("?").trim());
+        let mut values =
+            request.headers.iter().filter(|header| header.name.eq_ignore_ascii_case(name));
+        let value =
+            values.next().map(|header| std::str::from_utf8(header.value).unwrap_or("?").trim());
         if values.next().is_some() { Err(Refusal::Malformed) } else { Ok(value) }
     };
     let host = header("host")?.ok_or(Refusal::Malformed)?;
@@ -106,8 +108,10 @@ fn parse(bytes: &[u8], listening: IpAddr) -> Result<Option<Asked>, Refusal> {
         Some("/events") => Asked::Events,
         _ => return Err(Refusal::Nowhere),
     };
-    let own_site = header("sec-fetch-site")?.is_none_or(|site| matches!(site, "same-origin" | "none"));
-    let own_origin = header("origin")?.is_none_or(|origin| origin.strip_prefix("http://") == Some(host));
+    let own_site =
+        header("sec-fetch-site")?.is_none_or(|site| matches!(site, "same-origin" | "none"));
+    let own_origin =
+        header("origin")?.is_none_or(|origin| origin.strip_prefix("http://") == Some(host));
     if asked == Asked::Events && !(own_site && own_origin) {
         return Err(Refusal::Foreign);
     }
@@ -123,7 +127,9 @@ fn is_ours(host: &str, listening: IpAddr) -> bool {
     let Some(name) = name else { return false };
     let address = name.parse::<IpAddr>().ok();
     // Who listens on all addresses does not know them; an address, unlike a name, cannot be made to mean another machine.
-    let own = |address: IpAddr| address.is_loopback() || address == listening || listening.is_unspecified();
+    let own = |address: IpAddr| {
+        address.is_loopback() || address == listening || listening.is_unspecified()
+    };
     name.eq_ignore_ascii_case("localhost") || address.is_some_and(own)
 }
 
@@ -142,37 +148,80 @@ mod tests {
     fn only_the_page_and_its_events_can_be_had_and_only_by_get() {
         assert_eq!(asked("GET / HTTP/1.1\r\nHost: 127.0.0.1:8080\r\n\r\n"), Ok(Asked::Document));
         assert_eq!(asked("GET /?again HTTP/1.1\r\nhost: LOCALHOST\r\n\r\n"), Ok(Asked::Document));
-        assert_eq!(asked("GET /events HTTP/1.1\r\nHost: [::1]:8080\r\nSec-Fetch-Site: same-origin\r\n\r\n"), Ok(Asked::Events));
+        assert_eq!(
+            asked(
+                "GET /events HTTP/1.1\r\nHost: [::1]:8080\r\nSec-Fetch-Site: same-origin\r\n\r\n"
+            ),
+            Ok(Asked::Events)
+        );
         for path in ["/favicon.ico", "/events/", "/../etc/passwd", "//", "http://127.0.0.1/", "*"] {
-            assert_eq!(asked(&format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n")), Err(Refusal::Nowhere), "{path}");
+            assert_eq!(
+                asked(&format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n")),
+                Err(Refusal::Nowhere),
+                "{path}"
+            );
         }
         for method in ["POST", "HEAD", "PUT", "DELETE", "OPTIONS", "get"] {
-            assert_eq!(asked(&format!("{method} / HTTP/1.1\r\nHost: localhost\r\n\r\n")), Err(Refusal::Method), "{method}");
+            assert_eq!(
+                asked(&format!("{method} / HTTP/1.1\r\nHost: localhost\r\n\r\n")),
+                Err(Refusal::Method),
+                "{method}"
+            );
         }
     }
 
     #[test]
     fn a_name_that_somebody_else_gives_out_is_refused() {
-        for host in ["evil.example", "evil.example:8080", "localhost.evil.example", "127.0.0.1.evil.example", "10.0.0.1", "", "["] {
-            assert_eq!(asked(&format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n")), Err(Refusal::Foreign), "{host}");
+        for host in [
+            "evil.example",
+            "evil.example:8080",
+            "localhost.evil.example",
+            "127.0.0.1.evil.example",
+            "10.0.0.1",
+            "",
+            "[",
+        ] {
+            assert_eq!(
+                asked(&format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n")),
+                Err(Refusal::Foreign),
+                "{host}"
+            );
         }
         assert_eq!(asked("GET / HTTP/1.1\r\n\r\n"), Err(Refusal::Malformed), "no host");
-        assert_eq!(asked("GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n"), Err(Refusal::Malformed), "two hosts");
+        assert_eq!(
+            asked("GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n"),
+            Err(Refusal::Malformed),
+            "two hosts"
+        );
         let everywhere = IpAddr::V4(Ipv4Addr::UNSPECIFIED);
         assert!(is_ours("10.0.0.1:80", everywhere) && !is_ours("evil.example:80", everywhere));
     }
 
     #[test]
     fn another_sites_script_gets_no_events() {
-        for foreign in ["Sec-Fetch-Site: cross-site", "Sec-Fetch-Site: same-site", "Origin: http://evil.example", "Origin: null"] {
+        for foreign in [
+            "Sec-Fetch-Site: cross-site",
+            "Sec-Fetch-Site: same-site",
+            "Origin: http://evil.example",
+            "Origin: null",
+        ] {
             assert_eq!(
                 asked(&format!("GET /events HTTP/1.1\r\nHost: localhost:1\r\n{foreign}\r\n\r\n")),
                 Err(Refusal::Foreign),
                 "{foreign}"
             );
         }
-        assert_eq!(asked("GET /events HTTP/1.1\r\nHost: localhost:1\r\nOrigin: http://localhost:1\r\n\r\n"), Ok(Asked::Events));
-        assert_eq!(asked("GET / HTTP/1.1\r\nHost: localhost:1\r\nSec-Fetch-Site: cross-site\r\n\r\n"), Ok(Asked::Document), "a link");
+        assert_eq!(
+            asked(
+                "GET /events HTTP/1.1\r\nHost: localhost:1\r\nOrigin: http://localhost:1\r\n\r\n"
+            ),
+            Ok(Asked::Events)
+        );
+        assert_eq!(
+            asked("GET / HTTP/1.1\r\nHost: localhost:1\r\nSec-Fetch-Site: cross-site\r\n\r\n"),
+            Ok(Asked::Document),
+            "a link"
+        );
     }
 
     #[test]

@@ -31,7 +31,13 @@ pub(super) struct StateRow {
 impl StateRow {
     pub(super) fn new(state: &PlantState, seconds: f64) -> Self {
         let [forward, left, _] = state.velocity;
-        Self { seconds, pose: state.pose, speed: forward.hypot(left), rung: state.rung, reason: state.reason }
+        Self {
+            seconds,
+            pose: state.pose,
+            speed: forward.hypot(left),
+            rung: state.rung,
+            reason: state.reason,
+        }
     }
 }
 
@@ -50,7 +56,8 @@ impl Row for StateRow {
 impl Serialize for StateRow {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let [x, y, yaw] = self.pose.map(round);
-        (round(self.seconds), x, y, yaw, round(self.speed), self.rung, self.reason).serialize(serializer)
+        (round(self.seconds), x, y, yaw, round(self.speed), self.rung, self.reason)
+            .serialize(serializer)
     }
 }
 
@@ -99,10 +106,17 @@ impl Serialize for PlanRow {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let [x, y] = self.reference.map(round);
         let plane = |[forward, left, _]: [f64; 3]| round(forward.hypot(left));
-        let errors = (plane(self.residual), plane(self.innovation), round(self.residual[2].abs()), round(self.innovation[2].abs()));
-        let row = (round(self.seconds), x, y, round(self.error), errors.0, errors.1, errors.2, errors.3);
+        let errors = (
+            plane(self.residual),
+            plane(self.innovation),
+            round(self.residual[2].abs()),
+            round(self.innovation[2].abs()),
+        );
+        let row =
+            (round(self.seconds), x, y, round(self.error), errors.0, errors.1, errors.2, errors.3);
         let cost = ((self.tick_nanos as f64 * 1e-3).round(), self.version, self.rung);
-        (row.0, row.1, row.2, row.3, row.4, row.5, row.6, row.7, cost.0, cost.1, cost.2).serialize(serializer)
+        (row.0, row.1, row.2, row.3, row.4, row.5, row.6, row.7, cost.0, cost.1, cost.2)
+            .serialize(serializer)
     }
 }
 
@@ -129,7 +143,9 @@ impl<R: Row> History<R> {
             _ => self.rows.push_back(row),
         }
         let newest = self.rows.back().map_or(0.0, Row::seconds);
-        while self.rows.front().is_some_and(|row| newest - row.seconds() > KEPT_S) || self.rows.len() > Self::rows_max() {
+        while self.rows.front().is_some_and(|row| newest - row.seconds() > KEPT_S)
+            || self.rows.len() > Self::rows_max()
+        {
             self.rows.pop_front();
         }
     }
@@ -153,20 +169,40 @@ mod tests {
     fn a_history_keeps_a_minute_and_no_more_however_many_rows_there_are() {
         let mut history = History::new();
         for tick in 0..200_000 {
-            history.push(PlanRow::new(&plan(if tick == 199_990 { 9_000 } else { 1_000 }), f64::from(tick) * 1e-3));
+            history.push(PlanRow::new(
+                &plan(if tick == 199_990 { 9_000 } else { 1_000 }),
+                f64::from(tick) * 1e-3,
+            ));
         }
-        let (first, last) = (history.rows.front().map_or(0.0, Row::seconds), history.rows.back().map_or(0.0, Row::seconds));
+        let (first, last) = (
+            history.rows.front().map_or(0.0, Row::seconds),
+            history.rows.back().map_or(0.0, Row::seconds),
+        );
         assert!((59.9..=60.0).contains(&(last - first)), "{first} to {last}");
         assert!(history.rows.len() <= History::<PlanRow>::rows_max());
-        assert!(history.rows.iter().any(|row| row.tick_nanos == 9_000), "a late tick was thinned away");
+        assert!(
+            history.rows.iter().any(|row| row.tick_nanos == 9_000),
+            "a late tick was thinned away"
+        );
     }
 
     #[test]
     fn rows_are_what_the_page_reads() -> serde_json::Result<()> {
-        let state =
-            PlantState { pose: [1.000_000_4, 2.0, f64::NAN], velocity: [3.0, 4.0, 1.0], rung: 5, reason: 2, ..PlantState::zeroed() };
-        assert_eq!(serde_json::to_string(&StateRow::new(&state, 0.1))?, "[0.1,1.0,2.0,null,5.0,5,2]");
-        assert_eq!(serde_json::to_string(&PlanRow::new(&plan(412_300), 0.1))?, "[0.1,0.0,0.0,0.0,5.0,0.0,0.5,0.0,412.0,0,0]");
+        let state = PlantState {
+            pose: [1.000_000_4, 2.0, f64::NAN],
+            velocity: [3.0, 4.0, 1.0],
+            rung: 5,
+            reason: 2,
+            ..PlantState::zeroed()
+        };
+        assert_eq!(
+            serde_json::to_string(&StateRow::new(&state, 0.1))?,
+            "[0.1,1.0,2.0,null,5.0,5,2]"
+        );
+        assert_eq!(
+            serde_json::to_string(&PlanRow::new(&plan(412_300), 0.1))?,
+            "[0.1,0.0,0.0,0.0,5.0,0.0,0.5,0.0,412.0,0,0]"
+        );
         Ok(())
     }
 }

@@ -44,7 +44,9 @@ impl Server {
         let (address, shared) = (listener.local_addr()?, Arc::<Shared>::default());
         let thread = {
             let shared = Arc::clone(&shared);
-            thread::Builder::new().name("page".into()).spawn(move || let_in(&listener, address.ip(), &shared))?
+            thread::Builder::new()
+                .name("page".into())
+                .spawn(move || let_in(&listener, address.ip(), &shared))?
         };
         Ok(Self { address, shared, thread: Some(thread) })
     }
@@ -117,11 +119,14 @@ fn welcome(mut stream: TcpStream, ip: IpAddr, shared: &Arc<Shared>) {
 }
 
 fn serve(mut stream: TcpStream, ip: IpAddr, shared: &Shared) -> io::Result<()> {
-    let refuse = |mut stream: TcpStream, refusal| stream.write_all(answer::refusal(refusal).as_bytes());
+    let refuse =
+        |mut stream: TcpStream, refusal| stream.write_all(answer::refusal(refusal).as_bytes());
     match request::read(&mut stream, ip) {
         Ok(Asked::Document) => stream.write_all(answer::document(&answer::nonce()).as_bytes()),
         Ok(Asked::Events) => {
-            let Some(viewer) = shared.viewers.join(stream.try_clone()?) else { return refuse(stream, Refusal::Full) };
+            let Some(viewer) = shared.viewers.join(stream.try_clone()?) else {
+                return refuse(stream, Refusal::Full);
+            };
             let served = stream.write_all(answer::events().as_bytes()).and_then(|()| {
                 while let Some(event) = viewer.next() {
                     stream.write_all(event.as_bytes())?;
@@ -162,7 +167,8 @@ mod tests {
 
     /// An open page that has been let in, and told nothing yet.
     fn viewer(server: &Server) -> io::Result<BufReader<TcpStream>> {
-        let mut stream = BufReader::new(ask(server, "GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")?);
+        let mut stream =
+            BufReader::new(ask(server, "GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")?);
         let mut line = String::new();
         while !line.starts_with("retry: ") {
             line.clear();
@@ -177,8 +183,15 @@ mod tests {
     fn the_page_is_served_and_everything_else_refused() -> io::Result<()> {
         let server = open()?;
         let page = answer_to(&server, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")?;
-        assert!(page.starts_with("HTTP/1.1 200 OK\r\n") && page.ends_with("</html>\n"), "{}", page.len());
-        assert!(!page.to_ascii_lowercase().contains("access-control-allow"), "other sites may not read it");
+        assert!(
+            page.starts_with("HTTP/1.1 200 OK\r\n") && page.ends_with("</html>\n"),
+            "{}",
+            page.len()
+        );
+        assert!(
+            !page.to_ascii_lowercase().contains("access-control-allow"),
+            "other sites may not read it"
+        );
         for (text, status) in [
             ("GET /secret HTTP/1.1\r\nHost: localhost\r\n\r\n", "404"),
             ("POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3\r\n\r\nabc", "405"),
@@ -208,7 +221,8 @@ mod tests {
             match quick.read(&mut bytes) {
                 Ok(0) => return Err(io::Error::other("the quick one was sent away")),
                 Ok(count) => received += count,
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock && begin.elapsed() < PATIENCE => {}
+                Err(error)
+                    if error.kind() == io::ErrorKind::WouldBlock && begin.elapsed() < PATIENCE => {}
                 Err(error) => return Err(error),
             }
         }
@@ -219,9 +233,14 @@ mod tests {
     #[test]
     fn one_viewer_too_many_is_refused_and_the_others_go_on() -> io::Result<()> {
         let server = open()?;
-        let mut present = (0..VIEWERS_MAX).map(|_| viewer(&server)).collect::<io::Result<Vec<_>>>()?;
+        let mut present =
+            (0..VIEWERS_MAX).map(|_| viewer(&server)).collect::<io::Result<Vec<_>>>()?;
         assert!(viewer(&server).is_err());
-        assert!(answer_to(&server, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")?.starts_with("HTTP/1.1 200"), "the page itself is served");
+        assert!(
+            answer_to(&server, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")?
+                .starts_with("HTTP/1.1 200"),
+            "the page itself is served"
+        );
         server.viewers().tell(None, || "event: hello\n\n".into());
         for stream in &mut present {
             let mut line = String::new();

@@ -21,10 +21,18 @@ fn settings(folder: &Path, without_learning: Option<&Path>) -> Settings {
     let links = Links::on_this_machine("test", folder, true, 1000);
     Settings {
         run: Run::new(folder, 100_000_000, links),
-        telemetry: TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "</script><b>".into(), credentials: None },
+        telemetry: TelemetrySettings {
+            listen: vec!["tcp/127.0.0.1:0".into()],
+            robot: "</script><b>".into(),
+            credentials: None,
+        },
         rates: Rates::default(),
         page: PageSettings { listen: "127.0.0.1:0".into() },
-        about: About { scenario: "paper".into(), without_learning: without_learning.map(Path::to_owned), ..About::default() },
+        about: About {
+            scenario: "paper".into(),
+            without_learning: without_learning.map(Path::to_owned),
+            ..About::default()
+        },
     }
 }
 
@@ -56,20 +64,25 @@ impl Tab {
         loop {
             if let Some(name) = self.line()?.strip_prefix("event: ") {
                 let data = self.line()?;
-                return Ok((name.to_owned(), serde_json::from_str(data.strip_prefix("data: ").ok_or("no data")?)?));
+                return Ok((
+                    name.to_owned(),
+                    serde_json::from_str(data.strip_prefix("data: ").ok_or("no data")?)?,
+                ));
             }
         }
     }
 }
 
 fn state(tick: u64, epoch: u64, rung: Rung) -> PlantState {
-    let mut state = PlantState { rung: rung.code(), pose: [tick as f64, 0.0, 0.0], ..PlantState::zeroed() };
+    let mut state =
+        PlantState { rung: rung.code(), pose: [tick as f64, 0.0, 0.0], ..PlantState::zeroed() };
     (state.stamp.tick, state.stamp.epoch, state.stamp.writer) = (tick, epoch, epoch);
     state
 }
 
 fn plan(tick: u64, plant_epoch: u64, error: f64) -> Box<Plan> {
-    let mut plan: Box<Plan> = Box::new(Plan { plant_epoch, horizon: 5, model_version: 7, ..Plan::zeroed() });
+    let mut plan: Box<Plan> =
+        Box::new(Plan { plant_epoch, horizon: 5, model_version: 7, ..Plan::zeroed() });
     plan.stamp.tick = tick;
     plan.predicted[0][0] = error;
     plan
@@ -83,7 +96,10 @@ fn length(value: &Value) -> usize {
 fn who_comes_late_sees_the_path_so_far_and_then_what_is_new() -> Outcome {
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("without.csv");
-    comparison::write(&file, &[0, 1, 2].map(|tick| Row { tick, x_m: 0.0, y_m: 1.0, error_m: 2.0 }))?;
+    comparison::write(
+        &file,
+        &[0, 1, 2].map(|tick| Row { tick, x_m: 0.0, y_m: 1.0, error_m: 2.0 }),
+    )?;
     let mut page = Page::open(&settings(folder.path(), Some(&file)), None)?.ok_or("no page")?;
     let begin = Instant::now();
     let after = |tick: u64| begin + Duration::from_millis(100 * (tick + 1));
@@ -95,8 +111,14 @@ fn who_comes_late_sees_the_path_so_far_and_then_what_is_new() -> Outcome {
     let mut tab = Tab::open(&page)?;
     page.turn(after(50));
     let (name, hello) = tab.event()?;
-    assert_eq!((name.as_str(), length(&hello["states"]), length(&hello["plans"])), ("hello", 50, 50));
-    assert_eq!((hello["robot"].as_str(), hello["about"]["scenario"].as_str()), (Some("</script><b>"), Some("paper")));
+    assert_eq!(
+        (name.as_str(), length(&hello["states"]), length(&hello["plans"])),
+        ("hello", 50, 50)
+    );
+    assert_eq!(
+        (hello["robot"].as_str(), hello["about"]["scenario"].as_str()),
+        (Some("</script><b>"), Some("paper"))
+    );
     assert_eq!(hello["without"][2], serde_json::json!([0.2, 0.0, 1.0, 2.0]));
     assert_eq!(hello["compared"], serde_json::json!({"since": 0, "with": 1.0, "without": 2.0}));
     assert!(!hello.to_string().contains("without.csv"), "no path of this machine is told");
@@ -105,8 +127,15 @@ fn who_comes_late_sees_the_path_so_far_and_then_what_is_new() -> Outcome {
     page.feed().hear_plan(&plan(9, 0, 9.0));
     page.turn(after(51));
     let (name, news) = tab.event()?;
-    assert_eq!((name.as_str(), length(&news["states"]), length(&news["plans"])), ("news", 1, 1), "{news}");
-    assert_eq!((&news["plans"][0][3], length(&news["horizon"]["predicted"])), (&serde_json::json!(0.5), 6));
+    assert_eq!(
+        (name.as_str(), length(&news["states"]), length(&news["plans"])),
+        ("news", 1, 1),
+        "{news}"
+    );
+    assert_eq!(
+        (&news["plans"][0][3], length(&news["horizon"]["predicted"])),
+        (&serde_json::json!(0.5), 6)
+    );
     Ok(())
 }
 
@@ -115,10 +144,19 @@ fn another_life_of_the_plant_begins_a_new_path_and_what_happened_is_told() -> Ou
     let folder = tempfile::tempdir()?;
     let mut page = Page::open(&settings(folder.path(), None), None)?.ok_or("no page")?;
     let begin = Instant::now();
-    let mut health = Health { participant: Participant::Plant.code(), phase: Phase::Running.code(), pid: 1, ..Health::zeroed() };
+    let mut health = Health {
+        participant: Participant::Plant.code(),
+        phase: Phase::Running.code(),
+        pid: 1,
+        ..Health::zeroed()
+    };
     page.feed().hear_health(&health, begin);
     for tick in 0..10 {
-        page.feed().hear_state(&state(tick, 1, if tick < 5 { Rung::FreshPlan } else { Rung::Brake }));
+        page.feed().hear_state(&state(
+            tick,
+            1,
+            if tick < 5 { Rung::FreshPlan } else { Rung::Brake },
+        ));
     }
     health.pid = 2;
     page.feed().hear_health(&health, begin);
@@ -127,8 +165,16 @@ fn another_life_of_the_plant_begins_a_new_path_and_what_happened_is_told() -> Ou
     page.turn(begin + Duration::from_secs(2));
     let (_, hello) = tab.event()?;
     assert_eq!((length(&hello["states"]), hello["run"].as_str()), (1, Some("2-2")));
-    let said: Vec<&str> = hello["entries"].as_array().into_iter().flatten().filter_map(|entry| entry["text"].as_str()).collect();
-    assert_eq!(said, ["fresh plan → brake", "started again, as process 2", "brake → waiting", "is silent"]);
+    let said: Vec<&str> = hello["entries"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| entry["text"].as_str())
+        .collect();
+    assert_eq!(
+        said,
+        ["fresh plan → brake", "started again, as process 2", "brake → waiting", "is silent"]
+    );
     assert_eq!(hello["processes"][0]["silent"], serde_json::json!(true));
     Ok(())
 }
@@ -140,7 +186,10 @@ fn a_page_that_is_off_is_not_served_and_one_that_cannot_be_served_says_where() -
     let page = Page::open(&settings, None)?.ok_or("no page")?;
     settings.page.listen = page.address().to_string();
     let told = Page::open(&settings, None).err().ok_or("two pages at one address")?.to_string();
-    assert!(told.starts_with(&format!("the live page cannot be served at {}: ", page.address())), "{told}");
+    assert!(
+        told.starts_with(&format!("the live page cannot be served at {}: ", page.address())),
+        "{told}"
+    );
     settings.page.listen = "off".into();
     assert!(Page::open(&settings, None)?.is_none());
     Ok(())

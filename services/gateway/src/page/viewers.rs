@@ -129,7 +129,8 @@ mod tests {
     }
 
     #[test]
-    fn who_falls_behind_is_told_how_things_stand_and_holds_nobody_up() -> Result<(), Box<dyn Error>> {
+    fn who_falls_behind_is_told_how_things_stand_and_holds_nobody_up() -> Result<(), Box<dyn Error>>
+    {
         let (listener, viewers) = (TcpListener::bind("127.0.0.1:0")?, Viewers::default());
         let slow = viewers.join(stream(&listener)?).ok_or("no place")?;
         let mut greetings = 0;
@@ -142,15 +143,22 @@ mod tests {
         }
         let first = slow.next().ok_or("nothing")?;
         assert!(first.starts_with("greeting") && greetings > 1, "{first} of {greetings}");
-        assert!(slow.next().is_none_or(|second| second.parse::<usize>().is_ok_and(|number| number > 9 * EVENTS_MAX - 10)), "old news");
+        assert!(
+            slow.next().is_none_or(|second| second
+                .parse::<usize>()
+                .is_ok_and(|number| number > 9 * EVENTS_MAX - 10)),
+            "old news"
+        );
         Ok(())
     }
 
     #[test]
-    fn one_more_than_there_are_places_is_not_let_in_until_one_leaves() -> Result<(), Box<dyn Error>> {
+    fn one_more_than_there_are_places_is_not_let_in_until_one_leaves() -> Result<(), Box<dyn Error>>
+    {
         let (listener, viewers) = (TcpListener::bind("127.0.0.1:0")?, Viewers::default());
-        let present: Vec<_> =
-            (0..VIEWERS_MAX).map(|_| Ok::<_, Box<dyn Error>>(viewers.join(stream(&listener)?))).collect::<Result<_, _>>()?;
+        let present: Vec<_> = (0..VIEWERS_MAX)
+            .map(|_| Ok::<_, Box<dyn Error>>(viewers.join(stream(&listener)?)))
+            .collect::<Result<_, _>>()?;
         assert!(present.iter().all(Option::is_some) && viewers.join(stream(&listener)?).is_none());
         if let Some(Some(first)) = present.first() {
             viewers.leave(first);

@@ -55,8 +55,15 @@ pub enum SnapshotFaultKind {
 
 impl SnapshotFaultKind {
     /// Every one.
-    pub const ALL: [Self; 7] =
-        [Self::Stale, Self::Nan, Self::Indefinite, Self::WrongSize, Self::WrongFingerprint, Self::Absurd, Self::Torn];
+    pub const ALL: [Self; 7] = [
+        Self::Stale,
+        Self::Nan,
+        Self::Indefinite,
+        Self::WrongSize,
+        Self::WrongFingerprint,
+        Self::Absurd,
+        Self::Torn,
+    ];
 
     /// Name in files and logs.
     pub const fn name(self) -> &'static str {
@@ -88,15 +95,23 @@ impl SnapshotFaults {
     /// [`Impossible`] names the first setting that cannot be; faults count from 0.
     pub fn check(&self) -> Result<(), Impossible> {
         if i64::try_from(self.seed).is_err() {
-            return Err(Impossible::new("seed", "at most 9223372036854775807, the largest number of TOML"));
+            return Err(Impossible::new(
+                "seed",
+                "at most 9223372036854775807, the largest number of TOML",
+            ));
         }
         for (index, fault) in self.snapshot.iter().enumerate() {
-            let impossible = |key: &str, expected: String| Err(Impossible::new(format!("snapshot.{index}.{key}"), expected));
+            let impossible = |key: &str, expected: String| {
+                Err(Impossible::new(format!("snapshot.{index}.{key}"), expected))
+            };
             if !(fault.probability > 0.0 && fault.probability <= 1.0) {
                 return impossible("probability", "a number greater than 0 and at most 1".into());
             }
             if fault.until_tick.is_some_and(|until| until <= fault.from_tick) {
-                return impossible("until_tick", format!("a tick after from_tick = {}, or nothing", fault.from_tick));
+                return impossible(
+                    "until_tick",
+                    format!("a tick after from_tick = {}, or nothing", fault.from_tick),
+                );
             }
         }
         Ok(())
@@ -105,8 +120,11 @@ impl SnapshotFaults {
     /// What happens to the snapshot of `tick`, with random numbers of its own; the same for the same seed, tick and place in the list.
     pub fn strike(&self, tick: u64) -> Option<(SnapshotFaultKind, SplitMix64)> {
         self.snapshot.iter().zip(1_u64..).find_map(|(fault, place)| {
-            let within = tick >= fault.from_tick && fault.until_tick.is_none_or(|until| tick < until);
-            let mut random = within.then(|| SplitMix64::new(SplitMix64::new(self.seed ^ (place << 32)).bits() ^ tick))?;
+            let within =
+                tick >= fault.from_tick && fault.until_tick.is_none_or(|until| tick < until);
+            let mut random = within.then(|| {
+                SplitMix64::new(SplitMix64::new(self.seed ^ (place << 32)).bits() ^ tick)
+            })?;
             (random.uniform() < fault.probability).then_some((fault.kind, random))
         })
     }

@@ -59,7 +59,10 @@ impl<const D: usize> ScaledInputs<D> {
         );
     }
 
-    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[expect(
+        clippy::inline_always,
+        reason = "must be inlined to take on the vector features of its caller"
+    )]
     #[inline(always)]
     fn fill(&self, variance: f64, local: &mut Mat<f64>) {
         for first in 0..local.ncols() {
@@ -81,14 +84,24 @@ impl<const D: usize> ScaledInputs<D> {
 
 /// Lower half of 1 + X Xᵀ, the diagonal included. It does not depend on any hyperparameter. O(n² D).
 pub(crate) fn gram<const D: usize>(inputs: &[[f64; D]]) -> Mat<f64> {
-    Mat::from_fn(inputs.len(), inputs.len(), |row, column| if row < column { 0.0 } else { one_plus_product(&inputs[row], &inputs[column]) })
+    Mat::from_fn(inputs.len(), inputs.len(), |row, column| {
+        if row < column { 0.0 } else { one_plus_product(&inputs[row], &inputs[column]) }
+    })
 }
 
 /// K = local + λ² gram, lower halves. O(n²); does not allocate.
-pub(crate) fn add_linear(local: &Mat<f64>, linear_variance: f64, gram: &Mat<f64>, covariance: &mut Mat<f64>) {
+pub(crate) fn add_linear(
+    local: &Mat<f64>,
+    linear_variance: f64,
+    gram: &Mat<f64>,
+    covariance: &mut Mat<f64>,
+) {
     for column in 0..covariance.ncols() {
-        let (local, gram) = (&local.col_as_slice(column)[column..], &gram.col_as_slice(column)[column..]);
-        for ((sum, local), gram) in covariance.col_as_slice_mut(column)[column..].iter_mut().zip(local).zip(gram) {
+        let (local, gram) =
+            (&local.col_as_slice(column)[column..], &gram.col_as_slice(column)[column..]);
+        for ((sum, local), gram) in
+            covariance.col_as_slice_mut(column)[column..].iter_mut().zip(local).zip(gram)
+        {
             *sum = local + linear_variance * gram;
         }
     }
@@ -118,7 +131,8 @@ pub(crate) fn factorise(
     if samples == 0 {
         return Ok(0.0);
     }
-    let diagonal = (0..samples).fold(0.0, |largest: f64, i| largest.max(covariance[(i, i)])) + noise_variance;
+    let diagonal =
+        (0..samples).fold(0.0, |largest: f64, i| largest.max(covariance[(i, i)])) + noise_variance;
     let smallest_pivot = f64::EPSILON * samples as f64 * diagonal;
     let first_jitter = FIRST_JITTER * diagonal;
     // Of an infinite diagonal, or of none, no jitter is ever the largest one.
@@ -128,7 +142,8 @@ pub(crate) fn factorise(
     let mut jitter = 0.0;
     loop {
         for (column, scale) in noise_scale.iter().enumerate().take(samples) {
-            factor.col_as_slice_mut(column)[column..].copy_from_slice(&covariance.col_as_slice(column)[column..]);
+            factor.col_as_slice_mut(column)[column..]
+                .copy_from_slice(&covariance.col_as_slice(column)[column..]);
             factor[(column, column)] += noise_variance * scale + jitter;
         }
         let outcome = llt::factor::cholesky_in_place(
@@ -138,7 +153,8 @@ pub(crate) fn factorise(
             MemStack::new(memory),
             faer::Spec::default(),
         );
-        if outcome.is_ok() && (0..samples).all(|i| factor[(i, i)] * factor[(i, i)] > smallest_pivot) {
+        if outcome.is_ok() && (0..samples).all(|i| factor[(i, i)] * factor[(i, i)] > smallest_pivot)
+        {
             return Ok(jitter);
         }
         jitter = if jitter > 0.0 { 10.0 * jitter } else { first_jitter };
@@ -156,7 +172,8 @@ mod tests {
     use faer::Mat;
     use faer::dyn_stack::MemBuffer;
 
-    const KERNEL: Kernel<3> = Kernel { variance: 1.7, length_scale: [0.5, 1.0, 2.0], linear_variance: 0.3 };
+    const KERNEL: Kernel<3> =
+        Kernel { variance: 1.7, length_scale: [0.5, 1.0, 2.0], linear_variance: 0.3 };
 
     fn inputs(samples: usize) -> Vec<[f64; 3]> {
         let mut random = SplitMix64::new(1);
@@ -178,7 +195,8 @@ mod tests {
         for value in [f64::INFINITY, f64::NAN, 0.0, 1e-310] {
             let covariance = Mat::from_fn(3, 3, |_, _| value);
             let mut memory = MemBuffer::new(factor_scratch(3));
-            let refused = factorise(&covariance, 0.0, &[1.0; 3], &mut Mat::zeros(3, 3), &mut memory);
+            let refused =
+                factorise(&covariance, 0.0, &[1.0; 3], &mut Mat::zeros(3, 3), &mut memory);
             assert_eq!(refused, Err(NotPositiveDefinite), "{value}");
         }
     }
@@ -198,11 +216,18 @@ mod tests {
     fn factor_times_its_transpose_is_the_covariance() {
         let kernel = covariance(&inputs(40));
         let mut factor = Mat::zeros(40, 40);
-        let jitter = factorise(&kernel, 0.01, &[1.0; 40], &mut factor, &mut MemBuffer::new(factor_scratch(40)));
+        let jitter = factorise(
+            &kernel,
+            0.01,
+            &[1.0; 40],
+            &mut factor,
+            &mut MemBuffer::new(factor_scratch(40)),
+        );
         assert_eq!(jitter, Ok(0.0));
         for column in 0..40 {
             for row in column..40 {
-                let product: f64 = (0..=column).map(|k| factor[(row, k)] * factor[(column, k)]).sum();
+                let product: f64 =
+                    (0..=column).map(|k| factor[(row, k)] * factor[(column, k)]).sum();
                 let noise = if row == column { 0.01 } else { 0.0 };
                 assert!((product - kernel[(row, column)] - noise).abs() < 1e-13);
             }
@@ -215,7 +240,13 @@ mod tests {
         inputs[13] = inputs[4];
         let kernel = covariance(&inputs);
         let mut factor = Mat::zeros(20, 20);
-        let jitter = factorise(&kernel, 1e-18, &[1.0; 20], &mut factor, &mut MemBuffer::new(factor_scratch(20)));
+        let jitter = factorise(
+            &kernel,
+            1e-18,
+            &[1.0; 20],
+            &mut factor,
+            &mut MemBuffer::new(factor_scratch(20)),
+        );
         assert!(jitter.is_ok_and(|jitter| jitter > 0.0 && jitter < 1e-6));
     }
 
@@ -223,6 +254,9 @@ mod tests {
     fn no_jitter_heals_what_is_not_a_number() {
         let kernel = Mat::from_fn(3, 3, |_, _| f64::NAN);
         let mut factor = Mat::zeros(3, 3);
-        assert!(factorise(&kernel, 0.1, &[1.0; 3], &mut factor, &mut MemBuffer::new(factor_scratch(3))).is_err());
+        assert!(
+            factorise(&kernel, 0.1, &[1.0; 3], &mut factor, &mut MemBuffer::new(factor_scratch(3)))
+                .is_err()
+        );
     }
 }

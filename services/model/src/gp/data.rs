@@ -50,7 +50,10 @@ pub enum DataError {
 }
 
 /// Refuses samples of unequal number, or with a value that is not finite.
-pub(crate) fn check<const D: usize, const P: usize>(inputs: &[[f64; D]], targets: &[[f64; P]]) -> Result<(), DataError> {
+pub(crate) fn check<const D: usize, const P: usize>(
+    inputs: &[[f64; D]],
+    targets: &[[f64; P]],
+) -> Result<(), DataError> {
     if inputs.len() != targets.len() {
         return Err(DataError::Lengths { inputs: inputs.len(), targets: targets.len() });
     }
@@ -68,11 +71,14 @@ pub(crate) fn check_noise_scale(samples: usize, noise_scale: &[f64]) -> Result<(
     if noise_scale.len() != samples {
         return Err(DataError::NoiseScales { inputs: samples, noise_scales: noise_scale.len() });
     }
-    let bad = noise_scale.iter().enumerate().find(|(_, value)| !(value.is_finite() && **value > 0.0));
+    let bad =
+        noise_scale.iter().enumerate().find(|(_, value)| !(value.is_finite() && **value > 0.0));
     bad.map_or(Ok(()), |(sample, &value)| Err(DataError::NoiseScale { sample, value }))
 }
 
 fn first_not_finite<const D: usize>(rows: &[[f64; D]]) -> Option<(usize, usize, f64)> {
-    let entries = rows.iter().enumerate().flat_map(|(row, values)| values.iter().enumerate().map(move |(i, &value)| (row, i, value)));
+    let entries = rows.iter().enumerate().flat_map(|(row, values)| {
+        values.iter().enumerate().map(move |(i, &value)| (row, i, value))
+    });
     entries.into_iter().find(|(_, _, value)| !value.is_finite())
 }

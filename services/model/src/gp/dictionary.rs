@@ -131,7 +131,8 @@ impl<const D: usize> Dictionary<D> {
 
     /// Judges an observation, and takes it in if it is to be believed. O(n²), O(n³) once in n; does not allocate then.
     pub fn insert(&mut self, observation: Observation<D>) -> Outcome {
-        let finite = observation.input.iter().chain(&observation.target).all(|value| value.is_finite());
+        let finite =
+            observation.input.iter().chain(&observation.target).all(|value| value.is_finite());
         if !finite || self.last == Some(observation) {
             return Outcome::Refused;
         }
@@ -192,7 +193,12 @@ impl<const D: usize> Dictionary<D> {
         let noise_variance = self.selection.kernel.noise_variance;
         let expected = ((unexplained + noise_variance) / noise_variance).sqrt();
         std::array::from_fn(|output| {
-            let foretold: f64 = self.entries.iter().zip(&self.solved).map(|(entry, share)| share * entry.observation.target[output]).sum();
+            let foretold: f64 = self
+                .entries
+                .iter()
+                .zip(&self.solved)
+                .map(|(entry, share)| share * entry.observation.target[output])
+                .sum();
             (observation.target[output] - foretold) / expected
         })
     }
@@ -206,7 +212,8 @@ impl<const D: usize> Dictionary<D> {
             *covariance = kernel.value(&entry.input, &input);
         }
         self.inverse.solve(&self.covariances[..size], &mut self.solved[..size]);
-        let explained: f64 = self.covariances[..size].iter().zip(&self.solved[..size]).map(|(a, b)| a * b).sum();
+        let explained: f64 =
+            self.covariances[..size].iter().zip(&self.solved[..size]).map(|(a, b)| a * b).sum();
         (kernel.prior(&input) - explained).max(0.0)
     }
 
@@ -229,7 +236,11 @@ impl<const D: usize> Dictionary<D> {
 
     /// The one with the largest Pᵢᵢ sᵢ tells least.
     fn forget_one(&mut self) {
-        let told = self.inverse.diagonal().zip(&self.entries).map(|(precision, entry)| precision * self.noise_scale(entry));
+        let told = self
+            .inverse
+            .diagonal()
+            .zip(&self.entries)
+            .map(|(precision, entry)| precision * self.noise_scale(entry));
         let least = told.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((place, _)) = least {
             self.inverse.remove(place);
@@ -252,7 +263,8 @@ impl<const D: usize> Dictionary<D> {
         let Hyperparameters { kernel, noise_variance } = &self.selection.kernel;
         let covariance = Mat::from_fn(self.entries.len(), self.entries.len(), |i, j| {
             let (a, b) = (&self.entries[i], &self.entries[j]);
-            kernel.value(&a.input, &b.input) + if i == j { noise_variance * a.held_scale } else { 0.0 }
+            kernel.value(&a.input, &b.input)
+                + if i == j { noise_variance * a.held_scale } else { 0.0 }
         });
         // Noise on the diagonal keeps it positive definite; if that ever fails, the maintained one serves on.
         let _ = self.inverse.recompute(&covariance);
@@ -269,7 +281,9 @@ impl<const D: usize> Dictionary<D> {
             }
             let size = self.entries.len();
             self.inverse.solve(&self.covariances[..size], &mut self.solved[..size]);
-            for ((deviation, weight), precision) in deviations.iter_mut().zip(&self.solved).zip(self.inverse.diagonal()) {
+            for ((deviation, weight), precision) in
+                deviations.iter_mut().zip(&self.solved).zip(self.inverse.diagonal())
+            {
                 deviation[output] = weight * noise / precision.sqrt();
             }
         }

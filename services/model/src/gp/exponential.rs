@@ -31,7 +31,10 @@ const COEFFICIENTS: [f64; 12] = [
 ];
 
 /// eˣ for x ≤ 0, to about 1e-15 relative (absolute where the result is subnormal); NaN stays NaN.
-#[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+#[expect(
+    clippy::inline_always,
+    reason = "must be inlined to take on the vector features of its caller"
+)]
 #[inline(always)]
 pub(crate) fn exponential(x: f64) -> f64 {
     let x = if x < SMALLEST { SMALLEST } else { x };

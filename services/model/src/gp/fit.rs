@@ -2,7 +2,9 @@
 
 use nalgebra::DVector;
 
-use crate::gp::hyperparameters::{Bounds, Hyperparameters, HyperparametersError, LogHyperparameters};
+use crate::gp::hyperparameters::{
+    Bounds, Hyperparameters, HyperparametersError, LogHyperparameters,
+};
 use crate::gp::likelihood::{Evaluation, Likelihood, LikelihoodError};
 use crate::gp::optimise::{Convergence, MinimiseError, MinimiseOptions, SearchBox, minimise};
 use crate::gp::split_mix::SplitMix64;
@@ -27,7 +29,14 @@ pub struct FitOptions<const D: usize> {
 impl<const D: usize> Default for FitOptions<D> {
     /// Wide bounds, no priors, no restarts, at most 100 steps.
     fn default() -> Self {
-        Self { bounds: Bounds::default(), priors: None, max_evaluations: 200, max_iterations: 100, restarts: 0, seed: 0 }
+        Self {
+            bounds: Bounds::default(),
+            priors: None,
+            max_evaluations: 200,
+            max_iterations: 100,
+            restarts: 0,
+            seed: 0,
+        }
     }
 }
 
@@ -46,7 +55,12 @@ pub struct Priors<const D: usize> {
 
 impl<const D: usize> Priors<D> {
     /// Nothing is known.
-    pub const NONE: Self = Self { length_scale: [None; D], variance: None, noise_variance: None, linear_variance: None };
+    pub const NONE: Self = Self {
+        length_scale: [None; D],
+        variance: None,
+        noise_variance: None,
+        linear_variance: None,
+    };
 }
 
 /// Normal distribution of a logarithm.
@@ -86,7 +100,9 @@ pub enum FitError {
     #[error("a bound: {0}")]
     Bounds(HyperparametersError),
     /// The priors are not usable.
-    #[error("a prior has median {median} and deviation {log_deviation}; both must be positive and finite")]
+    #[error(
+        "a prior has median {median} and deviation {log_deviation}; both must be positive and finite"
+    )]
     Prior {
         /// Its median.
         median: f64,
@@ -167,13 +183,14 @@ fn search<const D: usize>(
         let hyperparameters = log.exp();
         // O(n³) is long: whoever else waits for the processor has it in between.
         std::thread::yield_now();
-        let Evaluation { log_likelihood, gradient, jitter } = match likelihood.evaluate(&hyperparameters) {
-            Ok(evaluation) => evaluation,
-            Err(error) => {
-                failure = Some(error);
-                return nowhere;
-            }
-        };
+        let Evaluation { log_likelihood, gradient, jitter } =
+            match likelihood.evaluate(&hyperparameters) {
+                Ok(evaluation) => evaluation,
+                Err(error) => {
+                    failure = Some(error);
+                    return nowhere;
+                }
+            };
         let (prior, prior_slopes) = options.log_prior(&log);
         let cost = -log_likelihood - prior;
         if cost < best_cost {
@@ -182,9 +199,13 @@ fn search<const D: usize>(
         }
         (cost, vector(&prior_slopes) * -1.0 - vector(&gradient))
     };
-    let minimum = minimise(objective, &vector(start), &options.search_box(start), &minimise_options)
-        .map_err(|error| failure.map_or(FitError::Minimise(error), FitError::Likelihood))?;
-    Ok((best_cost, Fitted { evaluations: minimum.evaluations, converged: minimum.convergence, ..best }))
+    let minimum =
+        minimise(objective, &vector(start), &options.search_box(start), &minimise_options)
+            .map_err(|error| failure.map_or(FitError::Minimise(error), FitError::Likelihood))?;
+    Ok((
+        best_cost,
+        Fitted { evaluations: minimum.evaluations, converged: minimum.convergence, ..best },
+    ))
 }
 
 impl<const D: usize> FitOptions<D> {
@@ -196,7 +217,9 @@ impl<const D: usize> FitOptions<D> {
         if start.kernel.linear_variance != 0.0 && smallest == 0.0 {
             return Err(FitError::Bounds(HyperparametersError::LinearVariance { value: smallest }));
         }
-        for &LogNormal { median, log_deviation } in self.priors.iter().flat_map(Priors::each).flatten() {
+        for &LogNormal { median, log_deviation } in
+            self.priors.iter().flat_map(Priors::each).flatten()
+        {
             let good = |value: f64| value.is_finite() && value > 0.0;
             if !(good(median) && good(log_deviation)) {
                 return Err(FitError::Prior { median, log_deviation });
@@ -206,7 +229,11 @@ impl<const D: usize> FitOptions<D> {
     }
 
     /// Uniform in the logarithms, within [`RESTART_SPREAD`] of `centre` and in the bounds.
-    fn draw_near(&self, centre: &LogHyperparameters<D>, random: &mut SplitMix64) -> LogHyperparameters<D> {
+    fn draw_near(
+        &self,
+        centre: &LogHyperparameters<D>,
+        random: &mut SplitMix64,
+    ) -> LogHyperparameters<D> {
         let spread = RESTART_SPREAD.ln();
         let mut draw = |centre: f64| centre + spread * (2.0 * random.uniform() - 1.0);
         self.bounds.clamp(&LogHyperparameters {
@@ -220,7 +247,12 @@ impl<const D: usize> FitOptions<D> {
     /// Log density of the priors (without its constant) and its derivatives.
     fn log_prior(&self, at: &LogHyperparameters<D>) -> (f64, LogHyperparameters<D>) {
         let linear_variance = at.linear_variance.map(|_| 0.0);
-        let mut slopes = LogHyperparameters { length_scale: [0.0; D], variance: 0.0, noise_variance: 0.0, linear_variance };
+        let mut slopes = LogHyperparameters {
+            length_scale: [0.0; D],
+            variance: 0.0,
+            noise_variance: 0.0,
+            linear_variance,
+        };
         let Some(priors) = &self.priors else { return (0.0, slopes) };
         let mut sum = 0.0;
         let mut pull = |prior: &Option<LogNormal>, at: f64, slope: &mut f64| {
@@ -245,7 +277,10 @@ impl<const D: usize> FitOptions<D> {
     fn search_box(&self, start: &LogHyperparameters<D>) -> SearchBox {
         let of_kind = |bound: &Hyperparameters<D>| {
             let log = bound.ln();
-            vector(&LogHyperparameters { linear_variance: log.linear_variance.filter(|_| start.linear_variance.is_some()), ..log })
+            vector(&LogHyperparameters {
+                linear_variance: log.linear_variance.filter(|_| start.linear_variance.is_some()),
+                ..log
+            })
         };
         SearchBox { lower: of_kind(&self.bounds.lower), upper: of_kind(&self.bounds.upper) }
     }
@@ -263,7 +298,11 @@ impl<const D: usize> FitOptions<D> {
 
 impl<const D: usize> Priors<D> {
     fn each(&self) -> impl Iterator<Item = &Option<LogNormal>> {
-        self.length_scale.iter().chain([&self.variance, &self.noise_variance, &self.linear_variance])
+        self.length_scale.iter().chain([
+            &self.variance,
+            &self.noise_variance,
+            &self.linear_variance,
+        ])
     }
 }
 
@@ -284,7 +323,8 @@ mod tests {
     /// A function of the first input alone, with noise of deviation 0.1.
     fn samples(count: usize) -> (Vec<[f64; 2]>, Vec<f64>) {
         let mut random = SplitMix64::new(5);
-        let inputs: Vec<[f64; 2]> = (0..count).map(|_| [2.0 * random.normal(), random.normal()]).collect();
+        let inputs: Vec<[f64; 2]> =
+            (0..count).map(|_| [2.0 * random.normal(), random.normal()]).collect();
         let targets = inputs.iter().map(|x| (1.5 * x[0]).sin() + 0.1 * random.normal()).collect();
         (inputs, targets)
     }
@@ -294,7 +334,11 @@ mod tests {
         let (inputs, targets) = samples(100);
         let fitted = fit(&inputs, &targets, &START, &FitOptions::default()).unwrap();
         let Hyperparameters { kernel, noise_variance } = fitted.hyperparameters;
-        assert_eq!(kernel.linear_variance.to_bits(), 0.0_f64.to_bits(), "what began without a linear part ends without one");
+        assert_eq!(
+            kernel.linear_variance.to_bits(),
+            0.0_f64.to_bits(),
+            "what began without a linear part ends without one"
+        );
         assert!((noise_variance.sqrt() - 0.1).abs() < 0.03, "{noise_variance}");
         assert!(kernel.length_scale[0] < 3.0 && kernel.length_scale[1] > 10.0, "{kernel:?}");
         assert_ne!(fitted.converged, Convergence::Budget);
@@ -317,11 +361,16 @@ mod tests {
     fn what_is_linear_goes_to_the_linear_part() {
         let (inputs, _) = samples(60);
         let mut random = SplitMix64::new(8);
-        let targets: Vec<f64> = inputs.iter().map(|x| 0.7 + 2.0 * x[0] - x[1] + 0.1 * random.normal()).collect();
-        let fitted = fit(&inputs, &targets, &START.with_linear(0.1), &FitOptions::default()).unwrap();
+        let targets: Vec<f64> =
+            inputs.iter().map(|x| 0.7 + 2.0 * x[0] - x[1] + 0.1 * random.normal()).collect();
+        let fitted =
+            fit(&inputs, &targets, &START.with_linear(0.1), &FitOptions::default()).unwrap();
         let plain = fit(&inputs, &targets, &START, &FitOptions::default()).unwrap();
         let Hyperparameters { kernel, noise_variance } = fitted.hyperparameters;
-        assert!(kernel.linear_variance > 0.3 && kernel.length_scale.iter().all(|&scale| scale > 5.0), "{kernel:?}");
+        assert!(
+            kernel.linear_variance > 0.3 && kernel.length_scale.iter().all(|&scale| scale > 5.0),
+            "{kernel:?}"
+        );
         assert!((noise_variance.sqrt() - 0.1).abs() < 0.03, "{noise_variance}");
         assert!(fitted.log_likelihood > plain.log_likelihood);
     }
@@ -346,7 +395,9 @@ mod tests {
         options.bounds.upper.kernel.length_scale = [1.2; 2];
         let fitted = fit(&inputs, &targets, &START, &options).unwrap();
         assert!(fitted.evaluations <= 5);
-        assert!(fitted.hyperparameters.kernel.length_scale.iter().all(|&scale| scale <= 1.2 + 1e-12));
+        assert!(
+            fitted.hyperparameters.kernel.length_scale.iter().all(|&scale| scale <= 1.2 + 1e-12)
+        );
     }
 
     #[test]
@@ -354,10 +405,16 @@ mod tests {
         let (inputs, targets) = samples(10);
         let options = FitOptions::default();
         let message = |result: Result<_, FitError>| result.err().unwrap().to_string();
-        assert_eq!(message(fit(&inputs, &targets[1..], &START, &options)), "10 inputs but 9 targets");
+        assert_eq!(
+            message(fit(&inputs, &targets[1..], &START, &options)),
+            "10 inputs but 9 targets"
+        );
         assert_eq!(message(fit::<2>(&[], &[], &START, &options)), "there are no samples");
         let start = Hyperparameters::new([1.0, -1.0], 1.0, 1.0);
-        assert_eq!(message(fit(&inputs, &targets, &start, &options)), "the start: length scale 1 is -1; it must be positive and finite");
+        assert_eq!(
+            message(fit(&inputs, &targets, &start, &options)),
+            "the start: length scale 1 is -1; it must be positive and finite"
+        );
         let mut crossed = options;
         crossed.bounds.upper.noise_variance = 1e-9;
         assert!(matches!(fit(&inputs, &targets, &START, &crossed), Err(FitError::Minimise(_))));

@@ -67,7 +67,9 @@ impl<const D: usize> Hyperparameters<D> {
             return Err(HyperparametersError::Variance { value: self.kernel.variance });
         }
         if !(good(self.kernel.linear_variance) || self.kernel.linear_variance == 0.0) {
-            return Err(HyperparametersError::LinearVariance { value: self.kernel.linear_variance });
+            return Err(HyperparametersError::LinearVariance {
+                value: self.kernel.linear_variance,
+            });
         }
         if !good(self.noise_variance) {
             return Err(HyperparametersError::NoiseVariance { value: self.noise_variance });
@@ -81,7 +83,8 @@ impl<const D: usize> Hyperparameters<D> {
             length_scale: self.kernel.length_scale.map(f64::ln),
             variance: self.kernel.variance.ln(),
             noise_variance: self.noise_variance.ln(),
-            linear_variance: (self.kernel.linear_variance != 0.0).then(|| self.kernel.linear_variance.ln()),
+            linear_variance: (self.kernel.linear_variance != 0.0)
+                .then(|| self.kernel.linear_variance.ln()),
         }
     }
 }
@@ -102,13 +105,21 @@ pub struct LogHyperparameters<const D: usize> {
 impl<const D: usize> LogHyperparameters<D> {
     /// Back from logarithms.
     pub fn exp(&self) -> Hyperparameters<D> {
-        Hyperparameters::new(self.length_scale.map(f64::exp), self.variance.exp(), self.noise_variance.exp())
-            .with_linear(self.linear_variance.map_or(0.0, f64::exp))
+        Hyperparameters::new(
+            self.length_scale.map(f64::exp),
+            self.variance.exp(),
+            self.noise_variance.exp(),
+        )
+        .with_linear(self.linear_variance.map_or(0.0, f64::exp))
     }
 
     /// In the optimiser's order: length scales, variance, noise variance, and the linear variance if there is a linear part.
     pub fn iter(&self) -> impl Iterator<Item = f64> + '_ {
-        self.length_scale.iter().copied().chain([self.variance, self.noise_variance]).chain(self.linear_variance)
+        self.length_scale
+            .iter()
+            .copied()
+            .chain([self.variance, self.noise_variance])
+            .chain(self.linear_variance)
     }
 
     /// From the optimiser's order; `None` unless there are D + 2, or D + 3 with a linear part.
@@ -148,7 +159,9 @@ impl<const D: usize> Bounds<D> {
     pub fn clamp(&self, log: &LogHyperparameters<D>) -> LogHyperparameters<D> {
         let (lower, upper) = (self.lower.ln(), self.upper.ln());
         LogHyperparameters {
-            length_scale: std::array::from_fn(|i| log.length_scale[i].max(lower.length_scale[i]).min(upper.length_scale[i])),
+            length_scale: std::array::from_fn(|i| {
+                log.length_scale[i].max(lower.length_scale[i]).min(upper.length_scale[i])
+            }),
             variance: log.variance.max(lower.variance).min(upper.variance),
             noise_variance: log.noise_variance.max(lower.noise_variance).min(upper.noise_variance),
             linear_variance: log.linear_variance.map(|value| {
@@ -170,7 +183,9 @@ mod tests {
             let there: Vec<f64> = here.ln().iter().collect();
             assert_eq!(there.len(), count);
             let back = LogHyperparameters::<3>::from_slice(&there).map(|log| log.exp());
-            assert!(back.is_some_and(|back| back.ln().iter().zip(&there).all(|(back, there)| (back - there).abs() < 1e-15)));
+            assert!(back.is_some_and(|back| {
+                back.ln().iter().zip(&there).all(|(back, there)| (back - there).abs() < 1e-15)
+            }));
             assert_eq!(LogHyperparameters::<4>::from_slice(&there).is_none(), count == 5);
         }
         assert_eq!(LogHyperparameters::<2>::from_slice(&[0.0; 6]), None);
@@ -183,8 +198,14 @@ mod tests {
                 Hyperparameters::new([1.0, bad], 1.0, 1.0).check(),
                 Err(HyperparametersError::LengthScale { dimension: 1, .. })
             ));
-            assert!(matches!(Hyperparameters::new([1.0], bad, 1.0).check(), Err(HyperparametersError::Variance { .. })));
-            assert!(matches!(Hyperparameters::new([1.0], 1.0, bad).check(), Err(HyperparametersError::NoiseVariance { .. })));
+            assert!(matches!(
+                Hyperparameters::new([1.0], bad, 1.0).check(),
+                Err(HyperparametersError::Variance { .. })
+            ));
+            assert!(matches!(
+                Hyperparameters::new([1.0], 1.0, bad).check(),
+                Err(HyperparametersError::NoiseVariance { .. })
+            ));
             let linear = Hyperparameters::new([1.0], 1.0, 1.0).with_linear(bad).check();
             assert_eq!(linear.is_ok(), bad == 0.0, "a kernel without a linear part is one");
         }
@@ -198,7 +219,8 @@ mod tests {
         assert!((clamped.kernel.variance - 1e-3).abs() < 1e-12);
         assert!((clamped.noise_variance - 1.0).abs() < 1e-12);
         assert_eq!(clamped.kernel.linear_variance.to_bits(), 0.0_f64.to_bits());
-        let linear = bounds.clamp(&Hyperparameters::new([1.0], 1.0, 1.0).with_linear(1e9).ln()).exp();
+        let linear =
+            bounds.clamp(&Hyperparameters::new([1.0], 1.0, 1.0).with_linear(1e9).ln()).exp();
         assert!((linear.kernel.linear_variance - 1e3).abs() < 1e-9);
     }
 }

@@ -38,7 +38,13 @@ pub(crate) struct Inverse {
 impl Inverse {
     /// Of no samples, with room for `capacity`.
     pub(crate) fn new(capacity: usize) -> Self {
-        Self { size: 0, stride: capacity, values: vec![0.0; capacity * capacity], leaving: vec![0.0; capacity], machine: Arch::new() }
+        Self {
+            size: 0,
+            stride: capacity,
+            values: vec![0.0; capacity * capacity],
+            leaving: vec![0.0; capacity],
+            machine: Arch::new(),
+        }
     }
 
     /// Pᵢᵢ of each sample.
@@ -95,10 +101,17 @@ impl Inverse {
     pub(crate) fn recompute(&mut self, covariance: &Mat<f64>) -> Result<(), NotPositiveDefinite> {
         let size = covariance.ncols();
         let mut factor = Mat::zeros(size, size);
-        let mut memory = MemBuffer::new(factor_scratch(size).or(llt::inverse::inverse_scratch::<f64>(size, Par::Seq)));
+        let mut memory = MemBuffer::new(
+            factor_scratch(size).or(llt::inverse::inverse_scratch::<f64>(size, Par::Seq)),
+        );
         factorise(covariance, 0.0, &vec![1.0; size], &mut factor, &mut memory)?;
         let mut inverse = Mat::<f64>::zeros(size, size);
-        llt::inverse::inverse(inverse.as_mut(), factor.as_ref(), Par::Seq, MemStack::new(&mut memory));
+        llt::inverse::inverse(
+            inverse.as_mut(),
+            factor.as_ref(),
+            Par::Seq,
+            MemStack::new(&mut memory),
+        );
         self.size = size;
         for row in 0..size {
             for column in 0..=row {
@@ -116,7 +129,10 @@ impl Inverse {
 }
 
 /// Adds `share` times `row`, as far as that goes.
-#[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+#[expect(
+    clippy::inline_always,
+    reason = "must be inlined to take on the vector features of its caller"
+)]
 #[inline(always)]
 fn add(to: &mut [f64], share: f64, row: &[f64]) {
     for (to, value) in to.iter_mut().zip(row) {
@@ -132,7 +148,9 @@ mod tests {
 
     /// A covariance of places on a line, with noise.
     fn covariance(places: &[f64]) -> Mat<f64> {
-        Mat::from_fn(places.len(), places.len(), |i, j| (-0.5 * (places[i] - places[j]).powi(2)).exp() + if i == j { 0.01 } else { 0.0 })
+        Mat::from_fn(places.len(), places.len(), |i, j| {
+            (-0.5 * (places[i] - places[j]).powi(2)).exp() + if i == j { 0.01 } else { 0.0 }
+        })
     }
 
     proptest! {

@@ -27,7 +27,10 @@ impl<const D: usize> Kernel<D> {
     /// ∂k(a, b)/∂a = −σ² exp(…) (aᵢ − bᵢ) / ℓᵢ² + λ² bᵢ
     pub fn gradient(&self, a: &[f64; D], b: &[f64; D]) -> [f64; D] {
         let local = self.local(a, b);
-        std::array::from_fn(|i| -local * (a[i] - b[i]) / (self.length_scale[i] * self.length_scale[i]) + self.linear_variance * b[i])
+        std::array::from_fn(|i| {
+            -local * (a[i] - b[i]) / (self.length_scale[i] * self.length_scale[i])
+                + self.linear_variance * b[i]
+        })
     }
 
     /// k(x, x) = σ² + λ² (1 + ‖x‖²): the variance of the function at `x` before any sample.
@@ -37,13 +40,17 @@ impl<const D: usize> Kernel<D> {
 
     /// The squared-exponential part.
     fn local(&self, a: &[f64; D], b: &[f64; D]) -> f64 {
-        let squared_distance: f64 = (0..D).map(|i| ((a[i] - b[i]) / self.length_scale[i]).powi(2)).sum();
+        let squared_distance: f64 =
+            (0..D).map(|i| ((a[i] - b[i]) / self.length_scale[i]).powi(2)).sum();
         self.variance * (-0.5 * squared_distance).exp()
     }
 }
 
 /// 1 + a·b
-#[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+#[expect(
+    clippy::inline_always,
+    reason = "must be inlined to take on the vector features of its caller"
+)]
 #[inline(always)]
 pub(crate) fn one_plus_product<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
     a.iter().zip(b).fold(1.0, |sum, (a, b)| sum + a * b)

@@ -93,7 +93,8 @@ impl<'a, const D: usize> Likelihood<'a, D> {
         if samples == 0 {
             return Err(LikelihoodError::NoSamples);
         }
-        let scratch = factor_scratch(samples).or(llt::inverse::inverse_scratch::<f64>(samples, Par::Seq));
+        let scratch =
+            factor_scratch(samples).or(llt::inverse::inverse_scratch::<f64>(samples, Par::Seq));
         Ok(Self {
             inputs,
             targets,
@@ -123,15 +124,24 @@ impl<'a, const D: usize> Likelihood<'a, D> {
     }
 
     /// Value and gradient. O(n³); in the memory taken at set-up.
-    pub fn evaluate(&mut self, hyperparameters: &Hyperparameters<D>) -> Result<Evaluation<D>, LikelihoodError> {
+    pub fn evaluate(
+        &mut self,
+        hyperparameters: &Hyperparameters<D>,
+    ) -> Result<Evaluation<D>, LikelihoodError> {
         hyperparameters.check()?;
         let samples = self.inputs.len();
         let Hyperparameters { kernel, noise_variance } = *hyperparameters;
         self.scaled.scale(self.inputs, &kernel.length_scale);
         self.scaled.local_covariance(kernel.variance, &mut self.local);
         add_linear(&self.local, kernel.linear_variance, &self.gram, &mut self.covariance);
-        let jitter = factorise(&self.covariance, noise_variance, &self.noise_scale, &mut self.factor, &mut self.memory)
-            .map_err(|_| LikelihoodError::NotPositiveDefinite { samples })?;
+        let jitter = factorise(
+            &self.covariance,
+            noise_variance,
+            &self.noise_scale,
+            &mut self.factor,
+            &mut self.memory,
+        )
+        .map_err(|_| LikelihoodError::NotPositiveDefinite { samples })?;
 
         // α = L⁻ᵀ L⁻¹ y
         self.weights.copy_from_slice(self.targets);
@@ -141,11 +151,18 @@ impl<'a, const D: usize> Likelihood<'a, D> {
             Par::Seq,
             MemStack::new(&mut self.memory),
         );
-        let fit: f64 = self.targets.iter().zip(&self.weights).map(|(target, weight)| target * weight).sum();
+        let fit: f64 =
+            self.targets.iter().zip(&self.weights).map(|(target, weight)| target * weight).sum();
         let log_root_determinant: f64 = (0..samples).map(|i| self.factor[(i, i)].ln()).sum();
-        let log_likelihood = -0.5 * fit - log_root_determinant - 0.5 * samples as f64 * std::f64::consts::TAU.ln();
+        let log_likelihood =
+            -0.5 * fit - log_root_determinant - 0.5 * samples as f64 * std::f64::consts::TAU.ln();
 
-        llt::inverse::inverse(self.inverse.as_mut(), self.factor.as_ref(), Par::Seq, MemStack::new(&mut self.memory));
+        llt::inverse::inverse(
+            self.inverse.as_mut(),
+            self.factor.as_ref(),
+            Par::Seq,
+            MemStack::new(&mut self.memory),
+        );
         let gradient = vectorise(
             Arch::new(),
             #[inline(always)]
@@ -155,7 +172,10 @@ impl<'a, const D: usize> Likelihood<'a, D> {
     }
 
     /// The sums of the module's head, over the lower half, column by column.
-    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[expect(
+        clippy::inline_always,
+        reason = "must be inlined to take on the vector features of its caller"
+    )]
     #[inline(always)]
     fn gradient(&mut self, kernel: &Kernel<D>, noise_variance: f64) -> LogHyperparameters<D> {
         let samples = self.weights.len();
@@ -173,7 +193,9 @@ impl<'a, const D: usize> Likelihood<'a, D> {
             let below = first + 1;
             let slopes = &mut self.slopes[below..];
             let inverse = &self.inverse.col_as_slice(first)[below..];
-            for ((slope, inverse), other) in slopes.iter_mut().zip(inverse).zip(&self.weights[below..]) {
+            for ((slope, inverse), other) in
+                slopes.iter_mut().zip(inverse).zip(&self.weights[below..])
+            {
                 *slope = inverse - weight * other;
             }
             if kernel.linear_variance != 0.0 {
@@ -200,7 +222,10 @@ impl<'a, const D: usize> Likelihood<'a, D> {
 }
 
 /// sums += values, in lanes.
-#[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+#[expect(
+    clippy::inline_always,
+    reason = "must be inlined to take on the vector features of its caller"
+)]
 #[inline(always)]
 fn add(sums: &mut [f64; LANES], values: &[f64]) {
     let (chunks, rest) = values.as_chunks::<LANES>();
@@ -215,7 +240,10 @@ fn add(sums: &mut [f64; LANES], values: &[f64]) {
 }
 
 /// sums += a b, in lanes.
-#[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+#[expect(
+    clippy::inline_always,
+    reason = "must be inlined to take on the vector features of its caller"
+)]
 #[inline(always)]
 fn add_products(sums: &mut [f64; LANES], a: &[f64], b: &[f64]) {
     let ((a, last_a), (b, last_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
@@ -230,10 +258,14 @@ fn add_products(sums: &mut [f64; LANES], a: &[f64], b: &[f64]) {
 }
 
 /// sums += factor (there − here)², in lanes.
-#[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+#[expect(
+    clippy::inline_always,
+    reason = "must be inlined to take on the vector features of its caller"
+)]
 #[inline(always)]
 fn add_squares(sums: &mut [f64; LANES], factors: &[f64], there: &[f64], here: f64) {
-    let ((factors, last_factors), (there, last_there)) = (factors.as_chunks::<LANES>(), there.as_chunks::<LANES>());
+    let ((factors, last_factors), (there, last_there)) =
+        (factors.as_chunks::<LANES>(), there.as_chunks::<LANES>());
     for (factors, there) in factors.iter().zip(there) {
         for ((sum, factor), there) in sums.iter_mut().zip(factors).zip(there) {
             let difference = there - here;
@@ -261,8 +293,12 @@ mod tests {
 
     fn samples(count: usize, seed: u64) -> (Vec<[f64; 2]>, Vec<f64>) {
         let mut random = SplitMix64::new(seed);
-        let inputs: Vec<[f64; 2]> = (0..count).map(|_| [random.normal(), random.normal()]).collect();
-        let targets = inputs.iter().map(|x| (2.0 * x[0]).sin() + 0.3 * x[1] + 0.1 * random.normal()).collect();
+        let inputs: Vec<[f64; 2]> =
+            (0..count).map(|_| [random.normal(), random.normal()]).collect();
+        let targets = inputs
+            .iter()
+            .map(|x| (2.0 * x[0]).sin() + 0.3 * x[1] + 0.1 * random.normal())
+            .collect();
         (inputs, targets)
     }
 
@@ -304,9 +340,12 @@ mod tests {
         let (mut inputs, targets) = samples(20, 3);
         inputs[5] = inputs[11];
         let mut likelihood = Likelihood::new(&inputs, &targets).unwrap();
-        let evaluation = likelihood.evaluate(&Hyperparameters::new([1.0, 1.0], 1.0, 1e-20)).unwrap();
+        let evaluation =
+            likelihood.evaluate(&Hyperparameters::new([1.0, 1.0], 1.0, 1e-20)).unwrap();
         assert!(evaluation.jitter > 0.0);
-        assert!(evaluation.log_likelihood.is_finite() && evaluation.gradient.iter().all(f64::is_finite));
+        assert!(
+            evaluation.log_likelihood.is_finite() && evaluation.gradient.iter().all(f64::is_finite)
+        );
     }
 
     #[test]
@@ -315,7 +354,8 @@ mod tests {
         assert_eq!(Likelihood::new(&empty, &[]).err(), Some(LikelihoodError::NoSamples));
         let error = Likelihood::new(&[[0.0, 1.0]], &[1.0, 2.0]).err().unwrap();
         assert_eq!(error.to_string(), "1 inputs but 2 targets");
-        let error = Likelihood::new(&[[0.0, 1.0], [0.0, f64::INFINITY]], &[1.0, 2.0]).err().unwrap();
+        let error =
+            Likelihood::new(&[[0.0, 1.0], [0.0, f64::INFINITY]], &[1.0, 2.0]).err().unwrap();
         assert_eq!(error.to_string(), "input 1 of sample 1 is inf");
         let error = Likelihood::new(&[[0.0, 1.0], [0.0, 0.0]], &[1.0, f64::NAN]).err().unwrap();
         assert_eq!(error.to_string(), "target 0 of sample 1 is NaN");

@@ -48,10 +48,14 @@ pub(crate) fn search<P>(
         let Trial { step: at, value, slope, point } = evaluate(step);
         let trial = Trial { step: at, value, slope, point: () };
         let before = low.clone();
-        if !trial.is_finite() || value > start.value + DECREASE * at * start.slope || value > low.value {
+        if !trial.is_finite()
+            || value > start.value + DECREASE * at * start.slope
+            || value > low.value
+        {
             high = Some(trial);
         } else {
-            let done = slope.abs() <= FLATTENING * start.slope.abs() || (high.is_none() && slope < 0.0 && at >= longest);
+            let done = slope.abs() <= FLATTENING * start.slope.abs()
+                || (high.is_none() && slope < 0.0 && at >= longest);
             if slope * high.as_ref().map_or(1.0, |high| high.step - low.step) >= 0.0 {
                 high = Some(low);
             }
@@ -90,7 +94,11 @@ fn inside(low: &Trial<()>, high: &Trial<()>) -> f64 {
 fn beyond(before: &Trial<()>, now: &Trial<()>) -> f64 {
     let width = now.step - before.step;
     let secant = -now.slope * width / (now.slope - before.slope);
-    let ahead = if secant.is_finite() && secant > 0.0 { secant.clamp(0.5 * width, 4.0 * width) } else { 4.0 * width };
+    let ahead = if secant.is_finite() && secant > 0.0 {
+        secant.clamp(0.5 * width, 4.0 * width)
+    } else {
+        4.0 * width
+    };
     now.step + ahead
 }
 
@@ -99,9 +107,19 @@ mod tests {
     use super::{DECREASE, FLATTENING, Trial, search};
     use proptest::prelude::*;
 
-    fn run(first: f64, longest: f64, value: impl Fn(f64) -> f64, slope: impl Fn(f64) -> f64) -> Option<Trial<()>> {
+    fn run(
+        first: f64,
+        longest: f64,
+        value: impl Fn(f64) -> f64,
+        slope: impl Fn(f64) -> f64,
+    ) -> Option<Trial<()>> {
         let start = Trial { step: 0.0, value: value(0.0), slope: slope(0.0), point: () };
-        search(&start, first, longest, 40, |step| Trial { step, value: value(step), slope: slope(step), point: () })
+        search(&start, first, longest, 40, |step| Trial {
+            step,
+            value: value(step),
+            slope: slope(step),
+            point: (),
+        })
     }
 
     proptest! {
@@ -125,7 +143,12 @@ mod tests {
 
     #[test]
     fn a_cliff_is_stepped_back_from() {
-        let found = run(10.0, 10.0, |t| if t > 1.0 { f64::INFINITY } else { (t - 0.5).powi(2) }, |t| 2.0 * (t - 0.5));
+        let found = run(
+            10.0,
+            10.0,
+            |t| if t > 1.0 { f64::INFINITY } else { (t - 0.5).powi(2) },
+            |t| 2.0 * (t - 0.5),
+        );
         assert!(found.is_some_and(|found| found.step < 1.0 && found.value < 0.25));
     }
 

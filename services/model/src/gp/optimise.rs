@@ -128,7 +128,10 @@ pub fn minimise(
     within.check(start.len())?;
     let mut point = within.clamp(start);
     let (mut value, mut gradient) = objective(&point);
-    if !(value.is_finite() && gradient.len() == point.len() && gradient.iter().all(|entry| entry.is_finite())) {
+    if !(value.is_finite()
+        && gradient.len() == point.len()
+        && gradient.iter().all(|entry| entry.is_finite()))
+    {
         return Err(MinimiseError::Start { value });
     }
     let mut hessian = Hessian::new(&gradient, options.first_curvature);
@@ -152,12 +155,13 @@ pub fn minimise(
         iterations += 1;
         let longest = room.longest_along(&step);
         let begin = Trial { step: 0.0, value, slope, point: () };
-        let found = line_search::search(&begin, 1.0, longest, options.max_evaluations - evaluations, |t| {
-            evaluations += 1;
-            let there = within.clamp(&(&point + &step * t));
-            let (value, gradient) = objective(&there);
-            Trial { step: t, value, slope: gradient.dot(&step), point: (there, gradient) }
-        });
+        let found =
+            line_search::search(&begin, 1.0, longest, options.max_evaluations - evaluations, |t| {
+                evaluations += 1;
+                let there = within.clamp(&(&point + &step * t));
+                let (value, gradient) = objective(&there);
+                Trial { step: t, value, slope: gradient.dot(&step), point: (there, gradient) }
+            });
         let Some(Trial { value: new_value, point: (new_point, new_gradient), .. }) = found else {
             if evaluations >= options.max_evaluations {
                 break Convergence::Budget;
@@ -181,7 +185,11 @@ pub fn minimise(
 impl SearchBox {
     fn check(&self, variables: usize) -> Result<(), MinimiseError> {
         if self.lower.len() != variables || self.upper.len() != variables {
-            return Err(MinimiseError::Lengths { start: variables, lower: self.lower.len(), upper: self.upper.len() });
+            return Err(MinimiseError::Lengths {
+                start: variables,
+                lower: self.lower.len(),
+                upper: self.upper.len(),
+            });
         }
         for (variable, (&lower, &upper)) in self.lower.iter().zip(&self.upper).enumerate() {
             if lower.is_nan() || upper.is_nan() || lower > upper {
@@ -209,15 +217,17 @@ impl SearchBox {
 
     /// Largest t for which t `step` is in this box, which holds `step` itself.
     fn longest_along(&self, step: &DVector<f64>) -> f64 {
-        let rooms = step.iter().zip(self.lower.iter().zip(&self.upper)).map(|(&along, (&lower, &upper))| {
-            if along < 0.0 {
-                lower / along
-            } else if along > 0.0 {
-                upper / along
-            } else {
-                f64::INFINITY
-            }
-        });
+        let rooms = step.iter().zip(self.lower.iter().zip(&self.upper)).map(
+            |(&along, (&lower, &upper))| {
+                if along < 0.0 {
+                    lower / along
+                } else if along > 0.0 {
+                    upper / along
+                } else {
+                    f64::INFINITY
+                }
+            },
+        );
         rooms.fold(f64::INFINITY, f64::min).max(1.0)
     }
 }
@@ -239,7 +249,10 @@ enum Place {
 impl Hessian {
     fn new(gradient: &DVector<f64>, first_curvature: f64) -> Self {
         let curvature = first_curvature.max(gradient.norm());
-        Self { matrix: DMatrix::identity(gradient.len(), gradient.len()) * curvature, is_fresh: true }
+        Self {
+            matrix: DMatrix::identity(gradient.len(), gradient.len()) * curvature,
+            is_fresh: true,
+        }
     }
 
     /// B ← B − B s sᵀB / sᵀB s + y yᵀ / yᵀs, unless the function curves downwards along s.
@@ -249,12 +262,14 @@ impl Hessian {
             return;
         }
         if self.is_fresh {
-            self.matrix = DMatrix::identity(step.len(), step.len()) * (change.norm_squared() / curvature);
+            self.matrix =
+                DMatrix::identity(step.len(), step.len()) * (change.norm_squared() / curvature);
             self.is_fresh = false;
         }
         let image = &self.matrix * step;
         let before = step.dot(&image);
-        self.matrix += change * change.transpose() / curvature - &image * image.transpose() / before;
+        self.matrix +=
+            change * change.transpose() / curvature - &image * image.transpose() / before;
     }
 
     /// argmin gᵀd + ½ dᵀB d within `room`, and gᵀd; `None` if that is no descent.
@@ -292,7 +307,12 @@ impl Hessian {
     }
 
     /// The minimiser with the variables at a bound held there: the rows of the others of B d = −g.
-    fn step_with(&self, gradient: &DVector<f64>, room: &SearchBox, places: &[Place]) -> Option<DVector<f64>> {
+    fn step_with(
+        &self,
+        gradient: &DVector<f64>,
+        room: &SearchBox,
+        places: &[Place],
+    ) -> Option<DVector<f64>> {
         let variables = gradient.len();
         let held = DVector::from_fn(variables, |i, _| match places[i] {
             Place::Free => 0.0,
@@ -301,10 +321,12 @@ impl Hessian {
         });
         let pull = -(gradient + &self.matrix * &held);
         let is_free = |i: usize| places[i] == Place::Free;
-        let matrix = DMatrix::from_fn(variables, variables, |row, column| match (is_free(row) && is_free(column), row == column) {
-            (true, _) => self.matrix[(row, column)],
-            (false, true) => 1.0,
-            (false, false) => 0.0,
+        let matrix = DMatrix::from_fn(variables, variables, |row, column| {
+            match (is_free(row) && is_free(column), row == column) {
+                (true, _) => self.matrix[(row, column)],
+                (false, true) => 1.0,
+                (false, false) => 0.0,
+            }
         });
         let pull = DVector::from_fn(variables, |i, _| if is_free(i) { pull[i] } else { held[i] });
         Some(matrix.cholesky()?.solve(&pull))
@@ -404,7 +426,11 @@ mod tests {
     #[test]
     fn a_region_without_values_is_avoided() {
         let objective = |x: &DVector<f64>| {
-            if x[0] <= 0.0 { (f64::NAN, dvector![f64::NAN]) } else { (x[0] - x[0].ln(), dvector![1.0 - 1.0 / x[0]]) }
+            if x[0] <= 0.0 {
+                (f64::NAN, dvector![f64::NAN])
+            } else {
+                (x[0] - x[0].ln(), dvector![1.0 - 1.0 / x[0]])
+            }
         };
         let within = within(dvector![f64::NEG_INFINITY], dvector![f64::INFINITY]);
         let minimum = minimise(objective, &dvector![5.0], &within, &TIGHT).unwrap();
@@ -419,7 +445,12 @@ mod tests {
         assert!(matches!(bad, Err(MinimiseError::Start { .. })));
         let bad = minimise(|x| (0.0, x.clone()), &dvector![0.5, 0.5], &unit, &options);
         assert_eq!(bad, Err(MinimiseError::Lengths { start: 2, lower: 1, upper: 1 }));
-        let bad = minimise(|x| (0.0, x.clone()), &dvector![0.5], &within(dvector![1.0], dvector![0.0]), &options);
+        let bad = minimise(
+            |x| (0.0, x.clone()),
+            &dvector![0.5],
+            &within(dvector![1.0], dvector![0.0]),
+            &options,
+        );
         assert_eq!(bad, Err(MinimiseError::EmptyBox { variable: 0, lower: 1.0, upper: 0.0 }));
     }
 }

@@ -79,7 +79,9 @@ pub enum PosteriorError {
         reason: HyperparametersError,
     },
     /// K + σₙ² I lost positive definiteness; more noise or fewer twins among the inputs help.
-    #[error("output {output}: the covariance of {samples} samples is not positive definite, whatever the jitter")]
+    #[error(
+        "output {output}: the covariance of {samples} samples is not positive definite, whatever the jitter"
+    )]
     NotPositiveDefinite {
         /// Index of the output.
         output: usize,
@@ -138,15 +140,21 @@ impl<const D: usize> Posterior<D> {
         for (output, state) in posterior.outputs.iter_mut().enumerate() {
             work.weights.clear();
             work.weights.extend(targets.iter().map(|target| target[output]));
-            state.condition(inputs, noise_scale, &mut work).ok_or(PosteriorError::NotPositiveDefinite { output, samples: inputs.len() })?;
+            state
+                .condition(inputs, noise_scale, &mut work)
+                .ok_or(PosteriorError::NotPositiveDefinite { output, samples: inputs.len() })?;
         }
         Ok(posterior)
     }
 
     /// Three priors: mean zero, variance k(x, x) everywhere.
-    pub fn prior_only(hyperparameters: &[Hyperparameters<D>; OUTPUTS]) -> Result<Self, PosteriorError> {
+    pub fn prior_only(
+        hyperparameters: &[Hyperparameters<D>; OUTPUTS],
+    ) -> Result<Self, PosteriorError> {
         for (output, hyperparameters) in hyperparameters.iter().enumerate() {
-            hyperparameters.check().map_err(|reason| PosteriorError::Hyperparameters { output, reason })?;
+            hyperparameters
+                .check()
+                .map_err(|reason| PosteriorError::Hyperparameters { output, reason })?;
         }
         Ok(Self { outputs: hyperparameters.map(Output::prior), samples: 0, machine: Arch::new() })
     }
@@ -198,7 +206,9 @@ impl<const D: usize> Posterior<D> {
             self.machine,
             #[inline(always)]
             || {
-                for ((mean, gradient), output) in answer.mean.iter_mut().zip(&mut answer.gradient).zip(&self.outputs) {
+                for ((mean, gradient), output) in
+                    answer.mean.iter_mut().zip(&mut answer.gradient).zip(&self.outputs)
+                {
                     (*mean, *gradient) = output.mean_and_gradient(x);
                 }
             },
@@ -267,16 +277,37 @@ impl<const D: usize> Output<D> {
     fn prior(hyperparameters: Hyperparameters<D>) -> Self {
         let rate = hyperparameters.kernel.length_scale.map(f64::recip);
         let (slope, offset) = ([0.0; D], 0.0);
-        Self { hyperparameters, rate, blocks: Vec::new(), slope, offset, weights: Vec::new(), factor: Vec::new(), jitter: 0.0 }
+        Self {
+            hyperparameters,
+            rate,
+            blocks: Vec::new(),
+            slope,
+            offset,
+            weights: Vec::new(),
+            factor: Vec::new(),
+            jitter: 0.0,
+        }
     }
 
     /// `None` if the covariance does not factorise.
-    fn condition(&mut self, inputs: &[[f64; D]], noise_scale: &[f64], work: &mut Work<D>) -> Option<()> {
+    fn condition(
+        &mut self,
+        inputs: &[[f64; D]],
+        noise_scale: &[f64],
+        work: &mut Work<D>,
+    ) -> Option<()> {
         let Hyperparameters { kernel, noise_variance } = self.hyperparameters;
         work.scaled.scale(inputs, &kernel.length_scale);
         work.scaled.local_covariance(kernel.variance, &mut work.local);
         add_linear(&work.local, kernel.linear_variance, &work.gram, &mut work.covariance);
-        self.jitter = factorise(&work.covariance, noise_variance, noise_scale, &mut work.factor, &mut work.memory).ok()?;
+        self.jitter = factorise(
+            &work.covariance,
+            noise_variance,
+            noise_scale,
+            &mut work.factor,
+            &mut work.memory,
+        )
+        .ok()?;
         llt::solve::solve_in_place(
             work.factor.as_ref(),
             MatMut::from_column_major_slice_mut(&mut work.weights, inputs.len(), 1),
@@ -284,8 +315,12 @@ impl<const D: usize> Output<D> {
             MemStack::new(&mut work.memory),
         );
         self.weights.clone_from(&work.weights);
-        let total = |share: &dyn Fn(usize) -> f64| kernel.linear_variance * (0..inputs.len()).map(share).sum::<f64>();
-        self.slope = std::array::from_fn(|input| total(&|sample| self.weights[sample] * inputs[sample][input]));
+        let total = |share: &dyn Fn(usize) -> f64| {
+            kernel.linear_variance * (0..inputs.len()).map(share).sum::<f64>()
+        };
+        self.slope = std::array::from_fn(|input| {
+            total(&|sample| self.weights[sample] * inputs[sample][input])
+        });
         self.offset = total(&|sample| self.weights[sample]);
         self.factor = Vec::with_capacity(inputs.len() * (inputs.len() + 1) / 2);
         for column in 0..inputs.len() {
@@ -293,7 +328,10 @@ impl<const D: usize> Output<D> {
             self.factor.push(entries[0].recip());
             self.factor.extend_from_slice(&entries[1..]);
         }
-        self.blocks = vec![Block { inputs: [[0.0; LANES]; D], weights: [0.0; LANES] }; inputs.len().div_ceil(LANES)];
+        self.blocks = vec![
+            Block { inputs: [[0.0; LANES]; D], weights: [0.0; LANES] };
+            inputs.len().div_ceil(LANES)
+        ];
         for (sample, weight) in self.weights.iter().enumerate() {
             let block = &mut self.blocks[sample / LANES];
             block.weights[sample % LANES] = kernel.variance * weight;
@@ -304,20 +342,29 @@ impl<const D: usize> Output<D> {
         Some(())
     }
 
-    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[expect(
+        clippy::inline_always,
+        reason = "must be inlined to take on the vector features of its caller"
+    )]
     #[inline(always)]
     fn scaled(&self, x: &[f64; D]) -> [f64; D] {
         std::array::from_fn(|i| x[i] * self.rate[i])
     }
 
     /// w·x + b
-    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[expect(
+        clippy::inline_always,
+        reason = "must be inlined to take on the vector features of its caller"
+    )]
     #[inline(always)]
     fn plane(&self, x: &[f64; D]) -> f64 {
         self.slope.iter().zip(x).fold(self.offset, |sum, (slope, x)| sum + slope * x)
     }
 
-    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[expect(
+        clippy::inline_always,
+        reason = "must be inlined to take on the vector features of its caller"
+    )]
     #[inline(always)]
     fn mean(&self, x: &[f64; D]) -> f64 {
         let plane = self.plane(x);
@@ -332,7 +379,10 @@ impl<const D: usize> Output<D> {
         mean.iter().sum::<f64>() + plane
     }
 
-    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[expect(
+        clippy::inline_always,
+        reason = "must be inlined to take on the vector features of its caller"
+    )]
     #[inline(always)]
     fn mean_and_gradient(&self, x: &[f64; D]) -> (f64, [f64; D]) {
         let plane = self.plane(x);
@@ -350,11 +400,15 @@ impl<const D: usize> Output<D> {
                 }
             }
         }
-        let slope = std::array::from_fn(|i| gradient[i].iter().sum::<f64>() * self.rate[i] + self.slope[i]);
+        let slope =
+            std::array::from_fn(|i| gradient[i].iter().sum::<f64>() * self.rate[i] + self.slope[i]);
         (mean.iter().sum::<f64>() + plane, slope)
     }
 
-    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[expect(
+        clippy::inline_always,
+        reason = "must be inlined to take on the vector features of its caller"
+    )]
     #[inline(always)]
     fn variance(&self, x: &[f64; D], column: &mut [f64]) -> f64 {
         let kernel = &self.hyperparameters.kernel;
@@ -390,7 +444,10 @@ impl<const D: usize> Output<D> {
 
 impl<const D: usize> Block<D> {
     /// 1 + (X/ℓ)·x of each sample.
-    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[expect(
+        clippy::inline_always,
+        reason = "must be inlined to take on the vector features of its caller"
+    )]
     #[inline(always)]
     fn one_plus_products(&self, x: &[f64; D]) -> [f64; LANES] {
         let mut products = [1.0; LANES];
@@ -403,7 +460,10 @@ impl<const D: usize> Block<D> {
     }
 
     /// weight · exp(−½ ‖x − X‖²) of each sample, everything in length scales.
-    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[expect(
+        clippy::inline_always,
+        reason = "must be inlined to take on the vector features of its caller"
+    )]
     #[inline(always)]
     fn shares(&self, x: &[f64; D], weights: &[f64; LANES]) -> [f64; LANES] {
         let mut shares = [0.0; LANES];
@@ -433,8 +493,10 @@ mod tests {
     #[test]
     fn the_width_of_the_registers_does_not_change_a_bit() {
         let mut random = SplitMix64::new(11);
-        let inputs: Vec<[f64; 4]> = (0..77).map(|_| std::array::from_fn(|_| random.normal())).collect();
-        let targets: Vec<[f64; 3]> = inputs.iter().map(|_| std::array::from_fn(|_| random.normal())).collect();
+        let inputs: Vec<[f64; 4]> =
+            (0..77).map(|_| std::array::from_fn(|_| random.normal())).collect();
+        let targets: Vec<[f64; 3]> =
+            inputs.iter().map(|_| std::array::from_fn(|_| random.normal())).collect();
         let plain = Hyperparameters::new([1.0, 0.5, 2.0, 0.3], 1.7, 0.05);
         let hyperparameters = [plain, plain.with_linear(0.2), plain.with_linear(10.0)];
         let wide = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();

@@ -88,7 +88,9 @@ impl Surprise {
         if self.deviations[0].len() < SAMPLES_MIN {
             return 0.0;
         }
-        let surprise = |(output, deviation): (usize, &f64)| deviation.abs() / (SURPRISING * self.median(output).max(self.floor[output]));
+        let surprise = |(output, deviation): (usize, &f64)| {
+            deviation.abs() / (SURPRISING * self.median(output).max(self.floor[output]))
+        };
         deviations.iter().enumerate().map(surprise).fold(0.0, f64::max)
     }
 
@@ -125,8 +127,12 @@ mod tests {
     #[test]
     fn a_surprising_sample_counts_the_less_the_more_it_surprises() {
         let mut surprise = experienced();
-        let doubts: Vec<Verdict> = [4.0, 5.0].iter().map(|&deviation| surprise.judge(&[deviation, 0.0, 0.0])).collect();
-        assert!(matches!(doubts[..], [Verdict::Admit(first), Verdict::Admit(second)] if 0.0 < first && first < second), "{doubts:?}");
+        let doubts: Vec<Verdict> =
+            [4.0, 5.0].iter().map(|&deviation| surprise.judge(&[deviation, 0.0, 0.0])).collect();
+        assert!(
+            matches!(doubts[..], [Verdict::Admit(first), Verdict::Admit(second)] if 0.0 < first && first < second),
+            "{doubts:?}"
+        );
     }
 
     #[test]
@@ -140,7 +146,9 @@ mod tests {
     #[test]
     fn a_change_that_shows_most_of_the_time_is_believed_after_twenty_samples() {
         let mut surprise = experienced();
-        let verdicts: Vec<Verdict> = (0..20).map(|i| surprise.judge(&[if i % 5 == 0 { 0.1 } else { 20.0 }, 0.0, 0.0])).collect();
+        let verdicts: Vec<Verdict> = (0..20)
+            .map(|i| surprise.judge(&[if i % 5 == 0 { 0.1 } else { 20.0 }, 0.0, 0.0]))
+            .collect();
         assert!(verdicts.contains(&Verdict::Changed(WINDOW)), "{verdicts:?}");
     }
 }

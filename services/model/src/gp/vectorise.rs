@@ -19,7 +19,10 @@ struct Task<F>(F);
 impl<R, F: FnMut() -> R> WithSimd for Task<F> {
     type Output = R;
 
-    #[expect(clippy::inline_always, reason = "must be inlined to take on the vector features of its caller")]
+    #[expect(
+        clippy::inline_always,
+        reason = "must be inlined to take on the vector features of its caller"
+    )]
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, _: S) -> R {
         (self.0)()

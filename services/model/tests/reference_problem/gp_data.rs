@@ -19,8 +19,11 @@ pub(crate) fn residual([vx, vy, w]: [f64; 3], [ux, uy, uw]: [f64; 3]) -> [f64; 3
 pub(crate) fn gp_data(samples: usize, seed: u64) -> (Vec<[f64; 6]>, Vec<[f64; 3]>) {
     let mut random = SplitMix64::new(seed);
     let mut draw = || {
-        let v: [f64; 3] = std::array::from_fn(|i| (2.0 * random.uniform() - 1.0) * LARGEST_INPUT[i]);
-        let u: [f64; 3] = std::array::from_fn(|i| (v[i] + SPREAD[i] * random.normal()).clamp(-LARGEST_INPUT[i], LARGEST_INPUT[i]));
+        let v: [f64; 3] =
+            std::array::from_fn(|i| (2.0 * random.uniform() - 1.0) * LARGEST_INPUT[i]);
+        let u: [f64; 3] = std::array::from_fn(|i| {
+            (v[i] + SPREAD[i] * random.normal()).clamp(-LARGEST_INPUT[i], LARGEST_INPUT[i])
+        });
         let noise: [f64; 3] = std::array::from_fn(|_| random.normal());
         let g = residual(v, u);
         ([v[0], v[1], v[2], u[0], u[1], u[2]], std::array::from_fn(|i| g[i] + NOISE * noise[i]))

@@ -38,7 +38,10 @@ thread_local! {
 /// Who may not what, by what zenoh says.
 pub(super) fn refused(message: &str) -> Option<String> {
     // The session's name comes first, and has no space; a key, which its author chose, comes last.
-    if let Some((session, _)) = message.split_once(' ').filter(|(_, rest)| rest.starts_with("did not match any configured ACL subject")) {
+    if let Some((session, _)) = message
+        .split_once(' ')
+        .filter(|(_, rest)| rest.starts_with("did not match any configured ACL subject"))
+    {
         introduce(session, NO_ROLE);
         return Some(NO_ROLE.to_owned());
     }
@@ -68,12 +71,17 @@ pub(super) fn too_often(message: &str) -> Option<String> {
     // Here it calls the session by the first digits of its name.
     let digits = from.rsplit('/').next()?.split(':').next()?;
     let guests = guests();
-    let guest = guests.range(digits.to_owned()..).next().filter(|(session, _)| session.starts_with(digits));
+    let guest =
+        guests.range(digits.to_owned()..).next().filter(|(session, _)| session.starts_with(digits));
     let (who, place) = (guest.map_or("somebody", |(_, who)| who), place(key));
     // Rates are looked at before rights.
     let role = who.split('.').next().and_then(Role::named);
     let may = role.is_none_or(|role| role.says().iter().any(|topic| topic.name() == place));
-    Some(if may { format!("{who} says more on {place} than anybody needs to") } else { format!("{who} may not Put on {place}") })
+    Some(if may {
+        format!("{who} says more on {place} than anybody needs to")
+    } else {
+        format!("{who} may not Put on {place}")
+    })
 }
 
 /// Whether the word about `key` is of a message that nobody has sent.
@@ -101,14 +109,19 @@ fn guests() -> MutexGuard<'static, BTreeMap<String, String>> {
 
 /// Whose certificate it is, of "Interface(lo)+CertCommonName(watcher.pilot)+…".
 fn role(subject: &str) -> Option<&str> {
-    let is_role = |name: &str| Role::ALL.iter().any(|role| name.split('.').next() == Some(role.name()));
+    let is_role =
+        |name: &str| Role::ALL.iter().any(|role| name.split('.').next() == Some(role.name()));
     subject.split(['(', ')']).find(|name| name.contains('.') && is_role(name))
 }
 
 /// What a key is of, without what its author can choose.
 fn place(key: &str) -> &'static str {
     let names = key.split('/').nth(2);
-    Topic::ALL.iter().map(|topic| topic.name()).find(|name| names == Some(name)).unwrap_or("another key")
+    Topic::ALL
+        .iter()
+        .map(|topic| topic.name())
+        .find(|name| names == Some(name))
+        .unwrap_or("another key")
 }
 
 #[cfg(test)]
@@ -120,15 +133,31 @@ mod tests {
         let put = "7f on lo+CertCommonName(watcher.pilot)+tls+7f is unauthorized to Put (ingress) on coxswain-link/g/command/data/<b>";
         assert_eq!(refused(put).as_deref(), Some("watcher.pilot may not Put on command"));
         let token = "8f on lo+CertCommonName(learner.pilot)+tls+8f is unauthorized to Declare/Undeclare Liveliness Token (ingress) on a/b";
-        assert_eq!(refused(token).as_deref(), Some("learner.pilot may not Declare/Undeclare Liveliness Token on another key"));
+        assert_eq!(
+            refused(token).as_deref(),
+            Some("learner.pilot may not Declare/Undeclare Liveliness Token on another key")
+        );
         assert_eq!(refused(&put.replace("unauthorized", "authorized")), None);
         assert_eq!(refused(&put.replace("ingress", "egress")), None);
-        assert_eq!(refused("9f did not match any configured ACL subject. Default").as_deref(), Some("a certificate of no role here"));
+        assert_eq!(
+            refused("9f did not match any configured ACL subject. Default").as_deref(),
+            Some("a certificate of no role here")
+        );
         let forged = put.replace("<b>", "x did not match any configured ACL subject");
-        assert_eq!(refused(&forged).as_deref(), Some("watcher.pilot may not Put on command"), "whatever the key says");
+        assert_eq!(
+            refused(&forged).as_deref(),
+            Some("watcher.pilot may not Put on command"),
+            "whatever the key says"
+        );
         let query = "Using cached result: 9f is unauthorized to Query (ingress) on coxswain-link/g/command/join/1";
-        assert_eq!(refused(query).as_deref(), Some("a certificate of no role here may not Query on command"));
-        assert_eq!(refused(&query.replace("9f", "af")).as_deref(), Some("somebody may not Query on command"));
+        assert_eq!(
+            refused(query).as_deref(),
+            Some("a certificate of no role here may not Query on command")
+        );
+        assert_eq!(
+            refused(&query.replace("9f", "af")).as_deref(),
+            Some("somebody may not Query on command")
+        );
     }
 
     #[test]
@@ -142,21 +171,37 @@ mod tests {
         };
         let told = Some("learner.pilot says more on health than anybody needs to");
         assert_eq!(often("health/data/learner.1", "6f01").as_deref(), told);
-        assert_eq!(often("health/data/robot.1) from:south:0:client/7f01:3", "6f01").as_deref(), told);
-        assert_eq!(often("command/data/x", "6e01").as_deref(), Some("somebody says more on command than anybody needs to"));
-        assert_eq!(often("command/data/x", "6f01").as_deref(), Some("learner.pilot may not Put on command"));
+        assert_eq!(
+            often("health/data/robot.1) from:south:0:client/7f01:3", "6f01").as_deref(),
+            told
+        );
+        assert_eq!(
+            often("command/data/x", "6e01").as_deref(),
+            Some("somebody says more on command than anybody needs to")
+        );
+        assert_eq!(
+            often("command/data/x", "6f01").as_deref(),
+            Some("learner.pilot may not Put on command")
+        );
         assert_eq!(too_often("Some message(s) have been dropped"), None);
     }
 
     #[test]
     fn rights_that_are_only_worked_out_are_refused_to_nobody() {
         let put = "7e on lo+CertCommonName(watcher.pilot)+tls+7e is unauthorized to Put (ingress) on coxswain-link/g/state/data/1";
-        assert_eq!(refused("ACL (ingress): caching permissions for `coxswain-link/g/state/data/1` ..."), None);
+        assert_eq!(
+            refused("ACL (ingress): caching permissions for `coxswain-link/g/state/data/1` ..."),
+            None
+        );
         assert_eq!((0..KINDS).find_map(|_| refused(put)), None);
         let cached = "Using cached result: 7e is unauthorized to Put (ingress) on coxswain-link/g/state/data/1";
         assert_eq!(refused(cached).as_deref(), Some("watcher.pilot may not Put on state"));
         assert_eq!(refused(put).as_deref(), Some("watcher.pilot may not Put on state"));
-        assert_eq!(refused("ACL (ingress): caching permissions for `a/b` ..."), None, "of somebody of no role, nothing is said then");
+        assert_eq!(
+            refused("ACL (ingress): caching permissions for `a/b` ..."),
+            None,
+            "of somebody of no role, nothing is said then"
+        );
         assert_eq!(refused(put).as_deref(), Some("watcher.pilot may not Put on state"));
     }
 }

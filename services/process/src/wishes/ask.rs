@@ -42,8 +42,15 @@ pub fn ask(folder: &Path, role: Participant, wish: &Wish) -> Result<Asked, AskEr
     };
     // The process may be another user's.
     let readable = Permissions::from_mode(0o644);
-    let mut whole = tempfile::Builder::new().prefix(".wish-").permissions(readable).tempfile_in(&inside).map_err(failed(&inside))?;
-    serde_json::to_writer(&mut whole, wish).map_err(io::Error::from).and_then(|()| whole.flush()).map_err(failed(whole.path()))?;
+    let mut whole = tempfile::Builder::new()
+        .prefix(".wish-")
+        .permissions(readable)
+        .tempfile_in(&inside)
+        .map_err(failed(&inside))?;
+    serde_json::to_writer(&mut whole, wish)
+        .map_err(io::Error::from)
+        .and_then(|()| whole.flush())
+        .map_err(failed(whole.path()))?;
     let mut number = last(&inside, role).map_err(failed(&inside))?;
     loop {
         number += 1;
@@ -59,8 +66,14 @@ pub fn ask(folder: &Path, role: Participant, wish: &Wish) -> Result<Asked, AskEr
 
 /// The highest number that there is.
 fn last(inside: &Path, role: Participant) -> io::Result<u64> {
-    let number = |name: &str| name.strip_prefix(role.text())?.strip_prefix('-')?.strip_suffix(".json")?.parse().ok();
-    Ok(fs::read_dir(inside)?.flatten().filter_map(|entry| number(entry.file_name().to_str()?)).max().unwrap_or(0))
+    let number = |name: &str| {
+        name.strip_prefix(role.text())?.strip_prefix('-')?.strip_suffix(".json")?.parse().ok()
+    };
+    Ok(fs::read_dir(inside)?
+        .flatten()
+        .filter_map(|entry| number(entry.file_name().to_str()?))
+        .max()
+        .unwrap_or(0))
 }
 
 impl Asked {

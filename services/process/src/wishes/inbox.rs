@@ -20,7 +20,9 @@ const LOOK: Duration = Duration::from_millis(10);
 #[derive(Debug, thiserror::Error)]
 pub enum NotAsked {
     /// In lock step every run gives the same bits, whatever the clock says.
-    #[error("in lock step nothing can be changed while it runs: the same settings give the same bits")]
+    #[error(
+        "in lock step nothing can be changed while it runs: the same settings give the same bits"
+    )]
     LockStep,
     /// Somebody wrote something else.
     #[error("this is no wish: {0}")]
@@ -72,7 +74,9 @@ impl Inbox {
     pub fn answer(&mut self, outcome: Outcome) {
         let number = self.next;
         match &outcome {
-            Outcome::Applied { acts_from_tick, .. } => tracing::info!(number, acts_from_tick, "set"),
+            Outcome::Applied { acts_from_tick, .. } => {
+                tracing::info!(number, acts_from_tick, "set");
+            }
             Outcome::Refused { reason } => tracing::info!(number, %reason, "not set"),
         }
         let file = answer_file(&self.folder, self.role, number);
@@ -96,14 +100,22 @@ fn write(file: &Path, answer: &Answer) -> io::Result<()> {
 ///
 /// # Errors
 /// [`ChangeError`] if what was applied does not go with what the process is told, which nobody should have changed meanwhile.
-pub fn changed_before<S>(settings: &S, role: Participant, rules: &Rules<'_>) -> Result<(S, usize), ChangeError>
+pub fn changed_before<S>(
+    settings: &S,
+    role: Participant,
+    rules: &Rules<'_>,
+) -> Result<(S, usize), ChangeError>
 where
     S: Serialize + DeserializeOwned + Check + HasRun + Clone,
 {
     let settled = (1..).map_while(|number| Settled::read(&settings.run().folder, role, number));
-    let applied = settled.filter(|settled| matches!(settled.answer.outcome, Outcome::Applied { .. }));
-    let changes = applied.map(|settled| Change::parse(&settled.wish.change)).collect::<Result<Vec<_>, _>>()?;
+    let applied =
+        settled.filter(|settled| matches!(settled.answer.outcome, Outcome::Applied { .. }));
+    let changes = applied
+        .map(|settled| Change::parse(&settled.wish.change))
+        .collect::<Result<Vec<_>, _>>()?;
     // Most have nothing to read again.
-    let settings = if changes.is_empty() { settings.clone() } else { changed(settings, &changes, rules)? };
+    let settings =
+        if changes.is_empty() { settings.clone() } else { changed(settings, &changes, rules)? };
     Ok((settings, changes.len()))
 }

@@ -37,10 +37,12 @@ fn next(inbox: &mut Inbox) -> Option<Result<Wish, NotAsked>> {
     inbox.take()
 }
 
-const APPLIED: Outcome = Outcome::Applied { plant_epoch: 1, taken_at_tick: 4, ready_at_tick: 4, acts_from_tick: 5 };
+const APPLIED: Outcome =
+    Outcome::Applied { plant_epoch: 1, taken_at_tick: 4, ready_at_tick: 4, acts_from_tick: 5 };
 
 #[test]
-fn every_wish_is_taken_once_and_in_order_and_its_answer_is_found_by_who_asked() -> Result<(), Box<dyn std::error::Error>> {
+fn every_wish_is_taken_once_and_in_order_and_its_answer_is_found_by_who_asked()
+-> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     welcome(folder.path())?;
     let mut inbox = Inbox::open(&run(folder.path(), Pace::RealTime), Participant::Controller);
@@ -56,27 +58,47 @@ fn every_wish_is_taken_once_and_in_order_and_its_answer_is_found_by_who_asked() 
     assert_eq!(next(&mut inbox).ok_or("no wish")??.change, "gain = 2.0");
     inbox.answer(Outcome::Refused { reason: "no".into() });
     assert!(next(&mut inbox).is_none());
-    assert_eq!(Answers::all(folder.path()).look().into_iter().map(|settled| settled.number).collect::<Vec<_>>(), [1, 2]);
+    assert_eq!(
+        Answers::all(folder.path())
+            .look()
+            .into_iter()
+            .map(|settled| settled.number)
+            .collect::<Vec<_>>(),
+        [1, 2]
+    );
     assert_eq!(Answers::from_now_on(folder.path()).look(), []);
-    let told: Vec<_> =
-        asked.iter().filter_map(Asked::answer).map(|settled| (settled.number, settled.wish.change, settled.answer.outcome)).collect();
-    assert_eq!(told, [(1, "gain = 1.0".to_owned(), APPLIED), (2, "gain = 2.0".to_owned(), Outcome::Refused { reason: "no".into() })]);
+    let told: Vec<_> = asked
+        .iter()
+        .filter_map(Asked::answer)
+        .map(|settled| (settled.number, settled.wish.change, settled.answer.outcome))
+        .collect();
+    assert_eq!(
+        told,
+        [
+            (1, "gain = 1.0".to_owned(), APPLIED),
+            (2, "gain = 2.0".to_owned(), Outcome::Refused { reason: "no".into() })
+        ]
+    );
     Ok(())
 }
 
 #[test]
-fn who_is_started_again_has_what_was_applied_and_takes_up_what_nobody_has_answered() -> Result<(), Box<dyn std::error::Error>> {
+fn who_is_started_again_has_what_was_applied_and_takes_up_what_nobody_has_answered()
+-> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     welcome(folder.path())?;
     let run = run(folder.path(), Pace::RealTime);
     let mut inbox = Inbox::open(&run, Participant::Controller);
-    for (gain, outcome) in [(1.0, APPLIED), (2.0, APPLIED), (3.0, Outcome::Refused { reason: "no".into() })] {
+    for (gain, outcome) in
+        [(1.0, APPLIED), (2.0, APPLIED), (3.0, Outcome::Refused { reason: "no".into() })]
+    {
         ask(folder.path(), Participant::Controller, &wish(&format!("gain = {gain:?}")))?;
         drop(next(&mut inbox).ok_or("no wish")??);
         inbox.answer(outcome);
     }
     ask(folder.path(), Participant::Controller, &wish("gain = 4.0"))?;
-    let (settings, count) = changed_before(&Plain { run: run.clone(), gain: 0.0 }, Participant::Controller, &RULES)?;
+    let (settings, count) =
+        changed_before(&Plain { run: run.clone(), gain: 0.0 }, Participant::Controller, &RULES)?;
     assert_eq!((settings.gain, count), (2.0, 2));
     let mut again = Inbox::open(&run, Participant::Controller);
     assert_eq!(next(&mut again).ok_or("no wish")??.change, "gain = 4.0");
@@ -84,7 +106,8 @@ fn who_is_started_again_has_what_was_applied_and_takes_up_what_nobody_has_answer
 }
 
 #[test]
-fn many_who_ask_at_once_get_a_number_each_without_a_gap() -> Result<(), Box<dyn std::error::Error>> {
+fn many_who_ask_at_once_get_a_number_each_without_a_gap() -> Result<(), Box<dyn std::error::Error>>
+{
     let folder = tempfile::tempdir()?;
     welcome(folder.path())?;
     let ask_often = || {
@@ -103,7 +126,8 @@ fn many_who_ask_at_once_get_a_number_each_without_a_gap() -> Result<(), Box<dyn 
 }
 
 #[test]
-fn in_lock_step_and_of_what_is_no_wish_the_answer_is_why_not() -> Result<(), Box<dyn std::error::Error>> {
+fn in_lock_step_and_of_what_is_no_wish_the_answer_is_why_not()
+-> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     welcome(folder.path())?;
     ask(folder.path(), Participant::Controller, &wish("gain = 1.0"))?;
@@ -113,7 +137,10 @@ fn in_lock_step_and_of_what_is_no_wish_the_answer_is_why_not() -> Result<(), Box
         next(&mut inbox)?.err().map(|error| error.to_string())
     };
     let told = refusal(Participant::Controller, Pace::LockStep);
-    assert!(told.as_ref().is_some_and(|told| told.starts_with("in lock step nothing can be changed")), "{told:?}");
+    assert!(
+        told.as_ref().is_some_and(|told| told.starts_with("in lock step nothing can be changed")),
+        "{told:?}"
+    );
     let told = refusal(Participant::Learner, Pace::RealTime);
     assert!(told.as_ref().is_some_and(|told| told.starts_with("this is no wish: ")), "{told:?}");
     Ok(())
@@ -122,7 +149,8 @@ fn in_lock_step_and_of_what_is_no_wish_the_answer_is_why_not() -> Result<(), Box
 #[test]
 fn a_run_that_takes_no_wishes_cannot_be_asked() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
-    let told = ask(folder.path(), Participant::Controller, &wish("gain = 1.0")).map_err(|error| error.to_string());
+    let told = ask(folder.path(), Participant::Controller, &wish("gain = 1.0"))
+        .map_err(|error| error.to_string());
     assert!(told.as_ref().is_err_and(|told| told.contains("set")), "{told:?}");
     Ok(())
 }

@@ -65,13 +65,23 @@ impl Columns {
             match shape {
                 Shape::Nothing => {}
                 Shape::One => header.push(format!("{name}{}", unit(0))),
-                Shape::Numbers(count) => header.extend((0..*count).map(|index| format!("{name}_{index}{}", unit(index)))),
+                Shape::Numbers(count) => {
+                    header
+                        .extend((0..*count).map(|index| format!("{name}_{index}{}", unit(index))));
+                }
                 Shape::Rows(rows, count) => {
-                    header.extend(cells(*rows, *count).map(|(row, index)| format!("{name}_{row}_{index}{}", unit(index))));
+                    header.extend(
+                        cells(*rows, *count)
+                            .map(|(row, index)| format!("{name}_{row}_{index}{}", unit(index))),
+                    );
                 }
                 Shape::Named(keys) => {
                     let properties = &schema["properties"];
-                    let unit = |key: &str| self::units(&properties[key]).first().map_or_else(String::new, |unit| format!(" [{unit}]"));
+                    let unit = |key: &str| {
+                        self::units(&properties[key])
+                            .first()
+                            .map_or_else(String::new, |unit| format!(" [{unit}]"))
+                    };
                     header.extend(keys.iter().map(|key| format!("{name}_{key}{}", unit(key))));
                 }
             }
@@ -84,12 +94,21 @@ impl Columns {
         let Entries(entries) = serde_json::from_slice(json)?;
         let mut row = Vec::new();
         for Column { name, shape } in &self.fields {
-            let value = entries.iter().find(|(key, _)| key == name).map_or(&Value::Null, |(_, value)| value);
+            let value = entries
+                .iter()
+                .find(|(key, _)| key == name)
+                .map_or(&Value::Null, |(_, value)| value);
             match shape {
                 Shape::Nothing => {}
                 Shape::One => row.push(written(value)),
-                Shape::Numbers(count) => row.extend((0..*count).map(|index| written(&value[index]))),
-                Shape::Rows(rows, count) => row.extend(cells(*rows, *count).map(|(row, index)| written(&value[row][index]))),
+                Shape::Numbers(count) => {
+                    row.extend((0..*count).map(|index| written(&value[index])));
+                }
+                Shape::Rows(rows, count) => {
+                    row.extend(
+                        cells(*rows, *count).map(|(row, index)| written(&value[row][index])),
+                    );
+                }
                 Shape::Named(keys) => row.extend(keys.iter().map(|key| written(&value[key]))),
             }
         }
@@ -101,9 +120,10 @@ impl Shape {
     fn widen(&mut self, value: &Value) {
         let needed = match value {
             Value::Array(items) if items.is_empty() => Self::Nothing,
-            Value::Array(items) if items.iter().any(Value::is_array) => {
-                Self::Rows(items.len(), items.iter().filter_map(Value::as_array).map(Vec::len).max().unwrap_or(0))
-            }
+            Value::Array(items) if items.iter().any(Value::is_array) => Self::Rows(
+                items.len(),
+                items.iter().filter_map(Value::as_array).map(Vec::len).max().unwrap_or(0),
+            ),
             Value::Array(items) => Self::Numbers(items.len()),
             Value::Object(entries) => Self::Named(entries.keys().cloned().collect()),
             Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => Self::One,
@@ -111,7 +131,9 @@ impl Shape {
         match (self, needed) {
             (nothing @ Self::Nothing, needed) => *nothing = needed,
             (Self::Numbers(count), Self::Numbers(more)) => *count = (*count).max(more),
-            (Self::Rows(rows, count), Self::Rows(more_rows, more)) => (*rows, *count) = ((*rows).max(more_rows), (*count).max(more)),
+            (Self::Rows(rows, count), Self::Rows(more_rows, more)) => {
+                (*rows, *count) = ((*rows).max(more_rows), (*count).max(more));
+            }
             (Self::Named(keys), Self::Named(more)) => more.into_iter().for_each(|key| {
                 if !keys.contains(&key) {
                     keys.push(key);
@@ -130,7 +152,10 @@ fn cells(rows: usize, count: usize) -> impl Iterator<Item = (usize, usize)> {
 
 /// What stands in brackets at the end of a field's description.
 fn units(schema: &Value) -> Vec<&str> {
-    let inside = schema["description"].as_str().and_then(|about| about.strip_suffix(']')?.rsplit_once('[')).map(|(_, inside)| inside);
+    let inside = schema["description"]
+        .as_str()
+        .and_then(|about| about.strip_suffix(']')?.rsplit_once('['))
+        .map(|(_, inside)| inside);
     inside.map_or_else(Vec::new, |inside| inside.split(", ").collect())
 }
 
@@ -178,10 +203,10 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn columns_hold_the_longest_message_and_bear_the_units_of_the_schema() -> Result<(), serde_json::Error> {
+    fn columns_hold_the_longest_message_and_bear_the_units_of_the_schema()
+    -> Result<(), serde_json::Error> {
         let short = json!({"disturbance": [1.0, null, 3.0], "rung": "lqr", "variance": [[1, 2, 3]], "tick_nanos": 5}).to_string();
-        let long =
-            json!({"disturbance": [1.0, 2.0, 0.1], "rung": "a,b", "variance": [[1, 2, 3], [4, 5, 6]], "stamp": {"sent_nanos": u64::MAX}});
+        let long = json!({"disturbance": [1.0, 2.0, 0.1], "rung": "a,b", "variance": [[1, 2, 3], [4, 5, 6]], "stamp": {"sent_nanos": u64::MAX}});
         let long = long.to_string();
         let schema = view::schema::<Plan>().to_string();
         let mut columns = Columns::default();
@@ -190,7 +215,12 @@ mod tests {
         let header = columns.header();
         let (first, second) = (columns.row(short.as_bytes())?, columns.row(long.as_bytes())?);
         assert_eq!((first.len(), second.len()), (header.len(), header.len()));
-        let at = |row: &[String], name: &str| header.iter().position(|column| column == name).and_then(|index| row.get(index).cloned());
+        let at = |row: &[String], name: &str| {
+            header
+                .iter()
+                .position(|column| column == name)
+                .and_then(|index| row.get(index).cloned())
+        };
         for (name, in_first, in_second) in [
             ("variance_1_2 [(rad/s)²]", "", "6"),
             ("disturbance_1 [m/s]", "", "2.0"),

@@ -38,7 +38,11 @@ impl Extent {
             return Self { low: 0.0, high: 1.0 };
         }
         let least = 1e-9 * self.low.abs().max(self.high.abs()).max(1e-3);
-        let margin = if self.length() > least { 0.06 * self.length() } else { (0.1 * self.high.abs()).max(1e-3) };
+        let margin = if self.length() > least {
+            0.06 * self.length()
+        } else {
+            (0.1 * self.high.abs()).max(1e-3)
+        };
         let padded = Self { low: self.low - margin, high: self.high + margin };
         if padded.length().is_finite() { padded } else { *self }
     }
@@ -74,10 +78,21 @@ impl Axis {
 
     /// The same, logarithmic: whole decades that hold `extent`, of which only what is above 0 counts. At most nine.
     pub(super) fn logarithmic(extent: Extent) -> Self {
-        let high = if extent.high > 0.0 && extent.high.is_finite() { extent.high.log10().ceil().min(300.0) } else { 0.0 };
-        let low = if extent.low > 0.0 && extent.low <= extent.high { extent.low.log10().floor() } else { high - 3.0 };
+        let high = if extent.high > 0.0 && extent.high.is_finite() {
+            extent.high.log10().ceil().min(300.0)
+        } else {
+            0.0
+        };
+        let low = if extent.low > 0.0 && extent.low <= extent.high {
+            extent.low.log10().floor()
+        } else {
+            high - 3.0
+        };
         let low = low.clamp(high - 9.0, high - 1.0);
-        Self { extent: Extent { low: 10_f64.powf(low), high: 10_f64.powf(high) }, scale: Scale::Logarithmic }
+        Self {
+            extent: Extent { low: 10_f64.powf(low), high: 10_f64.powf(high) },
+            scale: Scale::Logarithmic,
+        }
     }
 
     /// Where `value` lies: 0 at the low end, 1 at the high one, not a number if it lies nowhere.
@@ -86,7 +101,9 @@ impl Axis {
         match self.scale {
             Scale::Linear => (value - low) / (high - low),
             // What is 0 lies below every edge, and is drawn there.
-            Scale::Logarithmic => (value.max(f64::MIN_POSITIVE).log10() - low.log10()) / (high.log10() - low.log10()),
+            Scale::Logarithmic => {
+                (value.max(f64::MIN_POSITIVE).log10() - low.log10()) / (high.log10() - low.log10())
+            }
         }
     }
 
@@ -105,23 +122,35 @@ impl Axis {
         let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
         let count = last - first;
         if !step.is_finite() || !(0.0..=2.0 * wanted as f64).contains(&count) {
-            return [low, high].into_iter().map(|value| Tick { value, label: scientific(value) }).collect();
+            return [low, high]
+                .into_iter()
+                .map(|value| Tick { value, label: scientific(value) })
+                .collect();
         }
-        (0..=count as usize).map(|index| (first + index as f64) * step).map(|value| Tick { value, label: label(value, step) }).collect()
+        (0..=count as usize)
+            .map(|index| (first + index as f64) * step)
+            .map(|value| Tick { value, label: label(value, step) })
+            .collect()
     }
 
     fn decades(&self) -> Vec<Tick> {
         let (low, high) = (self.extent.low.log10().round(), self.extent.high.log10().round());
         let every = ((high - low) / DECADES_MAX).ceil().max(1.0) as usize;
         let exponents = (low as i32..=high as i32).step_by(every);
-        exponents.map(|exponent| 10_f64.powi(exponent)).map(|value| Tick { value, label: label(value, value) }).collect()
+        exponents
+            .map(|exponent| 10_f64.powi(exponent))
+            .map(|value| Tick { value, label: label(value, value) })
+            .collect()
     }
 }
 
 /// 1, 2 or 5 times a power of 10, at least `least`.
 fn nice_step(least: f64) -> f64 {
     let decade = 10_f64.powf(least.log10().floor());
-    let nice = [1.0, 2.0, 5.0].into_iter().map(|factor| factor * decade).find(|step| *step >= least * (1.0 - 1e-9));
+    let nice = [1.0, 2.0, 5.0]
+        .into_iter()
+        .map(|factor| factor * decade)
+        .find(|step| *step >= least * (1.0 - 1e-9));
     nice.unwrap_or(10.0 * decade)
 }
 
@@ -133,7 +162,11 @@ fn label(value: f64, step: f64) -> String {
     let decimals = (-(step.log10() + 1e-9).floor()).max(0.0) as usize;
     let text = format!("{value:.decimals$}");
     // A minus before nothing but zeros says nothing.
-    if text.bytes().any(|byte| (b'1'..=b'9').contains(&byte)) { text } else { text.trim_start_matches('-').to_owned() }
+    if text.bytes().any(|byte| (b'1'..=b'9').contains(&byte)) {
+        text
+    } else {
+        text.trim_start_matches('-').to_owned()
+    }
 }
 
 fn scientific(value: f64) -> String {
@@ -145,7 +178,11 @@ mod tests {
     use super::*;
 
     fn labels(low: f64, high: f64, wanted: usize) -> Vec<String> {
-        Axis::linear(Extent { low, high }).ticks(wanted).into_iter().map(|tick| tick.label).collect()
+        Axis::linear(Extent { low, high })
+            .ticks(wanted)
+            .into_iter()
+            .map(|tick| tick.label)
+            .collect()
     }
 
     #[test]
@@ -171,8 +208,14 @@ mod tests {
             for wanted in 2..9 {
                 let axis = Axis::linear(Extent { low, high });
                 let ticks = axis.ticks(wanted);
-                assert!(ticks.iter().all(|tick| (-1e-9..=1.0 + 1e-9).contains(&axis.share(tick.value))), "{ticks:?}");
-                assert!((2..=2 * wanted + 1).contains(&ticks.len()), "{low} {high} {wanted}: {ticks:?}");
+                assert!(
+                    ticks.iter().all(|tick| (-1e-9..=1.0 + 1e-9).contains(&axis.share(tick.value))),
+                    "{ticks:?}"
+                );
+                assert!(
+                    (2..=2 * wanted + 1).contains(&ticks.len()),
+                    "{low} {high} {wanted}: {ticks:?}"
+                );
             }
         }
     }

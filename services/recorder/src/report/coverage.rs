@@ -38,16 +38,27 @@ pub(super) struct Coverage {
 
 /// Every period of `record` in which the learned model was in use on `axis`, in their order.
 pub(super) fn checks(record: &Record, axis: usize) -> Vec<Check> {
-    let pairs = record.plans.windows(2).filter_map(|pair| if let [before, after] = pair { Some((before, after)) } else { None });
+    let pairs = record
+        .plans
+        .windows(2)
+        .filter_map(|pair| if let [before, after] = pair { Some((before, after)) } else { None });
     let learned = |plan: &PlanTick| plan.version > 0 && plan.learned_axes >> axis & 1 == 1;
     let same = pairs.filter(|(before, after)| {
-        before.tick.checked_add(1) == Some(after.tick) && before.version == after.version && learned(before) && learned(after)
+        before.tick.checked_add(1) == Some(after.tick)
+            && before.version == after.version
+            && learned(before)
+            && learned(after)
     });
     let usable = same.filter(|(_, after)| record.usable.binary_search(&after.tick).is_ok());
     let checks = usable.map(|(before, after)| {
-        let beside = record.sample_variance.get(&before.version).map_or(0.0, |variance| variance[axis]);
+        let beside =
+            record.sample_variance.get(&before.version).map_or(0.0, |variance| variance[axis]);
         let deviation = (before.variance[axis] + beside).sqrt();
-        Check { tick: after.tick, error: after.innovation[axis] + before.disturbance[axis], deviation }
+        Check {
+            tick: after.tick,
+            error: after.innovation[axis] + before.disturbance[axis],
+            deviation,
+        }
     });
     checks.filter(|check| check.error.is_finite() && check.deviation.is_finite()).collect()
 }
@@ -55,5 +66,6 @@ pub(super) fn checks(record: &Record, axis: usize) -> Vec<Check> {
 /// How many of `checks` were within; nothing if there are none.
 pub(super) fn coverage(checks: &[Check]) -> Option<Coverage> {
     let within = checks.iter().filter(|check| check.is_within()).count();
-    (!checks.is_empty()).then(|| Coverage { share: within as f64 / checks.len() as f64, periods: checks.len() })
+    (!checks.is_empty())
+        .then(|| Coverage { share: within as f64 / checks.len() as f64, periods: checks.len() })
 }

@@ -70,8 +70,11 @@ impl Log {
     /// Hears what the gate did in a period.
     pub(super) fn hear_gate(&mut self, words: &GateWords) {
         self.tick = self.tick.max(words.tick);
-        let reason = if words.reason == "-" { String::new() } else { format!(" ({})", words.reason) };
-        if self.rung.replace(words.rung) != Some(words.rung) && !matches!(words.rung, Rung::FreshPlan | Rung::Waiting) {
+        let reason =
+            if words.reason == "-" { String::new() } else { format!(" ({})", words.reason) };
+        if self.rung.replace(words.rung) != Some(words.rung)
+            && !matches!(words.rung, Rung::FreshPlan | Rung::Waiting)
+        {
             self.note(words.tick, format!("rung: {}{reason}", words.rung));
         }
         let refused = self.refused.replace(words.refused);
@@ -84,13 +87,18 @@ impl Log {
     pub(super) fn hear_health(&mut self, health: &Health) {
         let (tick, who, lost) = (self.tick, &health.participant, health.lost());
         let mut told = Vec::new();
-        let role = self.roles.entry(who.clone()).or_insert_with(|| Role { writer: health.stamp.writer, ..Role::default() });
+        let role = self
+            .roles
+            .entry(who.clone())
+            .or_insert_with(|| Role { writer: health.stamp.writer, ..Role::default() });
         if role.writer != health.stamp.writer {
             *role = Role { writer: health.stamp.writer, ..Role::default() };
             told.push(format!("{who}: another process has taken its place"));
         }
         if health.models_left > role.models_left {
-            told.push(format!("{who}: left a model on an axis, where it had turned worse than none"));
+            told.push(format!(
+                "{who}: left a model on an axis, where it had turned worse than none"
+            ));
         }
         if health.snapshots_refused > role.snapshots_refused {
             told.push(format!("{who}: refused a model"));
@@ -101,7 +109,8 @@ impl Log {
         if health.last_error != role.last_error && !health.last_error.is_empty() {
             told.push(format!("{who}: {}", health.last_error));
         }
-        (role.models_left, role.snapshots_refused, role.lost) = (health.models_left, health.snapshots_refused, lost);
+        (role.models_left, role.snapshots_refused, role.lost) =
+            (health.models_left, health.snapshots_refused, lost);
         role.last_error.clone_from(&health.last_error);
         for what in told {
             self.note(tick, what);
@@ -114,24 +123,34 @@ impl Log {
         if !self.changes.insert((settled.process.clone(), settled.number)) {
             return;
         }
-        let tick = if let Outcome::Applied { acts_from_tick, .. } = settled.answer.outcome { acts_from_tick } else { self.tick };
+        let tick = if let Outcome::Applied { acts_from_tick, .. } = settled.answer.outcome {
+            acts_from_tick
+        } else {
+            self.tick
+        };
         self.note(tick, settled.to_string());
     }
 
     /// Reads the list of faults that were injected into processes, if there is one in `folder`. `tick_at` finds the tick of a moment.
     pub(super) fn read_injected(&mut self, folder: &Path, tick_at: impl Fn(u64) -> Option<u64>) {
         let list = fs::read_to_string(folder.join("injected.jsonl")).unwrap_or_default();
-        for injected in list.lines().filter_map(|line| serde_json::from_str::<Injected>(line).ok()) {
+        for injected in list.lines().filter_map(|line| serde_json::from_str::<Injected>(line).ok())
+        {
             let Some(tick) = tick_at(injected.nanos) else { continue };
-            let whom = injected.participant.map_or_else(String::new, |participant| format!(" {participant}"));
-            let lasts = injected.millis.map_or_else(String::new, |millis| format!(" for {millis} ms"));
+            let whom = injected
+                .participant
+                .map_or_else(String::new, |participant| format!(" {participant}"));
+            let lasts =
+                injected.millis.map_or_else(String::new, |millis| format!(" for {millis} ms"));
             self.note(tick, format!("injected: {}{whom}{lasts}", injected.kind));
         }
     }
 
     fn note(&mut self, tick: u64, what: String) {
         let mut recent = self.events.iter_mut().rev().take(8);
-        let same = recent.find(|event| event.what == what && tick.saturating_sub(event.until) <= SAME_WITHIN_TICKS);
+        let same = recent.find(|event| {
+            event.what == what && tick.saturating_sub(event.until) <= SAME_WITHIN_TICKS
+        });
         if let Some(event) = same {
             (event.until, event.count) = (event.until.max(tick), event.count + 1);
         } else if self.events.len() < EVENTS_MAX {
@@ -172,7 +191,13 @@ mod tests {
     #[test]
     fn leaving_fresh_plans_is_told_and_coming_back_is_not() {
         let mut log = Log::default();
-        for (tick, rung) in [(0, Rung::Waiting), (1, Rung::FreshPlan), (2, Rung::StoredTail), (3, Rung::Brake), (60, Rung::FreshPlan)] {
+        for (tick, rung) in [
+            (0, Rung::Waiting),
+            (1, Rung::FreshPlan),
+            (2, Rung::StoredTail),
+            (3, Rung::Brake),
+            (60, Rung::FreshPlan),
+        ] {
             log.hear_gate(&gate(tick, rung, 0));
         }
         let (events, _) = log.finish();

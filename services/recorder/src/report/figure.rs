@@ -77,7 +77,11 @@ impl<'a> Records<'a> {
     pub(super) fn new(records: &'a [Record]) -> Self {
         let end = Extent::of(records.iter().map(Record::end)).high;
         let end = if end > 0.0 { end } else { 1.0 };
-        Self { each: records, detail: Detail::for_records(records.len()), time: Axis::linear(Extent { low: 0.0, high: end }) }
+        Self {
+            each: records,
+            detail: Detail::for_records(records.len()),
+            time: Axis::linear(Extent { low: 0.0, high: end }),
+        }
     }
 
     /// Each with its colour.
@@ -95,15 +99,26 @@ impl<'a> Records<'a> {
     }
 
     /// A key per record in which `drawn` holds.
-    pub(super) fn legend(&self, look: Look, suffix: &str, drawn: impl Fn(&Record) -> bool) -> Vec<Key> {
+    pub(super) fn legend(
+        &self,
+        look: Look,
+        suffix: &str,
+        drawn: impl Fn(&Record) -> bool,
+    ) -> Vec<Key> {
         let drawn = self.coloured().filter(|(_, record)| drawn(record));
-        drawn.map(|(colour, record)| Key { colour, look, label: format!("{}{suffix}", record.name) }).collect()
+        drawn
+            .map(|(colour, record)| Key { colour, look, label: format!("{}{suffix}", record.name) })
+            .collect()
     }
 
     /// A sentence for each record that has no message of `topic`.
     pub(super) fn without(&self, topic: Topic) -> Vec<String> {
         let without = self.each.iter().filter(|record| !record.topics.contains(&topic));
-        without.map(|record| format!("{}: topic {:?} is not in this record", record.name, topic.name())).collect()
+        without
+            .map(|record| {
+                format!("{}: topic {:?} is not in this record", record.name, topic.name())
+            })
+            .collect()
     }
 }
 

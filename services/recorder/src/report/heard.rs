@@ -48,9 +48,10 @@ pub(super) struct GateWords {
 
 impl State {
     pub(super) fn parts(self) -> (StateRow, StateTick, GateWords) {
-        let Self { stamp, accepted_epoch, rung, reason, refused, pose, velocity, wheel_speed } = self;
+        let Self { stamp, accepted_epoch, rung, reason, refused, pose, velocity, wheel_speed } =
+            self;
         (
-            StateRow { stamp, accepted_epoch, rung },
+            StateRow { stamp, accepted_epoch, rung, pose, velocity },
             StateTick { tick: stamp.tick, pose, velocity, wheel_speed, rung },
             GateWords { epoch: stamp.epoch, tick: stamp.tick, rung, reason, refused },
         )
@@ -101,9 +102,27 @@ pub(super) struct PlanTick {
 
 impl Plan {
     pub(super) fn parts(self) -> (PlanRow, PlanTick) {
-        let Self { stamp, plant_epoch, tick_nanos, model_version: version, learned_axes, reference, .. } = self;
+        let Self {
+            stamp,
+            plant_epoch,
+            tick_nanos,
+            model_version: version,
+            learned_axes,
+            reference,
+            ..
+        } = self;
         let Self { residual, innovation, disturbance, variance, .. } = self;
-        let tick = PlanTick { tick: stamp.tick, tick_nanos, version, learned_axes, reference, residual, innovation, disturbance, variance };
+        let tick = PlanTick {
+            tick: stamp.tick,
+            tick_nanos,
+            version,
+            learned_axes,
+            reference,
+            residual,
+            innovation,
+            disturbance,
+            variance,
+        };
         (PlanRow { stamp, plant_epoch, tick_nanos, reference }, tick)
     }
 }
@@ -147,9 +166,19 @@ pub(super) struct Health {
 
 impl Health {
     pub(super) fn row(&self) -> HealthRow {
-        let Self { stamp, participant, stalled_nanos, snapshots, exposure, received, lost, .. } = self;
+        let Self { stamp, participant, stalled_nanos, snapshots, exposure, received, lost, .. } =
+            self;
         let (participant, received, lost) = (participant.clone(), received.clone(), lost.clone());
-        HealthRow { stamp: *stamp, participant, stalled_nanos: *stalled_nanos, snapshots: *snapshots, exposure: *exposure, received, lost }
+        HealthRow {
+            stamp: *stamp,
+            participant,
+            stalled_nanos: *stalled_nanos,
+            snapshots: *snapshots,
+            exposure: *exposure,
+            received,
+            lost,
+            last_error: self.last_error.clone(),
+        }
     }
 
     /// Messages lost on the way to it, on all topics.

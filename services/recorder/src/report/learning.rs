@@ -17,15 +17,20 @@ pub(super) fn residual(records: &Records<'_>) -> Figure {
     let mut figure = Figure::new("residual", "Residual before and after learning", about);
     figure.missing = records.without(Topic::Plan);
     for (axis, title) in AXES.into_iter().enumerate() {
-        let all = records.all().iter().flat_map(|record| record.plans.iter().flat_map(|plan| [plan.residual[axis], plan.innovation[axis]]));
-        let mut panel = Panel::new(title, records.time, Axis::linear(Extent::of(all).padded()), records.detail);
+        let all = records.all().iter().flat_map(|record| {
+            record.plans.iter().flat_map(|plan| [plan.residual[axis], plan.innovation[axis]])
+        });
+        let mut panel =
+            Panel::new(title, records.time, Axis::linear(Extent::of(all).padded()), records.detail);
         panel.level(0.0, "");
         for (colour, record) in records.coloured() {
-            let before = record.plans.iter().map(|plan| (record.time(plan.tick), plan.residual[axis]));
+            let before =
+                record.plans.iter().map(|plan| (record.time(plan.tick), plan.residual[axis]));
             panel.line(&format!("faint {colour}"), gap(record), before);
         }
         for (colour, record) in records.coloured() {
-            let after = record.plans.iter().map(|plan| (record.time(plan.tick), plan.innovation[axis]));
+            let after =
+                record.plans.iter().map(|plan| (record.time(plan.tick), plan.innovation[axis]));
             panel.line(&colour, gap(record), after);
         }
         figure.panels.push(panel.finish(&format!("One-step error, {title}: {}", records.names())));
@@ -44,11 +49,16 @@ pub(super) fn versions(records: &Records<'_>) -> Figure {
     let (mut used, mut published) = (Vec::new(), Vec::new());
     for record in records.all() {
         used.push(stairs(record, record.plans.iter().map(|plan| (plan.tick, plan.version))));
-        published.push(stairs(record, record.published.iter().map(|published| (published.tick, published.version))));
+        published.push(stairs(
+            record,
+            record.published.iter().map(|published| (published.tick, published.version)),
+        ));
     }
-    let mut extent = Extent::of(used.iter().chain(&published).flatten().map(|&(_, version)| version));
+    let mut extent =
+        Extent::of(used.iter().chain(&published).flatten().map(|&(_, version)| version));
     extent.include([0.0, 1.0]);
-    let mut panel = Panel::new("version", records.time, Axis::linear(extent.padded()), records.detail);
+    let mut panel =
+        Panel::new("version", records.time, Axis::linear(extent.padded()), records.detail);
     for ((colour, _), line) in records.coloured().zip(&published) {
         panel.line(&format!("dashed {colour}"), f64::INFINITY, line.iter().copied());
     }
@@ -57,7 +67,9 @@ pub(super) fn versions(records: &Records<'_>) -> Figure {
     }
     figure.panels.push(panel.finish(&format!("Version of the model in use: {}", records.names())));
     figure.legend = records.legend(Look::Line, ": in use", |record| !record.plans.is_empty());
-    figure.legend.extend(records.legend(Look::Dashed, ": published", |record| !record.published.is_empty()));
+    figure
+        .legend
+        .extend(records.legend(Look::Dashed, ": published", |record| !record.published.is_empty()));
     figure
 }
 
@@ -73,38 +85,69 @@ pub(super) fn band(records: &Records<'_>) -> Figure {
         if !record.learned() {
             figure.missing.push(format!("{}: no learned model was in use", record.name));
         } else if record.usable.is_empty() {
-            figure.missing.push(format!("{}: topic \"residual\" is not in this record, or no period of it teaches anything", record.name));
+            figure.missing.push(format!(
+                "{}: topic \"residual\" is not in this record, or no period of it teaches anything",
+                record.name
+            ));
         } else if record.sample_variance.is_empty() {
-            figure.missing.push(format!("{}: the noise of samples is not in this record: σ is that of the function alone", record.name));
+            figure.missing.push(format!(
+                "{}: the noise of samples is not in this record: σ is that of the function alone",
+                record.name
+            ));
         }
     }
-    let by_axis: [Vec<Vec<Check>>; 3] = [0, 1, 2].map(|axis| records.all().iter().map(|record| checks(record, axis)).collect());
+    let by_axis: [Vec<Vec<Check>>; 3] =
+        [0, 1, 2].map(|axis| records.all().iter().map(|record| checks(record, axis)).collect());
     if by_axis.iter().flatten().all(Vec::is_empty) {
         return figure;
     }
     for (title, by_record) in AXES.into_iter().zip(&by_axis) {
         // The first models may know next to nothing; what they say is cut off.
         let largest = by_record.iter().flatten().map(|check| check.error.abs()).fold(0.0, f64::max);
-        let usual = by_record.iter().filter_map(|checks| median(checks)).map(|deviation| 2.0 * SPREAD * deviation).fold(0.0, f64::max);
+        let usual = by_record
+            .iter()
+            .filter_map(|checks| median(checks))
+            .map(|deviation| 2.0 * SPREAD * deviation)
+            .fold(0.0, f64::max);
         let reach = Extent::of([0.0, 1.1 * largest.max(usual)]).padded().high;
-        let mut panel = Panel::new(title, records.time, Axis::linear(Extent { low: -reach, high: reach }), records.detail);
+        let mut panel = Panel::new(
+            title,
+            records.time,
+            Axis::linear(Extent { low: -reach, high: reach }),
+            records.detail,
+        );
         panel.level(0.0, "");
         for ((colour, record), checks) in records.coloured().zip(by_record) {
             // Where a model replaces another, one period is left out: the band goes on.
             let gap = 2.0 * gap(record);
-            panel.band(&colour, gap, checks.iter().map(|check| (record.time(check.tick), SPREAD * check.deviation)));
-            panel.line(&format!("thin {colour}"), gap, checks.iter().map(|check| (record.time(check.tick), check.error)));
+            panel.band(
+                &colour,
+                gap,
+                checks.iter().map(|check| (record.time(check.tick), SPREAD * check.deviation)),
+            );
+            panel.line(
+                &format!("thin {colour}"),
+                gap,
+                checks.iter().map(|check| (record.time(check.tick), check.error)),
+            );
         }
         for ((_, record), checks) in records.coloured().zip(by_record) {
             let outside = checks.iter().filter(|check| !check.is_within());
             panel.dots("outside", outside.map(|check| (record.time(check.tick), check.error)));
         }
-        figure.panels.push(panel.finish(&format!("Error of the learned model and its band, {title}: {}", records.names())));
+        figure.panels.push(panel.finish(&format!(
+            "Error of the learned model and its band, {title}: {}",
+            records.names()
+        )));
     }
     let drawn = |record: &Record| record.learned() && !record.usable.is_empty();
     figure.legend = records.legend(Look::Band, &format!(": ±{SPREAD} σ"), drawn);
     figure.legend.extend(records.legend(Look::Line, ": error", drawn));
-    figure.legend.push(Key { colour: "outside".to_owned(), look: Look::Dot, label: "outside".to_owned() });
+    figure.legend.push(Key {
+        colour: "outside".to_owned(),
+        look: Look::Dot,
+        label: "outside".to_owned(),
+    });
     figure
 }
 

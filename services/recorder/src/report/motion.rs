@@ -8,22 +8,30 @@ use protocol::topic::Topic;
 
 /// Velocities along the axes of the body.
 pub(super) fn velocities(records: &Records<'_>) -> Figure {
-    let about = format!("Along the axes of the robot{}; the reference along its own.", measured(records));
+    let about =
+        format!("Along the axes of the robot{}; the reference along its own.", measured(records));
     let mut figure = Figure::new("velocities", "Velocities", about);
     figure.paper = Some(5);
-    for (axis, title) in ["forward [m/s]", "left [m/s]", "yaw rate [rad/s]"].into_iter().enumerate() {
+    for (axis, title) in ["forward [m/s]", "left [m/s]", "yaw rate [rad/s]"].into_iter().enumerate()
+    {
         let mut extent = Extent::NONE;
         for record in records.all() {
             extent.include(record.motion().map(|(_, _, velocity)| velocity[axis]));
             extent.include(record.plans.iter().map(|plan| plan.reference[axis + 3]));
         }
-        let mut panel = Panel::new(title, records.time, Axis::linear(extent.padded()), records.detail);
+        let mut panel =
+            Panel::new(title, records.time, Axis::linear(extent.padded()), records.detail);
         for record in records.all() {
-            let reference = record.plans.iter().map(|plan| (record.time(plan.tick), plan.reference[axis + 3]));
+            let reference =
+                record.plans.iter().map(|plan| (record.time(plan.tick), plan.reference[axis + 3]));
             panel.line("reference", gap(record), reference);
         }
         for (colour, record) in records.coloured() {
-            panel.line(&colour, gap(record), record.motion().map(|(tick, _, velocity)| (record.time(tick), velocity[axis])));
+            panel.line(
+                &colour,
+                gap(record),
+                record.motion().map(|(tick, _, velocity)| (record.time(tick), velocity[axis])),
+            );
         }
         figure.panels.push(panel.finish(&format!("Velocity, {title}: {}", records.names())));
     }
@@ -37,12 +45,26 @@ pub(super) fn velocities(records: &Records<'_>) -> Figure {
 pub(super) fn wheels(records: &Records<'_>) -> Figure {
     let mut figure = Figure::new("wheels", "Wheel speeds", "As measured.");
     figure.paper = Some(6);
-    let all = records.all().iter().flat_map(|record| record.states.iter().flat_map(|state| state.wheel_speed));
+    let all = records
+        .all()
+        .iter()
+        .flat_map(|record| record.states.iter().flat_map(|state| state.wheel_speed));
     let extent = Extent::of(all).padded();
-    for (wheel, title) in ["front right [rad/s]", "front left [rad/s]", "rear left [rad/s]", "rear right [rad/s]"].into_iter().enumerate() {
+    for (wheel, title) in
+        ["front right [rad/s]", "front left [rad/s]", "rear left [rad/s]", "rear right [rad/s]"]
+            .into_iter()
+            .enumerate()
+    {
         let mut panel = Panel::new(title, records.time, Axis::linear(extent), records.detail);
         for (colour, record) in records.coloured() {
-            panel.line(&colour, gap(record), record.states.iter().map(|state| (record.time(state.tick), state.wheel_speed[wheel])));
+            panel.line(
+                &colour,
+                gap(record),
+                record
+                    .states
+                    .iter()
+                    .map(|state| (record.time(state.tick), state.wheel_speed[wheel])),
+            );
         }
         figure.panels.push(panel.finish(&format!("Wheel speed, {title}: {}", records.names())));
     }

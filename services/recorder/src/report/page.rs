@@ -27,7 +27,11 @@ pub(super) fn page(records: &[Record]) -> String {
     for record in records {
         write_facts(&mut html, record);
     }
-    let _ = write!(html, "</header><section id=\"summary\"><h2>Summary</h2><div class=\"scroll\">{}</div></section>", table(records));
+    let _ = write!(
+        html,
+        "</header><section id=\"summary\"><h2>Summary</h2><div class=\"scroll\">{}</div></section>",
+        table(records)
+    );
     let figures = [
         tracking::path(&shared),
         tracking::errors(&shared),
@@ -57,7 +61,8 @@ pub(super) fn page(records: &[Record]) -> String {
 /// What the record is, and what is wrong with it.
 fn write_facts(html: &mut String, record: &Record) {
     let Record { head, summary, .. } = record;
-    let mut facts = vec![format!("{:.1} s", record.end()), format!("period {} ms", record.period_millis())];
+    let mut facts =
+        vec![format!("{:.1} s", record.end()), format!("period {} ms", record.period_millis())];
     facts.extend(
         ["graph ", ""]
             .into_iter()
@@ -65,7 +70,11 @@ fn write_facts(html: &mut String, record: &Record) {
             .filter(|(_, word)| !word.is_empty())
             .map(|(what, word)| format!("{what}{word}")),
     );
-    facts.push(if record.learned() { "with a learned model".to_owned() } else { "without a learned model".to_owned() });
+    facts.push(if record.learned() {
+        "with a learned model".to_owned()
+    } else {
+        "without a learned model".to_owned()
+    });
     let _ = write!(
         html,
         "<p class=\"facts\"><b>{}</b>: {}. {}</p>",
@@ -76,17 +85,30 @@ fn write_facts(html: &mut String, record: &Record) {
     let mut notes = Vec::new();
     match summary.exposure {
         Exposure::Closed => {}
-        Exposure::Watched => notes.push("INSECURE: strangers on the network could watch this robot".to_owned()),
-        Exposure::Driven => notes.push("INSECURE: strangers on the network could drive this robot".to_owned()),
+        Exposure::Watched => {
+            notes.push("INSECURE: strangers on the network could watch this robot".to_owned());
+        }
+        Exposure::Driven => {
+            notes.push("INSECURE: strangers on the network could drive this robot".to_owned());
+        }
     }
     if !record.ended_early.is_empty() {
-        notes.push(format!("ends early, cut off or still being written, and is read as far as it goes: {}", listed(&record.ended_early)));
+        notes.push(format!(
+            "ends early, cut off or still being written, and is read as far as it goes: {}",
+            listed(&record.ended_early)
+        ));
     }
     if summary.plant_epochs > 1 {
-        notes.push(format!("the plant was started {} times: everything is about the last of them", summary.plant_epochs));
+        notes.push(format!(
+            "the plant was started {} times: everything is about the last of them",
+            summary.plant_epochs
+        ));
     }
     if record.passed_over > 0 {
-        notes.push(format!("{} messages could not be read and were passed over", record.passed_over));
+        notes.push(format!(
+            "{} messages could not be read and were passed over",
+            record.passed_over
+        ));
     }
     for note in notes {
         let _ = write!(html, "<p class=\"note\">{}: {}</p>", escape(&record.name), escape(&note));
@@ -95,7 +117,12 @@ fn write_facts(html: &mut String, record: &Record) {
 
 fn write_figure(html: &mut String, figure: &Figure) {
     let Figure { id, title, paper, about, legend, wide, panels, missing } = figure;
-    let _ = write!(html, "<figure id=\"{id}\" data-figure=\"{id}\"><h2>{}</h2><figcaption>{}", escape(title), escape(about));
+    let _ = write!(
+        html,
+        "<figure id=\"{id}\" data-figure=\"{id}\"><h2>{}</h2><figcaption>{}",
+        escape(title),
+        escape(about)
+    );
     if let Some(number) = paper {
         let _ = write!(html, " <i>The paper's figure {number}.</i>");
     }
@@ -106,7 +133,12 @@ fn write_figure(html: &mut String, figure: &Figure) {
     if !panels.is_empty() {
         html.push_str("<ul class=\"legend\">");
         for Key { colour, look, label } in legend {
-            let _ = write!(html, "<li><span class=\"key {} {colour}\"></span>{}</li>", look.class(), escape(label));
+            let _ = write!(
+                html,
+                "<li><span class=\"key {} {colour}\"></span>{}</li>",
+                look.class(),
+                escape(label)
+            );
         }
         let shape = match (wide, panels.len()) {
             (true, _) | (_, 1) => " wide",
@@ -128,11 +160,20 @@ fn write_events(html: &mut String, record: &Record) {
     if events.is_empty() {
         return;
     }
-    let _ = write!(html, "<section class=\"events\"><h2>Events: {}</h2><div class=\"scroll\"><table><tbody>", escape(name));
+    let _ = write!(
+        html,
+        "<section class=\"events\"><h2>Events: {}</h2><div class=\"scroll\"><table><tbody>",
+        escape(name)
+    );
     for event in events.iter().take(EVENTS_LISTED) {
         let (from, until) = (record.time(event.tick), record.time(event.until));
-        let when = if event.until > event.tick { format!("{from:.2} – {until:.2} s") } else { format!("{from:.2} s") };
-        let often = if event.count > 1 { format!(", {} times", event.count) } else { String::new() };
+        let when = if event.until > event.tick {
+            format!("{from:.2} – {until:.2} s")
+        } else {
+            format!("{from:.2} s")
+        };
+        let often =
+            if event.count > 1 { format!(", {} times", event.count) } else { String::new() };
         let _ = write!(html, "<tr><td>{when}</td><td>{}{often}</td></tr>", escape(&event.what));
     }
     html.push_str("</tbody></table></div>");

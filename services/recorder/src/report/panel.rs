@@ -59,7 +59,10 @@ impl Detail {
     /// As fine as so many records together may be, so that the page keeps its size.
     pub(super) fn for_records(count: usize) -> Self {
         let share = count.div_ceil(4).max(1);
-        Self { column: 10 * i32::try_from(share).unwrap_or(i32::MAX / 10), path_points: (PATH_POINTS_MAX / share).max(2) }
+        Self {
+            column: 10 * i32::try_from(share).unwrap_or(i32::MAX / 10),
+            path_points: (PATH_POINTS_MAX / share).max(2),
+        }
     }
 }
 
@@ -83,7 +86,18 @@ impl Panel {
     /// Axes without anything. The title says what is drawn, with its unit.
     pub(super) fn new(title: impl Into<String>, x: Axis, y: Axis, detail: Detail) -> Self {
         let (title, inner, outer) = (title.into(), String::new(), String::new());
-        Self { title, x, y, x_label: "time [s]", left: LEFT, height: HEIGHT, detail, lanes: Vec::new(), inner, outer }
+        Self {
+            title,
+            x,
+            y,
+            x_label: "time [s]",
+            left: LEFT,
+            height: HEIGHT,
+            detail,
+            lanes: Vec::new(),
+            inner,
+            outer,
+        }
     }
 
     /// The same with another name of the horizontal axis and another height of the axes.
@@ -106,11 +120,19 @@ impl Panel {
     }
 
     fn place(&self, x: f64, y: f64) -> Option<Place> {
-        thin::place(10.0 * self.width() * self.x.share(x), 10.0 * self.height * (1.0 - self.y.share(y)))
+        thin::place(
+            10.0 * self.width() * self.x.share(x),
+            10.0 * self.height * (1.0 - self.y.share(y)),
+        )
     }
 
     /// A line through `points` in the order of x. It is broken where a point is no number, or farther than `gap` from the one before.
-    pub(super) fn line(&mut self, class: &str, gap: f64, points: impl IntoIterator<Item = (f64, f64)>) {
+    pub(super) fn line(
+        &mut self,
+        class: &str,
+        gap: f64,
+        points: impl IntoIterator<Item = (f64, f64)>,
+    ) {
         let mut data = String::new();
         let mut columns = Columns::new(self.detail.column);
         let mut before = f64::NEG_INFINITY;
@@ -139,7 +161,12 @@ impl Panel {
     }
 
     /// The area between −y and +y of `points`, broken as a line is.
-    pub(super) fn band(&mut self, class: &str, gap: f64, points: impl IntoIterator<Item = (f64, f64)>) {
+    pub(super) fn band(
+        &mut self,
+        class: &str,
+        gap: f64,
+        points: impl IntoIterator<Item = (f64, f64)>,
+    ) {
         let mut data = String::new();
         let mut columns = Columns::new(self.detail.column);
         let mut before = f64::NEG_INFINITY;
@@ -168,7 +195,10 @@ impl Panel {
     pub(super) fn dots(&mut self, class: &str, points: impl IntoIterator<Item = (f64, f64)>) {
         let mut data = String::new();
         let mut columns = Columns::new(self.detail.column);
-        points.into_iter().filter_map(|(x, y)| self.place(x, y)).for_each(|place| columns.take(place));
+        points
+            .into_iter()
+            .filter_map(|(x, y)| self.place(x, y))
+            .for_each(|place| columns.take(place));
         for place in columns.finish() {
             subpath(&mut data, &[place]);
         }
@@ -183,16 +213,32 @@ impl Panel {
         }
         let down = TOP + self.height * (1.0 - share);
         let (from, to) = (self.left, WIDTH - RIGHT);
-        let _ = write!(self.outer, "<path class=\"level\" d=\"M{} {}H{}\"/>", short(from), short(down), short(to));
+        let _ = write!(
+            self.outer,
+            "<path class=\"level\" d=\"M{} {}H{}\"/>",
+            short(from),
+            short(down),
+            short(to)
+        );
         if !label.is_empty() {
             let text_down = if down < TOP + 12.0 { down + 10.0 } else { down - 3.0 };
             let (right, down) = (short(to - 2.0), short(text_down));
-            let _ = write!(self.outer, "<text class=\"level\" x=\"{right}\" y=\"{down}\" text-anchor=\"end\">{}</text>", escape(label));
+            let _ = write!(
+                self.outer,
+                "<text class=\"level\" x=\"{right}\" y=\"{down}\" text-anchor=\"end\">{}</text>",
+                escape(label)
+            );
         }
     }
 
     /// A bar for each stretch of x in `stretches`, `part` of `parts` of a lane's height. The narrowest can still be seen.
-    pub(super) fn bars(&mut self, class: &str, lane: usize, part: (usize, usize), stretches: impl IntoIterator<Item = (f64, f64)>) {
+    pub(super) fn bars(
+        &mut self,
+        class: &str,
+        lane: usize,
+        part: (usize, usize),
+        stretches: impl IntoIterator<Item = (f64, f64)>,
+    ) {
         let height = 10.0 * self.height / self.lanes.len().max(1) as f64;
         let (part, parts) = (part.0 as f64, part.1.max(1) as f64);
         let top = height * (lane as f64 + 0.1 + 0.8 * part / parts);
@@ -200,11 +246,19 @@ impl Panel {
         let across = 10.0 * self.width();
         let mut data = String::new();
         let mut draw = |(from, to): (f64, f64)| {
-            let _ = write!(data, "M{from} {}h{}v{}h-{}z", top.round(), to - from, tall.round(), to - from);
+            let _ = write!(
+                data,
+                "M{from} {}h{}v{}h-{}z",
+                top.round(),
+                to - from,
+                tall.round(),
+                to - from
+            );
         };
         let mut open: Option<(f64, f64)> = None;
         for (from, to) in stretches {
-            let (from, to) = ((across * self.x.share(from)).round(), (across * self.x.share(to)).round());
+            let (from, to) =
+                ((across * self.x.share(from)).round(), (across * self.x.share(to)).round());
             if !(from.is_finite() && to.is_finite()) {
                 continue;
             }
@@ -236,7 +290,8 @@ impl Panel {
             short(bottom + BOTTOM),
             escape(title)
         );
-        let _ = write!(svg, "<text class=\"title\" x=\"2\" y=\"11\">{}</text>", escape(&self.title));
+        let _ =
+            write!(svg, "<text class=\"title\" x=\"2\" y=\"11\">{}</text>", escape(&self.title));
         self.write_grid(&mut svg);
         let _ = write!(
             svg,
@@ -251,7 +306,12 @@ impl Panel {
             self.inner
         );
         let right = short(self.left + width / 2.0);
-        let _ = write!(svg, "<text x=\"{right}\" y=\"{}\" text-anchor=\"middle\">{}</text></svg>", short(bottom + 26.0), self.x_label);
+        let _ = write!(
+            svg,
+            "<text x=\"{right}\" y=\"{}\" text-anchor=\"middle\">{}</text></svg>",
+            short(bottom + 26.0),
+            self.x_label
+        );
         svg
     }
 
@@ -263,21 +323,41 @@ impl Panel {
             let _ = write!(grid, "M{} {}V{}", short(right), short(TOP), short(bottom));
             // The last one would be cut off at the edge.
             let middle = short(right.min(WIDTH - 0.5 * DIGIT * tick.label.len() as f64));
-            let _ = write!(words, "<text x=\"{middle}\" y=\"{}\" text-anchor=\"middle\">{}</text>", short(bottom + 13.0), tick.label);
+            let _ = write!(
+                words,
+                "<text x=\"{middle}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
+                short(bottom + 13.0),
+                tick.label
+            );
         }
         let edge = short(self.left - 4.0);
         let lane = self.height / self.lanes.len().max(1) as f64;
         for (index, name) in self.lanes.iter().enumerate() {
             let down = TOP + lane * index as f64;
-            let _ = write!(grid, "M{} {}H{}", short(self.left), short(down), short(self.left + width));
+            let _ =
+                write!(grid, "M{} {}H{}", short(self.left), short(down), short(self.left + width));
             let middle = short(down + lane / 2.0 + 3.5);
-            let _ = write!(words, "<text x=\"{edge}\" y=\"{middle}\" text-anchor=\"end\">{}</text>", escape(name));
+            let _ = write!(
+                words,
+                "<text x=\"{edge}\" y=\"{middle}\" text-anchor=\"end\">{}</text>",
+                escape(name)
+            );
         }
-        let ticks = if self.lanes.is_empty() { self.y.ticks((self.height / 28.0) as usize) } else { Vec::new() };
+        let ticks = if self.lanes.is_empty() {
+            self.y.ticks((self.height / 28.0) as usize)
+        } else {
+            Vec::new()
+        };
         for tick in ticks {
             let down = TOP + self.height * (1.0 - self.y.share(tick.value));
-            let _ = write!(grid, "M{} {}H{}", short(self.left), short(down), short(self.left + width));
-            let _ = write!(words, "<text x=\"{edge}\" y=\"{}\" text-anchor=\"end\">{}</text>", short(down + 3.5), tick.label);
+            let _ =
+                write!(grid, "M{} {}H{}", short(self.left), short(down), short(self.left + width));
+            let _ = write!(
+                words,
+                "<text x=\"{edge}\" y=\"{}\" text-anchor=\"end\">{}</text>",
+                short(down + 3.5),
+                tick.label
+            );
         }
         let _ = write!(svg, "<path class=\"grid\" d=\"{grid}\"/>{words}");
     }
@@ -336,13 +416,16 @@ mod tests {
     }
 
     #[test]
-    fn the_last_number_of_an_axis_is_within_the_picture() -> Result<(), Box<dyn std::error::Error>> {
+    fn the_last_number_of_an_axis_is_within_the_picture() -> Result<(), Box<dyn std::error::Error>>
+    {
         let axis = |high| Axis::linear(Extent { low: 0.0, high });
-        let svg = Panel::new("height [m]", axis(3600.0), axis(1.0), Detail::for_records(1)).finish("a test");
+        let svg = Panel::new("height [m]", axis(3600.0), axis(1.0), Detail::for_records(1))
+            .finish("a test");
         let (before, _) = svg.split_once(">3000</text>").ok_or("no 3000")?;
         let (_, place) = before.rsplit_once("<text x=\"").ok_or("no text")?;
         assert!(place.starts_with("301.3\""), "not at the edge, it stands below its line: {place}");
-        let svg = Panel::new("height [m]", axis(3000.0), axis(1.0), Detail::for_records(1)).finish("a test");
+        let svg = Panel::new("height [m]", axis(3000.0), axis(1.0), Detail::for_records(1))
+            .finish("a test");
         let (before, _) = svg.split_once(">3000</text>").ok_or("no 3000")?;
         let (_, place) = before.rsplit_once("<text x=\"").ok_or("no text")?;
         let middle: f64 = place.split_once('"').ok_or("no place")?.0.parse()?;
@@ -361,7 +444,12 @@ mod tests {
     #[test]
     fn a_band_reaches_as_far_below_as_above() {
         let extent = Extent { low: -1.0, high: 1.0 };
-        let mut panel = Panel::new("error", Axis::linear(Extent { low: 0.0, high: 10.0 }), Axis::linear(extent), Detail::for_records(1));
+        let mut panel = Panel::new(
+            "error",
+            Axis::linear(Extent { low: 0.0, high: 10.0 }),
+            Axis::linear(extent),
+            Detail::for_records(1),
+        );
         panel.band("r0", 100.0, [(0.0, 0.5), (10.0, 1.0)]);
         let svg = panel.finish("a test");
         // From +0.5 to +1, down to −1, back to −0.5.
@@ -372,7 +460,12 @@ mod tests {
     fn the_shortest_stretch_can_be_seen_and_stretches_that_touch_are_one() {
         let bars = |every: f64| {
             let mut panel = panel().laned(vec!["brake".into()], 20.0);
-            panel.bars("r0", 0, (0, 1), (0..100).map(|index| every * f64::from(index)).map(|from| (from, from + 1e-6)));
+            panel.bars(
+                "r0",
+                0,
+                (0, 1),
+                (0..100).map(|index| every * f64::from(index)).map(|from| (from, from + 1e-6)),
+            );
             panel.finish("a test").matches("h10v").count()
         };
         assert_eq!((bars(0.1), bars(1e-3)), (100, 0));

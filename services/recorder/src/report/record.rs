@@ -70,12 +70,14 @@ impl Record {
             Ok::<(), ReportError>(())
         })?;
         let first = files.first().map_or(path, PathBuf::as_path);
-        let head = reader::head(first).map_err(|source| SourceError::Read { path: first.to_owned(), source })?;
+        let head = reader::head(first)
+            .map_err(|source| SourceError::Read { path: first.to_owned(), source })?;
         if reading.states.is_empty() {
             return Err(ReportError::NoStates { path: path.to_owned() });
         }
         let period_nanos = head.period_nanos.filter(|&nanos| nanos <= PERIOD_NANOS_MAX);
-        let period_nanos = period_nanos.ok_or_else(|| ReportError::NoPeriod { path: first.to_owned() })?;
+        let period_nanos =
+            period_nanos.ok_or_else(|| ReportError::NoPeriod { path: first.to_owned() })?;
         reading.read_injected(path, &head, period_nanos);
         Ok(reading.finish(name_of(path), files, ended_early, head, period_nanos))
     }
@@ -97,7 +99,10 @@ impl Record {
 
     /// The plan of a tick.
     pub(super) fn plan_at(&self, tick: u64) -> Option<&PlanTick> {
-        self.plans.binary_search_by_key(&tick, |plan| plan.tick).ok().and_then(|index| self.plans.get(index))
+        self.plans
+            .binary_search_by_key(&tick, |plan| plan.tick)
+            .ok()
+            .and_then(|index| self.plans.get(index))
     }
 
     /// Where the robot was, tick by tick: really, or as it was measured where the record does not know better.
@@ -118,8 +123,13 @@ impl Record {
 /// The folder's name for the record of a run, the file's own for any other.
 fn name_of(path: &Path) -> String {
     let absolute = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let stem = absolute.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-    let folder = if absolute.is_dir() { Some(absolute.as_path()) } else { absolute.parent().filter(|_| stem == "record") };
+    let stem =
+        absolute.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    let folder = if absolute.is_dir() {
+        Some(absolute.as_path())
+    } else {
+        absolute.parent().filter(|_| stem == "record")
+    };
     folder.and_then(Path::file_name).map_or(stem, |name| name.to_string_lossy().into_owned())
 }
 
@@ -154,7 +164,11 @@ impl Reading {
             // Each file says again what was changed before it.
             return self.log.hear_change(&message.data);
         }
-        let Some(topic) = Topic::ALL.into_iter().find(|topic| topic.name() == message.channel.topic) else { return };
+        let Some(topic) =
+            Topic::ALL.into_iter().find(|topic| topic.name() == message.channel.topic)
+        else {
+            return;
+        };
         match self.add(topic, &message.data, message.log_time) {
             Ok(()) => {
                 self.topics.insert(topic);
@@ -189,7 +203,10 @@ impl Reading {
             }
             Topic::Residual => {
                 let sample: Sample = serde_json::from_slice(json)?;
-                if self.rows.count(topic, sample.stamp) && sample.usable == 1 && self.belongs(sample.plant_epoch) {
+                if self.rows.count(topic, sample.stamp)
+                    && sample.usable == 1
+                    && self.belongs(sample.plant_epoch)
+                {
                     self.usable.push(sample.stamp.tick);
                 }
             }
@@ -198,7 +215,8 @@ impl Reading {
                 if self.rows.count(topic, stamp) {
                     self.published.push(Published { tick: self.tick, version });
                     if let Some(variance) = sample_variance {
-                        self.sample_variance.insert(version, variance.map(|variance| variance.unwrap_or(f64::NAN)));
+                        self.sample_variance
+                            .insert(version, variance.map(|variance| variance.unwrap_or(f64::NAN)));
                     }
                 }
             }
@@ -221,7 +239,8 @@ impl Reading {
     fn belongs(&mut self, epoch: u64) -> bool {
         if epoch > self.epoch {
             self.epoch = epoch;
-            (self.states, self.plans, self.usable, self.published) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+            (self.states, self.plans, self.usable, self.published) =
+                (Vec::new(), Vec::new(), Vec::new(), Vec::new());
             (self.tick, self.began) = (0, None);
             self.log.start_over();
         }
@@ -231,7 +250,11 @@ impl Reading {
     /// In real time the machine's clock tells the tick at which a fault was injected.
     fn read_injected(&mut self, path: &Path, head: &Head, period_nanos: u64) {
         let folder = if path.is_dir() { Some(path) } else { path.parent() };
-        let (Some((began, first)), Some(folder), "real-time") = (self.began, folder, head.pace.as_str()) else { return };
+        let (Some((began, first)), Some(folder), "real-time") =
+            (self.began, folder, head.pace.as_str())
+        else {
+            return;
+        };
         let last = self.tick;
         self.log.read_injected(folder, |nanos| {
             let tick = first.saturating_add(nanos.checked_sub(began)? / period_nanos);
@@ -239,7 +262,14 @@ impl Reading {
         });
     }
 
-    fn finish(mut self, name: String, files: Vec<PathBuf>, ended_early: Vec<PathBuf>, head: Head, period_nanos: u64) -> Record {
+    fn finish(
+        mut self,
+        name: String,
+        files: Vec<PathBuf>,
+        ended_early: Vec<PathBuf>,
+        head: Head,
+        period_nanos: u64,
+    ) -> Record {
         self.states.sort_by_key(|state| state.tick);
         self.states.dedup_by_key(|state| state.tick);
         self.plans.sort_by_key(|plan| plan.tick);

@@ -16,7 +16,9 @@ pub(super) fn ticks(records: &Records<'_>) -> Figure {
     let about = "State received to command worked out. The deadline is the period that the command acts in.";
     let mut figure = Figure::new("ticks", "Tick times against the deadline", about);
     figure.missing = records.without(Topic::Plan);
-    let millis = |record: &Record| record.plans.iter().map(|plan| plan.tick_nanos as f64 * 1e-6).collect::<Vec<_>>();
+    let millis = |record: &Record| {
+        record.plans.iter().map(|plan| plan.tick_nanos as f64 * 1e-6).collect::<Vec<_>>()
+    };
     let lines: Vec<Vec<f64>> = records.all().iter().map(millis).collect();
     let mut extent = Extent::of(lines.iter().flatten().copied().filter(|&millis| millis > 0.0));
     if extent.low > extent.high {
@@ -26,12 +28,21 @@ pub(super) fn ticks(records: &Records<'_>) -> Figure {
     deadlines.sort_by(f64::total_cmp);
     deadlines.dedup();
     extent.include(deadlines.iter().map(|deadline| 1.5 * deadline));
-    let mut panel = Panel::new("tick [ms], logarithmic", records.time, Axis::logarithmic(extent), records.detail);
+    let mut panel = Panel::new(
+        "tick [ms], logarithmic",
+        records.time,
+        Axis::logarithmic(extent),
+        records.detail,
+    );
     for deadline in deadlines {
         panel.level(deadline, &format!("deadline {deadline} ms"));
     }
     for ((colour, record), line) in records.coloured().zip(&lines) {
-        panel.line(&colour, gap(record), record.plans.iter().map(|plan| record.time(plan.tick)).zip(line.iter().copied()));
+        panel.line(
+            &colour,
+            gap(record),
+            record.plans.iter().map(|plan| record.time(plan.tick)).zip(line.iter().copied()),
+        );
     }
     figure.panels.push(panel.finish(&format!("Tick times: {}", records.names())));
     figure.legend = records.legend(Look::Line, "", |record| !record.plans.is_empty());
@@ -42,8 +53,11 @@ pub(super) fn ticks(records: &Records<'_>) -> Figure {
 pub(super) fn rungs(records: &Records<'_>) -> Figure {
     let about = "Where the input of each period came from, the best first; what happened beside is marked, and listed below.";
     let mut figure = Figure::new("rungs", "Rungs and faults", about);
-    let seen = |rung: Rung| records.all().iter().any(|record| record.states.iter().any(|state| state.rung == rung));
-    let lanes: Vec<Rung> = Rung::ALL.iter().copied().filter(|&rung| rung == Rung::FreshPlan || seen(rung)).collect();
+    let seen = |rung: Rung| {
+        records.all().iter().any(|record| record.states.iter().any(|state| state.rung == rung))
+    };
+    let lanes: Vec<Rung> =
+        Rung::ALL.iter().copied().filter(|&rung| rung == Rung::FreshPlan || seen(rung)).collect();
     let mut names: Vec<String> = lanes.iter().map(|rung| rung.text().to_owned()).collect();
     let eventful = records.all().iter().any(|record| !record.events.is_empty());
     if eventful {
@@ -57,10 +71,15 @@ pub(super) fn rungs(records: &Records<'_>) -> Figure {
         // A state tells of the period that is over.
         let stretch = |tick: u64| (record.time(tick.saturating_sub(1)), record.time(tick));
         for (lane, &rung) in lanes.iter().enumerate() {
-            let stretches = record.states.iter().filter(|state| state.rung == rung).map(|state| stretch(state.tick));
+            let stretches = record
+                .states
+                .iter()
+                .filter(|state| state.rung == rung)
+                .map(|state| stretch(state.tick));
             panel.bars(&colour, lane, (index, count), stretches);
         }
-        let happened = record.events.iter().map(|event| (record.time(event.tick), record.time(event.until)));
+        let happened =
+            record.events.iter().map(|event| (record.time(event.tick), record.time(event.until)));
         panel.bars(&format!("event {colour}"), lanes.len(), (index, count), happened);
     }
     figure.panels.push(panel.finish(&format!("Rungs and events: {}", records.names())));

@@ -47,7 +47,10 @@ pub(super) fn table(records: &[Record]) -> String {
         let _ = write!(html, "<th scope=\"col\">{}</th>", escape(&record.name));
     }
     html.push_str("</tr></thead><tbody>");
-    let summaries: Vec<Value> = records.iter().map(|record| serde_json::to_value(&record.summary).unwrap_or_default()).collect();
+    let summaries: Vec<Value> = records
+        .iter()
+        .map(|record| serde_json::to_value(&record.summary).unwrap_or_default())
+        .collect();
     for (key, title, decimals, unit, none) in FIGURES {
         let truths = records.iter().map(|record| record.truths.is_empty());
         let cells = summaries.iter().zip(truths).map(|(summary, blind)| {
@@ -57,6 +60,11 @@ pub(super) fn table(records: &[Record]) -> String {
         });
         row(&mut html, key, title, cells);
     }
+    let motions = summaries.iter().map(|summary| {
+        let of = summary["figures_of"].as_str().unwrap_or("–").to_owned();
+        Cell { exact: of.clone(), written: of }
+    });
+    row(&mut html, "figures_of", "motion in these figures", motions);
     learning_rows(&mut html, records);
     html.push_str("</tbody></table>");
     html
@@ -64,12 +72,17 @@ pub(super) fn table(records: &[Record]) -> String {
 
 /// What learning came to, per axis.
 fn learning_rows(html: &mut String, records: &[Record]) {
-    let rows = [("residual_rms", "one-step error of the main model, RMS"), ("innovation_rms", "one-step error of the whole model, RMS")];
+    let rows = [
+        ("residual_rms", "one-step error of the main model, RMS"),
+        ("innovation_rms", "one-step error of the whole model, RMS"),
+    ];
     for (axis, name) in AXES.into_iter().enumerate() {
         let unit = if axis == 2 { "rad/s" } else { "m/s" };
         for (index, (key, title)) in rows.into_iter().enumerate() {
             let cells = records.iter().map(|record| {
-                let errors = record.plans.iter().map(|plan| if index == 0 { plan.residual[axis] } else { plan.innovation[axis] });
+                let errors = record.plans.iter().map(|plan| {
+                    if index == 0 { plan.residual[axis] } else { plan.innovation[axis] }
+                });
                 number(root_mean_square(errors.filter(|error| error.is_finite())), 4, unit, "–")
             });
             row(html, &format!("{key}_{axis}"), &format!("{title}, {name}"), cells);
@@ -83,12 +96,21 @@ fn learning_rows(html: &mut String, records: &[Record]) {
                     "{:.1} % of {}{}",
                     100.0 * found.share,
                     found.periods,
-                    if record.sample_variance.is_empty() { ", without the noise of samples" } else { "" }
+                    if record.sample_variance.is_empty() {
+                        ", without the noise of samples"
+                    } else {
+                        ""
+                    }
                 ),
             },
             None => Cell { exact: String::new(), written: "–".to_owned() },
         });
-        row(html, &format!("coverage_{axis}"), &format!("residual within the learned ±1.96 σ, {name}"), cells);
+        row(
+            html,
+            &format!("coverage_{axis}"),
+            &format!("residual within the learned ±1.96 σ, {name}"),
+            cells,
+        );
     }
 }
 
@@ -110,9 +132,18 @@ fn figure(key: &str, value: &Value, decimals: usize, unit: &str, none: &str) -> 
         }
         "losses" => {
             let readers = |readers: &Value| {
-                readers.as_object().into_iter().flatten().filter_map(|(_, lost)| lost.as_u64()).fold(0, u64::saturating_add)
+                readers
+                    .as_object()
+                    .into_iter()
+                    .flatten()
+                    .filter_map(|(_, lost)| lost.as_u64())
+                    .fold(0, u64::saturating_add)
             };
-            let topics = value.as_object().into_iter().flatten().map(|(topic, lost)| (topic.as_str(), readers(lost)));
+            let topics = value
+                .as_object()
+                .into_iter()
+                .flatten()
+                .map(|(topic, lost)| (topic.as_str(), readers(lost)));
             Cell { exact: value.to_string(), written: listed(topics) }
         }
         "exposure" => {
@@ -126,13 +157,19 @@ fn figure(key: &str, value: &Value, decimals: usize, unit: &str, none: &str) -> 
 
 fn number(value: Option<f64>, decimals: usize, unit: &str, none: &str) -> Cell {
     match value {
-        Some(value) => Cell { exact: Value::from(value).to_string(), written: format!("{value:.decimals$} {unit}") },
+        Some(value) => Cell {
+            exact: Value::from(value).to_string(),
+            written: format!("{value:.decimals$} {unit}"),
+        },
         None => Cell { exact: String::new(), written: none.to_owned() },
     }
 }
 
 /// Those that are not 0, each with its name.
 fn listed<'a>(counts: impl Iterator<Item = (&'a str, u64)>) -> String {
-    let counted: Vec<String> = counts.filter(|(_, count)| *count > 0).map(|(name, count)| format!("{name} {count}")).collect();
+    let counted: Vec<String> = counts
+        .filter(|(_, count)| *count > 0)
+        .map(|(name, count)| format!("{name} {count}"))
+        .collect();
     if counted.is_empty() { "none".to_owned() } else { counted.join(", ") }
 }

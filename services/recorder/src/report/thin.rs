@@ -27,7 +27,8 @@ impl Column {
         if let [first, .., last] = *self.points.as_slice()
             && self.points.len() > 4
         {
-            let highest = self.points.iter().copied().min_by_key(|&(_, down)| down).unwrap_or(first);
+            let highest =
+                self.points.iter().copied().min_by_key(|&(_, down)| down).unwrap_or(first);
             let lowest = self.points.iter().copied().max_by_key(|&(_, down)| down).unwrap_or(first);
             let mut kept = [false; 2];
             let mut left: Vec<Place> = vec![first];
@@ -135,7 +136,10 @@ mod tests {
         assert!(line.contains(&(77_777 / 60, -900)) && line.contains(&(123_456 / 60, 800)));
         assert!(line.len() <= 4 * 301, "{}", line.len());
         assert!(line.is_sorted_by_key(|&(right, _)| right));
-        assert_eq!((line.first(), line.last()), (Some(&(0, height(0))), Some(&(179_999 / 60, height(179_999)))));
+        assert_eq!(
+            (line.first(), line.last()),
+            (Some(&(0, height(0))), Some(&(179_999 / 60, height(179_999))))
+        );
     }
 
     #[test]
@@ -148,9 +152,9 @@ mod tests {
     #[test]
     fn laps_are_drawn_once_and_a_lap_that_goes_astray_is_seen() {
         let lap = |radius: f64| {
-            (0..600)
-                .map(move |step| (0.01 * f64::from(step), radius))
-                .map(|(angle, radius)| place(radius * angle.cos(), radius * angle.sin()).unwrap_or_default())
+            (0..600).map(move |step| (0.01 * f64::from(step), radius)).map(|(angle, radius)| {
+                place(radius * angle.cos(), radius * angle.sin()).unwrap_or_default()
+            })
         };
         let mut points: Vec<Place> = (0..300).flat_map(|_| lap(500.0)).collect();
         drop(points.splice(60_000..60_000, lap(700.0)));

@@ -13,18 +13,36 @@ const PLANE_HEIGHT: (f64, f64) = (90.0, 300.0);
 
 /// The path in the plane, with the reference.
 pub(super) fn path(records: &Records<'_>) -> Figure {
-    let mut figure = Figure::new("path", "Path in the plane", format!("Where the robot was{}.", measured(records)));
+    let mut figure = Figure::new(
+        "path",
+        "Path in the plane",
+        format!("Where the robot was{}.", measured(records)),
+    );
     (figure.paper, figure.wide) = (Some(3), true);
     let (mut x, mut y) = (Extent::NONE, Extent::NONE);
     for record in records.all() {
-        x.include(record.motion().map(|(_, pose, _)| pose[0]).chain(record.plans.iter().map(|plan| plan.reference[0])));
-        y.include(record.motion().map(|(_, pose, _)| pose[1]).chain(record.plans.iter().map(|plan| plan.reference[1])));
+        x.include(
+            record
+                .motion()
+                .map(|(_, pose, _)| pose[0])
+                .chain(record.plans.iter().map(|plan| plan.reference[0])),
+        );
+        y.include(
+            record
+                .motion()
+                .map(|(_, pose, _)| pose[1])
+                .chain(record.plans.iter().map(|plan| plan.reference[1])),
+        );
     }
     let (x, y, height) = same_scale(x.padded(), y.padded(), Panel::width_of_axes());
-    let mut panel = Panel::new("y [m]", Axis::linear(x), Axis::linear(y), records.detail).shaped("x [m]", height);
+    let mut panel = Panel::new("y [m]", Axis::linear(x), Axis::linear(y), records.detail)
+        .shaped("x [m]", height);
     // References that are the same are drawn on each other.
     for record in records.all() {
-        panel.track("reference", record.plans.iter().map(|plan| (plan.reference[0], plan.reference[1])));
+        panel.track(
+            "reference",
+            record.plans.iter().map(|plan| (plan.reference[0], plan.reference[1])),
+        );
     }
     let last = records.all().len().saturating_sub(1);
     for (index, (colour, record)) in records.coloured().enumerate() {
@@ -52,11 +70,23 @@ pub(super) fn errors(records: &Records<'_>) -> Figure {
     if distance.iter().all(Vec::is_empty) {
         return figure;
     }
-    let extent = |all: &[Vec<(f64, f64)>]| Extent::of(all.iter().flatten().map(|&(_, value)| value));
+    let extent =
+        |all: &[Vec<(f64, f64)>]| Extent::of(all.iter().flatten().map(|&(_, value)| value));
     // A record that begins on its reference would stretch the axis to nothing.
     let shown = Extent { low: extent(&distance).low.max(1e-4), ..extent(&distance) };
-    let panel = Panel::new("distance [m], logarithmic", records.time, Axis::logarithmic(shown), records.detail);
-    figure.panels.push(drawn(panel, records, &distance, &[ARRIVAL_BAND_M], "Distance from the reference"));
+    let panel = Panel::new(
+        "distance [m], logarithmic",
+        records.time,
+        Axis::logarithmic(shown),
+        records.detail,
+    );
+    figure.panels.push(drawn(
+        panel,
+        records,
+        &distance,
+        &[ARRIVAL_BAND_M],
+        "Distance from the reference",
+    ));
     let speed_band = [-SPEED_BAND_MPS, SPEED_BAND_MPS];
     let parts: [Part; 4] = [
         ("x [m]", "Error along x", |error| error.x),
@@ -66,7 +96,8 @@ pub(super) fn errors(records: &Records<'_>) -> Figure {
     ];
     for (title, said, part) in parts {
         let lines = errors_of(records, part);
-        let panel = Panel::new(title, records.time, Axis::linear(extent(&lines).padded()), records.detail);
+        let panel =
+            Panel::new(title, records.time, Axis::linear(extent(&lines).padded()), records.detail);
         let levels: &[f64] = if said == "Speed error" { &speed_band } else { &[0.0] };
         figure.panels.push(drawn(panel, records, &lines, levels, said));
     }
@@ -76,17 +107,36 @@ pub(super) fn errors(records: &Records<'_>) -> Figure {
 
 /// What the figures say where a record does not know the truth.
 pub(super) fn measured(records: &Records<'_>) -> String {
-    let names: Vec<&str> = records.all().iter().filter(|record| record.truths.is_empty()).map(|record| record.name.as_str()).collect();
-    if names.is_empty() { String::new() } else { format!(" (as measured, since the truth is not in the record: {})", names.join(", ")) }
+    let names: Vec<&str> = records
+        .all()
+        .iter()
+        .filter(|record| record.truths.is_empty())
+        .map(|record| record.name.as_str())
+        .collect();
+    if names.is_empty() {
+        String::new()
+    } else {
+        format!(" (as measured, since the truth is not in the record: {})", names.join(", "))
+    }
 }
 
 /// The dashed line, if there is one.
 pub(super) fn reference_key(records: &Records<'_>) -> Option<Key> {
     let drawn = records.all().iter().any(|record| !record.plans.is_empty());
-    drawn.then(|| Key { colour: "reference".to_owned(), look: Look::Dashed, label: "reference".to_owned() })
+    drawn.then(|| Key {
+        colour: "reference".to_owned(),
+        look: Look::Dashed,
+        label: "reference".to_owned(),
+    })
 }
 
-fn drawn(mut panel: Panel, records: &Records<'_>, lines: &[Vec<(f64, f64)>], levels: &[f64], said: &str) -> String {
+fn drawn(
+    mut panel: Panel,
+    records: &Records<'_>,
+    lines: &[Vec<(f64, f64)>],
+    levels: &[f64],
+    said: &str,
+) -> String {
     for &level in levels {
         panel.level(level, "");
     }
@@ -113,7 +163,13 @@ impl Error {
         let [x_ref, y_ref, yaw_ref, forward_ref, left_ref, _] = *reference;
         let (x, y) = (pose[0] - x_ref, pose[1] - y_ref);
         let speed = velocity[0].hypot(velocity[1]) - forward_ref.hypot(left_ref);
-        Self { distance: x.hypot(y), x, y, heading: (pose[2] - yaw_ref + PI).rem_euclid(TAU) - PI, speed }
+        Self {
+            distance: x.hypot(y),
+            x,
+            y,
+            heading: (pose[2] - yaw_ref + PI).rem_euclid(TAU) - PI,
+            speed,
+        }
     }
 }
 
@@ -121,8 +177,9 @@ impl Error {
 fn errors_of(records: &Records<'_>, part: impl Fn(&Error) -> f64) -> Vec<Vec<(f64, f64)>> {
     let of = |record: &Record| {
         let ticks = record.motion();
-        let with_plan =
-            ticks.filter_map(|(tick, pose, velocity)| Some((tick, Error::of(&pose, &velocity, &record.plan_at(tick)?.reference))));
+        let with_plan = ticks.filter_map(|(tick, pose, velocity)| {
+            Some((tick, Error::of(&pose, &velocity, &record.plan_at(tick)?.reference)))
+        });
         with_plan.map(|(tick, error)| (record.time(tick), part(&error))).collect()
     };
     records.all().iter().map(of).collect()
@@ -146,13 +203,22 @@ mod tests {
 
     #[test]
     fn a_metre_is_as_long_across_as_along() {
-        for (x, y) in [((0.0, 66.0), (-20.0, 1.0)), ((-2.0, 2.0), (-1.0, 1.0)), ((0.0, 0.1), (-50.0, 50.0)), ((0.0, 500.0), (0.0, 1e-3))] {
-            let (given_x, given_y) = (Extent { low: x.0, high: x.1 }, Extent { low: y.0, high: y.1 });
+        for (x, y) in [
+            ((0.0, 66.0), (-20.0, 1.0)),
+            ((-2.0, 2.0), (-1.0, 1.0)),
+            ((0.0, 0.1), (-50.0, 50.0)),
+            ((0.0, 500.0), (0.0, 1e-3)),
+        ] {
+            let (given_x, given_y) =
+                (Extent { low: x.0, high: x.1 }, Extent { low: y.0, high: y.1 });
             let (x, y, height) = same_scale(given_x, given_y, 304.0);
             assert!((x.length() / 304.0 - y.length() / height).abs() < 1e-9 * x.length());
             assert!((PLANE_HEIGHT.0..=PLANE_HEIGHT.1).contains(&height));
             for (extent, given) in [(x, given_x), (y, given_y)] {
-                assert!(extent.low <= given.low + 1e-9 && extent.high >= given.high - 1e-9, "{extent:?} does not hold {given:?}");
+                assert!(
+                    extent.low <= given.low + 1e-9 && extent.high >= given.high - 1e-9,
+                    "{extent:?} does not hold {given:?}"
+                );
             }
         }
     }

@@ -1,9 +1,9 @@
 //! deviations → one number each. A deviation that is not finite is never within a band, and makes a mean or a largest value null.
 
-use crate::rows::{PlanRow, TruthRow};
+use crate::rows::PlanRow;
 use std::f64::consts::{PI, TAU};
 
-/// How far the truth was from the reference at one tick; none is negative.
+/// How far the robot was from the reference at one tick; none is negative.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Deviation {
     /// Time since the plant's tick 0 \[ns\].
@@ -17,9 +17,12 @@ pub(super) struct Deviation {
 }
 
 impl Deviation {
-    pub(super) fn of(truth: &TruthRow, plan: &PlanRow, nanos: u64) -> Self {
-        let [x, y, yaw] = truth.pose;
-        let [forward, left, _] = truth.velocity;
+    pub(super) fn of(
+        &[x, y, yaw]: &[f64; 3],
+        &[forward, left, _]: &[f64; 3],
+        plan: &PlanRow,
+        nanos: u64,
+    ) -> Self {
         let [x_ref, y_ref, yaw_ref, forward_ref, left_ref, _] = plan.reference;
         Self {
             nanos,
@@ -53,7 +56,11 @@ impl<'a> Window<'a> {
 }
 
 /// First time from which on `value` stays within `band` to the end \[s\].
-pub(super) fn settled_at(deviations: &[Deviation], value: impl Fn(&Deviation) -> f64, band: f64) -> Option<f64> {
+pub(super) fn settled_at(
+    deviations: &[Deviation],
+    value: impl Fn(&Deviation) -> f64,
+    band: f64,
+) -> Option<f64> {
     let settled = deviations.iter().rev().take_while(|deviation| value(deviation) <= band);
     settled.last().map(|deviation| deviation.nanos as f64 / 1e9)
 }
@@ -72,7 +79,8 @@ pub(super) fn largest(values: impl Iterator<Item = f64>) -> Option<f64> {
 
 /// √(Σ x² / n).
 pub(crate) fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let (count, sum) = values.fold((0_u64, 0.0), |(count, sum), value| (count + 1, sum + value * value));
+    let (count, sum) =
+        values.fold((0_u64, 0.0), |(count, sum), value| (count + 1, sum + value * value));
     let mean = sum / count as f64;
     mean.is_finite().then(|| mean.sqrt())
 }

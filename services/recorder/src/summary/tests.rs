@@ -1,7 +1,7 @@
 //! Every figure on rows made by hand. The period is 0.1 s, the reference rests at the origin and asks for 2 m/s.
 
 use super::*;
-use crate::rows::{Mark, TruthRow};
+use crate::rows::TruthRow;
 
 const PERIOD_NANOS: u64 = 100_000_000;
 
@@ -19,12 +19,25 @@ fn record(ticks: u64, errors: impl Fn(u64) -> (f64, f64, f64)) -> Rows {
 fn add_epoch(rows: &mut Rows, epoch: u64, ticks: u64, errors: impl Fn(u64) -> (f64, f64, f64)) {
     for tick in 0..ticks {
         let (distance, heading, speed) = errors(tick);
-        let (pose, velocity) = ([distance * 0.6, -distance * 0.8, heading], [0.0, 2.0 + speed, 9.0]);
+        let (pose, velocity) =
+            ([distance * 0.6, -distance * 0.8, heading], [0.0, 2.0 + speed, 9.0]);
         rows.truths.push(TruthRow { stamp: mark(epoch, tick), pose, velocity });
         let reference = [0.0, 0.0, 0.0, -1.2, 1.6, 5.0];
-        rows.plans.push(PlanRow { stamp: mark(7, tick), plant_epoch: epoch, tick_nanos: 1000 * (tick + 1), reference });
-        let (accepted_epoch, rung) = if tick == 0 { (0, Rung::Waiting) } else { (7, Rung::FreshPlan) };
-        rows.states.push(StateRow { stamp: mark(epoch, tick), accepted_epoch, rung });
+        rows.plans.push(PlanRow {
+            stamp: mark(7, tick),
+            plant_epoch: epoch,
+            tick_nanos: 1000 * (tick + 1),
+            reference,
+        });
+        let (accepted_epoch, rung) =
+            if tick == 0 { (0, Rung::Waiting) } else { (7, Rung::FreshPlan) };
+        rows.states.push(StateRow {
+            stamp: mark(epoch, tick),
+            accepted_epoch,
+            rung,
+            pose: [0.5 + pose[0], pose[1], pose[2]],
+            velocity,
+        });
     }
 }
 
@@ -77,8 +90,12 @@ fn the_speed_settles_by_the_norm_of_the_planar_velocity() {
 
 #[test]
 fn the_steady_speed_error_is_the_largest_of_the_last_ten_seconds() {
-    let rows = record(250, |tick| (0.0, 0.0, if tick < 149 { 0.9 } else { 0.01 * (tick % 7) as f64 }));
-    assert!(close(summary(&rows).steady_speed_error_mps, 0.06), "from tick 149 to 249 are ten seconds");
+    let rows =
+        record(250, |tick| (0.0, 0.0, if tick < 149 { 0.9 } else { 0.01 * (tick % 7) as f64 }));
+    assert!(
+        close(summary(&rows).steady_speed_error_mps, 0.06),
+        "from tick 149 to 249 are ten seconds"
+    );
     let rows = record(250, |tick| (0.0, 0.0, if tick == 149 { 0.9 } else { 0.0 }));
     assert!(close(summary(&rows).steady_speed_error_mps, 0.9));
 }
@@ -95,7 +112,10 @@ fn position_and_heading_figures_leave_out_the_first_three_seconds() {
     assert!(close(figures.position_max_m, 0.4));
     assert!(close(figures.heading_rmse_rad, 0.1));
     let short = summary(&record(30, |_| (0.1, 0.0, 0.0)));
-    assert_eq!((short.position_rmse_m, short.position_max_m, short.heading_rmse_rad), (None, None, None));
+    assert_eq!(
+        (short.position_rmse_m, short.position_max_m, short.heading_rmse_rad),
+        (None, None, None)
+    );
 }
 
 #[test]
@@ -121,7 +141,10 @@ fn a_number_that_is_not_finite_spoils_the_figures_that_it_enters_and_no_others()
 #[test]
 fn an_empty_record_has_no_figures() {
     let empty = summary(&Rows::default());
-    assert_eq!((empty.arrival_s, empty.speed_settle_s, empty.steady_speed_error_mps), (None, None, None));
+    assert_eq!(
+        (empty.arrival_s, empty.speed_settle_s, empty.steady_speed_error_mps),
+        (None, None, None)
+    );
     assert_eq!((empty.position_rmse_m, empty.tick_p50_us, empty.tick_max_us), (None, None, None));
     assert_eq!((empty.periods, empty.periods_missed, empty.plant_epochs), (0, 0, 0));
 }
@@ -136,7 +159,11 @@ fn a_tick_without_plan_has_no_reference_to_be_measured_against() {
 #[test]
 fn tick_times_are_nearest_ranks() {
     let figures = summary(&record(200, |_| (0.0, 0.0, 0.0)));
-    assert!(close(figures.tick_p50_us, 100.0) && close(figures.tick_p99_us, 198.0) && close(figures.tick_max_us, 200.0));
+    assert!(
+        close(figures.tick_p50_us, 100.0)
+            && close(figures.tick_p99_us, 198.0)
+            && close(figures.tick_max_us, 200.0)
+    );
     let figures = summary(&record(1, |_| (0.0, 0.0, 0.0)));
     assert!(close(figures.tick_p50_us, 1.0) && close(figures.tick_p99_us, 1.0));
 }
@@ -154,7 +181,14 @@ fn periods_count_from_the_first_accepted_command_on() {
     rows.states[8].rung = Rung::Lqr;
     let figures = summary(&rows);
     assert_eq!((figures.periods, figures.periods_missed), (6, 2));
-    assert_eq!((figures.rungs.on(Rung::FreshPlan), figures.rungs.on(Rung::Lqr), figures.rungs.on(Rung::Waiting)), (3, 1, 0));
+    assert_eq!(
+        (
+            figures.rungs.on(Rung::FreshPlan),
+            figures.rungs.on(Rung::Lqr),
+            figures.rungs.on(Rung::Waiting)
+        ),
+        (3, 1, 0)
+    );
 }
 
 #[test]
@@ -186,6 +220,7 @@ fn health(participant: Participant, snapshots: u64, state: (u64, u64)) -> Health
         snapshots,
         received: counts(state.0),
         lost: counts(state.1),
+        last_error: String::new(),
     }
 }
 
@@ -203,7 +238,10 @@ fn snapshots_and_losses_are_summed_over_the_instances_of_a_process() {
     rows.healths = (1..).zip(healths).collect();
     let figures = summary(&rows);
     assert_eq!((figures.snapshots_published, figures.snapshots_adopted), (5, 5));
-    assert_eq!(figures.losses["state"], BTreeMap::from([("controller".to_owned(), 3), ("recorder".to_owned(), 0)]));
+    assert_eq!(
+        figures.losses["state"],
+        BTreeMap::from([("controller".to_owned(), 3), ("recorder".to_owned(), 0)])
+    );
     assert_eq!(figures.losses["plan"], BTreeMap::from([("recorder".to_owned(), 5)]));
     assert!(figures.losses["credit"].is_empty(), "the recorder does not read what it says itself");
 }
@@ -213,7 +251,8 @@ fn one_process_that_strangers_can_reach_exposes_the_whole_run() {
     let mut rows = record(10, |_| (0.0, 0.0, 0.0));
     assert_eq!(summary(&rows).exposure, Exposure::Closed);
     let exposed = |exposure| HealthRow { exposure, ..health(Participant::Gateway, 0, (0, 0)) };
-    rows.healths = (1..).zip([Exposure::Watched, Exposure::Driven, Exposure::Closed].map(exposed)).collect();
+    rows.healths =
+        (1..).zip([Exposure::Watched, Exposure::Driven, Exposure::Closed].map(exposed)).collect();
     let figures = summary(&rows);
     assert_eq!(figures.exposure, Exposure::Driven);
     let json = serde_json::to_string(&figures).unwrap_or_default();
@@ -222,7 +261,8 @@ fn one_process_that_strangers_can_reach_exposes_the_whole_run() {
 
 #[test]
 fn the_file_has_every_figure_in_its_place_and_every_rung() {
-    let json = serde_json::to_string_pretty(&summary(&record(250, |_| (f64::NAN, 0.0, 0.0)))).unwrap_or_default();
+    let json = serde_json::to_string_pretty(&summary(&record(250, |_| (f64::NAN, 0.0, 0.0))))
+        .unwrap_or_default();
     let keys = [
         "arrival_s",
         "speed_settle_s",
@@ -266,11 +306,41 @@ fn a_count_that_would_be_too_large_stays_at_the_largest_number() {
         let participant = Participant::Learner.text().to_owned();
         let stamp = Mark { writer, ..mark(1, 0) };
         let (exposure, received, lost) = (Exposure::Driven, counts.clone(), counts);
-        let health = HealthRow { stamp, participant, stalled_nanos: u64::MAX, snapshots: u64::MAX, exposure, received, lost };
+        let health = HealthRow {
+            stamp,
+            participant,
+            stalled_nanos: u64::MAX,
+            snapshots: u64::MAX,
+            exposure,
+            received,
+            lost,
+            last_error: String::new(),
+        };
         rows.healths.insert(writer, health);
     }
     let summary = summary(&rows);
     assert_eq!(summary.snapshots_published, u64::MAX);
     assert_eq!(summary.losses["plan"][Participant::Learner.text()], u64::MAX);
     assert!(summary.world_stalled_s > 1.8e10);
+}
+
+#[test]
+fn without_truth_the_figures_are_of_what_was_measured_and_say_so() {
+    let mut rows = record(100, |_| (0.0, 0.0, 0.0));
+    assert_eq!(summary(&rows).figures_of, "truth");
+    assert!(close(summary(&rows).position_rmse_m, 0.0));
+    rows.truths.clear();
+    assert_eq!(summary(&rows).figures_of, "measured");
+    assert!(close(summary(&rows).position_rmse_m, 0.5));
+}
+
+#[test]
+fn what_processes_say_that_is_wrong_is_in_the_summary_once() {
+    let mut rows = record(3, |_| (0.0, 0.0, 0.0));
+    for (sequence, said) in (1..).zip(["", "too slow", "too slow", "", "too late", "too slow"]) {
+        let of_controller = health(Participant::Controller, 0, (0, 0));
+        let stamp = Mark { sequence, ..Mark::default() };
+        rows.add_health(HealthRow { stamp, last_error: said.into(), ..of_controller });
+    }
+    assert_eq!(summary(&rows).told, ["controller: too slow", "controller: too late"]);
 }

@@ -2,7 +2,8 @@
 
 use bytemuck::Zeroable;
 use protocol::message::{
-    Command, Health, ModelSnapshot, Participant, Plan, PlantState, ResidualSample, Rung, SnapshotHead, SolverStatus, Stamp, Truth,
+    Command, Health, ModelSnapshot, Participant, Plan, PlantState, ResidualSample, Rung,
+    SnapshotHead, SolverStatus, Stamp, Truth,
 };
 use protocol::port::{OpenError, Ports, SendError, Sink};
 
@@ -43,7 +44,12 @@ impl Graph {
         self.truths.send(&mut truth(tick))?;
         self.commands.send(&mut command(tick))?;
         self.plans.send(&mut plan(tick))?;
-        self.residuals.send(&mut ResidualSample { stamp: at(tick), plant_epoch: 1, usable: 1, ..Zeroable::zeroed() })?;
+        self.residuals.send(&mut ResidualSample {
+            stamp: at(tick),
+            plant_epoch: 1,
+            usable: 1,
+            ..Zeroable::zeroed()
+        })?;
         if tick.is_multiple_of(SNAPSHOT_TICKS) {
             self.snapshots.send(&mut snapshot(tick))?;
         }
@@ -61,19 +67,37 @@ fn at(tick: u64) -> Stamp {
 /// What the plant says.
 pub(crate) fn state(tick: u64) -> PlantState {
     let (accepted_epoch, rung) = if tick == 0 { (0, Rung::Waiting) } else { (1, Rung::FreshPlan) };
-    PlantState { stamp: at(tick), pose: [tick as f64 * 0.27, 0.1, 0.2], accepted_epoch, rung: rung.code(), ..Zeroable::zeroed() }
+    PlantState {
+        stamp: at(tick),
+        pose: [tick as f64 * 0.27, 0.1, 0.2],
+        accepted_epoch,
+        rung: rung.code(),
+        ..Zeroable::zeroed()
+    }
 }
 
 /// What is the case.
 pub(crate) fn truth(tick: u64) -> Truth {
     let error = if tick < 20 { 0.5 } else { 0.0 };
     let pose = [tick as f64 * 0.27, error, 0.0];
-    Truth { stamp: at(tick), pose, velocity: [2.7, 0.0, 0.0], rung: Rung::FreshPlan.code(), ..Zeroable::zeroed() }
+    Truth {
+        stamp: at(tick),
+        pose,
+        velocity: [2.7, 0.0, 0.0],
+        rung: Rung::FreshPlan.code(),
+        ..Zeroable::zeroed()
+    }
 }
 
 /// What the controller answers.
 pub(crate) fn command(tick: u64) -> Command {
-    Command { stamp: at(tick), plant_epoch: 1, tail_len: 2, rung: Rung::FreshPlan.code(), ..Zeroable::zeroed() }
+    Command {
+        stamp: at(tick),
+        plant_epoch: 1,
+        tail_len: 2,
+        rung: Rung::FreshPlan.code(),
+        ..Zeroable::zeroed()
+    }
 }
 
 /// What the controller intends.
@@ -96,8 +120,12 @@ pub(crate) fn plan(tick: u64) -> Plan {
 
 /// What the learner learnt: two inputs, three data points.
 pub(crate) fn snapshot(tick: u64) -> ModelSnapshot {
-    let mut snapshot =
-        ModelSnapshot::new(SnapshotHead { stamp: at(tick), version: tick / SNAPSHOT_TICKS + 1, inputs: 2, ..Zeroable::zeroed() });
+    let mut snapshot = ModelSnapshot::new(SnapshotHead {
+        stamp: at(tick),
+        version: tick / SNAPSHOT_TICKS + 1,
+        inputs: 2,
+        ..Zeroable::zeroed()
+    });
     for point in 0..3 {
         let added = snapshot.push(&[f64::from(point), 0.5], [0.1, 0.2, 0.3], [1.0, 2.0, 3.0]);
         assert!(added.is_ok());

@@ -60,7 +60,8 @@ impl Orthogonal {
         self.reach = self.reach.max(reach);
         self.rest.copy_from(d);
         let (columns, reach, stride) = (self.columns, self.reach, self.basis.nrows());
-        let (rest, shares) = (&mut self.rest.as_mut_slice()[..reach], &mut self.shares.as_mut_slice()[..columns]);
+        let (rest, shares) =
+            (&mut self.rest.as_mut_slice()[..reach], &mut self.shares.as_mut_slice()[..columns]);
         let passed = &mut self.passed.as_mut_slice()[..columns];
         let basis = || self.basis.as_slice().chunks_exact(stride).map(|column| &column[..reach]);
         shares.fill(0.0);
@@ -89,7 +90,11 @@ impl Orthogonal {
         for column in (0..self.columns).rev() {
             into[column] /= self.triangle[(column, column)];
             let value = into[column];
-            into.rows_mut(0, column).axpy(-value, &self.triangle.column(column).rows(0, column), 1.0);
+            into.rows_mut(0, column).axpy(
+                -value,
+                &self.triangle.column(column).rows(0, column),
+                1.0,
+            );
         }
     }
 
@@ -112,13 +117,19 @@ impl Orthogonal {
             self.triangle.swap_columns(column, column + 1);
         }
         for column in place..self.columns {
-            let rotation = Rotation::between(self.triangle[(column, column)], self.triangle[(column + 1, column)]);
+            let rotation = Rotation::between(
+                self.triangle[(column, column)],
+                self.triangle[(column + 1, column)],
+            );
             for other in column..self.columns {
-                let (above, below) = rotation.turn(self.triangle[(column, other)], self.triangle[(column + 1, other)]);
-                (self.triangle[(column, other)], self.triangle[(column + 1, other)]) = (above, below);
+                let (above, below) = rotation
+                    .turn(self.triangle[(column, other)], self.triangle[(column + 1, other)]);
+                (self.triangle[(column, other)], self.triangle[(column + 1, other)]) =
+                    (above, below);
             }
             for row in 0..self.reach {
-                let (left, right) = rotation.turn(self.basis[(row, column)], self.basis[(row, column + 1)]);
+                let (left, right) =
+                    rotation.turn(self.basis[(row, column)], self.basis[(row, column + 1)]);
                 (self.basis[(row, column)], self.basis[(row, column + 1)]) = (left, right);
             }
         }
@@ -130,13 +141,20 @@ impl Orthogonal {
         self.reach = self.reach.max(place + 1);
         self.rest.fill(0.0);
         self.rest[place] = 1.0;
-        let first = entries.iter().take(self.columns).position(|entry| *entry != 0.0).unwrap_or(self.columns);
+        let first = entries
+            .iter()
+            .take(self.columns)
+            .position(|entry| *entry != 0.0)
+            .unwrap_or(self.columns);
         for column in first..self.columns {
             let rotation = Rotation::between(self.triangle[(column, column)], entries[column]);
             for other in column..self.columns {
-                (self.triangle[(column, other)], entries[other]) = rotation.turn(self.triangle[(column, other)], entries[other]);
+                (self.triangle[(column, other)], entries[other]) =
+                    rotation.turn(self.triangle[(column, other)], entries[other]);
             }
-            for (left, right) in self.basis.column_mut(column).iter_mut().zip(self.rest.iter_mut()).take(self.reach) {
+            for (left, right) in
+                self.basis.column_mut(column).iter_mut().zip(self.rest.iter_mut()).take(self.reach)
+            {
                 (*left, *right) = rotation.turn(*left, *right);
             }
         }
@@ -183,7 +201,12 @@ mod tests {
         let (_, square) = normals.take_apart(&DVector::from_vec(vec![1.0, 2.0, 2.0]), 3);
         assert_eq!(square, 9.0);
         normals.take_in();
-        for d in [[f64::NAN, 0.0, 0.0], [0.0, f64::INFINITY, 1.0], [f64::INFINITY, f64::NEG_INFINITY, 0.0], [f64::MAX; 3]] {
+        for d in [
+            [f64::NAN, 0.0, 0.0],
+            [0.0, f64::INFINITY, 1.0],
+            [f64::INFINITY, f64::NEG_INFINITY, 0.0],
+            [f64::MAX; 3],
+        ] {
             let (whole, square) = normals.take_apart(&DVector::from_row_slice(&d), 3);
             let beside = square > DEPENDENT * whole;
             assert!(!beside, "{d:?}: {square} of {whole}");

@@ -57,10 +57,18 @@ fn row(numbers: &mut Numbers, shape: Shape, before: &[Row]) -> Row {
     let places = if stage == 0 { [0; 3] } else { [0, 3, BEFORE] };
     let first = places[numbers.below(3)];
     let slack = (shape.slacks > 0 && numbers.once_in(2)).then(|| numbers.below(shape.slacks));
-    let mut bound = || if numbers.once_in(6) { 0.0 } else { shape.bound_min + (1.0 - shape.bound_min) * (0.5 + 0.5 * numbers.next()) };
+    let mut bound = || {
+        if numbers.once_in(6) {
+            0.0
+        } else {
+            shape.bound_min + (1.0 - shape.bound_min) * (0.5 + 0.5 * numbers.next())
+        }
+    };
     let bounds = [bound(), bound()];
     let mut row = Row { stage, first, by_state, by_input, slack, bounds };
-    if let Some(twin) = (!before.is_empty() && numbers.once_in(5)).then(|| before[numbers.below(before.len())]) {
+    if let Some(twin) =
+        (!before.is_empty() && numbers.once_in(5)).then(|| before[numbers.below(before.len())])
+    {
         row = Row { slack: row.slack, bounds: row.bounds, ..twin };
     }
     if numbers.once_in(2) { Row { bounds: [row.bounds[0], f64::INFINITY], ..row } } else { row }
@@ -72,9 +80,11 @@ fn program(numbers: &mut Numbers, shape: Shape) -> QuadraticProgram {
     (0..shape.rows).for_each(|_| rows.push(row(numbers, shape, &rows)));
     let change = if numbers.once_in(2) { 0.3 } else { 0.0 };
     let prices = Prices { input: 0.1, change, slack: 100.0, slack_curvature: 1.0 };
-    let mut program = QuadraticProgram::new(shape.horizon, shape.blocks, shape.slacks, rows, prices);
+    let mut program =
+        QuadraticProgram::new(shape.horizon, shape.blocks, shape.slacks, rows, prices);
     let looks_back = numbers.once_in(2);
-    let scale: [f64; 3] = std::array::from_fn(|_| 10_f64.powf(0.25 * shape.decades * numbers.next()));
+    let scale: [f64; 3] =
+        std::array::from_fn(|_| 10_f64.powf(0.25 * shape.decades * numbers.next()));
     let steps: Vec<Linearised> = (0..shape.horizon)
         .map(|_| Linearised {
             next: State::default(),
@@ -107,15 +117,20 @@ fn small_programs_have_the_answer_that_trying_all_sets_of_rows_gives() {
     for _ in 0..100_000 {
         let horizon = if numbers.once_in(4) { 2 } else { 1 };
         let bound_min = if numbers.once_in(3) { -0.5 } else { 0.0 };
-        let (blocks, rows, slacks) = (1 + numbers.below(horizon), 1 + numbers.below(3), numbers.below(2));
-        let program = program(&mut numbers, Shape { horizon, blocks, rows, slacks, decades: 4.0, bound_min });
+        let (blocks, rows, slacks) =
+            (1 + numbers.below(horizon), 1 + numbers.below(3), numbers.below(2));
+        let program =
+            program(&mut numbers, Shape { horizon, blocks, rows, slacks, decades: 4.0, bound_min });
         let mut x = vec![0.0; program.unknowns()];
         let outcome = ActiveSet::new(&program).solve(&program, &mut x, &Turn::default());
         match Dense::of(&program).brute_force() {
             Some(exact) => {
                 assert_eq!(outcome.status, Status::Solved, "{exact} {:?}", program.rows);
                 let (ours, best) = (cost(&program, &x), cost(&program, exact.as_slice()));
-                assert!(keeps(&program, &x) && (ours - best).abs() < 1e-6 * (1.0 + best.abs()), "{x:?} costs {ours}, {exact} {best}");
+                assert!(
+                    keeps(&program, &x) && (ours - best).abs() < 1e-6 * (1.0 + best.abs()),
+                    "{x:?} costs {ours}, {exact} {best}"
+                );
                 solved += 1;
                 let_off += usize::from(x.iter().skip(INPUT * blocks).any(|slack| *slack > 1e-6));
             }
@@ -123,15 +138,30 @@ fn small_programs_have_the_answer_that_trying_all_sets_of_rows_gives() {
             None => infeasible += 1,
         }
     }
-    assert!(solved > 80_000 && infeasible > 1_000 && let_off > 1_000, "{solved} solved, {infeasible} infeasible, {let_off} by a slack");
+    assert!(
+        solved > 80_000 && infeasible > 1_000 && let_off > 1_000,
+        "{solved} solved, {infeasible} infeasible, {let_off} by a slack"
+    );
 }
 
 /// The multiplier of each row of the same program without stages.
 fn multipliers(solver: &ActiveSet, program: &QuadraticProgram) -> Vec<f64> {
-    let of = |bound: Bound| solver.active.iter().position(|active| *active == bound).map_or(0.0, |place| solver.multipliers[place]);
-    let sides = |(row, of_row): (usize, &Row)| [0, 1].map(|side| of_row.bounds[side].is_finite().then_some(Bound::Row(row, side)));
+    let of = |bound: Bound| {
+        solver
+            .active
+            .iter()
+            .position(|active| *active == bound)
+            .map_or(0.0, |place| solver.multipliers[place])
+    };
+    let sides = |(row, of_row): (usize, &Row)| {
+        [0, 1].map(|side| of_row.bounds[side].is_finite().then_some(Bound::Row(row, side)))
+    };
     let of_rows = program.rows.iter().enumerate().flat_map(sides).flatten().map(of);
-    let of_slacks = solver.slack_multipliers.iter().enumerate().map(|(slack, held)| held + of(Bound::Slack(slack)));
+    let of_slacks = solver
+        .slack_multipliers
+        .iter()
+        .enumerate()
+        .map(|(slack, held)| held + of(Bound::Slack(slack)));
     of_rows.chain(of_slacks).collect()
 }
 
@@ -171,8 +201,12 @@ fn half_of_the_steps_that_are_allowed_are_enough() {
     let mut worst: f64 = 0.0;
     for _ in 0..3000 {
         let horizon = 2 + numbers.below(12);
-        let (blocks, rows, slacks) = (1 + numbers.below(horizon), 1 + numbers.below(60), [0, horizon][numbers.below(2)]);
-        let program = program(&mut numbers, Shape { horizon, blocks, rows, slacks, decades: 6.0, bound_min: 0.0 });
+        let (blocks, rows, slacks) =
+            (1 + numbers.below(horizon), 1 + numbers.below(60), [0, horizon][numbers.below(2)]);
+        let program = program(
+            &mut numbers,
+            Shape { horizon, blocks, rows, slacks, decades: 6.0, bound_min: 0.0 },
+        );
         let mut x = vec![0.0; program.unknowns()];
         let outcome = ActiveSet::new(&program).solve(&program, &mut x, &Turn::default());
         assert!(outcome.status == Status::Solved && keeps(&program, &x), "{outcome:?}");
@@ -185,15 +219,23 @@ fn half_of_the_steps_that_are_allowed_are_enough() {
 fn what_runs_out_of_steps_is_answered_by_the_interior_point_method() -> Result<(), SolverError> {
     let mut numbers = Numbers(5);
     for _ in 0..20 {
-        let program = program(&mut numbers, Shape { horizon: 8, blocks: 6, rows: 60, slacks: 8, decades: 2.0, bound_min: 0.0 });
+        let program = program(
+            &mut numbers,
+            Shape { horizon: 8, blocks: 6, rows: 60, slacks: 8, decades: 2.0, bound_min: 0.0 },
+        );
         let (mut whole, mut cut) = (vec![0.0; program.unknowns()], vec![0.0; program.unknowns()]);
         let mut solver = Solver::new(SolverSetting::ActiveSet, &program)?;
         assert_eq!(solver.solve(&program, &mut whole, &Turn::default()).status, Status::Solved);
         if let Some(method) = &mut solver.active_set {
             method.most = 1;
-            assert_eq!(method.solve(&program, &mut cut, &Turn::default()).status, Status::OutOfIterations);
+            assert_eq!(
+                method.solve(&program, &mut cut, &Turn::default()).status,
+                Status::OutOfIterations
+            );
         }
-        assert!(solver.solve(&program, &mut cut, &Turn::default()).usable() && keeps(&program, &cut));
+        assert!(
+            solver.solve(&program, &mut cut, &Turn::default()).usable() && keeps(&program, &cut)
+        );
         let (whole, cut) = (cost(&program, &whole), cost(&program, &cut));
         assert!((whole - cut).abs() < 1e-5 * (1.0 + whole.abs()), "{whole} {cut}");
     }
@@ -204,9 +246,15 @@ fn what_runs_out_of_steps_is_answered_by_the_interior_point_method() -> Result<(
 fn what_only_rounding_violates_holds_nobody_up() {
     let mut numbers = Numbers(6);
     for _ in 0..2000 {
-        let mut program = program(&mut numbers, Shape { horizon: 6, blocks: 4, rows: 40, slacks: 6, decades: 2.0, bound_min: 0.0 });
+        let mut program = program(
+            &mut numbers,
+            Shape { horizon: 6, blocks: 4, rows: 40, slacks: 6, decades: 2.0, bound_min: 0.0 },
+        );
         let far = 10_f64.powf(4.0 + 4.0 * (0.5 + 0.5 * numbers.next()));
-        program.stages.iter_mut().for_each(|stage| stage.gradient.iter_mut().for_each(|slope| *slope *= far));
+        program
+            .stages
+            .iter_mut()
+            .for_each(|stage| stage.gradient.iter_mut().for_each(|slope| *slope *= far));
         let mut x = vec![0.0; program.unknowns()];
         // It comes to an end, whatever that is.
         let outcome = ActiveSet::new(&program).solve(&program, &mut x, &Turn::default());
@@ -219,16 +267,28 @@ fn what_cannot_be_answered_is_said() {
     let shape = Shape { horizon: 1, blocks: 1, rows: 0, slacks: 0, decades: 0.0, bound_min: 0.0 };
     let mut numbers = Numbers(3);
     let mut contradictory = program(&mut numbers, shape);
-    let row = Row { stage: 0, first: 0, by_state: [0.0; 3], by_input: [1.0, 0.0, 0.0], slack: None, bounds: [-1.0, -1.0] };
+    let row = Row {
+        stage: 0,
+        first: 0,
+        by_state: [0.0; 3],
+        by_input: [1.0, 0.0, 0.0],
+        slack: None,
+        bounds: [-1.0, -1.0],
+    };
     contradictory.rows.push(row);
     let mut flat = program(&mut numbers, shape);
     flat.stages.iter_mut().for_each(|stage| stage.curvature.fill(0.0));
     flat.prices = Prices { input: 0.0, change: 0.0, ..flat.prices };
     let mut unknowable = program(&mut numbers, shape);
     unknowable.stages[0].input_gradient[0] = f64::NAN;
-    for (program, status) in [(contradictory, Status::Infeasible), (flat, Status::Failed), (unknowable, Status::Failed)] {
+    for (program, status) in
+        [(contradictory, Status::Infeasible), (flat, Status::Failed), (unknowable, Status::Failed)]
+    {
         let mut untouched = [7.0; 3];
-        assert_eq!(ActiveSet::new(&program).solve(&program, &mut untouched, &Turn::default()).status, status);
+        assert_eq!(
+            ActiveSet::new(&program).solve(&program, &mut untouched, &Turn::default()).status,
+            status
+        );
         assert_eq!(untouched, [7.0; 3]);
     }
 }
@@ -237,12 +297,15 @@ fn what_cannot_be_answered_is_said() {
 fn the_answer_does_not_depend_on_what_was_solved_before() {
     let shape = Shape { horizon: 6, blocks: 4, rows: 30, slacks: 6, decades: 2.0, bound_min: 0.0 };
     let mut numbers = Numbers(4);
-    let mut programs: Vec<QuadraticProgram> = (0..10).map(|_| program(&mut numbers, shape)).collect();
+    let mut programs: Vec<QuadraticProgram> =
+        (0..10).map(|_| program(&mut numbers, shape)).collect();
     let mut one = ActiveSet::new(&programs[0]);
     for program in &mut programs {
         let (mut used, mut fresh) = ([0.0; 18], [0.0; 18]);
-        let outcomes =
-            (one.solve(program, &mut used, &Turn::default()), ActiveSet::new(program).solve(program, &mut fresh, &Turn::default()));
+        let outcomes = (
+            one.solve(program, &mut used, &Turn::default()),
+            ActiveSet::new(program).solve(program, &mut fresh, &Turn::default()),
+        );
         assert_eq!((outcomes.0, used), (outcomes.1, fresh));
     }
 }

@@ -20,20 +20,28 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     if let Some(state) = &picture.state {
         let style = if state.rung() == Rung::FreshPlan { well } else { look.alarm() };
         lines.push(row("rung", Span::styled(state.rung().text(), style)));
-        let reason = if state.reason() == Reason::None { "nothing unusual" } else { state.reason().text() };
+        let reason =
+            if state.reason() == Reason::None { "nothing unusual" } else { state.reason().text() };
         lines.push(row("reason", Span::raw(reason)));
     }
     if let Some(plan) = &picture.plan {
         lines.push(row("model", Span::raw(model(plan))));
         let late = plan.tick_nanos > picture.period_nanos;
         let share = plan.tick_nanos as f64 / picture.period_nanos.max(1) as f64 * 100.0;
-        let tick = format!("{}, {share:.1} % of {}", duration_text(plan.tick_nanos), period_text(picture.period_nanos));
+        let tick = format!(
+            "{}, {share:.1} % of {}",
+            duration_text(plan.tick_nanos),
+            period_text(picture.period_nanos)
+        );
         lines.push(row("tick", Span::styled(tick, if late { look.alarm() } else { Style::new() })));
     }
     if let Some(process) = picture.processes.get(&Participant::Controller) {
         let (met, missed) = (process.health.deadlines_met, process.health.deadlines_missed);
         let text = format!("{missed} of {} periods", met.saturating_add(missed));
-        lines.push(row("missed", Span::styled(text, if missed > 0 { look.alarm() } else { Style::new() })));
+        lines.push(row(
+            "missed",
+            Span::styled(text, if missed > 0 { look.alarm() } else { Style::new() }),
+        ));
     }
     frame.render_widget(Paragraph::new(lines).block(block(" Controller ", look)), area);
 }
@@ -44,7 +52,11 @@ fn row<'a>(name: &str, value: Span<'a>) -> Line<'a> {
 
 /// Which model is used, and for what.
 fn model(plan: &Plan) -> String {
-    let learned: Vec<&str> = AXES.into_iter().filter(|(bit, _)| plan.learned_axes & bit != 0).map(|(_, axis)| axis).collect();
+    let learned: Vec<&str> = AXES
+        .into_iter()
+        .filter(|(bit, _)| plan.learned_axes & bit != 0)
+        .map(|(_, axis)| axis)
+        .collect();
     match (plan.model_version, learned.is_empty()) {
         (0, _) => "main model alone".to_owned(),
         (version, true) => format!("{version}, on no axis"),

@@ -24,7 +24,13 @@ pub(super) struct Curve {
 }
 
 /// Draws `curves` in a frame called `title`. Without points there is the frame alone.
-pub(super) fn draw<'a>(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, title: impl Into<Line<'a>>, mut curves: Vec<Curve>) {
+pub(super) fn draw<'a>(
+    frame: &mut Frame<'_>,
+    area: Rect,
+    scene: Scene<'_>,
+    title: impl Into<Line<'a>>,
+    mut curves: Vec<Curve>,
+) {
     let block = block(title, scene.look);
     for point in curves.iter_mut().flat_map(|curve| &mut curve.points) {
         point.1 = point.1.max(SMALLEST).log10();
@@ -34,19 +40,30 @@ pub(super) fn draw<'a>(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, titl
         frame.render_widget(block, area);
         return;
     };
-    let (begin, end) = points().fold((first.0, first.0), |(begin, end), point| (begin.min(point.0), end.max(point.0)));
-    let (low, high) = points().fold((first.1, first.1), |(low, high), point| (low.min(point.1), high.max(point.1)));
+    let (begin, end) = points()
+        .fold((first.0, first.0), |(begin, end), point| (begin.min(point.0), end.max(point.0)));
+    let (low, high) = points()
+        .fold((first.1, first.1), |(low, high), point| (low.min(point.1), high.max(point.1)));
     let (low, high) = (low.floor(), high.ceil().max(low.floor() + 1.0));
     let rows = usize::from(block.inner(area).height).saturating_sub(2);
     let labels = decades(low, high, rows);
     let datasets = curves.iter().map(|curve| {
-        let graph_type = if curve.marker == Marker::Braille { GraphType::Line } else { GraphType::Scatter };
-        Dataset::default().data(&curve.points).marker(curve.marker).graph_type(graph_type).style(curve.color)
+        let graph_type =
+            if curve.marker == Marker::Braille { GraphType::Line } else { GraphType::Scatter };
+        Dataset::default()
+            .data(&curve.points)
+            .marker(curve.marker)
+            .graph_type(graph_type)
+            .style(curve.color)
     });
     let chart = Chart::new(datasets.collect())
         .block(block)
         .legend_position(None)
-        .x_axis(Axis::default().bounds([begin, end.max(begin + 1.0)]).labels([format!("{begin:.0} s"), format!("{end:.0} s")]))
+        .x_axis(
+            Axis::default()
+                .bounds([begin, end.max(begin + 1.0)])
+                .labels([format!("{begin:.0} s"), format!("{end:.0} s")]),
+        )
         .y_axis(Axis::default().bounds([low, high]).labels(labels));
     frame.render_widget(chart, area);
 }
@@ -55,7 +72,11 @@ pub(super) fn draw<'a>(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, titl
 fn decades(low: f64, high: f64, rows: usize) -> Vec<String> {
     let text = |power: f64| format!("{}", 10_f64.powf(power));
     let count = (high - low) as usize;
-    if rows > 2 * count { (0..=count).map(|step| text(low + step as f64)).collect() } else { vec![text(low), text(high)] }
+    if rows > 2 * count {
+        (0..=count).map(|step| text(low + step as f64)).collect()
+    } else {
+        vec![text(low), text(high)]
+    }
 }
 
 #[cfg(test)]

@@ -20,7 +20,11 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     }
     if let Some(plan) = &picture.plan {
         lines.push(Line::from(format!("model {}", plan.model_version)));
-        lines.push(Line::from(format!("tick {} of {}", duration_text(plan.tick_nanos), period_text(picture.period_nanos))));
+        lines.push(Line::from(format!(
+            "tick {} of {}",
+            duration_text(plan.tick_nanos),
+            period_text(picture.period_nanos)
+        )));
     }
     lines.push(Line::from("80×24 shows the rest"));
     frame.render_widget(Paragraph::new(lines), area);

@@ -20,8 +20,13 @@ const MEANING: [&str; 7] = [
 ];
 
 pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, look: Look) {
-    let keys = KEYS.iter().map(|(keys, what)| Line::from(vec![Span::styled(format!(" {keys:<16}"), look.strong()), Span::raw(*what)]));
-    let lines: Vec<Line<'_>> = keys.chain([Line::default()]).chain(MEANING.map(|line| Line::from(format!(" {line}")))).collect();
+    let keys = KEYS.iter().map(|(keys, what)| {
+        Line::from(vec![Span::styled(format!(" {keys:<16}"), look.strong()), Span::raw(*what)])
+    });
+    let lines: Vec<Line<'_>> = keys
+        .chain([Line::default()])
+        .chain(MEANING.map(|line| Line::from(format!(" {line}"))))
+        .collect();
     let place = area.centered(Constraint::Max(66), Constraint::Max(lines.len() as u16 + 2));
     frame.render_widget(Clear, place);
     frame.render_widget(Paragraph::new(lines).block(block(" Help ", look)), place);

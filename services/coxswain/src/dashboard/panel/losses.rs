@@ -12,24 +12,44 @@ use ratatui::widgets::{Paragraph, Wrap};
 pub(super) const LARGE_ROWS: u16 = TOPIC_COUNT as u16 + 2;
 
 pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
-    let losses: Vec<(Topic, Losses)> =
-        Topic::ALL.map(|topic| (topic, scene.picture.losses_of(topic))).into_iter().filter(|&(_, of)| of != Losses::default()).collect();
-    let style = if losses.is_empty() { scene.look.strong().fg(scene.look.good()) } else { scene.look.alarm() };
+    let losses: Vec<(Topic, Losses)> = Topic::ALL
+        .map(|topic| (topic, scene.picture.losses_of(topic)))
+        .into_iter()
+        .filter(|&(_, of)| of != Losses::default())
+        .collect();
+    let style = if losses.is_empty() {
+        scene.look.strong().fg(scene.look.good())
+    } else {
+        scene.look.alarm()
+    };
     let short = area.height < LARGE_ROWS;
     let lines: Vec<Line<'_>> = match losses.as_slice() {
         [] if scene.picture.processes.is_empty() => Vec::new(),
         [] => vec![Line::styled("none", style)],
         some if short => {
-            let all = some
-                .iter()
-                .map(|(topic, of)| format!("{} {}", topic.name(), of.lost.saturating_add(of.refused).saturating_add(of.dropped)));
+            let all = some.iter().map(|(topic, of)| {
+                format!(
+                    "{} {}",
+                    topic.name(),
+                    of.lost.saturating_add(of.refused).saturating_add(of.dropped)
+                )
+            });
             vec![Line::styled(all.collect::<Vec<_>>().join(", "), style)]
         }
         some => some.iter().map(|&(topic, of)| Line::styled(in_full(topic, of), style)).collect(),
     };
-    frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: true }).block(block(" Messages lost ", scene.look)), area);
+    frame.render_widget(
+        Paragraph::new(lines).wrap(Wrap { trim: true }).block(block(" Messages lost ", scene.look)),
+        area,
+    );
 }
 
 fn in_full(topic: Topic, of: Losses) -> String {
-    format!("{:<8}  {} lost, {} refused, {} gave way in a queue", topic.name(), of.lost, of.refused, of.dropped)
+    format!(
+        "{:<8}  {} lost, {} refused, {} gave way in a queue",
+        topic.name(),
+        of.lost,
+        of.refused,
+        of.dropped
+    )
 }

@@ -35,8 +35,13 @@ struct Extent {
 
 pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, window: MapWindow) {
     let inner = block("", scene.look).inner(area);
-    let extent = Extent::of(scene.picture, window, [f64::from(inner.width), f64::from(inner.height)]);
-    let across = if extent.across_m < 3.0 { format!("{:.1}", extent.across_m) } else { format!("{:.0}", extent.across_m) };
+    let extent =
+        Extent::of(scene.picture, window, [f64::from(inner.width), f64::from(inner.height)]);
+    let across = if extent.across_m < 3.0 {
+        format!("{:.1}", extent.across_m)
+    } else {
+        format!("{:.0}", extent.across_m)
+    };
     let title = match window {
         MapWindow::Follow { .. } => format!(" Map: robot in the middle, {across} m across "),
         MapWindow::Whole => format!(" Map: whole path, {across} m across "),
@@ -47,7 +52,9 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, window: 
         Span::styled("· reference ", look.reference()),
         Span::styled("o predicted ", look.good()),
     ]);
-    let [x, y] = [0, 1].map(|axis| [extent.centre[axis] - extent.half[axis], extent.centre[axis] + extent.half[axis]]);
+    let [x, y] = [0, 1].map(|axis| {
+        [extent.centre[axis] - extent.half[axis], extent.centre[axis] + extent.half[axis]]
+    });
     let canvas = Canvas::default()
         .block(block(title, look).title_bottom(legend))
         .marker(Marker::Braille)
@@ -74,10 +81,19 @@ fn paint(context: &mut Context<'_>, scene: Scene<'_>, extent: Extent) {
     if let Some(plan) = &picture.plan {
         let rows = plan.horizon as usize + 1;
         for row in plan.reference.iter().take(rows).filter(|row| is_finite(row.as_slice())) {
-            context.print(row[0] + right, row[1] - down, Span::styled("·", look.strong().fg(look.reference())));
+            context.print(
+                row[0] + right,
+                row[1] - down,
+                Span::styled("·", look.strong().fg(look.reference())),
+            );
         }
-        for row in plan.predicted.iter().take(rows).skip(1).filter(|row| is_finite(row.as_slice())) {
-            context.print(row[0] + right, row[1] - down, Span::styled("o", look.strong().fg(look.good())));
+        for row in plan.predicted.iter().take(rows).skip(1).filter(|row| is_finite(row.as_slice()))
+        {
+            context.print(
+                row[0] + right,
+                row[1] - down,
+                Span::styled("o", look.strong().fg(look.good())),
+            );
         }
     }
     if let Some(state) = picture.state.as_ref().filter(|state| is_finite(&state.pose)) {
@@ -96,12 +112,19 @@ impl Extent {
         let (centre, across_m) = match window {
             MapWindow::Follow { across_m } => (robot, across_m),
             MapWindow::Whole => {
-                let places = picture.path.all().chain(picture.reference.all()).map(|(_, place)| place);
+                let places =
+                    picture.path.all().chain(picture.reference.all()).map(|(_, place)| place);
                 let (low, high) = places.fold((robot, robot), |(low, high), place| {
-                    ([low[0].min(place[0]), low[1].min(place[1])], [high[0].max(place[0]), high[1].max(place[1])])
+                    (
+                        [low[0].min(place[0]), low[1].min(place[1])],
+                        [high[0].max(place[0]), high[1].max(place[1])],
+                    )
                 });
                 let across = (high[0] - low[0]).max((high[1] - low[1]) * dots[0] / dots[1]);
-                ([f64::midpoint(low[0], high[0]), f64::midpoint(low[1], high[1])], (across * MARGIN).max(ACROSS_MIN_M))
+                (
+                    [f64::midpoint(low[0], high[0]), f64::midpoint(low[1], high[1])],
+                    (across * MARGIN).max(ACROSS_MIN_M),
+                )
             }
         };
         let dot_m = across_m / dots[0];
@@ -132,8 +155,15 @@ mod tests {
 
     #[test]
     fn the_arrow_points_where_the_robot_does() {
-        for (yaw, sign) in [(0.0, "→"), (0.3, "→"), (PI / 2.0, "↑"), (-PI / 2.0, "↓"), (PI, "←"), (-3.0 * PI, "←"), (20.0 * PI + 0.8, "↗")]
-        {
+        for (yaw, sign) in [
+            (0.0, "→"),
+            (0.3, "→"),
+            (PI / 2.0, "↑"),
+            (-PI / 2.0, "↓"),
+            (PI, "←"),
+            (-3.0 * PI, "←"),
+            (20.0 * PI + 0.8, "↗"),
+        ] {
             assert_eq!(arrow(yaw), sign, "{yaw}");
         }
     }
@@ -145,10 +175,14 @@ mod tests {
             let extent = Extent::of(&picture, MapWindow::Whole, cells);
             for (_, place) in picture.path.all() {
                 for axis in 0..2 {
-                    assert!((place[axis] - extent.centre[axis]).abs() <= extent.half[axis], "{place:?} {extent:?}");
+                    assert!(
+                        (place[axis] - extent.centre[axis]).abs() <= extent.half[axis],
+                        "{place:?} {extent:?}"
+                    );
                 }
             }
-            let [x, y] = [2.0 * extent.half[0] / (2.0 * cells[0]), 2.0 * extent.half[1] / (4.0 * cells[1])];
+            let [x, y] =
+                [2.0 * extent.half[0] / (2.0 * cells[0]), 2.0 * extent.half[1] / (4.0 * cells[1])];
             assert!((x - y).abs() < 1e-12, "{extent:?}");
         }
     }

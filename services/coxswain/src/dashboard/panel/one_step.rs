@@ -20,8 +20,14 @@ pub(super) fn draw_figures(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) 
     let title = block(" One-step error: main → learned ", look);
     let mut lines = Vec::new();
     if let Some(errors) = scene.picture.recent_one_step() {
-        for ((axis, unit), (main, whole)) in AXES.into_iter().zip(errors.main.into_iter().zip(errors.whole)) {
-            let (better, color) = if whole <= main { (ratio(main, whole), look.good()) } else { ("MORE".to_owned(), look.bad()) };
+        for ((axis, unit), (main, whole)) in
+            AXES.into_iter().zip(errors.main.into_iter().zip(errors.whole))
+        {
+            let (better, color) = if whole <= main {
+                (ratio(main, whole), look.good())
+            } else {
+                ("MORE".to_owned(), look.bad())
+            };
             lines.push(Line::from(vec![
                 Span::raw(format!("{axis:<7} {main:.4} → ")),
                 Span::styled(format!("{whole:.4}"), Style::new().fg(color)),
@@ -52,8 +58,16 @@ pub(super) fn draw_curves(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
         Span::styled("⠤ with what is learned ", look.strong()),
     ]);
     let curves = vec![
-        Curve { color: look.bad(), marker: Marker::Dot, points: errors().map(|(at, error)| (at, of(error.main))).collect() },
-        Curve { color: Color::Reset, marker: Marker::Braille, points: errors().map(|(at, error)| (at, of(error.whole))).collect() },
+        Curve {
+            color: look.bad(),
+            marker: Marker::Dot,
+            points: errors().map(|(at, error)| (at, of(error.main))).collect(),
+        },
+        Curve {
+            color: Color::Reset,
+            marker: Marker::Braille,
+            points: errors().map(|(at, error)| (at, of(error.whole))).collect(),
+        },
     ];
     draw_chart(frame, area, scene, title, curves);
 }

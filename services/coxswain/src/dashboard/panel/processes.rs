@@ -23,36 +23,50 @@ pub(super) fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     let lines: Vec<Line<'_>> = Participant::ALL
         .iter()
         .map(|who| {
-            let Some(process) = scene.picture.processes.get(who) else { return Line::from(format!("{who:<10} not heard")) };
+            let Some(process) = scene.picture.processes.get(who) else {
+                return Line::from(format!("{who:<10} not heard"));
+            };
             let (silent, style) = silence(scene, process);
             Line::from(vec![
                 Span::raw(format!("{who:<10} ")),
                 phase(scene, process),
                 Span::styled(format!(" {silent:>8}"), style),
-                Span::raw(starts(process).filter(|&starts| starts > 1).map_or_else(String::new, |starts| format!("  #{starts}"))),
+                Span::raw(
+                    starts(process)
+                        .filter(|&starts| starts > 1)
+                        .map_or_else(String::new, |starts| format!("  #{starts}")),
+                ),
             ])
         })
         .collect();
-    frame.render_widget(Paragraph::new(lines).block(block(" Processes: phase, silent since ", scene.look)), area);
+    frame.render_widget(
+        Paragraph::new(lines).block(block(" Processes: phase, silent since ", scene.look)),
+        area,
+    );
 }
 
 pub(super) fn draw_large(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     let rows = Participant::ALL.iter().map(|who| {
-        let Some(process) = scene.picture.processes.get(who) else { return Row::new([who.to_string(), "not heard".to_owned()]) };
+        let Some(process) = scene.picture.processes.get(who) else {
+            return Row::new([who.to_string(), "not heard".to_owned()]);
+        };
         let (silent, style) = silence(scene, process);
         let health = &process.health;
         Row::new([
             Line::from(who.text()),
             Line::from(phase(scene, process)),
             Line::styled(silent, style).right_aligned(),
-            Line::from(starts(process).map_or_else(|| "–".to_owned(), |starts| starts.to_string())).right_aligned(),
+            Line::from(starts(process).map_or_else(|| "–".to_owned(), |starts| starts.to_string()))
+                .right_aligned(),
             Line::from(health.pid.to_string()).right_aligned(),
             Line::from(health.deadlines_missed.to_string()).right_aligned(),
             Line::styled(health.last_error().to_owned(), scene.look.alarm()),
         ])
     });
-    let widths = [10, 8, 8, 5, 8, 6].map(Constraint::Length).into_iter().chain([Constraint::Fill(1)]);
-    let heading = Row::new(["process", "phase", "  silent", "epoch", "     pid", "missed", "last error"]);
+    let widths =
+        [10, 8, 8, 5, 8, 6].map(Constraint::Length).into_iter().chain([Constraint::Fill(1)]);
+    let heading =
+        Row::new(["process", "phase", "  silent", "epoch", "     pid", "missed", "last error"]);
     let table = Table::new(rows, widths).header(heading).block(block(" Processes ", scene.look));
     frame.render_widget(table, area);
 }
@@ -64,13 +78,21 @@ fn starts(process: &Process) -> Option<u64> {
 
 fn phase(scene: Scene<'_>, process: &Process) -> Span<'static> {
     let phase = process.health.phase();
-    let style = if phase == Phase::Degraded { scene.look.alarm() } else { Style::new().fg(scene.look.good()) };
+    let style = if phase == Phase::Degraded {
+        scene.look.alarm()
+    } else {
+        Style::new().fg(scene.look.good())
+    };
     Span::styled(format!("{phase:<8}"), style)
 }
 
 /// For how long it has said nothing, and how loud to say so.
 fn silence(scene: Scene<'_>, process: &Process) -> (String, Style) {
     let silent = scene.now.saturating_duration_since(process.heard);
-    let style = if silent > SILENT && process.health.phase() != Phase::Finished { scene.look.alarm() } else { Style::new() };
+    let style = if silent > SILENT && process.health.phase() != Phase::Finished {
+        scene.look.alarm()
+    } else {
+        Style::new()
+    };
     (format!("{:.1} s", silent.as_secs_f64()), style)
 }

@@ -22,7 +22,11 @@ fn cells(desk: &Desk, look: Look, size: (u16, u16), now: Instant) -> Result<Buff
 /// Its rows as text.
 fn rows(buffer: &Buffer) -> Vec<String> {
     let width = usize::from(buffer.area.width).max(1);
-    buffer.content().chunks(width).map(|row| row.iter().map(ratatui::buffer::Cell::symbol).collect()).collect()
+    buffer
+        .content()
+        .chunks(width)
+        .map(|row| row.iter().map(ratatui::buffer::Cell::symbol).collect())
+        .collect()
 }
 
 fn text(desk: &Desk, size: (u16, u16), now: Instant) -> Result<String, Infallible> {
@@ -84,7 +88,15 @@ fn eighty_by_twenty_four_shows_everything_that_counts_and_cuts_nothing() -> Resu
     desk.live().hear(specimen::state(123), begin + Duration::from_millis(2500));
     let shown = text(&desk, (80, 24), begin + Duration::from_millis(2500))?;
     assert_all(&shown, &WORDS);
-    assert_all(&shown, &["Processes: phase, silent since ", "plant      running     2.5 s", "state 6", "learner: the fit was given up"]);
+    assert_all(
+        &shown,
+        &[
+            "Processes: phase, silent since ",
+            "plant      running     2.5 s",
+            "state 6",
+            "learner: the fit was given up",
+        ],
+    );
     assert_eq!(shown.matches("running").count(), 5, "{shown}");
     Ok(())
 }
@@ -117,7 +129,8 @@ fn every_frame_is_closed_at_every_size() -> Result<(), Infallible> {
     let desk = Desk::new(specimen::picture(begin));
     for size in [(80, 24), (100, 30), (119, 50), (120, 40), (120, 48), (200, 60), (300, 90)] {
         let shown = text(&desk, size, begin)?;
-        let [begun, top_right, bottom_left, ended] = ["┌", "┐", "└", "┘"].map(|corner| shown.matches(corner).count());
+        let [begun, top_right, bottom_left, ended] =
+            ["┌", "┐", "└", "┘"].map(|corner| shown.matches(corner).count());
         assert!(begun >= 6 && [top_right, ended] == [begun; 2], "{size:?}\n{shown}");
         // The axes of the curves have one, too.
         let curves = if begun > 6 { 3 } else { 1 };
@@ -157,7 +170,10 @@ fn whoever_is_lost_is_named_and_the_last_picture_greyed() -> Result<(), Infallib
     let shown = rows(&buffer).join("\n");
     assert_all(&shown, &["LOST for 7 s, waiting for it", "fresh plan", "Tracking error 0.032 m"]);
     for (index, cell) in buffer.content().iter().enumerate().skip(80).take(80 * 22) {
-        assert!(cell.fg == Color::DarkGray && cell.modifier == Modifier::DIM, "cell {index}: {cell:?}");
+        assert!(
+            cell.fg == Color::DarkGray && cell.modifier == Modifier::DIM,
+            "cell {index}: {cell:?}"
+        );
     }
     desk.live().hear(specimen::state(124), later);
     let buffer = cells(&desk, Look::Coloured, (80, 24), later)?;
@@ -213,16 +229,25 @@ fn without_colours_everything_is_said_all_the_same() -> Result<(), Infallible> {
     let begin = Instant::now();
     let mut desk = Desk::new(specimen::picture(begin));
     let later = begin + Duration::from_secs(7);
-    for (lost, size) in [(false, (80, 24)), (false, (200, 60)), (true, (80, 24)), (true, (200, 60))] {
+    for (lost, size) in [(false, (80, 24)), (false, (200, 60)), (true, (80, 24)), (true, (200, 60))]
+    {
         if lost {
             desk.live().look(later);
         }
-        let (plain, coloured) = (cells(&desk, Look::Plain, size, later)?, cells(&desk, Look::Coloured, size, later)?);
+        let (plain, coloured) =
+            (cells(&desk, Look::Plain, size, later)?, cells(&desk, Look::Coloured, size, later)?);
         assert_eq!(rows(&plain), rows(&coloured));
-        assert!(plain.content().iter().all(|cell| (cell.fg, cell.bg) == (Color::Reset, Color::Reset)));
+        assert!(
+            plain.content().iter().all(|cell| (cell.fg, cell.bg) == (Color::Reset, Color::Reset))
+        );
         assert!(coloured.content().iter().any(|cell| cell.fg != Color::Reset));
-        let themed = |color: Color| !matches!(color, Color::Black | Color::White | Color::Rgb(..) | Color::Indexed(_));
-        assert!(coloured.content().iter().all(|cell| themed(cell.fg) && cell.bg == Color::Reset), "a theme's own background stays");
+        let themed = |color: Color| {
+            !matches!(color, Color::Black | Color::White | Color::Rgb(..) | Color::Indexed(_))
+        };
+        assert!(
+            coloured.content().iter().all(|cell| themed(cell.fg) && cell.bg == Color::Reset),
+            "a theme's own background stays"
+        );
     }
     Ok(())
 }
@@ -237,6 +262,9 @@ fn a_rung_of_last_resort_says_why() -> Result<(), Infallible> {
     }
     desk.live().hear(braking, begin);
     let shown = text(&desk, (80, 24), begin)?;
-    assert_all(&shown, &["rung   brake", "reason command missing", "12.4 s: brake: command missing"]);
+    assert_all(
+        &shown,
+        &["rung   brake", "reason command missing", "12.4 s: brake: command missing"],
+    );
     Ok(())
 }

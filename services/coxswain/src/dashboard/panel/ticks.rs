@@ -10,7 +10,8 @@ use ratatui::symbols::Marker;
 pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     let (picture, look) = (scene.picture, scene.look);
     let millis = |nanos: u64| nanos as f64 * 1e-6;
-    let ticks: Vec<(f64, f64)> = picture.tick_nanos.newest(SHOWN_S).map(|(at, nanos)| (at, millis(nanos))).collect();
+    let ticks: Vec<(f64, f64)> =
+        picture.tick_nanos.newest(SHOWN_S).map(|(at, nanos)| (at, millis(nanos))).collect();
     let deadline = ticks.iter().map(|&(at, _)| (at, millis(picture.period_nanos))).collect();
     let title = format!(
         " Tick [ms]: longest {} of late, deadline • {} ",

@@ -12,6 +12,10 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
         frame.render_widget(block(" Tracking error ", scene.look), area);
         return;
     };
-    let curve = Curve { color: Color::Reset, marker: Marker::Braille, points: scene.picture.error.newest(SHOWN_S).collect() };
+    let curve = Curve {
+        color: Color::Reset,
+        marker: Marker::Braille,
+        points: scene.picture.error.newest(SHOWN_S).collect(),
+    };
     draw_curves(frame, area, scene, format!(" Tracking error {now:.3} m "), vec![curve]);
 }

@@ -9,7 +9,16 @@ use std::fmt::Write;
 type Kind = (&'static str, &'static str, &'static [&'static str]);
 
 const KINDS: [Kind; 11] = [
-    ("loss", "drop", &["probability = 0.01\n", "probability = 0.05\n", "probability = 0.2\n", "probability = 0.5\n"]),
+    (
+        "loss",
+        "drop",
+        &[
+            "probability = 0.01\n",
+            "probability = 0.05\n",
+            "probability = 0.2\n",
+            "probability = 0.5\n",
+        ],
+    ),
     ("duplicates", "duplicate", &["probability = 0.5\n"]),
     ("reordering", "reorder", &["probability = 0.3\n", "messages = 3\nprobability = 0.3\n"]),
     ("delay", "delay", &["millis = 20\n", "millis = 60\n", "millis = 100\n"]),
@@ -28,22 +37,38 @@ const WINDOW: u64 = 25;
 
 /// What the links between plant and controller do, in real time: windows of it, and clean time behind each.
 pub(super) fn on_control_links(extent: Extent, apart: bool, all: &mut Vec<Exercise>) {
-    for (topic, participant, field) in [("command", Plant, "input"), ("state", Controller, "velocity")] {
+    for (topic, participant, field) in
+        [("command", Plant, "input"), ("state", Controller, "velocity")]
+    {
         for carrier in [Carrier::SharedMemory, Carrier::Network] {
             if extent == Extent::Quick && (carrier == Carrier::Network) != (topic == "command") {
                 continue;
             }
             let each: Vec<Vec<Kind>> = KINDS.iter().map(|kind| vec![*kind]).collect();
-            let groups = if extent == Extent::Quick && !apart { vec![KINDS.to_vec()] } else { each };
+            let groups =
+                if extent == Extent::Quick && !apart { vec![KINDS.to_vec()] } else { each };
             for kinds in groups {
                 let rounds = extent.pick(1, 10);
                 let (mut faults, mut misquoted, mut from) = (String::new(), Vec::new(), STRIDE);
                 for (_, kind, levels) in &kinds {
-                    for level in extent.pick(levels.get(levels.len() - 1..).unwrap_or_default(), levels) {
+                    for level in
+                        extent.pick(levels.get(levels.len() - 1..).unwrap_or_default(), levels)
+                    {
                         for _ in 0..rounds {
-                            let named = if *kind == "nan" { format!("field = {field:?}\n") } else { String::new() };
+                            let named = if *kind == "nan" {
+                                format!("field = {field:?}\n")
+                            } else {
+                                String::new()
+                            };
                             let until = from + extent.pick(12, WINDOW);
-                            faults += &message(topic, participant, kind, from, until, &format!("{level}{named}"));
+                            faults += &message(
+                                topic,
+                                participant,
+                                kind,
+                                from,
+                                until,
+                                &format!("{level}{named}"),
+                            );
                             if topic == "command" && *kind == "freeze" {
                                 misquoted.push(from..until);
                             }
@@ -53,7 +78,13 @@ pub(super) fn on_control_links(extent: Extent, apart: bool, all: &mut Vec<Exerci
                 }
                 let fault = if let [(only, ..)] = kinds.as_slice() { *only } else { "bad link" };
                 let duration_s = from as f64 * 0.02 + 2.0;
-                let launch = Launch { duration_s, faults, misquoted, refused: Some(Refused::Messages), ..Launch::default() };
+                let launch = Launch {
+                    duration_s,
+                    faults,
+                    misquoted,
+                    refused: Some(Refused::Messages),
+                    ..Launch::default()
+                };
                 all.push(Exercise { fault, target: topic, carrier, task: Task::Launch(launch) });
             }
         }
@@ -77,11 +108,18 @@ pub(super) fn of_other_versions(extent: Extent, all: &mut Vec<Exercise>) {
             ("snapshot", Recorder),
             ("plan", Recorder),
         ] {
-            faults += &message(topic, participant, "version", 50, 50 + ticks, "probability = 0.1\n");
+            faults +=
+                &message(topic, participant, "version", 50, 50 + ticks, "probability = 0.1\n");
         }
         let duration_s = (50 + ticks) as f64 * 0.02 + 2.0;
-        let launch = Launch { duration_s, faults, refused: Some(Refused::Messages), ..Launch::default() };
-        all.push(Exercise { fault: "other version", target: "every topic", carrier, task: Task::Launch(launch) });
+        let launch =
+            Launch { duration_s, faults, refused: Some(Refused::Messages), ..Launch::default() };
+        all.push(Exercise {
+            fault: "other version",
+            target: "every topic",
+            carrier,
+            task: Task::Launch(launch),
+        });
     }
 }
 
@@ -90,20 +128,41 @@ pub(super) fn snapshots(extent: Extent, all: &mut Vec<Exercise>) {
     let duration_s: f64 = extent.pick(20.0, 400.0);
     let until = (duration_s * 50.0) as u64 - 100;
     let mut of = |fault, target, faults, refused| {
-        let launch = Launch { duration_s, lock_step: true, faults, undisturbed: true, refused: Some(refused), ..Launch::default() };
-        all.push(Exercise { fault, target, carrier: Carrier::SharedMemory, task: Task::Launch(launch) });
+        let launch = Launch {
+            duration_s,
+            lock_step: true,
+            faults,
+            undisturbed: true,
+            refused: Some(refused),
+            ..Launch::default()
+        };
+        all.push(Exercise {
+            fault,
+            target,
+            carrier: Carrier::SharedMemory,
+            task: Task::Launch(launch),
+        });
     };
     let (half, earlier) = ("probability = 0.5\n", "messages = 3\nprobability = 0.5\n");
     for (kind, keys) in [("corrupt", half), ("truncate", half), ("replay", earlier)] {
-        of("bad snapshot", kind, message("snapshot", Controller, kind, 50, until, keys), Refused::Messages);
+        of(
+            "bad snapshot",
+            kind,
+            message("snapshot", Controller, kind, 50, until, keys),
+            Refused::Messages,
+        );
     }
     let lie = |kind: SnapshotFaultKind, from: u64, until: u64, keys: &str| {
-        format!("[[snapshot]]\nkind = {:?}\nfrom_tick = {from}\nuntil_tick = {until}\n{keys}", kind.name())
+        format!(
+            "[[snapshot]]\nkind = {:?}\nfrom_tick = {from}\nuntil_tick = {until}\n{keys}",
+            kind.name()
+        )
     };
     if extent == Extent::Quick {
         // One after the other, with good ones between; what is stale needs some before it.
         let (mut faults, share) = (String::new(), (until - 200) / 7);
-        for (kind, from) in SnapshotFaultKind::ALL.into_iter().zip((200..).step_by(share as usize)) {
+        for (kind, from) in SnapshotFaultKind::ALL.into_iter().zip((200..).step_by(share as usize))
+        {
             let _ = write!(faults, "{}", lie(kind, from, from + share / 2, ""));
         }
         of("bad snapshot", "learner", faults, Refused::Snapshots);
@@ -114,7 +173,14 @@ pub(super) fn snapshots(extent: Extent, all: &mut Vec<Exercise>) {
     }
 }
 
-fn message(topic: &str, participant: Participant, kind: &str, from: u64, until: u64, keys: &str) -> String {
+fn message(
+    topic: &str,
+    participant: Participant,
+    kind: &str,
+    from: u64,
+    until: u64,
+    keys: &str,
+) -> String {
     let name = participant.text();
     format!(
         "[[fault]]\ntopic = {topic:?}\nat = \"reader\"\nparticipant = {name:?}\nkind = {kind:?}\nfrom_tick = {from}\nuntil_tick = {until}\n{keys}"

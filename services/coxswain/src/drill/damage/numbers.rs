@@ -13,8 +13,8 @@ use controller::sensors::{Driven, Watch};
 use model::learned::{INPUTS, Layout};
 use model::main_model::MainModel;
 use model::residual::bound;
-use model::robot::Robot;
 use protocol::message::{INPUTS_MAX, Message, ModelSnapshot, PlantState, SnapshotHead};
+use robot::Robot;
 
 /// What is in the head of a snapshot to be told, and nothing else.
 const TOLD: [&str; 4] = ["log_likelihood", "jitter", "score_learned", "score_main"];
@@ -29,12 +29,15 @@ pub(super) fn offer(offered: &mut Offered) -> Result<(), Trouble> {
 
     let driven = Driven { acted: [0.0; 3], commanded: None };
     let believed = |state: &PlantState| Watch::new(main, bound).look(state, &driven).is_none();
-    let measured = |field: &str, _, bad: f64| ["pose", "velocity"].contains(&field) && !bad.is_finite();
+    let measured =
+        |field: &str, _, bad: f64| ["pose", "velocity"].contains(&field) && !bad.is_finite();
     offer_each(&bytemuck::Zeroable::zeroed(), measured, believed, offered)?;
 
     let expected = Expected { fingerprint: 0, layout: Layout::VelocitySlip, bound };
     let adopted = |snapshot: &ModelSnapshot| prepare(snapshot, &expected).is_ok();
-    let in_use = |field: &str, place: usize| field != "points" && !TOLD.contains(&field) && place % INPUTS_MAX < INPUTS;
+    let in_use = |field: &str, place: usize| {
+        field != "points" && !TOLD.contains(&field) && place % INPUTS_MAX < INPUTS
+    };
     let learnt = |field: &str, place, bad: f64| !bad.is_finite() || in_use(field, place);
     offer_each(&snapshot(&bound)?, learnt, adopted, offered)
 }
@@ -47,13 +50,17 @@ fn offer_each<T: Message>(
     offered: &mut Offered,
 ) -> Result<(), Trouble> {
     let mut places = Vec::new();
-    good.clone().visit_numbers(&mut |field, numbers| places.extend((0..numbers.len()).map(|place| (field, place))));
+    good.clone().visit_numbers(&mut |field, numbers| {
+        places.extend((0..numbers.len()).map(|place| (field, place)));
+    });
     for encoding in Encoding::BOTH {
         if !used(&encoding.decode(&encoding.sealed(good.clone()))?) {
             return Err(format!("the undamaged {} was refused", T::NAME).into());
         }
         for bad in BAD {
-            for &(field, place) in places.iter().filter(|(field, place)| looked_at(field, *place, bad)) {
+            for &(field, place) in
+                places.iter().filter(|(field, place)| looked_at(field, *place, bad))
+            {
                 let mut message = good.clone();
                 message.visit_numbers(&mut |name, numbers| {
                     if let Some(number) = numbers.get_mut(place).filter(|_| name == field) {
@@ -61,7 +68,10 @@ fn offer_each<T: Message>(
                     }
                 });
                 if used(&encoding.decode(&encoding.sealed(message))?) {
-                    offered.violations.push(format!("a {} whose {field} holds {bad:e} at {place} was used", T::NAME));
+                    offered.violations.push(format!(
+                        "a {} whose {field} holds {bad:e} at {place} was used",
+                        T::NAME
+                    ));
                 }
                 offered.injections += 1;
             }
@@ -76,7 +86,8 @@ fn snapshot(bound: &[f64; 3]) -> Result<ModelSnapshot, Trouble> {
     head.inputs = INPUTS as u32;
     head.input_scale = [1.0; INPUTS_MAX];
     head.length_scale = [[1.0; INPUTS_MAX]; 3];
-    (head.signal_variance, head.noise_variance) = (bound.map(|bound| bound.powi(2)), bound.map(|bound| 0.01 * bound.powi(2)));
+    (head.signal_variance, head.noise_variance) =
+        (bound.map(|bound| bound.powi(2)), bound.map(|bound| 0.01 * bound.powi(2)));
     let mut snapshot = ModelSnapshot::new(head);
     for place in 0..4 {
         snapshot.push(&[f64::from(place); INPUTS], [0.0; 3], [0.0; 3])?;

@@ -17,18 +17,39 @@ impl<'a> Said<'a> {
     pub(super) fn of(record: &'a Record) -> Self {
         let mut said: BTreeMap<[u64; 4], Vec<&Message>> = BTreeMap::new();
         for command in record.of("command") {
-            let key = [command.count("plant_epoch"), command.stamp("epoch"), command.stamp("writer"), command.stamp("tick")];
+            let key = [
+                command.count("plant_epoch"),
+                command.stamp("epoch"),
+                command.stamp("writer"),
+                command.stamp("tick"),
+            ];
             said.entry(key).or_default().push(command);
         }
         Self(said)
     }
 
     /// The truth of a tick tells what acted until then. A command that is not in the record cannot be held against it.
-    pub(super) fn judge(&self, epoch: u64, truths: &Ticks<'_>, limits: &Limits, violations: &mut Vec<Violation>) {
+    pub(super) fn judge(
+        &self,
+        epoch: u64,
+        truths: &Ticks<'_>,
+        limits: &Limits,
+        violations: &mut Vec<Violation>,
+    ) {
         for (&tick, truth) in truths {
             let (acting, answered) = (truth.count("acting_epoch"), truth.count("acting_tick"));
-            let Some(age) = tick.checked_sub(1).and_then(|past| past.checked_sub(answered)).filter(|_| acting > 0) else { continue };
-            let Some(commands) = self.0.get(&[epoch, acting, truth.count("acting_writer"), answered]) else { continue };
+            let Some(age) = tick
+                .checked_sub(1)
+                .and_then(|past| past.checked_sub(answered))
+                .filter(|_| acting > 0)
+            else {
+                continue;
+            };
+            let Some(commands) =
+                self.0.get(&[epoch, acting, truth.count("acting_writer"), answered])
+            else {
+                continue;
+            };
             let Some(acts) = body(truth, limits) else { continue };
             let inputs: Vec<Value> = commands.iter().map(|command| entry(command, age)).collect();
             if !inputs.iter().any(|input| is_near(input, &acts)) {
@@ -49,6 +70,11 @@ fn entry(command: &Message, age: u64) -> Value {
 }
 
 fn is_near(input: &Value, acts: &[f64; 3]) -> bool {
-    let input: Vec<f64> = input.as_array().into_iter().flatten().filter_map(Value::as_f64).collect();
-    input.len() == acts.len() && input.iter().zip(acts).all(|(said, acts)| (said - acts).abs() <= TOLERANCE * (1.0 + said.abs()))
+    let input: Vec<f64> =
+        input.as_array().into_iter().flatten().filter_map(Value::as_f64).collect();
+    input.len() == acts.len()
+        && input
+            .iter()
+            .zip(acts)
+            .all(|(said, acts)| (said - acts).abs() <= TOLERANCE * (1.0 + said.abs()))
 }

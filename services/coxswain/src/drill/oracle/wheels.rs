@@ -14,20 +14,36 @@ const GRAIN_S: f64 = 0.005;
 /// Ticks at least between the answers of two writers of one epoch.
 const SILENT_TICKS: u64 = 2;
 
-pub(super) fn judge(epoch: u64, truths: &Ticks<'_>, limits: &Limits, violations: &mut Vec<Violation>) {
+pub(super) fn judge(
+    epoch: u64,
+    truths: &Ticks<'_>,
+    limits: &Limits,
+    violations: &mut Vec<Violation>,
+) {
     let (mut highest, mut last) = (0, None);
     for (&tick, truth) in truths {
-        let mut violate = |rule, found: String, expected: String| violations.push(Violation { rule, epoch, tick, found, expected });
+        let mut violate = |rule, found: String, expected: String| {
+            violations.push(Violation { rule, epoch, tick, found, expected });
+        };
         judge_values(truth, limits, &mut violate);
         let age_periods = truth.count("acting_age_nanos") as f64 * 1e-9 / limits.period_s;
         let answered = truth.count("acting_tick");
         let acting = truth.count("acting_epoch");
-        let age_periods = if acting > 0 { age_periods.max(tick as f64 - answered as f64) } else { age_periods };
+        let age_periods =
+            if acting > 0 { age_periods.max(tick as f64 - answered as f64) } else { age_periods };
         if age_periods > OLDEST_PERIODS + TOLERANCE {
-            violate(Rule::Age, format!("an answer to a state {age_periods:.2} T old acted"), format!("{OLDEST_PERIODS} T at most"));
+            violate(
+                Rule::Age,
+                format!("an answer to a state {age_periods:.2} T old acted"),
+                format!("{OLDEST_PERIODS} T at most"),
+            );
         }
         if acting > 0 && answered > tick {
-            violate(Rule::Age, format!("an answer to tick {answered} acts"), "one to a tick that has been".to_owned());
+            violate(
+                Rule::Age,
+                format!("an answer to tick {answered} acts"),
+                "one to a tick that has been".to_owned(),
+            );
         }
         let (takeovers, back) = (truth.count("takeovers"), truth.count("takeovers_back"));
         if takeovers > 1 || back > 0 {
@@ -38,7 +54,11 @@ pub(super) fn judge(epoch: u64, truths: &Ticks<'_>, limits: &Limits, violations:
             );
         }
         if acting > 0 && acting < highest {
-            violate(Rule::Epoch, format!("epoch {acting} acts after {highest}"), "never a smaller one".to_owned());
+            violate(
+                Rule::Epoch,
+                format!("epoch {acting} acts after {highest}"),
+                "never a smaller one".to_owned(),
+            );
         }
         highest = highest.max(acting);
         // Before another writer of the same epoch is heard, the first was silent for 3 T; its answer may be to a state that is 1.5 T old.
@@ -49,7 +69,9 @@ pub(super) fn judge(epoch: u64, truths: &Ticks<'_>, limits: &Limits, violations:
         {
             violate(
                 Rule::Epoch,
-                format!("of epoch {epoch}, writer {writer} acted until tick {before}, and another from tick {answered} on"),
+                format!(
+                    "of epoch {epoch}, writer {writer} acted until tick {before}, and another from tick {answered} on"
+                ),
                 "another one only after a silence of 3 T".to_owned(),
             );
         }
@@ -68,23 +90,39 @@ fn judge_values(truth: &Message, limits: &Limits, violate: &mut impl FnMut(Rule,
         let wheels = truth.numbers(field);
         // What is not finite is recorded as null.
         if wheels.len() != 4 {
-            violate(Rule::Finite, format!("{field} {}", truth.says[field]), "four finite numbers".to_owned());
+            violate(
+                Rule::Finite,
+                format!("{field} {}", truth.says[field]),
+                "four finite numbers".to_owned(),
+            );
         }
-        if let Some(wheel) = wheels.iter().find(|wheel| wheel.abs() > limits.wheel_radps * (1.0 + TOLERANCE)) {
-            violate(Rule::Bounds, format!("{field} of {wheel:.3} rad/s"), format!("{} rad/s at most", limits.wheel_radps));
+        if let Some(wheel) =
+            wheels.iter().find(|wheel| wheel.abs() > limits.wheel_radps * (1.0 + TOLERANCE))
+        {
+            violate(
+                Rule::Bounds,
+                format!("{field} of {wheel:.3} rad/s"),
+                format!("{} rad/s at most", limits.wheel_radps),
+            );
         }
     }
 }
 
 /// Rules a and d, from one period's start to the next.
-fn judge_change(before: &Message, now: &Message, limits: &Limits, violate: &mut impl FnMut(Rule, String, String)) {
+fn judge_change(
+    before: &Message,
+    now: &Message,
+    limits: &Limits,
+    violate: &mut impl FnMut(Rule, String, String),
+) {
     let (Some(from), Some(to)) = (body(before, limits), body(now, limits)) else { return };
     let by_itself = |truth: &Message| truth.count("acting_epoch") == 0;
     for axis in 0..3 {
         let (from, to) = (from[axis], to[axis]);
         if by_itself(before) && by_itself(now) && now.count("acting_age_nanos") == 0 {
             // The same sign, and smaller by the ramp, until it stands.
-            let left = (from.abs() - limits.brake[axis] * (limits.period_s - GRAIN_S).max(0.0)).max(0.0);
+            let left =
+                (from.abs() - limits.brake[axis] * (limits.period_s - GRAIN_S).max(0.0)).max(0.0);
             if to.abs() > left + TOLERANCE || from * to < -TOLERANCE {
                 violate(
                     Rule::Ramp,
@@ -94,10 +132,15 @@ fn judge_change(before: &Message, now: &Message, limits: &Limits, violate: &mut 
             }
         } else {
             // Of a period that ends on the brake, a part may have been a command's.
-            let ramp = if by_itself(now) { limits.brake[axis] * (limits.period_s + GRAIN_S) } else { 0.0 };
+            let ramp =
+                if by_itself(now) { limits.brake[axis] * (limits.period_s + GRAIN_S) } else { 0.0 };
             let most = limits.rate[axis] * limits.period_s * STEPS + ramp;
             if (to - from).abs() > most * (1.0 + TOLERANCE) {
-                violate(Rule::Rate, format!("axis {axis} commanded {from:.3}, then {to:.3}"), format!("a change of {most:.3} at most"));
+                violate(
+                    Rule::Rate,
+                    format!("axis {axis} commanded {from:.3}, then {to:.3}"),
+                    format!("a change of {most:.3} at most"),
+                );
             }
         }
     }

@@ -18,7 +18,12 @@ fn at(x: f64, y: f64) -> Observation<1> {
 }
 
 /// A robot at work: mostly near zero, with a sine for a residual and noise of 0.01. Gives what became of each sample.
-fn work(set: &mut Dictionary<1>, samples: usize, sign: f64, random: &mut SplitMix64) -> Vec<Outcome> {
+fn work(
+    set: &mut Dictionary<1>,
+    samples: usize,
+    sign: f64,
+    random: &mut SplitMix64,
+) -> Vec<Outcome> {
     let mut step = || {
         let x = 2.0 * random.normal();
         set.insert(at(x, sign * (x.sin() + 1.5) + 0.01 * random.normal()))
@@ -32,7 +37,12 @@ fn error(set: &mut Dictionary<1>, sign: f64) -> f64 {
     places
         .map(|x| {
             set.look_at(&at(x, 0.0));
-            let foretold: f64 = set.entries.iter().zip(&set.solved).map(|(entry, share)| share * entry.observation.target[0]).sum();
+            let foretold: f64 = set
+                .entries
+                .iter()
+                .zip(&set.solved)
+                .map(|(entry, share)| share * entry.observation.target[0])
+                .sum();
             (foretold - sign * (x.sin() + 1.5)).abs()
         })
         .fold(0.0, f64::max)
@@ -45,7 +55,8 @@ fn its_inverse_is_the_one_worked_out_anew() {
     let mut anew = set.clone();
     let covariance = Mat::from_fn(set.len(), set.len(), |i, j| {
         let (a, b) = (&set.entries[i], &set.entries[j]);
-        set.selection.kernel.kernel.value(&a.input, &b.input) + if i == j { 0.01 * a.held_scale } else { 0.0 }
+        set.selection.kernel.kernel.value(&a.input, &b.input)
+            + if i == j { 0.01 * a.held_scale } else { 0.0 }
     });
     assert!(anew.inverse.recompute(&covariance).is_ok());
     for (kept, new) in set.inverse.diagonal().zip(anew.inverse.diagonal()) {
@@ -65,7 +76,9 @@ fn an_excursion_is_remembered_through_a_long_steady_stretch() {
     }
     assert_eq!(set.len(), CAPACITY);
     for place in 0..9 {
-        let near = set.observations().any(|(observation, _)| (observation.input[0] - f64::from(place)).abs() < 0.75);
+        let near = set
+            .observations()
+            .any(|(observation, _)| (observation.input[0] - f64::from(place)).abs() < 0.75);
         assert!(near, "nothing is left of {place}");
     }
 }

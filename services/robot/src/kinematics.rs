@@ -8,11 +8,12 @@
 //! ```
 //! The paper's frame is x right, y forward: its (`v_x`, `v_y`) are our (−`v_y`, `v_x`). Its eq. 3 has all signs +; eq. 4 is right.
 
-use super::Geometry;
+use crate::Geometry;
 use crate::Velocity;
 
 /// Signs of the columns forward, left and yaw of J, per wheel.
-const SIGNS: [[f64; 3]; 4] = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0]];
+const SIGNS: [[f64; 3]; 4] =
+    [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0]];
 
 /// Rows of J: rim speed of each wheel per body velocity \[1, 1, m\].
 pub fn jacobian(geometry: &Geometry) -> [[f64; 3]; 4] {
@@ -23,12 +24,15 @@ pub fn jacobian(geometry: &Geometry) -> [[f64; 3]; 4] {
 /// Wheel angular speeds J v / r \[rad/s\].
 ///
 /// ```
-/// use model::robot::{Geometry, kinematics};
+/// use robot::{Geometry, kinematics};
 /// let geometry = Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 };
 /// assert_eq!(kinematics::wheels_from_body(&geometry, [1.0, 0.0, 0.0]), [20.0; 4]);
 /// ```
 pub fn wheels_from_body(geometry: &Geometry, velocity: Velocity) -> [f64; 4] {
-    jacobian(geometry).map(|row| (row[0] * velocity[0] + row[1] * velocity[1] + row[2] * velocity[2]) / geometry.wheel_radius_m)
+    jacobian(geometry).map(|row| {
+        (row[0] * velocity[0] + row[1] * velocity[1] + row[2] * velocity[2])
+            / geometry.wheel_radius_m
+    })
 }
 
 /// Body velocity r J⁺ ω of four wheel speeds \[m/s, m/s, rad/s\]: the least-squares one if they contradict each other.
@@ -48,7 +52,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const GEOMETRY: Geometry = Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 };
+    const GEOMETRY: Geometry =
+        Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 };
 
     proptest! {
         #[test]

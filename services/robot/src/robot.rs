@@ -1,11 +1,6 @@
-//! A mecanum base as it is believed to be.
+//! One mecanum base: geometry, masses, motors and limits, as a robot file holds them.
 
-pub mod dynamics;
-pub mod geometry;
-pub mod kinematics;
-
-pub use geometry::Geometry;
-
+use crate::Geometry;
 use serde::{Deserialize, Serialize};
 
 /// Smallest parameter that has to be positive. With these two the main model of every robot is made of numbers.
@@ -89,8 +84,17 @@ impl Robot {
     /// The robot of the paper's scenario, as `deploy/robots/mecanum.toml` describes it: for examples, tests and benches.
     pub fn example() -> Self {
         Self {
-            geometry: Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 },
-            body: Body { mass_kg: 15.0, yaw_inertia_kg_m2: 0.6, wheel_inertia_kg_m2: 2e-3, axle_friction_nms: 2e-3 },
+            geometry: Geometry {
+                wheel_radius_m: 0.05,
+                half_wheelbase_m: 0.125,
+                half_track_m: 0.15,
+            },
+            body: Body {
+                mass_kg: 15.0,
+                yaw_inertia_kg_m2: 0.6,
+                wheel_inertia_kg_m2: 2e-3,
+                axle_friction_nms: 2e-3,
+            },
             drive: Drive {
                 pole_pairs: 4.0,
                 torque_constant_nm_per_a: 0.04,
@@ -134,11 +138,16 @@ impl Robot {
         ];
         for (key, value) in positive {
             if !(SMALLEST..=LARGEST).contains(&value) {
-                return Err(Impossible { key, expected: "a number greater than 0, from 1e-9 to 1e9" });
+                return Err(Impossible {
+                    key,
+                    expected: "a number greater than 0, from 1e-9 to 1e9",
+                });
             }
         }
-        let not_negative =
-            [("body.wheel_inertia_kg_m2", self.body.wheel_inertia_kg_m2), ("body.axle_friction_nms", self.body.axle_friction_nms)];
+        let not_negative = [
+            ("body.wheel_inertia_kg_m2", self.body.wheel_inertia_kg_m2),
+            ("body.axle_friction_nms", self.body.axle_friction_nms),
+        ];
         for (key, value) in not_negative {
             if !(0.0..=LARGEST).contains(&value) {
                 return Err(Impossible { key, expected: "a number from 0 to 1e9" });

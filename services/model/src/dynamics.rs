@@ -11,8 +11,8 @@
 //! | forward, left | m r²/4 + `I_ω`       |
 //! | yaw           | `I_z` r²/(4 L²) + `I_ω` |
 
-use super::Robot;
 use crate::Velocity;
+use robot::Robot;
 
 /// M of eqs. 19 and 20 \[kg m²\].
 pub fn inertia(robot: &Robot) -> [[f64; 4]; 4] {
@@ -30,19 +30,22 @@ pub fn axis_inertia(robot: &Robot) -> Velocity {
     let radius = robot.geometry.wheel_radius_m;
     let lever = robot.geometry.lever_m();
     let planar = robot.body.mass_kg * radius * radius / 4.0 + robot.body.wheel_inertia_kg_m2;
-    let yaw = robot.body.yaw_inertia_kg_m2 * radius * radius / (4.0 * lever * lever) + robot.body.wheel_inertia_kg_m2;
+    let yaw = robot.body.yaw_inertia_kg_m2 * radius * radius / (4.0 * lever * lever)
+        + robot.body.wheel_inertia_kg_m2;
     [planar, planar, yaw]
 }
 
 /// κ = p `K_T` `k_p`: torque of the speed loop per speed error \[N m s\].
 pub fn speed_loop_stiffness(robot: &Robot) -> f64 {
-    robot.drive.pole_pairs * robot.drive.torque_constant_nm_per_a * robot.drive.speed_loop_gain_a_s_per_rad
+    robot.drive.pole_pairs
+        * robot.drive.torque_constant_nm_per_a
+        * robot.drive.speed_loop_gain_a_s_per_rad
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::kinematics;
     use super::*;
+    use robot::kinematics;
 
     #[test]
     fn the_columns_of_j_are_eigenvectors_of_the_inertia() {
@@ -51,8 +54,12 @@ mod tests {
         let columns = kinematics::jacobian(&robot.geometry);
         for (axis, lambda) in axis_inertia(&robot).into_iter().enumerate() {
             for (row, of_wheel) in inertia.iter().zip(&columns) {
-                let product: f64 = row.iter().zip(&columns).map(|(m, column)| m * column[axis]).sum();
-                assert!((product - lambda * of_wheel[axis]).abs() < 1e-15, "axis {axis}: {product} is not {lambda} times the column");
+                let product: f64 =
+                    row.iter().zip(&columns).map(|(m, column)| m * column[axis]).sum();
+                assert!(
+                    (product - lambda * of_wheel[axis]).abs() < 1e-15,
+                    "axis {axis}: {product} is not {lambda} times the column"
+                );
             }
         }
     }

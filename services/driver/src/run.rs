@@ -3,8 +3,8 @@
 //! The world cannot run while its process does not. When the machine keeps the simulator from running, the world stands still for
 //! that time, which is counted and logged, instead of leaping over it.
 
-use crate::robot::{Robot, SLICE_NANOS};
-use crate::settings::Settings;
+use crate::gated::{GatedBase, SLICE_NANOS};
+use crate::{Base, BaseError, Settings};
 use process::refusals::Book;
 use process::{Pace, Pulse, Stop, step_back};
 use protocol::clock::monotonic_nanos;
@@ -33,14 +33,23 @@ pub enum RunError {
     /// A state could not be sent.
     #[error(transparent)]
     Send(#[from] SendError),
+    /// The base.
+    #[error(transparent)]
+    Base(#[from] BaseError),
 }
 
-/// Runs the scenario to its end, or until it is told to stop.
+/// Drives `base` until the end of the run, or until it is told to stop.
 ///
 /// # Errors
 /// [`RunError`].
-pub fn run(settings: &Settings, ports: &Ports, identity: Identity, stop: &Stop) -> Result<(), RunError> {
-    let mut plant = Plant::new(settings, ports, identity)?;
+pub fn run(
+    base: impl Base,
+    settings: &Settings<'_>,
+    ports: &Ports,
+    identity: Identity,
+    stop: &Stop,
+) -> Result<(), RunError> {
+    let mut plant = Plant::new(base, settings, ports, identity)?;
     settings.run.go_first_to_run();
     plant.pulse.phase(Phase::Ready);
     tracing::info!(epoch = identity.epoch, ticks = settings.ticks(), "starting at rest");
@@ -84,9 +93,9 @@ impl Clock {
     }
 }
 
-struct Plant<'a> {
-    settings: &'a Settings,
-    robot: Robot,
+struct Plant<'a, B> {
+    settings: &'a Settings<'a>,
+    robot: GatedBase<B>,
     states: Sink<PlantState>,
     truths: Sink<Truth>,
     commands: Source<Command>,
@@ -100,14 +109,20 @@ struct Plant<'a> {
     driven: bool,
 }
 
-impl<'a> Plant<'a> {
-    fn new(settings: &'a Settings, ports: &Ports, identity: Identity) -> Result<Self, OpenError> {
-        let mut commands: Source<Command> = ports.source(if settings.run.restarted { Since::Joining } else { Since::First })?;
+impl<'a, B: Base> Plant<'a, B> {
+    fn new(
+        base: B,
+        settings: &'a Settings<'a>,
+        ports: &Ports,
+        identity: Identity,
+    ) -> Result<Self, OpenError> {
+        let mut commands: Source<Command> =
+            ports.source(if settings.run.restarted { Since::Joining } else { Since::First })?;
         // The first wait opens the listener, so that nothing sent after "ready" goes unheard.
         let _ = commands.wait(Duration::ZERO);
         Ok(Self {
             settings,
-            robot: Robot::new(settings, identity.epoch),
+            robot: GatedBase::new(base, settings, identity.epoch),
             states: ports.sink()?,
             truths: ports.sink()?,
             commands,
@@ -138,9 +153,9 @@ impl<'a> Plant<'a> {
                 self.commands.wait(Duration::from_nanos(nap))?;
                 let now = self.look(&mut clock, nap, tick).min(end);
                 self.take_commands(now)?;
-                self.robot.advance(now);
+                self.robot.advance(now)?;
             }
-            self.end_period(end);
+            self.end_period(end)?;
         }
         Ok(())
     }
@@ -150,7 +165,11 @@ impl<'a> Plant<'a> {
         let (now, stalled) = clock.look(monotonic_nanos(), waited);
         if stalled > 0 {
             self.pulse.health().stalled_nanos += stalled;
-            tracing::warn!(tick, micros = stalled / 1000, "the machine kept the simulator from running; its world stood still");
+            tracing::warn!(
+                tick,
+                micros = stalled / 1000,
+                "the machine kept the simulator from running; its world stood still"
+            );
         }
         now
     }
@@ -183,23 +202,25 @@ impl<'a> Plant<'a> {
                 self.pulse.beat();
             }
             if tick < self.settings.ticks() {
-                self.end_period(begin + period);
+                self.end_period(begin + period)?;
             }
         }
         Ok(())
     }
 
     fn publish(&mut self, tick: u64, now: u64) -> Result<(), RunError> {
-        let (mut state, mut truth) = self.robot.begin_period(tick, now);
+        let (mut state, truth) = self.robot.begin_period(tick, now)?;
         self.states.send(&mut state)?;
-        self.truths.send(&mut truth)?;
+        if let Some(mut truth) = truth {
+            self.truths.send(&mut truth)?;
+        }
         Ok(())
     }
 
     /// Lock step: whether the answer to `tick` has come, be it acceptable or not.
     fn answered(&mut self, tick: u64, now: u64) -> Result<bool, RunError> {
         while let Some(command) = self.commands.next()? {
-            self.offer(&command, now);
+            self.offer(&command, now)?;
             if command.stamp.tick == tick && command.plant_epoch == self.epoch {
                 return Ok(true);
             }
@@ -209,7 +230,7 @@ impl<'a> Plant<'a> {
 
     fn take_commands(&mut self, now: u64) -> Result<(), RunError> {
         while let Some(command) = self.commands.next()? {
-            self.offer(&command, now);
+            self.offer(&command, now)?;
         }
         let refused = self.commands.tally().refused;
         for _ in self.malformed..refused {
@@ -219,8 +240,8 @@ impl<'a> Plant<'a> {
         Ok(())
     }
 
-    fn offer(&mut self, command: &Command, now: u64) {
-        match self.robot.offer(command, now) {
+    fn offer(&mut self, command: &Command, now: u64) -> Result<(), RunError> {
+        match self.robot.offer(command, now)? {
             Ok(()) if !self.driven => {
                 self.driven = true;
                 self.pulse.phase(Phase::Running);
@@ -228,10 +249,11 @@ impl<'a> Plant<'a> {
             Ok(()) => {}
             Err(reason) => self.refused.note(reason),
         }
+        Ok(())
     }
 
-    fn end_period(&mut self, now: u64) {
-        let rung = self.robot.end_period(now);
+    fn end_period(&mut self, now: u64) -> Result<(), RunError> {
+        let rung = self.robot.end_period(now)?;
         let health = self.pulse.health();
         if self.driven && rung >= Rung::StoredTail {
             health.deadlines_missed += 1;
@@ -239,6 +261,7 @@ impl<'a> Plant<'a> {
             health.deadlines_met += 1;
         }
         self.report();
+        Ok(())
     }
 
     fn report(&mut self) {

@@ -1,0 +1,315 @@
+//! What is wrong with driver or robot file, as far as states tell: what is silently driven badly
+//! otherwise.
+//!
+//! | complaint   | what shows it, over the last 2 s                                                |
+//! |-------------|---------------------------------------------------------------------------------|
+//! | `Refusals`  | the gate refused a command in more than half of the periods                     |
+//! | `Period`    | the pose moved further, or less far, than the velocity times the period         |
+//! | `Current`   | a motor was at its current limit in more than half of the periods                |
+//!
+//! ```text
+//! ratio = Σ Δp·v̄ T / Σ (v̄ T)²        Δp: displacement of a period in the body's frame
+//! ```
+//! is 1 where the driver's period is T and its velocity is in metres per second.
+
+use model::{Velocity, wrap};
+use protocol::message::{ERROR_TEXT_MAX, PlantState, Reason};
+use robot::Robot;
+use std::fmt::{self, Display, Formatter, Write};
+
+/// Time over which periods fade \[s\].
+const MEMORY_S: f64 = 2.0;
+
+/// Share of the periods from which on something is told.
+const OFTEN: f64 = 0.5;
+
+/// Ratios that sensors may have that are not well calibrated.
+const RATIOS: std::ops::Range<f64> = 0.6..1.6;
+
+/// Slower than this on average nothing is said of the ratio \[m/s\].
+const SPEED_LEAST: f64 = 0.2;
+
+/// A motor this close to its limit is at it.
+const AT_LIMIT: f64 = 0.95;
+
+/// Something that a person has to mend.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Complaint {
+    /// The gate refuses commands.
+    Refusals {
+        /// In this share of the periods.
+        share: f64,
+        /// Why the last one was.
+        reason: Reason,
+    },
+    /// Pose and velocity do not belong together.
+    Period {
+        /// How many times as far as the velocity says the pose moves.
+        ratio: f64,
+        /// T of this controller \[s\].
+        period_s: f64,
+    },
+    /// A motor is at its limit.
+    Current {
+        /// In this share of the periods.
+        share: f64,
+        /// The robot file's limit \[A\].
+        limit_a: f64,
+    },
+}
+
+impl Complaint {
+    /// Whether the same is wrong.
+    pub fn is_like(&self, other: &Self) -> bool {
+        std::mem::discriminant(self) == std::mem::discriminant(other)
+    }
+}
+
+impl Display for Complaint {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Refusals { share, reason } => write!(
+                f,
+                "{:.0} % of the periods have refused commands ({reason}): driver and robot file differ",
+                100.0 * share
+            ),
+            Self::Period { ratio, period_s } => write!(
+                f,
+                "the pose moves {ratio:.2} times as far as the velocity says: is the driver's period {:.1} ms?",
+                1e3 * period_s
+            ),
+            Self::Current { share, limit_a } => write!(
+                f,
+                "a motor is at its limit of {limit_a} A in {:.0} % of the periods",
+                100.0 * share
+            ),
+        }
+    }
+}
+
+/// What counts of a state.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    epoch: u64,
+    tick: u64,
+    refused: u64,
+    pose: [f64; 3],
+    velocity: Velocity,
+}
+
+/// Looks at every state. Does not allocate.
+#[derive(Debug, Clone)]
+pub struct Complaints {
+    period_s: f64,
+    limit_a: f64,
+    fading: f64,
+    /// The last state.
+    before: Option<Seen>,
+    /// Sums over the past, faded: periods, those with a refusal, those with a motor at its limit.
+    periods: f64,
+    refused: f64,
+    at_limit: f64,
+    /// Σ Δp·v̄ T and Σ (v̄ T)² \[m²\].
+    moved: f64,
+    said: f64,
+    present: Option<Complaint>,
+}
+
+impl Complaints {
+    /// None yet, of this robot with periods of `period_s` \[s\].
+    pub fn new(robot: &Robot, period_s: f64) -> Self {
+        Self {
+            period_s,
+            limit_a: robot.drive.current_limit_a,
+            fading: (-period_s / MEMORY_S).exp(),
+            before: None,
+            periods: 0.0,
+            refused: 0.0,
+            at_limit: 0.0,
+            moved: 0.0,
+            said: 0.0,
+            present: None,
+        }
+    }
+
+    /// Takes in the next state. Gives a complaint when it begins.
+    pub fn look(&mut self, state: &PlantState) -> Option<Complaint> {
+        let now = Seen {
+            epoch: state.stamp.epoch,
+            tick: state.stamp.tick,
+            refused: state.refused,
+            pose: state.pose,
+            velocity: state.velocity,
+        };
+        let is_next = |before: &Seen| (before.epoch, before.tick + 1) == (now.epoch, now.tick);
+        let before = self.before.replace(now).filter(is_next)?;
+        let add = |sum: &mut f64, value: f64| *sum = self.fading * *sum + value;
+        add(&mut self.periods, 1.0);
+        add(&mut self.refused, f64::from(u8::from(now.refused > before.refused)));
+        let is_at_limit = state.current.iter().any(|amps| amps.abs() >= AT_LIMIT * self.limit_a);
+        add(&mut self.at_limit, f64::from(u8::from(is_at_limit)));
+        let (moved, said) = motion(&before, &now, self.period_s);
+        add(&mut self.moved, moved);
+        add(&mut self.said, said);
+        let complaint = self.complaint(state.reason());
+        let is_new = match (&complaint, &self.present) {
+            (Some(complaint), Some(present)) => !complaint.is_like(present),
+            (complaint, _) => complaint.is_some(),
+        };
+        self.present = complaint;
+        complaint.filter(|_| is_new)
+    }
+
+    fn complaint(&self, reason: Reason) -> Option<Complaint> {
+        // Less than a second says nothing.
+        if self.periods * self.period_s < 0.4 * MEMORY_S {
+            return None;
+        }
+        // What is complained of goes on until it is clearly over.
+        let often = |of: fn(&Complaint) -> bool| {
+            if self.present.as_ref().is_some_and(of) { 0.5 * OFTEN } else { OFTEN }
+        };
+        let refusals = self.refused / self.periods;
+        if refusals > often(|present| matches!(present, Complaint::Refusals { .. })) {
+            return Some(Complaint::Refusals { share: refusals, reason });
+        }
+        let least = self.periods * (SPEED_LEAST * self.period_s).powi(2);
+        let ratio = self.moved / self.said;
+        if self.said > least && !RATIOS.contains(&ratio) {
+            return Some(Complaint::Period { ratio, period_s: self.period_s });
+        }
+        let share = self.at_limit / self.periods;
+        (share > often(|present| matches!(present, Complaint::Current { .. })))
+            .then_some(Complaint::Current { share, limit_a: self.limit_a })
+    }
+}
+
+/// Δp·v̄ T and (v̄ T)² of one period \[m²\].
+fn motion(before: &Seen, after: &Seen, period: f64) -> (f64, f64) {
+    let mean: Velocity =
+        std::array::from_fn(|axis| 0.5 * (before.velocity[axis] + after.velocity[axis]));
+    let turned = wrap(after.pose[2] - before.pose[2]);
+    let (sin, cos) = (before.pose[2] + 0.5 * turned).sin_cos();
+    let [x, y] = [after.pose[0] - before.pose[0], after.pose[1] - before.pose[1]];
+    let (forward, left) = (cos * x + sin * y, cos * y - sin * x);
+    let expected = [period * mean[0], period * mean[1]];
+    (forward * expected[0] + left * expected[1], expected[0].powi(2) + expected[1].powi(2))
+}
+
+/// A sentence without an allocation, for a Health: what is too long is cut.
+#[derive(Debug)]
+pub struct Sentence {
+    bytes: [u8; Self::MAX],
+    length: usize,
+}
+
+impl Sentence {
+    const MAX: usize = ERROR_TEXT_MAX;
+
+    /// That of `complaint`.
+    pub fn of(complaint: &Complaint) -> Self {
+        let mut sentence = Self { bytes: [0; Self::MAX], length: 0 };
+        // Full is not an error.
+        let _ = write!(sentence, "{complaint}");
+        sentence
+    }
+
+    /// As text.
+    pub fn text(&self) -> &str {
+        let written = self.bytes.get(..self.length).unwrap_or_default();
+        std::str::from_utf8(written).unwrap_or_default()
+    }
+}
+
+impl Write for Sentence {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let room = self.bytes.get_mut(self.length..self.length + text.len()).ok_or(fmt::Error)?;
+        room.copy_from_slice(text.as_bytes());
+        self.length += text.len();
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD_S: f64 = 0.02;
+
+    /// What is complained of when 5 s of states say `of(tick)`, each as often as it begins.
+    fn told(of: impl Fn(u64) -> PlantState) -> Vec<Complaint> {
+        let mut complaints = Complaints::new(&Robot::example(), PERIOD_S);
+        (0..250).filter_map(|tick| complaints.look(&of(tick))).collect()
+    }
+
+    /// A circle, driven with a true period of `period` \[s\].
+    fn circle(tick: u64, period: f64) -> PlantState {
+        let mut state: PlantState = bytemuck::Zeroable::zeroed();
+        let angle = 0.5 * period * tick as f64;
+        (state.stamp.epoch, state.stamp.tick) = (1, tick);
+        state.pose = [2.0 * angle.sin(), 2.0 - 2.0 * angle.cos(), angle];
+        state.velocity = [1.0, 0.0, 0.5];
+        state
+    }
+
+    #[test]
+    fn of_a_driver_that_is_as_it_should_be_nothing_is_said() {
+        assert_eq!(told(|tick| circle(tick, PERIOD_S)), []);
+        // Neither of a robot that stands in noise.
+        assert_eq!(
+            told(|tick| {
+                let mut state = circle(0, PERIOD_S);
+                state.pose[0] = 1e-3 * (13.0 * tick as f64).sin();
+                state.velocity = [1e-2 * (17.0 * tick as f64).sin(), 0.0, 0.0];
+                state
+            }),
+            []
+        );
+    }
+
+    #[test]
+    fn a_driver_with_another_period_is_told_once_with_the_ratio() {
+        for (period, expected) in [(0.1, 5.0), (0.01, 0.5)] {
+            let complaints = told(|tick| circle(tick, period));
+            assert_eq!(complaints.len(), 1, "{complaints:?}");
+            let is_told = |complaint: &Complaint| matches!(complaint, Complaint::Period { ratio, .. } if (ratio - expected).abs() < 0.05 * expected);
+            assert!(complaints.iter().all(is_told), "{complaints:?}");
+        }
+    }
+
+    #[test]
+    fn commands_that_are_refused_again_and_again_are_told_with_the_reason() {
+        let storm = |tick| PlantState {
+            refused: tick,
+            reason: Reason::OutOfBounds.code(),
+            ..circle(tick, PERIOD_S)
+        };
+        let complaints = told(storm);
+        assert_eq!(complaints.len(), 1, "{complaints:?}");
+        assert!(
+            matches!(complaints[0], Complaint::Refusals { reason: Reason::OutOfBounds, .. }),
+            "{complaints:?}"
+        );
+        // A few are none.
+        assert_eq!(told(|tick| PlantState { refused: tick / 10, ..circle(tick, PERIOD_S) }), []);
+    }
+
+    #[test]
+    fn a_motor_that_stays_at_its_limit_is_told() {
+        let limit = Robot::example().drive.current_limit_a;
+        let complaints =
+            told(|tick| PlantState { current: [0.0, -limit, 0.0, 0.0], ..circle(tick, PERIOD_S) });
+        assert!(matches!(complaints[..], [Complaint::Current { .. }]), "{complaints:?}");
+    }
+
+    #[test]
+    fn every_sentence_has_room_in_a_health() {
+        for complaint in [
+            Complaint::Refusals { share: 1.0, reason: Reason::OutOfBounds },
+            Complaint::Period { ratio: -1234.5678, period_s: 0.1 },
+            Complaint::Current { share: 1.0, limit_a: 123.456 },
+        ] {
+            assert_eq!(Sentence::of(&complaint).text(), complaint.to_string());
+        }
+    }
+}

@@ -1,0 +1,498 @@
+//! No harm: several explanations of the residual run side by side, and on each axis the one that
+//! foretells best is used.
+//!
+//! An explanation is a model and a disturbance observer of some gain ℓ beside it:
+//!
+//! ```text
+//! left = g − ĝ(v, u)      innovation = left − d      d ← d + ℓ innovation
+//! ```
+//! | model ĝ    | what it is                                                       |
+//! |------------|------------------------------------------------------------------|
+//! | `Main`     | 0: the main model alone, or what the oracle knows                |
+//! | `Response` | the first-order response that is identified while driving        |
+//! | `Learned`  | the Gaussian processes of the newest snapshot                    |
+//!
+//! A plan holds d over its horizon, and what is commanded now acts only after the dead time. So an
+//! explanation is judged by the d of a few periods ago, and by the part of its error that lasts:
+//!
+//! ```text
+//! e_k = left_k − d_{k−1−lead}      low-passed over 0.15 s      score: its mean square over 1 s
+//! ```
+//! Noise of a measured velocity is in two residuals with opposite signs, so that the low pass leaves
+//! little of it. All of it is asked before the sample can have been learnt from.
+
+use crate::adopt::Candidate;
+use model::delay::DELAY_MAX;
+use model::learned::{Moment, Residual, Response};
+use model::main_model::MainModel;
+use model::response::FirstOrderResponse;
+use model::{AXES, Velocity};
+
+/// ℓ of the observers, in shares of the largest one; 0 is no observer.
+const GAINS: [f64; 7] = [0.0, 1.0, 0.5, 0.25, 0.12, 0.06, 0.03];
+
+/// Explanations on each axis.
+const COUNT: usize = Model::ALL.len() * GAINS.len();
+
+/// Periods that are kept.
+const KEPT: usize = 24;
+
+/// Time constant of the low pass on errors \[s\].
+const LASTING_S: f64 = 0.15;
+
+/// Time over which scores fade \[s\].
+const MEMORY_S: f64 = 1.0;
+
+/// From a state to the first effect of a plan's later inputs, beside the dead time \[s\].
+const LEAD_S: f64 = 0.04;
+
+/// The same in periods, at most.
+const LEAD_MAX: usize = KEPT - 1 - DELAY_MAX;
+
+/// Another explanation is taken when its score is below this share of the present one's.
+const BETTER: f64 = 0.9;
+
+/// What a score counts for, by model: one that can be wrong in more ways has to earn its place.
+const WEIGHTS: [f64; Model::ALL.len()] = [1.0, 1.0, 1.3];
+
+/// Periods over which the spread of the innovations is taken.
+const SPREAD_PERIODS: f64 = 30.0;
+
+/// What explains a part of the residual.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Model {
+    /// Nothing: the main model alone.
+    Main,
+    /// The identified first-order response.
+    Response,
+    /// What the learner has learnt.
+    Learned,
+}
+
+impl Model {
+    const ALL: [Self; 3] = [Self::Main, Self::Response, Self::Learned];
+}
+
+/// Which explanations there are to choose from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Choice {
+    /// Largest ℓ; with 0 there are no observers.
+    pub observer_gain: f64,
+    /// Whether the identified response is one.
+    pub response: bool,
+    /// Whether a learned model is used from the first one on, to see what that costs.
+    pub blind: bool,
+}
+
+/// One axis: d, error and score of every explanation.
+#[derive(Debug, Clone, Copy)]
+struct Axis {
+    disturbance: [f64; COUNT],
+    lasting: [f64; COUNT],
+    score: [f64; COUNT],
+    chosen: usize,
+    innovation: f64,
+    /// Mean square of the innovation.
+    spread: f64,
+}
+
+impl Axis {
+    const fn new(chosen: usize) -> Self {
+        Self {
+            disturbance: [0.0; COUNT],
+            lasting: [0.0; COUNT],
+            score: [0.0; COUNT],
+            chosen,
+            innovation: 0.0,
+            spread: 0.0,
+        }
+    }
+}
+
+/// One period that is over.
+#[derive(Debug, Clone, Copy, Default)]
+struct Past {
+    at: Moment,
+    /// ĝ of the learned model.
+    learned: Velocity,
+    /// d after it, per axis and explanation.
+    disturbance: [[f64; COUNT]; AXES],
+}
+
+/// All explanations, and the one in use on each axis. Does not allocate after set-up.
+#[derive(Debug)]
+pub struct Explanations {
+    active: Option<Box<Candidate>>,
+    response: FirstOrderResponse,
+    choice: Choice,
+    /// Largest |d| that physics allows \[m/s, m/s, rad/s\].
+    bound: Velocity,
+    axes: [Axis; AXES],
+    /// The last periods, in a ring.
+    past: Box<[Past]>,
+    /// Periods ever taken in.
+    taken: usize,
+    /// Of these, with a learned model.
+    with_learned: usize,
+    /// How often a learned model was left, over all axes.
+    left: u64,
+    period: f64,
+}
+
+const fn model(explanation: usize) -> Model {
+    Model::ALL[explanation / GAINS.len()]
+}
+
+const fn gain(explanation: usize) -> f64 {
+    GAINS[explanation % GAINS.len()]
+}
+
+impl Explanations {
+    /// Those of `choice`, which know nothing yet.
+    pub fn new(
+        choice: Choice,
+        main: &MainModel,
+        bound: Velocity,
+        response: FirstOrderResponse,
+    ) -> Self {
+        Self {
+            active: None,
+            response,
+            choice,
+            bound,
+            axes: [Axis::new(first(&choice)); AXES],
+            past: vec![Past::default(); KEPT].into_boxed_slice(),
+            taken: 0,
+            with_learned: 0,
+            left: 0,
+            period: main.period,
+        }
+    }
+
+    /// Version of the learned model; 0 is none.
+    pub fn version(&self) -> u64 {
+        self.active.as_ref().map_or(0, |active| active.version)
+    }
+
+    /// The learned model.
+    pub fn active_mut(&mut self) -> Option<&mut Candidate> {
+        self.active.as_deref_mut()
+    }
+
+    /// The model in use, per axis.
+    pub fn models(&self) -> [Model; AXES] {
+        self.axes.map(|axis| model(axis.chosen))
+    }
+
+    /// How often a learned model was left, over all axes.
+    pub fn left(&self) -> u64 {
+        self.left
+    }
+
+    /// d, per axis \[m/s, m/s, rad/s\].
+    pub fn disturbance(&self) -> Velocity {
+        self.axes.map(|axis| axis.disturbance[axis.chosen])
+    }
+
+    /// Last one-step error of what is used, per axis \[m/s, m/s, rad/s\].
+    pub fn innovation(&self) -> Velocity {
+        self.axes.map(|axis| axis.innovation)
+    }
+
+    /// Variance of the residual of one period, per axis: what the learned model says where it is
+    /// used, elsewhere what was missed of late. O(n²) \[(m/s)², (m/s)², (rad/s)²\].
+    pub fn step_variance(&mut self, at: &Moment) -> Velocity {
+        let (models, spread) = (self.models(), self.axes.map(|axis| axis.spread));
+        let Some(active) = self.active.as_mut().filter(|_| models.contains(&Model::Learned)) else {
+            return spread;
+        };
+        let learned = active.learned.sample_variance(at, &mut active.scratch);
+        std::array::from_fn(|axis| {
+            if models[axis] == Model::Learned { learned[axis] } else { spread[axis] }
+        })
+    }
+
+    /// Takes in one period with residual `residual`. `known` is what somebody says of it in the
+    /// place of the main model alone; `response` the newest that was identified; `under_way` the
+    /// whole periods of dead time.
+    pub fn update(
+        &mut self,
+        at: &Moment,
+        residual: &Velocity,
+        known: &Velocity,
+        response: FirstOrderResponse,
+        under_way: usize,
+    ) {
+        let learned = self.active.as_ref().map_or([0.0; AXES], |active| active.learned.mean(at));
+        let identified = self.response.mean(at);
+        self.response = response;
+        self.taken += 1;
+        self.with_learned += usize::from(self.active.is_some());
+        let lead = under_way + ((LEAD_S / self.period).round() as usize).clamp(1, LEAD_MAX);
+        let judged =
+            (self.taken > lead + 1).then(|| self.past[(self.taken - 1 - lead) % KEPT].disturbance);
+        for axis in 0..AXES {
+            let said = [known[axis], identified[axis], learned[axis]];
+            let left = said.map(|said| residual[axis] - said);
+            if let Some(before) = &judged {
+                self.judge(axis, &left, &before[axis], lead);
+            }
+            self.correct(axis, &left);
+        }
+        let disturbance = self.axes.map(|axis| axis.disturbance);
+        self.past[self.taken % KEPT] = Past { at: *at, learned, disturbance };
+    }
+
+    /// Scores of one axis, for what each model left and the d of the time when that was foretold.
+    fn judge(
+        &mut self,
+        axis: usize,
+        left: &[f64; Model::ALL.len()],
+        before: &[f64; COUNT],
+        lead: usize,
+    ) {
+        let pass = self.period / (self.period + LASTING_S);
+        // As long as there is less than that to remember: the plain mean.
+        let fading = (self.period / MEMORY_S).max(1.0 / (self.taken - lead) as f64);
+        let record = &mut self.axes[axis];
+        for (explanation, before) in before.iter().enumerate() {
+            let error = left[explanation / GAINS.len()] - before;
+            // An answer that is no number is worse than any.
+            let error = if error.is_finite() { error } else { 1e3 };
+            let lasting = &mut record.lasting[explanation];
+            *lasting += pass * (error - *lasting);
+            let score = &mut record.score[explanation];
+            *score += fading * (*lasting * *lasting - *score);
+        }
+        self.choose(axis);
+    }
+
+    fn correct(&mut self, axis: usize, left: &[f64; Model::ALL.len()]) {
+        let bound = self.bound[axis];
+        let record = &mut self.axes[axis];
+        for (explanation, disturbance) in record.disturbance.iter_mut().enumerate() {
+            let innovation = left[explanation / GAINS.len()] - *disturbance;
+            if explanation == record.chosen {
+                record.innovation = innovation;
+                record.spread += (innovation * innovation - record.spread) / SPREAD_PERIODS;
+            }
+            if innovation.is_finite() {
+                let corrected =
+                    *disturbance + self.choice.observer_gain * gain(explanation) * innovation;
+                *disturbance = corrected.clamp(-bound, bound);
+            }
+        }
+    }
+
+    fn choose(&mut self, axis: usize) {
+        let record = &self.axes[axis];
+        let score =
+            |explanation: usize| WEIGHTS[explanation / GAINS.len()] * record.score[explanation];
+        let best = (0..COUNT)
+            .filter(|&explanation| self.usable(explanation))
+            .min_by(|&a, &b| score(a).total_cmp(&score(b)));
+        let (Some(best), chosen) = (best, record.chosen) else { return };
+        if score(best) < BETTER * score(chosen) || !self.usable(chosen) {
+            let leaves = model(chosen) == Model::Learned && model(best) != Model::Learned;
+            self.left += u64::from(leaves);
+            self.axes[axis].chosen = best;
+        }
+    }
+
+    fn usable(&self, explanation: usize) -> bool {
+        let (model, gain) = (model(explanation), gain(explanation));
+        let seen = self.with_learned as f64 * self.period > LASTING_S;
+        let known = match model {
+            Model::Main => true,
+            Model::Response => self.choice.response,
+            Model::Learned => self.active.is_some() && (seen || self.choice.blind),
+        };
+        let forced = self.choice.blind && self.active.is_some() && model != Model::Learned;
+        known && !forced && (gain == 0.0 || self.choice.observer_gain > 0.0)
+    }
+
+    /// Puts a learned model in use, as if it had always been there: d goes on from what the new one
+    /// leaves of the last periods. Gives back the one before, for somebody else to free.
+    pub fn adopt(&mut self, candidate: Box<Candidate>) -> Option<Box<Candidate>> {
+        let recent = ((LASTING_S / self.period).round() as usize).clamp(1, KEPT).min(self.taken);
+        let mut shift = [0.0; AXES];
+        for age in 0..recent {
+            let slot = (self.taken - age) % KEPT;
+            let now = candidate.learned.mean(&self.past[slot].at);
+            for axis in 0..AXES {
+                let change = self.past[slot].learned[axis] - now[axis];
+                shift[axis] += if change.is_finite() { change / recent as f64 } else { 0.0 };
+            }
+        }
+        for (record, shift) in self.axes.iter_mut().zip(shift) {
+            for (explanation, disturbance) in record.disturbance.iter_mut().enumerate() {
+                if model(explanation) == Model::Learned && gain(explanation) > 0.0 {
+                    *disturbance += shift;
+                }
+            }
+        }
+        let before = self.active.replace(candidate);
+        if self.choice.blind {
+            (0..AXES).for_each(|axis| self.choose(axis));
+        }
+        before
+    }
+
+    /// Forgets all but the learned model.
+    pub fn reset(&mut self, response: FirstOrderResponse) {
+        self.response = response;
+        self.axes = [Axis::new(first(&self.choice)); AXES];
+        self.past.fill(Past::default());
+        (self.taken, self.with_learned) = (0, 0);
+        if self.choice.blind {
+            (0..AXES).for_each(|axis| self.choose(axis));
+        }
+    }
+}
+
+/// The main model, with the quickest observer if there is one.
+fn first(choice: &Choice) -> usize {
+    usize::from(choice.observer_gain > 0.0)
+}
+
+impl Residual for Explanations {
+    fn mean(&self, at: &Moment) -> Velocity {
+        self.response(at).mean
+    }
+
+    fn response(&self, at: &Moment) -> Response {
+        let models = self.models();
+        let mut response = Response::NONE;
+        let mut take = |of: Model, said: Response| {
+            for axis in (0..AXES).filter(|&axis| models[axis] == of) {
+                response.mean[axis] = said.mean[axis];
+                response.by_velocity[axis] = said.by_velocity[axis];
+                response.by_input[axis] = said.by_input[axis];
+                response.by_before[axis] = said.by_before[axis];
+            }
+        };
+        if models.contains(&Model::Response) {
+            take(Model::Response, self.response.response(at));
+        }
+        if let Some(active) = self.active.as_ref().filter(|_| models.contains(&Model::Learned)) {
+            take(Model::Learned, active.learned.response(at));
+        }
+        response
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::delay::Sent;
+    use model::response::ResponseEstimator;
+    use robot::Robot;
+
+    const PERIOD: f64 = 0.02;
+
+    fn main() -> MainModel {
+        MainModel::new(&Robot::example(), PERIOD)
+    }
+
+    fn explanations(choice: Choice) -> Explanations {
+        let response = ResponseEstimator::new(&main(), 0.5).response();
+        Explanations::new(choice, &main(), [1.0; AXES], response)
+    }
+
+    const OBSERVERS: Choice = Choice { observer_gain: 1.0, response: false, blind: false };
+
+    /// Pseudo-random and repeatable, of mean square 1.
+    fn noise(k: usize) -> f64 {
+        let wave = (12.9898 * k as f64).sin() * 43758.5453;
+        (wave - wave.floor() - 0.5) * 12.0_f64.sqrt()
+    }
+
+    /// What is believed after `count` periods whose residual is `of(k)` on every axis.
+    fn after(choice: Choice, count: usize, of: impl Fn(usize) -> f64) -> Explanations {
+        let mut explanations = explanations(choice);
+        let response = explanations.response;
+        for k in 0..count {
+            explanations.update(&Moment::default(), &[of(k); AXES], &[0.0; AXES], response, 0);
+        }
+        explanations
+    }
+
+    fn gains(explanations: &Explanations) -> [f64; AXES] {
+        explanations.axes.map(|axis| gain(axis.chosen))
+    }
+
+    #[test]
+    fn a_constant_disturbance_is_found() {
+        for (found, bound) in after(OBSERVERS, 200, |_| 0.1).disturbance().into_iter().zip([1.0; 3])
+        {
+            assert!((found - 0.1).abs() < 1e-9 * bound);
+        }
+    }
+
+    /// Noise of a measured velocity is in two residuals, with opposite signs.
+    #[test]
+    fn noise_of_the_velocity_is_not_passed_on() {
+        let decay = main().decay[0];
+        let observed = after(OBSERVERS, 2000, |k| 0.01 * (noise(k + 1) - decay * noise(k)));
+        for (gain, found) in gains(&observed).into_iter().zip(observed.disturbance()) {
+            assert!(gain <= 0.5, "a gain of {gain}");
+            assert!(found.abs() < 0.005, "{found}");
+        }
+    }
+
+    #[test]
+    fn a_disturbance_that_changes_quickly_is_followed_by_a_great_gain() {
+        let observed = after(OBSERVERS, 2000, |k| 0.1 * (0.05 * k as f64).sin() + 1e-4 * noise(k));
+        for gain in gains(&observed) {
+            assert!(gain >= 0.5, "a gain of {gain}");
+        }
+    }
+
+    #[test]
+    fn a_disturbance_that_comes_at_once_is_answered_within_half_a_second() {
+        let push = |k| if k < 1000 { 0.0 } else { 0.1 };
+        let observed = after(OBSERVERS, 1025, |k| push(k) + 0.01 * noise(k));
+        for found in observed.disturbance() {
+            assert!((found - 0.1).abs() < 0.03, "{found}");
+        }
+    }
+
+    #[test]
+    fn without_a_gain_there_is_no_disturbance() {
+        let choice = Choice { observer_gain: 0.0, ..OBSERVERS };
+        assert_eq!(after(choice, 100, |_| 0.1).disturbance(), [0.0; AXES]);
+    }
+
+    #[test]
+    fn one_absurd_sample_moves_it_no_further_than_physics_allow() {
+        let observed = after(OBSERVERS, 1, |_| 1000.0);
+        assert_eq!(observed.disturbance(), [1.0; AXES]);
+        let nonsense = after(OBSERVERS, 3, |k| if k == 1 { f64::NAN } else { 0.1 });
+        assert!(nonsense.disturbance().iter().all(|value| value.is_finite()));
+    }
+
+    #[test]
+    fn a_robot_that_responds_otherwise_is_foretold_by_its_response() {
+        let choice = Choice { response: true, ..OBSERVERS };
+        let mut explanations = explanations(choice);
+        let mut estimator = ResponseEstimator::new(&main(), 0.5);
+        let (mut sent, mut velocity) = (Sent::default(), [0.0; AXES]);
+        estimator.resume(&velocity);
+        for k in 0..500 {
+            // A soft speed loop forward; the other axes are as believed.
+            let input: Velocity = std::array::from_fn(|axis| (0.2 * (k + axis) as f64).sin());
+            sent.push(input);
+            let mut next = main().next_velocity(&velocity, &input);
+            next[0] = 0.95 * velocity[0] + 0.05 * input[0];
+            let residual = model::residual::residual(&main(), &velocity, &input, &next);
+            let at = Moment { velocity, input, before: input };
+            estimator.update(&sent, &next);
+            explanations.update(&at, &residual, &[0.0; AXES], estimator.response(), 0);
+            velocity = next;
+        }
+        assert_eq!(explanations.models()[0], Model::Response);
+        let at = Moment { velocity: [0.5; 3], input: [0.1; 3], before: [0.1; 3] };
+        let expected = 0.95 * 0.5 + 0.05 * 0.1 - main().next_velocity(&[0.5; 3], &[0.1; 3])[0];
+        assert!((explanations.mean(&at)[0] - expected).abs() < 1e-3);
+    }
+}

@@ -1,0 +1,203 @@
+//! One base behind its gate, period by period.
+
+use crate::{Base, BaseError, Sensors, Settings, TrueState};
+use gate::{Acting, Bounds, Decision, Gate};
+use protocol::message::{Command, PlantState, Reason, Rung, Truth};
+use robot::{Geometry, Velocity, kinematics};
+
+/// Longest time that the base drives without asking the gate: the grain of the braking ramp \[ns\].
+pub const SLICE_NANOS: u64 = 2_000_000;
+
+/// Base and gate of one plant epoch. All times are nanoseconds since its start.
+pub struct GatedBase<B> {
+    base: B,
+    gate: Gate,
+    geometry: Geometry,
+    decision: Decision,
+    /// Rung and reason of the past period.
+    past: (Rung, Reason),
+    /// Until when the base has been driven.
+    at: u64,
+    period_nanos: u64,
+    witnessed: Witnessed,
+    /// Who acted in the last slice.
+    acting: Acting,
+    /// Controller that acted last, of whatever did since; none before the first.
+    acted_last: Option<(u64, u64)>,
+    /// Gate's output since the last state, summed over its time \[ns\].
+    given: Velocity,
+    given_nanos: u64,
+}
+
+/// What the wheels got in the past period, for the truth.
+#[derive(Debug, Clone, Copy, Default)]
+struct Witnessed {
+    wheel_peak: [f64; 4],
+    acting_age_nanos: u64,
+    takeovers: u32,
+    takeovers_back: u32,
+}
+
+impl<B: Base> GatedBase<B> {
+    /// `base` at rest at its start, behind a gate that has heard nothing yet.
+    pub fn new(base: B, settings: &Settings<'_>, epoch: u64) -> Self {
+        let period_nanos = settings.run.period_nanos;
+        let link_delay_nanos = settings.link_delay_millis * 1_000_000;
+        let bounds = Bounds::new(settings.robot, period_nanos, link_delay_nanos);
+        let mut gate = Gate::new(bounds, epoch);
+        let decision = gate.decide(0);
+        Self {
+            base,
+            gate,
+            geometry: settings.robot.geometry,
+            decision,
+            past: (Rung::Waiting, Reason::NoCommandYet),
+            at: 0,
+            period_nanos,
+            witnessed: Witnessed::default(),
+            acting: Acting::default(),
+            acted_last: None,
+            given: [0.0; 3],
+            given_nanos: 0,
+        }
+    }
+
+    /// Reads the sensors, and begins the period of `tick` at `now`. A base that is no simulation
+    /// has no truth.
+    ///
+    /// # Errors
+    /// [`BaseError`] if the base cannot be read.
+    pub fn begin_period(
+        &mut self,
+        tick: u64,
+        now: u64,
+    ) -> Result<(PlantState, Option<Truth>), BaseError> {
+        self.gate.begin_period(tick, now);
+        let sensors = self.base.read()?;
+        let truth = self.base.truth().map(|truth| self.write_truth(tick, &truth));
+        Ok((self.write_state(tick, &sensors), truth))
+    }
+
+    /// Offers a command that came at `now` to the gate: its verdict.
+    ///
+    /// # Errors
+    /// [`BaseError`] if the base cannot be driven.
+    pub fn offer(&mut self, command: &Command, now: u64) -> Result<Result<(), Reason>, BaseError> {
+        self.advance(now)?;
+        let verdict = self.gate.offer(command, now);
+        self.decision = self.gate.decide(now);
+        Ok(verdict)
+    }
+
+    /// Counts messages that were not even commands.
+    pub fn refuse_malformed(&mut self) {
+        self.gate.refuse(Reason::Malformed);
+    }
+
+    /// Drives the base until `now`, the gate deciding anew every [`SLICE_NANOS`].
+    ///
+    /// # Errors
+    /// [`BaseError`] if the base cannot be driven.
+    pub fn advance(&mut self, now: u64) -> Result<(), BaseError> {
+        while self.at < now {
+            let slice = SLICE_NANOS.min(now - self.at);
+            self.decision = self.gate.decide(self.at);
+            let input = self.decision.input;
+            self.base.drive(input, slice)?;
+            for (sum, given) in self.given.iter_mut().zip(input) {
+                *sum += given * slice as f64;
+            }
+            self.given_nanos += slice;
+            self.witness();
+            self.at += slice;
+        }
+        Ok(())
+    }
+
+    /// Drives the base until the end of the period at `now`, and says on which rung it was.
+    ///
+    /// # Errors
+    /// [`BaseError`] if the base cannot be driven.
+    pub fn end_period(&mut self, now: u64) -> Result<Rung, BaseError> {
+        self.advance(now)?;
+        self.past = self.gate.end_period(now);
+        Ok(self.past.0)
+    }
+
+    /// What the motors act on now \[m/s, m/s, rad/s\].
+    fn motor_input(&self) -> Velocity {
+        self.base.acting().unwrap_or(self.decision.input)
+    }
+
+    /// Notes what acts in the slice that begins at `self.at`.
+    fn witness(&mut self) {
+        let wheels = kinematics::wheels_from_body(&self.geometry, self.motor_input());
+        let witnessed = &mut self.witnessed;
+        for (peak, wheel) in witnessed.wheel_peak.iter_mut().zip(wheels) {
+            // Written so that NaN stays.
+            let within = wheel.is_finite() && wheel.abs() <= *peak;
+            *peak = if within { *peak } else { wheel.abs() + 0.0 * *peak };
+        }
+        let before = std::mem::replace(&mut self.acting, self.decision.acting);
+        let Acting { epoch, writer, tick } = self.acting;
+        if epoch == 0 {
+            return;
+        }
+        let age = self.at.saturating_sub(tick * self.period_nanos);
+        witnessed.acting_age_nanos = witnessed.acting_age_nanos.max(age);
+        let other =
+            self.acted_last.replace((epoch, writer)).filter(|&last| last != (epoch, writer));
+        if let Some(last) = other {
+            // A controller that drives after a brake takes over from none.
+            witnessed.takeovers += u32::from(before.epoch > 0);
+            witnessed.takeovers_back += u32::from(epoch < last.0);
+        }
+    }
+
+    fn write_state(&mut self, tick: u64, sensors: &Sensors) -> PlantState {
+        if sensors.pose.iter().chain(&sensors.velocity).any(|value| !value.is_finite()) {
+            // A robot that does not know where it is stands until a person looks after it.
+            self.gate.latch();
+        }
+        let mut state: PlantState = bytemuck::Zeroable::zeroed();
+        state.stamp.tick = tick;
+        state.pose = sensors.pose;
+        state.velocity = sensors.velocity;
+        state.wheel_speed = sensors.wheel_speed;
+        state.current = sensors.current;
+        state.input = self.mean_output();
+        (self.given, self.given_nanos) = ([0.0; 3], 0);
+        state.controller_epoch = self.gate.controller_epoch();
+        (state.accepted_epoch, state.accepted_tick) = self.gate.accepted().unwrap_or_default();
+        state.refused = self.gate.refused();
+        state.rung = self.past.0.code();
+        state.reason = self.past.1.code();
+        state
+    }
+
+    /// Gate's output, mean since the last state; what it is now if no time has passed since.
+    fn mean_output(&self) -> Velocity {
+        match self.given_nanos {
+            0 => self.decision.input,
+            nanos => self.given.map(|sum| sum / nanos as f64),
+        }
+    }
+
+    fn write_truth(&mut self, tick: u64, now: &TrueState) -> Truth {
+        let witnessed = std::mem::take(&mut self.witnessed);
+        let Acting { epoch, writer, tick: acting_tick } = self.acting;
+        let mut truth: Truth = bytemuck::Zeroable::zeroed();
+        truth.stamp.tick = tick;
+        truth.pose = now.pose;
+        truth.velocity = now.velocity;
+        truth.force = now.force;
+        truth.wheel_command = kinematics::wheels_from_body(&self.geometry, self.motor_input());
+        (truth.acting_epoch, truth.acting_writer, truth.acting_tick) = (epoch, writer, acting_tick);
+        truth.wheel_peak = witnessed.wheel_peak;
+        truth.acting_age_nanos = witnessed.acting_age_nanos;
+        (truth.takeovers, truth.takeovers_back) = (witnessed.takeovers, witnessed.takeovers_back);
+        truth.rung = self.past.0.code();
+        truth.reason = self.past.1.code();
+        truth
+    }
+}

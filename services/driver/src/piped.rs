@@ -1,0 +1,218 @@
+//! A base that is another program, driven over its standard input and output: a simulator, or a
+//! robot in another language.
+//!
+//! One JSON object per line, in both directions. The program ends when its input ends.
+//!
+//! ```text
+//! driver ─▶ {"settings": {…}, "start": {"pose": [x, y, yaw], "velocity": […]}, "seed": 1}
+//!        ◀─ {"ready": {"wheels": 4}}      or  {"refused": {"key": "…", "expected": "…"}}
+//! driver ─▶ {"drive": [forward, left, yaw], "nanos": 2000000}                 no answer
+//! driver ─▶ {"read": true}
+//!        ◀─ {"pose": […], "velocity": […], "wheel_speed": […], "current": […],
+//!            "truth": {"pose": […], "velocity": […]}}
+//! ```
+//! `settings` is the program's own affair. `truth` is left out by a robot that is no simulation.
+//! Units, frames and the order of the wheels are those of [`Sensors`].
+
+use crate::{Base, BaseError, Sensors, Start, TrueState};
+use robot::Velocity;
+use serde::{Deserialize, Serialize};
+use std::io::{self, BufRead, BufReader, BufWriter, Write};
+use std::path::PathBuf;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long the program may take until it is ready: it may have to install itself first.
+const READY_WITHIN: Duration = Duration::from_mins(10);
+/// How long an answer may take.
+const ANSWER_WITHIN: Duration = Duration::from_mins(1);
+/// How long the program may take to end after its input has.
+const END_WITHIN: Duration = Duration::from_secs(2);
+/// Most of an answer that an error repeats \[characters\].
+const TOLD_MAX: usize = 120;
+
+/// The program that is the base, and what it is told.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Program {
+    /// Its file.
+    pub program: PathBuf,
+    /// Its own settings.
+    #[serde(default)]
+    pub settings: toml::Table,
+}
+
+/// The first line to the program.
+#[derive(Serialize)]
+struct First<'a> {
+    settings: &'a toml::Table,
+    start: Start,
+    seed: u64,
+}
+
+/// A velocity for some time.
+#[derive(Serialize)]
+struct Drive {
+    drive: Velocity,
+    nanos: u64,
+}
+
+/// What the program says of the first line.
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum FirstAnswer {
+    Ready { wheels: u32 },
+    Refused { key: String, expected: String },
+}
+
+/// What the sensors show.
+#[derive(Deserialize)]
+struct Reading {
+    pose: [f64; 3],
+    velocity: Velocity,
+    wheel_speed: [f64; 4],
+    current: [f64; 4],
+    truth: Option<Truth>,
+}
+
+/// What is really so.
+#[derive(Deserialize)]
+struct Truth {
+    pose: [f64; 3],
+    velocity: Velocity,
+}
+
+/// The running program.
+pub struct PipedBase {
+    name: String,
+    child: Child,
+    input: Option<BufWriter<ChildStdin>>,
+    answers: Receiver<io::Result<String>>,
+    truth: Option<TrueState>,
+}
+
+impl PipedBase {
+    /// Starts the program and waits until it is ready. `seed` is that of its noise.
+    ///
+    /// # Errors
+    /// [`BaseError`] if it does not start, refuses its settings, or has other than four wheels.
+    pub fn start(told: &Program, start: Start, seed: u64) -> Result<Self, BaseError> {
+        let name = told.program.display().to_string();
+        let mut child = Command::new(&told.program)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(|source| BaseError::Start { program: name.clone(), source })?;
+        let input = child.stdin.take().map(BufWriter::new);
+        let answers = read_lines(child.stdout.take());
+        let mut this = Self { name, child, input, answers, truth: None };
+        this.say(&First { settings: &told.settings, start, seed })?;
+        match this.answer(READY_WITHIN)? {
+            FirstAnswer::Ready { wheels: 4 } => Ok(this),
+            FirstAnswer::Ready { wheels } => Err(BaseError::Answer {
+                program: this.name.clone(),
+                line: format!("wheels = {wheels}"),
+                reason: "a mecanum base has four".to_owned(),
+            }),
+            FirstAnswer::Refused { key, expected } => Err(BaseError::Refused { key, expected }),
+        }
+    }
+
+    fn say(&mut self, what: &impl Serialize) -> Result<(), BaseError> {
+        let Some(input) = &mut self.input else { return Err(self.ended()) };
+        let said = serde_json::to_writer(&mut *input, what)
+            .map_err(io::Error::from)
+            .and_then(|()| input.write_all(b"\n"));
+        said.map_err(|_| self.ended())
+    }
+
+    fn answer<T: for<'de> Deserialize<'de>>(&mut self, within: Duration) -> Result<T, BaseError> {
+        if let Some(input) = &mut self.input
+            && input.flush().is_err()
+        {
+            return Err(self.ended());
+        }
+        match self.answers.recv_timeout(within) {
+            Ok(Ok(line)) => serde_json::from_str(&line).map_err(|error| BaseError::Answer {
+                program: self.name.clone(),
+                line: line.chars().take(TOLD_MAX).collect(),
+                reason: error.to_string(),
+            }),
+            Err(RecvTimeoutError::Timeout) => {
+                let _ = self.child.kill();
+                Err(BaseError::Silent { program: self.name.clone(), seconds: within.as_secs() })
+            }
+            Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => Err(self.ended()),
+        }
+    }
+
+    /// The error of a program that does not listen any more.
+    fn ended(&mut self) -> BaseError {
+        let reason = match self.wait() {
+            Ok(status) => status.to_string(),
+            Err(error) => error.to_string(),
+        };
+        BaseError::Ended { program: self.name.clone(), reason }
+    }
+
+    /// Waits for the program's end, for which its input has ended; kills it if that takes long.
+    fn wait(&mut self) -> io::Result<std::process::ExitStatus> {
+        self.input = None;
+        let begin = Instant::now();
+        while begin.elapsed() < END_WITHIN {
+            if let Some(status) = self.child.try_wait()? {
+                return Ok(status);
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
+        self.child.kill()?;
+        self.child.wait()
+    }
+}
+
+impl Drop for PipedBase {
+    fn drop(&mut self) {
+        let _ = self.wait();
+    }
+}
+
+/// Lines of the program's output, read on a thread of their own so that one can wait for a time.
+fn read_lines(output: Option<ChildStdout>) -> Receiver<io::Result<String>> {
+    let (sender, lines) = mpsc::sync_channel(1);
+    thread::spawn(move || {
+        for line in output.map(BufReader::new).into_iter().flat_map(BufRead::lines) {
+            if sender.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    lines
+}
+
+impl Base for PipedBase {
+    fn read(&mut self) -> Result<Sensors, BaseError> {
+        self.say(&serde_json::json!({ "read": true }))?;
+        let reading: Reading = self.answer(ANSWER_WITHIN)?;
+        self.truth = reading.truth.map(|truth| TrueState {
+            pose: truth.pose,
+            velocity: truth.velocity,
+            ..TrueState::default()
+        });
+        Ok(Sensors {
+            pose: reading.pose,
+            velocity: reading.velocity,
+            wheel_speed: reading.wheel_speed,
+            current: reading.current,
+        })
+    }
+
+    fn drive(&mut self, velocity: Velocity, nanos: u64) -> Result<(), BaseError> {
+        self.say(&Drive { drive: velocity, nanos })
+    }
+
+    fn truth(&self) -> Option<TrueState> {
+        self.truth
+    }
+}

@@ -1,0 +1,374 @@
+//! The response of this robot to its commands, found while it drives: dead time, and per axis a
+//! time constant, a gain and an offset.
+//!
+//! ```text
+//! v⁺ = A v + B u_δ + c        u_δ: what acted, for a dead time of δ
+//! ```
+//! A, B and c are found by recursive least squares on velocity and command alone, beginning with
+//! those of the main model, for several δ side by side:
+//!
+//! ```text
+//! K = P φ / (μ + φᵀ P φ)   w ← w + K e   P ← (P − K φᵀ P)/μ     φ = (v, u_δ, 1),  e = v⁺ − wᵀ φ
+//! ```
+//! with a forgetting factor μ. Where nothing moves, forgetting alone would let P grow without end;
+//! it stops at what P was at the start. The δ whose errors were smallest is believed. A soft speed
+//! loop shows in A and B, a dead time in δ: each has its own place, so that neither is taken for the
+//! other.
+//!
+//! Reference: Åström, Wittenmark, *Adaptive Control*, 2nd ed., section 2.2.
+
+use crate::delay::{Delay, Sent};
+use crate::learned::{Moment, Residual, Response};
+use crate::main_model::MainModel;
+use crate::{AXES, Velocity};
+
+/// Dead times that are compared \[periods\].
+const DEAD_TIMES: [f64; 14] =
+    [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0];
+
+/// Time over which samples and errors fade \[s\].
+const MEMORY_S: f64 = 10.0;
+
+/// Another dead time is believed when it costs less than this share of what the present one costs.
+const CONVINCING: f64 = 0.8;
+
+/// Difference of the costs from which on dead times can be told apart \[(m/s)²\].
+const EVIDENCE: f64 = 1e-3;
+
+/// Periods before which nothing is believed: three unknowns per axis explain a few samples with any
+/// dead time.
+const PERIODS_LEAST: u32 = 10;
+
+/// Variance of A, B and c at the start, over the variance of a sample.
+const PRIOR: [f64; 3] = [100.0, 100.0, 0.01];
+
+/// Largest trace of P.
+const TRACE_MAX: f64 = 300.0;
+
+/// Largest A that is believed: a robot that never follows cannot be controlled with it.
+const DECAY_MAX: f64 = 0.995;
+
+/// Smallest B that is believed.
+const GAIN_MIN: f64 = 0.005;
+
+/// v⁺ = A v + B u + c of one axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FirstOrder {
+    /// A \[–\].
+    pub decay: f64,
+    /// B \[–\].
+    pub gain: f64,
+    /// c \[m/s or rad/s\].
+    pub offset: f64,
+}
+
+impl FirstOrder {
+    fn believable(&self) -> bool {
+        self.decay.abs() < DECAY_MAX && self.gain > GAIN_MIN
+    }
+}
+
+/// Recursive least squares of one axis.
+#[derive(Debug, Clone, Copy)]
+struct Fit {
+    /// A, B, c.
+    weights: [f64; 3],
+    /// P.
+    covariance: [[f64; 3]; 3],
+}
+
+impl Fit {
+    fn new(decay: f64, gain: f64) -> Self {
+        let covariance = std::array::from_fn(|row| {
+            std::array::from_fn(|column| if row == column { PRIOR[row] } else { 0.0 })
+        });
+        Self { weights: [decay, gain, 0.0], covariance }
+    }
+
+    /// Takes in a sample; returns the error of what was believed before.
+    fn update(&mut self, features: &[f64; 3], target: f64, forgetting: f64) -> f64 {
+        let error = target - dot(&self.weights, features);
+        let direction = self.covariance.map(|row| dot(&row, features));
+        let scale = forgetting + dot(features, &direction);
+        for (weight, along) in self.weights.iter_mut().zip(direction) {
+            *weight += along / scale * error;
+        }
+        for (row, along) in self.covariance.iter_mut().zip(direction) {
+            for (value, across) in row.iter_mut().zip(direction) {
+                *value -= along * across / scale;
+            }
+        }
+        let trace: f64 = (0..3).map(|i| self.covariance[i][i]).sum();
+        if trace < TRACE_MAX * forgetting {
+            self.covariance = self.covariance.map(|row| row.map(|value| value / forgetting));
+        }
+        error
+    }
+
+    fn first_order(&self) -> FirstOrder {
+        let [decay, gain, offset] = self.weights;
+        FirstOrder { decay, gain, offset }
+    }
+}
+
+fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// One dead time that may be the true one.
+#[derive(Debug, Clone, Copy)]
+struct Hypothesis {
+    delay: Delay,
+    fits: [Fit; AXES],
+    /// Sum of the squared errors, faded \[(m/s)²\].
+    cost: f64,
+}
+
+impl Hypothesis {
+    fn believable(&self) -> bool {
+        self.cost.is_finite() && self.fits.iter().all(|fit| fit.first_order().believable())
+    }
+}
+
+/// Finds δ, A, B and c. Does not allocate.
+#[derive(Debug, Clone)]
+pub struct ResponseEstimator {
+    main: MainModel,
+    hypotheses: [Hypothesis; DEAD_TIMES.len()],
+    /// Index of the one that is believed.
+    believed: usize,
+    forgetting: f64,
+    /// Makes a yaw rate comparable with a speed \[–, –, m\].
+    scale: Velocity,
+    /// Velocity at the end of the last period.
+    before: Option<Velocity>,
+    /// Periods taken in.
+    taken: u32,
+}
+
+impl ResponseEstimator {
+    /// Believes `main` and no dead time, of a robot whose wheels are `lever_m` from its middle.
+    pub fn new(main: &MainModel, lever_m: f64) -> Self {
+        let hypothesis = |periods| Hypothesis {
+            delay: Delay::of_periods(periods),
+            fits: std::array::from_fn(|axis| Fit::new(main.decay[axis], main.gain[axis])),
+            cost: 0.0,
+        };
+        Self {
+            main: *main,
+            hypotheses: DEAD_TIMES.map(hypothesis),
+            believed: 0,
+            forgetting: (-main.period / MEMORY_S).exp(),
+            scale: [1.0, 1.0, lever_m],
+            before: None,
+            taken: 0,
+        }
+    }
+
+    /// δ.
+    pub fn delay(&self) -> Delay {
+        self.hypotheses[self.believed].delay
+    }
+
+    /// A, B and c, with the δ that is believed.
+    pub fn response(&self) -> FirstOrderResponse {
+        let believed = &self.hypotheses[self.believed];
+        let axes = if believed.believable() {
+            believed.fits.map(|fit| fit.first_order())
+        } else {
+            std::array::from_fn(|axis| FirstOrder {
+                decay: self.main.decay[axis],
+                gain: self.main.gain[axis],
+                offset: 0.0,
+            })
+        };
+        FirstOrderResponse { main: self.main, axes }
+    }
+
+    /// Takes in the period that has just ended with velocity `after`; its command is the newest of
+    /// `sent`. Numbers that are none are passed over.
+    pub fn update(&mut self, sent: &Sent, after: &Velocity) {
+        let known = after.iter().chain(&sent.last()).all(|value| value.is_finite());
+        if !known {
+            self.before = None;
+            return;
+        }
+        let Some(before) = self.before.replace(*after) else { return };
+        self.taken = self.taken.saturating_add(1);
+        for hypothesis in &mut self.hypotheses {
+            let acted = sent.acted(hypothesis.delay);
+            let mut squared = 0.0;
+            for axis in 0..AXES {
+                let features = [before[axis], acted[axis], 1.0];
+                let fit = &mut hypothesis.fits[axis];
+                let error = fit.update(&features, after[axis], self.forgetting);
+                squared += (self.scale[axis] * error).powi(2);
+            }
+            hypothesis.cost = self.forgetting * hypothesis.cost + squared;
+        }
+        self.believe();
+    }
+
+    fn believe(&mut self) {
+        let best = (0..DEAD_TIMES.len())
+            .filter(|&i| self.hypotheses[i].believable())
+            .min_by(|&a, &b| self.hypotheses[a].cost.total_cmp(&self.hypotheses[b].cost));
+        let Some(best) = best else { return };
+        let (present, least) = (self.hypotheses[self.believed].cost, self.hypotheses[best].cost);
+        let convinces = least < CONVINCING * present && present - least > EVIDENCE;
+        if convinces && self.taken >= PERIODS_LEAST {
+            self.believed = best;
+        }
+    }
+
+    /// A period is missing: the next one begins with `velocity`.
+    pub fn resume(&mut self, velocity: &Velocity) {
+        self.before = Some(*velocity);
+    }
+
+    /// Forgets everything: another robot.
+    pub fn reset(&mut self) {
+        *self = Self::new(&self.main, self.scale[2]);
+    }
+}
+
+/// The response as a residual of the main model: g = (A − A_f) v + (B − B_f) u + c.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FirstOrderResponse {
+    main: MainModel,
+    /// A, B and c per axis.
+    pub axes: [FirstOrder; AXES],
+}
+
+impl Residual for FirstOrderResponse {
+    fn mean(&self, at: &Moment) -> Velocity {
+        self.response(at).mean
+    }
+
+    fn response(&self, at: &Moment) -> Response {
+        let mut response = Response::NONE;
+        for axis in 0..AXES {
+            let FirstOrder { decay, gain, offset } = self.axes[axis];
+            let by_velocity = decay - self.main.decay[axis];
+            let by_input = gain - self.main.gain[axis];
+            response.mean[axis] =
+                by_velocity * at.velocity[axis] + by_input * at.input[axis] + offset;
+            response.by_velocity[axis][axis] = by_velocity;
+            response.by_input[axis][axis] = by_input;
+        }
+        response
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use robot::Robot;
+
+    /// What is found of a robot that follows commands of many frequencies, noise on what is
+    /// measured of it.
+    fn found(
+        periods: f64,
+        truth: [FirstOrder; AXES],
+        noise: f64,
+        count: usize,
+    ) -> ResponseEstimator {
+        let main = MainModel::new(&Robot::example(), 0.02);
+        let delay = Delay::of_periods(periods);
+        let (mut sent, mut estimator) = (Sent::default(), ResponseEstimator::new(&main, 0.5));
+        let mut velocity = [0.0; AXES];
+        for k in 0..count {
+            sent.push(std::array::from_fn(|axis| {
+                (0.31 * (k + 7 * axis) as f64).sin() + 0.2 * (1.3 * k as f64).cos()
+            }));
+            let acted = sent.acted(delay);
+            velocity = std::array::from_fn(|axis| {
+                let FirstOrder { decay, gain, offset } = truth[axis];
+                decay * velocity[axis] + gain * acted[axis] + offset
+            });
+            let measured = std::array::from_fn(|axis| {
+                velocity[axis] + noise * (12.9 * (k + axis) as f64).sin()
+            });
+            estimator.update(&sent, &measured);
+        }
+        estimator
+    }
+
+    fn soft(decay: f64) -> [FirstOrder; AXES] {
+        [FirstOrder { decay, gain: 1.0 - decay, offset: 0.01 }; AXES]
+    }
+
+    proptest! {
+        #[test]
+        fn dead_time_and_time_constant_are_told_apart(
+            which in 0..DEAD_TIMES.len(),
+            decay in 0.3..0.95_f64,
+        ) {
+            let estimator = found(DEAD_TIMES[which], soft(decay), 0.0, 600);
+            let delay = estimator.delay().periods();
+            prop_assert!((delay - DEAD_TIMES[which]).abs() <= 0.25, "{delay}: {which}");
+            for axis in estimator.response().axes {
+                prop_assert!((axis.decay - decay).abs() < 0.03, "{axis:?} is not {decay}");
+                prop_assert!((axis.gain + decay - 1.0).abs() < 0.03, "{axis:?} is not {decay}");
+            }
+        }
+
+        #[test]
+        fn a_dead_time_between_two_that_are_compared_is_found_to_a_step(
+            periods in 0.0..6.9_f64,
+        ) {
+            let step = if periods < 1.5 { 0.25 } else if periods < 3.0 { 0.5 } else { 1.0 };
+            let delay = found(periods, soft(0.7), 0.0, 150).delay().periods();
+            prop_assert!((delay - periods).abs() < step, "{delay} is not {periods}");
+        }
+
+        #[test]
+        fn noise_on_the_velocity_moves_it_little(which in 0..DEAD_TIMES.len()) {
+            let estimator = found(DEAD_TIMES[which], soft(0.7), 0.01, 500);
+            let error = estimator.delay().periods() - DEAD_TIMES[which];
+            prop_assert!(error.abs() <= 0.5, "{error}");
+        }
+    }
+
+    #[test]
+    fn who_stands_still_goes_on_believing_the_main_model() {
+        let main = MainModel::new(&Robot::example(), 0.02);
+        let mut estimator = ResponseEstimator::new(&main, 0.5);
+        for _ in 0..10_000 {
+            estimator.update(&Sent::default(), &[0.0; 3]);
+        }
+        assert_eq!(estimator.delay(), Delay::default());
+        for (axis, found) in estimator.response().axes.iter().enumerate() {
+            assert!((found.decay - main.decay[axis]).abs() < 1e-9, "{found:?}");
+            assert!((found.gain - main.gain[axis]).abs() < 1e-9, "{found:?}");
+        }
+        let at = Moment { velocity: [1.0; 3], input: [1.0; 3], before: [1.0; 3] };
+        assert!(estimator.response().mean(&at).iter().all(|value| value.abs() < 1e-8));
+    }
+
+    #[test]
+    fn numbers_that_are_none_are_passed_over() {
+        let before = found(2.0, soft(0.8), 0.0, 150);
+        let mut after = before.clone();
+        after.update(&Sent::always([f64::NAN; 3]), &[0.0; 3]);
+        after.update(&Sent::default(), &[f64::INFINITY; 3]);
+        assert_eq!(after.response(), before.response());
+        assert_eq!(after.delay(), before.delay());
+    }
+
+    #[test]
+    fn the_jacobians_are_the_slopes_of_the_mean() {
+        let response = found(0.0, soft(0.9), 0.0, 150).response();
+        let at = Moment { velocity: [0.3, -0.2, 0.5], input: [0.1, 0.4, -0.6], before: [0.0; 3] };
+        for axis in 0..AXES {
+            let mut moved = at;
+            moved.velocity[axis] += 1.0;
+            moved.input[axis] += 2.0;
+            let expected = response.response(&at).by_velocity[axis][axis]
+                + 2.0 * response.response(&at).by_input[axis][axis];
+            let found = response.mean(&moved)[axis] - response.mean(&at)[axis];
+            assert!((found - expected).abs() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! A mecanum base as it is believed to be: where its wheels are, how they turn, what it may do.
+//!
+//! | module         | what it holds                                                    |
+//! |----------------|------------------------------------------------------------------|
+//! | `robot`        | [`Robot`]: the content of a robot file, and which are possible    |
+//! | `geometry`     | [`Geometry`]: where the wheels are                               |
+//! | [`kinematics`] | wheel speeds from body velocity and back                         |
+//!
+//! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. Wheels in the order
+//! front-right, front-left, rear-left, rear-right.
+
+mod geometry;
+pub mod kinematics;
+mod robot;
+
+pub use geometry::Geometry;
+pub use robot::{Body, Drive, Impossible, Limits, Robot};
+
+/// Velocity axes of the body: forward, left, yaw.
+pub const AXES: usize = 3;
+
+/// Forward, left and yaw: a body velocity \[m/s, m/s, rad/s\], or something per velocity axis.
+pub type Velocity = [f64; AXES];
