@@ -278,7 +278,6 @@ enum Pace {
 }
 
 /// One flood, and when it was [ns].
-#[derive(Debug)]
 struct Flood {
     excess: Excess,
     pace: Pace,
@@ -362,8 +361,9 @@ fn a_role_that_floods_what_it_may_say_or_ask_silences_nobody() -> Outcome {
     let after = fresh_of(&record, |nanos| nanos > last + RECOVERS_WITHIN_NANOS);
     for flood in &floods {
         let of = fresh_of(&record, |nanos| flood.time.contains(&nanos));
-        print(format_args!("{flood:?}: {of}"));
-        assert!(flood.said > 100, "{flood:?}");
+        let Flood { excess, pace, said, .. } = flood;
+        print(format_args!("{excess:?}, {pace:?} pace, {said} said: {of}"));
+        assert!(*said > 100, "{excess:?}: {said}");
     }
     print(format_args!(
         "within a role: {calm} between floods, {paced} in paced ones, {after} after"

@@ -113,7 +113,8 @@ fn a_program_that_is_not_there_talks_nonsense_or_has_other_wheels_is_refused() -
 
 #[test]
 fn a_program_that_ends_is_told_with_its_exit_status() -> Outcome {
-    let mut base = Script::new(READY, None)?.start()?;
+    let script = Script::new(READY, None)?;
+    let mut base = script.start()?;
     let error = base.read().err().ok_or("it is read")?;
     assert!(matches!(&error, BaseError::Ended { reason, .. } if reason.contains('3')), "{error:?}");
     Ok(())
