@@ -43,6 +43,12 @@ pub struct Scenario {
     pub world: Option<Program>,
 }
 
+/// Where profiles are: those of a world are the ones of our own scenarios.
+fn profiles(folder: &Path) -> PathBuf {
+    let own = folder.join("profiles");
+    if own.is_dir() { own } else { folder.join("../../scenarios/profiles") }
+}
+
 impl Scenario {
     /// Control period \[ns\].
     pub fn period_nanos(&self) -> u64 {
@@ -51,8 +57,9 @@ impl Scenario {
 }
 
 impl Scenario {
-    /// Reads the scenario that is called `name` in `folder`: `figure-eight`, or `figure-eight+payload+noise` with variants out of
-    /// `folder/variants`, changed by `folder/profiles/<profile>` if there is one, and last by `changes`, each a line of TOML.
+    /// Reads the scenario that is called `name` in `folder`: `figure-eight`, or
+    /// `figure-eight+payload+noise` with variants out of `folder/variants`, changed by a profile if
+    /// one is named, and last by `changes`, each a line of TOML.
     ///
     /// # Errors
     /// [`SettingsError`] names the first thing that is wrong.
@@ -105,8 +112,7 @@ impl Scenario {
         let base = folder.join(parts.next().unwrap_or_default()).with_extension("toml");
         let variants =
             parts.map(|variant| folder.join("variants").join(variant).with_extension("toml"));
-        let profile =
-            profile.map(|profile| folder.join("profiles").join(profile).with_extension("toml"));
+        let profile = profile.map(|profile| profiles(folder).join(profile).with_extension("toml"));
         let overlays: Vec<PathBuf> = profile.into_iter().chain(variants).collect();
         let mut whole = table(&base)?;
         for overlay in overlays {
