@@ -289,13 +289,13 @@ struct Flood {
 const RECOVERS_WITHIN_NANOS: u64 = 2_000_000_000;
 
 /// Of so many periods, those on fresh plans, and the middle time from a state to its command [ns].
-struct Fresh {
+struct Driven {
     fresh: usize,
     periods: usize,
     middle: u64,
 }
 
-impl Display for Fresh {
+impl Display for Driven {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let Self { fresh, periods, middle } = self;
         write!(f, "{fresh} of {periods} periods on fresh plans, p50 {} us", middle / 1000)
@@ -303,7 +303,7 @@ impl Display for Fresh {
 }
 
 /// The periods whose messages were sent when `within` says so, from the time on that it drives.
-fn fresh_of(record: &Record, within: impl Fn(u64) -> bool) -> Fresh {
+fn fresh_of(record: &Record, within: impl Fn(u64) -> bool) -> Driven {
     let of = |kind| {
         record
             .of(kind)
@@ -315,7 +315,7 @@ fn fresh_of(record: &Record, within: impl Fn(u64) -> bool) -> Fresh {
         periods += 1;
         fresh += usize::from(state.word("rung") == "fresh plan");
     }
-    Fresh { fresh, periods, middle: middle(&plans) }
+    Driven { fresh, periods, middle: middle(&plans) }
 }
 
 #[test]
