@@ -203,6 +203,9 @@ impl Controller {
             // An input that is no number was what had been commanded, for all one knows.
             let known = if input_known { state.input } else { self.knowledge.last_command() };
             self.knowledge.resume(&now, known);
+        } else if state.input.iter().all(|value| value.is_finite()) {
+            // The next input starts from what acts, also where the sensors cannot be believed.
+            self.knowledge.drive_blind(state.input);
         }
         self.before =
             seen.then(|| Before { tick: state.stamp.tick, state: self.knowledge.state() });

@@ -228,6 +228,12 @@ impl Knowledge {
         self.velocity = measured.velocity;
     }
 
+    /// A period of which nothing can be believed but what the gate gave.
+    pub fn drive_blind(&mut self, given: Velocity) {
+        self.sent = Sent::always(given);
+        self.acted = given;
+    }
+
     /// Where the robot is and how it moves, by all that was taken in.
     pub fn state(&self) -> State {
         State { pose: self.pose.estimate(), velocity: self.velocity, acted: self.acted }

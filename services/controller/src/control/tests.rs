@@ -262,6 +262,26 @@ fn stuck_sensors_are_answered_with_the_brake_until_they_move_again()
     Ok(())
 }
 
+#[test]
+fn a_blind_robot_brakes_to_rest_where_inputs_may_change_little_in_a_period()
+-> Result<(), Box<dyn std::error::Error>> {
+    let mut settings = told();
+    settings.robot.limits.input_rate_mps2 = 2.0;
+    settings.robot.limits.yaw_input_rate_radps2 = 4.0;
+    let mut robot = Robotic::new(&settings)?;
+    for tick in 0..30 {
+        assert_eq!(robot.drive(tick).0, Ok(()), "tick {tick}");
+    }
+    let speed = robot.input[0].hypot(robot.input[1]);
+    assert!(speed > 3.0 * 0.2, "{speed} m/s is less than some changes of a period");
+    robot.stuck = Some(robot.state);
+    for tick in 30..80 {
+        assert_eq!(robot.drive(tick).0, Ok(()), "tick {tick}");
+    }
+    assert_eq!(robot.input, [0.0; 3]);
+    Ok(())
+}
+
 /// A model of so many points in the inputs that a drive goes through, each with its own answer.
 fn learned(points: usize) -> Result<Box<Candidate>, Box<dyn std::error::Error>> {
     let normalisation = Normalisation { mean: [0.0; INPUTS], scale: [1.0; INPUTS] };
