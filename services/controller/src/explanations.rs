@@ -212,9 +212,9 @@ impl Explanations {
         })
     }
 
-    /// Takes in one period with residual `residual`. `known` is what somebody says of it in the
-    /// place of the main model alone; `response` the newest that was identified; `under_way` the
-    /// whole periods of dead time.
+    /// Updates scores and disturbances with one period, whose residual is `residual`. `known` is the
+    /// oracle's prediction of the residual, or zero. `response` is the newest identified response.
+    /// `under_way` is the dead time in whole periods.
     pub fn update(
         &mut self,
         at: &Moment,
@@ -311,8 +311,8 @@ impl Explanations {
         known && !forced && (gain == 0.0 || self.choice.observer_gain > 0.0)
     }
 
-    /// Puts a learned model in use, as if it had always been there: d goes on from what the new one
-    /// leaves of the last periods. Gives back the one before, for somebody else to free.
+    /// Adopts a learned model. Its disturbance estimates start from the mean residual that it leaves
+    /// in the last periods. Returns the previous model, for another thread to free.
     pub fn adopt(&mut self, candidate: Box<Candidate>) -> Option<Box<Candidate>> {
         let recent = ((LASTING_S / self.period).round() as usize).clamp(1, KEPT).min(self.taken);
         let mut shift = [0.0; AXES];

@@ -160,9 +160,9 @@ fn line(from: u64, count: usize) -> Vec<ReferencePoint> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// As long as nobody turns, which costs far too much here, prediction and error are linear, and it
-    /// does not matter about what they are linearised. But for a residual that depends on inputs: a
-    /// current row keeps the plan's, so there the currents are not limited.
+    /// Without rotation, prediction and error are linear, so the point of linearisation makes no
+    /// difference; turning has a very high weight here. A residual that depends on the input is an
+    /// exception, since a current row keeps the plan's residual: there currents are not limited.
     #[test]
     fn on_a_straight_line_a_surprise_is_answered_as_if_it_had_been_known(
         place in prop::array::uniform2(-0.5..0.5_f64), velocity in prop::array::uniform2(-0.6..0.6_f64), acted in prop::array::uniform2(-0.5..0.5_f64),
