@@ -6,7 +6,7 @@ use coxswain::in_process;
 use coxswain::options::Options;
 use process::Run;
 use promises::{Browser, Launched, Outcome, binaries, repository};
-use protocol::message::{Plan, PlantState, ResidualSample, Rung, Truth};
+use protocol::message::{Plan, PlantState, ResidualSample, Rung, Truth, WHEELS_MAX};
 use protocol::port::Links;
 use recorder::segment::Segment;
 use serde_json::Value;
@@ -292,7 +292,12 @@ fn write_noise(folder: &Path, ticks: u64) -> Outcome {
         truth.pose = [4.0 * angle.cos() + noise(), 2.0 * angle.sin() + noise(), noise()];
         truth.velocity = [noise(), noise(), noise()];
         (state.pose, state.velocity, state.accepted_epoch) = (truth.pose, truth.velocity, 1);
-        state.wheel_speed = [noise(), noise(), if tick == 7777 { 40.0 } else { noise() }, noise()];
+        (state.wheels, state.wheel_speed_valid) = (4, 1);
+        state.wheel_speed = [0.0; WHEELS_MAX];
+        for (wheel, speed) in state.wheel_speed.iter_mut().take(4).enumerate() {
+            let drawn = noise();
+            *speed = if wheel == 2 && tick == 7777 { 40.0 } else { drawn };
+        }
         state.rung = if noise() > 0.49 { Rung::StoredTail.code() } else { Rung::FreshPlan.code() };
         (plan.plant_epoch, plan.model_version, plan.learned_axes) = (1, 1 + tick / 25, 7);
         plan.tick_nanos = (1e6 * (1.0 + noise())) as u64;

@@ -1,6 +1,7 @@
 //! The simulated world as a driver's base.
 
 use crate::truth::World;
+use driver::base::per_wheel;
 use driver::{Base, BaseError, Sensors, TrueState};
 
 impl Base for World {
@@ -9,8 +10,11 @@ impl Base for World {
         Ok(Sensors {
             pose: measured.pose,
             velocity: measured.velocity,
-            wheel_speed: measured.wheel_speed,
-            current: measured.current,
+            wheel_speed: Some(per_wheel(&measured.wheel_speed)),
+            current: Some(per_wheel(&measured.current)),
+            // As a driver that knows of no dead time: the controller finds it.
+            input_delay_s: 0.0,
+            estop: false,
         })
     }
 

@@ -24,6 +24,9 @@ pub struct Settings {
     pub link_delay_millis: u64,
     /// Whether, in lock step, the clock waits for a recorder's credit.
     pub recorded: bool,
+    /// Whether its gate starts armed; else the wheels stand until `coxswain arm`.
+    #[serde(default = "armed")]
+    pub armed: bool,
     /// Where and how it starts.
     pub start: Start,
     /// The robot as its gate knows it.
@@ -45,8 +48,13 @@ impl Settings {
             link_delay_millis: self.link_delay_millis,
             recorded: self.recorded,
             robot: &self.robot,
+            armed: self.armed,
         }
     }
+}
+
+fn armed() -> bool {
+    true
 }
 
 impl process::HasRun for Settings {

@@ -28,4 +28,4 @@ pub mod view;
 pub mod wire;
 
 /// Version of everything that is said. Peers of another version are refused.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;

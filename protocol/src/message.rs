@@ -14,13 +14,13 @@ mod sequence;
 mod stamp;
 mod truth;
 
-pub use codes::{Exposure, Participant, Phase, Reason, Rung, SolverStatus, UnknownCode};
+pub use codes::{Exposure, GateState, Participant, Phase, Reason, Rung, SolverStatus, UnknownCode};
 pub use command::{Command, TAIL_MAX};
 pub use credit::Credit;
 pub use health::{ERROR_TEXT_MAX, Health};
 pub use model_snapshot::{INPUTS_MAX, ModelSnapshot, SnapshotHead, SnapshotRow};
 pub use plan::{HORIZON_MAX, Plan};
-pub use plant_state::PlantState;
+pub use plant_state::{PlantState, WHEELS_MAX};
 pub use residual_sample::ResidualSample;
 pub use stamp::Stamp;
 pub use truth::Truth;
@@ -202,11 +202,11 @@ mod tests {
     #[test]
     fn the_layout_of_messages_is_pinned() {
         let sizes = [
-            (Command::NAME, size_of::<Command>(), 192),
+            (Command::NAME, size_of::<Command>(), 200),
             (Credit::NAME, size_of::<Credit>(), 64),
             (Health::NAME, size_of::<Health>(), 584),
             (Plan::NAME, size_of::<Plan>(), 6064),
-            (PlantState::NAME, size_of::<PlantState>(), 224),
+            (PlantState::NAME, size_of::<PlantState>(), 320),
             (ResidualSample::NAME, size_of::<ResidualSample>(), 192),
             (Truth::NAME, size_of::<Truth>(), 232),
             ("SnapshotHead", size_of::<SnapshotHead>(), 768),
@@ -222,8 +222,11 @@ mod tests {
             (offset_of!(Stamp, sequence), 24),
             (offset_of!(Command, input), 64),
             (offset_of!(Command, rung), 188),
-            (offset_of!(PlantState, input), 160),
-            (offset_of!(PlantState, accepted_tick), 200),
+            (offset_of!(Command, stop), 192),
+            (offset_of!(PlantState, current), 160),
+            (offset_of!(PlantState, input), 224),
+            (offset_of!(PlantState, accepted_tick), 272),
+            (offset_of!(PlantState, gate), 312),
             (offset_of!(SnapshotHead, points), 80),
             (offset_of!(SnapshotHead, length_scale), 288),
         ];

@@ -61,15 +61,20 @@ macro_rules! recorded {
 recorded!(PlantState, "plant → controller: what the sensors saw, and what the gate did.", |state| {
     "pose": Shape::Numbers, "pose in the world (x, y, yaw), yaw not wrapped [m, m, rad]" => state.pose;
     "velocity": Shape::Numbers, "body velocity (forward, left, yaw) [m/s, m/s, rad/s]" => state.velocity;
-    "wheel_speed": Shape::Numbers, "wheel speeds, front-right, front-left, rear-left, rear-right [rad/s]" => state.wheel_speed;
-    "current": Shape::Numbers, "motor currents, in the order of the wheels [A]" => state.current;
-    "input": Shape::Numbers, "body velocity that the wheels were commanded, mean over the past period [m/s, m/s, rad/s]" => state.input;
+    "wheel_speed": Shape::Numbers, "wheel speeds, in the order of the robot file; empty if they are not measured [rad/s]" => state.wheel_speed();
+    "current": Shape::Numbers, "motor currents, in the order of the wheels; empty if they are not measured [A]" => state.current();
+    "input": Shape::Numbers, "output of the gate, mean over the past period [m/s, m/s, rad/s]" => state.input;
+    "input_delay_s": Shape::Number, "dead time from the gate's output to the motors that the driver knows of [s]" => state.input_delay_s;
     "controller_epoch": Shape::Integer, "highest controller epoch that the gate has seen" => state.controller_epoch;
     "accepted_epoch": Shape::Integer, "epoch of the last accepted command, 0 before the first" => state.accepted_epoch;
     "accepted_tick": Shape::Integer, "tick that the last accepted command answered" => state.accepted_tick;
     "refused": Shape::Integer, "commands that the gate has refused so far" => state.refused;
     "rung": Shape::Word(words::rungs), "rung of the past period" => words::of_rung(state.rung);
     "reason": Shape::Word(words::reasons), "reason of that rung, or of the last refusal in the past period" => words::of_reason(state.reason);
+    "wheels": Shape::Integer, "wheels of the robot" => state.wheels;
+    "estop": Shape::Integer, "1 while the robot's own emergency stop is pressed" => state.estop;
+    "gate": Shape::Word(words::gate_states), "state of the gate at the end of the past period" => state.gate().text();
+    "stop": Shape::Word(words::reasons), "why the gate has stopped, while it has" => words::of_reason(state.stop);
 });
 
 recorded!(Command, "controller → plant: what the wheels shall do now, and if nothing more is heard.", |command| {
@@ -78,6 +83,7 @@ recorded!(Command, "controller → plant: what the wheels shall do now, and if n
     "input": Shape::Numbers, "body velocity for the period that the answered state began [m/s, m/s, rad/s]" => command.input;
     "tail": Shape::Rows, "the plan's next inputs, one per period [m/s, m/s, rad/s]" => command.tail();
     "rung": Shape::Word(words::rungs), "rung that the controller stands on" => command.rung().text();
+    "stop": Shape::Word(words::reasons), "why the gate is asked to stop" => words::of_reason(command.stop);
 });
 
 recorded!(ResidualSample, "controller → learner: what the main model got wrong in one period.", |sample| {

@@ -1,14 +1,15 @@
 //! The bytes in `vectors/` are those of the network encoding: what another language is to be tested against.
 //!
-//! `cargo test --workspace --test vectors -- --ignored` writes them anew. A difference is a change of the protocol.
+//! `cargo test --workspace --test vectors -- --ignored` writes them anew, and the seeds of the fuzzer that
+//! are made of them. A difference is a change of the protocol.
 
 use bytemuck::Zeroable;
 use protocol::message::{
-    Command, Credit, Exposure, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot,
+    Command, Credit, Exposure, GateState, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot,
     Participant, Phase, Plan, PlantState, Reason, ResidualSample, Rung, SnapshotHead, SolverStatus,
-    Stamp, TAIL_MAX, Truth,
+    Stamp, TAIL_MAX, Truth, WHEELS_MAX,
 };
-use protocol::{VERSION, wire};
+use protocol::{VERSION, frame, wire};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::error::Error;
@@ -105,20 +106,28 @@ said_as_it_is! {
             stamp: typical(),
             pose: [1.25, -0.5, 3.0],
             velocity: [0.8, 0.1, -0.2],
-            wheel_speed: [10.0, 11.0, 10.5, 9.75],
-            current: [1.5, 1.25, 1.0, 0.75],
+            wheel_speed: [10.0, 11.0, 10.5, 9.75, 0.0, 0.0, 0.0, 0.0],
+            current: [1.5, 1.25, 1.0, 0.75, 0.0, 0.0, 0.0, 0.0],
             input: [0.85, 0.1, -0.25],
+            input_delay_s: 0.02,
             controller_epoch: 2,
             accepted_epoch: 2,
             accepted_tick: 1039,
             refused: 1,
             rung: Rung::FreshPlan.code(),
             reason: Reason::None.code(),
+            wheels: 4,
+            wheel_speed_valid: 1,
+            current_valid: 1,
+            gate: GateState::Driving.code(),
+            ..PlantState::zeroed()
         }),
         ("before the first command", PlantState {
             stamp: Stamp { writer: 7, epoch: 1, sequence: 1, tick: 0, sent_nanos: 1, ..Stamp::default() },
             rung: Rung::Waiting.code(),
             reason: Reason::NoCommandYet.code(),
+            wheels: 4,
+            gate: GateState::Armed.code(),
             ..PlantState::zeroed()
         }),
         ("extreme", PlantState {
@@ -127,6 +136,12 @@ said_as_it_is! {
             refused: u64::MAX,
             rung: Rung::LatchedStop.code(),
             reason: Reason::Recovering.code(),
+            wheels: WHEELS_MAX as u32,
+            wheel_speed: [f64::MIN; WHEELS_MAX],
+            wheel_speed_valid: 1,
+            estop: 1,
+            gate: GateState::Stopped.code(),
+            stop: Reason::EmergencyStop.code(),
             ..PlantState::zeroed()
         }),
     ],
@@ -139,6 +154,7 @@ said_as_it_is! {
             tail: [[0.5, -0.25, 0.0], [0.25, 0.0, 0.0], [0.0; 3], [0.0; 3]],
             tail_len: 3,
             rung: Rung::FreshPlan.code(),
+            ..Command::zeroed()
         }),
         ("without a tail", Command { stamp: typical(), rung: Rung::Brake.code(), ..Command::zeroed() }),
         ("extreme", Command {
@@ -149,6 +165,8 @@ said_as_it_is! {
             tail: [EDGES; TAIL_MAX],
             tail_len: TAIL_MAX as u32,
             rung: Rung::LatchedStop.code(),
+            stop: Reason::HeadingError.code(),
+            ..Command::zeroed()
         }),
     ],
     ResidualSample: vec![
@@ -362,9 +380,26 @@ fn written<T: Said>() -> Outcome {
         let (message, bytes) = encoded(message);
         Vector { name: name.to_owned(), fields: message.fields(), bytes }
     };
-    let vectors = T::examples().into_iter().map(vector).collect();
+    let vectors: Vec<Vector<T::Fields>> = T::examples().into_iter().map(vector).collect();
+    for (vector, (_, message)) in vectors.iter().zip(T::examples()) {
+        seeds(&vector.name, &encoded(message).0, &bytes_of(&vector.bytes)?)?;
+    }
     let file = File { message: T::NAME.to_owned(), kind: T::KIND, version: VERSION, vectors };
     fs::write(path::<T>(), serde_json::to_string_pretty(&file)? + "\n")?;
+    Ok(())
+}
+
+/// Writes the seeds of the fuzzer that are made of this vector, where there are such seeds.
+fn seeds<T: Message>(name: &str, message: &T, wire: &[u8]) -> Outcome {
+    let mut framed = vec![0; message.byte_len()];
+    frame::encode(message, &mut framed);
+    let corpus = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fuzz/corpus");
+    for (decoder, bytes) in [("frame", framed.as_slice()), ("wire", wire)] {
+        let seed = corpus.join(decoder).join(format!("{}-{name}", T::NAME.to_lowercase()));
+        if seed.exists() {
+            fs::write(seed, bytes)?;
+        }
+    }
     Ok(())
 }
 

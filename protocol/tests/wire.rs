@@ -6,9 +6,9 @@ use proptest::prelude::{any, prop_assert, prop_assert_eq, prop_oneof, proptest};
 use proptest::strategy::{Just, Strategy};
 use protocol::frame::DecodeError;
 use protocol::message::{
-    Command, Credit, ERROR_TEXT_MAX, Exposure, HORIZON_MAX, Health, INPUTS_MAX, Message,
+    Command, Credit, ERROR_TEXT_MAX, Exposure, GateState, HORIZON_MAX, Health, INPUTS_MAX, Message,
     ModelSnapshot, Participant, Phase, Plan, PlantState, Reason, ResidualSample, Rung,
-    SnapshotHead, SolverStatus, TAIL_MAX, Truth,
+    SnapshotHead, SolverStatus, TAIL_MAX, Truth, WHEELS_MAX,
 };
 use protocol::{VERSION, message, wire};
 
@@ -48,6 +48,9 @@ fn fixed<T: message::Fixed>(repair: impl Fn(&mut T, u32)) -> impl Strategy<Value
     })
 }
 
+/// What a controller may ask the gate to stop for, or not.
+const STOPS: [Reason; 3] = [Reason::None, Reason::PositionError, Reason::HeadingError];
+
 fn pick<T: Copy>(all: &[T], choice: u32) -> T {
     all[choice as usize % all.len()]
 }
@@ -73,10 +76,17 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
         fixed::<PlantState>(|state, choice| {
             state.rung = pick(Rung::ALL, choice).code();
             state.reason = pick(Reason::ALL, choice).code();
+            state.wheels = choice % (WHEELS_MAX as u32 + 1);
+            state.gate = pick(GateState::ALL, choice).code();
+            state.stop = pick(Reason::ALL, choice).code();
+            (state.wheel_speed_valid, state.current_valid) = (choice % 2, choice / 2 % 2);
+            state.estop = choice / 4 % 2;
         }),
         fixed::<Command>(|command, choice| {
             command.tail_len = choice % (TAIL_MAX as u32 + 1);
             command.rung = pick(Rung::ALL, choice).code();
+            command.stop = pick(&STOPS, choice).code();
+            command.reserved = 0;
         }),
         fixed::<ResidualSample>(|sample, choice| sample.usable = choice % 2),
         fixed::<Credit>(|credit, choice| credit.participant = pick(Participant::ALL, choice).code()),

@@ -10,7 +10,9 @@ NOTHING: Vector = (0.0, 0.0, 0.0)
 ROUNDING = 1 + 1e-6  # a command at a limit may be beyond it by so much
 WAITING, TAIL, BRAKE, LATCHED = 0, 4, 5, 6  # rungs
 NONE, NO_COMMAND_YET, MISSING, MALFORMED, NOT_FINITE, OUT_OF_BOUNDS, RATE_TOO_HIGH, OLD_PLANT_EPOCH = range(8)  # reasons
-OLD_CONTROLLER_EPOCH, SECOND_WRITER, TOO_OLD, NOT_NEWER, FROM_THE_FUTURE, SOLVER_FAILED, BAD_STATE, _, RECOVERING = range(8, 17)
+OLD_CONTROLLER_EPOCH, SECOND_WRITER, TOO_OLD, NOT_NEWER, FROM_THE_FUTURE, SOLVER_FAILED, BAD_STATE, STOPPING, RECOVERING = range(8, 17)
+POSITION_ERROR, HEADING_ERROR, EMERGENCY_STOP, IS_DISARMED = range(17, 21)
+DISARMED, ARMED, DRIVING, STOPPED = range(4)  # states of the gate
 OWN_REASONS = {0: NONE, 1: NONE, 2: SOLVER_FAILED, 3: SOLVER_FAILED, 4: SOLVER_FAILED, 5: BAD_STATE, 6: BAD_STATE}  # of a controller's rung
 
 
@@ -60,7 +62,7 @@ class Limits:
 class Gate:
     """Which command acts on the wheels: duties 1 and 3 to 10. Times are seconds of one clock."""
 
-    def __init__(self, limits: Limits, epoch: int, delay: float) -> None:
+    def __init__(self, limits: Limits, epoch: int, delay: float, armed: bool = True) -> None:
         self.limits, self.epoch, self.delay = limits, epoch, delay
         self.tick = 0
         self.published: dict[int, float] = {}
@@ -69,7 +71,8 @@ class Gate:
         self.last_heard = 0.0  # of the present writer
         self.refused = 0
         self.acting = self.begun_with = NOTHING
-        self.braking = self.latched = False
+        self.state, self.stop_reason = ARMED if armed else DISARMED, NONE
+        self.estop = self.braking = False
         self.good_periods = 0
         self.past = (WAITING, NO_COMMAND_YET)  # rung and reason of the past period
         self.worst = (WAITING, NONE)  # of the present one
@@ -87,16 +90,38 @@ class Gate:
         """A period is over: duties 8 and 9."""
         answered = self.stored is not None and self.stored.stamp.tick == self.tick
         rung, why = self.worst
-        if self.stored is None and not self.latched:
+        if self.state == STOPPED:
+            rung, why = LATCHED, self.stop_reason
+        elif self.state == DISARMED:
+            rung, why = WAITING, IS_DISARMED
+        elif self.stored is None:
             rung, why = WAITING, NO_COMMAND_YET
-        elif answered and not self.braking and not self.latched:
+        elif self.braking:
+            rung, why = BRAKE, RECOVERING if answered else MISSING
+        elif answered:
             rung, why = self.stored.rung, OWN_REASONS[self.stored.rung]
         self.past = (rung, self.last_refusal or why)
         self.good_periods = self.good_periods + 1 if answered and self.braking else 0
 
-    def latch(self) -> None:
-        """Duty 10: brakes for good."""
-        self.latched = True
+    def stop(self, reason: int) -> None:
+        """Duty 10: brakes and stands until it is resumed."""
+        if self.state != STOPPED:
+            self.state, self.stop_reason = STOPPED, reason
+
+    def set_estop(self, pressed: bool) -> None:
+        """Duty 10: the robot's own emergency stop."""
+        self.estop = pressed
+        if pressed:
+            self.stop(EMERGENCY_STOP)
+
+    def order(self, order: str) -> bool:
+        """Duty 10, what a person orders, "arm" or "resume": whether it had a meaning."""
+        if self.state != {"arm": DISARMED, "resume": STOPPED}[order] or self.estop:
+            return False
+        if order == "resume":
+            self.braking, self.good_periods = self.stored is not None, 0
+        self.state, self.stop_reason = ARMED, NONE
+        return True
 
     def hear(self, command: Command | None, now: float) -> int:
         """Stores a command, or says why not; None stands for bytes that are none."""
@@ -106,6 +131,10 @@ class Gate:
         if reason == NONE:
             self.stored, self.since, self.last_heard = command, self.published[command.stamp.tick], now
             self.braking = self.braking and (self.good_periods < 3 or command.stamp.tick != self.tick)
+            if command.stop != NONE:
+                self.stop(command.stop)
+            elif self.state == ARMED and not self.braking:
+                self.state = DRIVING
         else:
             self.refused, self.last_refusal = self.refused + 1, reason
         return reason
@@ -150,8 +179,11 @@ class Gate:
         return chosen
 
     def _choose(self, now: float) -> tuple[Vector | None, int, int]:
-        if self.latched:
-            return None, LATCHED, BAD_STATE
+        if self.state == STOPPED:
+            self.braking = True
+            return None, LATCHED, self.stop_reason
+        if self.state == DISARMED:
+            return NOTHING, WAITING, IS_DISARMED
         if self.stored is None:
             return NOTHING, WAITING, NO_COMMAND_YET
         age = int((now - self.since) / self.limits.period + 1e-9)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
-from gate import NOTHING, Gate, Limits
+from gate import BAD_STATE, DISARMED, NOTHING, STOPPED, STOPPING, Gate, Limits
 from wire import Command, Credit, Health, PlantState, Refused, Stamp, Vector, Wire
 
 READY, RUNNING, FINISHED = 1, 2, 4  # phases
@@ -133,7 +133,7 @@ class Driver:
         self.period, self.lock_step, self.recorded = limits.period, options.pace == "lock-step", options.recorded
         self.ticks, self.epoch = round(options.duration / self.period), options.epoch
         self.limits, self.network = limits, network
-        self.gate = Gate(limits, self.epoch, options.delay_ms / 1e3)
+        self.gate = Gate(limits, self.epoch, options.delay_ms / 1e3, not options.disarmed)
         self.base = Base(tuple(options.start), options.seed)
         self.report = Report(self.period, options.circle)
         self.last_sequence: dict[tuple[int, int], int] = {}
@@ -141,6 +141,7 @@ class Driver:
         self.heard, self.through_tick = 0, -1
         self.phase, self.next_health = READY, 0.0
         self.input = NOTHING  # mean over the past period
+        self.ordered = False  # a person wants the robot to drive
 
     def run(self) -> None:
         begin = time.monotonic()
@@ -164,12 +165,17 @@ class Driver:
         """Duties 1, 2, 9 and 10."""
         pose, velocity = self.base.measure()
         if not all(map(math.isfinite, pose + velocity)):
-            self.gate.latch()
+            self.gate.stop(BAD_STATE)
+        if self.ordered:
+            self.ordered = False
+            self.gate.order("arm" if self.gate.state == DISARMED else "resume")
         self.gate.begin(tick, now)
         last = self.gate.stored
         accepted = (last.stamp.epoch, last.stamp.epoch, last.stamp.tick) if last else (0, 0, 0)
-        wheels, no_currents = self.limits.wheels(velocity), (0.0, 0.0, 0.0, 0.0)
-        said = (pose, velocity, wheels, no_currents, self.input, *accepted, self.gate.refused, *self.gate.past)
+        wheels, none = (*self.limits.wheels(velocity), 0.0, 0.0, 0.0, 0.0), (0.0,) * 8
+        measured, valid = (pose, velocity, wheels, none), (len(wheels) - 4, 1, 0)  # four wheels, speeds but no currents
+        gate = (self.gate.refused, *self.gate.past, *valid, 0, self.gate.state, self.gate.stop_reason)
+        said = (*measured, self.input, 0.0, *accepted, *gate)
         self.network.send_state(PlantState(self._stamp("state"), *said))
         self.phase = RUNNING
 
@@ -239,11 +245,17 @@ class Driver:
         stamp, none = self._stamp("health"), (0,) * 8
         sent, received = (self.sent["state"], *none[1:]), (0, self.heard, *none[2:])
         counts = (sent, received, none, (0, self.gate.refused, *none[2:]), none)
-        self.network.send_health(Health(stamp, 0, self.phase, os.getpid(), 0, stamp.sequence, *(0,) * 8, *counts, ""))
+        shut = {DISARMED: f"disarmed: kill -USR1 {os.getpid()} arms the robot", STOPPED: f"stopped: kill -USR1 {os.getpid()} resumes the robot"}
+        error = shut.get(self.gate.state, "")
+        self.network.send_health(Health(stamp, 0, self.phase, os.getpid(), 0, stamp.sequence, *(0,) * 8, *counts, error))
+
+    def obey(self) -> None:
+        """A person's order, duty 10, which acts from the next period on."""
+        self.ordered = True
 
     def rest(self) -> None:
         """Duty 14: brakes."""
-        self.gate.latch()
+        self.gate.stop(STOPPING)
         while any(self.gate.acting):
             time.sleep(0.0 if self.lock_step else GRAIN_S)
             self._move([0.0, 0.0, 0.0], 0.0, GRAIN_S)
@@ -308,6 +320,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--start", type=float, nargs=3, default=NOTHING, metavar=("X", "Y", "YAW"), help="pose [m, m, rad]")
     parser.add_argument("--circle", type=float, nargs=2, metavar=("RADIUS", "SPEED"), help="tell the error from this circle [m, m/s]")
     parser.add_argument("--recorded", action="store_true", help="a recorder takes part: in lock step, wait for its credit")
+    parser.add_argument("--disarmed", action="store_true", help="stand until a person arms the robot: kill -USR1 PID")
     parser.add_argument("--delay-ms", type=float, default=0.0, help="delay of the link, allowed on top of the age of an answer")
     parser.add_argument("--epoch", type=int, default=unheard_of(), help="greater than that of the last start, and one that nobody has heard of")
     parser.add_argument("--seed", type=int, default=1, help="of the sensors' noise (%(default)s)")
@@ -333,6 +346,7 @@ def drive(options: argparse.Namespace) -> int:
         return 1
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     driver = Driver(options, limits, network)
+    signal.signal(signal.SIGUSR1, lambda *_: driver.obey())
     try:
         driver.run()
         driver.finish()

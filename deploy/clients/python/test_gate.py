@@ -1,6 +1,9 @@
 """The duties of a robot driver, one test each: python -m unittest discover -s deploy/clients/python."""
+import json
+import math
 import unittest
 from dataclasses import replace
+from pathlib import Path
 
 import gate
 from gate import NOTHING, Gate, Limits
@@ -11,8 +14,8 @@ LIMITS = Limits(T, (5.0, 5.0, 6.0), (10.0, 10.0, 20.0), (8.0, 8.0, 16.0), 120.0,
 AHEAD = (1.0, 0.0, 0.0)
 
 
-def command(tick: int, value=AHEAD, tail=((0.8, 0.0, 0.0), (0.6, 0.0, 0.0), (0.4, 0.0, 0.0)), epoch=1, writer=7, plant=3, rung=1) -> Command:
-    return Command(Stamp(writer, epoch, tick + 1, tick, 0), plant, 0, value, tail, rung)
+def command(tick: int, value=AHEAD, tail=((0.8, 0.0, 0.0), (0.6, 0.0, 0.0), (0.4, 0.0, 0.0)), epoch=1, writer=7, plant=3, rung=1, stop=0) -> Command:
+    return Command(Stamp(writer, epoch, tick + 1, tick, 0), plant, 0, value, tail, rung, stop)
 
 
 class Duties(unittest.TestCase):
@@ -137,13 +140,63 @@ class Duties(unittest.TestCase):
         self.gate.end()
         self.assertEqual(self.gate.past, (2, gate.SECOND_WRITER))
 
-    def test_10_a_latched_gate_brakes_for_good(self) -> None:
-        self.period(0, command(0))
-        self.gate.latch()
-        for tick in range(1, 6):
-            acting, rung, reason = self.period(tick, command(tick))
-            self.assertEqual((rung, reason), (gate.LATCHED, gate.BAD_STATE))
-        self.assertEqual(acting, (0.0, 0.0, 0.0))
+    def test_10_a_stopped_gate_stands_until_it_is_resumed(self) -> None:
+        for asks in (False, True):
+            with self.subTest(asks=asks):
+                self.gate = Gate(LIMITS, 3, 0.0)
+                self.assertFalse(self.gate.order("resume"))
+                self.period(0, command(0))
+                reason = gate.HEADING_ERROR if asks else gate.BAD_STATE
+                if not asks:
+                    self.gate.stop(gate.BAD_STATE)
+                for tick in range(1, 6):
+                    acting, *past = self.period(tick, command(tick, stop=gate.HEADING_ERROR if asks and tick == 1 else 0))
+                    self.assertEqual(past, [gate.LATCHED, reason])
+                self.assertEqual(acting, NOTHING)
+                self.assertTrue(self.gate.order("resume"))
+                rungs = [self.period(tick, command(tick))[1] for tick in range(6, 10)]
+                self.assertEqual(rungs, [gate.BRAKE] * 3 + [1])
+                self.assertEqual(self.gate.state, gate.DRIVING)
+
+    def test_the_vectors_of_the_gate_hold(self) -> None:
+        file = json.loads((Path(__file__).parents[3] / "protocol/vectors/gate.json").read_text())
+        period, robot = file["period_ms"] / 1e3, file["robot"]
+        limits = Limits(period, *(tuple(robot[key]) for key in ("input", "rate", "brake")), *(robot[key] for key in ("wheel_speed", "wheel_radius", "lever")))
+        for case in file["cases"]:
+            with self.subTest(case["name"]):
+                self.run_case(Gate(limits, file["plant_epoch"], 0.0, case.get("armed", True)), case["events"])
+
+    def run_case(self, tried: Gate, events: list[dict]) -> None:
+        total, since, now = [0.0, 0.0, 0.0], 0, 0
+        for event in events:
+            while now < event["at_ms"]:
+                acting = tried.play(now / 1e3, 1e-3)
+                total, now = [sum_ + value * 1e-3 for sum_, value in zip(total, acting)], now + 1
+            at = now / 1e3
+            if "publish" in event:
+                if event["publish"] > 0:
+                    tried.end()
+                    found = {"rung": tried.past[0], "reason": tried.past[1], "gate": tried.state, "stop": tried.stop_reason, "refused": tried.refused}
+                    self.assertEqual(found, {key: event[key] for key in found}, event)
+                    for sum_, mean in zip(total, event["input"]):
+                        self.assertAlmostEqual(sum_ / (now - since) * 1e3, mean, delta=0.01, msg=str(event))
+                total, since = [0.0, 0.0, 0.0], now
+                tried.begin(event["publish"], at)
+            elif "command" in event:
+                said = event["command"]
+                numbers = [tuple(math.nan if value is None else value for value in row) for row in [said["input"], *said["tail"]]]
+                stamp = Stamp(said["writer"], said["epoch"], 0, said["tick"], 0)
+                reason = tried.hear(Command(stamp, said["plant_epoch"], 0, numbers[0], tuple(numbers[1:]), said["rung"], said["stop"]), at)
+                self.assertEqual(reason, event["verdict"], event)
+            elif "order" in event:
+                self.assertEqual(tried.order(event["order"]), event["followed"], event)
+            elif "estop" in event:
+                tried.set_estop(event["estop"])
+            elif "not_finite" in event:
+                tried.stop(gate.BAD_STATE)
+            else:
+                for found, value in zip(tried.play(at, 0.0), event["output"]):
+                    self.assertAlmostEqual(found, value, delta=0.02, msg=str(event))
 
 
 if __name__ == "__main__":

@@ -91,8 +91,24 @@ def text(most: int) -> Codec:
     return Codec(lambda value: raw.write(value.encode()), read)
 
 
-U32, U64, RUNG, REASON = varint(1 << 32), varint(1 << 64), varint(7), varint(17)
-ROW, FOUR, COUNTS = numbers(3), numbers(4), several(U64, 8)
+def one_of(allowed: tuple[int, ...]) -> Codec:
+    """Whole numbers of which only a few are allowed."""
+    write, read_any = varint(1 << 32)
+
+    def read(cursor: Cursor) -> int:
+        value = read_any(cursor)
+        if value not in allowed:
+            raise Refused("no code of its field")
+        return value
+
+    return Codec(write, read)
+
+
+U32, U64, RUNG, REASON = varint(1 << 32), varint(1 << 64), varint(7), varint(21)
+FLAG, WHEELS, GATE_STATE = varint(2), varint(9), varint(4)
+ROW, EIGHT, COUNTS = numbers(3), numbers(8), several(U64, 8)
+ONE = Codec(lambda value: struct.pack("<d", value), lambda cursor: struct.unpack("<d", cursor.take(8))[0])
+STOPS = (0, 17, 18)  # reasons for which a controller may ask for a stop
 
 
 @dataclass(frozen=True)
@@ -113,15 +129,22 @@ class PlantState:
     stamp: Annotated[Stamp, STAMP]
     pose: Annotated[Vector, ROW]
     velocity: Annotated[Vector, ROW]
-    wheel_speed: Annotated[tuple[float, ...], FOUR]
-    current: Annotated[tuple[float, ...], FOUR]
+    wheel_speed: Annotated[tuple[float, ...], EIGHT]
+    current: Annotated[tuple[float, ...], EIGHT]
     input: Annotated[Vector, ROW]
+    input_delay_s: Annotated[float, ONE]
     controller_epoch: Annotated[int, U64]
     accepted_epoch: Annotated[int, U64]
     accepted_tick: Annotated[int, U64]
     refused: Annotated[int, U64]
     rung: Annotated[int, RUNG]
     reason: Annotated[int, REASON]
+    wheels: Annotated[int, WHEELS]
+    wheel_speed_valid: Annotated[int, FLAG]
+    current_valid: Annotated[int, FLAG]
+    estop: Annotated[int, FLAG]
+    gate: Annotated[int, GATE_STATE]
+    stop: Annotated[int, REASON]
 
 
 @dataclass(frozen=True)
@@ -133,6 +156,7 @@ class Command:
     input: Annotated[Vector, ROW]
     tail: Annotated[tuple[Vector, ...], sequence(ROW, 4)]
     rung: Annotated[int, RUNG]
+    stop: Annotated[int, one_of(STOPS)] = 0
 
 
 @dataclass(frozen=True)
@@ -171,7 +195,7 @@ class Health:
 class Wire:
     """Messages to bytes and back: a header of version, kind and checksum, then the fields."""
 
-    VERSION = 4
+    VERSION = 5
     HEADER = struct.Struct("<HHI")
     BODY = {kind: record(kind) for kind in (PlantState, Command, Credit, Health)}
     TABLE: list[int] = []  # of the checksum, by byte

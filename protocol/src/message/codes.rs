@@ -68,13 +68,13 @@ coded! {
         StoredTail = 4 => "stored tail",
         /// A ramp to standstill, by the gate.
         Brake = 5 => "brake",
-        /// Standing still until a person starts the plant again.
+        /// Standing still until a person resumes the plant, or starts it again.
         LatchedStop = 6 => "latched stop",
     }
 }
 
 coded! {
-    /// Why a rung was taken, or why the gate refused the last command.
+    /// Why a rung was taken, why the gate refused the last command, or why it has stopped.
     Reason {
         /// Nothing to explain.
         None = 0 => "-",
@@ -110,6 +110,35 @@ coded! {
         Stopping = 15 => "stopping",
         /// Coming back from the brake: not enough good periods yet.
         Recovering = 16 => "recovering",
+        /// The robot was farther from its reference than `limits.tracking_error_m`.
+        PositionError = 17 => "position error",
+        /// Its heading was farther from its reference than `limits.tracking_error_heading_rad`.
+        HeadingError = 18 => "heading error",
+        /// The robot's own emergency stop is pressed.
+        EmergencyStop = 19 => "emergency stop",
+        /// The gate waits for a person to arm it.
+        Disarmed = 20 => "disarmed",
+    }
+}
+
+coded! {
+    /// State of the plant's gate.
+    GateState {
+        /// The wheels stand until a person arms the gate.
+        Disarmed = 0 => "disarmed",
+        /// The next accepted command may drive the wheels.
+        Armed = 1 => "armed",
+        /// Accepted commands drive the wheels.
+        Driving = 2 => "driving",
+        /// Braked to a standstill, latched until a person resumes.
+        Stopped = 3 => "stopped",
+    }
+}
+
+impl Reason {
+    /// Whether a controller may ask the gate to stop for this reason.
+    pub const fn is_stop_request(self) -> bool {
+        matches!(self, Self::PositionError | Self::HeadingError)
     }
 }
 

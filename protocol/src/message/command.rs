@@ -1,8 +1,8 @@
 //! controller → plant: what the wheels shall do now, and what they shall do if nothing more is heard.
 
 use super::sequence::Bounded;
-use super::{Rung, Stamp, check_count, fixed_message};
-use crate::frame::code;
+use super::{Reason, Rung, Stamp, check_count, fixed_message};
+use crate::frame::{DecodeError, code};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -27,9 +27,19 @@ pub struct Command {
     pub tail_len: u32,
     /// [`Rung`] that the controller stands on.
     pub rung: u32,
+    /// [`Reason`] for which the gate is asked to stop and latch: a position or a heading error, or
+    /// none.
+    pub stop: u32,
+    /// Zero.
+    pub reserved: u32,
 }
 
 impl Command {
+    /// Why the gate is asked to stop; [`Reason::None`] if it is not.
+    pub fn stop(&self) -> Reason {
+        Reason::try_from(self.stop).unwrap_or(Reason::None)
+    }
+
     /// Rung that the controller stands on.
     pub fn rung(&self) -> Rung {
         Rung::try_from(self.rung).unwrap_or(Rung::LatchedStop)
@@ -43,7 +53,15 @@ impl Command {
 
 fixed_message!(Command, 2, [input, tail], |command| {
     check_count("Command", "tail_len", command.tail_len, TAIL_MAX)?;
-    code::<Rung>("Command", "rung", command.rung)
+    code::<Rung>("Command", "rung", command.rung)?;
+    match Reason::try_from(command.stop) {
+        Ok(reason) if reason == Reason::None || reason.is_stop_request() => Ok(()),
+        _ => Err(DecodeError::Value {
+            message: "Command",
+            field: "stop",
+            value: u64::from(command.stop),
+        }),
+    }
 });
 
 /// What of a command is serialised: of the tail only the inputs that count.
@@ -56,6 +74,7 @@ struct Said<'a> {
     input: [f64; 3],
     tail: &'a [[f64; 3]],
     rung: u32,
+    stop: u32,
 }
 
 #[derive(Deserialize)]
@@ -67,19 +86,20 @@ struct Heard {
     input: [f64; 3],
     tail: Bounded<[f64; 3], TAIL_MAX>,
     rung: u32,
+    stop: u32,
 }
 
 impl Serialize for Command {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let Self { stamp, plant_epoch, model_version, input, rung, .. } = *self;
-        Said { stamp, plant_epoch, model_version, input, tail: self.tail(), rung }
+        let Self { stamp, plant_epoch, model_version, input, rung, stop, .. } = *self;
+        Said { stamp, plant_epoch, model_version, input, tail: self.tail(), rung, stop }
             .serialize(serializer)
     }
 }
 
 impl<'de> Deserialize<'de> for Command {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let Heard { stamp, plant_epoch, model_version, input, tail, rung } =
+        let Heard { stamp, plant_epoch, model_version, input, tail, rung, stop } =
             Heard::deserialize(deserializer)?;
         Ok(Self {
             stamp,
@@ -89,6 +109,8 @@ impl<'de> Deserialize<'de> for Command {
             tail: tail.items,
             tail_len: tail.len as u32,
             rung,
+            stop,
+            reserved: 0,
         })
     }
 }

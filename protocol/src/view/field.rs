@@ -19,6 +19,8 @@ pub struct Field {
 pub enum Shape {
     /// A whole number.
     Integer,
+    /// One number.
+    Number,
     /// Any number of numbers.
     Numbers,
     /// Any number of rows of numbers.
@@ -59,6 +61,7 @@ impl Shape {
     fn schema(self) -> Value {
         match self {
             Self::Integer => json!({"type": "integer"}),
+            Self::Number => json!({"type": "number"}),
             Self::Numbers => json!({"type": "array", "items": {"type": "number"}}),
             Self::Rows => {
                 json!({"type": "array", "items": {"type": "array", "items": {"type": "number"}}})

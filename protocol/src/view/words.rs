@@ -1,6 +1,6 @@
 //! code ↔ word: a record shows coded fields in a person's words.
 
-use crate::message::{Exposure, Participant, Phase, Reason, Rung, SolverStatus};
+use crate::message::{Exposure, GateState, Participant, Phase, Reason, Rung, SolverStatus};
 
 /// Lists the words of one kind of code.
 pub type Words = fn() -> Vec<&'static str>;
@@ -13,6 +13,11 @@ pub fn rungs() -> Vec<&'static str> {
 /// Words of [`Reason`].
 pub fn reasons() -> Vec<&'static str> {
     Reason::ALL.iter().map(|reason| reason.text()).collect()
+}
+
+/// Words of [`GateState`].
+pub fn gate_states() -> Vec<&'static str> {
+    GateState::ALL.iter().map(|state| state.text()).collect()
 }
 
 /// Words of [`SolverStatus`].
@@ -38,6 +43,11 @@ pub fn exposures() -> Vec<&'static str> {
 /// The rung of this name.
 pub fn rung(word: &str) -> Option<Rung> {
     Rung::ALL.iter().copied().find(|rung| rung.text() == word)
+}
+
+/// The reason of this name.
+pub fn reason(word: &str) -> Option<Reason> {
+    Reason::ALL.iter().copied().find(|reason| reason.text() == word)
 }
 
 /// The exposure of this name.

@@ -94,6 +94,13 @@ pub enum Event {
         /// What.
         fault: Option<SensorFault>,
     },
+    /// The gate is asked to stop.
+    Stop {
+        /// At this tick.
+        tick: u64,
+        /// Why.
+        reason: Reason,
+    },
     /// Something is wrong with driver or robot file.
     Complaint {
         /// At this tick.

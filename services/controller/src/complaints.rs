@@ -146,7 +146,7 @@ impl Complaints {
         let add = |sum: &mut f64, value: f64| *sum = self.fading * *sum + value;
         add(&mut self.periods, 1.0);
         add(&mut self.refused, f64::from(u8::from(now.refused > before.refused)));
-        let is_at_limit = state.current.iter().any(|amps| amps.abs() >= AT_LIMIT * self.limit_a);
+        let is_at_limit = state.current().iter().any(|amps| amps.abs() >= AT_LIMIT * self.limit_a);
         add(&mut self.at_limit, f64::from(u8::from(is_at_limit)));
         let (moved, said) = motion(&before, &now, self.period_s);
         add(&mut self.moved, moved);
@@ -297,8 +297,12 @@ mod tests {
     #[test]
     fn a_motor_that_stays_at_its_limit_is_told() {
         let limit = Robot::example().drive.current_limit_a;
-        let complaints =
-            told(|tick| PlantState { current: [0.0, -limit, 0.0, 0.0], ..circle(tick, PERIOD_S) });
+        let complaints = told(|tick| PlantState {
+            current: [0.0, -limit, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            wheels: 4,
+            current_valid: 1,
+            ..circle(tick, PERIOD_S)
+        });
         assert!(matches!(complaints[..], [Complaint::Current { .. }]), "{complaints:?}");
     }
 

@@ -12,6 +12,7 @@ use crate::mpc::{Mpc, MpcError, Solved, Status, Turn};
 use crate::reference::{PointsError, Reference, ReferencePoint};
 use crate::sensors::{Driven, SensorFault, Watch};
 use crate::settings::{Method, Settings};
+use crate::tracking::TrackingJudge;
 use gate::Bounds;
 use gate::accept::{Situation, judge};
 use model::foresight::Foresight;
@@ -67,6 +68,7 @@ struct Decision {
 pub struct Controller {
     knowledge: Knowledge,
     watch: Watch,
+    tracking: TrackingJudge,
     /// What the gate lets through.
     bounds: Bounds,
     /// Time that an answer may take; `None` in lock step \[ns\].
@@ -123,6 +125,7 @@ impl Controller {
             points,
             fingerprint: fingerprint(&main, settings.learned.layout.name()),
             watch: Watch::new(main, bound(&main, &settings.robot)),
+            tracking: TrackingJudge::new(&settings.robot),
             bounds: Bounds::new(&settings.robot, settings.run.period_nanos, 0),
             budget_nanos,
             knowledge: Knowledge::new(settings, main, foresight),
@@ -187,6 +190,9 @@ impl Controller {
             &Driven { acted: state.input, commanded: ours.then_some(self.commanded) },
             handover,
         );
+        if seen {
+            self.judge_tracking(state, handover);
+        }
         let input_known = state.input.iter().all(|value| value.is_finite()) && seen;
         if let Some(before) =
             self.before.filter(|before| before.tick + 1 == state.stamp.tick && input_known)
@@ -210,6 +216,16 @@ impl Controller {
         self.before =
             seen.then(|| Before { tick: state.stamp.tick, state: self.knowledge.state() });
         sample
+    }
+
+    /// Whether the robot is too far from its reference.
+    fn judge_tracking(&mut self, state: &PlantState, handover: &Handover) {
+        let (tick, before) = (state.stamp.tick, self.tracking.request());
+        let reference = self.reference.at(tick).pose;
+        let request = self.tracking.judge(&state.pose, &reference, state.rung());
+        if request != before && request != Reason::None {
+            handover.note(Event::Stop { tick, reason: request });
+        }
     }
 
     /// Whether what was measured can be believed.
@@ -430,6 +446,7 @@ impl Controller {
         self.plant_epoch = Some(state.stamp.epoch);
         self.before = None;
         self.watch.reset();
+        self.tracking.reset();
         self.knowledge.reset();
         self.mpc.reset();
         self.prepared_for = None;
@@ -442,6 +459,7 @@ impl Controller {
         command.plant_epoch = state.stamp.epoch;
         command.model_version = self.knowledge.version();
         command.rung = rung.code();
+        command.stop = self.tracking.request().code();
         command.input = input;
         // Without a plan the input is held: the gate plays two periods of it at most before it brakes. Who brakes goes on braking.
         let planned = matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan);

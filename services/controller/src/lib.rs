@@ -8,6 +8,7 @@
 //! | [`adopt`]     | model snapshots in: checked and prepared beside the control thread        |
 //! | [`fallback`]  | what to command when the optimiser has no answer                          |
 //! | [`sensors`]   | what cannot have been measured: no numbers, or stuck ones                 |
+//! | [`tracking`]  | how far from the reference the robot may be before the gate is asked to stop |
 //! | [`complaints`] | what is wrong with driver or robot file, as far as states tell           |
 //! | [`control`]   | one tick: answer the state, then say what was learnt                      |
 //! | [`knowledge`] | what is believed at one moment, and how it follows what is seen           |
@@ -29,5 +30,6 @@ pub mod sensors;
 pub mod settings;
 #[cfg(test)]
 mod told_in_health;
+pub mod tracking;
 
 pub use settings::Settings;

@@ -231,6 +231,7 @@ impl<'a> Loop<'a> {
         if is_first {
             self.pulse.phase(Phase::Running);
         }
+        self.pulse.show_gate(state.gate(), state.stop());
         if let Some(fault) = self.controller.sensor_fault() {
             self.pulse.health().set_last_error(fault.text());
         } else if let Some(complaint) = self.complaints.look(state) {

@@ -16,7 +16,7 @@ use model::delay::DELAY_MAX;
 use model::main_model::MainModel;
 use model::residual::residual;
 use model::{AXES, State, Velocity, wrap};
-use protocol::message::PlantState;
+use protocol::message::{PlantState, WHEELS_MAX};
 
 /// Periods without a change before anything is said to be stuck.
 const PERIODS: u32 = 3;
@@ -78,7 +78,7 @@ struct Readings {
     tick: u64,
     pose: [f64; 3],
     velocity: Velocity,
-    wheel_speed: [f64; 4],
+    wheel_speed: [f64; WHEELS_MAX],
 }
 
 /// What has been done to the robot in the past period.

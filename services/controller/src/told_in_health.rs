@@ -13,7 +13,7 @@ use model::learned::{INPUTS, Layout, Moment};
 use model::main_model::MainModel;
 use process::{Pace, Stop};
 use protocol::message::{
-    Command, Health, INPUTS_MAX, ModelSnapshot, PlantState, Rung, SnapshotHead,
+    Command, GateState, Health, INPUTS_MAX, ModelSnapshot, PlantState, Rung, SnapshotHead,
 };
 use protocol::port::{Exchange, Identity, Ports, Since, Sink, Source};
 use robot::Robot;
@@ -72,7 +72,7 @@ struct Robotic {
 impl Robotic {
     fn new(ports: &Ports) -> Result<Self, Box<dyn Error>> {
         let mut state = PlantState::zeroed();
-        state.rung = Rung::FreshPlan.code();
+        (state.rung, state.gate) = (Rung::FreshPlan.code(), GateState::Driving.code());
         let main = MainModel::new(&Robot::example(), 0.1);
         let (states, commands, health) =
             (ports.sink()?, ports.source(Since::First)?, ports.source(Since::First)?);

@@ -235,6 +235,7 @@ impl Assembly {
             duration_s: self.scenario.duration_s,
             seed: self.scenario.seed,
             link_delay_millis: self.link_delay_millis(),
+            armed: self.graph.armed,
             recorded: self.graph.processes.recorder.enabled,
             start: self.scenario.start,
             robot: self.robot,

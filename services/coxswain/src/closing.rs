@@ -23,6 +23,8 @@ pub struct Closing {
     periods: u64,
     periods_missed: u64,
     rungs: BTreeMap<String, u64>,
+    #[serde(default)]
+    stops: Vec<Stopped>,
     world_stalled_s: f64,
     snapshots_published: u64,
     snapshots_adopted: u64,
@@ -30,6 +32,14 @@ pub struct Closing {
     #[serde(default)]
     told: Vec<String>,
     exposure: String,
+}
+
+/// One stop of the gate.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct Stopped {
+    at_s: f64,
+    reason: String,
+    resumed_s: Option<f64>,
 }
 
 impl Closing {
@@ -79,6 +89,11 @@ impl Display for Closing {
             self.periods_missed,
             list(rungs)
         )?;
+        for Stopped { at_s, reason, resumed_s } in &self.stops {
+            let until = resumed_s
+                .map_or_else(|| "to the end".into(), |time| format!("resumed at {time:.1} s"));
+            writeln!(f, "  STOPPED             {reason} at {at_s:.1} s, {until}")?;
+        }
         if self.world_stalled_s > 0.0 {
             writeln!(
                 f,
@@ -148,6 +163,16 @@ mod tests {
         )?;
         let expected = format!("{expected}\n  INSECURE            strangers can drive");
         assert_eq!(Closing::read(folder.path())?.to_string(), expected);
+        let stops = r#""stops": [{"at_s": 3.21, "reason": "position error", "resumed_s": 5.0},
+            {"at_s": 9.0, "reason": "heading error", "resumed_s": null}], "rungs""#;
+        fs::write(folder.path().join("summary.json"), summary.replace("\"rungs\"", stops))?;
+        let shown = Closing::read(folder.path())?.to_string();
+        assert!(
+            shown.contains(
+                "\n  STOPPED             position error at 3.2 s, resumed at 5.0 s\n  STOPPED             heading error at 9.0 s, to the end\n"
+            ),
+            "{shown}"
+        );
         let told =
             summary.replace("\"exposure\"", "\"told\": [\"controller: slow\"], \"exposure\"");
         let told = told

@@ -27,6 +27,9 @@ pub struct Graph {
     pub scenario: PathBuf,
     /// Whose time it is.
     pub pace: Pace,
+    /// Whether the gate of its plant starts armed; else the wheels stand until `coxswain arm`.
+    #[serde(default = "armed")]
+    pub armed: bool,
     /// In lock step: how long a writer waits for a reader that makes no room, before it gives up \[ms\].
     #[serde(default = "lock_step_patience_millis")]
     pub lock_step_patience_millis: u64,
@@ -119,6 +122,10 @@ pub fn is_endpoint(text: &str) -> bool {
     parts.is_some_and(|(protocol, (host, port))| {
         ["tcp", "tls"].contains(&protocol) && is_host(host) && port.parse::<u16>().is_ok()
     })
+}
+
+fn armed() -> bool {
+    true
 }
 
 fn lock_step_patience_millis() -> u64 {

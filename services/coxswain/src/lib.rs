@@ -28,6 +28,7 @@
 //! | [`service_manager`] | tells the one that started the launch, if one did, that its loop turns         |
 //! | [`progress`] | the live line                                                                        |
 //! | [`closing`]  | `summary.json` → the table at the end                                                |
+//! | [`order`]    | `coxswain arm`, `coxswain resume`: an order to the plant of a run                    |
 //! | [`set`]      | `coxswain set`: a change to the settings of a robot that drives                      |
 //! | [`records`]  | `coxswain report`, `coxswain export`: what is made from records                      |
 //! | [`experiment`] | controllers compared in scenarios                                                    |
@@ -55,6 +56,7 @@ pub mod in_process;
 pub mod launch;
 pub mod lookout;
 pub mod options;
+pub mod order;
 pub mod private;
 pub mod progress;
 pub mod records;

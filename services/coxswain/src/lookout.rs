@@ -7,7 +7,7 @@ use crate::{berth, dashboard};
 use clap::Args;
 use process::Stop;
 use protocol::access::{Credentials, Role};
-use protocol::message::{Exposure, Participant, Plan, PlantState};
+use protocol::message::{Exposure, Participant, Plan, PlantState, Reason};
 use protocol::telemetry::{Heard, TelemetryError, Watcher, Word};
 use std::collections::BTreeMap;
 use std::io::{self, IsTerminal, Write};
@@ -278,7 +278,7 @@ fn line(state: &PlantState, seconds: f64, plan: Option<&Plan>) -> String {
         "tick {:6}  {seconds:8.2} s  x {x:8.3}  y {y:8.3}  yaw {yaw:7.3}",
         state.stamp.tick
     );
-    match plan {
+    let line = match plan {
         Some(plan) => format!(
             "{measured}  error {:6.3} m  {:<12}  model {:4}  tick time {:6.0} us",
             plan.position_error(),
@@ -292,6 +292,10 @@ fn line(state: &PlantState, seconds: f64, plan: Option<&Plan>) -> String {
         )
         .trim_end()
         .to_owned(),
+    };
+    match state.stop() {
+        Reason::None => line,
+        reason => format!("{line}  STOPPED: {reason}"),
     }
 }
 

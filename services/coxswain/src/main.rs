@@ -9,9 +9,11 @@ use coxswain::experiment::{self, CompareOptions};
 use coxswain::launch::LaunchError;
 use coxswain::lookout::{self, WatchOptions};
 use coxswain::options::Options;
+use coxswain::order::{self, OrderOptions};
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
-use coxswain::set::SetOptions;
+use coxswain::set::{SetError, SetOptions};
 use coxswain::terminal::Terminal;
+use gate::Order;
 use process::Stop;
 use protocol::threads;
 use rustix::process::{Signal, getpid, kill_process, set_parent_process_death_signal};
@@ -55,6 +57,17 @@ enum Command {
     ///
     /// Exit code 0 if it is in use, 2 if it was refused, 1 if there is nobody to ask.
     Set(SetOptions),
+    /// Let a robot that the gate has stopped drive again, on its own machine. Look at the robot first.
+    ///
+    /// A stop is latched: it outlasts a restarted controller and ends only by this order. The launch, the live page and `coxswain watch` show
+    /// its reason. The record says who resumed and when.
+    ///
+    /// Exit code 0 if the gate is armed, 2 if the plant refuses, as one that has not stopped does, 1 if there is no run that could obey.
+    Resume(OrderOptions),
+    /// Arm the gate of a plant that started disarmed (`armed = false` in the graph file), on its own machine.
+    ///
+    /// Exit code 0 if the gate is armed, 2 if the plant refuses, 1 if there is no run that could obey.
+    Arm(OrderOptions),
     /// Make one page with every figure of a run, or of several in the same figures.
     ///
     /// Exit code 2 if there is no record to read, 1 if the page cannot be written.
@@ -85,7 +98,9 @@ fn main() -> ExitCode {
         Command::Certificates(options) => certificates(&options),
         Command::Drill(options) => drill(&options),
         Command::Offer(options) => offer(&options),
-        Command::Set(options) => set(&options),
+        Command::Set(options) => set(coxswain::set::run(&options, &berth::base())),
+        Command::Resume(options) => set(order::run(Order::Resume, &options, &berth::base())),
+        Command::Arm(options) => set(order::run(Order::Arm, &options, &berth::base())),
         Command::Report(options) => made(records::report(&options)),
         Command::Export(options) => made(records::export(&options)),
         Command::Experiment(Experiment::Compare(options)) => compare(&options),
@@ -102,8 +117,8 @@ fn certificates(options: &CertificatesOptions) -> ExitCode {
     }
 }
 
-fn set(options: &SetOptions) -> ExitCode {
-    match coxswain::set::run(options, &berth::base()) {
+fn set(outcome: Result<(), SetError>) -> ExitCode {
+    match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             Terminal::new().say(format_args!("coxswain: {error}"));

@@ -62,7 +62,7 @@ pub enum SetError {
         run: PathBuf,
     },
     /// The process is not one of this launch.
-    #[error("this launch has no {role}: set its keys on the machine where it runs")]
+    #[error("this launch has no {role}: it takes orders on the machine where it runs")]
     Elsewhere {
         /// Who.
         role: Participant,
@@ -79,7 +79,7 @@ pub enum SetError {
         reason: String,
     },
     /// The launch has ended meanwhile.
-    #[error("the launch has ended, and nothing was set")]
+    #[error("the launch has ended, and nothing was changed")]
     Ended,
     /// Nobody said anything.
     #[error("the {role} has not answered for {PATIENCE:?}; it takes the change up when it is back")]

@@ -23,8 +23,10 @@ const COMPLAINTS_MAX: usize = 20;
 pub struct View {
     health: BTreeMap<Participant, HealthView>,
     plan: Option<PlanView>,
-    /// What the controller has said that is wrong, each once.
+    /// What the controller has said that is wrong, each once until it was well again.
     complaints: Vec<String>,
+    /// Whether its last Health had nothing wrong: what was wrong before is told again.
+    well: bool,
 }
 
 /// What counts of a Health.
@@ -81,13 +83,12 @@ impl View {
             let heard = self.health(role).map_or(0, |before| before.heard) + 1;
             self.health.insert(role, HealthView { heard, phase: health.phase() });
             let said = health.last_error();
-            let is_new = || !self.complaints.iter().any(|before| before == said);
-            if role == Participant::Controller
-                && !said.is_empty()
-                && self.complaints.len() < COMPLAINTS_MAX
-                && is_new()
-            {
-                self.complaints.push(said.to_owned());
+            if role == Participant::Controller {
+                let was_well = std::mem::replace(&mut self.well, said.is_empty());
+                let is_new = was_well || !self.complaints.iter().any(|before| before == said);
+                if !said.is_empty() && is_new && self.complaints.len() < COMPLAINTS_MAX {
+                    self.complaints.push(said.to_owned());
+                }
             }
         }
     }

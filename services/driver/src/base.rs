@@ -1,5 +1,6 @@
 //! What a robot's author implements.
 
+use protocol::message::WHEELS_MAX;
 use robot::Velocity;
 
 /// A robot base: sensors out, body velocity in.
@@ -63,10 +64,24 @@ pub struct Sensors {
     pub pose: [f64; 3],
     /// Body velocity (forward, left, yaw) \[m/s, m/s, rad/s\].
     pub velocity: Velocity,
-    /// Wheel speeds \[rad/s\].
-    pub wheel_speed: [f64; 4],
-    /// Motor currents \[A\].
-    pub current: [f64; 4],
+    /// Wheel speeds, if they are measured \[rad/s\].
+    pub wheel_speed: Option<PerWheel>,
+    /// Motor currents, if they are measured \[A\].
+    pub current: Option<PerWheel>,
+    /// Dead time from the gate's output to the motors that the base knows of, else 0 \[s\].
+    pub input_delay_s: f64,
+    /// Whether the robot's own emergency stop is pressed.
+    pub estop: bool,
+}
+
+/// One number per wheel, in the order of the robot file; 0 for wheels that the robot does not have.
+pub type PerWheel = [f64; WHEELS_MAX];
+
+/// `values` with a place for every possible wheel. More than there are places for are left out.
+pub fn per_wheel(values: &[f64]) -> PerWheel {
+    let mut all = [0.0; WHEELS_MAX];
+    all.iter_mut().zip(values).for_each(|(place, value)| *place = *value);
+    all
 }
 
 /// What is really so in a simulated world.

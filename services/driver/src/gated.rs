@@ -1,12 +1,15 @@
 //! One base behind its gate, period by period.
 
 use crate::{Base, BaseError, Sensors, Settings, TrueState};
-use gate::{Acting, Bounds, Decision, Gate};
+use gate::{Acting, Bounds, Decision, Gate, Machine, Order, OrderError};
 use protocol::message::{Command, PlantState, Reason, Rung, Truth};
 use robot::{Geometry, Velocity, kinematics};
 
 /// Longest time that the base drives without asking the gate: the grain of the braking ramp \[ns\].
 pub const SLICE_NANOS: u64 = 2_000_000;
+
+/// Wheels of a mecanum base.
+const WHEELS: u32 = 4;
 
 /// Base and gate of one plant epoch. All times are nanoseconds since its start.
 pub struct GatedBase<B> {
@@ -44,7 +47,8 @@ impl<B: Base> GatedBase<B> {
         let period_nanos = settings.run.period_nanos;
         let link_delay_nanos = settings.link_delay_millis * 1_000_000;
         let bounds = Bounds::new(settings.robot, period_nanos, link_delay_nanos);
-        let mut gate = Gate::new(bounds, epoch);
+        let gate = Gate::new(bounds, epoch);
+        let mut gate = if settings.armed { gate } else { gate.disarmed() };
         let decision = gate.decide(0);
         Self {
             base,
@@ -92,6 +96,19 @@ impl<B: Base> GatedBase<B> {
     /// Counts messages that were not even commands.
     pub fn refuse_malformed(&mut self) {
         self.gate.refuse(Reason::Malformed);
+    }
+
+    /// Gives a person's order to the gate.
+    ///
+    /// # Errors
+    /// [`OrderError`] if the order has no meaning now.
+    pub fn order(&mut self, order: Order) -> Result<(), OrderError> {
+        self.gate.order(order)
+    }
+
+    /// State of the gate, and why it has stopped.
+    pub fn machine(&self) -> &Machine {
+        self.gate.machine()
     }
 
     /// Drives the base until `now`, the gate deciding anew every [`SLICE_NANOS`].
@@ -157,15 +174,23 @@ impl<B: Base> GatedBase<B> {
     fn write_state(&mut self, tick: u64, sensors: &Sensors) -> PlantState {
         if sensors.pose.iter().chain(&sensors.velocity).any(|value| !value.is_finite()) {
             // A robot that does not know where it is stands until a person looks after it.
-            self.gate.latch();
+            self.gate.stop(Reason::BadState);
         }
+        self.gate.set_estop(sensors.estop);
         let mut state: PlantState = bytemuck::Zeroable::zeroed();
         state.stamp.tick = tick;
         state.pose = sensors.pose;
         state.velocity = sensors.velocity;
-        state.wheel_speed = sensors.wheel_speed;
-        state.current = sensors.current;
+        state.wheels = WHEELS;
+        state.wheel_speed = sensors.wheel_speed.unwrap_or_default();
+        state.wheel_speed_valid = u32::from(sensors.wheel_speed.is_some());
+        state.current = sensors.current.unwrap_or_default();
+        state.current_valid = u32::from(sensors.current.is_some());
         state.input = self.mean_output();
+        state.input_delay_s = sensors.input_delay_s;
+        state.estop = u32::from(sensors.estop);
+        state.gate = self.gate.machine().state().code();
+        state.stop = self.gate.machine().stop_reason().code();
         (self.given, self.given_nanos) = ([0.0; 3], 0);
         state.controller_epoch = self.gate.controller_epoch();
         (state.accepted_epoch, state.accepted_tick) = self.gate.accepted().unwrap_or_default();

@@ -6,10 +6,12 @@
 //! | [`base`]  | [`Base`]: what a robot's author implements, for a real or a simulated robot |
 //! | [`gated`] | one period: base, gate, what is published                                  |
 //! | [`run()`] | the clock: real time or lock step                                          |
+//! | `orders`  | arm and resume: a person ▶ the gate, by files in the folder of the run     |
 //! | [`piped`] | a base that is another program, driven over its standard input and output  |
 
 pub mod base;
 pub mod gated;
+mod orders;
 pub mod piped;
 pub mod run;
 
@@ -33,6 +35,8 @@ pub struct Settings<'a> {
     pub recorded: bool,
     /// The robot as its gate knows it.
     pub robot: &'a Robot,
+    /// Whether the gate starts armed; else the wheels stand until a person arms it.
+    pub armed: bool,
 }
 
 impl Settings<'_> {

@@ -11,9 +11,13 @@
 //!        ◀─ {"pose": […], "velocity": […], "wheel_speed": […], "current": […],
 //!            "truth": {"pose": […], "velocity": […]}}
 //! ```
-//! `settings` is the program's own affair. `truth` is left out by a robot that is no simulation.
+//! `settings` is the program's own affair. `truth` is left out by a robot that is no simulation,
+//! `wheel_speed` and `current` by one that does not measure them. Two more keys are optional:
+//! `input_delay_s`, the dead time to the motors that the program knows of, and `estop`, true while
+//! the robot's own emergency stop is pressed.
 //! Units, frames and the order of the wheels are those of [`Sensors`].
 
+use crate::base::per_wheel;
 use crate::{Base, BaseError, Sensors, Start, TrueState};
 use robot::Velocity;
 use serde::{Deserialize, Serialize};
@@ -24,6 +28,9 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+/// Wheels of a mecanum base.
+const WHEELS: usize = 4;
+const WHEELS_READY: u32 = WHEELS as u32;
 /// How long the program may take until it is ready: it may have to install itself first.
 const READY_WITHIN: Duration = Duration::from_mins(10);
 /// How long an answer may take.
@@ -72,8 +79,12 @@ enum FirstAnswer {
 struct Reading {
     pose: [f64; 3],
     velocity: Velocity,
-    wheel_speed: [f64; 4],
-    current: [f64; 4],
+    wheel_speed: Option<[f64; WHEELS]>,
+    current: Option<[f64; WHEELS]>,
+    #[serde(default)]
+    input_delay_s: f64,
+    #[serde(default)]
+    estop: bool,
     truth: Option<Truth>,
 }
 
@@ -110,7 +121,7 @@ impl PipedBase {
         let mut this = Self { name, child, input, answers, truth: None };
         this.say(&First { settings: &told.settings, start, seed })?;
         match this.answer(READY_WITHIN)? {
-            FirstAnswer::Ready { wheels: 4 } => Ok(this),
+            FirstAnswer::Ready { wheels: WHEELS_READY } => Ok(this),
             FirstAnswer::Ready { wheels } => Err(BaseError::Answer {
                 program: this.name.clone(),
                 line: format!("wheels = {wheels}"),
@@ -203,8 +214,10 @@ impl Base for PipedBase {
         Ok(Sensors {
             pose: reading.pose,
             velocity: reading.velocity,
-            wheel_speed: reading.wheel_speed,
-            current: reading.current,
+            wheel_speed: reading.wheel_speed.map(|values| per_wheel(&values)),
+            current: reading.current.map(|values| per_wheel(&values)),
+            input_delay_s: reading.input_delay_s,
+            estop: reading.estop,
         })
     }
 

@@ -4,6 +4,7 @@
 //! that time, which is counted and logged, instead of leaping over it.
 
 use crate::gated::{GatedBase, SLICE_NANOS};
+use crate::orders::Orders;
 use crate::{Base, BaseError, Settings};
 use process::refusals::Book;
 use process::{Pace, Pulse, Stop, step_back};
@@ -105,6 +106,7 @@ struct Plant<'a, B> {
     malformed: u64,
     /// Commands that were refused for other reasons.
     refused: Book<Reason>,
+    orders: Orders,
     epoch: u64,
     driven: bool,
 }
@@ -130,6 +132,7 @@ impl<'a, B: Base> Plant<'a, B> {
             pulse: Pulse::new(ports, Participant::Plant)?.exposed(settings.run.exposure),
             malformed: 0,
             refused: Book::new(),
+            orders: Orders::open(settings.run, identity.epoch),
             epoch: identity.epoch,
             driven: false,
         })
@@ -209,6 +212,9 @@ impl<'a, B: Base> Plant<'a, B> {
     }
 
     fn publish(&mut self, tick: u64, now: u64) -> Result<(), RunError> {
+        if let Some(order) = self.orders.take() {
+            self.orders.answer(tick, self.robot.order(order));
+        }
         let (mut state, truth) = self.robot.begin_period(tick, now)?;
         self.states.send(&mut state)?;
         if let Some(mut truth) = truth {
@@ -265,6 +271,8 @@ impl<'a, B: Base> Plant<'a, B> {
     }
 
     fn report(&mut self) {
+        let machine = self.robot.machine();
+        self.pulse.show_gate(machine.state(), machine.stop_reason());
         self.pulse.count_source(Topic::Command, self.commands.tally());
         self.pulse.count_sink(&self.states);
         self.pulse.count_sink(&self.truths);

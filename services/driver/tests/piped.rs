@@ -1,5 +1,6 @@
 //! Promise: a base may be a program in any language, and what is wrong with it is named.
 
+use driver::base::per_wheel;
 use driver::piped::{PipedBase, Program};
 use driver::{Base, BaseError, Start};
 use std::error::Error;
@@ -62,8 +63,8 @@ fn a_program_is_told_its_settings_driven_and_read() -> Outcome {
     base.drive([0.5, 0.0, -0.25], 20_000_000)?;
     let sensors = base.read()?;
     assert_eq!((sensors.pose, sensors.velocity), ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]));
-    assert_eq!(sensors.wheel_speed, [1.0, 2.0, 3.0, 4.0]);
-    assert_eq!(sensors.current, [0.5, 0.0, 0.0, -0.5]);
+    assert_eq!(sensors.wheel_speed, Some(per_wheel(&[1.0, 2.0, 3.0, 4.0])));
+    assert_eq!(sensors.current, Some(per_wheel(&[0.5, 0.0, 0.0, -0.5])));
     assert_eq!(base.truth().map(|truth| truth.pose), Some([1.0, 2.0, 2.5]));
     drop(base);
     let heard = script.heard()?;
@@ -82,6 +83,17 @@ fn a_robot_without_truth_has_none() -> Outcome {
     let mut base = script.start()?;
     base.read()?;
     assert_eq!(base.truth(), None);
+    Ok(())
+}
+
+#[test]
+fn what_a_robot_does_not_measure_is_left_out_and_is_not_zero() -> Outcome {
+    let reading = r#"{"pose": [0, 0, 0], "velocity": [0, 0, 0], "estop": true,
+        "input_delay_s": 0.02}"#;
+    let script = Script::new(READY, Some(&reading.replace('\n', "")))?;
+    let sensors = script.start()?.read()?;
+    assert_eq!((sensors.wheel_speed, sensors.current), (None, None));
+    assert_eq!((sensors.estop, sensors.input_delay_s), (true, 0.02));
     Ok(())
 }
 

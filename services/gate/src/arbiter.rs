@@ -1,6 +1,7 @@
 //! Which rung acts: a pure function of flags and time.
 
-use protocol::message::{Reason, Rung};
+use crate::machine::Machine;
+use protocol::message::{GateState, Reason, Rung};
 
 /// Periods without an accepted command after which the robot brakes.
 pub const BRAKE_FROM_PERIODS: u64 = 3;
@@ -10,8 +11,8 @@ pub const RECOVERY_PERIODS: u32 = 3;
 /// Everything that the decision depends on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Situation {
-    /// Standing until a person starts the plant again.
-    pub latched: bool,
+    /// Whether commands may drive the wheels at all.
+    pub machine: Machine,
     /// Rung and age of the last accepted command; `None` before the first.
     pub accepted: Option<Accepted>,
     /// The robot has braked, and has not yet seen enough good periods.
@@ -44,8 +45,12 @@ pub enum Choice {
 
 /// Decides. Total: every situation has an answer.
 pub fn decide(situation: &Situation) -> (Choice, Rung, Reason) {
-    if situation.latched {
-        return (Choice::Brake, Rung::LatchedStop, Reason::BadState);
+    match situation.machine.state() {
+        GateState::Stopped => {
+            return (Choice::Brake, Rung::LatchedStop, situation.machine.stop_reason());
+        }
+        GateState::Disarmed => return (Choice::Stand, Rung::Waiting, Reason::Disarmed),
+        GateState::Armed | GateState::Driving => {}
     }
     let Some(accepted) = situation.accepted else {
         return (Choice::Stand, Rung::Waiting, Reason::NoCommandYet);
@@ -83,16 +88,25 @@ mod tests {
             })
         });
         accepted.chain(std::iter::once(None)).flat_map(|accepted| {
-            [(false, false), (false, true), (true, false), (true, true)]
-                .map(|(latched, braking)| Situation { latched, accepted, braking })
+            let mut stopped = Machine::armed();
+            stopped.stop(Reason::PositionError);
+            [Machine::armed(), stopped, Machine::disarmed()].into_iter().flat_map(move |machine| {
+                [false, true].map(|braking| Situation { machine, accepted, braking })
+            })
         })
+    }
+
+    fn is(situation: &Situation, state: GateState) -> bool {
+        situation.machine.state() == state
     }
 
     #[test]
     fn from_three_periods_on_nothing_but_the_brake_acts() {
         for situation in every_situation() {
             if situation.accepted.is_some_and(|accepted| accepted.age_periods >= 3) {
-                assert_eq!(decide(&situation).0, Choice::Brake, "{situation:?}");
+                let still =
+                    if is(&situation, GateState::Disarmed) { Choice::Stand } else { Choice::Brake };
+                assert_eq!(decide(&situation).0, still, "{situation:?}");
             }
         }
     }
@@ -110,7 +124,7 @@ mod tests {
 
     #[test]
     fn whoever_brakes_goes_on_braking_until_told_otherwise_and_a_command_in_its_own_period_acts() {
-        for situation in every_situation().filter(|situation| !situation.latched) {
+        for situation in every_situation().filter(|situation| is(situation, GateState::Armed)) {
             let Some(accepted) = situation.accepted else { continue };
             let (choice, rung, _) = decide(&situation);
             if situation.braking {
@@ -132,17 +146,27 @@ mod tests {
     #[test]
     fn before_the_first_command_the_wheels_stand() {
         for situation in
-            every_situation().filter(|situation| situation.accepted.is_none() && !situation.latched)
+            every_situation().filter(|at| at.accepted.is_none() && !is(at, GateState::Stopped))
         {
             assert_eq!(decide(&situation).0, Choice::Stand, "{situation:?}");
         }
     }
 
     #[test]
-    fn a_latched_stop_never_drives() {
-        for situation in every_situation().filter(|situation| situation.latched) {
-            assert_eq!(decide(&situation).1, Rung::LatchedStop);
-            assert!(!matches!(decide(&situation).0, Choice::Command | Choice::Tail(_)));
+    fn neither_a_stopped_nor_a_disarmed_gate_drives() {
+        for situation in every_situation() {
+            let decided = decide(&situation);
+            match situation.machine.state() {
+                GateState::Stopped => {
+                    let expected = (Choice::Brake, Rung::LatchedStop, Reason::PositionError);
+                    assert_eq!(decided, expected, "{situation:?}");
+                }
+                GateState::Disarmed => {
+                    let expected = (Choice::Stand, Rung::Waiting, Reason::Disarmed);
+                    assert_eq!(decided, expected, "{situation:?}");
+                }
+                GateState::Armed | GateState::Driving => {}
+            }
         }
     }
 

@@ -3,7 +3,8 @@
 use crate::Bounds;
 use crate::accept::{self, judge};
 use crate::arbiter::{self, Accepted, Choice, RECOVERY_PERIODS, decide};
-use protocol::message::{Command, Reason, Rung};
+use crate::machine::{Machine, Order, OrderError};
+use protocol::message::{Command, GateState, Reason, Rung};
 use robot::Velocity;
 
 /// Publishing times that are remembered: more than any acceptable age.
@@ -57,7 +58,7 @@ pub struct Gate {
     begun_with: Velocity,
     /// When `input` was last worked out.
     input_nanos: u64,
-    latched: bool,
+    machine: Machine,
     braking: bool,
     good_periods: u32,
     refused: u64,
@@ -66,7 +67,7 @@ pub struct Gate {
 }
 
 impl Gate {
-    /// A gate that has heard nothing yet.
+    /// An armed gate that has accepted no command yet.
     pub fn new(bounds: Bounds, plant_epoch: u64) -> Self {
         Self {
             bounds,
@@ -78,12 +79,18 @@ impl Gate {
             input: [0.0; 3],
             begun_with: [0.0; 3],
             input_nanos: 0,
-            latched: false,
+            machine: Machine::armed(),
             braking: false,
             good_periods: 0,
             refused: 0,
             refusal: Reason::None,
         }
+    }
+
+    /// The same, disarmed: the wheels stand until [`Order::Arm`].
+    #[must_use]
+    pub fn disarmed(self) -> Self {
+        Self { machine: Machine::disarmed(), ..self }
     }
 
     /// The state of `tick` is published at `now`.
@@ -126,6 +133,11 @@ impl Gate {
         self.stored = Some(Stored { command: *command, answered_nanos });
         // The brake is left by an answer to the period itself, which was judged by where the wheels are now, not by a tail that was not.
         self.braking &= self.good_periods < RECOVERY_PERIODS || command.stamp.tick != self.tick;
+        if command.stop().is_stop_request() {
+            self.machine.stop(command.stop());
+        } else if !self.braking {
+            self.machine.drive();
+        }
         Ok(())
     }
 
@@ -172,32 +184,48 @@ impl Gate {
             .filter(|command| command.stamp.tick == self.tick);
         if self.braking {
             self.good_periods = if answered.is_some() { self.good_periods + 1 } else { 0 };
-            let recovering = if answered.is_some() { Reason::Recovering } else { Reason::Missing };
-            return (
-                if self.latched { Rung::LatchedStop } else { Rung::Brake },
-                self.explain(recovering),
-            );
         }
-        match answered {
-            Some(command) if !self.latched => {
-                (command.rung(), self.explain(arbiter::own_reason(command.rung())))
-            }
-            _ => {
+        let (rung, reason) = match (self.machine.state(), answered) {
+            (GateState::Stopped, _) => (Rung::LatchedStop, self.machine.stop_reason()),
+            (GateState::Disarmed, _) => (Rung::Waiting, Reason::Disarmed),
+            (_, Some(_)) if self.braking => (Rung::Brake, Reason::Recovering),
+            (_, None) if self.braking => (Rung::Brake, Reason::Missing),
+            (_, Some(command)) => (command.rung(), arbiter::own_reason(command.rung())),
+            (_, None) => {
                 let (_, rung, reason) = decide(&self.situation(now.saturating_sub(1)));
                 // What acted was a tail even if its command came late enough to begin with it.
-                let rung = if matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr) {
-                    Rung::StoredTail
-                } else {
-                    rung
-                };
-                (rung, self.explain(reason))
+                let was_late = matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr);
+                (if was_late { Rung::StoredTail } else { rung }, reason)
             }
-        }
+        };
+        (rung, self.explain(reason))
     }
 
-    /// Brakes, and stands until a new plant epoch begins.
-    pub fn latch(&mut self) {
-        self.latched = true;
+    /// Stops: brakes along the ramp and stands, whatever commands come, until [`Order::Resume`].
+    pub fn stop(&mut self, reason: Reason) {
+        self.machine.stop(reason);
+    }
+
+    /// The robot's own emergency stop is pressed, or is not.
+    pub fn set_estop(&mut self, pressed: bool) {
+        self.machine.set_estop(pressed);
+    }
+
+    /// Follows a person's order. After a stop the brake is left as after any other brake.
+    ///
+    /// # Errors
+    /// [`OrderError`] if the order has no meaning now.
+    pub fn order(&mut self, order: Order) -> Result<(), OrderError> {
+        self.machine.order(order)?;
+        if order == Order::Resume && self.stored.is_some() {
+            (self.braking, self.good_periods) = (true, 0);
+        }
+        Ok(())
+    }
+
+    /// State of the gate, and why it has stopped.
+    pub fn machine(&self) -> &Machine {
+        &self.machine
     }
 
     /// Highest controller epoch that was accepted.
@@ -229,7 +257,7 @@ impl Gate {
             age_periods: now.saturating_sub(stored.answered_nanos) / self.bounds.period_nanos,
             tail: u64::from(stored.command.tail_len),
         });
-        arbiter::Situation { latched: self.latched, accepted, braking: self.braking }
+        arbiter::Situation { machine: self.machine, accepted, braking: self.braking }
     }
 }
 
@@ -448,14 +476,55 @@ mod tests {
     }
 
     #[test]
-    fn after_a_latch_nothing_drives() {
+    fn a_stop_is_latched_against_every_command_until_it_is_resumed() {
+        let mut gate = gate();
+        gate.begin_period(0, 0);
+        let mut asking = command(1, 5, 0);
+        asking.stop = Reason::HeadingError.code();
+        assert_eq!(gate.offer(&asking, 0), Ok(()));
+        assert_eq!(gate.decide(1).rung, Rung::LatchedStop);
+        assert_eq!(gate.end_period(PERIOD), (Rung::LatchedStop, Reason::HeadingError));
+        let period = |gate: &mut Gate, tick: u64| {
+            let now = tick * PERIOD;
+            gate.begin_period(tick, now);
+            gate.decide(now);
+            // Another controller has taken over from the one that asked.
+            assert_eq!(gate.offer(&command(2, 6, tick), now + 5), Ok(()));
+            let input = gate.decide(now + 10).input;
+            (input, gate.end_period(now + PERIOD).0)
+        };
+        for tick in 1..9 {
+            assert_eq!(period(&mut gate, tick), ([0.0; 3], Rung::LatchedStop), "tick {tick}");
+        }
+        assert_eq!(gate.order(Order::Resume), Ok(()));
+        let after: Vec<Rung> = (9..13).map(|tick| period(&mut gate, tick).1).collect();
+        assert_eq!(after, [Rung::Brake, Rung::Brake, Rung::Brake, Rung::FreshPlan]);
+        assert_eq!(gate.machine().state(), GateState::Driving);
+    }
+
+    #[test]
+    fn a_stop_brakes_along_the_ramp() {
         let mut gate = gate();
         gate.begin_period(0, 0);
         assert_eq!(gate.offer(&command(1, 5, 0), 0), Ok(()));
-        gate.decide(1);
-        gate.latch();
-        gate.decide(PERIOD / 2);
-        assert_eq!(gate.decide(PERIOD - 1).rung, Rung::LatchedStop);
-        assert_eq!(gate.end_period(PERIOD).0, Rung::LatchedStop);
+        assert_eq!(gate.decide(0).input[0], 1.0);
+        gate.stop(Reason::BadState);
+        let slowing = gate.decide(PERIOD / 2).input[0];
+        assert!((slowing - 0.5).abs() < 1e-12, "10 m/s² for 50 ms from 1 m/s: {slowing}");
+        assert_eq!(gate.decide(PERIOD).input, [0.0; 3]);
+    }
+
+    #[test]
+    fn a_disarmed_gate_drives_once_it_is_armed() {
+        let mut gate = gate().disarmed();
+        gate.begin_period(0, 0);
+        assert_eq!(gate.offer(&command(1, 5, 0), 0), Ok(()));
+        assert_eq!(gate.decide(1).input, [0.0; 3]);
+        assert_eq!(gate.end_period(PERIOD), (Rung::Waiting, Reason::Disarmed));
+        assert_eq!(gate.order(Order::Arm), Ok(()));
+        gate.begin_period(1, PERIOD);
+        assert_eq!(gate.offer(&command(1, 5, 1), PERIOD), Ok(()));
+        assert_eq!(gate.decide(PERIOD).input[0], 1.0);
+        assert_eq!(gate.end_period(2 * PERIOD), (Rung::FreshPlan, Reason::None));
     }
 }

@@ -7,6 +7,7 @@
 //! |-------------|------------------------------------------------------------------------|
 //! | [`arbiter`] | which rung acts: a pure function of flags and time                     |
 //! | [`accept`]  | whether one command may act at all                                     |
+//! | [`machine`] | disarmed, armed, driving, stopped: whether commands may act at all        |
 //! | [`Gate`]    | remembers what was accepted and turns both into an input for the wheels |
 //!
 //! ```text
@@ -19,6 +20,8 @@ pub mod accept;
 pub mod arbiter;
 mod bounds;
 mod gate;
+pub mod machine;
 
 pub use bounds::Bounds;
 pub use gate::{Acting, Decision, Gate};
+pub use machine::{Machine, Order, OrderError};

@@ -3,7 +3,7 @@
 use crate::{Pace, lifeline};
 use bytemuck::Zeroable;
 use protocol::clock::monotonic_nanos;
-use protocol::message::{Exposure, Health, Participant, Phase};
+use protocol::message::{Exposure, GateState, Health, Participant, Phase, Reason};
 use protocol::port::{OpenError, Ports, Sink, Tally};
 use protocol::topic::{OnTopic, Topic};
 use std::thread;
@@ -26,6 +26,8 @@ pub struct Pulse {
     unsent: u64,
     /// Said in earlier epochs.
     before: u64,
+    /// State of the gate that was shown last, and why it had stopped.
+    gate: Option<(GateState, Reason)>,
 }
 
 impl Pulse {
@@ -38,7 +40,7 @@ impl Pulse {
         health.participant = participant.code();
         health.phase = Phase::Starting.code();
         health.pid = std::process::id();
-        Ok(Self { health, sink: ports.sink()?, last_nanos: 0, unsent: 0, before: 0 })
+        Ok(Self { health, sink: ports.sink()?, last_nanos: 0, unsent: 0, before: 0, gate: None })
     }
 
     /// The same, of a graph to which strangers can do this.
@@ -58,6 +60,21 @@ impl Pulse {
         if self.health.phase != phase.code() {
             self.health.phase = phase.code();
             self.send_now();
+        }
+    }
+
+    /// Shows as an error that the gate lets no command through, and takes it back when it does again.
+    /// Does not allocate.
+    pub fn show_gate(&mut self, state: GateState, stop: Reason) {
+        let before = self.gate.replace((state, stop));
+        if before == Some((state, stop)) {
+            return;
+        }
+        let is_shut = |state| matches!(state, GateState::Disarmed | GateState::Stopped);
+        if is_shut(state) {
+            self.health.set_last_error(shut_text(state, stop));
+        } else if before.is_some_and(|(before, _)| is_shut(before)) {
+            self.health.set_last_error("");
         }
     }
 
@@ -119,6 +136,26 @@ impl Pulse {
     }
 }
 
+/// Why no command drives, and what ends that.
+fn shut_text(state: GateState, stop: Reason) -> &'static str {
+    match (state, stop) {
+        (GateState::Disarmed, _) => "the gate is disarmed: `coxswain arm` lets the robot drive",
+        (_, Reason::PositionError) => {
+            "stopped: position error above limits.tracking_error_m; `coxswain resume` lets it drive"
+        }
+        (_, Reason::HeadingError) => {
+            "stopped: heading error above limits.tracking_error_heading_rad; `coxswain resume` lets it drive"
+        }
+        (_, Reason::BadState) => {
+            "stopped: the robot's own measurement is not finite; `coxswain resume` lets it drive"
+        }
+        (_, Reason::EmergencyStop) => {
+            "stopped: emergency stop pressed; release it, then `coxswain resume` lets it drive"
+        }
+        _ => "stopped; `coxswain resume` lets the robot drive",
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -146,6 +183,25 @@ mod tests {
         );
         assert_eq!((health.pid, health.stamp.epoch), (std::process::id(), 4));
         assert!(source.next()?.is_none());
+        Ok(())
+    }
+
+    #[test]
+    fn every_stop_has_a_text_that_fits_and_is_taken_back() -> Result<(), Box<dyn Error>> {
+        let (mut pulse, _source) = pair()?;
+        for &reason in Reason::ALL {
+            for state in [GateState::Stopped, GateState::Disarmed] {
+                let text = shut_text(state, reason);
+                assert!(text.len() <= protocol::message::ERROR_TEXT_MAX, "{text}");
+                pulse.show_gate(state, reason);
+                assert_eq!(pulse.health().last_error(), text);
+            }
+            pulse.show_gate(GateState::Armed, Reason::None);
+            assert_eq!(pulse.health().last_error(), "");
+        }
+        pulse.health().set_last_error("another");
+        pulse.show_gate(GateState::Driving, Reason::None);
+        assert_eq!(pulse.health().last_error(), "another");
         Ok(())
     }
 

@@ -38,7 +38,7 @@ pub struct Wish {
     pub who: String,
     /// When it was asked for, since 1970 \[ns\].
     pub asked_unix_nanos: u64,
-    /// The keys with their new values, as lines of TOML.
+    /// The keys with their new values, as lines of TOML; of the plant an order, `arm` or `resume`.
     pub change: String,
 }
 
@@ -120,6 +120,11 @@ impl Display for Settled {
         };
         let (who, change) = (short(&self.wish.who), short(&self.wish.change));
         match &self.answer.outcome {
+            Outcome::Applied { acts_from_tick, .. }
+                if self.process == Participant::Plant.text() =>
+            {
+                write!(f, "{who} ordered {change} at tick {acts_from_tick}")
+            }
             Outcome::Applied { acts_from_tick, .. } => {
                 write!(f, "{who} set {change} from tick {acts_from_tick} on")
             }

@@ -3,7 +3,7 @@
 //! A segment that was cut off by a kill -9 gives what is there.
 
 use crate::reader;
-use protocol::message::{Exposure, Plan, PlantState, Rung, Stamp, Truth};
+use protocol::message::{Exposure, Plan, PlantState, Reason, Rung, Stamp, Truth};
 use protocol::topic::Topic;
 use protocol::view::words;
 use serde::Deserialize;
@@ -58,6 +58,9 @@ pub struct StateRow {
     /// Rung of the period.
     #[serde(deserialize_with = "rung")]
     pub rung: Rung,
+    /// Why the gate has stopped, if it has; records of versions below 5 do not tell.
+    #[serde(default = "no_reason", deserialize_with = "reason")]
+    pub stop: Reason,
     /// Measured x, y, yaw \[m, m, rad\].
     #[serde(deserialize_with = "numbers")]
     pub pose: [f64; 3],
@@ -168,6 +171,7 @@ impl Rows {
             stamp: (&state.stamp).into(),
             accepted_epoch: state.accepted_epoch,
             rung: state.rung(),
+            stop: state.stop(),
             pose: state.pose,
             velocity: state.velocity,
         });
@@ -295,6 +299,15 @@ impl Rows {
         *last = stamp.sequence;
         true
     }
+}
+
+pub(crate) fn no_reason() -> Reason {
+    Reason::None
+}
+
+pub(crate) fn reason<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Reason, D::Error> {
+    let word = String::deserialize(deserializer)?;
+    words::reason(&word).ok_or_else(|| D::Error::custom(format!("{word:?} is no reason")))
 }
 
 /// A number that is not finite is recorded as null.

@@ -11,7 +11,7 @@ use crate::rows::{HealthRow, Mark, PlanRow, Rows, StateRow};
 use crate::whole;
 pub(crate) use figures::root_mean_square;
 use figures::{Deviation, Window, largest, percentile, settled_at};
-use protocol::message::{Exposure, Participant, Rung};
+use protocol::message::{Exposure, Participant, Reason, Rung};
 use protocol::topic::{TOPIC_COUNT, Topic};
 use serde::ser::{Serialize, Serializer};
 use std::collections::BTreeMap;
@@ -29,6 +29,9 @@ const START_NANOS: u64 = 3_000_000_000;
 
 /// The end that the steady figure is taken from \[ns\].
 const STEADY_NANOS: u64 = 10_000_000_000;
+
+/// Most stops that a summary lists.
+const STOPS_MAX: usize = 100;
 
 /// What a run came to, in the order of `summary.json`.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -59,6 +62,8 @@ pub struct Summary {
     pub periods_missed: u64,
     /// Those periods by rung, as the plant reports.
     pub rungs: Rungs,
+    /// When and why the gate stopped the robot, and when a person let it drive again.
+    pub stops: Vec<StopFigure>,
     /// Time that the machine kept a simulator from running and that its world stood still for \[s\].
     pub world_stalled_s: f64,
     /// Model snapshots published, by all instances of the learner.
@@ -81,6 +86,18 @@ pub struct Summary {
     /// The most that strangers on the network could do, as any process has told.
     #[serde(serialize_with = "in_words")]
     pub exposure: Exposure,
+}
+
+/// One stop of the gate.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct StopFigure {
+    /// When the first state told of it \[s\].
+    pub at_s: f64,
+    /// Why.
+    #[serde(serialize_with = "reason_text")]
+    pub reason: Reason,
+    /// When the gate was armed again, if it was \[s\].
+    pub resumed_s: Option<f64>,
 }
 
 /// Periods by rung, every rung listed, the best first.
@@ -145,6 +162,7 @@ impl Summary {
                 .map(|(_, periods)| periods)
                 .sum(),
             rungs,
+            stops: stops(rows, last, period_nanos),
             world_stalled_s: stalled(rows),
             snapshots_published: snapshots(rows, Participant::Learner),
             snapshots_adopted: snapshots(rows, Participant::Controller),
@@ -241,15 +259,42 @@ fn tick_times(rows: &Rows, epoch: u64) -> Vec<u64> {
     times
 }
 
+/// States of an epoch, by tick.
+fn states(rows: &Rows, epoch: u64) -> Vec<&StateRow> {
+    let mut states: Vec<&StateRow> =
+        rows.states.iter().filter(|state| state.stamp.epoch == epoch).collect();
+    states.sort_by_key(|state| state.stamp.tick);
+    states
+}
+
+/// Stops of an epoch. So many stops that a reader loses count are cut off.
+fn stops(rows: &Rows, epoch: u64, period_nanos: u64) -> Vec<StopFigure> {
+    let mut stops: Vec<StopFigure> = Vec::new();
+    let mut before = Reason::None;
+    for state in states(rows, epoch) {
+        let seconds = state.stamp.tick.saturating_mul(period_nanos) as f64 / 1e9;
+        if state.stop != before
+            && let Some(open) = stops.last_mut().filter(|_| before != Reason::None)
+        {
+            open.resumed_s = Some(seconds);
+        }
+        if state.stop != before && state.stop != Reason::None {
+            if stops.len() == STOPS_MAX {
+                break;
+            }
+            stops.push(StopFigure { at_s: seconds, reason: state.stop, resumed_s: None });
+        }
+        before = state.stop;
+    }
+    stops
+}
+
 /// Counts the periods of an epoch from the first accepted command on.
 ///
 /// The period in which that command came counts if the plant says that it acted in it, not if the plant still waited.
 fn rungs(rows: &Rows, epoch: u64) -> Rungs {
-    let mut states: Vec<&StateRow> =
-        rows.states.iter().filter(|state| state.stamp.epoch == epoch).collect();
-    states.sort_by_key(|state| state.stamp.tick);
     let mut rungs = Rungs::default();
-    for state in states
+    for state in states(rows, epoch)
         .into_iter()
         .skip_while(|state| state.accepted_epoch == 0 || state.rung == Rung::Waiting)
     {
@@ -298,6 +343,11 @@ fn losses(rows: &Rows) -> BTreeMap<&'static str, BTreeMap<String, u64>> {
         }
     }
     losses
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes fields so")]
+fn reason_text<S: Serializer>(reason: &Reason, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(reason.text())
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes fields so")]

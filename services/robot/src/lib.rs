@@ -12,9 +12,11 @@
 mod geometry;
 pub mod kinematics;
 mod robot;
+mod tracking_limit;
 
 pub use geometry::Geometry;
 pub use robot::{Body, Drive, Impossible, Limits, Robot};
+pub use tracking_limit::TrackingLimit;
 
 /// Velocity axes of the body: forward, left, yaw.
 pub const AXES: usize = 3;

@@ -1,6 +1,6 @@
 //! One mecanum base: geometry, masses, motors and limits, as a robot file holds them.
 
-use crate::Geometry;
+use crate::{Geometry, TrackingLimit};
 use serde::{Deserialize, Serialize};
 
 /// Smallest parameter that has to be positive. With these two the main model of every robot is made of numbers.
@@ -68,6 +68,14 @@ pub struct Limits {
     pub brake_mps2: f64,
     /// Yaw deceleration of the gate's braking ramp \[rad/s²\].
     pub yaw_brake_radps2: f64,
+    /// Distance from the reference above which the robot is stopped; by default
+    /// [`Robot::TRACKING_DIAGONALS`] wheel diagonals \[m\].
+    #[serde(default)]
+    pub tracking_error_m: TrackingLimit,
+    /// Heading error above which the robot is stopped; by default
+    /// [`Robot::TRACKING_HEADING_RAD`] \[rad\].
+    #[serde(default)]
+    pub tracking_error_heading_rad: TrackingLimit,
 }
 
 /// A parameter that no robot has.
@@ -109,8 +117,28 @@ impl Robot {
                 yaw_input_rate_radps2: 120.0,
                 brake_mps2: 8.0,
                 yaw_brake_radps2: 16.0,
+                tracking_error_m: TrackingLimit::Default,
+                tracking_error_heading_rad: TrackingLimit::Default,
             },
         }
+    }
+
+    /// Default of `limits.tracking_error_m`, in distances from wheel to opposite wheel,
+    /// 2 √(a² + b²).
+    pub const TRACKING_DIAGONALS: f64 = 10.0;
+    /// Default of `limits.tracking_error_heading_rad` \[rad\].
+    pub const TRACKING_HEADING_RAD: f64 = 2.0;
+
+    /// Distance from the reference above which the robot is stopped, if there is such a limit \[m\].
+    pub fn tracking_error_m(&self) -> Option<f64> {
+        let Geometry { half_wheelbase_m, half_track_m, .. } = self.geometry;
+        let diagonal = 2.0 * half_wheelbase_m.hypot(half_track_m);
+        self.limits.tracking_error_m.or(Self::TRACKING_DIAGONALS * diagonal)
+    }
+
+    /// Heading error above which the robot is stopped, if there is such a limit \[rad\].
+    pub fn tracking_error_heading_rad(&self) -> Option<f64> {
+        self.limits.tracking_error_heading_rad.or(Self::TRACKING_HEADING_RAD)
     }
 
     /// Checks that such a robot can exist.
@@ -151,6 +179,18 @@ impl Robot {
         for (key, value) in not_negative {
             if !(0.0..=LARGEST).contains(&value) {
                 return Err(Impossible { key, expected: "a number from 0 to 1e9" });
+            }
+        }
+        let tracking = [
+            ("limits.tracking_error_m", self.limits.tracking_error_m),
+            ("limits.tracking_error_heading_rad", self.limits.tracking_error_heading_rad),
+        ];
+        for (key, limit) in tracking {
+            if let TrackingLimit::At(limit) = limit
+                && !(SMALLEST..=LARGEST).contains(&limit)
+            {
+                let expected = "a number greater than 0, from 1e-9 to 1e9, or \"none\"";
+                return Err(Impossible { key, expected });
             }
         }
         Ok(())

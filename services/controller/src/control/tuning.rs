@@ -77,6 +77,7 @@ impl Controller {
         std::mem::swap(&mut self.budget_nanos, &mut tuned.budget_nanos);
         if let Some(reference) = &mut tuned.reference {
             std::mem::swap(&mut self.reference, reference);
+            self.tracking.reset();
         }
         tuned.since = Some((self.plant_epoch.unwrap_or(0), tick));
         if let Some(prepared) = self.prepared_for {

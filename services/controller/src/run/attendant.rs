@@ -80,6 +80,9 @@ fn write_events(handover: &Handover) {
             Event::Sensors { tick, fault: None } => {
                 tracing::info!(tick, "the sensors are well again");
             }
+            Event::Stop { tick, reason } => {
+                tracing::warn!(tick, %reason, "the gate is asked to stop");
+            }
             Event::Complaint { tick, complaint } => tracing::warn!(tick, "{complaint}"),
             Event::OutOfTime { tick, nanos } => {
                 tracing::warn!(tick, micros = nanos / 1000, "the optimiser was out of time");

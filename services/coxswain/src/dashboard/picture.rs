@@ -220,10 +220,10 @@ impl Picture {
             self.back = Some(now);
             self.note_at(self.seconds_of(state.stamp.tick), "the robot is back".to_owned());
         }
-        let before = self.state.as_ref().map(|before| (before.rung(), before.reason()));
+        let before = self.state.as_ref().map(|before| (before.rung(), before.cause()));
         let seconds = self.seconds_of(state.stamp.tick);
-        if before.is_some_and(|before| before != (state.rung(), state.reason())) {
-            self.note_at(seconds, rung_and_reason(state.rung(), state.reason()));
+        if before.is_some_and(|before| before != (state.rung(), state.cause())) {
+            self.note_at(seconds, rung_and_reason(state.rung(), state.cause()));
         }
         let [x, y, _] = state.pose;
         if x.is_finite() && y.is_finite() {

@@ -193,8 +193,8 @@ pub(super) fn gate_change(before: &PlantState, state: &PlantState) -> Option<(So
         _ if from < to => Sort::Fault,
         _ => Sort::Note,
     };
-    let untold = to == Rung::FreshPlan || state.reason() == Reason::None;
-    let why = if untold { String::new() } else { format!(" ({})", state.reason()) };
+    let untold = to == Rung::FreshPlan || state.cause() == Reason::None;
+    let why = if untold { String::new() } else { format!(" ({})", state.cause()) };
     Some((sort, format!("{from} → {to}{why}")))
 }
 

@@ -36,7 +36,7 @@ impl StateRow {
             pose: state.pose,
             speed: forward.hypot(left),
             rung: state.rung,
-            reason: state.reason,
+            reason: state.cause().code(),
         }
     }
 }
@@ -199,6 +199,9 @@ mod tests {
             serde_json::to_string(&StateRow::new(&state, 0.1))?,
             "[0.1,1.0,2.0,null,5.0,5,2]"
         );
+        let stopped = PlantState { rung: 6, reason: 6, stop: 17, ..PlantState::zeroed() };
+        let row = serde_json::to_string(&StateRow::new(&stopped, 0.1))?;
+        assert!(row.ends_with(",6,17]"), "why it stopped, not the last refusal: {row}");
         assert_eq!(
             serde_json::to_string(&PlanRow::new(&plan(412_300), 0.1))?,
             "[0.1,0.0,0.0,0.0,5.0,0.0,0.5,0.0,412.0,0,0]"

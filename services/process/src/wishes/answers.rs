@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 const LOOK: Duration = Duration::from_millis(100);
 
 /// Who can be asked.
-const ROLES: [Participant; 2] = [Participant::Controller, Participant::Learner];
+const ROLES: [Participant; 3] = [Participant::Controller, Participant::Learner, Participant::Plant];
 
 /// The answers of all processes of a run: those of each in order, each once.
 #[derive(Debug)]

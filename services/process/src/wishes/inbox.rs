@@ -53,6 +53,11 @@ impl Inbox {
         Self { folder, role, pace: run.pace, open, next, user: 0, look_at: Instant::now() }
     }
 
+    /// Whether the run takes wishes at all.
+    pub fn is_open(&self) -> bool {
+        self.open
+    }
+
     /// The next wish, if there is one; nothing but a look at one name if there is none, and not more often than every 10 ms.
     /// It is to be [answered](Self::answer) before the next.
     pub fn take(&mut self) -> Option<Result<Wish, NotAsked>> {

@@ -1,8 +1,11 @@
 //! recorded JSON → what the figures need of each message, beside the rows of the summary.
 
-use crate::rows::{HealthRow, Mark, PlanRow, StateRow, closed, exposure, first_row, numbers, rung};
-use protocol::message::{Exposure, Rung};
-use serde::Deserialize;
+use crate::rows::{
+    HealthRow, Mark, PlanRow, StateRow, closed, exposure, first_row, no_reason, numbers, reason,
+    rung,
+};
+use protocol::message::{Exposure, Reason, Rung};
+use serde::{Deserialize, Deserializer};
 use std::collections::BTreeMap;
 
 /// A PlantState.
@@ -18,8 +21,17 @@ pub(super) struct State {
     pose: [f64; 3],
     #[serde(deserialize_with = "numbers")]
     velocity: [f64; 3],
-    #[serde(deserialize_with = "numbers")]
+    #[serde(deserialize_with = "four")]
     wheel_speed: [f64; 4],
+    /// Why the gate has stopped, if it has; records of versions below 5 do not tell.
+    #[serde(default = "no_reason", deserialize_with = "reason")]
+    stop: Reason,
+}
+
+/// As many numbers as there are, at most four; what is missing is NaN.
+fn four<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 4], D::Error> {
+    let found = Vec::<Option<f64>>::deserialize(deserializer)?;
+    Ok(std::array::from_fn(|wheel| found.get(wheel).copied().flatten().unwrap_or(f64::NAN)))
 }
 
 /// What was measured at one tick, and what the gate did in the period before.
@@ -48,10 +60,12 @@ pub(super) struct GateWords {
 
 impl State {
     pub(super) fn parts(self) -> (StateRow, StateTick, GateWords) {
-        let Self { stamp, accepted_epoch, rung, reason, refused, pose, velocity, wheel_speed } =
-            self;
+        let Self {
+            stamp, accepted_epoch, rung, refused, pose, velocity, wheel_speed, stop, ..
+        } = self;
+        let reason = if stop == Reason::None { self.reason } else { stop.text().to_owned() };
         (
-            StateRow { stamp, accepted_epoch, rung, pose, velocity },
+            StateRow { stamp, accepted_epoch, rung, stop, pose, velocity },
             StateTick { tick: stamp.tick, pose, velocity, wheel_speed, rung },
             GateWords { epoch: stamp.epoch, tick: stamp.tick, rung, reason, refused },
         )

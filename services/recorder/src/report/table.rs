@@ -65,9 +65,26 @@ pub(super) fn table(records: &[Record]) -> String {
         Cell { exact: of.clone(), written: of }
     });
     row(&mut html, "figures_of", "motion in these figures", motions);
+    let stops = summaries.iter().map(|summary| stops(&summary["stops"]));
+    row(&mut html, "stops", "stops of the gate", stops);
     learning_rows(&mut html, records);
     html.push_str("</tbody></table>");
     html
+}
+
+/// When and why the gate stopped the robot.
+fn stops(value: &Value) -> Cell {
+    let stops: Vec<String> = value
+        .as_array()
+        .into_iter()
+        .flatten()
+        .map(|stop| {
+            let at = stop["at_s"].as_f64().unwrap_or(f64::NAN);
+            format!("{} at {at:.1} s", stop["reason"].as_str().unwrap_or("?"))
+        })
+        .collect();
+    let written = if stops.is_empty() { "none".to_owned() } else { stops.join(", ") };
+    Cell { exact: value.to_string(), written }
 }
 
 /// What learning came to, per axis.

@@ -35,6 +35,7 @@ fn add_epoch(rows: &mut Rows, epoch: u64, ticks: u64, errors: impl Fn(u64) -> (f
             stamp: mark(epoch, tick),
             accepted_epoch,
             rung,
+            stop: Reason::None,
             pose: [0.5 + pose[0], pose[1], pose[2]],
             velocity,
         });
@@ -343,4 +344,22 @@ fn what_processes_say_that_is_wrong_is_in_the_summary_once() {
         rows.add_health(HealthRow { stamp, last_error: said.into(), ..of_controller });
     }
     assert_eq!(summary(&rows).told, ["controller: too slow", "controller: too late"]);
+}
+
+#[test]
+fn stops_are_listed_with_their_reason_and_their_end() {
+    let mut rows = record(40, |_| (0.0, 0.0, 0.0));
+    for state in &mut rows.states[10..20] {
+        state.stop = Reason::PositionError;
+    }
+    for state in &mut rows.states[30..] {
+        state.stop = Reason::BadState;
+    }
+    let (at, resumed) = (10.0 * PERIOD_NANOS as f64 / 1e9, 20.0 * PERIOD_NANOS as f64 / 1e9);
+    let told: Vec<_> = summary(&rows).stops;
+    assert_eq!(
+        (told[0].reason, told[0].at_s, told[0].resumed_s),
+        (Reason::PositionError, at, Some(resumed))
+    );
+    assert_eq!((told[1].reason, told[1].resumed_s, told.len()), (Reason::BadState, None, 2));
 }

@@ -21,7 +21,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
         let style = if state.rung() == Rung::FreshPlan { well } else { look.alarm() };
         lines.push(row("rung", Span::styled(state.rung().text(), style)));
         let reason =
-            if state.reason() == Reason::None { "nothing unusual" } else { state.reason().text() };
+            if state.cause() == Reason::None { "nothing unusual" } else { state.cause().text() };
         lines.push(row("reason", Span::raw(reason)));
     }
     if let Some(plan) = &picture.plan {

@@ -15,7 +15,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     }
     if let Some(state) = &picture.state {
         let [x, y, yaw] = state.pose;
-        lines.push(Line::from(rung_and_reason(state.rung(), state.reason())));
+        lines.push(Line::from(rung_and_reason(state.rung(), state.cause())));
         lines.push(Line::from(format!("x {x:.2}  y {y:.2}  yaw {yaw:.2}")));
     }
     if let Some(plan) = &picture.plan {

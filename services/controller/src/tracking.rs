@@ -1,0 +1,146 @@
+//! Tracking error → a request to stop: the robot is farther from its reference than a person allows.
+//!
+//! The judge counts an error only while the controller's own commands act, and only after the error
+//! has been below the limit since the last [reset](TrackingJudge::reset). So a robot that begins far
+//! away, or that was cut off, catches up without a stop.
+
+use model::{Pose, wrap};
+use protocol::message::{Reason, Rung};
+use robot::Robot;
+
+/// One limit, and whether it counts already.
+#[derive(Debug, Clone, Copy)]
+struct Watched {
+    /// `None` is no limit.
+    limit: Option<f64>,
+    reason: Reason,
+    /// The error has been below the limit.
+    counts: bool,
+}
+
+impl Watched {
+    /// Whether `error` is a reason to stop. An error that is not a number is none.
+    fn exceeds(&mut self, error: f64) -> bool {
+        let Some(limit) = self.limit else { return false };
+        self.counts |= error < limit;
+        self.counts && error > limit
+    }
+}
+
+/// Judges every period. Does not allocate.
+#[derive(Debug, Clone)]
+pub struct TrackingJudge {
+    watched: [Watched; 2],
+    request: Reason,
+}
+
+impl TrackingJudge {
+    /// With the limits of `robot`.
+    pub fn new(robot: &Robot) -> Self {
+        let watch = |limit, reason| Watched { limit, reason, counts: false };
+        Self {
+            watched: [
+                watch(robot.tracking_error_m(), Reason::PositionError),
+                watch(robot.tracking_error_heading_rad(), Reason::HeadingError),
+            ],
+            request: Reason::None,
+        }
+    }
+
+    /// Begins anew: at a start, with another reference, after a brake.
+    pub fn reset(&mut self) {
+        self.request = Reason::None;
+        for watched in &mut self.watched {
+            watched.counts = false;
+        }
+    }
+
+    /// Judges the robot at `pose` that should be at `reference`, after a period on `rung`.
+    pub fn judge(&mut self, pose: &Pose, reference: &Pose, rung: Rung) -> Reason {
+        match rung {
+            Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr => {
+                let position = (pose[0] - reference[0]).hypot(pose[1] - reference[1]);
+                let heading = wrap(pose[2] - reference[2]).abs();
+                let mut errors = self.watched.iter_mut().zip([position, heading]);
+                let exceeded = errors
+                    .find_map(|(watched, error)| watched.exceeds(error).then_some(watched.reason));
+                self.request = exceeded.unwrap_or(Reason::None);
+            }
+            Rung::StoredTail => self.request = Reason::None,
+            Rung::Waiting | Rung::Brake | Rung::LatchedStop => self.reset(),
+        }
+        self.request
+    }
+
+    /// Why the gate is asked to stop; [`Reason::None`] if it is not.
+    pub fn request(&self) -> Reason {
+        self.request
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use robot::TrackingLimit;
+
+    fn judge(position: TrackingLimit, heading: TrackingLimit) -> TrackingJudge {
+        let mut robot = Robot::example();
+        robot.limits.tracking_error_m = position;
+        robot.limits.tracking_error_heading_rad = heading;
+        TrackingJudge::new(&robot)
+    }
+
+    /// Requests after periods on `rung` with these position errors.
+    fn requests(judge: &mut TrackingJudge, rung: Rung, errors: &[f64]) -> Vec<Reason> {
+        let reference = [3.0, -2.0, 3.0];
+        let at = |error: f64| [reference[0], reference[1] - error, reference[2]];
+        errors.iter().map(|&error| judge.judge(&at(error), &reference, rung)).collect()
+    }
+
+    #[test]
+    fn an_error_counts_once_it_has_been_below_the_limit() {
+        let mut judge = judge(TrackingLimit::At(1.0), TrackingLimit::Off);
+        let (no, yes) = (Reason::None, Reason::PositionError);
+        let told = requests(&mut judge, Rung::FreshPlan, &[2.0, 1.5, 0.9, 0.99, 1.01, 5.0, 0.5]);
+        assert_eq!(told, [no, no, no, no, yes, yes, no]);
+    }
+
+    #[test]
+    fn after_a_brake_the_robot_may_catch_up() {
+        let mut judge = judge(TrackingLimit::At(1.0), TrackingLimit::Off);
+        requests(&mut judge, Rung::FreshPlan, &[0.1]);
+        for rung in [Rung::Brake, Rung::LatchedStop, Rung::Waiting] {
+            assert_eq!(requests(&mut judge, rung, &[0.1, 3.0]), [Reason::None; 2]);
+            assert_eq!(requests(&mut judge, Rung::Lqr, &[3.0, 2.0]), [Reason::None; 2]);
+            let told = requests(&mut judge, Rung::Lqr, &[0.5, 2.0]);
+            assert_eq!(told, [Reason::None, Reason::PositionError]);
+        }
+    }
+
+    #[test]
+    fn a_stored_tail_neither_counts_nor_forgets() {
+        let mut judge = judge(TrackingLimit::At(1.0), TrackingLimit::Off);
+        requests(&mut judge, Rung::FreshPlan, &[0.1]);
+        assert_eq!(requests(&mut judge, Rung::StoredTail, &[2.0]), [Reason::None]);
+        assert_eq!(requests(&mut judge, Rung::FreshPlan, &[2.0]), [Reason::PositionError]);
+    }
+
+    #[test]
+    fn heading_is_judged_the_short_way_round() {
+        let mut judge = judge(TrackingLimit::Off, TrackingLimit::Default);
+        let mut told = |yaw| judge.judge(&[0.0, 0.0, yaw], &[0.0, 0.0, 3.0], Rung::FreshPlan);
+        assert_eq!(told(-3.0), Reason::None);
+        assert_eq!(told(0.5), Reason::HeadingError);
+        assert_eq!(told(1.5), Reason::None);
+    }
+
+    #[test]
+    fn neither_no_limit_nor_a_number_that_is_none_stops() {
+        let mut none = judge(TrackingLimit::Off, TrackingLimit::Off);
+        let told = requests(&mut none, Rung::FreshPlan, &[0.0, 1e9]);
+        assert_eq!(told, [Reason::None; 2]);
+        let mut limited = judge(TrackingLimit::At(1.0), TrackingLimit::Default);
+        let told = requests(&mut limited, Rung::FreshPlan, &[0.0, f64::NAN, f64::INFINITY]);
+        assert_eq!(told, [Reason::None, Reason::None, Reason::PositionError]);
+    }
+}

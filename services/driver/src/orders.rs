@@ -1,0 +1,215 @@
+//! A person → the gate: `coxswain arm` and `coxswain resume`, as files in the folder of the run.
+//!
+//! ```text
+//! RUN/set/plant-000001.json ──▶ thread of orders ── order ──▶ control thread: Gate::order
+//!                               answer ◀─────────── tick ◀──┘
+//! ```
+//! The thread reads and writes the files. The control thread looks at one number per period, and
+//! answers with another.
+
+use gate::{Order, OrderError};
+use process::step_back;
+use process::wishes::{Inbox, NotAsked, Outcome, Wish};
+use protocol::message::{GateState, Participant};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+/// How often the thread looks for an order or an answer.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// Outcomes in the low byte of an answer, the tick above it. 0 is no answer.
+const FOLLOWED: u64 = 1;
+const ESTOP: u64 = 2;
+const WRONG_STATE: u64 = 16;
+
+/// Why an order is refused.
+#[derive(Debug, thiserror::Error)]
+enum Refusal {
+    #[error(transparent)]
+    NotAsked(#[from] NotAsked),
+    #[error("{said:?}: expected arm or resume")]
+    NoOrder { said: String },
+    #[error(transparent)]
+    Order(#[from] OrderError),
+    #[error("the run has ended")]
+    Over,
+}
+
+/// What the two threads exchange.
+#[derive(Debug, Default)]
+struct Slot {
+    /// Place of the order in [`Order::ALL`], from 1; 0 for none.
+    order: AtomicU32,
+    answer: AtomicU64,
+    done: AtomicBool,
+}
+
+/// The orders of one run.
+#[derive(Debug, Default)]
+pub(crate) struct Orders {
+    slot: Arc<Slot>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Orders {
+    /// Starts the thread, if the run takes orders at all.
+    pub(crate) fn open(run: &process::Run, plant_epoch: u64) -> Self {
+        let inbox = Inbox::open(run, Participant::Plant);
+        if !inbox.is_open() {
+            return Self::default();
+        }
+        let slot = Arc::<Slot>::default();
+        let thread = thread::spawn({
+            let slot = Arc::clone(&slot);
+            move || {
+                step_back();
+                attend(inbox, &slot, plant_epoch);
+            }
+        });
+        Self { slot, thread: Some(thread) }
+    }
+
+    /// The order that waits, if one does. Neither locks nor allocates.
+    pub(crate) fn take(&self) -> Option<Order> {
+        let place = self.slot.order.swap(0, Ordering::Acquire) as usize;
+        Order::ALL.get(place.checked_sub(1)?).copied()
+    }
+
+    /// Answers the order that was taken last: what came of it in the period of `tick`. Neither
+    /// locks nor allocates.
+    pub(crate) fn answer(&self, tick: u64, outcome: Result<(), OrderError>) {
+        let code = match outcome {
+            Ok(()) => FOLLOWED,
+            Err(OrderError::EmergencyStop) => ESTOP,
+            Err(OrderError::WrongState { found, .. }) => WRONG_STATE + u64::from(found.code()),
+        };
+        self.slot.answer.store(tick << 8 | code, Ordering::Release);
+    }
+}
+
+impl Drop for Orders {
+    fn drop(&mut self) {
+        self.slot.done.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            // A thread that has panicked has logged why.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn attend(mut inbox: Inbox, slot: &Slot, plant_epoch: u64) {
+    while !slot.done.load(Ordering::Acquire) {
+        if let Some(wish) = inbox.take() {
+            let tick = wish.map_err(Refusal::from).and_then(|wish| follow(&wish, slot));
+            inbox.answer(match tick {
+                Ok(tick) => Outcome::Applied {
+                    plant_epoch,
+                    taken_at_tick: tick,
+                    ready_at_tick: tick,
+                    acts_from_tick: tick,
+                },
+                Err(refusal) => Outcome::Refused { reason: refusal.to_string() },
+            });
+        }
+        thread::sleep(LOOK);
+    }
+}
+
+/// Hands an order to the control thread, and waits for the tick from which it acts.
+fn follow(wish: &Wish, slot: &Slot) -> Result<u64, Refusal> {
+    let said = wish.change.trim();
+    let place = Order::ALL.iter().position(|order| order.name() == said);
+    let Some((place, order)) = place.and_then(|place| Some((place, *Order::ALL.get(place)?)))
+    else {
+        return Err(Refusal::NoOrder { said: said.chars().take(40).collect() });
+    };
+    slot.order.store(place as u32 + 1, Ordering::Release);
+    loop {
+        let over = slot.done.load(Ordering::Acquire);
+        let answer = slot.answer.swap(0, Ordering::Acquire);
+        match answer & 0xff {
+            0 if over => return Err(Refusal::Over),
+            0 => thread::sleep(LOOK),
+            FOLLOWED => return Ok(answer >> 8),
+            ESTOP => return Err(OrderError::EmergencyStop.into()),
+            code => {
+                let found = u32::try_from(code - WRONG_STATE)
+                    .ok()
+                    .and_then(|code| GateState::try_from(code).ok())
+                    .unwrap_or(GateState::Stopped);
+                return Err(OrderError::WrongState { found, expected: order.leaves() }.into());
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use process::wishes::{ask, welcome};
+    use process::{Pace, Run};
+    use protocol::port::Links;
+    use std::error::Error;
+    use std::path::Path;
+
+    fn run(folder: &Path, lock_step: bool) -> Run {
+        Run::new(folder, 1, Links::on_this_machine("orders", folder.to_owned(), lock_step, 0))
+    }
+
+    /// What comes of `said` when the control thread answers every order with `outcome` at tick 7.
+    fn settled(
+        said: &str,
+        lock_step: bool,
+        outcome: Result<(), OrderError>,
+    ) -> Result<Outcome, Box<dyn Error>> {
+        let folder = tempfile::tempdir()?;
+        welcome(folder.path())?;
+        let run = run(folder.path(), lock_step);
+        assert_eq!(run.pace == Pace::LockStep, lock_step);
+        let orders = Orders::open(&run, 3);
+        let wish = Wish { who: "ada".into(), asked_unix_nanos: 0, change: said.into() };
+        let asked = ask(folder.path(), Participant::Plant, &wish)?;
+        loop {
+            if orders.take().is_some() {
+                orders.answer(7, outcome);
+            }
+            if let Some(settled) = asked.answer() {
+                return Ok(settled.answer.outcome);
+            }
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    fn refusal(outcome: Outcome) -> String {
+        if let Outcome::Refused { reason } = outcome { reason } else { format!("{outcome:?}") }
+    }
+
+    #[test]
+    fn an_order_is_answered_with_the_tick_from_which_it_acts() -> Result<(), Box<dyn Error>> {
+        let applied = Outcome::Applied {
+            plant_epoch: 3,
+            taken_at_tick: 7,
+            ready_at_tick: 7,
+            acts_from_tick: 7,
+        };
+        assert_eq!(settled("resume", false, Ok(()))?, applied);
+        Ok(())
+    }
+
+    #[test]
+    fn an_order_that_has_no_meaning_is_refused_by_name() -> Result<(), Box<dyn Error>> {
+        let wrong =
+            OrderError::WrongState { found: GateState::Driving, expected: GateState::Stopped };
+        let told = refusal(settled("resume", false, Err(wrong))?);
+        assert_eq!(told, "the gate is driving, expected stopped");
+        let told = refusal(settled("resume", false, Err(OrderError::EmergencyStop))?);
+        assert!(told.starts_with("the emergency stop of the robot is pressed"), "{told}");
+        let told = refusal(settled("dance", false, Ok(()))?);
+        assert_eq!(told, "\"dance\": expected arm or resume");
+        let told = refusal(settled("resume", true, Ok(()))?);
+        assert!(told.starts_with("in lock step"), "{told}");
+        Ok(())
+    }
+}

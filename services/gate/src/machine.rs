@@ -1,0 +1,181 @@
+//! State of the gate: whether commands may drive the wheels at all.
+//!
+//! ```text
+//!  disarmed ── arm ──▶ armed ── an accepted command acts ──▶ driving
+//!                       ▲  │                                    │
+//!                  resume  └───────── stop(reason) ─────────────┤
+//!                       │                                       ▼
+//!                       └──────────────────────────────────── stopped
+//! ```
+//! A stop is latched: only a person's order leaves it. Neither a command nor another controller does.
+
+use protocol::message::{GateState, Reason};
+
+/// What a person orders.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// Disarmed → armed.
+    Arm,
+    /// Stopped → armed.
+    Resume,
+}
+
+impl Order {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Arm, Self::Resume];
+
+    /// Its name on the command line and in the file of an order.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Arm => "arm",
+            Self::Resume => "resume",
+        }
+    }
+
+    /// State that it leaves.
+    pub const fn leaves(self) -> GateState {
+        match self {
+            Self::Arm => GateState::Disarmed,
+            Self::Resume => GateState::Stopped,
+        }
+    }
+}
+
+/// The gate is in no state in which the order has a meaning.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum OrderError {
+    /// The order is for another state.
+    #[error("the gate is {found}, expected {expected}")]
+    WrongState {
+        /// State of the gate.
+        found: GateState,
+        /// State that the order leaves.
+        expected: GateState,
+    },
+    /// The robot's own emergency stop is still pressed.
+    #[error("the emergency stop of the robot is pressed; release it first")]
+    EmergencyStop,
+}
+
+/// State of the gate, and why it has stopped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Machine {
+    state: GateState,
+    stop: Reason,
+    estop: bool,
+}
+
+impl Machine {
+    /// Armed: the first accepted command drives.
+    pub const fn armed() -> Self {
+        Self { state: GateState::Armed, stop: Reason::None, estop: false }
+    }
+
+    /// Disarmed: waits for a person.
+    pub const fn disarmed() -> Self {
+        Self { state: GateState::Disarmed, ..Self::armed() }
+    }
+
+    /// Present state.
+    pub const fn state(&self) -> GateState {
+        self.state
+    }
+
+    /// Why the gate has stopped; [`Reason::None`] if it has not.
+    pub const fn stop_reason(&self) -> Reason {
+        self.stop
+    }
+
+    /// Whether the emergency stop is pressed.
+    pub const fn estop(&self) -> bool {
+        self.estop
+    }
+
+    /// An accepted command acts.
+    pub fn drive(&mut self) {
+        if self.state == GateState::Armed {
+            self.state = GateState::Driving;
+        }
+    }
+
+    /// Stops and latches. The first reason stays until the gate is resumed.
+    pub fn stop(&mut self, reason: Reason) {
+        if self.state != GateState::Stopped {
+            (self.state, self.stop) = (GateState::Stopped, reason);
+        }
+    }
+
+    /// The robot's own emergency stop is pressed, or is not. Pressed, it stops the gate; released,
+    /// it leaves the gate stopped.
+    pub fn set_estop(&mut self, pressed: bool) {
+        self.estop = pressed;
+        if pressed {
+            self.stop(Reason::EmergencyStop);
+        }
+    }
+
+    /// Follows a person's order.
+    ///
+    /// # Errors
+    /// [`OrderError`] if the order has no meaning now; the state stays.
+    pub fn order(&mut self, order: Order) -> Result<(), OrderError> {
+        let expected = order.leaves();
+        if self.state != expected {
+            return Err(OrderError::WrongState { found: self.state, expected });
+        }
+        if self.estop {
+            return Err(OrderError::EmergencyStop);
+        }
+        (self.state, self.stop) = (GateState::Armed, Reason::None);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stop_is_left_by_resume_alone_and_keeps_its_first_reason() {
+        let mut machine = Machine::armed();
+        machine.drive();
+        assert_eq!(machine.state(), GateState::Driving);
+        machine.stop(Reason::PositionError);
+        machine.stop(Reason::HeadingError);
+        machine.drive();
+        assert_eq!(
+            (machine.state(), machine.stop_reason()),
+            (GateState::Stopped, Reason::PositionError)
+        );
+        assert!(machine.order(Order::Arm).is_err());
+        assert_eq!(machine.order(Order::Resume), Ok(()));
+        assert_eq!((machine.state(), machine.stop_reason()), (GateState::Armed, Reason::None));
+    }
+
+    #[test]
+    fn disarmed_is_left_by_arm_alone() {
+        let mut machine = Machine::disarmed();
+        machine.drive();
+        let found = GateState::Disarmed;
+        assert_eq!(
+            machine.order(Order::Resume),
+            Err(OrderError::WrongState { found, expected: GateState::Stopped })
+        );
+        assert_eq!(machine.state(), found);
+        assert_eq!(machine.order(Order::Arm), Ok(()));
+        machine.drive();
+        assert_eq!(machine.state(), GateState::Driving);
+    }
+
+    #[test]
+    fn no_order_overrides_a_pressed_emergency_stop() {
+        for mut machine in [Machine::armed(), Machine::disarmed()] {
+            machine.set_estop(true);
+            assert_eq!(machine.stop_reason(), Reason::EmergencyStop);
+            assert_eq!(machine.order(Order::Resume), Err(OrderError::EmergencyStop));
+            machine.set_estop(false);
+            assert_eq!(machine.state(), GateState::Stopped);
+            assert_eq!(machine.order(Order::Resume), Ok(()));
+        }
+    }
+}
