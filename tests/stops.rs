@@ -75,14 +75,17 @@ fn end(launched: Launched) -> Result<(String, Record), Box<dyn Error>> {
     Ok((ended.text, Record::read(&home.path().join("run"))?))
 }
 
-fn is_stopped(state: &&Message) -> bool {
+fn is_stopped(state: &Message) -> bool {
     state.word("gate") == "stopped"
 }
 
 /// Ticks of the first and the last state that tell of a stop.
 fn stop_of(record: &Record) -> Result<(u64, u64), Box<dyn Error>> {
-    let ticks: Vec<u64> =
-        record.of("state").filter(is_stopped).map(|state| state.stamp("tick")).collect();
+    let ticks: Vec<u64> = record
+        .of("state")
+        .filter(|state| is_stopped(state))
+        .map(|state| state.stamp("tick"))
+        .collect();
     let (first, last) = ticks.first().zip(ticks.last()).ok_or("the gate never stopped")?;
     assert_eq!(ticks.len() as u64, last - first + 1, "one stop, without a gap");
     Ok((*first, *last))
@@ -119,7 +122,7 @@ fn a_robot_thrown_off_its_path_stands_through_a_restart_until_a_person_resumes_i
     let (told, record) = end(launched)?;
 
     let (first, last) = stop_of(&record)?;
-    for state in record.of("state").filter(is_stopped) {
+    for state in record.of("state").filter(|state| is_stopped(state)) {
         let tick = state.stamp("tick");
         assert_eq!(state.word("stop"), "position error", "tick {tick}");
         assert_eq!(state.word("rung"), "latched stop", "tick {tick}");
