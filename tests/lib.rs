@@ -10,8 +10,10 @@ mod screen;
 
 pub use browser::Browser;
 pub use coxswain::drill::hosts::Hosts;
+pub use coxswain::drill::measure::excuse;
 pub use coxswain::drill::oracle;
 pub use coxswain::drill::record::{Message, Record};
+pub use coxswain::drill::tracking;
 pub use python::{python, text_of};
 pub use reader::Reader;
 pub use screen::Screen;

@@ -1,9 +1,15 @@
 //! Promise: the oracle finds nothing in a good run, and in a bad one exactly what is bad.
 
 use coxswain::assembly::Assembly;
+use coxswain::drill::catalogue::Launch;
+use coxswain::drill::measure::measure;
 use coxswain::in_process;
 use coxswain::options::Options;
+use coxswain::scenario::Scenario;
+use process::Gap;
+use promises::excuse::{Unseen, unseen};
 use promises::oracle::{Limits, Rule, judge};
+use promises::tracking::{self, Course, Twin, Windows, largest_error};
 use promises::{Message, Outcome, Record, repository};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -12,16 +18,36 @@ use std::fs;
 
 /// Ten seconds of the paper's scenario in lock step.
 fn good_run() -> Result<(Record, Limits), Box<dyn Error>> {
-    let folder = tempfile::tempdir()?;
-    let mut assembly =
-        Assembly::read(&Options::of_graph(&repository().join("deploy/graphs/local.toml")))?;
-    assembly.scenario.duration_s = 10.0;
     // Tight enough that a change can be too fast within the wheels' speed.
+    let mut assembly = assembly()?;
     assembly.robot.limits.input_rate_mps2 = 20.0;
+    assembly.scenario.duration_s = 10.0;
+    Ok((run(&assembly)?, Limits::of(&assembly)))
+}
+
+fn assembly() -> Result<Assembly, Box<dyn Error>> {
+    Ok(Assembly::read(&Options::of_graph(&repository().join("deploy/graphs/local.toml")))?)
+}
+
+fn run(assembly: &Assembly) -> Result<Record, Box<dyn Error>> {
+    let folder = tempfile::tempdir()?;
     let run = folder.path().join("run");
     fs::create_dir(&run)?;
-    in_process::run(&assembly, &run)?;
-    Ok((Record::read(&run)?, Limits::of(&assembly)))
+    in_process::run(assembly, &run)?;
+    Ok(Record::read(&run)?)
+}
+
+/// Ten seconds of the scenario that the drill follows, in lock step.
+fn good_eight() -> Result<(Record, Limits, Course), Box<dyn Error>> {
+    let mut assembly = assembly()?;
+    let scenarios = repository().join("deploy/scenarios");
+    assembly.scenario = Scenario::named(&scenarios, "figure-eight", Some("agile"), &[])?;
+    assembly.scenario.duration_s = 10.0;
+    let (record, limits) = (run(&assembly)?, Limits::of(&assembly));
+    let course = Course::of(&assembly, Twin::default());
+    let fresh_m = largest_error(&record, &limits, &course)?;
+    let course = course.with(Twin { fresh_m, ..Twin::default() });
+    Ok((record, limits, course))
 }
 
 /// The record in which the tail of the answer to tick 49 acted in the period that began with tick 50, as it was said, or as `said` changes it.
@@ -73,8 +99,10 @@ fn violated(
 /// commands accepted again from `answered_from` on.
 fn braked(record: &Record, limits: &Limits, until: u64, answered_from: u64) -> Vec<Message> {
     let mut messages = record.messages().to_vec();
-    let ramp = limits.brake[0] * limits.period_s / limits.wheel_radius_m;
-    let mut wheel: f64 = 54.0;
+    let mut body = messages
+        .iter()
+        .find(|message| message.topic == "truth" && message.stamp("tick") == 49)
+        .map_or([0.0; 3], |truth| body_of(&truth.numbers("wheel_command"), limits));
     for message in &mut messages {
         let tick = message.stamp("tick");
         if !matches!(message.topic.as_str(), "state" | "truth") || !(50..until).contains(&tick) {
@@ -86,14 +114,35 @@ fn braked(record: &Record, limits: &Limits, until: u64, answered_from: u64) -> V
             message.says["accepted_tick"] = json!(48);
         }
         if message.topic == "truth" {
-            wheel = (wheel - ramp).max(0.0);
-            message.says["wheel_command"] = json!(vec![wheel; 4]);
+            for (value, brake) in body.iter_mut().zip(limits.brake) {
+                let ramp = brake * limits.period_s;
+                *value -= value.clamp(-ramp, ramp);
+            }
+            message.says["wheel_command"] = json!(wheels_of(body, limits));
             for field in ["acting_epoch", "acting_tick", "acting_age_nanos"] {
                 message.says[field] = json!(0);
             }
         }
     }
     messages
+}
+
+/// Wheel speeds of a body velocity, J v / r.
+fn wheels_of([forward, left, yaw]: [f64; 3], limits: &Limits) -> [f64; 4] {
+    let turn = limits.lever_m * yaw;
+    [forward + left + turn, forward - left - turn, forward + left - turn, forward - left + turn]
+        .map(|rim| rim / limits.wheel_radius_m)
+}
+
+/// And back.
+fn body_of(wheels: &[f64], limits: &Limits) -> [f64; 3] {
+    let &[front_right, front_left, rear_left, rear_right] = wheels else { return [0.0; 3] };
+    let quarter = limits.wheel_radius_m / 4.0;
+    [
+        quarter * (front_right + front_left + rear_left + rear_right),
+        quarter * (front_right - front_left + rear_left - rear_right),
+        quarter / limits.lever_m * (front_right - front_left - rear_left + rear_right),
+    ]
 }
 
 fn rules(messages: Vec<Message>, limits: &Limits) -> Vec<Rule> {
@@ -120,7 +169,7 @@ fn a_good_run_is_acquitted_and_each_bad_one_is_found_out_for_what_is_bad() -> Ou
     );
     assert_eq!(
         found(("truth", 60), &|truth| truth["wheel_command"] = json!(vec![-60.0; 4])),
-        [Rule::Rate, Rule::Said]
+        [Rule::Rate, Rule::Leap, Rule::Said]
     );
     let another = |truth: &mut Value| {
         truth["wheel_command"][0] =
@@ -184,7 +233,7 @@ fn a_brake_is_a_ramp_to_rest_that_is_left_after_three_good_periods() -> Outcome 
     {
         message.says["wheel_command"] = json!(vec![54.0; 4]);
     }
-    assert_eq!(rules(messages, &limits), [Rule::Ramp]);
+    assert!(rules(messages, &limits).contains(&Rule::Ramp));
     Ok(())
 }
 
@@ -199,21 +248,205 @@ fn what_bridges_a_gap_is_the_tail_that_was_said() -> Outcome {
 #[test]
 fn the_wheels_do_not_leap_into_the_brake_nor_out_of_it() -> Outcome {
     let (record, limits) = good_run()?;
-    let at = |tick: u64, wheels: f64| {
+    let at = |tick: u64, wheels: f64, acted_nanos: u64| {
         let mut messages = braked(&record, &limits, 60, 57);
         for message in messages
             .iter_mut()
             .filter(|message| message.topic == "truth" && message.stamp("tick") == tick)
         {
             message.says["wheel_command"] = json!(vec![wheels; 4]);
+            if acted_nanos > 0 {
+                message.says["acting_age_nanos"] = json!(acted_nanos);
+            }
         }
         rules(messages, &limits)
     };
     let most = limits.rate[0] * limits.period_s / limits.wheel_radius_m;
     let first = 54.0 - limits.brake[0] * limits.period_s / limits.wheel_radius_m;
-    assert!(!at(50, first - 0.5 * most).contains(&Rule::Rate), "a step of the tail, then the ramp");
-    assert!(at(50, -100.0).contains(&Rule::Rate), "a leap into the brake");
-    assert!(at(60, -100.0).contains(&Rule::Rate), "a leap out of it");
+    let stepped = first - 0.5 * most;
+    assert!(at(50, stepped, 0).contains(&Rule::Rate), "faster than the ramp");
+    assert!(!at(50, stepped, 1).contains(&Rule::Rate), "a step of the tail, then the ramp");
+    assert!(at(50, -100.0, 0).contains(&Rule::Rate), "a leap into the brake");
+    assert!(at(50, -100.0, 1).contains(&Rule::Rate), "a leap into the brake from a command");
+    assert!(at(60, -100.0, 0).contains(&Rule::Rate), "a leap out of it");
+    Ok(())
+}
+
+#[test]
+fn a_change_of_the_wheels_beyond_the_robot_file_is_found_at_20_and_at_100_ms() -> Outcome {
+    let mut paper = assembly()?;
+    paper.scenario.duration_s = 10.0;
+    let slow = (run(&paper)?, Limits::of(&paper));
+    let (record, limits, _) = good_eight()?;
+    for ((record, limits), most) in [(slow, 6.0), ((record, limits), 1.2)] {
+        assert!((limits.rate[0] * limits.period_s - most).abs() < 1e-9, "{limits:?}");
+        assert_eq!(judge(&record, &limits), []);
+        let moved_by = |step: f64| {
+            violated(&record, &limits, ("truth", 60), |truth| {
+                let wheels = truth["wheel_command"].as_array().cloned().unwrap_or_default();
+                let wheels: Vec<f64> = wheels.iter().filter_map(Value::as_f64).collect();
+                let [forward, left, yaw] = body_of(&wheels, &limits);
+                truth["wheel_command"] = json!(wheels_of([forward - step, left, yaw], &limits));
+            })
+        };
+        let slack = 0.2 * most; // far more than an input changes in a period of these scenarios
+        assert!(moved_by(most + slack).contains(&Rule::Rate), "{most} m/s in a period");
+        assert!(
+            !moved_by(most + slack).contains(&Rule::Leap),
+            "the gate's rule alone lets it pass"
+        );
+        assert!(!moved_by(most - slack).contains(&Rule::Rate));
+    }
+    Ok(())
+}
+
+#[test]
+fn a_wheel_that_turns_against_the_others_is_found_although_the_body_command_is_lawful() -> Outcome {
+    let (record, limits, _) = good_eight()?;
+    let found = violated(&record, &limits, ("truth", 60), |truth| {
+        truth["wheel_command"][2] = json!(truth["wheel_command"][2].as_f64().unwrap_or(0.0) - 80.0);
+    });
+    assert!(found.contains(&Rule::Rate), "{found:?}");
+    Ok(())
+}
+
+/// The record with the true position `offset(tick)` to the left of where it was, and the brake
+/// reported in `braking`.
+fn displaced(
+    record: &Record,
+    braking: std::ops::Range<u64>,
+    offset: impl Fn(u64) -> f64,
+) -> Record {
+    let mut messages = record.messages().to_vec();
+    for message in &mut messages {
+        let tick = message.stamp("tick");
+        match message.topic.as_str() {
+            "truth" => {
+                let left = message.says["pose"][1].as_f64().unwrap_or(0.0);
+                message.says["pose"][1] = json!(left + offset(tick));
+                // The heading is 0, so left is left.
+                let speed = message.says["velocity"][1].as_f64().unwrap_or(0.0);
+                let moved = (offset(tick + 1) - offset(tick)) / 0.02;
+                message.says["velocity"][1] = json!(speed + moved);
+            }
+            "state" if braking.contains(&tick) => message.says["rung"] = json!("brake"),
+            _ => {}
+        }
+    }
+    Record::of_messages(messages)
+}
+
+#[test]
+fn a_robot_that_leaves_its_path_on_fresh_plans_is_found() -> Outcome {
+    let (record, limits, course) = good_eight()?;
+    let judged = |braking, offset: &dyn Fn(u64) -> f64| {
+        tracking::judge(&displaced(&record, braking, offset), &limits, &course, Windows::default())
+    };
+    let good = judged(0..0, &|_| 0.0)?;
+    assert_eq!(good.violations, []);
+    assert!(good.share.is_some_and(|share| share > 0.0 && share < 0.5), "{:?}", good.share);
+
+    // 0.3 m/s off, on fresh plans alone.
+    let after = |tick: u64, from: u64| tick.saturating_sub(from) as f64 * 0.02;
+    let drifting = judged(0..0, &|tick| 0.3 * after(tick, 300))?;
+    let rules: Vec<Rule> = drifting.violations.iter().map(|violation| violation.rule).collect();
+    assert_eq!(rules, [Rule::Tracking]);
+    let tick = drifting.violations.first().map_or(0, |violation| violation.tick);
+    assert!((301..315).contains(&tick), "it is found at tick {tick}");
+    Ok(())
+}
+
+#[test]
+fn a_brake_explains_a_way_and_a_time_to_catch_up_and_no_more() -> Outcome {
+    let (record, limits, course) = good_eight()?;
+    let judged = |offset: &dyn Fn(u64) -> f64| {
+        let record = displaced(&record, 300..315, offset);
+        tracking::judge(&record, &limits, &course, Windows::default())
+            .map(|tracked| tracked.violations.len())
+    };
+    // Left behind by 0.2 m while it brakes for 0.3 s.
+    let behind = |tick: u64| 0.2 * (tick.clamp(300, 315) - 300) as f64 / 15.0;
+    let back_within = |ticks: f64| {
+        move |tick: u64| {
+            let gone = tick.saturating_sub(315) as f64 / ticks;
+            behind(tick) * (1.0 - gone).max(0.0)
+        }
+    };
+    assert_eq!(judged(&back_within(25.0))?, 0, "back within half a second");
+    assert_eq!(judged(&back_within(1e9))?, 1, "never back");
+    assert_eq!(judged(&back_within(150.0))?, 1, "back within three seconds");
+    let away = |tick: u64| 12.0 * behind(tick);
+    assert_eq!(judged(&away)?, 1, "8 m/s while it brakes");
+    Ok(())
+}
+
+const MS: u64 = 1_000_000;
+
+/// States of a drive in which nothing is recorded between two ticks, and what the plant counted as
+/// missed in the Healths before and after.
+fn in_the_dark(dark: std::ops::Range<u64>, missed: u64) -> Record {
+    let state = |tick: u64| Message {
+        topic: "state".to_owned(),
+        says: json!({
+            "stamp": {"epoch": 1, "tick": tick, "sent_nanos": (1000 + 20 * tick) * MS},
+            "rung": "fresh plan",
+        }),
+    };
+    // Sent at the end of a period, right before the next state.
+    let health = |tick: u64, missed: u64| Message {
+        topic: "health".to_owned(),
+        says: json!({
+            "stamp": {"sequence": tick, "sent_nanos": (1000 + 20 * tick) * MS - 1000},
+            "participant": "plant", "deadlines_met": tick - missed, "deadlines_missed": missed,
+        }),
+    };
+    let states = (1..60).filter(|tick| !dark.contains(tick)).map(state);
+    let before = (5..60).step_by(5).filter(|tick| !dark.contains(tick));
+    let healths = before.map(|tick| health(tick, if tick < dark.start { 0 } else { missed }));
+    Record::of_messages(states.chain(healths).collect())
+}
+
+#[test]
+fn a_late_wake_up_excuses_no_more_unseen_periods_than_it_overlaps() {
+    let judged = |missed: u64, gaps: &[[u64; 2]]| {
+        let record = in_the_dark(20..34, missed);
+        let states: Vec<&Message> = record.of("state").collect();
+        let gaps = gaps
+            .iter()
+            .map(|&[from, to]| Gap { from_nanos: (1000 + from) * MS, to_nanos: (1000 + to) * MS });
+        unseen(&record, &states, 0.02, &gaps.collect::<Vec<_>>())
+    };
+    let of = |missed, unexcused| Unseen { missed, unexcused };
+    assert_eq!(judged(0, &[]), of(0, 0));
+    assert_eq!(judged(2, &[]), of(2, 2));
+    assert_eq!(judged(1, &[[488, 494]]), of(1, 0), "within the dark");
+    assert_eq!(judged(6, &[[488, 494]]), of(6, 5), "one late wake-up is not an excuse for all");
+    assert_eq!(judged(1, &[[900, 906]]), of(1, 1), "the machine was late when all was recorded");
+    assert_eq!(judged(8, &[[470, 570]]), of(8, 0), "100 ms, and the brake that follows");
+}
+
+#[test]
+fn a_late_wake_up_excuses_a_recorded_period_only_if_the_two_overlap() -> Outcome {
+    let limits = Limits { period_s: 0.02, ..Limits::of(&assembly()?) };
+    let launch = Launch { undisturbed: true, ..Launch::default() };
+    // The period from tick - 1 to tick is missed, and told.
+    let excused = |tick: u64, gap: [u64; 2]| {
+        let mut messages = in_the_dark(20..34, 0).messages().to_vec();
+        for message in messages
+            .iter_mut()
+            .filter(|message| message.topic == "state" && message.stamp("tick") == tick)
+        {
+            (message.says["rung"], message.says["reason"]) =
+                (json!("stored tail"), json!("command missing"));
+        }
+        let [from_nanos, to_nanos] = gap.map(|at| (1000 + at) * MS);
+        let gaps = [Gap { from_nanos, to_nanos }];
+        measure(&Record::of_messages(messages), &launch, &limits, &[], &gaps).excused
+    };
+    assert_eq!(excused(10, [185, 190]), 1);
+    assert_eq!(excused(10, [165, 170]), 0, "in the period before");
+    assert_eq!(excused(34, [665, 670]), 1, "the first state after the dark");
+    assert_eq!(excused(34, [400, 406]), 0, "it was late in the dark, but not then");
     Ok(())
 }
 

@@ -7,6 +7,8 @@
 //! | `rivals`    | two controllers of one robot                                     |
 //! | `launchers` | two launches of one robot                                        |
 //! | `partition` | two hosts whose cable is pulled                                  |
+//! | `ground`    | what all exercises share, and the twins without faults           |
+//! | `tracking`  | record → how far the robot was from its reference                |
 //! | `session`   | a graph that the drill launches                                  |
 //! | `hosts`     | two hosts and a cable                                            |
 //! | `damage`    | damaged messages at the readers of all topics and the gate       |
@@ -19,6 +21,7 @@
 pub mod catalogue;
 pub mod damage;
 mod exercise;
+mod ground;
 pub mod hosts;
 mod launchers;
 pub mod measure;
@@ -29,6 +32,7 @@ mod refusals;
 mod rivals;
 mod session;
 mod table;
+pub mod tracking;
 
 use crate::assembly::missing_programs;
 use crate::folder::utc;
@@ -36,6 +40,7 @@ use crate::role::START_ORDER;
 use crate::terminal::{self, Terminal};
 use catalogue::{Carrier, Exercise, Extent, exercises};
 use clap::builder::PossibleValuesParser;
+use ground::Ground;
 use measure::Measured;
 use process::{Stop, may_go_first};
 use serde::Serialize;
@@ -93,6 +98,8 @@ pub struct Row {
     pub worst_reaction_periods: Option<f64>,
     /// From an end to a successor in use \[s\].
     pub worst_restart_s: Option<f64>,
+    /// Largest share of its bound that the distance from the reference had.
+    pub tracking_share: Option<f64>,
     /// Seed that does the same again.
     pub seed: u64,
     /// Periods below a fresh plan in which the machine let nobody run.
@@ -176,6 +183,7 @@ pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
     stop.on_signals().map_err(|source| DrillError::File { path: "signals".into(), source })?;
     let mut terminal = Terminal::new();
     let kept = options.keep.join(format!("{}-seed-{}", utc(SystemTime::now()), options.seed));
+    let ground = Ground::new(&options.deploy);
     let mut rows = Vec::new();
     let begin = Instant::now();
     let next = AtomicUsize::new(0);
@@ -183,12 +191,14 @@ pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
         let (done, finished) = mpsc::channel();
         for _ in 0..options.jobs {
             let (done, next, chosen, kept, stop) = (done.clone(), &next, &chosen, &kept, &stop);
+            let ground = &ground;
             scope.spawn(move || {
                 while let Some((index, exercise)) = Some(next.fetch_add(1, Ordering::Relaxed))
                     .and_then(|index| Some((index, chosen.get(index)?)))
                 {
-                    let row =
-                        (!stop.requested()).then(|| do_one(exercise, options, kept, index, stop));
+                    let kept = kept.join(folder_name(index, exercise));
+                    let row = (!stop.requested())
+                        .then(|| do_one(exercise, ground, options.seed, &kept, stop));
                     // What was cut short says nothing.
                     let Some(row) = row.filter(|_| !stop.requested()) else { return };
                     if done.send((index, row)).is_err() {
@@ -277,23 +287,20 @@ fn create(path: &Path) -> Result<File, DrillError> {
     File::create(path).map_err(|source| DrillError::Json { path: path.to_path_buf(), source })
 }
 
-fn do_one(
-    exercise: &Exercise,
-    options: &DrillOptions,
-    kept: &Path,
-    index: usize,
-    stop: &Stop,
-) -> Row {
-    let name =
-        format!("{index:02} {} {} {}", exercise.fault, exercise.target, exercise.carrier.name());
-    let kept = kept.join(name.replace(' ', "-"));
-    let measured = exercise::run(exercise, &options.deploy, options.seed, &kept, stop);
+fn folder_name(index: usize, exercise: &Exercise) -> String {
+    let Exercise { fault, target, carrier, .. } = exercise;
+    format!("{index:02} {fault} {target} {}", carrier.name()).replace(' ', "-")
+}
+
+fn do_one(exercise: &Exercise, ground: &Ground, seed: u64, kept: &Path, stop: &Stop) -> Row {
+    let measured = exercise::run(exercise, ground, seed, kept, stop);
     let Measured {
         injections,
         violations,
         worst_reaction,
         worst_restart,
         excused,
+        tracking,
         impossible,
         notes,
     } = measured.unwrap_or_else(Measured::not_done);
@@ -305,11 +312,12 @@ fn do_one(
         violations: violations.len(),
         worst_reaction_periods: worst_reaction,
         worst_restart_s: worst_restart,
-        seed: options.seed,
+        tracking_share: tracking,
+        seed,
         excused_periods: excused,
         impossible,
         notes,
-        kept: (!violations.is_empty()).then_some(kept).filter(|kept| kept.is_dir()),
+        kept: (!violations.is_empty()).then(|| kept.to_path_buf()).filter(|kept| kept.is_dir()),
         found: violations,
     }
 }

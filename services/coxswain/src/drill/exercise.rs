@@ -1,11 +1,13 @@
 //! One exercise: done for real, and judged.
 
 use super::catalogue::{Carrier, Exercise, Launch, Refused, Rivalry, Task};
-use super::measure::{Measured, measure, worst_reaction};
+use super::ground::Ground;
+use super::measure::{Measured, acts_until, measure, worst_reaction};
 use super::oracle::{Limits, judge};
 use super::partition::partition;
 use super::record::Record;
 use super::session::{Home, Trouble, permits_little_shared_memory};
+use super::tracking::{self, Tracked, Windows};
 use super::{damage, launchers, refusals, rivals};
 use crate::faults::FaultsFile;
 use crate::saboteur::{Injected, LIST};
@@ -28,7 +30,7 @@ pub(super) const SETTLED: Duration = Duration::from_millis(500);
 /// If it could not be done.
 pub(super) fn run(
     exercise: &Exercise,
-    deploy: &Path,
+    ground: &Ground,
     seed: u64,
     kept: &Path,
     stop: &Stop,
@@ -46,30 +48,30 @@ pub(super) fn run(
             })
         }
         Task::Launch(launch) => {
-            launch_with_faults(exercise.carrier, launch, deploy, seed, kept, stop)
+            launch_with_faults(exercise.carrier, launch, ground, seed, kept, stop)
         }
-        Task::KillAll(times) => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| {
+        Task::KillAll(times) => in_home(exercise.carrier, &plain, ground, seed, kept, |home| {
             kill_all(home, *times, seed, stop)
         }),
         Task::Rivals(rivalry, times) => {
-            in_home(exercise.carrier, &plain, deploy, seed, kept, |home| match rivalry {
+            in_home(exercise.carrier, &plain, ground, seed, kept, |home| match rivalry {
                 Rivalry::GreaterEpoch => rivals::greater_epoch(home, *times, stop),
                 Rivalry::EqualEpochs => rivals::equal_epochs(home, *times, stop),
                 Rivalry::OldEpoch => rivals::old_epoch(home, *times, seed, stop),
             })
         }
         Task::Compete(prize, times) => {
-            in_home(exercise.carrier, &plain, deploy, seed, kept, |home| {
+            in_home(exercise.carrier, &plain, ground, seed, kept, |home| {
                 launchers::compete(home, *prize, *times, seed, stop)
             })
         }
-        Task::Partition(cuts) => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| {
+        Task::Partition(cuts) => in_home(exercise.carrier, &plain, ground, seed, kept, |home| {
             partition(home, cuts, stop)
         }),
         Task::LittleSharedMemory(sizes) => {
-            little_shared_memory(exercise.carrier, sizes, deploy, seed, kept, stop)
+            little_shared_memory(exercise.carrier, sizes, ground, seed, kept, stop)
         }
-        Task::SideBySide => in_home(exercise.carrier, &plain, deploy, seed, kept, |home| {
+        Task::SideBySide => in_home(exercise.carrier, &plain, ground, seed, kept, |home| {
             launchers::side_by_side(home, stop)
         }),
     }
@@ -79,14 +81,15 @@ pub(super) fn run(
 fn in_home(
     carrier: Carrier,
     launch: &Launch,
-    deploy: &Path,
+    ground: &Ground,
     seed: u64,
     kept: &Path,
-    work: impl FnOnce(&Home) -> Result<Measured, Trouble>,
+    work: impl FnOnce(&Home<'_>) -> Result<Measured, Trouble>,
 ) -> Result<Measured, Trouble> {
-    let home = Home::new(deploy, carrier, launch, seed)?;
+    let home = Home::new(ground, carrier, launch, seed)?;
     // What could not be done is a violation as well, and to be looked at.
-    let mut measured = work(&home).unwrap_or_else(Measured::not_done);
+    // The twins run before anything does in real time.
+    let mut measured = ground.course().and_then(|_| work(&home)).unwrap_or_else(Measured::not_done);
     if !measured.violations.is_empty()
         && let Err(trouble) = home.keep(kept)
     {
@@ -98,12 +101,12 @@ fn in_home(
 fn launch_with_faults(
     carrier: Carrier,
     launch: &Launch,
-    deploy: &Path,
+    ground: &Ground,
     seed: u64,
     kept: &Path,
     stop: &Stop,
 ) -> Result<Measured, Trouble> {
-    in_home(carrier, launch, deploy, seed, kept, |home| {
+    in_home(carrier, launch, ground, seed, kept, |home| {
         let witness = Witness::begin();
         let mut session = home.launch("run", launch.duration_s)?;
         let status = session.wait(launch.duration_s, stop)?;
@@ -118,6 +121,7 @@ fn launch_with_faults(
         let injected = injected(session.run());
         let record = session.record()?;
         let mut measured = measure(&record, launch, &home.limits()?, &injected, &gaps);
+        judge_tracking(home, &record, launch, &mut measured)?;
         let asked = asked_of_processes(launch)?;
         if injected.len() as u64 != asked {
             measured
@@ -152,7 +156,7 @@ fn launch_with_faults(
     })
 }
 
-fn kill_all(home: &Home, times: u32, seed: u64, stop: &Stop) -> Result<Measured, Trouble> {
+fn kill_all(home: &Home<'_>, times: u32, seed: u64, stop: &Stop) -> Result<Measured, Trouble> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let (mut measured, mut names) = (Measured::default(), Vec::new());
     let limits = home.limits()?;
@@ -185,6 +189,7 @@ fn kill_all(home: &Home, times: u32, seed: u64, stop: &Stop) -> Result<Measured,
             None => measured.violations.push(format!("launch {round} never drove")),
         }
         judge_wheels(&record, &limits, &mut measured);
+        judge_tracking(home, &record, &Launch::default(), &mut measured)?;
     }
     measured.violations.extend(left_behind(home, &names));
     Ok(measured)
@@ -194,7 +199,7 @@ fn kill_all(home: &Home, times: u32, seed: u64, stop: &Stop) -> Result<Measured,
 fn little_shared_memory(
     carrier: Carrier,
     sizes: &[u64],
-    deploy: &Path,
+    ground: &Ground,
     seed: u64,
     kept: &Path,
     stop: &Stop,
@@ -210,7 +215,7 @@ fn little_shared_memory(
         let one = in_home(
             carrier,
             &launch,
-            deploy,
+            ground,
             seed,
             &kept.join(format!("{mebibytes}-MiB")),
             |home| {
@@ -220,7 +225,9 @@ fn little_shared_memory(
                 let gaps = witness.end();
                 let mut one = Measured::default();
                 if status.success() {
-                    one = measure(&session.record()?, &launch, &home.limits()?, &[], &gaps);
+                    let record = session.record()?;
+                    one = measure(&record, &launch, &home.limits()?, &[], &gaps);
+                    judge_tracking(home, &record, &launch, &mut one)?;
                 } else {
                     let moved = session.record().is_ok_and(|record| {
                         record.of("truth").any(|truth| truth.count("acting_epoch") > 0)
@@ -241,6 +248,7 @@ fn little_shared_memory(
         measured.violations.extend(one.violations);
         measured.excused += one.excused;
         measured.worst_reaction = worse(measured.worst_reaction, one.worst_reaction);
+        measured.tracking = worse(measured.tracking, one.tracking);
     }
     Ok(measured)
 }
@@ -254,12 +262,34 @@ pub(super) fn judge_wheels(record: &Record, limits: &Limits, measured: &mut Meas
     measured.worst_reaction = worse(measured.worst_reaction, worst_reaction(record, limits));
 }
 
+/// How far the robot was from its reference, against what physics allows.
+pub(super) fn judge_tracking(
+    home: &Home<'_>,
+    record: &Record,
+    launch: &Launch,
+    measured: &mut Measured,
+) -> Result<(), Trouble> {
+    // What acts after a link has changed it goes on until the brake.
+    let misled: Vec<_> = launch.misled.iter().chain(&launch.misquoted).map(acts_until).collect();
+    let windows = Windows { misled: &misled, slippery: &launch.slippery };
+    let Tracked { violations, share } =
+        tracking::judge(record, &home.limits()?, home.course()?, windows)?;
+    let found = violations.iter().map(ToString::to_string);
+    if let Some(why) = launch.goes_astray {
+        measured.notes.extend(found.map(|found| format!("{found}; {why}")));
+    } else {
+        measured.violations.extend(found);
+    }
+    measured.tracking = worse(measured.tracking, share);
+    Ok(())
+}
+
 /// The greater one, of those there are.
 pub(super) fn worse(one: Option<f64>, other: Option<f64>) -> Option<f64> {
     one.into_iter().chain(other).reduce(f64::max)
 }
 
-pub(super) fn left_behind(home: &Home, names: &[String]) -> Vec<String> {
+pub(super) fn left_behind(home: &Home<'_>, names: &[String]) -> Vec<String> {
     home.left_behind(names).into_iter().map(|file| format!("{file} was left behind")).collect()
 }
 

@@ -1,7 +1,7 @@
 //! Several launches of one robot at once: one drives, and the others say why they do not.
 
 use super::catalogue::{Launch, Prize};
-use super::exercise::{left_behind, worse};
+use super::exercise::{judge_tracking, left_behind, worse};
 use super::measure::{Measured, measure};
 use super::session::{Home, Trouble};
 use process::{Stop, Witness};
@@ -21,7 +21,7 @@ const APART_MICROS: u64 = 50_000;
 /// # Errors
 /// If it could not be done.
 pub(super) fn compete(
-    home: &Home,
+    home: &Home<'_>,
     prize: Prize,
     times: u32,
     seed: u64,
@@ -80,12 +80,15 @@ pub(super) fn compete(
         }
         for session in drove {
             let launch = Launch { undisturbed: true, ..Launch::default() };
-            let one = measure(&session.record()?, &launch, &home.limits()?, &[], &gaps);
+            let record = session.record()?;
+            let mut one = measure(&record, &launch, &home.limits()?, &[], &gaps);
+            judge_tracking(home, &record, &launch, &mut one)?;
             measured
                 .violations
                 .extend(one.violations.into_iter().map(|found| format!("round {round}: {found}")));
             measured.excused += one.excused;
             measured.worst_reaction = worse(measured.worst_reaction, one.worst_reaction);
+            measured.tracking = worse(measured.tracking, one.tracking);
             names.push(session.graph_name()?);
         }
     }
@@ -97,7 +100,7 @@ pub(super) fn compete(
 ///
 /// # Errors
 /// If it could not be done.
-pub(super) fn side_by_side(home: &Home, stop: &Stop) -> Result<Measured, Trouble> {
+pub(super) fn side_by_side(home: &Home<'_>, stop: &Stop) -> Result<Measured, Trouble> {
     let witness = Witness::begin();
     let mut sessions =
         [home.launch("first", 2.0 * DURATION_S)?, home.launch("second", 2.0 * DURATION_S)?];
@@ -113,10 +116,13 @@ pub(super) fn side_by_side(home: &Home, stop: &Stop) -> Result<Measured, Trouble
     let gaps = witness.end();
     let launch = Launch { undisturbed: true, ..Launch::default() };
     for session in &sessions {
-        let one = measure(&session.record()?, &launch, &home.limits()?, &[], &gaps);
+        let record = session.record()?;
+        let mut one = measure(&record, &launch, &home.limits()?, &[], &gaps);
+        judge_tracking(home, &record, &launch, &mut one)?;
         measured.violations.extend(one.violations);
         measured.excused += one.excused;
         measured.worst_reaction = worse(measured.worst_reaction, one.worst_reaction);
+        measured.tracking = worse(measured.tracking, one.tracking);
     }
     measured.violations.extend(left_behind(home, &names));
     Ok(measured)

@@ -11,14 +11,17 @@
 //! | recorder, gateway   | 1 s             | 1 s and [`hung_after`](Processes::hung_after), which is 2.5 s         |
 //! | learner             | 5 s             | 5 s and the same                                                     |
 
+pub mod excuse;
+
 use super::catalogue::Launch;
 use super::oracle::{Limits, Rule, Violation, judge};
 use super::record::{Message, Record};
 use crate::graph::{Processes, is_needed};
 use crate::saboteur::Injected;
+use excuse::{Timeline, Unseen, unseen};
 use process::Gap;
 use protocol::message::Participant;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::ops::Range;
 
@@ -47,6 +50,8 @@ pub struct Measured {
     pub worst_restart: Option<f64>,
     /// Where nobody was touched whom the robot needs: periods below a fresh plan in which the machine let nobody run.
     pub excused: usize,
+    /// Largest share of its bound that the distance from the reference had.
+    pub tracking: Option<f64>,
     /// Why it cannot be done on this machine.
     pub impossible: Option<&'static str>,
     /// What else was measured, a sentence each.
@@ -68,9 +73,14 @@ pub fn measure(
     injected: &[Injected],
     gaps: &[Gap],
 ) -> Measured {
-    let known = |found: &Violation| {
-        found.rule == Rule::Said
-            && launch.misquoted.iter().any(|ticks| acts_until(ticks).contains(&found.tick))
+    let within = |windows: &[Range<u64>], tick| {
+        windows.iter().any(|ticks| acts_until(ticks).contains(&tick))
+    };
+    // What a link has changed on its way is not the controller's.
+    let known = |found: &Violation| match found.rule {
+        Rule::Said => within(&launch.misquoted, found.tick),
+        Rule::Rate => within(&launch.misquoted, found.tick) || within(&launch.misled, found.tick),
+        _ => false,
     };
     let mut violations: Vec<String> = judge(record, limits)
         .iter()
@@ -80,7 +90,7 @@ pub fn measure(
     let worst_restart =
         launch.restarts.and_then(|who| judge_restarts(record, who, injected, &mut violations));
     let states = states(record);
-    let excused = judge_driving(&states, launch, gaps, &mut violations);
+    let excused = judge_driving(&states, launch, limits.period_s, gaps, &mut violations);
     let excused = if launch.undisturbed { excused } else { 0 };
     let fallen = states.iter().filter(|state| fell(state)).count() as u64;
     if let Some(asked) = launch.answered.filter(|&asked| asked != fallen) {
@@ -90,7 +100,7 @@ pub fn measure(
     }
     let in_the_dark = if launch.undisturbed {
         judge_instances(&states, &mut violations);
-        judge_unrecorded(record, &states, gaps, &mut violations)
+        judge_unrecorded(record, &states, limits.period_s, gaps, &mut violations)
     } else {
         0
     };
@@ -107,7 +117,7 @@ pub fn measure(
 }
 
 /// Ticks in whose truth is what was heard in `ticks`: the tail of the last of it acts until the brake.
-fn acts_until(ticks: &Range<u64>) -> Range<u64> {
+pub(super) fn acts_until(ticks: &Range<u64>) -> Range<u64> {
     ticks.start..ticks.end + BRAKES_AFTER
 }
 
@@ -143,31 +153,22 @@ fn judge_instances(states: &[&Message], violations: &mut Vec<String>) {
     }
 }
 
-/// Nothing was missed while no recorder was there to see it: the plant counts its periods whoever listens. How many of those are excused.
+/// No period was missed while the recorder was dead, but for those that a gap excuses. How many.
 fn judge_unrecorded(
     record: &Record,
     states: &[&Message],
+    period_s: f64,
     gaps: &[Gap],
     violations: &mut Vec<String>,
 ) -> usize {
-    let missed =
-        record.health_of("plant").next_back().map_or(0, |health| health.count("deadlines_missed"));
-    let seen = states.iter().filter(|state| is_missed(state)).count() as u64;
-    let unseen = missed.saturating_sub(seen);
-    let mut darkness = states.windows(2).filter_map(|pair| match pair {
-        [before, after] if before.stamp("tick") + 1 < after.stamp("tick") => {
-            Some((before.stamp("sent_nanos"), after.stamp("sent_nanos")))
-        }
-        _ => None,
-    });
-    let excused = darkness
-        .any(|(begin, end)| gaps.iter().any(|gap| gap.from_nanos < end && begin < gap.to_nanos));
-    if unseen > 0 && !excused {
+    let Unseen { missed, unexcused } = unseen(record, states, period_s, gaps);
+    if unexcused > 0 {
         violations.push(format!(
-            "{unseen} periods were missed that are not in the record, expected none: nobody was touched whom the robot needs"
+            "{missed} periods were missed that are not in the record, {unexcused} of them without \
+             a late wake-up at that time: no process that the robot needs was touched"
         ));
     }
-    if excused { unseen as usize } else { 0 }
+    (missed - unexcused) as usize
 }
 
 /// Whether nobody answered the period in time.
@@ -266,15 +267,18 @@ fn comebacks(record: &Record, who: Participant) -> Vec<u64> {
 fn judge_driving(
     states: &[&Message],
     launch: &Launch,
+    period_s: f64,
     gaps: &[Gap],
     violations: &mut Vec<String>,
 ) -> usize {
     let below = |state: &Message| !matches!(state.word("rung"), "fresh plan" | "waiting");
-    // The state that says so comes after the period, which began with the state before; whoever should have answered it may have been late already.
-    let excused = |index: usize| {
-        let at = |index: usize| states.get(index).map_or(0, |state| state.stamp("sent_nanos"));
-        let (begin, end) = (at(index.saturating_sub(2)), at(index));
-        !launch.lock_step && gaps.iter().any(|gap| gap.from_nanos < end && begin < gap.to_nanos)
+    let epochs: BTreeSet<u64> = states.iter().map(|state| state.stamp("epoch")).collect();
+    let timelines: BTreeMap<u64, Timeline> =
+        epochs.into_iter().map(|epoch| (epoch, Timeline::of(states, epoch, period_s))).collect();
+    let excused = |state: &Message| {
+        let timeline = timelines.get(&state.stamp("epoch"));
+        !launch.lock_step
+            && timeline.is_some_and(|timeline| timeline.is_excused(state.stamp("tick"), gaps))
     };
     let (mut unexcused, mut count) = (Vec::new(), 0);
     let mut before = false; // the period before was below a fresh plan, and excused
@@ -284,7 +288,7 @@ fn judge_driving(
             continue;
         }
         // Leaving a brake that is excused takes its periods.
-        before = excused(index) || before && state.word("reason") == "recovering";
+        before = excused(state) || before && state.word("reason") == "recovering";
         if before {
             count += 1;
         } else {
@@ -372,35 +376,6 @@ mod tests {
         let mut violations = Vec::new();
         let worst = judge_restarts(&record, Participant::Controller, &ends, &mut violations);
         (worst, violations)
-    }
-
-    #[test]
-    fn what_was_missed_while_nobody_recorded_is_missed_all_the_same() {
-        let state = |tick: u64, rung: &str| Message {
-            topic: "state".to_owned(),
-            says: json!({"stamp": {"epoch": 1, "tick": tick, "sent_nanos": tick * 20 * MS}, "rung": rung}),
-        };
-        let health = Message {
-            topic: "health".to_owned(),
-            says: json!({"participant": "plant", "deadlines_missed": 2}),
-        };
-        let record = Record::of_messages(vec![
-            state(1, "fresh plan"),
-            state(2, "stored tail"),
-            state(9, "fresh plan"),
-            health,
-        ]);
-        let judged = |gaps: &[Gap]| {
-            let mut violations = Vec::new();
-            (judge_unrecorded(&record, &states(&record), gaps, &mut violations), violations.len())
-        };
-        assert_eq!(judged(&[]), (0, 1));
-        assert_eq!(judged(&[Gap { from_nanos: 100 * MS, to_nanos: 104 * MS }]), (1, 0));
-        assert_eq!(
-            judged(&[Gap { from_nanos: 10 * MS, to_nanos: 14 * MS }]),
-            (0, 1),
-            "the machine was late at another time"
-        );
     }
 
     #[test]

@@ -2,8 +2,8 @@
 //!
 //! | rule | what must hold                                                                                                        |
 //! |------|-----------------------------------------------------------------------------------------------------------------------|
-//! | a    | every wheel command is finite, within the wheels' speed, and changes no faster than the robot may; on a way into the   |
-//! |      | brake, no faster than that and the ramp together                                                                       |
+//! | a    | every wheel command is finite, within the wheels' speed, and changes no faster than the robot file permits; what a     |
+//! |      | controller could not know is the only slack (`change`)                                                                 |
 //! | b    | no command acts that answers a state older than 3 T, and none is accepted that answers one older than 1.5 T            |
 //! | c    | of two controller epochs the greater takes over from the smaller, once in a period at most, and never the other way;   |
 //! |      | of two writers of one epoch another is heard when the first has been silent                                            |
@@ -11,17 +11,20 @@
 //! | e    | every change of rung has its reason; the gate's brake is left after 3 good periods                                     |
 //! | f    | what was sent is in the record or was counted as lost by it, for every topic and writer                                |
 //! | g    | what acts is what its controller said for this moment: the input, or the entry of its tail for a state so old          |
+//! | h    | the robot stays as near to its reference as physics allows (`tracking`, beside this module)                            |
 //!
 //! A takeover in the midst of a period is lawful: the tail of the dead controller acts until the first answer of its successor. What is
 //! judged of the wheels is what the plant says in its Truth; rule f cannot be judged across the death of a recorder, which counts nothing
 //! while it is dead.
 
+mod change;
 mod counting;
 mod said;
 mod wheels;
 
 use super::record::{Message, Record};
 use crate::assembly::Assembly;
+pub(super) use change::body as commanded;
 use said::Said;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -89,8 +92,10 @@ pub enum Rule {
     Finite,
     /// Within the wheels' speed.
     Bounds,
-    /// Within the rate of change.
+    /// Within the rate of change that the robot file permits.
     Rate,
+    /// Within what the gate promises of any command.
+    Leap,
     /// Nothing older than 3 T acts, and nothing older than 1.5 T is accepted.
     Age,
     /// One controller epoch, and one writer of it.
@@ -105,6 +110,8 @@ pub enum Rule {
     Count,
     /// What acts was said.
     Said,
+    /// Near the reference.
+    Tracking,
 }
 
 /// One thing that went wrong.
@@ -133,15 +140,17 @@ impl fmt::Display for Violation {
 pub fn judge(record: &Record, limits: &Limits) -> Vec<Violation> {
     let mut violations = Vec::new();
     let truths = by_epoch(record, "truth");
+    let states = by_epoch(record, "state");
     let said = Said::of(record);
+    let none = BTreeMap::new();
     for (&epoch, ticks) in &truths {
         wheels::judge(epoch, ticks, limits, &mut violations);
+        change::judge(epoch, ticks, states.get(&epoch).unwrap_or(&none), limits, &mut violations);
         if limits.at_once {
             said.judge(epoch, ticks, limits, &mut violations);
         }
     }
-    for (&epoch, ticks) in &by_epoch(record, "state") {
-        let none = BTreeMap::new();
+    for (&epoch, ticks) in &states {
         judge_rungs(epoch, ticks, truths.get(&epoch).unwrap_or(&none), &mut violations);
         judge_accepted(epoch, ticks, limits, &mut violations);
     }
@@ -162,10 +171,10 @@ pub fn acquit(record: &Record, limits: &Limits) -> Result<(), String> {
     }
 }
 
-type Ticks<'a> = BTreeMap<u64, &'a Message>;
+pub(super) type Ticks<'a> = BTreeMap<u64, &'a Message>;
 
 /// Messages of the plant by epoch and tick; what a restarted recorder got twice is there once.
-fn by_epoch<'a>(record: &'a Record, topic: &'a str) -> BTreeMap<u64, Ticks<'a>> {
+pub(super) fn by_epoch<'a>(record: &'a Record, topic: &'a str) -> BTreeMap<u64, Ticks<'a>> {
     let mut epochs: BTreeMap<u64, Ticks<'a>> = BTreeMap::new();
     for message in record.of(topic) {
         epochs.entry(message.stamp("epoch")).or_default().insert(message.stamp("tick"), message);

@@ -1,6 +1,7 @@
 //! Two hosts whose cable is pulled: namespaces where they are permitted, else a relay that falls silent.
 
-use super::exercise::{SETTLED, judge_wheels, left_behind, worse};
+use super::catalogue::Launch;
+use super::exercise::{SETTLED, judge_tracking, judge_wheels, left_behind, worse};
 use super::hosts::Hosts;
 use super::measure::Measured;
 use super::record::Record;
@@ -21,7 +22,7 @@ const DURATION_S: f64 = 5000.0;
 ///
 /// # Errors
 /// If it could not be done.
-pub(super) fn partition(home: &Home, cuts: &[u64], stop: &Stop) -> Result<Measured, Trouble> {
+pub(super) fn partition(home: &Home<'_>, cuts: &[u64], stop: &Stop) -> Result<Measured, Trouble> {
     let hosts = Hosts::new()?;
     let mut control = home.launch_on(&hosts, Place::Control, "control", DURATION_S)?;
     control.wait_for_log("controller", "started", 1)?;
@@ -70,6 +71,7 @@ pub(super) fn partition(home: &Home, cuts: &[u64], stop: &Stop) -> Result<Measur
         measured.worst_restart = worse(measured.worst_restart, took);
     }
     judge_wheels(&record, &limits, &mut measured);
+    judge_tracking(home, &record, &Launch::default(), &mut measured)?;
     measured.violations.extend(left_behind(home, &[control.graph_name()?, plant.graph_name()?]));
     Ok(measured)
 }

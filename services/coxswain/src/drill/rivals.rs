@@ -6,7 +6,8 @@
 //! | equal epochs     | both have claimed the same one: the first heard is obeyed until one of the two is killed, and no period has both        |
 //! | an old epoch     | a second one has taken over, is stopped, overtaken, and woken: what it then says is refused, and it goes by itself      |
 
-use super::exercise::{SETTLED, judge_wheels, left_behind};
+use super::catalogue::Launch;
+use super::exercise::{SETTLED, judge_tracking, judge_wheels, left_behind};
 use super::measure::Measured;
 use super::record::{Message, Record};
 use super::session::{Home, Session, Trouble, wait_for_text};
@@ -125,7 +126,7 @@ fn epoch_in(log: &str) -> Result<u64, Trouble> {
 ///
 /// # Errors
 /// If it could not be done.
-pub(super) fn greater_epoch(home: &Home, times: u32, stop: &Stop) -> Result<Measured, Trouble> {
+pub(super) fn greater_epoch(home: &Home<'_>, times: u32, stop: &Stop) -> Result<Measured, Trouble> {
     let mut measured = Measured::default();
     let mut session = home.launch("run", DURATION_S)?;
     for round in 0..times {
@@ -149,7 +150,7 @@ pub(super) fn greater_epoch(home: &Home, times: u32, stop: &Stop) -> Result<Meas
 
 /// Ends the launch, and judges what every one of these exercises promises. Gives the record.
 fn conclude(
-    home: &Home,
+    home: &Home<'_>,
     session: &mut Session,
     measured: &mut Measured,
 ) -> Result<Record, Trouble> {
@@ -159,6 +160,7 @@ fn conclude(
         measured.violations.push("it does not drive at the end".to_owned());
     }
     judge_wheels(&record, &home.limits()?, measured);
+    judge_tracking(home, &record, &Launch::default(), measured)?;
     measured.violations.extend(left_behind(home, &[session.graph_name()?]));
     Ok(record)
 }
@@ -167,7 +169,7 @@ fn conclude(
 ///
 /// # Errors
 /// If it could not be done.
-pub(super) fn equal_epochs(home: &Home, times: u32, stop: &Stop) -> Result<Measured, Trouble> {
+pub(super) fn equal_epochs(home: &Home<'_>, times: u32, stop: &Stop) -> Result<Measured, Trouble> {
     let mut measured = Measured::default();
     for attempt in 0..TRIES * times {
         if measured.injections == u64::from(times) || stop.requested() {
@@ -265,7 +267,7 @@ fn judge_equals(record: &Record, epoch: u64, killed_at: u64) -> Vec<String> {
 /// # Errors
 /// If it could not be done.
 pub(super) fn old_epoch(
-    home: &Home,
+    home: &Home<'_>,
     times: u32,
     seed: u64,
     stop: &Stop,

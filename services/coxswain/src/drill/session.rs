@@ -1,9 +1,11 @@
 //! A graph that the drill launches: as a person would, by this very program, in a home of its own.
 
 use super::catalogue::{Carrier, Launch};
+use super::ground::Ground;
 use super::hosts::Hosts;
 use super::oracle::Limits;
 use super::record::Record;
+use super::tracking::Course;
 use crate::assembly::Assembly;
 use crate::options::Options;
 use crate::role::{START_ORDER, program};
@@ -65,7 +67,8 @@ impl Place {
 
 /// Where the graphs' files are made, and launched.
 #[derive(Debug)]
-pub(super) struct Home {
+pub(super) struct Home<'a> {
+    ground: &'a Ground,
     folder: TempDir,
     graph: PathBuf,
     /// What shared memory there is, if not all that there is \[MiB\].
@@ -81,18 +84,19 @@ pub(super) struct Session {
     pub(super) begun_nanos: u64,
 }
 
-impl Home {
-    /// Writes graph, scenario and faults, all beside those in `deploy`.
+impl<'a> Home<'a> {
+    /// Writes graph, scenario and faults, with the robot of `ground`.
     ///
     /// # Errors
     /// A sentence.
     pub(super) fn new(
-        deploy: &Path,
+        ground: &'a Ground,
         carrier: Carrier,
         launch: &Launch,
         seed: u64,
     ) -> Result<Self, Trouble> {
         let folder = tempfile::Builder::new().prefix("cx").tempdir()?;
+        let deploy = ground.deploy();
         let scenario = Scenario::merged(&deploy.join("scenarios"), SCENARIO, Some(PROFILE), &[])?;
         fs::write(folder.path().join("scenario.toml"), scenario)?;
         fs::write(folder.path().join("faults.toml"), format!("seed = {seed}\n{}", launch.faults))?;
@@ -125,7 +129,7 @@ impl Home {
             }
             fs::write(folder.path().join(place.file()), text)?;
         }
-        Ok(Self { folder, graph, shared_memory: launch.shared_memory_mebibytes })
+        Ok(Self { ground, folder, graph, shared_memory: launch.shared_memory_mebibytes })
     }
 
     /// Limits of the robot and the period.
@@ -134,6 +138,28 @@ impl Home {
     /// If a file says something impossible.
     pub(super) fn limits(&self) -> Result<Limits, Trouble> {
         Ok(Limits::of(&Assembly::read(&Options::of_graph(&self.graph))?))
+    }
+
+    /// What its robot follows.
+    ///
+    /// # Errors
+    /// If a twin does not come to its end.
+    pub(super) fn course(&self) -> Result<&Course, Trouble> {
+        self.ground.course()
+    }
+
+    /// The whole graph with its faults.
+    ///
+    /// # Errors
+    /// If a file says something impossible.
+    pub(super) fn assembly(&self) -> Result<Assembly, Trouble> {
+        let faults = Some(self.folder.path().join("faults.toml"));
+        Ok(Assembly::read(&Options { faults, ..Options::of_graph(&self.graph) })?)
+    }
+
+    /// Where its files are.
+    pub(super) fn folder(&self) -> &Path {
+        self.folder.path()
     }
 
     /// Launches the graph for `duration_s`, into the folder called `run`.

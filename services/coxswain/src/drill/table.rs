@@ -11,7 +11,7 @@ pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
     let mut text = String::new();
     let _ = writeln!(
         text,
-        "{:<18} {:<17} {:<14} {:>10} {:>10} {:>14} {:>13} {:>9}",
+        "{:<18} {:<17} {:<14} {:>10} {:>10} {:>14} {:>13} {:>8} {:>9}",
         "fault",
         "target",
         "carrier",
@@ -19,6 +19,7 @@ pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
         "violations",
         "worst reaction",
         "worst restart",
+        "tracking",
         "95% bound"
     );
     for row in rows {
@@ -26,6 +27,8 @@ pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
             row.worst_reaction_periods.map_or("-".to_owned(), |periods| format!("{periods:.2} T"));
         let restart =
             row.worst_restart_s.map_or("-".to_owned(), |seconds| format!("{seconds:.2} s"));
+        let tracking =
+            row.tracking_share.map_or("-".to_owned(), |share| format!("{:.0} %", 100.0 * share));
         let bound = if row.violations == 0 && row.injections > 0 {
             percent(RULE_OF_THREE / row.injections as f64)
         } else {
@@ -33,7 +36,8 @@ pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
         };
         let _ = writeln!(
             text,
-            "{:<18} {:<17} {:<14} {:>10} {:>10} {reaction:>14} {restart:>13} {bound:>9}",
+            "{:<18} {:<17} {:<14} {:>10} {:>10} {reaction:>14} {restart:>13} \
+             {tracking:>8} {bound:>9}",
             row.fault,
             row.target,
             row.carrier.name(),
@@ -98,6 +102,7 @@ mod tests {
             violations: 0,
             worst_reaction_periods: Some(2.5),
             worst_restart_s: Some(0.14),
+            tracking_share: Some(0.625),
             seed: 1,
             excused_periods: 3,
             impossible: None,
@@ -111,7 +116,10 @@ mod tests {
         assert!(text.contains("6 periods below a fresh plan are excused"), "{text}");
         let lines: Vec<&str> = text.lines().collect();
         assert!(
-            lines[1].contains("2.50 T") && lines[1].contains("0.14 s") && lines[1].ends_with("1 %"),
+            lines[1].contains("2.50 T")
+                && lines[1].contains(" 62 %")
+                && lines[1].contains("0.14 s")
+                && lines[1].ends_with("1 %"),
             "{text}"
         );
         assert!(lines[2].ends_with('-'), "{text}");

@@ -49,7 +49,8 @@ pub(super) fn on_control_links(extent: Extent, apart: bool, all: &mut Vec<Exerci
                 if extent == Extent::Quick && !apart { vec![KINDS.to_vec()] } else { each };
             for kinds in groups {
                 let rounds = extent.pick(1, 10);
-                let (mut faults, mut misquoted, mut from) = (String::new(), Vec::new(), STRIDE);
+                let (mut faults, mut from) = (String::new(), STRIDE);
+                let (mut misquoted, mut misled) = (Vec::new(), Vec::new());
                 for (_, kind, levels) in &kinds {
                     for level in
                         extent.pick(levels.get(levels.len() - 1..).unwrap_or_default(), levels)
@@ -69,8 +70,10 @@ pub(super) fn on_control_links(extent: Extent, apart: bool, all: &mut Vec<Exerci
                                 until,
                                 &format!("{level}{named}"),
                             );
-                            if topic == "command" && *kind == "freeze" {
-                                misquoted.push(from..until);
+                            if *kind == "freeze" {
+                                let windows =
+                                    if topic == "command" { &mut misquoted } else { &mut misled };
+                                windows.push(from..until);
                             }
                             from += extent.pick(STRIDE / 2, STRIDE);
                         }
@@ -82,6 +85,7 @@ pub(super) fn on_control_links(extent: Extent, apart: bool, all: &mut Vec<Exerci
                     duration_s,
                     faults,
                     misquoted,
+                    misled,
                     refused: Some(Refused::Messages),
                     ..Launch::default()
                 };

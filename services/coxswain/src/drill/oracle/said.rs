@@ -1,6 +1,6 @@
 //! Rule g: what acts is what its controller said for this moment.
 
-use super::wheels::body;
+use super::change::body;
 use super::{Limits, Rule, Ticks, Violation};
 use crate::drill::record::{Message, Record};
 use serde_json::Value;

@@ -1,16 +1,10 @@
-//! Rules a to d: what the wheels got, in one plant epoch.
+//! Rules a to c: what the wheels got, in one plant epoch, moment by moment.
 
 use super::{Limits, OLDEST_PERIODS, Rule, Ticks, Violation};
 use crate::drill::record::Message;
 
 /// Rounding, and what a wheel's noise-free command may be off by, relative.
 const TOLERANCE: f64 = 1e-6;
-/// Steps of one period's change that may lie between two looks at the wheels: onto a tail, and from it onto the next plan. A tenth on top,
-/// since a change is planned from the mean of a period and begins at its end.
-const STEPS: f64 = 2.2;
-/// Grain of the ramp in time: the gate of the simulator decides every 2 ms, and a look may fall before or behind it \[s\].
-const GRAIN_S: f64 = 0.005;
-
 /// Ticks at least between the answers of two writers of one epoch.
 const SILENT_TICKS: u64 = 2;
 
@@ -78,9 +72,6 @@ pub(super) fn judge(
         if acting > 0 {
             last = Some((acting, truth.count("acting_writer"), answered));
         }
-        if let Some(before) = tick.checked_sub(1).and_then(|before| truths.get(&before)) {
-            judge_change(before, truth, limits, &mut violate);
-        }
     }
 }
 
@@ -106,54 +97,4 @@ fn judge_values(truth: &Message, limits: &Limits, violate: &mut impl FnMut(Rule,
             );
         }
     }
-}
-
-/// Rules a and d, from one period's start to the next.
-fn judge_change(
-    before: &Message,
-    now: &Message,
-    limits: &Limits,
-    violate: &mut impl FnMut(Rule, String, String),
-) {
-    let (Some(from), Some(to)) = (body(before, limits), body(now, limits)) else { return };
-    let by_itself = |truth: &Message| truth.count("acting_epoch") == 0;
-    for axis in 0..3 {
-        let (from, to) = (from[axis], to[axis]);
-        if by_itself(before) && by_itself(now) && now.count("acting_age_nanos") == 0 {
-            // The same sign, and smaller by the ramp, until it stands.
-            let left =
-                (from.abs() - limits.brake[axis] * (limits.period_s - GRAIN_S).max(0.0)).max(0.0);
-            if to.abs() > left + TOLERANCE || from * to < -TOLERANCE {
-                violate(
-                    Rule::Ramp,
-                    format!("axis {axis} commanded {from:.3}, then {to:.3}"),
-                    format!("{left:.3} at most while nothing acts"),
-                );
-            }
-        } else {
-            // Of a period that ends on the brake, a part may have been a command's.
-            let ramp =
-                if by_itself(now) { limits.brake[axis] * (limits.period_s + GRAIN_S) } else { 0.0 };
-            let most = limits.rate[axis] * limits.period_s * STEPS + ramp;
-            if (to - from).abs() > most * (1.0 + TOLERANCE) {
-                violate(
-                    Rule::Rate,
-                    format!("axis {axis} commanded {from:.3}, then {to:.3}"),
-                    format!("a change of {most:.3} at most"),
-                );
-            }
-        }
-    }
-}
-
-/// Body velocity of the wheels' command, r J⁺ ω: forward, left, yaw \[m/s, m/s, rad/s\]. Wheels: front-right, front-left, rear-left, rear-right.
-pub(super) fn body(truth: &Message, limits: &Limits) -> Option<[f64; 3]> {
-    let wheels = truth.numbers("wheel_command");
-    let &[front_right, front_left, rear_left, rear_right] = wheels.as_slice() else { return None };
-    let quarter = limits.wheel_radius_m / 4.0;
-    Some([
-        quarter * (front_right + front_left + rear_left + rear_right),
-        quarter * (front_right - front_left + rear_left - rear_right),
-        quarter / limits.lever_m * (front_right - front_left - rear_left + rear_right),
-    ])
 }
