@@ -54,7 +54,7 @@ pub enum SettingsError {
     Value {
         /// The file.
         file: PathBuf,
-        /// Line, from 1; none if neither the key nor its table is in the file.
+        /// Line, from 1; none if the value did not come from the file.
         line: Option<usize>,
         /// Dotted path of the key.
         key: String,

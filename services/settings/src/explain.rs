@@ -41,11 +41,11 @@ pub(crate) fn impossible(
     impossible: Impossible,
 ) -> SettingsError {
     let entry = document.find(&impossible.key);
+    let line = entry
+        .map_or_else(|| document.line_around(&impossible.key), |entry| document.line_of(entry));
     SettingsError::Value {
         file: file.to_path_buf(),
-        line: entry
-            .map(|entry| document.line_of(entry))
-            .or_else(|| document.line_around(&impossible.key)),
+        line: Some(line),
         value: entry.map(|entry| document.quote(entry)),
         key: impossible.key,
         expected: impossible.expected,

@@ -60,10 +60,11 @@ impl<'i> Document<'i> {
         self.line(entry.key.as_ref().unwrap_or(&entry.value).start)
     }
 
-    /// Line of the nearest table around `path` that is in the document.
-    pub(crate) fn line_around(&self, path: &str) -> Option<usize> {
-        let (table, _) = path.rsplit_once('.')?;
-        self.find(table).map(|entry| self.line_of(entry)).or_else(|| self.line_around(table))
+    /// Line of the nearest table around `path` that is in the document, from 1: the first line of
+    /// the file if there is none.
+    pub(crate) fn line_around(&self, path: &str) -> usize {
+        let Some((table, _)) = path.rsplit_once('.') else { return 1 };
+        self.find(table).map_or_else(|| self.line_around(table), |entry| self.line_of(entry))
     }
 
     /// The value as written, shortened to one line.
