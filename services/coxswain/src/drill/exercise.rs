@@ -2,7 +2,7 @@
 
 use super::catalogue::{Carrier, Exercise, Launch, Refused, Rivalry, Task};
 use super::ground::Ground;
-use super::measure::{Measured, acts_until, measure, worst_reaction};
+use super::measure::{Measured, acts_until, is_stopped_astray, measure, worst_reaction};
 use super::oracle::{Limits, judge};
 use super::partition::partition;
 use super::record::Record;
@@ -277,6 +277,10 @@ pub(super) fn judge_tracking(
     let found = violations.iter().map(ToString::to_string);
     if let Some(why) = launch.goes_astray {
         measured.notes.extend(found.map(|found| format!("{found}; {why}")));
+        let stopped = record.of("state").find(|state| is_stopped_astray(state));
+        measured.notes.extend(stopped.map(|state| {
+            format!("latched with a {} at tick {}", state.word("reason"), state.stamp("tick"))
+        }));
     } else {
         measured.violations.extend(found);
     }

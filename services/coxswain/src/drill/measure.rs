@@ -18,7 +18,7 @@ use super::oracle::{Limits, Rule, Violation, judge};
 use super::record::{Message, Record};
 use crate::graph::{Processes, is_needed};
 use crate::saboteur::Injected;
-use excuse::{Timeline, Unseen, unseen};
+use excuse::{Timeline, Unseen, unseen, unseen_in_lock_step};
 use process::Gap;
 use protocol::message::Participant;
 use std::collections::{BTreeMap, BTreeSet};
@@ -100,7 +100,12 @@ pub fn measure(
     }
     let in_the_dark = if launch.undisturbed {
         judge_instances(&states, &mut violations);
-        judge_unrecorded(record, &states, limits.period_s, gaps, &mut violations)
+        let unseen = if launch.lock_step {
+            unseen_in_lock_step(record, &states)
+        } else {
+            unseen(record, &states, limits.period_s, gaps)
+        };
+        judge_unseen(unseen, &mut violations)
     } else {
         0
     };
@@ -154,14 +159,8 @@ fn judge_instances(states: &[&Message], violations: &mut Vec<String>) {
 }
 
 /// No period was missed while the recorder was dead, but for those that a gap excuses. How many.
-fn judge_unrecorded(
-    record: &Record,
-    states: &[&Message],
-    period_s: f64,
-    gaps: &[Gap],
-    violations: &mut Vec<String>,
-) -> usize {
-    let Unseen { missed, unexcused } = unseen(record, states, period_s, gaps);
+fn judge_unseen(unseen: Unseen, violations: &mut Vec<String>) -> usize {
+    let Unseen { missed, unexcused } = unseen;
     if unexcused > 0 {
         violations.push(format!(
             "{missed} periods were missed that are not in the record, {unexcused} of them without \
@@ -169,6 +168,12 @@ fn judge_unrecorded(
         ));
     }
     (missed - unexcused) as usize
+}
+
+/// Whether the robot is latched because it was too far from its reference.
+pub(super) fn is_stopped_astray(state: &Message) -> bool {
+    state.word("rung") == "latched stop"
+        && matches!(state.word("reason"), "position error" | "heading error")
 }
 
 /// Whether nobody answered the period in time.
@@ -271,7 +276,10 @@ fn judge_driving(
     gaps: &[Gap],
     violations: &mut Vec<String>,
 ) -> usize {
-    let below = |state: &Message| !matches!(state.word("rung"), "fresh plan" | "waiting");
+    // A robot that is known to leave its path ends latched, as it should.
+    let stops = |state: &Message| launch.goes_astray.is_some() && is_stopped_astray(state);
+    let below =
+        |state: &Message| !matches!(state.word("rung"), "fresh plan" | "waiting") && !stops(state);
     let epochs: BTreeSet<u64> = states.iter().map(|state| state.stamp("epoch")).collect();
     let timelines: BTreeMap<u64, Timeline> =
         epochs.into_iter().map(|epoch| (epoch, Timeline::of(states, epoch, period_s))).collect();

@@ -129,6 +129,15 @@ pub fn unseen(record: &Record, states: &[&Message], period_s: f64, gaps: &[Gap])
     all
 }
 
+/// The same in lock step, where no time of the machine is an excuse and none bounds a period.
+pub fn unseen_in_lock_step(record: &Record, states: &[&Message]) -> Unseen {
+    let counted =
+        record.health_of("plant").next_back().map_or(0, |health| health.count("deadlines_missed"));
+    let seen = states.iter().filter(|state| is_missed(state)).count() as u64;
+    let missed = counted.saturating_sub(seen);
+    Unseen { missed, unexcused: missed }
+}
+
 /// How many of the periods that these ticks report, and that are not recorded, gaps account for.
 fn excusable(timeline: &Timeline, ticks: RangeInclusive<u64>, gaps: &[Gap]) -> u64 {
     let dark: Vec<u64> = ticks.filter(|tick| !timeline.sent.contains_key(tick)).collect();
