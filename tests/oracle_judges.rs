@@ -207,10 +207,13 @@ fn a_good_run_is_acquitted_and_each_bad_one_is_found_out_for_what_is_bad() -> Ou
         truth["acting_epoch"] = json!(truth["acting_epoch"].as_u64().unwrap_or(0) + 1);
     };
     assert_eq!(found(("truth", 60), &successor), [Rule::Epoch], "and the one before it acts again");
-    assert_eq!(found(("state", 60), &|state| state["rung"] = json!("lqr")), [Rule::Reason]);
+    assert_eq!(
+        found(("state", 60), &|state| state["rung"] = json!("simple controller")),
+        [Rule::Reason]
+    );
     assert_eq!(
         found(("state", 60), &|state| (state["rung"], state["reason"]) =
-            (json!("lqr"), json!("solver failed"))),
+            (json!("simple controller"), json!("no plan that holds"))),
         []
     );
     assert_eq!(

@@ -126,7 +126,8 @@ class Duties(unittest.TestCase):
         self.assertEqual(self.period(1, command(1, plant=9))[1:], (gate.TAIL, gate.OLD_PLANT_EPOCH))
 
     def test_9_a_rung_of_the_controllers_own_has_its_reason(self) -> None:
-        reasons = [gate.NONE] * 2 + [gate.SOLVER_FAILED] * 3 + [gate.BAD_STATE] * 2
+        failed, bad = gate.SOLVER_FAILED, gate.BAD_STATE
+        reasons = [gate.NONE, gate.NONE, failed, gate.NO_PLAN, failed, bad, bad]
         for rung, reason in enumerate(reasons):
             self.gate = Gate(LIMITS, 3, 0.0)
             self.assertEqual(self.period(0, command(0, rung=rung)), (AHEAD, rung, reason))

@@ -62,8 +62,8 @@ coded! {
         FreshPlan = 1 => "fresh plan",
         /// The previous plan, shifted by one period.
         ShiftedPlan = 2 => "shifted plan",
-        /// The LQR gain on the main model.
-        Lqr = 3 => "lqr",
+        /// What holds the reference by the main model, and a proportional feedback of the pose.
+        Simple = 3 => "simple controller",
         /// The tail that came with the last accepted command, played by the gate.
         StoredTail = 4 => "stored tail",
         /// A ramp to standstill, by the gate.
@@ -118,6 +118,8 @@ coded! {
         EmergencyStop = 19 => "emergency stop",
         /// The gate waits for a person to arm it.
         Disarmed = 20 => "disarmed",
+        /// The optimiser found no plan, or its plans track worse than the simple controller would.
+        NoPlan = 21 => "no plan that holds",
     }
 }
 

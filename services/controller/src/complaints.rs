@@ -6,14 +6,19 @@
 //! | `Refusals`  | the gate refused a command in more than half of the periods                     |
 //! | `Period`    | the pose moved further, or less far, than the velocity times the period         |
 //! | `Current`   | a motor was at its current limit in more than half of the periods                |
+//! | `Row`       | a motor carries far less than its limit while plans take it for bound            |
+//! | `NoEffect`  | the robot hardly moves as it is commanded to                                     |
+//! | `Simple`    | the simple controller drove, since plans did not hold the robot or there were none |
 //!
 //! ```text
 //! ratio = Σ Δp·v̄ T / Σ (v̄ T)²        Δp: displacement of a period in the body's frame
 //! ```
-//! is 1 where the driver's period is T and its velocity is in metres per second.
+//! is 1 where the driver's period is T and its velocity is in metres per second. A robot that
+//! follows has Σ u·v / Σ u² near 1 as well, with u the commanded velocity and L ω for the yaw.
 
+use crate::currents::Contradicted;
 use model::{Velocity, wrap};
-use protocol::message::{ERROR_TEXT_MAX, PlantState, Reason};
+use protocol::message::{ERROR_TEXT_MAX, PlantState, Reason, Rung};
 use robot::Robot;
 use std::fmt::{self, Display, Formatter, Write};
 
@@ -31,6 +36,15 @@ const SPEED_LEAST: f64 = 0.2;
 
 /// A motor this close to its limit is at it.
 const AT_LIMIT: f64 = 0.95;
+
+/// A robot that follows less than this share of its commands does not follow them.
+const FOLLOWS_LEAST: f64 = 0.2;
+
+/// Of slower commands on average nothing is said of what they do \[m/s\].
+const COMMANDED_LEAST: f64 = 0.1;
+
+/// Share of the periods of the simple controller that is told.
+const SIMPLE_LEAST: f64 = 0.1;
 
 /// Something that a person has to mend.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,6 +69,23 @@ pub enum Complaint {
         share: f64,
         /// The robot file's limit \[A\].
         limit_a: f64,
+    },
+    /// Plans take a motor for bound that is not.
+    Row {
+        /// Its place in the robot file's order, from 1 on.
+        wheel: usize,
+        /// What it carries, in shares of the limit.
+        carried: f64,
+    },
+    /// Commands have no effect.
+    NoEffect {
+        /// Share of the commanded velocity that the robot has.
+        share: f64,
+    },
+    /// The simple controller drives.
+    Simple {
+        /// In this share of the periods.
+        share: f64,
     },
 }
 
@@ -83,6 +114,21 @@ impl Display for Complaint {
                 "a motor is at its limit of {limit_a} A in {:.0} % of the periods",
                 100.0 * share
             ),
+            Self::Row { wheel, carried } => write!(
+                f,
+                "motor {wheel} carries {:.0} % of its limit where plans foretell all of it: plans leave that limit out",
+                100.0 * carried
+            ),
+            Self::NoEffect { share } => write!(
+                f,
+                "the robot has {:.0} % of the commanded velocity: is it held, or are its motors off?",
+                100.0 * share
+            ),
+            Self::Simple { share } => write!(
+                f,
+                "the simple controller drives in {:.0} % of the periods: plans fail, or track worse than it",
+                100.0 * share
+            ),
         }
     }
 }
@@ -95,6 +141,8 @@ struct Seen {
     refused: u64,
     pose: [f64; 3],
     velocity: Velocity,
+    input: Velocity,
+    is_simple: bool,
 }
 
 /// Looks at every state. Does not allocate.
@@ -102,6 +150,7 @@ struct Seen {
 pub struct Complaints {
     period_s: f64,
     limit_a: f64,
+    lever_m: f64,
     fading: f64,
     /// The last state.
     before: Option<Seen>,
@@ -112,6 +161,11 @@ pub struct Complaints {
     /// Σ Δp·v̄ T and Σ (v̄ T)² \[m²\].
     moved: f64,
     said: f64,
+    /// Σ u·v and Σ u² \[(m/s)²\].
+    followed: f64,
+    commanded: f64,
+    /// Periods of the simple controller.
+    simple: f64,
     present: Option<Complaint>,
 }
 
@@ -121,6 +175,7 @@ impl Complaints {
         Self {
             period_s,
             limit_a: robot.drive.current_limit_a,
+            lever_m: robot.geometry.lever_m(),
             fading: (-period_s / MEMORY_S).exp(),
             before: None,
             periods: 0.0,
@@ -128,18 +183,24 @@ impl Complaints {
             at_limit: 0.0,
             moved: 0.0,
             said: 0.0,
+            followed: 0.0,
+            commanded: 0.0,
+            simple: 0.0,
             present: None,
         }
     }
 
-    /// Takes in the next state. Gives a complaint when it begins.
-    pub fn look(&mut self, state: &PlantState) -> Option<Complaint> {
+    /// Takes in the next state, and which limit of a motor it contradicts, if it does. Gives a
+    /// complaint when it begins.
+    pub fn look(&mut self, state: &PlantState, row: Option<Contradicted>) -> Option<Complaint> {
         let now = Seen {
             epoch: state.stamp.epoch,
             tick: state.stamp.tick,
             refused: state.refused,
             pose: state.pose,
             velocity: state.velocity,
+            input: state.input,
+            is_simple: state.rung() == Rung::Simple,
         };
         let is_next = |before: &Seen| (before.epoch, before.tick + 1) == (now.epoch, now.tick);
         let before = self.before.replace(now).filter(is_next)?;
@@ -151,7 +212,13 @@ impl Complaints {
         let (moved, said) = motion(&before, &now, self.period_s);
         add(&mut self.moved, moved);
         add(&mut self.said, said);
-        let complaint = self.complaint(state.reason());
+        let scale = [1.0, 1.0, self.lever_m.powi(2)];
+        let along =
+            |a: &Velocity, b: &Velocity| (0..3).map(|i| scale[i] * a[i] * b[i]).sum::<f64>();
+        add(&mut self.followed, along(&now.input, &now.velocity));
+        add(&mut self.commanded, along(&now.input, &now.input));
+        add(&mut self.simple, f64::from(u8::from(now.is_simple)));
+        let complaint = self.complaint(state.reason(), row);
         let is_new = match (&complaint, &self.present) {
             (Some(complaint), Some(present)) => !complaint.is_like(present),
             (complaint, _) => complaint.is_some(),
@@ -160,7 +227,7 @@ impl Complaints {
         complaint.filter(|_| is_new)
     }
 
-    fn complaint(&self, reason: Reason) -> Option<Complaint> {
+    fn complaint(&self, reason: Reason, row: Option<Contradicted>) -> Option<Complaint> {
         // Less than a second says nothing.
         if self.periods * self.period_s < 0.4 * MEMORY_S {
             return None;
@@ -177,6 +244,18 @@ impl Complaints {
         let ratio = self.moved / self.said;
         if self.said > least && !RATIOS.contains(&ratio) {
             return Some(Complaint::Period { ratio, period_s: self.period_s });
+        }
+        let (share, least) =
+            (self.followed / self.commanded, self.periods * COMMANDED_LEAST.powi(2));
+        if self.commanded > least && share < FOLLOWS_LEAST {
+            return Some(Complaint::NoEffect { share });
+        }
+        let share = self.simple / self.periods;
+        if share > SIMPLE_LEAST {
+            return Some(Complaint::Simple { share });
+        }
+        if let Some(Contradicted { wheel, carried }) = row {
+            return Some(Complaint::Row { wheel: wheel + 1, carried });
         }
         let share = self.at_limit / self.periods;
         (share > often(|present| matches!(present, Complaint::Current { .. })))
@@ -239,7 +318,7 @@ mod tests {
     /// What is complained of when 5 s of states say `of(tick)`, each as often as it begins.
     fn told(of: impl Fn(u64) -> PlantState) -> Vec<Complaint> {
         let mut complaints = Complaints::new(&Robot::example(), PERIOD_S);
-        (0..250).filter_map(|tick| complaints.look(&of(tick))).collect()
+        (0..250).filter_map(|tick| complaints.look(&of(tick), None)).collect()
     }
 
     /// A circle, driven with a true period of `period` \[s\].
@@ -249,6 +328,7 @@ mod tests {
         (state.stamp.epoch, state.stamp.tick) = (1, tick);
         state.pose = [2.0 * angle.sin(), 2.0 - 2.0 * angle.cos(), angle];
         state.velocity = [1.0, 0.0, 0.5];
+        state.input = state.velocity;
         state
     }
 
@@ -307,11 +387,44 @@ mod tests {
     }
 
     #[test]
+    fn a_robot_that_stays_where_it_is_whatever_is_commanded_is_told_of() {
+        let complaints = told(|tick| PlantState {
+            velocity: [0.01, 0.0, 0.0],
+            pose: [1e-4 * tick as f64, 0.0, 0.0],
+            ..circle(tick, PERIOD_S)
+        });
+        assert!(
+            matches!(complaints[..], [Complaint::NoEffect { share }] if share < 0.02),
+            "{complaints:?}"
+        );
+    }
+
+    #[test]
+    fn periods_of_the_simple_controller_are_told() {
+        let rung = |tick| if tick % 5 == 0 { Rung::Simple } else { Rung::FreshPlan };
+        let complaints =
+            told(|tick| PlantState { rung: rung(tick).code(), ..circle(tick, PERIOD_S) });
+        assert!(matches!(complaints[..], [Complaint::Simple { .. }]), "{complaints:?}");
+    }
+
+    #[test]
+    fn a_limit_that_its_motor_contradicts_is_told_once() {
+        let mut complaints = Complaints::new(&Robot::example(), PERIOD_S);
+        let row = Some(Contradicted { wheel: 2, carried: 0.4 });
+        let told: Vec<Complaint> =
+            (0..250).filter_map(|tick| complaints.look(&circle(tick, PERIOD_S), row)).collect();
+        assert_eq!(told, [Complaint::Row { wheel: 3, carried: 0.4 }]);
+    }
+
+    #[test]
     fn every_sentence_has_room_in_a_health() {
         for complaint in [
             Complaint::Refusals { share: 1.0, reason: Reason::OutOfBounds },
             Complaint::Period { ratio: -1234.5678, period_s: 0.1 },
             Complaint::Current { share: 1.0, limit_a: 123.456 },
+            Complaint::Row { wheel: 4, carried: 0.5 },
+            Complaint::NoEffect { share: -1.0 },
+            Complaint::Simple { share: 1.0 },
         ] {
             assert_eq!(Sentence::of(&complaint).text(), complaint.to_string());
         }

@@ -5,9 +5,11 @@
 pub mod tuning;
 
 use crate::adopt::{Candidate, Event, Expected, Handover};
+use crate::currents::{Contradicted, Currents, Foretold};
 use crate::explanations::Model;
 use crate::fallback::{self, Ladder};
 use crate::knowledge::{Knowledge, Measured, Period};
+use crate::loop_judge::{LoopJudge, Passed};
 use crate::mpc::{Mpc, MpcError, Solved, Status, Turn};
 use crate::reference::{PointsError, Reference, ReferencePoint};
 use crate::sensors::{Driven, SensorFault, Watch};
@@ -15,10 +17,11 @@ use crate::settings::{Method, Settings};
 use crate::tracking::TrackingJudge;
 use gate::Bounds;
 use gate::accept::{Situation, judge};
+use model::delay::DELAY_MAX;
 use model::foresight::Foresight;
 use model::main_model::{MainModel, fingerprint};
 use model::residual::bound;
-use model::{State, Velocity, wrap};
+use model::{State, Velocity};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{
     Command, HORIZON_MAX, Plan, PlantState, Reason, ResidualSample, Rung, SolverStatus, TAIL_MAX,
@@ -27,9 +30,6 @@ use tuning::Tuned;
 
 /// Iterations in a period of a controller with foresight, which is to be as good as can be and not as fast.
 const FORESEEING_ITERATIONS: usize = 2;
-
-/// Of the proportional feedback of the pose, where nothing better is asked for \[1/s\].
-const FEEDFORWARD_GAIN_PER_S: f64 = 2.0;
 
 /// Why a controller could not be set up.
 #[derive(Debug, thiserror::Error)]
@@ -76,6 +76,11 @@ pub struct Controller {
     mpc: Mpc,
     method: Method,
     ladder: Ladder,
+    /// Whether the plans hold the robot; `None` for a controller that is to have plans alone.
+    loop_judge: Option<LoopJudge>,
+    currents: Currents,
+    /// What the last plans foretold of the motors, newest first.
+    foretold: [Foretold; DELAY_MAX + 1],
     reference: Reference,
     /// The reference at the present tick and as many after it as delay and horizon can need.
     points: Vec<ReferencePoint>,
@@ -119,6 +124,8 @@ impl Controller {
         };
         let period = settings.run.period_nanos as f64 * 1e-9;
         let main = MainModel::new(&settings.robot, period);
+        let judged =
+            settings.mpc.method == Method::Mpc && settings.mpc.identify && settings.mpc.no_harm;
         let Tuned { mpc, reference, points, budget_nanos, .. } = Tuned::new(settings, None)?;
         Ok(Self {
             reference: reference.unwrap_or_default(),
@@ -132,6 +139,13 @@ impl Controller {
             mpc,
             method: settings.mpc.method,
             ladder: Ladder::default(),
+            loop_judge: judged.then(|| {
+                let limits = &settings.robot.limits;
+                let largest = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];
+                LoopJudge::new(period, settings.robot.geometry.lever_m(), largest)
+            }),
+            currents: Currents::new(&settings.robot, period),
+            foretold: [Foretold::default(); DELAY_MAX + 1],
             plant_epoch: None,
             before: None,
             prepared_for: None,
@@ -184,7 +198,7 @@ impl Controller {
         sample.stamp.tick = state.stamp.tick;
         sample.plant_epoch = state.stamp.epoch;
         sample.fingerprint = self.fingerprint;
-        let ours = matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr);
+        let ours = matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan | Rung::Simple);
         let seen = self.watch_sensors(
             state,
             &Driven { acted: state.input, commanded: ours.then_some(self.commanded) },
@@ -200,6 +214,7 @@ impl Controller {
             let Before { tick, state: before } = before;
             let period = Period { tick, before, given: state.input, after: now };
             self.knowledge.observe(&period);
+            self.watch_loop(state, ours);
             sample.pose = before.pose;
             sample.velocity = before.velocity;
             (sample.input, sample.input_before) = (self.knowledge.state().acted, before.acted);
@@ -226,6 +241,41 @@ impl Controller {
         if request != before && request != Reason::None {
             handover.note(Event::Stop { tick, reason: request });
         }
+    }
+
+    /// Whether what was done in the last period had the effect that was foretold.
+    fn watch_loop(&mut self, state: &PlantState, ours: bool) {
+        let by_plans = matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan);
+        if by_plans {
+            let foretold = &self.foretold[self.knowledge.delay().whole()];
+            self.currents.look(foretold, state.current());
+            self.mpc.drop_current_rows(self.currents.dropped());
+        }
+        let Some(judge) = &mut self.loop_judge else { return };
+        let is_judged = by_plans || (ours && judge.prefers_simple());
+        if !is_judged {
+            judge.reset();
+            return;
+        }
+        let point = self.mpc.limits().admitted(&self.reference.at(state.stamp.tick));
+        let believed = self.knowledge.state();
+        judge.look(&Passed {
+            given: state.input,
+            acted: believed.acted,
+            pose: believed.pose,
+            velocity: believed.velocity,
+            point: &point,
+        });
+    }
+
+    /// Whether the simple controller drives, since plans would not hold the robot.
+    fn prefers_simple(&self) -> bool {
+        self.loop_judge.as_ref().is_some_and(LoopJudge::prefers_simple)
+    }
+
+    /// A limit on a motor's current that the motor contradicts, if there is one.
+    pub fn contradicted_limit(&self) -> Option<Contradicted> {
+        self.currents.contradicted()
     }
 
     /// Whether what was measured can be believed.
@@ -278,6 +328,8 @@ impl Controller {
             handover.note(Event::Rung { tick, rung, reason });
             self.rung = rung;
         }
+        self.foretold.rotate_right(1);
+        self.foretold[0] = self.mpc.foretold_currents();
         self.out_of_time = solved.is_some_and(|solved| solved.outcome.status == Status::OutOfTime);
         self.write_outcome(solved);
         self.commanded = input;
@@ -299,24 +351,14 @@ impl Controller {
         judge(&self.command, &situation, &self.bounds)
     }
 
-    /// A plan that the gate would refuse is forgotten, and the LQR answers; if that would be refused too, the robot brakes.
+    /// A plan that the gate would refuse is forgotten, and the simple controller answers; if that would be refused too, the robot brakes.
     fn one_rung_down(&mut self, from: Rung, reason: Reason, measured: &State) -> Decision {
         self.mpc.reset();
         self.ladder.reset();
-        if from == Rung::Lqr {
+        if from == Rung::Simple {
             return self.brake(reason);
         }
-        let begin = self.knowledge.ahead(measured);
-        let point = planned(&self.points, &self.knowledge).first().copied().unwrap_or_default();
-        let main_target = self.mpc.main_target(
-            self.knowledge.main(),
-            &point,
-            begin.pose[2],
-            &self.knowledge.disturbance(),
-        );
-        let input =
-            fallback::lqr(&self.mpc, &begin, &point, &main_target, &self.knowledge.last_command());
-        Decision { rung: Rung::Lqr, reason, input, solved: None }
+        Decision { rung: Rung::Simple, reason, input: self.simple(measured), solved: None }
     }
 
     /// To standstill, as fast as inputs may change.
@@ -399,7 +441,8 @@ impl Controller {
 
     fn plan_for(&mut self, tick: u64, measured: &State) -> Decision {
         if self.method == Method::FeedforwardP {
-            return self.feed_forward(measured);
+            let input = self.simple(measured);
+            return Decision { rung: Rung::FreshPlan, reason: Reason::None, input, solved: None };
         }
         self.knowledge.look(tick);
         let (belief, last, begin) = (
@@ -417,28 +460,21 @@ impl Controller {
                 solved = self.mpc.iterate(&begin, &last, points, &belief);
             }
         }
-        let point = points.first().copied().unwrap_or_default();
-        let main_target =
-            self.mpc.main_target(belief.main, &point, begin.pose[2], &belief.disturbance);
-        let (rung, input) =
-            self.ladder.choose(solved.outcome, &self.mpc, &begin, &point, &main_target, &last);
+        let simple = self.simple(measured);
+        let (rung, input) = self.ladder.choose(solved.outcome, &self.mpc, &last, || simple);
+        if self.prefers_simple() {
+            let (rung, reason) = (Rung::Simple, Reason::NoPlan);
+            return Decision { rung, reason, input: simple, solved: Some(solved) };
+        }
         let reason = if rung == Rung::FreshPlan { Reason::None } else { Reason::SolverFailed };
         Decision { rung, reason, input, solved: Some(solved) }
     }
 
-    /// What an engineer would try first: the input that holds the reference, and more of it where the robot is behind.
-    fn feed_forward(&self, measured: &State) -> Decision {
+    /// What the simple controller commands.
+    fn simple(&self, measured: &State) -> Velocity {
         let point = self.points.first().copied().unwrap_or_default();
-        let disturbance = self.knowledge.disturbance();
-        let target =
-            self.mpc.main_target(self.knowledge.main(), &point, measured.pose[2], &disturbance);
-        let (sin, cos) = measured.pose[2].sin_cos();
-        let [x, y] = [point.pose[0] - measured.pose[0], point.pose[1] - measured.pose[1]];
-        let behind = [cos * x + sin * y, cos * y - sin * x, wrap(point.pose[2] - measured.pose[2])];
-        let wished =
-            std::array::from_fn(|axis| target[axis] + FEEDFORWARD_GAIN_PER_S * behind[axis]);
-        let input = self.mpc.limits().reach(&wished, &self.knowledge.last_command());
-        Decision { rung: Rung::FreshPlan, reason: Reason::None, input, solved: None }
+        let last = self.knowledge.last_command();
+        fallback::simple(&self.mpc, self.knowledge.main(), &measured.pose, &point, &last)
     }
 
     fn start_over(&mut self, state: &PlantState, handover: &Handover, controller_epoch: u64) {
@@ -451,6 +487,12 @@ impl Controller {
         self.mpc.reset();
         self.prepared_for = None;
         self.ladder.reset();
+        self.currents.reset();
+        self.mpc.drop_current_rows(self.currents.dropped());
+        self.foretold = [Foretold::default(); DELAY_MAX + 1];
+        if let Some(judge) = &mut self.loop_judge {
+            judge.reset();
+        }
     }
 
     fn write_command(&mut self, state: &PlantState, rung: Rung, input: Velocity) {

@@ -11,6 +11,10 @@
 //! | `Main`     | 0: the main model alone, or what the oracle knows                |
 //! | `Response` | the first-order response that is identified while driving        |
 //! | `Learned`  | the Gaussian processes of the newest snapshot                    |
+//! | `LastGood` | those of the last snapshot that was in use when another one came |
+//!
+//! So a snapshot that is left gives way to the one before it where that foretells better than the
+//! main model.
 //!
 //! A plan holds d over its horizon, and what is commanded now acts only after the dead time. So an
 //! explanation is judged by the d of a few periods ago, and by the part of its error that lasts:
@@ -53,7 +57,8 @@ const LEAD_MAX: usize = KEPT - 1 - DELAY_MAX;
 const BETTER: f64 = 0.9;
 
 /// What a score counts for, by model: one that can be wrong in more ways has to earn its place.
-const WEIGHTS: [f64; Model::ALL.len()] = [1.0, 1.0, 1.3];
+/// A snapshot that has a successor has to be clearly better.
+const WEIGHTS: [f64; Model::ALL.len()] = [1.0, 1.0, 1.3, 3.0];
 
 /// Periods over which the spread of the innovations is taken.
 const SPREAD_PERIODS: f64 = 30.0;
@@ -67,10 +72,22 @@ pub enum Model {
     Response,
     /// What the learner has learnt.
     Learned,
+    /// What it had learnt before, and was in use.
+    LastGood,
 }
 
 impl Model {
-    const ALL: [Self; 3] = [Self::Main, Self::Response, Self::Learned];
+    const ALL: [Self; 4] = [Self::Main, Self::Response, Self::Learned, Self::LastGood];
+
+    /// Its first explanation.
+    const fn first(self) -> usize {
+        self as usize * GAINS.len()
+    }
+
+    /// Whether a learner has made it.
+    pub const fn is_learned(self) -> bool {
+        matches!(self, Self::Learned | Self::LastGood)
+    }
 }
 
 /// Which explanations there are to choose from.
@@ -122,7 +139,10 @@ struct Past {
 /// All explanations, and the one in use on each axis. Does not allocate after set-up.
 #[derive(Debug)]
 pub struct Explanations {
+    /// The newest learned model.
     active: Option<Box<Candidate>>,
+    /// The last one before it that was in use when its successor came.
+    last_good: Option<Box<Candidate>>,
     response: FirstOrderResponse,
     choice: Choice,
     /// Largest |d| that physics allows \[m/s, m/s, rad/s\].
@@ -157,6 +177,7 @@ impl Explanations {
     ) -> Self {
         Self {
             active: None,
+            last_good: None,
             response,
             choice,
             bound,
@@ -169,14 +190,34 @@ impl Explanations {
         }
     }
 
-    /// Version of the learned model; 0 is none.
+    /// Version of the learned model: of the last good one where that alone is used, else of the
+    /// newest; 0 is none.
     pub fn version(&self) -> u64 {
-        self.active.as_ref().map_or(0, |active| active.version)
+        let models = self.models();
+        let is_back = models.contains(&Model::LastGood) && !models.contains(&Model::Learned);
+        let learned = if is_back { &self.last_good } else { &self.active };
+        learned.as_ref().map_or(0, |learned| learned.version)
     }
 
-    /// The learned model.
-    pub fn active_mut(&mut self) -> Option<&mut Candidate> {
-        self.active.as_deref_mut()
+    /// Variance of what was learnt, per axis, by the model in use or else the newest; 0 where
+    /// there is none. O(n²) \[(m/s)², (m/s)², (rad/s)²\].
+    pub fn variance(&mut self, at: &Moment) -> Velocity {
+        self.of_learned(|of| of.learned.variance(at, &mut of.scratch))
+    }
+
+    /// What `say` says of the newest learned model, and of the last good one on axes that use it.
+    fn of_learned(&mut self, say: impl Fn(&mut Candidate) -> Velocity) -> Velocity {
+        let models = self.models();
+        let mut said = self.active.as_deref_mut().map_or([0.0; AXES], &say);
+        if models.contains(&Model::LastGood)
+            && let Some(last_good) = &mut self.last_good
+        {
+            let instead = say(last_good);
+            for axis in (0..AXES).filter(|&axis| models[axis] == Model::LastGood) {
+                said[axis] = instead[axis];
+            }
+        }
+        said
     }
 
     /// The model in use, per axis.
@@ -202,14 +243,14 @@ impl Explanations {
     /// Variance of the residual of one period, per axis: what the learned model says where it is
     /// used, elsewhere what was missed of late. O(n²) \[(m/s)², (m/s)², (rad/s)²\].
     pub fn step_variance(&mut self, at: &Moment) -> Velocity {
-        let (models, spread) = (self.models(), self.axes.map(|axis| axis.spread));
-        let Some(active) = self.active.as_mut().filter(|_| models.contains(&Model::Learned)) else {
-            return spread;
-        };
-        let learned = active.learned.sample_variance(at, &mut active.scratch);
-        std::array::from_fn(|axis| {
-            if models[axis] == Model::Learned { learned[axis] } else { spread[axis] }
-        })
+        let (models, mut variance) = (self.models(), self.axes.map(|axis| axis.spread));
+        if models.iter().any(|model| model.is_learned()) {
+            let learned = self.of_learned(|of| of.learned.sample_variance(at, &mut of.scratch));
+            for axis in (0..AXES).filter(|&axis| models[axis].is_learned()) {
+                variance[axis] = learned[axis];
+            }
+        }
+        variance
     }
 
     /// Updates scores and disturbances with one period, whose residual is `residual`. `known` is the
@@ -223,7 +264,10 @@ impl Explanations {
         response: FirstOrderResponse,
         under_way: usize,
     ) {
-        let learned = self.active.as_ref().map_or([0.0; AXES], |active| active.learned.mean(at));
+        let mean = |of: &Option<Box<Candidate>>| {
+            of.as_ref().map_or([0.0; AXES], |learned| learned.learned.mean(at))
+        };
+        let (learned, last_good) = (mean(&self.active), mean(&self.last_good));
         let identified = self.response.mean(at);
         self.response = response;
         self.taken += 1;
@@ -232,7 +276,7 @@ impl Explanations {
         let judged =
             (self.taken > lead + 1).then(|| self.past[(self.taken - 1 - lead) % KEPT].disturbance);
         for axis in 0..AXES {
-            let said = [known[axis], identified[axis], learned[axis]];
+            let said = [known[axis], identified[axis], learned[axis], last_good[axis]];
             let left = said.map(|said| residual[axis] - said);
             if let Some(before) = &judged {
                 self.judge(axis, &left, &before[axis], lead);
@@ -293,7 +337,11 @@ impl Explanations {
             .min_by(|&a, &b| score(a).total_cmp(&score(b)));
         let (Some(best), chosen) = (best, record.chosen) else { return };
         if score(best) < BETTER * score(chosen) || !self.usable(chosen) {
-            let leaves = model(chosen) == Model::Learned && model(best) != Model::Learned;
+            let leaves = match model(chosen) {
+                Model::Learned => model(best) != Model::Learned,
+                Model::LastGood => !model(best).is_learned(),
+                Model::Main | Model::Response => false,
+            };
             self.left += u64::from(leaves);
             self.axes[axis].chosen = best;
         }
@@ -306,13 +354,15 @@ impl Explanations {
             Model::Main => true,
             Model::Response => self.choice.response,
             Model::Learned => self.active.is_some() && (seen || self.choice.blind),
+            Model::LastGood => self.last_good.is_some() && seen,
         };
         let forced = self.choice.blind && self.active.is_some() && model != Model::Learned;
         known && !forced && (gain == 0.0 || self.choice.observer_gain > 0.0)
     }
 
     /// Adopts a learned model. Its disturbance estimates start from the mean residual that it leaves
-    /// in the last periods. Returns the previous model, for another thread to free.
+    /// in the last periods. If the one before was in use, that is now the last good one. Returns the
+    /// model that is needed no more, for another thread to free.
     pub fn adopt(&mut self, candidate: Box<Candidate>) -> Option<Box<Candidate>> {
         let recent = ((LASTING_S / self.period).round() as usize).clamp(1, KEPT).min(self.taken);
         let mut shift = [0.0; AXES];
@@ -324,6 +374,11 @@ impl Explanations {
                 shift[axis] += if change.is_finite() { change / recent as f64 } else { 0.0 };
             }
         }
+        let models = self.models();
+        let was_good = models.contains(&Model::Learned) && !models.contains(&Model::LastGood);
+        if was_good {
+            self.keep_learned();
+        }
         for (record, shift) in self.axes.iter_mut().zip(shift) {
             for (explanation, disturbance) in record.disturbance.iter_mut().enumerate() {
                 if model(explanation) == Model::Learned && gain(explanation) > 0.0 {
@@ -331,14 +386,27 @@ impl Explanations {
                 }
             }
         }
-        let before = self.active.replace(candidate);
+        let mut before = self.active.replace(candidate);
+        if was_good {
+            std::mem::swap(&mut self.last_good, &mut before);
+        }
         if self.choice.blind {
             (0..AXES).for_each(|axis| self.choose(axis));
         }
         before
     }
 
-    /// Forgets all but the learned model.
+    /// What is known of the newest learned model is from now on known of the last good one.
+    fn keep_learned(&mut self) {
+        let (from, to) = (Model::Learned.first(), Model::LastGood.first());
+        let keep = |of: &mut [f64; COUNT]| of.copy_within(from..from + GAINS.len(), to);
+        for axis in &mut self.axes {
+            [&mut axis.disturbance, &mut axis.lasting, &mut axis.score].into_iter().for_each(keep);
+        }
+        self.past.iter_mut().flat_map(|past| &mut past.disturbance).for_each(keep);
+    }
+
+    /// Forgets all but the learned models.
     pub fn reset(&mut self, response: FirstOrderResponse) {
         self.response = response;
         self.axes = [Axis::new(first(&self.choice)); AXES];
@@ -374,8 +442,10 @@ impl Residual for Explanations {
         if models.contains(&Model::Response) {
             take(Model::Response, self.response.response(at));
         }
-        if let Some(active) = self.active.as_ref().filter(|_| models.contains(&Model::Learned)) {
-            take(Model::Learned, active.learned.response(at));
+        for (of, learned) in [(Model::Learned, &self.active), (Model::LastGood, &self.last_good)] {
+            if let Some(learned) = learned.as_ref().filter(|_| models.contains(&of)) {
+                take(of, learned.learned.response(at));
+            }
         }
         response
     }
@@ -385,6 +455,8 @@ impl Residual for Explanations {
 mod tests {
     use super::*;
     use model::delay::Sent;
+    use model::gp::posterior::VarianceScratch;
+    use model::learned::Uncertain;
     use model::response::ResponseEstimator;
     use robot::Robot;
 
@@ -494,5 +566,66 @@ mod tests {
         let at = Moment { velocity: [0.5; 3], input: [0.1; 3], before: [0.1; 3] };
         let expected = 0.95 * 0.5 + 0.05 * 0.1 - main().next_velocity(&[0.5; 3], &[0.1; 3])[0];
         assert!((explanations.mean(&at)[0] - expected).abs() < 1e-3);
+    }
+
+    /// A learned model that says the same of everything.
+    #[derive(Debug)]
+    struct Says(f64);
+
+    impl Residual for Says {
+        fn mean(&self, _: &Moment) -> Velocity {
+            [self.0; AXES]
+        }
+
+        fn response(&self, at: &Moment) -> Response {
+            Response { mean: self.mean(at), ..Response::NONE }
+        }
+    }
+
+    impl Uncertain for Says {
+        fn variance(&self, _: &Moment, _: &mut VarianceScratch) -> Velocity {
+            [self.0; AXES]
+        }
+
+        fn sample_variance(&self, at: &Moment, scratch: &mut VarianceScratch) -> Velocity {
+            self.variance(at, scratch)
+        }
+    }
+
+    fn candidate(version: u64, says: f64) -> Candidate {
+        Candidate {
+            version,
+            plant_epoch: 1,
+            effective_tick: 0,
+            learned: Box::new(Says(says)),
+            scratch: VarianceScratch::new(0),
+        }
+    }
+
+    /// Versions in use, and those handed back, as models come that say these residuals for 10 s each;
+    /// the true one is 0.1.
+    fn versions(says: &[f64]) -> Vec<(u64, Option<u64>)> {
+        let mut explanations = explanations(Choice { observer_gain: 0.0, ..OBSERVERS });
+        let response = explanations.response;
+        let mut adopt = |(version, &says): (usize, &f64)| {
+            let back = explanations.adopt(Box::new(candidate(1 + version as u64, says)));
+            for _ in 0..500 {
+                let residual = [0.1; AXES];
+                explanations.update(&Moment::default(), &residual, &[0.0; AXES], response, 0);
+            }
+            let at = Moment::default();
+            assert_eq!(explanations.variance(&at), explanations.mean(&at));
+            (explanations.version(), back.map(|back| back.version))
+        };
+        says.iter().enumerate().map(&mut adopt).collect()
+    }
+
+    #[test]
+    fn a_model_that_is_left_gives_way_to_the_last_good_one() {
+        // A better one, three that are worse than none, and the best.
+        let versions = versions(&[0.08, 0.09, -0.5, -0.6, -0.2, 0.1, 0.1]);
+        let (first, second) = ([(1, None), (2, None)], [(2, Some(1)), (2, Some(3)), (2, Some(4))]);
+        let expected = [&first[..], &second, &[(6, Some(5)), (7, Some(2))]].concat();
+        assert_eq!(versions, expected);
     }
 }

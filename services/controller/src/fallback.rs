@@ -1,24 +1,35 @@
-//! What to command when the optimiser has no answer: the previous plan shifted, then the LQR on the main model.
+//! What to command when the optimiser has no answer, or its plans do not hold the robot: the previous
+//! plan shifted, then the simple controller.
 
-use crate::mpc::{Mpc, Outcome, Status, TrackingError};
+use crate::mpc::{Mpc, Outcome, Status};
 use crate::reference::ReferencePoint;
-use model::{State, Velocity};
+use model::main_model::MainModel;
+use model::{AXES, Pose, Velocity, wrap};
 use protocol::message::Rung;
+
+/// Of the proportional feedback of the pose \[1/s\].
+pub const GAIN_PER_S: f64 = 2.0;
 
 /// How many periods in a row a shifted plan is believed.
 const SHIFTS_MAX: u32 = 2;
 
-/// Input of the LQR on the main model, which trusts nothing that was learnt: `main_target` holds the reference `point` by that model alone.
-/// Does not allocate.
-pub fn lqr(
+/// The simple controller, which trusts nothing that was learnt: the input that holds the reference
+/// `point` by the main model, and more of it where the robot is behind. It keeps the bounds on heading
+/// and speed, as far as they can be kept without looking ahead. Does not allocate.
+pub fn simple(
     mpc: &Mpc,
-    state: &State,
+    main: &MainModel,
+    pose: &Pose,
     point: &ReferencePoint,
-    main_target: &Velocity,
     last_input: &Velocity,
 ) -> Velocity {
-    let error = TrackingError::new(state, point);
-    mpc.limits().reach(&mpc.cost().lqr_input(&error, main_target), last_input)
+    let point = &mpc.limits().admitted(point);
+    let target = mpc.main_target(main, point, pose[2], &[0.0; AXES]);
+    let (sin, cos) = pose[2].sin_cos();
+    let [x, y] = [point.pose[0] - pose[0], point.pose[1] - pose[1]];
+    let behind = [cos * x + sin * y, cos * y - sin * x, wrap(point.pose[2] - pose[2])];
+    let wished = std::array::from_fn(|axis| target[axis] + GAIN_PER_S * behind[axis]);
+    mpc.limits().reach(&mpc.limits().slowed(&wished), last_input)
 }
 
 /// Chooses the rung, and remembers for how long the plan has not been renewed.
@@ -29,17 +40,14 @@ pub struct Ladder {
 }
 
 impl Ladder {
-    /// The rung and the input for this period. Does not allocate.
-    ///
-    /// `point` and `main_target` are for the [`lqr`].
+    /// The rung and the input for this period; `simple` gives that of the [simple] controller. Does
+    /// not allocate.
     pub fn choose(
         &mut self,
         outcome: Outcome,
         mpc: &Mpc,
-        state: &State,
-        point: &ReferencePoint,
-        main_target: &Velocity,
         last_input: &Velocity,
+        simple: impl FnOnce() -> Velocity,
     ) -> (Rung, Velocity) {
         let planned = mpc.stages().first().copied().unwrap_or_default();
         if outcome.status == Status::Unpredictable {
@@ -54,7 +62,7 @@ impl Ladder {
                 *shifts += 1;
                 (Rung::ShiftedPlan, mpc.limits().reach(&planned.input, last_input))
             }
-            _ => (Rung::Lqr, lqr(mpc, state, point, main_target, last_input)),
+            _ => (Rung::Simple, simple()),
         }
     }
 

@@ -149,7 +149,7 @@ impl Knowledge {
     /// Axes on which a learned model is used: 1 forward, 2 left, 4 yaw, added up.
     pub fn learned_axes(&self) -> u32 {
         let models = self.explanations.models();
-        (0..AXES).map(|axis| u32::from(models[axis] == Model::Learned) << axis).sum()
+        (0..AXES).map(|axis| u32::from(models[axis].is_learned()) << axis).sum()
     }
 
     /// The model that explains the residual, per axis.
@@ -253,19 +253,13 @@ impl Knowledge {
 
     /// Writes the variance of the learned residual along a plan whose states and inputs are written; `acted` is the input before its first.
     pub fn write_variance(&mut self, plan: &mut Plan, acted: &Velocity) {
-        let Some(active) = self.explanations.active_mut() else {
-            plan.variance.fill([0.0; AXES]);
-            return;
-        };
         let periods = plan.predicted.iter().zip(&plan.input).take(plan.horizon as usize);
         let mut before = *acted;
         for (slot, (&[_, _, _, forward, left, rate], &input)) in
             plan.variance.iter_mut().zip(periods)
         {
-            *slot = active.learned.variance(
-                &Moment { velocity: [forward, left, rate], input, before },
-                &mut active.scratch,
-            );
+            let at = Moment { velocity: [forward, left, rate], input, before };
+            *slot = self.explanations.variance(&at);
             before = input;
         }
     }

@@ -32,6 +32,7 @@ pub mod riccati;
 pub mod solver;
 mod target;
 
+use crate::currents::Foretold;
 use crate::reference::ReferencePoint;
 use crate::settings::{Linearise, MpcSettings, SolverFaults};
 use caution::Caution;
@@ -246,7 +247,7 @@ impl Mpc {
         self.horizon
     }
 
-    /// LQR gain and tracking error, for the fallback.
+    /// Weights, LQR gain and tracking error.
     pub fn cost(&self) -> &Cost {
         &self.cost
     }
@@ -254,6 +255,19 @@ impl Mpc {
     /// What the wheels can do.
     pub fn limits(&self) -> &Limits {
         &self.limits
+    }
+
+    /// From now on the current rows of these wheels bound nothing.
+    pub fn drop_current_rows(&mut self, wheels: [bool; 4]) {
+        self.limits.drop_current_rows(wheels);
+    }
+
+    /// What the last plan foretells of each motor's current in its first period.
+    pub fn foretold_currents(&self) -> Foretold {
+        let after = self.stages.get(1).map_or(&self.terminal, |stage| &stage.state);
+        self.stages
+            .first()
+            .map_or(Foretold::default(), |first| self.limits.foretold_currents(first, after))
     }
 
     /// The predicted periods of the last plan.

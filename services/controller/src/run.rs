@@ -234,7 +234,9 @@ impl<'a> Loop<'a> {
         self.pulse.show_gate(state.gate(), state.stop());
         if let Some(fault) = self.controller.sensor_fault() {
             self.pulse.health().set_last_error(fault.text());
-        } else if let Some(complaint) = self.complaints.look(state) {
+        } else if let Some(complaint) =
+            self.complaints.look(state, self.controller.contradicted_limit())
+        {
             self.handover.note(Event::Complaint { tick, complaint });
             self.pulse.health().set_last_error(Sentence::of(&complaint).text());
         }

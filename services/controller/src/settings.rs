@@ -90,7 +90,8 @@ pub struct MpcSettings {
     #[serde(default = "yes")]
     pub identify: bool,
     /// Whether, on each axis, a learned model is used only while it foretells better than what there is without it; else it is used
-    /// from the first one on, to see what that costs.
+    /// from the first one on, to see what that costs. With `identify` as well, plans that do not hold
+    /// the robot give way to the simple controller.
     #[serde(default = "yes")]
     pub no_harm: bool,
     /// Share of the period that an answer may take in real time, from when its state is taken up: an optimiser that has not finished by then

@@ -167,7 +167,7 @@ fn periods_whose_optimiser_had_to_be_stopped_are_counted_one_by_one() -> Result<
     let said = beside_a_controller(&settings, |_, robot| {
         for _ in 0..TICKS {
             robot.drive_on(0.0)?;
-            assert_eq!(robot.answer.map(|answer| answer.rung()), Some(Rung::Lqr));
+            assert_eq!(robot.answer.map(|answer| answer.rung()), Some(Rung::Simple));
         }
         Ok(())
     })?;

@@ -58,7 +58,7 @@ impl TrackingJudge {
     /// Judges the robot at `pose` that should be at `reference`, after a period on `rung`.
     pub fn judge(&mut self, pose: &Pose, reference: &Pose, rung: Rung) -> Reason {
         match rung {
-            Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr => {
+            Rung::FreshPlan | Rung::ShiftedPlan | Rung::Simple => {
                 let position = (pose[0] - reference[0]).hypot(pose[1] - reference[1]);
                 let heading = wrap(pose[2] - reference[2]).abs();
                 let mut errors = self.watched.iter_mut().zip([position, heading]);
@@ -111,8 +111,8 @@ mod tests {
         requests(&mut judge, Rung::FreshPlan, &[0.1]);
         for rung in [Rung::Brake, Rung::LatchedStop, Rung::Waiting] {
             assert_eq!(requests(&mut judge, rung, &[0.1, 3.0]), [Reason::None; 2]);
-            assert_eq!(requests(&mut judge, Rung::Lqr, &[3.0, 2.0]), [Reason::None; 2]);
-            let told = requests(&mut judge, Rung::Lqr, &[0.5, 2.0]);
+            assert_eq!(requests(&mut judge, Rung::Simple, &[3.0, 2.0]), [Reason::None; 2]);
+            let told = requests(&mut judge, Rung::Simple, &[0.5, 2.0]);
             assert_eq!(told, [Reason::None, Reason::PositionError]);
         }
     }

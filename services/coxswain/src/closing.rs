@@ -145,7 +145,7 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let summary = r#"{"arrival_s": 1.3, "speed_settle_s": null, "steady_speed_error_mps": 0.0412, "position_rmse_m": 0.012,
             "position_max_m": 0.0431, "heading_rmse_rad": null, "tick_p50_us": 212.4, "tick_p99_us": 400.0, "tick_max_us": 801.0,
-            "periods": 250, "periods_missed": 1, "rungs": {"brake": 1, "fresh plan": 249, "lqr": 0}, "world_stalled_s": 0.0, "snapshots_published": 5,
+            "periods": 250, "periods_missed": 1, "rungs": {"brake": 1, "fresh plan": 249, "simple controller": 0}, "world_stalled_s": 0.0, "snapshots_published": 5,
             "snapshots_adopted": 4, "losses": {"plan": {"recorder": 2, "launcher": 1}, "state": {"recorder": 0}}, "exposure": "closed"}"#;
         fs::write(folder.path().join("summary.json"), summary)?;
         let expected = "  arrival             1.3 s

@@ -41,12 +41,12 @@ mod tests {
             line(&plan, 100_000_000, 25.0, 0),
             "  12.3 of 25.0 s   error  0.043 m   model    7   tick   412 µs"
         );
-        plan.rung = Rung::Lqr;
+        plan.rung = Rung::Simple;
         plan.model_version = 0;
         let line = line(&plan, 100_000_000, 25.0, 2);
         assert_eq!(
             line,
-            "  12.3 of 25.0 s   error  0.043 m   main model   tick   412 µs   lqr   restarts 2"
+            "  12.3 of 25.0 s   error  0.043 m   main model   tick   412 µs   simple controller   restarts 2"
         );
     }
 }

@@ -71,7 +71,8 @@ pub fn decide(situation: &Situation) -> (Choice, Rung, Reason) {
 pub(crate) fn own_reason(rung: Rung) -> Reason {
     match rung {
         Rung::Waiting | Rung::FreshPlan => Reason::None,
-        Rung::ShiftedPlan | Rung::Lqr | Rung::StoredTail => Reason::SolverFailed,
+        Rung::ShiftedPlan | Rung::StoredTail => Reason::SolverFailed,
+        Rung::Simple => Reason::NoPlan,
         Rung::Brake | Rung::LatchedStop => Reason::BadState,
     }
 }

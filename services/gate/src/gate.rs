@@ -194,7 +194,7 @@ impl Gate {
             (_, None) => {
                 let (_, rung, reason) = decide(&self.situation(now.saturating_sub(1)));
                 // What acted was a tail even if its command came late enough to begin with it.
-                let was_late = matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr);
+                let was_late = matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan | Rung::Simple);
                 (if was_late { Rung::StoredTail } else { rung }, reason)
             }
         };
@@ -467,11 +467,11 @@ mod tests {
             gate.begin_period(tick, begin);
             gate.decide(begin);
             gate.decide(begin + PERIOD / 40);
-            let mut lqr = command(1, 5, tick);
-            lqr.rung = Rung::Lqr.code();
-            assert_eq!(gate.offer(&lqr, begin + PERIOD / 20), Ok(()));
+            let mut simple = command(1, 5, tick);
+            simple.rung = Rung::Simple.code();
+            assert_eq!(gate.offer(&simple, begin + PERIOD / 20), Ok(()));
             gate.decide(begin + PERIOD / 2);
-            assert_eq!(gate.end_period(begin + PERIOD).0, Rung::Lqr, "tick {tick}");
+            assert_eq!(gate.end_period(begin + PERIOD).0, Rung::Simple, "tick {tick}");
         }
     }
 

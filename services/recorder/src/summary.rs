@@ -307,7 +307,7 @@ fn rungs(rows: &Rows, epoch: u64) -> Rungs {
 fn is_missed(rung: Rung) -> bool {
     match rung {
         Rung::Waiting | Rung::StoredTail | Rung::Brake | Rung::LatchedStop => true,
-        Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr => false,
+        Rung::FreshPlan | Rung::ShiftedPlan | Rung::Simple => false,
     }
 }
 

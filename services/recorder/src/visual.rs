@@ -151,7 +151,7 @@ fn tracking() -> Value {
         (
             "rung",
             number(
-                "on which the controller stands: 1 fresh plan, 2 shifted plan, 3 LQR, and so on down",
+                "on which the controller stands: 1 fresh plan, 2 shifted plan, 3 simple controller, and so on down",
             ),
         ),
         ("tick_micros", number("state received to command worked out [us]")),

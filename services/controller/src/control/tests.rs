@@ -1,12 +1,15 @@
 use super::*;
 use crate::mpc::tests::settings;
 use crate::reference::{Heading, PathSettings, ReferenceSettings};
-use crate::settings::{LearnedSettings, Linearise, SolverFault, SolverFaultKind, SolverFaults};
+use crate::settings::{
+    LearnedSettings, Linearise, SolverFault, SolverFaultKind, SolverFaults, StateLimits,
+};
 use gate::Gate;
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
+use model::predict::Belief;
 use process::Run;
 use protocol::port::Links;
 
@@ -83,11 +86,12 @@ fn nonsense() -> Result<Box<Candidate>, Box<dyn std::error::Error>> {
 
 #[test]
 fn a_model_that_says_nonsense_is_never_used() -> Result<(), Box<dyn std::error::Error>> {
-    let mut controller = controller()?;
+    let mut robot = Robotic::new(&told())?;
     for tick in 0..20 {
-        drop(controller.adopt(nonsense()?));
-        let command = answer(&mut controller, &state(tick));
-        assert_eq!((command.rung(), controller.knowledge().learned_axes()), (Rung::FreshPlan, 0));
+        drop(robot.controller.adopt(nonsense()?));
+        let (_, command) = robot.drive(tick);
+        let learned_axes = robot.controller.knowledge().learned_axes();
+        assert_eq!((command.rung(), learned_axes), (Rung::FreshPlan, 0));
         assert!(
             command
                 .input
@@ -137,6 +141,7 @@ struct Robotic {
     gate: Gate,
     state: State,
     input: Velocity,
+    rung: Rung,
     /// Where its sensors have been stuck since.
     stuck: Option<State>,
 }
@@ -149,6 +154,7 @@ impl Robotic {
             gate,
             state: State::default(),
             input: [0.0; 3],
+            rung: Rung::Waiting,
             stuck: None,
         })
     }
@@ -159,12 +165,13 @@ impl Robotic {
         let seen = self.stuck.unwrap_or(self.state);
         let mut measured = state(tick);
         (measured.pose, measured.velocity, measured.input) = (seen.pose, seen.velocity, self.input);
+        measured.rung = self.rung.code();
         let command = answer(&mut self.controller, &measured);
         self.controller.explain(0);
         self.controller.prepare_next();
         let verdict = self.gate.offer(&command, tick * PERIOD_NANOS);
         self.input = self.gate.decide(tick * PERIOD_NANOS).input;
-        self.gate.end_period((tick + 1) * PERIOD_NANOS);
+        self.rung = self.gate.end_period((tick + 1) * PERIOD_NANOS).0;
         self.state = self.controller.knowledge().belief().predict(&self.state, &self.input);
         (verdict, command)
     }
@@ -191,7 +198,7 @@ fn of_a_thousand_answers_of_a_faulty_optimiser_none_is_driven_and_every_command_
             match (command.rung(), (20..1020).contains(&tick)) {
                 (Rung::FreshPlan, false) => rungs[0] += 1,
                 (Rung::ShiftedPlan, true) => rungs[1] += 1,
-                (Rung::Lqr, true) => rungs[2] += 1,
+                (Rung::Simple, true) => rungs[2] += 1,
                 (rung, _) => return Err(format!("{kind:?}: {rung} at tick {tick}").into()),
             }
         }
@@ -206,6 +213,7 @@ fn faults_now_and_then_are_answered_by_shifted_plans_and_the_next_plan_is_fresh_
     let mut settings = told();
     let fault = |kind| SolverFault { kind, from_tick: 5, until_tick: None, probability: 0.2 };
     settings.duration_s = 30.0;
+    settings.mpc.state_limits = StateLimits::default();
     settings.solver_faults = SolverFaults {
         seed: 9,
         solver: vec![fault(SolverFaultKind::Wrong), fault(SolverFaultKind::Nan)],
@@ -234,7 +242,7 @@ fn a_command_that_the_gate_would_refuse_gives_way_to_the_next_rung()
         assert_eq!(
             (command.rung(), command.input, command.tail),
             (Rung::Brake, [0.0; 3], [[0.0; 3]; TAIL_MAX]),
-            "plan and LQR are too fast"
+            "plan and simple controller are too fast"
         );
     }
     controller.bounds = Bounds::new(&told().robot, PERIOD_NANOS, 0);
@@ -426,6 +434,62 @@ fn an_exchange_for_the_same_changes_no_command_but_for_rounding()
             .map(|(ours, theirs)| (ours - theirs).abs())
             .fold(0.0, f64::max);
         assert!(apart < 1e-6, "tick {tick}: {apart}");
+    }
+    Ok(())
+}
+
+/// A robot as believed, but for a dead time: (answers of the simple controller, largest distance from the reference in the last 10 s \[m\]).
+fn with_a_dead_time_of(periods: usize) -> Result<(usize, f64), ControllerError> {
+    const PERIOD_S: f64 = 0.02;
+    let mut settings = told();
+    settings.run.period_nanos = 20_000_000;
+    settings.duration_s = 50.0;
+    settings.mpc.observer_gain = 1.0;
+    settings.mpc.state_limits = StateLimits::default();
+    settings.reference.path = PathSettings::Circle { radius_m: 2.0, speed_mps: 0.8 };
+    settings.reference.ramp_s = 1.0;
+    let main = MainModel::new(&settings.robot, PERIOD_S);
+    let belief =
+        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let mut controller = Controller::new(&settings)?;
+    let mut under_way = std::collections::VecDeque::from(vec![[0.0; 3]; periods]);
+    let (mut robot, mut given, mut rung) = (State::default(), [0.0; 3], Rung::Waiting);
+    let (mut simple, mut farthest) = (0, 0.0_f64);
+    for tick in 0..2500 {
+        let mut measured = state(tick);
+        (measured.pose, measured.velocity) = (robot.pose, robot.velocity);
+        (measured.input, measured.rung) = (given, rung.code());
+        let command = answer(&mut controller, &measured);
+        controller.explain(0);
+        controller.prepare_next();
+        (given, rung) = (command.input, command.rung());
+        simple += usize::from(rung == Rung::Simple);
+        if tick >= 2000 {
+            let point = controller.reference.at(tick);
+            let [x, y] = [robot.pose[0] - point.pose[0], robot.pose[1] - point.pose[1]];
+            farthest = farthest.max(x.hypot(y));
+        }
+        under_way.push_back(given);
+        let acting = under_way.pop_front().unwrap_or_default();
+        robot = belief.predict(&robot, &acting);
+    }
+    Ok((simple, farthest))
+}
+
+/// 240 ms: beyond what can be made up for.
+#[test]
+fn where_plans_do_not_hold_the_robot_the_simple_controller_does()
+-> Result<(), Box<dyn std::error::Error>> {
+    let (simple, farthest) = with_a_dead_time_of(12)?;
+    assert!(simple > 100 && farthest < 0.05, "{simple} periods, {farthest} m");
+    Ok(())
+}
+
+#[test]
+fn where_plans_hold_the_robot_they_always_drive() -> Result<(), Box<dyn std::error::Error>> {
+    for periods in [0, 3, 6] {
+        let (simple, farthest) = with_a_dead_time_of(periods)?;
+        assert!(simple == 0 && farthest < 0.001, "{periods}: {simple} periods, {farthest} m");
     }
     Ok(())
 }

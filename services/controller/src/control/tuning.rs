@@ -78,6 +78,9 @@ impl Controller {
         if let Some(reference) = &mut tuned.reference {
             std::mem::swap(&mut self.reference, reference);
             self.tracking.reset();
+            if let Some(judge) = &mut self.loop_judge {
+                judge.reset();
+            }
         }
         tuned.since = Some((self.plant_epoch.unwrap_or(0), tick));
         if let Some(prepared) = self.prepared_for {

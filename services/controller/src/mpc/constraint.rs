@@ -9,8 +9,10 @@
 //!
 //! Under caution the bounds on the state are drawn in, at most to where the two sides meet.
 
-use super::Outlook;
 use super::qp::{BEFORE, Prices, QuadraticProgram, Row, Vector};
+use super::{Outlook, Stage};
+use crate::currents::Foretold;
+use crate::reference::ReferencePoint;
 use crate::settings::StateLimits;
 use model::main_model::MainModel;
 use model::{State, Velocity};
@@ -88,6 +90,8 @@ pub struct Limits {
     corridor: [Option<f64>; 2],
     horizon: usize,
     main: MainModel,
+    /// Wheels whose current rows are dropped.
+    dropped: [bool; 4],
     /// Each row's kind, and its period; a row on a state is about that period's end.
     kinds: Vec<(Kind, usize)>,
 }
@@ -109,10 +113,27 @@ impl Limits {
             corridor: [state.corridor_left_m, state.corridor_right_m],
             horizon,
             main: *main,
+            dropped: [false; 4],
             kinds: Vec::new(),
         };
         this.kinds = this.all_kinds(blocks);
         this
+    }
+
+    /// From now on the current rows of these wheels bound nothing.
+    pub fn drop_current_rows(&mut self, wheels: [bool; 4]) {
+        self.dropped = wheels;
+    }
+
+    /// What a plan's first period foretells of each motor's current.
+    pub(super) fn foretold_currents(&self, first: &Stage, after: &State) -> Foretold {
+        let unmodelled = self.unmodelled(&first.state.velocity, after);
+        let at = |velocity: &Velocity| {
+            let beyond =
+                std::array::from_fn(|axis| first.input[axis] - velocity[axis] + unmodelled[axis]);
+            self.inputs.current.unwrap_or_default().map(|row| dot(&row, &beyond))
+        };
+        Foretold { start: at(&first.state.velocity), end: at(&after.velocity) }
     }
 
     /// The acceleration that the main model does not know, as the u − v that would bring it:
@@ -135,6 +156,9 @@ impl Limits {
             else {
                 continue;
             };
+            if self.dropped[wheel] {
+                continue;
+            }
             let unmodelled = std::array::from_fn(|axis| {
                 let (decay, of) = (self.main.decay[axis], VELOCITY + axis);
                 (after[of] - decay * before[of]) / (1.0 - decay)
@@ -222,6 +246,23 @@ impl Limits {
         boxed.map(|value| value / load)
     }
 
+    /// `point` where the bounds on the state let it be: its heading and velocity, not its position.
+    pub fn admitted(&self, point: &ReferencePoint) -> ReferencePoint {
+        let heading = self.heading.unwrap_or(f64::INFINITY);
+        let mut admitted = *point;
+        admitted.pose[2] = point.pose[2].clamp(-heading, heading);
+        admitted.velocity = self.slowed(&point.velocity);
+        admitted
+    }
+
+    /// `velocity` within the bounds on the state.
+    pub fn slowed(&self, velocity: &Velocity) -> Velocity {
+        std::array::from_fn(|axis| {
+            let most = self.speed[axis].unwrap_or(f64::INFINITY);
+            velocity[axis].clamp(-most, most)
+        })
+    }
+
     /// The nearest input to `wished` that can be reached from `last` in one period.
     pub fn reach(&self, wished: &Velocity, last: &Velocity) -> Velocity {
         let (wished, last) = (self.clamp(wished), self.clamp(last));
@@ -251,6 +292,10 @@ impl Limits {
                     let coefficients = unit(axis, change[axis]);
                     on_input(row, &coefficients, &stage.input)
                         + on_state(row, &coefficients.map(|value| -value), before)
+                }
+                Kind::Current(wheel) if self.dropped[wheel] => {
+                    (row.by_state, row.by_input) = ([0.0; 3], [0.0; 3]);
+                    0.0
                 }
                 Kind::Current(wheel) => {
                     let coefficients = current[wheel];

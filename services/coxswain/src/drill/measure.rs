@@ -183,7 +183,7 @@ fn is_missed(state: &Message) -> bool {
 
 /// Whether the period was answered by a controller whose optimiser had no plan.
 fn fell(state: &Message) -> bool {
-    matches!(state.word("rung"), "shifted plan" | "lqr")
+    matches!(state.word("rung"), "shifted plan" | "simple controller")
 }
 
 /// The longest way back of `who`; a violation for each that was too long.

@@ -157,7 +157,7 @@ impl Answer {
     fn of(state: &Message) -> Self {
         match state.word("rung") {
             "fresh plan" => Self::Fresh,
-            "shifted plan" | "lqr" => Self::WithoutOptimiser,
+            "shifted plan" | "simple controller" => Self::WithoutOptimiser,
             rung => Self::Missing { brakes: matches!(rung, "brake" | "latched stop") },
         }
     }

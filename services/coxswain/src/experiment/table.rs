@@ -152,6 +152,7 @@ mod tests {
             seed,
             poison: None,
             learned_share: [0.0; 3],
+            simple_share: 0.0,
             duration_s: 30.0,
             arrival_s: None,
             speed_settle_s: None,

@@ -93,6 +93,8 @@ pub struct Row {
     pub constraint_violations: u64,
     /// Share of the ticks at which the learned model was used, per velocity axis.
     pub learned_share: [f64; 3],
+    /// Share of the plans in whose place the simple controller drove.
+    pub simple_share: f64,
     /// As in `summary.json`.
     pub tick_p50_us: Option<f64>,
     /// As in `summary.json`.
@@ -108,6 +110,8 @@ struct Witnessed {
     violations: u64,
     /// Plans heard, and those of them that used the learned model, per velocity axis.
     plans: u64,
+    /// Of these, the simple controller's.
+    simple: u64,
     learned: [u64; 3],
     /// What was made up for by each plan, with its time \[s\].
     delays: Vec<(f64, f64)>,
@@ -183,6 +187,7 @@ pub fn run(
         corridor_violations: corridor.map(|corridor| corridor.left_for(&witnessed.truths)),
         coverage: witnessed.calibration.coverage(),
         learned_share: witnessed.learned.map(|plans| plans as f64 / witnessed.plans.max(1) as f64),
+        simple_share: witnessed.simple as f64 / witnessed.plans.max(1) as f64,
         tick_p50_us: summary.tick_p50_us,
         tick_p99_us: summary.tick_p99_us,
     })
@@ -244,6 +249,7 @@ fn witness(
         truths: Vec::new(),
         violations: 0,
         plans: 0,
+        simple: 0,
         learned: [0; 3],
         delays: Vec::new(),
         calibration,
@@ -253,7 +259,7 @@ fn witness(
         while let Some(state) = states.next()? {
             let played = matches!(
                 state.rung(),
-                Rung::Waiting | Rung::FreshPlan | Rung::ShiftedPlan | Rung::Lqr
+                Rung::Waiting | Rung::FreshPlan | Rung::ShiftedPlan | Rung::Simple
             );
             kept.violations += u64::from(!played);
             kept.inputs.push(state.input);
@@ -266,6 +272,7 @@ fn witness(
         }
         while let Some(plan) = plans.next()? {
             kept.plans += 1;
+            kept.simple += u64::from(plan.rung == Rung::Simple.code());
             kept.delays
                 .push((plan.stamp.tick as f64 * period, 1e-6 * f64::from(plan.delay_micros)));
             for (axis, used) in kept.learned.iter_mut().enumerate() {

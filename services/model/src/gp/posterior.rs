@@ -438,7 +438,7 @@ impl<const D: usize> Output<D> {
             }
             (rest, factor) = (below, further);
         }
-        (prior - explained).clamp(0.0, prior)
+        (prior - explained).min(prior).max(0.0)
     }
 }
 

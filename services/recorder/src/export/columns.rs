@@ -205,7 +205,7 @@ mod tests {
     #[test]
     fn columns_hold_the_longest_message_and_bear_the_units_of_the_schema()
     -> Result<(), serde_json::Error> {
-        let short = json!({"disturbance": [1.0, null, 3.0], "rung": "lqr", "variance": [[1, 2, 3]], "tick_nanos": 5}).to_string();
+        let short = json!({"disturbance": [1.0, null, 3.0], "rung": "simple controller", "variance": [[1, 2, 3]], "tick_nanos": 5}).to_string();
         let long = json!({"disturbance": [1.0, 2.0, 0.1], "rung": "a,b", "variance": [[1, 2, 3], [4, 5, 6]], "stamp": {"sent_nanos": u64::MAX}});
         let long = long.to_string();
         let schema = view::schema::<Plan>().to_string();
@@ -225,7 +225,7 @@ mod tests {
             ("variance_1_2 [(rad/s)²]", "", "6"),
             ("disturbance_1 [m/s]", "", "2.0"),
             ("disturbance_2 [rad/s]", "3.0", "0.1"),
-            ("rung", "lqr", "a,b"),
+            ("rung", "simple controller", "a,b"),
             ("tick_nanos [ns]", "5", ""),
             ("stamp_sent_nanos [ns]", "", "18446744073709551615"),
         ] {

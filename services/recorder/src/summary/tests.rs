@@ -179,13 +179,13 @@ fn periods_count_from_the_first_accepted_command_on() {
     rows.states[3].rung = Rung::Waiting;
     rows.states[6].rung = Rung::StoredTail;
     rows.states[7].rung = Rung::Brake;
-    rows.states[8].rung = Rung::Lqr;
+    rows.states[8].rung = Rung::Simple;
     let figures = summary(&rows);
     assert_eq!((figures.periods, figures.periods_missed), (6, 2));
     assert_eq!(
         (
             figures.rungs.on(Rung::FreshPlan),
-            figures.rungs.on(Rung::Lqr),
+            figures.rungs.on(Rung::Simple),
             figures.rungs.on(Rung::Waiting)
         ),
         (3, 1, 0)
@@ -280,7 +280,7 @@ fn the_file_has_every_figure_in_its_place_and_every_rung() {
         "waiting",
         "fresh plan",
         "shifted plan",
-        "lqr",
+        "simple controller",
         "stored tail",
         "brake",
         "latched stop",
