@@ -62,7 +62,7 @@ coded! {
         FreshPlan = 1 => "fresh plan",
         /// The previous plan, shifted by one period.
         ShiftedPlan = 2 => "shifted plan",
-        /// What holds the reference by the main model, and a proportional feedback of the pose.
+        /// Of the controller without a plan: by the main model, and a feedback of the error.
         Simple = 3 => "simple controller",
         /// The tail that came with the last accepted command, played by the gate.
         StoredTail = 4 => "stored tail",

@@ -358,7 +358,7 @@ impl Controller {
         if from == Rung::Simple {
             return self.brake(reason);
         }
-        Decision { rung: Rung::Simple, reason, input: self.simple(measured), solved: None }
+        Decision { rung: Rung::Simple, reason, input: self.lqr(measured), solved: None }
     }
 
     /// To standstill, as fast as inputs may change.
@@ -460,17 +460,27 @@ impl Controller {
                 solved = self.mpc.iterate(&begin, &last, points, &belief);
             }
         }
-        let simple = self.simple(measured);
-        let (rung, input) = self.ladder.choose(solved.outcome, &self.mpc, &last, || simple);
         if self.prefers_simple() {
-            let (rung, reason) = (Rung::Simple, Reason::NoPlan);
-            return Decision { rung, reason, input: simple, solved: Some(solved) };
+            let (rung, reason, input) = (Rung::Simple, Reason::NoPlan, self.simple(measured));
+            return Decision { rung, reason, input, solved: Some(solved) };
         }
+        let lqr = self.lqr(measured);
+        let (rung, input) = self.ladder.choose(solved.outcome, &self.mpc, &last, || lqr);
         let reason = if rung == Rung::FreshPlan { Reason::None } else { Reason::SolverFailed };
         Decision { rung, reason, input, solved: Some(solved) }
     }
 
-    /// What the simple controller commands.
+    /// What to command without a plan: the LQR on the main model.
+    fn lqr(&self, measured: &State) -> Velocity {
+        let begin = self.knowledge.ahead(measured);
+        let point = planned(&self.points, &self.knowledge).first().copied().unwrap_or_default();
+        let disturbance = self.knowledge.disturbance();
+        let main_target =
+            self.mpc.main_target(self.knowledge.main(), &point, begin.pose[2], &disturbance);
+        fallback::lqr(&self.mpc, &begin, &point, &main_target, &self.knowledge.last_command())
+    }
+
+    /// What the simple controller commands, where plans do not hold the robot.
     fn simple(&self, measured: &State) -> Velocity {
         let point = self.points.first().copied().unwrap_or_default();
         let last = self.knowledge.last_command();

@@ -1,10 +1,11 @@
-//! What to command when the optimiser has no answer, or its plans do not hold the robot: the previous
-//! plan shifted, then the simple controller.
+//! What to command when the optimiser has no answer: the previous plan shifted, then the LQR on the
+//! main model. Where plans do not hold the robot: feedforward and proportional feedback of the pose.
+//! Both are on the same level, that of the simple controller (decision 34).
 
-use crate::mpc::{Mpc, Outcome, Status};
+use crate::mpc::{Mpc, Outcome, Status, TrackingError};
 use crate::reference::ReferencePoint;
 use model::main_model::MainModel;
-use model::{AXES, Pose, Velocity, wrap};
+use model::{AXES, Pose, State, Velocity, wrap};
 use protocol::message::Rung;
 
 /// Of the proportional feedback of the pose \[1/s\].
@@ -12,6 +13,19 @@ pub const GAIN_PER_S: f64 = 2.0;
 
 /// How many periods in a row a shifted plan is believed.
 const SHIFTS_MAX: u32 = 2;
+
+/// Input of the LQR on the main model, where there is no plan: `main_target` holds the reference
+/// `point` by that model alone. Does not allocate.
+pub fn lqr(
+    mpc: &Mpc,
+    state: &State,
+    point: &ReferencePoint,
+    main_target: &Velocity,
+    last_input: &Velocity,
+) -> Velocity {
+    let error = TrackingError::new(state, point);
+    mpc.limits().reach(&mpc.cost().lqr_input(&error, main_target), last_input)
+}
 
 /// The simple controller, which trusts nothing that was learnt: the input that holds the reference
 /// `point` by the main model, and more of it where the robot is behind. It keeps the bounds on heading
@@ -40,14 +54,14 @@ pub struct Ladder {
 }
 
 impl Ladder {
-    /// The rung and the input for this period; `simple` gives that of the [simple] controller. Does
-    /// not allocate.
+    /// The rung and the input for this period; `without_plan` gives that of the [lqr]. Does not
+    /// allocate.
     pub fn choose(
         &mut self,
         outcome: Outcome,
         mpc: &Mpc,
         last_input: &Velocity,
-        simple: impl FnOnce() -> Velocity,
+        without_plan: impl FnOnce() -> Velocity,
     ) -> (Rung, Velocity) {
         let planned = mpc.stages().first().copied().unwrap_or_default();
         if outcome.status == Status::Unpredictable {
@@ -62,7 +76,7 @@ impl Ladder {
                 *shifts += 1;
                 (Rung::ShiftedPlan, mpc.limits().reach(&planned.input, last_input))
             }
-            _ => (Rung::Simple, simple()),
+            _ => (Rung::Simple, without_plan()),
         }
     }
 
