@@ -70,11 +70,11 @@ pub enum Complaint {
         /// The robot file's limit \[A\].
         limit_a: f64,
     },
-    /// Plans take a motor for bound that is not.
+    /// Plans take motors for bound that are not.
     Row {
-        /// Its place in the robot file's order, from 1 on.
-        wheel: usize,
-        /// What it carries, in shares of the limit.
+        /// Whether each is one of them, in the robot file's order.
+        wheels: [bool; 4],
+        /// What they carry at most, in shares of the limit.
         carried: f64,
     },
     /// Commands have no effect.
@@ -89,10 +89,23 @@ pub enum Complaint {
     },
 }
 
-impl Complaint {
-    /// Whether the same is wrong.
-    pub fn is_like(&self, other: &Self) -> bool {
-        std::mem::discriminant(self) == std::mem::discriminant(other)
+/// What there is to complain of at one moment, the worst first.
+type Complained = [Option<Complaint>; 6];
+
+/// Place of `Refusals` and of `Current` among them.
+const REFUSALS: usize = 0;
+const CURRENT: usize = 5;
+
+/// Motors by their numbers, from 1 on.
+struct Motors([bool; 4]);
+
+impl Display for Motors {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let numbers = self.0.iter().zip(1..).filter(|(is_one, _)| **is_one);
+        for (count, (_, number)) in numbers.enumerate() {
+            write!(f, "{}{number}", if count == 0 { "" } else { ", " })?;
+        }
+        Ok(())
     }
 }
 
@@ -114,9 +127,10 @@ impl Display for Complaint {
                 "a motor is at its limit of {limit_a} A in {:.0} % of the periods",
                 100.0 * share
             ),
-            Self::Row { wheel, carried } => write!(
+            Self::Row { wheels, carried } => write!(
                 f,
-                "motor {wheel} carries {:.0} % of its limit where plans foretell all of it: plans leave that limit out",
+                "plans leave out the current limit of motor {}: it is foretold, and {:.0} % of it measured",
+                Motors(*wheels),
                 100.0 * carried
             ),
             Self::NoEffect { share } => write!(
@@ -166,7 +180,8 @@ pub struct Complaints {
     commanded: f64,
     /// Periods of the simple controller.
     simple: f64,
-    present: Option<Complaint>,
+    /// Which are complained of, and have been told.
+    told: [bool; 6],
 }
 
 impl Complaints {
@@ -186,12 +201,13 @@ impl Complaints {
             followed: 0.0,
             commanded: 0.0,
             simple: 0.0,
-            present: None,
+            told: [false; 6],
         }
     }
 
-    /// Takes in the next state, and which limit of a motor it contradicts, if it does. Gives a
-    /// complaint when it begins.
+    /// Takes in the next state, and which limits of motors are contradicted, if any are. Gives each
+    /// complaint once when it begins, one at a time. A state with numbers that are none is passed
+    /// over.
     pub fn look(&mut self, state: &PlantState, row: Option<Contradicted>) -> Option<Complaint> {
         let now = Seen {
             epoch: state.stamp.epoch,
@@ -202,6 +218,11 @@ impl Complaints {
             input: state.input,
             is_simple: state.rung() == Rung::Simple,
         };
+        let numbers = now.pose.iter().chain(&now.velocity).chain(&now.input);
+        if !numbers.copied().all(f64::is_finite) {
+            self.before = None;
+            return None;
+        }
         let is_next = |before: &Seen| (before.epoch, before.tick + 1) == (now.epoch, now.tick);
         let before = self.before.replace(now).filter(is_next)?;
         let add = |sum: &mut f64, value: f64| *sum = self.fading * *sum + value;
@@ -218,48 +239,40 @@ impl Complaints {
         add(&mut self.followed, along(&now.input, &now.velocity));
         add(&mut self.commanded, along(&now.input, &now.input));
         add(&mut self.simple, f64::from(u8::from(now.is_simple)));
-        let complaint = self.complaint(state.reason(), row);
-        let is_new = match (&complaint, &self.present) {
-            (Some(complaint), Some(present)) => !complaint.is_like(present),
-            (complaint, _) => complaint.is_some(),
-        };
-        self.present = complaint;
-        complaint.filter(|_| is_new)
+        let complained = self.complained(state.reason(), row);
+        for (told, complaint) in self.told.iter_mut().zip(&complained) {
+            *told &= complaint.is_some();
+        }
+        let new = (0..self.told.len()).find(|&of| complained[of].is_some() && !self.told[of])?;
+        self.told[new] = true;
+        complained[new]
     }
 
-    fn complaint(&self, reason: Reason, row: Option<Contradicted>) -> Option<Complaint> {
+    fn complained(&self, reason: Reason, row: Option<Contradicted>) -> Complained {
         // Less than a second says nothing.
         if self.periods * self.period_s < 0.4 * MEMORY_S {
-            return None;
+            return [None; 6];
         }
+        let share_of = |periods: f64| periods / self.periods;
         // What is complained of goes on until it is clearly over.
-        let often = |of: fn(&Complaint) -> bool| {
-            if self.present.as_ref().is_some_and(of) { 0.5 * OFTEN } else { OFTEN }
-        };
-        let refusals = self.refused / self.periods;
-        if refusals > often(|present| matches!(present, Complaint::Refusals { .. })) {
-            return Some(Complaint::Refusals { share: refusals, reason });
-        }
-        let least = self.periods * (SPEED_LEAST * self.period_s).powi(2);
+        let often = |of: usize| if self.told[of] { 0.5 * OFTEN } else { OFTEN };
+        let refused = share_of(self.refused);
+        let moves = share_of(self.said) > (SPEED_LEAST * self.period_s).powi(2);
         let ratio = self.moved / self.said;
-        if self.said > least && !RATIOS.contains(&ratio) {
-            return Some(Complaint::Period { ratio, period_s: self.period_s });
-        }
-        let (share, least) =
-            (self.followed / self.commanded, self.periods * COMMANDED_LEAST.powi(2));
-        if self.commanded > least && share < FOLLOWS_LEAST {
-            return Some(Complaint::NoEffect { share });
-        }
-        let share = self.simple / self.periods;
-        if share > SIMPLE_LEAST {
-            return Some(Complaint::Simple { share });
-        }
-        if let Some(Contradicted { wheel, carried }) = row {
-            return Some(Complaint::Row { wheel: wheel + 1, carried });
-        }
-        let share = self.at_limit / self.periods;
-        (share > often(|present| matches!(present, Complaint::Current { .. })))
-            .then_some(Complaint::Current { share, limit_a: self.limit_a })
+        let is_commanded = share_of(self.commanded) > COMMANDED_LEAST.powi(2);
+        let follows = self.followed / self.commanded;
+        let (simple, at_limit) = (share_of(self.simple), share_of(self.at_limit));
+        [
+            (refused > often(REFUSALS)).then_some(Complaint::Refusals { share: refused, reason }),
+            (moves && !RATIOS.contains(&ratio))
+                .then_some(Complaint::Period { ratio, period_s: self.period_s }),
+            (is_commanded && follows < FOLLOWS_LEAST)
+                .then_some(Complaint::NoEffect { share: follows }),
+            (simple > SIMPLE_LEAST).then_some(Complaint::Simple { share: simple }),
+            row.map(|Contradicted { wheels, carried }| Complaint::Row { wheels, carried }),
+            (at_limit > often(CURRENT))
+                .then_some(Complaint::Current { share: at_limit, limit_a: self.limit_a }),
+        ]
     }
 }
 
@@ -410,10 +423,34 @@ mod tests {
     #[test]
     fn a_limit_that_its_motor_contradicts_is_told_once() {
         let mut complaints = Complaints::new(&Robot::example(), PERIOD_S);
-        let row = Some(Contradicted { wheel: 2, carried: 0.4 });
+        let wheels = [false, true, true, false];
+        let row = Some(Contradicted { wheels, carried: 0.4 });
         let told: Vec<Complaint> =
             (0..250).filter_map(|tick| complaints.look(&circle(tick, PERIOD_S), row)).collect();
-        assert_eq!(told, [Complaint::Row { wheel: 3, carried: 0.4 }]);
+        assert_eq!(told, [Complaint::Row { wheels, carried: 0.4 }]);
+        assert!(told[0].to_string().contains("motor 2, 3:"), "{}", told[0]);
+    }
+
+    #[test]
+    fn two_things_that_are_wrong_at_once_are_each_told_once() {
+        let both = |tick| PlantState { refused: tick, ..circle(tick, 5.0 * PERIOD_S) };
+        let told = told(both);
+        assert!(
+            matches!(told[..], [Complaint::Refusals { .. }, Complaint::Period { .. }]),
+            "{told:?}"
+        );
+    }
+
+    #[test]
+    fn a_state_with_numbers_that_are_none_hides_nothing_that_comes_later() {
+        let broken = |tick| {
+            let mut state = circle(tick, 5.0 * PERIOD_S);
+            if tick == 3 {
+                state.velocity[0] = f64::NAN;
+            }
+            state
+        };
+        assert!(matches!(told(broken)[..], [Complaint::Period { .. }]));
     }
 
     #[test]
@@ -422,7 +459,7 @@ mod tests {
             Complaint::Refusals { share: 1.0, reason: Reason::OutOfBounds },
             Complaint::Period { ratio: -1234.5678, period_s: 0.1 },
             Complaint::Current { share: 1.0, limit_a: 123.456 },
-            Complaint::Row { wheel: 4, carried: 0.5 },
+            Complaint::Row { wheels: [true; 4], carried: 0.5 },
             Complaint::NoEffect { share: -1.0 },
             Complaint::Simple { share: 1.0 },
         ] {

@@ -214,7 +214,7 @@ impl Controller {
             let Before { tick, state: before } = before;
             let period = Period { tick, before, given: state.input, after: now };
             self.knowledge.observe(&period);
-            self.watch_loop(state, ours);
+            self.watch_loop(state);
             sample.pose = before.pose;
             sample.velocity = before.velocity;
             (sample.input, sample.input_before) = (self.knowledge.state().acted, before.acted);
@@ -244,7 +244,7 @@ impl Controller {
     }
 
     /// Whether what was done in the last period had the effect that was foretold.
-    fn watch_loop(&mut self, state: &PlantState, ours: bool) {
+    fn watch_loop(&mut self, state: &PlantState) {
         let by_plans = matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan);
         if by_plans {
             let foretold = &self.foretold[self.knowledge.delay().whole()];
@@ -252,20 +252,23 @@ impl Controller {
             self.mpc.drop_current_rows(self.currents.dropped());
         }
         let Some(judge) = &mut self.loop_judge else { return };
-        let is_judged = by_plans || (ours && judge.prefers_simple());
-        if !is_judged {
-            judge.reset();
-            return;
-        }
-        let point = self.mpc.limits().admitted(&self.reference.at(state.stamp.tick));
         let believed = self.knowledge.state();
-        judge.look(&Passed {
-            given: state.input,
-            acted: believed.acted,
-            pose: believed.pose,
-            velocity: believed.velocity,
-            point: &point,
-        });
+        match state.rung() {
+            Rung::Waiting | Rung::Brake | Rung::LatchedStop => judge.reset(),
+            Rung::FreshPlan | Rung::ShiftedPlan | Rung::Simple
+                if by_plans || judge.prefers_simple() =>
+            {
+                let point = self.mpc.limits().admitted(&self.reference.at(state.stamp.tick));
+                judge.look(&Passed {
+                    given: state.input,
+                    acted: believed.acted,
+                    pose: believed.pose,
+                    velocity: believed.velocity,
+                    point: &point,
+                });
+            }
+            _ => judge.pass_over(&believed.pose),
+        }
     }
 
     /// Whether the simple controller drives, since plans would not hold the robot.
@@ -329,7 +332,11 @@ impl Controller {
             self.rung = rung;
         }
         self.foretold.rotate_right(1);
-        self.foretold[0] = self.mpc.foretold_currents();
+        self.foretold[0] = if matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan) {
+            self.mpc.foretold_currents()
+        } else {
+            Foretold::default()
+        };
         self.out_of_time = solved.is_some_and(|solved| solved.outcome.status == Status::OutOfTime);
         self.write_outcome(solved);
         self.commanded = input;
@@ -351,7 +358,8 @@ impl Controller {
         judge(&self.command, &situation, &self.bounds)
     }
 
-    /// A plan that the gate would refuse is forgotten, and the simple controller answers; if that would be refused too, the robot brakes.
+    /// A plan that the gate would refuse is forgotten, and the LQR answers; if that would be refused
+    /// too, the robot brakes.
     fn one_rung_down(&mut self, from: Rung, reason: Reason, measured: &State) -> Decision {
         self.mpc.reset();
         self.ladder.reset();
@@ -461,11 +469,14 @@ impl Controller {
             }
         }
         if self.prefers_simple() {
+            self.ladder.look(solved.outcome);
             let (rung, reason, input) = (Rung::Simple, Reason::NoPlan, self.simple(measured));
             return Decision { rung, reason, input, solved: Some(solved) };
         }
-        let lqr = self.lqr(measured);
-        let (rung, input) = self.ladder.choose(solved.outcome, &self.mpc, &last, || lqr);
+        let (rung, input) = self
+            .ladder
+            .choose(solved.outcome, &self.mpc, &last)
+            .unwrap_or_else(|| (Rung::Simple, self.lqr(measured)));
         let reason = if rung == Rung::FreshPlan { Reason::None } else { Reason::SolverFailed };
         Decision { rung, reason, input, solved: Some(solved) }
     }

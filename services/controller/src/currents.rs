@@ -31,12 +31,12 @@ pub struct Foretold {
     pub end: [f64; 4],
 }
 
-/// A row that is dropped.
+/// Rows that are dropped.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contradicted {
-    /// Its wheel, in the robot file's order.
-    pub wheel: usize,
-    /// What the motor carried when it was dropped, in shares of the limit.
+    /// Whether that of each wheel is, in the robot file's order.
+    pub wheels: [bool; 4],
+    /// What the motors of these rows carry at most, in shares of the limit.
     pub carried: f64,
 }
 
@@ -45,7 +45,7 @@ pub struct Contradicted {
 struct Watched {
     /// Share of the periods that contradict the row, faded.
     contradicts: f64,
-    /// Mean of the measured share over the same time.
+    /// Mean of the measured share, faded likewise.
     carried: f64,
     dropped: bool,
 }
@@ -76,7 +76,8 @@ impl Currents {
     /// Takes in one period: what the plan foretold, and what was `measured` at its end \[A\]; of a
     /// driver that measures no currents it is empty.
     pub fn look(&mut self, foretold: &Foretold, measured: &[f64]) {
-        for (index, (wheel, amps)) in self.wheels.iter_mut().zip(measured).enumerate() {
+        let wheels = self.wheels.iter_mut().zip(measured).enumerate();
+        for (index, (wheel, amps)) in wheels.filter(|(_, (_, amps))| amps.is_finite()) {
             let carries = amps.abs() / self.limit_a;
             let end = foretold.end[index].abs().min(1.0);
             let contradicts =
@@ -95,10 +96,11 @@ impl Currents {
         self.wheels.map(|wheel| wheel.dropped)
     }
 
-    /// The first row that is dropped, if any is.
+    /// The rows that are dropped, if any are.
     pub fn contradicted(&self) -> Option<Contradicted> {
-        let wheel = self.wheels.iter().position(|wheel| wheel.dropped)?;
-        Some(Contradicted { wheel, carried: self.wheels[wheel].carried })
+        let dropped = self.wheels.iter().filter(|wheel| wheel.dropped);
+        let carried = dropped.map(|wheel| wheel.carried).reduce(f64::max)?;
+        Some(Contradicted { wheels: self.dropped(), carried })
     }
 }
 
@@ -125,8 +127,8 @@ mod tests {
     fn a_row_that_binds_while_its_motor_carries_little_is_dropped_within_a_second() {
         let currents = watched(1.0, FULL, &[0.33; 4]);
         assert_eq!(currents.dropped(), [true, false, false, false]);
-        let contradicted = currents.contradicted().map(|row| (row.wheel, row.carried < 0.4));
-        assert_eq!(contradicted, Some((0, true)));
+        let contradicted = currents.contradicted().map(|rows| (rows.wheels, rows.carried < 0.4));
+        assert_eq!(contradicted, Some(([true, false, false, false], true)));
     }
 
     #[test]
@@ -146,6 +148,14 @@ mod tests {
         currents.look(&Foretold::default(), &[-limit; 4]);
         assert_eq!(currents.dropped(), [false; 4]);
         assert_eq!(currents.contradicted(), None);
+    }
+
+    #[test]
+    fn a_current_that_is_no_number_says_nothing() {
+        let mut currents = watched(1.0, FULL, &[0.33; 4]);
+        let before = currents.contradicted();
+        currents.look(&Foretold { start: FULL, end: FULL }, &[f64::NAN; 4]);
+        assert_eq!(currents.contradicted(), before);
     }
 
     #[test]

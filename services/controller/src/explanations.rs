@@ -11,10 +11,10 @@
 //! | `Main`     | 0: the main model alone, or what the oracle knows                |
 //! | `Response` | the first-order response that is identified while driving        |
 //! | `Learned`  | the Gaussian processes of the newest snapshot                    |
-//! | `LastGood` | those of the last snapshot that was in use when another one came |
+//! | `LastGood` | those of the last proven snapshot that was in use when another one came |
 //!
-//! So a snapshot that is left gives way to the one before it where that foretells better than the
-//! main model.
+//! So a snapshot that is left gives way to the one before it, where that foretells clearly better
+//! than the main model does: its score counts three times.
 //!
 //! A plan holds d over its horizon, and what is commanded now acts only after the dead time. So an
 //! explanation is judged by the d of a few periods ago, and by the part of its error that lasts:
@@ -154,6 +154,8 @@ pub struct Explanations {
     taken: usize,
     /// Of these, with a learned model.
     with_learned: usize,
+    /// Of these, with the newest one.
+    with_newest: usize,
     /// How often a learned model was left, over all axes.
     left: u64,
     period: f64,
@@ -185,6 +187,7 @@ impl Explanations {
             past: vec![Past::default(); KEPT].into_boxed_slice(),
             taken: 0,
             with_learned: 0,
+            with_newest: 0,
             left: 0,
             period: main.period,
         }
@@ -272,6 +275,7 @@ impl Explanations {
         self.response = response;
         self.taken += 1;
         self.with_learned += usize::from(self.active.is_some());
+        self.with_newest += usize::from(self.active.is_some());
         let lead = under_way + ((LEAD_S / self.period).round() as usize).clamp(1, LEAD_MAX);
         let judged =
             (self.taken > lead + 1).then(|| self.past[(self.taken - 1 - lead) % KEPT].disturbance);
@@ -349,7 +353,7 @@ impl Explanations {
 
     fn usable(&self, explanation: usize) -> bool {
         let (model, gain) = (model(explanation), gain(explanation));
-        let seen = self.with_learned as f64 * self.period > LASTING_S;
+        let seen = self.is_long(self.with_learned);
         let known = match model {
             Model::Main => true,
             Model::Response => self.choice.response,
@@ -360,9 +364,14 @@ impl Explanations {
         known && !forced && (gain == 0.0 || self.choice.observer_gain > 0.0)
     }
 
+    /// Whether so many periods show what lasts.
+    fn is_long(&self, periods: usize) -> bool {
+        periods as f64 * self.period > LASTING_S
+    }
+
     /// Adopts a learned model. Its disturbance estimates start from the mean residual that it leaves
-    /// in the last periods. If the one before was in use, that is now the last good one. Returns the
-    /// model that is needed no more, for another thread to free.
+    /// in the last periods. If the one before was in use for long, that is now the last good one. Returns
+    /// the model that is needed no more, for another thread to free.
     pub fn adopt(&mut self, candidate: Box<Candidate>) -> Option<Box<Candidate>> {
         let recent = ((LASTING_S / self.period).round() as usize).clamp(1, KEPT).min(self.taken);
         let mut shift = [0.0; AXES];
@@ -375,7 +384,10 @@ impl Explanations {
             }
         }
         let models = self.models();
-        let was_good = models.contains(&Model::Learned) && !models.contains(&Model::LastGood);
+        let is_proven = self.is_long(self.with_newest);
+        let was_good =
+            is_proven && models.contains(&Model::Learned) && !models.contains(&Model::LastGood);
+        self.with_newest = 0;
         if was_good {
             self.keep_learned();
         }
@@ -411,7 +423,7 @@ impl Explanations {
         self.response = response;
         self.axes = [Axis::new(first(&self.choice)); AXES];
         self.past.fill(Past::default());
-        (self.taken, self.with_learned) = (0, 0);
+        (self.taken, self.with_learned, self.with_newest) = (0, 0, 0);
         if self.choice.blind {
             (0..AXES).for_each(|axis| self.choose(axis));
         }
@@ -618,6 +630,25 @@ mod tests {
             (explanations.version(), back.map(|back| back.version))
         };
         says.iter().enumerate().map(&mut adopt).collect()
+    }
+
+    #[test]
+    fn a_model_that_was_in_use_for_a_moment_is_not_the_last_good_one() {
+        let mut explanations = explanations(Choice { observer_gain: 0.0, ..OBSERVERS });
+        let response = explanations.response;
+        let mut drive = |version, says, periods| {
+            let back = explanations.adopt(Box::new(candidate(version, says)));
+            for _ in 0..periods {
+                let residual = [0.1; AXES];
+                explanations.update(&Moment::default(), &residual, &[0.0; AXES], response, 0);
+            }
+            back.map(|back| back.version)
+        };
+        assert_eq!(drive(1, 0.1, 500), None);
+        assert_eq!(drive(2, -0.5, 2), None);
+        // The second goes, and the first stays.
+        assert_eq!(drive(3, -0.5, 500), Some(2));
+        assert_eq!(explanations.version(), 1);
     }
 
     #[test]

@@ -54,29 +54,33 @@ pub struct Ladder {
 }
 
 impl Ladder {
-    /// The rung and the input for this period; `without_plan` gives that of the [lqr]. Does not
-    /// allocate.
+    /// Takes in that the optimiser came to `outcome` while somebody else drives: a plan that was
+    /// not renewed in such a period is not shifted later.
+    pub fn look(&mut self, outcome: Outcome) {
+        self.shifts = outcome.usable().then_some(0);
+    }
+
+    /// The rung and the input for this period; `None` where there is no plan. Does not allocate.
     pub fn choose(
         &mut self,
         outcome: Outcome,
         mpc: &Mpc,
         last_input: &Velocity,
-        without_plan: impl FnOnce() -> Velocity,
-    ) -> (Rung, Velocity) {
+    ) -> Option<(Rung, Velocity)> {
         let planned = mpc.stages().first().copied().unwrap_or_default();
         if outcome.status == Status::Unpredictable {
             self.reset();
         }
         if outcome.usable() {
             self.shifts = Some(0);
-            return (Rung::FreshPlan, planned.input);
+            return Some((Rung::FreshPlan, planned.input));
         }
         match &mut self.shifts {
             Some(shifts) if *shifts < SHIFTS_MAX => {
                 *shifts += 1;
-                (Rung::ShiftedPlan, mpc.limits().reach(&planned.input, last_input))
+                Some((Rung::ShiftedPlan, mpc.limits().reach(&planned.input, last_input)))
             }
-            _ => (Rung::Simple, without_plan()),
+            _ => None,
         }
     }
 

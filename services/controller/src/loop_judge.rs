@@ -13,9 +13,9 @@
 //! with u_δ what the gate gave a dead time ago. Plans may cut corners, and bounds may ask for it: that
 //! is what m = 0.4 L + 0.2 s |v_r| is for. While E² > s² (ρ² E'² + m²) for 0.3 s, the simple
 //! controller drives: for 1 s, and for twice as long as the last time if plans fail again within
-//! 10 s. At first s = 1; whenever the simple controller did not make E smaller, s grows. Commands that
-//! chatter make m smaller. A robot that comes from farther away is judged once it is near, or goes
-//! away again.
+//! 10 s. At first s = 1; whenever the simple controller did not make E smaller, s grows; once plans
+//! have held the robot for 10 s it is 1 again. Commands that chatter make m smaller. A robot that
+//! comes from farther away is judged once it is near, or goes away again.
 
 use crate::fallback::GAIN_PER_S;
 use crate::reference::ReferencePoint;
@@ -139,22 +139,30 @@ impl LoopJudge {
         *self = Self::new(self.period, self.lever, self.limits);
     }
 
-    /// Takes in a period in which this controller's commands acted.
+    /// Passes over a period in which neither plans nor the simple controller acted, and which ended
+    /// with `pose`.
+    pub fn pass_over(&mut self, pose: &Pose) {
+        if self.pose.is_some() {
+            self.pose = Some(*pose);
+        }
+    }
+
+    /// Takes in a period in which a plan or the simple controller acted.
     pub fn look(&mut self, passed: &Passed<'_>) {
         if self.is_elsewhere(passed) {
-            self.reset();
+            (self.pose, self.least, self.error) = (None, Some(f64::INFINITY), 0.0);
         }
         let error = self.error(&passed.pose, passed.point);
         if self.pose.replace(passed.pose).is_none() {
             self.before = [passed.given; 2];
         }
-        let share = if self.least.is_none() { self.period / ERROR_S } else { 1.0 };
-        self.error += share.min(1.0) * (error - self.error);
+        let share = if self.least.is_none() { (self.period / ERROR_S).min(1.0) } else { 1.0 };
+        self.error += share * (error - self.error);
         self.least = self
             .least
             .map(|least| least.min(error))
             .filter(|least| error > (NEAR * self.lever).powi(2) && error < AWAY.powi(2) * least);
-        let fading = self.period / MEMORY_S;
+        let fading = (self.period / MEMORY_S).min(1.0);
         for (axis, lost) in self.lost.iter_mut().enumerate() {
             *lost += fading * (passed.acted[axis] - passed.velocity[axis] - *lost);
         }
@@ -194,7 +202,7 @@ impl LoopJudge {
             (given[axis] - 2.0 * last[axis] + older[axis]) / (4.0 * self.limits[axis])
         };
         let square: f64 = (0..AXES).map(|axis| share(axis).powi(2)).sum();
-        self.alternating += self.period / MEMORY_S * (square - self.alternating);
+        self.alternating += (self.period / MEMORY_S).min(1.0) * (square - self.alternating);
         self.before = [*given, last];
     }
 
@@ -202,6 +210,9 @@ impl LoopJudge {
         self.driver = match self.driver {
             Driver::Plans { since_s, worse_s } => {
                 let since_s = since_s + self.period;
+                if since_s >= AGAIN_S {
+                    self.stricter = 1.0;
+                }
                 let worse_s = if self.plans_are_worse() { worse_s + self.period } else { 0.0 };
                 if worse_s < PATIENCE_S {
                     Driver::Plans { since_s, worse_s }
@@ -350,6 +361,30 @@ mod tests {
         robot.drive(5.0, good);
         let shares: Vec<f64> = (0..4).map(|_| robot.drive(15.0, bad) / 15.0).collect();
         assert!(shares.is_sorted() && shares[3] > 0.8, "{shares:?}");
+    }
+
+    #[test]
+    fn a_simple_controller_that_is_of_no_use_drives_ever_less_until_plans_have_held_for_10_s() {
+        let mut robot = Watched::new();
+        robot.drive(5.0, good);
+        // What is lost on the way to the robot does not show in what it measures.
+        robot.judge.stricter = STRICTER_MOST;
+        robot.judge.driver = Driver::Plans { since_s: 0.0, worse_s: 0.0 };
+        assert_eq!(robot.drive(1.0, bad), 0.0);
+        robot.pose[1] = 0.0;
+        robot.drive(AGAIN_S, good);
+        robot.drive(1.0, bad);
+        assert!(robot.judge.prefers_simple());
+    }
+
+    #[test]
+    fn a_period_that_is_passed_over_forgets_nothing() {
+        let mut robot = Watched::new();
+        robot.drive(5.0, good);
+        robot.drive(1.5, bad);
+        let before = robot.judge.clone();
+        robot.judge.pass_over(&robot.pose.clone());
+        assert_eq!(format!("{before:?}"), format!("{:?}", robot.judge));
     }
 
     #[test]

@@ -259,7 +259,10 @@ impl Mpc {
 
     /// From now on the current rows of these wheels bound nothing.
     pub fn drop_current_rows(&mut self, wheels: [bool; 4]) {
-        self.limits.drop_current_rows(wheels);
+        if self.limits.dropped() != wheels {
+            self.limits.drop_current_rows(wheels);
+            self.expectation = None;
+        }
     }
 
     /// What the last plan foretells of each motor's current in its first period.

@@ -80,7 +80,7 @@ impl InputLimits {
     }
 }
 
-/// What the wheels can do and the state may be. Constant.
+/// What the wheels can do and the state may be. Constant, but for rows that are dropped.
 pub struct Limits {
     inputs: InputLimits,
     heading: Option<f64>,
@@ -123,6 +123,11 @@ impl Limits {
     /// From now on the current rows of these wheels bound nothing.
     pub fn drop_current_rows(&mut self, wheels: [bool; 4]) {
         self.dropped = wheels;
+    }
+
+    /// Wheels whose current rows are dropped.
+    pub(super) fn dropped(&self) -> [bool; 4] {
+        self.dropped
     }
 
     /// What a plan's first period foretells of each motor's current.

@@ -22,6 +22,7 @@ impl Mpc {
         }
         self.terminal =
             before.stages.get(self.horizon).map_or(before.terminal, |stage| stage.state);
+        self.limits.drop_current_rows(before.limits.dropped());
         (self.target_disturbance, self.turn) = (before.target_disturbance, before.turn);
     }
 }

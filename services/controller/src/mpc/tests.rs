@@ -343,7 +343,7 @@ fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
     let mut ladder = Ladder::default();
     let mut rung = |status| {
         let outcome = Outcome { status, iterations: 1 };
-        ladder.choose(outcome, &mpc, &[0.0; 3], || [0.0; 3]).0
+        ladder.choose(outcome, &mpc, &[0.0; 3]).map_or(Rung::Simple, |(rung, _)| rung)
     };
     let (good, bad) = (Status::Solved, Status::OutOfIterations);
     assert_eq!(rung(bad), Rung::Simple);
@@ -353,6 +353,68 @@ fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
         (Rung::ShiftedPlan, Rung::ShiftedPlan, Rung::Simple)
     );
     assert_eq!((rung(good), rung(Status::Unpredictable)), (Rung::FreshPlan, Rung::Simple));
+    // A plan that was not renewed while somebody else drove is not shifted.
+    for (status, expected) in [(bad, Rung::Simple), (good, Rung::ShiftedPlan)] {
+        ladder.look(Outcome { status, iterations: 1 });
+        let outcome = Outcome { status: bad, iterations: 1 };
+        let chosen = ladder.choose(outcome, &mpc, &[0.0; 3]);
+        assert_eq!(chosen.map_or(Rung::Simple, |(rung, _)| rung), expected);
+    }
+    Ok(())
+}
+
+/// A plan that begins with a leap of 1 m, and the most that it foretells of a motor.
+fn most_foretold(mpc: &mut Mpc, belief: &Belief<'_>) -> f64 {
+    let reference = circle(0, 7);
+    mpc.reset();
+    for _ in 0..3 {
+        mpc.prepare(&reference, belief);
+        let begin = State { pose: [-1.0, 0.0, 0.0], ..State::default() };
+        let _solved = mpc.iterate(&begin, &[0.0; 3], &reference, belief);
+    }
+    mpc.foretold_currents().start.into_iter().fold(0.0, |most, share| share.abs().max(most))
+}
+
+#[test]
+fn a_dropped_row_bounds_nothing_and_one_that_is_back_does() -> Result<(), MpcError> {
+    let mut robot = Robot::example();
+    robot.drive.current_limit_a = 2.0;
+    let main = MainModel::new(&robot, 0.1);
+    let belief =
+        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let mut mpc = Mpc::new(&settings(), &robot, &main)?;
+    let bound = most_foretold(&mut mpc, &belief);
+    assert!((0.9..1.1).contains(&bound), "{bound}");
+    mpc.drop_current_rows([true; 4]);
+    let free = most_foretold(&mut mpc, &belief);
+    assert!(free > 1.5, "{free}");
+    // Who goes on from a plan keeps what is dropped.
+    let mut heir = Mpc::new(&settings(), &robot, &main)?;
+    heir.inherit(&mpc);
+    assert!(most_foretold(&mut heir, &belief) > 1.5);
+    mpc.drop_current_rows([false; 4]);
+    let bound = most_foretold(&mut mpc, &belief);
+    assert!((0.9..1.1).contains(&bound), "{bound}");
+    Ok(())
+}
+
+#[test]
+fn the_lqr_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
+    let main = MainModel::new(&Robot::example(), 0.1);
+    let belief =
+        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let settings = MpcSettings { state_limits: StateLimits::default(), ..settings() };
+    let mpc = Mpc::new(&settings, &Robot::example(), &main)?;
+    let (mut state, mut input) =
+        (State { pose: [0.3, -0.2, 0.2], velocity: [0.0; 3], ..State::default() }, [0.0; 3]);
+    for tick in 0..80 {
+        let point = &circle(tick, 1)[0];
+        let target = mpc.main_target(&main, point, state.pose[2], &[0.0; 3]);
+        input = crate::fallback::lqr(&mpc, &state, point, &target, &input);
+        state = belief.predict(&state, &input);
+    }
+    let error = TrackingError::new(&state, &circle(80, 1)[0]).value;
+    assert!(error.iter().all(|value| value.abs() < 0.1), "{error:?}");
     Ok(())
 }
 
