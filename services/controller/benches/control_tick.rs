@@ -7,7 +7,7 @@
 use controller::adopt::{Candidate, Expected, Handover, prepare};
 use controller::control::Controller;
 use controller::settings::{
-    DelaySetting, LearnedSettings, Linearise, Method, MpcSettings, Settings, SolverFaults,
+    Identify,    DelaySetting, LearnedSettings, Linearise, Method, MpcSettings, Settings, SolverFaults,
     SolverSetting, StateLimits, Weights,
 };
 use criterion::{Criterion, criterion_group};
@@ -60,7 +60,7 @@ fn settings() -> Settings {
             observer_gain: 0.0,
             method: Method::Mpc,
             delay: DelaySetting::Estimated,
-            identify: true,
+            identify: Identify::Response,
             no_harm: true,
             linearise: Linearise::Measured,
             solver: SolverSetting::ActiveSet,

@@ -13,7 +13,7 @@ use crate::loop_judge::{LoopJudge, Passed};
 use crate::mpc::{Mpc, MpcError, Solved, Status, Turn};
 use crate::reference::{PointsError, Reference, ReferencePoint};
 use crate::sensors::{Driven, SensorFault, Watch};
-use crate::settings::{Method, Settings};
+use crate::settings::{Identify, Method, Settings};
 use crate::tracking::TrackingJudge;
 use gate::Bounds;
 use gate::accept::{Situation, judge};
@@ -124,8 +124,9 @@ impl Controller {
         };
         let period = settings.run.period_nanos as f64 * 1e-9;
         let main = MainModel::new(&settings.robot, period);
-        let judged =
-            settings.mpc.method == Method::Mpc && settings.mpc.identify && settings.mpc.no_harm;
+        let judged = settings.mpc.method == Method::Mpc
+            && settings.mpc.identify != Identify::Off
+            && settings.mpc.no_harm;
         let Tuned { mpc, reference, points, budget_nanos, .. } = Tuned::new(settings, None)?;
         Ok(Self {
             reference: reference.unwrap_or_default(),

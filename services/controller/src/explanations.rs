@@ -10,6 +10,7 @@
 //! |------------|------------------------------------------------------------------|
 //! | `Main`     | 0: the main model alone, or what the oracle knows                |
 //! | `Response` | the first-order response that is identified while driving        |
+//! | `Physics`  | that, friction, drag and the turning frame, by least squares     |
 //! | `Learned`  | the Gaussian processes of the newest snapshot                    |
 //! | `LastGood` | those of the last proven snapshot that was in use when another one came |
 //!
@@ -29,6 +30,7 @@ use crate::adopt::Candidate;
 use model::delay::DELAY_MAX;
 use model::learned::{Moment, Residual, Response};
 use model::main_model::MainModel;
+use model::physics::Physics;
 use model::response::FirstOrderResponse;
 use model::{AXES, Velocity};
 
@@ -58,7 +60,7 @@ const BETTER: f64 = 0.9;
 
 /// What a score counts for, by model: one that can be wrong in more ways has to earn its place.
 /// A snapshot that has a successor has to be clearly better.
-const WEIGHTS: [f64; Model::ALL.len()] = [1.0, 1.0, 1.3, 3.0];
+const WEIGHTS: [f64; Model::ALL.len()] = [1.0, 1.0, 1.0, 1.3, 3.0];
 
 /// Periods over which the spread of the innovations is taken.
 const SPREAD_PERIODS: f64 = 30.0;
@@ -70,6 +72,8 @@ pub enum Model {
     Main,
     /// The identified first-order response.
     Response,
+    /// What physics says that the main model leaves out, with weights that are found while driving.
+    Physics,
     /// What the learner has learnt.
     Learned,
     /// What it had learnt before, and was in use.
@@ -77,7 +81,8 @@ pub enum Model {
 }
 
 impl Model {
-    const ALL: [Self; 4] = [Self::Main, Self::Response, Self::Learned, Self::LastGood];
+    const ALL: [Self; 5] =
+        [Self::Main, Self::Response, Self::Physics, Self::Learned, Self::LastGood];
 
     /// Its first explanation.
     const fn first(self) -> usize {
@@ -97,6 +102,8 @@ pub struct Choice {
     pub observer_gain: f64,
     /// Whether the identified response is one.
     pub response: bool,
+    /// Whether what physics says beside is one.
+    pub physics: bool,
     /// Whether a learned model is used from the first one on, to see what that costs.
     pub blind: bool,
 }
@@ -127,13 +134,20 @@ impl Axis {
 }
 
 /// One period that is over.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Past {
     at: Moment,
     /// ĝ of the learned model.
     learned: Velocity,
     /// d after it, per axis and explanation.
     disturbance: [[f64; COUNT]; AXES],
+}
+
+impl Default for Past {
+    fn default() -> Self {
+        let disturbance = [[0.0; COUNT]; AXES];
+        Self { at: Moment::default(), learned: [0.0; AXES], disturbance }
+    }
 }
 
 /// All explanations, and the one in use on each axis. Does not allocate after set-up.
@@ -144,6 +158,7 @@ pub struct Explanations {
     /// The last one before it that was in use when its successor came.
     last_good: Option<Box<Candidate>>,
     response: FirstOrderResponse,
+    physics: Physics,
     choice: Choice,
     /// Largest |d| that physics allows \[m/s, m/s, rad/s\].
     bound: Velocity,
@@ -176,8 +191,10 @@ impl Explanations {
         main: &MainModel,
         bound: Velocity,
         response: FirstOrderResponse,
+        physics: Physics,
     ) -> Self {
         Self {
+            physics,
             active: None,
             last_good: None,
             response,
@@ -272,6 +289,13 @@ impl Explanations {
         };
         let (learned, last_good) = (mean(&self.active), mean(&self.last_good));
         let identified = self.response.mean(at);
+        let physical = if self.choice.physics {
+            let said = self.physics.mean(at);
+            self.physics.update(at, residual);
+            said
+        } else {
+            [0.0; AXES]
+        };
         self.response = response;
         self.taken += 1;
         self.with_learned += usize::from(self.active.is_some());
@@ -280,7 +304,7 @@ impl Explanations {
         let judged =
             (self.taken > lead + 1).then(|| self.past[(self.taken - 1 - lead) % KEPT].disturbance);
         for axis in 0..AXES {
-            let said = [known[axis], identified[axis], learned[axis], last_good[axis]];
+            let said = [known[axis], identified[axis], physical[axis], learned[axis], last_good[axis]];
             let left = said.map(|said| residual[axis] - said);
             if let Some(before) = &judged {
                 self.judge(axis, &left, &before[axis], lead);
@@ -344,7 +368,7 @@ impl Explanations {
             let leaves = match model(chosen) {
                 Model::Learned => model(best) != Model::Learned,
                 Model::LastGood => !model(best).is_learned(),
-                Model::Main | Model::Response => false,
+                Model::Main | Model::Response | Model::Physics => false,
             };
             self.left += u64::from(leaves);
             self.axes[axis].chosen = best;
@@ -357,6 +381,7 @@ impl Explanations {
         let known = match model {
             Model::Main => true,
             Model::Response => self.choice.response,
+            Model::Physics => self.choice.physics,
             Model::Learned => self.active.is_some() && (seen || self.choice.blind),
             Model::LastGood => self.last_good.is_some() && seen,
         };
@@ -421,6 +446,7 @@ impl Explanations {
     /// Forgets all but the learned models.
     pub fn reset(&mut self, response: FirstOrderResponse) {
         self.response = response;
+        self.physics.reset();
         self.axes = [Axis::new(first(&self.choice)); AXES];
         self.past.fill(Past::default());
         (self.taken, self.with_learned, self.with_newest) = (0, 0, 0);
@@ -454,6 +480,9 @@ impl Residual for Explanations {
         if models.contains(&Model::Response) {
             take(Model::Response, self.response.response(at));
         }
+        if models.contains(&Model::Physics) {
+            take(Model::Physics, self.physics.response(at));
+        }
         for (of, learned) in [(Model::Learned, &self.active), (Model::LastGood, &self.last_good)] {
             if let Some(learned) = learned.as_ref().filter(|_| models.contains(&of)) {
                 take(of, learned.learned.response(at));
@@ -480,10 +509,12 @@ mod tests {
 
     fn explanations(choice: Choice) -> Explanations {
         let response = ResponseEstimator::new(&main(), 0.5).response();
-        Explanations::new(choice, &main(), [1.0; AXES], response)
+        let physics = Physics::new(&main(), &Robot::example().geometry);
+        Explanations::new(choice, &main(), [1.0; AXES], response, physics)
     }
 
-    const OBSERVERS: Choice = Choice { observer_gain: 1.0, response: false, blind: false };
+    const OBSERVERS: Choice =
+        Choice { observer_gain: 1.0, response: false, physics: false, blind: false };
 
     /// Pseudo-random and repeatable, of mean square 1.
     fn noise(k: usize) -> f64 {

@@ -7,11 +7,12 @@
 use crate::adopt::Candidate;
 use crate::explanations::{Choice, Explanations, Model};
 use crate::pose::PoseFilter;
-use crate::settings::{DelaySetting, Method, Settings};
+use crate::settings::{DelaySetting, Identify, Method, Settings};
 use model::delay::{Delay, Sent};
 use model::foresight::Foresight;
 use model::learned::{Moment, Residual};
 use model::main_model::MainModel;
+use model::physics::Physics;
 use model::predict::Belief;
 use model::residual::{bound, residual};
 use model::response::ResponseEstimator;
@@ -68,14 +69,21 @@ impl Knowledge {
     ) -> Self {
         let choice = Choice {
             observer_gain: settings.mpc.observer_gain,
-            response: settings.mpc.identify,
+            response: settings.mpc.identify != Identify::Off,
+            physics: settings.mpc.identify == Identify::Physics,
             blind: !settings.mpc.no_harm,
         };
         let response = ResponseEstimator::new(&main, settings.robot.geometry.lever_m());
         let bound = bound(&main, &settings.robot);
         Self {
             method: settings.mpc.method,
-            explanations: Explanations::new(choice, &main, bound, response.response()),
+            explanations: Explanations::new(
+                choice,
+                &main,
+                bound,
+                response.response(),
+                Physics::new(&main, &settings.robot.geometry),
+            ),
             foresight,
             residual: [0.0; AXES],
             setting: settings.mpc.delay,

@@ -85,12 +85,11 @@ pub struct MpcSettings {
     /// Who solves the quadratic program.
     #[serde(default)]
     pub solver: SolverSetting,
-    /// Whether the robot's response (time constant, gain, offset) is identified while it drives, and
-    /// used where that foretells better.
-    #[serde(default = "yes")]
-    pub identify: bool,
+    /// What is identified of the robot while it drives, and used where that foretells better.
+    #[serde(default)]
+    pub identify: Identify,
     /// Whether, on each axis, a learned model is used only while it foretells better than what there is without it; else it is used
-    /// from the first one on, to see what that costs. With `identify` as well, plans that do not hold
+    /// from the first one on, to see what that costs. Where the response is identified, plans that do not hold
     /// the robot give way to the simple controller.
     #[serde(default = "yes")]
     pub no_harm: bool,
@@ -106,6 +105,19 @@ const fn yes() -> bool {
 
 const fn half() -> f64 {
     0.5
+}
+
+/// What least squares find while the robot drives, dead time apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Identify {
+    /// Nothing.
+    Off,
+    /// Time constant, gain and offset of each axis.
+    #[default]
+    Response,
+    /// These, and what physics says beside: friction, drag, the turning frame, axes that are coupled.
+    Physics,
 }
 
 /// How answers are found. All but the first are what it is compared with.

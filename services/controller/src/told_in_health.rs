@@ -4,7 +4,7 @@ use crate::control::Controller;
 use crate::control::tests::told;
 use crate::run::run;
 use crate::sensors::SensorFault;
-use crate::settings::Settings;
+use crate::settings::{Identify, Settings};
 use bytemuck::Zeroable;
 use model::Velocity;
 use model::gp::hyperparameters::Hyperparameters;
@@ -225,7 +225,7 @@ fn a_model_that_turns_worse_is_left_and_taken_again_and_health_says_so()
     let mut settings = told();
     settings.run.pace = Pace::RealTime;
     // Which would explain as much.
-    settings.mpc.identify = false;
+    settings.mpc.identify = Identify::Off;
     let fingerprint = Controller::expected(&settings).fingerprint;
     beside_a_controller(&settings, |ports, robot| {
         let mut snapshots = ports.sink::<ModelSnapshot>()?;

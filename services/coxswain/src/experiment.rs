@@ -56,6 +56,9 @@ pub struct CompareOptions {
     /// Variants that come on top of every scenario, as noise.
     #[arg(long, value_delimiter = ',', value_name = "NAME")]
     pub variants: Vec<String>,
+    /// Measure without noise: otherwise every scenario has that of the variant `noise`, as every one of the other world has.
+    #[arg(long, conflicts_with = "world")]
+    pub exact_sensors: bool,
     /// Tell the controllers a number of the robot file wrongly, as body.mass_kg=2 for twice as much; may be said again.
     #[arg(long = "believe", value_name = "KEY=FACTOR")]
     pub beliefs: Vec<Belief>,

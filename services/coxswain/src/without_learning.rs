@@ -3,6 +3,7 @@
 use crate::assembly::Assembly;
 use crate::faults::FaultsFile;
 use crate::in_process::{self, InProcessError};
+use controller::settings::Identify;
 use gateway::comparison::{self, Row};
 use process::{Pace, Pulse, Stop};
 use protocol::message::{Participant, Phase, Plan};
@@ -58,7 +59,7 @@ pub fn run(assembly: &Assembly, folder: &Path) -> Result<PathBuf, WithoutLearnin
     let mut alone = assembly.clone();
     alone.graph.pace = Pace::LockStep;
     alone.graph.processes.learner.enabled = false;
-    alone.scenario.mpc.identify = false;
+    alone.scenario.mpc.identify = Identify::Off;
     alone.graph.processes.recorder.enabled = false;
     alone.scenario.learner.resume = None;
     alone.faults = FaultsFile::default();

@@ -1,6 +1,7 @@
 //! Promises of a comparison: the same seed gives the same bits, whoever runs beside it; what was learnt is worth something at the start; a chance
 //! level keeps the robot in its corridor.
 
+use controller::settings::Identify;
 use coxswain::assembly::Assembly;
 use coxswain::experiment::contender::Contender;
 use coxswain::experiment::poison::Poison;
@@ -104,7 +105,7 @@ fn a_model_that_is_wrong_on_one_axis_is_not_used_there_and_does_no_harm() -> Out
         let mut assembly = assembly("figure-eight", contender, 1)?;
         assembly.scenario.mpc.no_harm = no_harm;
         // Which would explain as much as the learned model.
-        assembly.scenario.mpc.identify = false;
+        assembly.scenario.mpc.identify = Identify::Off;
         // Long enough for a model that has to be clearly better before it is used.
         assembly.scenario.duration_s = 25.0;
         assembly.faults = Poison::SidewaysFlips.faults(1, 0.1).into();

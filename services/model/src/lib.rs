@@ -27,6 +27,7 @@ pub mod learned;
 pub mod linearise;
 pub mod lqr;
 pub mod main_model;
+pub mod physics;
 pub mod predict;
 pub mod residual;
 pub mod response;

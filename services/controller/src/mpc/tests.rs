@@ -1,5 +1,5 @@
 use super::*;
-use crate::settings::{DelaySetting, Linearise, Method, SolverSetting, StateLimits, Weights};
+use crate::settings::{DelaySetting, Identify, Linearise, Method, SolverSetting, StateLimits, Weights};
 use model::learned::{Moment, Residual, Response};
 use proptest::prelude::*;
 
@@ -24,7 +24,7 @@ pub(crate) fn settings() -> MpcSettings {
         observer_gain: 0.3,
         method: Method::Mpc,
         delay: DelaySetting::Estimated,
-        identify: true,
+        identify: Identify::Response,
         no_harm: true,
         linearise: Linearise::Measured,
         solver: SolverSetting::ActiveSet,

@@ -14,7 +14,7 @@ pub(crate) mod gp_data;
 use controller::mpc::constraint::InputLimits;
 use controller::reference::ReferencePoint;
 use controller::settings::{
-    DelaySetting, Linearise, Method, MpcSettings, SolverSetting, StateLimits, Weights,
+    Identify,    DelaySetting, Linearise, Method, MpcSettings, SolverSetting, StateLimits, Weights,
 };
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::posterior::{Posterior, PosteriorError};
@@ -68,7 +68,7 @@ pub(crate) fn settings(horizon: usize) -> MpcSettings {
         delay: DelaySetting::Ignored,
         linearise: Linearise::Expected,
         solver: SolverSetting::ActiveSet,
-        identify: false,
+        identify: Identify::Off,
         no_harm: false,
         budget_share: 1.0,
     }

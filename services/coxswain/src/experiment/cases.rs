@@ -10,6 +10,9 @@ use settings::{Check, Impossible, SettingsError};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+/// The variant with the noise of every comparison.
+const NOISE: &str = "noise";
+
 /// Where the worlds are.
 const WORLDS: &str = "deploy/worlds";
 
@@ -68,7 +71,10 @@ impl Cases {
         let base = Assembly::read(&Options::of_graph(&options.graph))?;
         let own = options.graph.parent().unwrap_or(Path::new("")).join(&base.graph.scenario);
         let folder = own.parent().unwrap_or(Path::new("")).to_path_buf();
-        let variants = Scenario::variants(&folder);
+        let mut variants = Scenario::variants(&folder);
+        if !options.exact_sensors {
+            variants.retain(|variant| variant != NOISE);
+        }
         let defaults = SCENARIOS.map(str::to_owned);
         let asked = if options.scenarios.is_empty() { &defaults[..] } else { &options.scenarios };
         for asked in asked {
@@ -149,8 +155,11 @@ impl Cases {
         options: &CompareOptions,
     ) -> Result<(), SettingsError> {
         let profile = (options.profile != "paper").then_some(options.profile.as_str());
+        let is_noisy = options.world.is_none() && !options.exact_sensors;
+        let is_named = |variant: &str| options.variants.iter().any(|name| name == variant);
         let whole: String = std::iter::once(name)
             .chain(options.variants.iter().map(String::as_str))
+            .chain((is_noisy && !is_named(NOISE)).then_some(NOISE))
             .fold(String::new(), |whole, part| {
                 if whole.is_empty() { part.to_owned() } else { whole + "+" + part }
             });

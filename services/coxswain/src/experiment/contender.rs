@@ -2,7 +2,7 @@
 
 use crate::assembly::Assembly;
 use clap::ValueEnum;
-use controller::settings::{DelaySetting, Method};
+use controller::settings::{DelaySetting, Identify, Method};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
@@ -28,6 +28,11 @@ pub enum Contender {
     #[value(name = "rls-mpc+observer")]
     #[serde(rename = "rls-mpc+observer")]
     RlsMpcObserver,
+    /// With what physics says beside, friction, drag and the turning frame, found by least squares with
+    /// change detection, and the observer.
+    #[value(name = "physics-mpc+observer")]
+    #[serde(rename = "physics-mpc+observer")]
+    PhysicsMpcObserver,
     /// The paper's: with a Gaussian process.
     #[value(name = "gpr-mpc")]
     #[serde(rename = "gpr-mpc")]
@@ -45,15 +50,21 @@ pub enum Contender {
 
 impl Contender {
     /// All of them, the simplest first.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::FeedforwardP,
         Self::Mpc,
         Self::MpcObserver,
         Self::RlsMpcObserver,
+        Self::PhysicsMpcObserver,
         Self::GprMpc,
         Self::GprMpcObserver,
         Self::OracleMpc,
     ];
+
+    /// Whether it is a bound, and nothing that could drive a robot.
+    pub fn is_bound(self) -> bool {
+        self == Self::OracleMpc
+    }
 
     /// Whether it has a learner, and so something to begin with.
     pub fn learns(self) -> bool {
@@ -74,7 +85,11 @@ impl Contender {
             _ if mpc.observer_gain > 0.0 => mpc.observer_gain,
             _ => OBSERVER_GAIN,
         };
-        mpc.identify = matches!(self, Self::RlsMpcObserver | Self::GprMpcObserver);
+        mpc.identify = match self {
+            Self::RlsMpcObserver | Self::GprMpcObserver => Identify::Response,
+            Self::PhysicsMpcObserver => Identify::Physics,
+            _ => Identify::Off,
+        };
         // The same dead time is found and made up for by all that predict; the oracle knows it.
         mpc.delay = match self {
             Self::OracleMpc => {
@@ -95,6 +110,7 @@ impl Display for Contender {
             Self::Mpc => "mpc",
             Self::MpcObserver => "mpc+observer",
             Self::RlsMpcObserver => "rls-mpc+observer",
+            Self::PhysicsMpcObserver => "physics-mpc+observer",
             Self::GprMpc => "gpr-mpc",
             Self::GprMpcObserver => "gpr-mpc+observer",
             Self::OracleMpc => "oracle-mpc",

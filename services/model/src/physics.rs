@@ -1,0 +1,197 @@
+//! What physics says a main model of each axis alone leaves out, with weights that are found while
+//! driving: a Bayesian linear model of the residual.
+//!
+//! ```text
+//! g_a = (1 − A_a) φ_aᵀ w_a + noise
+//! ```
+//! | features φ of an axis       | what they stand for                                         |
+//! |-----------------------------|-------------------------------------------------------------|
+//! | u − v of all three axes     | wrong inertia or loop gain; motors that differ              |
+//! | its own v                   | friction that grows with speed, a wrong wheel radius        |
+//! | 1                           | a constant force                                            |
+//! | J⁺ tanh(J v/v_s)            | Coulomb friction of the wheels                              |
+//! | two products of ω           | the turning frame (Coriolis), a centre of mass off the middle |
+//! | \|v\| v                       | drag                                                        |
+//!
+//! Yaw counts as the speed L ω. The weights of each axis wander about their prior, an
+//! Ornstein–Uhlenbeck process of time constant τ: what is contradicted or no longer seen is forgotten.
+//! Its posterior is that of a Kalman filter, exact but for R, the variance of a sample, which follows
+//! the innovations:
+//!
+//! ```text
+//! w ← ρ w    P ← ρ² P + (1 − ρ²) P₀    ρ = e^{−T/τ}
+//! K = P φ/(φᵀ P φ + R)   w ← w + K e    P ← P − K φᵀ P    e = g − φᵀ w
+//! ```
+//! Reference: Rasmussen & Williams 2006, section 2.1; Särkkä, *Bayesian Filtering and Smoothing*, 2013,
+//! section 3.2.
+
+use crate::learned::{Moment, Residual, Response};
+use crate::main_model::MainModel;
+use crate::{AXES, Velocity};
+use nalgebra::{SMatrix, SVector};
+use robot::{Geometry, kinematics};
+
+/// Features of one axis.
+const FEATURES: usize = 9;
+
+/// Of these, those that are linear in velocity and input.
+const SLIP: [usize; AXES] = [0, 1, 2];
+const SPEED: usize = 3;
+
+/// Standard deviation of the weights before any sample \[–, –, m/s, m/s, –, –, s/m\].
+const PRIOR: [f64; FEATURES] = [0.5, 0.5, 0.5, 0.3, 0.2, 0.2, 1.0, 1.0, 0.2];
+
+/// τ \[s\].
+const MEMORY_S: f64 = 20.0;
+
+/// v_s: speed of a wheel's rim at which its friction is about full \[m/s\].
+const FULL_MPS: f64 = 0.05;
+
+/// Smallest standard deviation of a sample \[m/s\].
+const NOISE_LEAST_MPS: f64 = 1e-4;
+
+/// At first \[m/s\].
+const NOISE_FIRST_MPS: f64 = 0.01;
+
+type Features = SVector<f64, FEATURES>;
+
+#[derive(Debug, Clone, Copy)]
+struct Axis {
+    /// w.
+    weights: Features,
+    /// P.
+    covariance: SMatrix<f64, FEATURES, FEATURES>,
+    /// R \[(m/s)²\].
+    noise: f64,
+}
+
+impl Axis {
+    fn new() -> Self {
+        Self {
+            weights: Features::zeros(),
+            covariance: prior(),
+            noise: NOISE_FIRST_MPS.powi(2),
+        }
+    }
+
+    /// Takes in a sample; `kept` is ρ, `share` that of a sample in R.
+    fn update(&mut self, features: &Features, target: f64, kept: f64, share: f64) {
+        self.weights *= kept;
+        self.covariance = self.covariance * kept.powi(2) + prior() * (1.0 - kept.powi(2));
+        let error = target - features.dot(&self.weights);
+        let direction = self.covariance * features;
+        let along = features.dot(&direction);
+        self.noise += share * ((error * error - along).max(0.0) - self.noise);
+        self.noise = self.noise.max(NOISE_LEAST_MPS.powi(2));
+        let gain = direction / (along + self.noise);
+        self.weights += gain * error;
+        self.covariance -= gain * direction.transpose();
+    }
+}
+
+fn prior() -> SMatrix<f64, FEATURES, FEATURES> {
+    SMatrix::from_diagonal(&Features::from(PRIOR.map(|deviation| deviation * deviation)))
+}
+
+/// The weights of all axes. Does not allocate.
+#[derive(Debug, Clone)]
+pub struct Physics {
+    main: MainModel,
+    geometry: Geometry,
+    /// Makes a yaw rate a speed \[–, –, m\].
+    scale: Velocity,
+    axes: [Axis; AXES],
+    /// ρ.
+    kept: f64,
+    taken: u32,
+}
+
+impl Physics {
+    /// Knows nothing but `main`, of a robot of this geometry.
+    pub fn new(main: &MainModel, geometry: &Geometry) -> Self {
+        Self {
+            main: *main,
+            geometry: *geometry,
+            scale: [1.0, 1.0, geometry.lever_m()],
+            axes: [Axis::new(); AXES],
+            kept: (-main.period / MEMORY_S).exp(),
+            taken: 0,
+        }
+    }
+
+    /// Forgets everything: another robot.
+    pub fn reset(&mut self) {
+        *self = Self::new(&self.main, &self.geometry);
+    }
+
+    /// Takes in one period and its residual. Numbers that are none are passed over.
+    pub fn update(&mut self, at: &Moment, residual: &Velocity) {
+        let features = self.features(at);
+        if !features.iter().all(|of| of.iter().all(|value| value.is_finite()))
+            || !residual.iter().all(|value| value.is_finite())
+        {
+            return;
+        }
+        self.taken = self.taken.saturating_add(1);
+        let share = (1.0 / f64::from(self.taken)).max(self.main.period / MEMORY_S).min(0.1);
+        for axis in 0..AXES {
+            let target = self.scale[axis] * residual[axis];
+            self.axes[axis].update(&features[axis], target, self.kept, share);
+        }
+    }
+
+    /// (1 − A) φ of each axis \[m/s\].
+    fn features(&self, at: &Moment) -> [Features; AXES] {
+        let v: Velocity = std::array::from_fn(|axis| self.scale[axis] * at.velocity[axis]);
+        let slip: Velocity = std::array::from_fn(|axis| self.scale[axis] * at.input[axis] - v[axis]);
+        let rims = kinematics::wheels_from_body(&self.geometry, at.velocity)
+            .map(|speed| (speed * self.geometry.wheel_radius_m / FULL_MPS).tanh());
+        let radius = self.geometry.wheel_radius_m;
+        let friction = kinematics::body_from_wheels(&self.geometry, rims).map(|x| x / radius);
+        let rate = at.velocity[2];
+        std::array::from_fn(|axis| {
+            let one = 1.0 - self.main.decay[axis];
+            let lag = -self.main.period / self.main.decay[axis].ln();
+            let turning = match axis {
+                0 => [rate * v[1], rate * v[2]],
+                1 => [-rate * v[0], rate * v[2]],
+                _ => [rate * v[0], rate * v[1]],
+            };
+            Features::from([
+                slip[0],
+                slip[1],
+                slip[2],
+                v[axis],
+                1.0,
+                self.scale[axis] * friction[axis],
+                lag * turning[0],
+                lag * turning[1],
+                v[axis].abs() * v[axis],
+            ]) * one
+        })
+    }
+}
+
+impl Residual for Physics {
+    fn mean(&self, at: &Moment) -> Velocity {
+        let features = self.features(at);
+        std::array::from_fn(|axis| {
+            features[axis].dot(&self.axes[axis].weights) / self.scale[axis]
+        })
+    }
+
+    /// The Jacobians are those of the features that are linear.
+    fn response(&self, at: &Moment) -> Response {
+        let mut response = Response { mean: self.mean(at), ..Response::NONE };
+        for axis in 0..AXES {
+            let weights = self.axes[axis].weights * (1.0 - self.main.decay[axis]);
+            for column in SLIP {
+                let slope = weights[column] * self.scale[column] / self.scale[axis];
+                response.by_input[axis][column] = slope;
+                response.by_velocity[axis][column] = -slope;
+            }
+            response.by_velocity[axis][axis] += weights[SPEED];
+        }
+        response
+    }
+}
