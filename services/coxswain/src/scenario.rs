@@ -222,7 +222,18 @@ mod tests {
     #[test]
     fn every_scenario_with_every_variant_in_every_profile_is_possible() -> Result<(), SettingsError>
     {
-        for base in ["paper", "circle", "hold", "corridor", "figure-eight", "square", "stop-and-go"]
+        for base in [
+            "paper",
+            "circle",
+            "hold",
+            "corridor",
+            "figure-eight",
+            "square",
+            "stop-and-go",
+            "slalom",
+            "ring",
+            "shuttle",
+        ]
         {
             for variant in Scenario::variants(&folder()) {
                 for profile in [None, Some("agile")] {

@@ -1,0 +1,143 @@
+"""Measures every comparison of docs/results.md anew: writes docs/results.csv, a line per cell with
+every seed, and the tables of docs/results.md between their marks.
+
+Needs python3 and: cargo build --release --workspace --bins
+Usage: python3 docs/results.py [tables]      with `tables` nothing is run: docs/results.csv is read
+"""
+import csv
+import json
+import math
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+
+HERE = pathlib.Path(__file__).parent
+CSV, PAGE = HERE / "results.csv", HERE / "results.md"
+COXSWAIN = HERE.parent / "target/release/coxswain"
+
+# Weights were found on the first three scenarios; the others are there to judge with.
+TUNED, HELD_OUT = ["figure-eight", "square", "stop-and-go"], ["slalom", "ring", "shuttle"]
+OURS, ORACLE = "gpr-mpc+observer", "oracle-mpc"
+SIMPLE = ["feedforward-p", "mpc", "mpc+observer", "rls-mpc+observer", "physics-mpc+observer"]
+EVERYBODY = SIMPLE + ["gpr-mpc", OURS, ORACLE]
+BOTH = ["cold", "warm"]
+
+# Table, scenarios, profile, sensors, controllers, starts, seeds.
+SETS = [
+    ("held-out-100", HELD_OUT, "paper", "noisy", EVERYBODY, BOTH, 10),
+    ("held-out-20", HELD_OUT, "agile", "noisy", SIMPLE + [OURS], BOTH, 5),
+    ("held-out-20", HELD_OUT, "agile", "noisy", [ORACLE], ["cold"], 1),
+    ("tuned-100", TUNED, "paper", "noisy", SIMPLE + [OURS, ORACLE], BOTH, 3),
+    ("tuned-20", TUNED, "agile", "noisy", SIMPLE + [OURS], BOTH, 3),
+    ("exact-100", HELD_OUT, "paper", "exact", SIMPLE + [OURS, ORACLE], ["cold"], 3),
+    ("exact-20", HELD_OUT, "agile", "exact", SIMPLE + [OURS], ["cold"], 3),
+]
+FIELDS = ["table", "profile", "sensors", "scenario", "controller", "start", "rmse_mm_of_each_seed"]
+
+
+def measured(table, scenarios, profile, sensors, controllers, starts, seeds):
+    """The cells of one set, as rows of the CSV."""
+    with tempfile.TemporaryDirectory() as folder:
+        rows = pathlib.Path(folder) / "rows.jsonl"
+        command = [COXSWAIN, "experiment", "compare", "--profile", profile, "--seeds", str(seeds)]
+        command += ["--scenarios", ",".join(f"{name}+*" for name in scenarios)]
+        command += ["--start", ",".join(starts), "--controllers", ",".join(controllers)]
+        command += ["--json", rows] + (["--exact-sensors"] if sensors == "exact" else [])
+        subprocess.run(command, cwd=HERE.parent, check=True, stdout=subprocess.DEVNULL)
+        cells = {}
+        for row in map(json.loads, rows.read_text().splitlines()):
+            rmse = row["position_rmse_m"]
+            key = table, profile, sensors, row["scenario"], row["controller"], row["start"]
+            cells.setdefault(key, []).append(math.inf if rmse is None else 1e3 * rmse)
+    return [[*key, " ".join(f"{value:.4g}" for value in values)] for key, values in cells.items()]
+
+
+def bar(best):
+    """The bar of no harm for a best baseline, both in mm."""
+    return 1.05 * best + min(2.0, 0.2 * best)
+
+
+def geometric_mean(ratios):
+    ratios = list(ratios)
+    return math.exp(sum(map(math.log, ratios)) / len(ratios)) if ratios else math.nan
+
+
+def table(rows):
+    """Markdown of one table: a line per scenario, and what the columns come to."""
+    cells, columns = {}, []
+    for _, _, _, scenario, controller, start, values in rows:
+        column = controller, start
+        if column not in columns:
+            columns.append(column)
+        cells[scenario, column] = [float(value) for value in values.split()]
+    columns.sort(key=lambda column: (EVERYBODY.index(column[0]), column[1]))
+    scenarios = sorted({scenario for scenario, _ in cells})
+    mean = {key: sum(values) / len(values) for key, values in cells.items()}
+    simple = [(controller, "cold") for controller in SIMPLE]
+    name = {OURS: "ours", "feedforward-p": "ff+P"}
+
+    def title(column):
+        controller, start = column
+        known = f", {start}" if controller == OURS else ""
+        return name.get(controller, controller) + known
+
+    def line(first, of):
+        return "| " + " | ".join([first] + [of(column) for column in columns]) + " |"
+
+    def ratio_to(base, keep=lambda scenario: True):
+        return lambda column: "{:.2f}".format(geometric_mean(
+            mean[scenario, column] / mean[scenario, base] for scenario in scenarios
+            if keep(scenario) and (scenario, column) in mean))
+
+    def harm(column):
+        if column[0] == ORACLE:
+            return ""
+        shares = [mean[s, column] / bar(min(mean[s, b] for b in simple)) for s in scenarios]
+        trials = [value > bar(min(cells[s, b][seed] for b in simple))
+                  for s in scenarios for seed, value in enumerate(cells[s, column])]
+        above = sum(share > 1 for share in shares)
+        return f"{above} of {len(shares)}; {sum(trials)} of {len(trials)}"
+
+    def closed(column):
+        base, oracle = ("mpc+observer", "cold"), (ORACLE, "cold")
+        if oracle not in columns:
+            return ""
+        gain = math.log(float(ratio_to(base)(column))) if column != base else 0.0
+        return f"{100 * gain / math.log(float(ratio_to(base)(oracle))):.0f} %"
+
+    lines = [line("scenario", title), "|---" * (len(columns) + 1) + "|"]
+    lines += [line(s, lambda column: f"{mean[s, column]:.2f}") for s in scenarios]
+    for base in ["mpc+observer", "rls-mpc+observer", "physics-mpc+observer"]:
+        lines.append(line(f"geometric mean, of {base}", ratio_to((base, "cold"))))
+    no_delay = lambda scenario: "delay" not in scenario
+    lines.append(line("of mpc+observer, without delays", ratio_to(("mpc+observer", "cold"), no_delay)))
+    lines.append(line("of rls-mpc+observer, without delays", ratio_to(("rls-mpc+observer", "cold"), no_delay)))
+    lines.append(line("gap to the oracle closed (logarithms)", closed))
+    lines.append(line("above the bar of no harm: cells; trials", harm))
+    return "\n".join(lines)
+
+
+def main():
+    if sys.argv[1:] != ["tables"]:
+        rows = []
+        for number, one in enumerate(SETS, 1):
+            print(f"{number} of {len(SETS)}: {one[0]}, {one[6]} seeds", flush=True)
+            rows += measured(*one)
+        with CSV.open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([FIELDS] + rows)
+    with CSV.open(newline="") as file:
+        rows = list(csv.reader(file))[1:]
+    page = PAGE.read_text()
+    for name in dict.fromkeys(one[0] for one in SETS):
+        begin, end = f"<!-- table {name} -->", f"<!-- end of {name} -->"
+        if begin not in page or end not in page:
+            sys.exit(f"{PAGE}: expected the marks {begin} and {end}")
+        body = table([row for row in rows if row[0] == name])
+        page = re.sub(f"{begin}.*?{end}", lambda _: f"{begin}\n{body}\n{end}", page, flags=re.S)
+    PAGE.write_text(page)
+
+
+if __name__ == "__main__":
+    main()
