@@ -7,8 +7,8 @@
 use controller::adopt::{Candidate, Expected, Handover, prepare};
 use controller::control::Controller;
 use controller::settings::{
-    Identify,    DelaySetting, LearnedSettings, Linearise, Method, MpcSettings, Settings, SolverFaults,
-    SolverSetting, StateLimits, Weights,
+    DelaySetting, Identify, LearnedSettings, Linearise, Method, MpcSettings, Settings,
+    SolverFaults, SolverSetting, StateLimits, Weights,
 };
 use criterion::{Criterion, criterion_group};
 use model::gp::hyperparameters::Hyperparameters;

@@ -304,7 +304,8 @@ impl Explanations {
         let judged =
             (self.taken > lead + 1).then(|| self.past[(self.taken - 1 - lead) % KEPT].disturbance);
         for axis in 0..AXES {
-            let said = [known[axis], identified[axis], physical[axis], learned[axis], last_good[axis]];
+            let said =
+                [known[axis], identified[axis], physical[axis], learned[axis], last_good[axis]];
             let left = said.map(|said| residual[axis] - said);
             if let Some(before) = &judged {
                 self.judge(axis, &left, &before[axis], lead);

@@ -233,8 +233,7 @@ mod tests {
             "slalom",
             "ring",
             "shuttle",
-        ]
-        {
+        ] {
             for variant in Scenario::variants(&folder()) {
                 for profile in [None, Some("agile")] {
                     Scenario::named(&folder(), &format!("{base}+{variant}"), profile, &[])?;

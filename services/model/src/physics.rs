@@ -34,7 +34,7 @@ use robot::{Geometry, kinematics};
 /// Features of one axis.
 const FEATURES: usize = 9;
 
-/// Of these, those that are linear in velocity and input.
+/// Of these, those that are linear in velocity and input: u − v, and v.
 const SLIP: [usize; AXES] = [0, 1, 2];
 const SPEED: usize = 3;
 
@@ -67,11 +67,7 @@ struct Axis {
 
 impl Axis {
     fn new() -> Self {
-        Self {
-            weights: Features::zeros(),
-            covariance: prior(),
-            noise: NOISE_FIRST_MPS.powi(2),
-        }
+        Self { weights: Features::zeros(), covariance: prior(), noise: NOISE_FIRST_MPS.powi(2) }
     }
 
     /// Takes in a sample; `kept` is ρ, `share` that of a sample in R.
@@ -133,7 +129,8 @@ impl Physics {
             return;
         }
         self.taken = self.taken.saturating_add(1);
-        let share = (1.0 / f64::from(self.taken)).max(self.main.period / MEMORY_S).min(0.1);
+        let period = self.main.period;
+        let share = (1.0 / f64::from(self.taken)).max(period / MEMORY_S).min(0.1);
         for axis in 0..AXES {
             let target = self.scale[axis] * residual[axis];
             self.axes[axis].update(&features[axis], target, self.kept, share);
@@ -143,7 +140,8 @@ impl Physics {
     /// (1 − A) φ of each axis \[m/s\].
     fn features(&self, at: &Moment) -> [Features; AXES] {
         let v: Velocity = std::array::from_fn(|axis| self.scale[axis] * at.velocity[axis]);
-        let slip: Velocity = std::array::from_fn(|axis| self.scale[axis] * at.input[axis] - v[axis]);
+        let slip: Velocity =
+            std::array::from_fn(|axis| self.scale[axis] * at.input[axis] - v[axis]);
         let rims = kinematics::wheels_from_body(&self.geometry, at.velocity)
             .map(|speed| (speed * self.geometry.wheel_radius_m / FULL_MPS).tanh());
         let radius = self.geometry.wheel_radius_m;
@@ -175,9 +173,7 @@ impl Physics {
 impl Residual for Physics {
     fn mean(&self, at: &Moment) -> Velocity {
         let features = self.features(at);
-        std::array::from_fn(|axis| {
-            features[axis].dot(&self.axes[axis].weights) / self.scale[axis]
-        })
+        std::array::from_fn(|axis| features[axis].dot(&self.axes[axis].weights) / self.scale[axis])
     }
 
     /// The Jacobians are those of the features that are linear.
@@ -193,5 +189,102 @@ impl Residual for Physics {
             response.by_velocity[axis][axis] += weights[SPEED];
         }
         response
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use robot::Robot;
+
+    fn physics() -> Physics {
+        let robot = Robot::example();
+        Physics::new(&MainModel::new(&robot, 0.02), &robot.geometry)
+    }
+
+    /// A moment of a drive that excites every axis.
+    fn moment(k: usize) -> Moment {
+        let wave = |axis: usize, rate: f64| (rate * 0.02 * k as f64 + axis as f64).sin();
+        let velocity: Velocity = std::array::from_fn(|axis| wave(axis, 1.0 + axis as f64));
+        let input =
+            std::array::from_fn(|axis| velocity[axis] + 0.3 * wave(axis, 5.0 + axis as f64));
+        Moment { velocity, input, before: input }
+    }
+
+    /// Root mean square of what is missed by `physics` of `truth` in the periods `from` to `to`, which
+    /// it learns from.
+    fn missed(
+        physics: &mut Physics,
+        (from, to): (usize, usize),
+        truth: impl Fn(&Moment) -> Velocity,
+    ) -> f64 {
+        let mut squared = 0.0;
+        for k in from..to {
+            let (at, g) = (moment(k), truth(&moment(k)));
+            let said = physics.mean(&at);
+            squared += (0..AXES).map(|axis| (g[axis] - said[axis]).powi(2)).sum::<f64>();
+            physics.update(&at, &g);
+        }
+        (squared / (to - from) as f64).sqrt()
+    }
+
+    /// Root mean square of `truth`.
+    fn spread(truth: impl Fn(&Moment) -> Velocity) -> f64 {
+        let squares = (0..1000).flat_map(|k| truth(&moment(k))).map(|value| value * value);
+        (squares.sum::<f64>() / 1000.0).sqrt()
+    }
+
+    /// Half as heavy again, with Coulomb friction, drag, and the turning frame.
+    fn heavy(at: &Moment) -> Velocity {
+        let [x, y, rate] = at.velocity;
+        let drag = |v: f64| 0.1 * v.abs() * v;
+        std::array::from_fn(|axis| {
+            let slip = at.input[axis] - at.velocity[axis];
+            let turning = [rate * y, -rate * x, 0.0][axis];
+            let friction = 0.1 * (at.velocity[axis] / 0.02).tanh();
+            0.05 * (-0.3 * slip - friction - drag(at.velocity[axis]) + 0.1 * turning)
+        })
+    }
+
+    #[test]
+    fn friction_drag_and_the_turning_frame_are_found() {
+        let mut physics = physics();
+        let all = spread(heavy);
+        missed(&mut physics, (0, 1000), heavy);
+        let left = missed(&mut physics, (1000, 2000), heavy);
+        assert!(left < 0.15 * all, "{left} m/s of {all} m/s");
+    }
+
+    #[test]
+    fn what_is_contradicted_is_forgotten() {
+        let lighter = |at: &Moment| heavy(at).map(|value| -value);
+        let mut physics = physics();
+        missed(&mut physics, (0, 2000), heavy);
+        let first = missed(&mut physics, (2000, 2050), lighter);
+        missed(&mut physics, (2050, 3000), lighter);
+        let last = missed(&mut physics, (3000, 3100), lighter);
+        assert!(last < 0.5 * first, "{first} m/s, {last} m/s");
+    }
+
+    #[test]
+    fn numbers_that_are_none_are_passed_over() {
+        let mut physics = physics();
+        physics.update(&Moment { input: [f64::NAN; 3], ..moment(1) }, &[0.0; 3]);
+        physics.update(&moment(1), &[f64::INFINITY; 3]);
+        assert_eq!(physics.mean(&moment(1)), [0.0; 3]);
+    }
+
+    #[test]
+    fn the_jacobians_are_the_slopes_of_what_is_linear() {
+        let mut physics = physics();
+        missed(&mut physics, (0, 500), |at| std::array::from_fn(|axis| 0.02 * at.input[axis]));
+        let at = moment(700);
+        let response = physics.response(&at);
+        for axis in 0..AXES {
+            let mut moved = at;
+            moved.input[axis] += 1e-3;
+            let slope = (physics.mean(&moved)[axis] - physics.mean(&at)[axis]) / 1e-3;
+            assert!((slope - response.by_input[axis][axis]).abs() < 1e-6);
+        }
     }
 }

@@ -1,5 +1,7 @@
 use super::*;
-use crate::settings::{DelaySetting, Identify, Linearise, Method, SolverSetting, StateLimits, Weights};
+use crate::settings::{
+    DelaySetting, Identify, Linearise, Method, SolverSetting, StateLimits, Weights,
+};
 use model::learned::{Moment, Residual, Response};
 use proptest::prelude::*;
 

@@ -14,7 +14,7 @@ pub(crate) mod gp_data;
 use controller::mpc::constraint::InputLimits;
 use controller::reference::ReferencePoint;
 use controller::settings::{
-    Identify,    DelaySetting, Linearise, Method, MpcSettings, SolverSetting, StateLimits, Weights,
+    DelaySetting, Identify, Linearise, Method, MpcSettings, SolverSetting, StateLimits, Weights,
 };
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::posterior::{Posterior, PosteriorError};

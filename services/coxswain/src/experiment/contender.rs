@@ -28,8 +28,8 @@ pub enum Contender {
     #[value(name = "rls-mpc+observer")]
     #[serde(rename = "rls-mpc+observer")]
     RlsMpcObserver,
-    /// With what physics says beside, friction, drag and the turning frame, found by least squares with
-    /// change detection, and the observer.
+    /// With what physics says beside, friction, drag and the turning frame, found by least squares that
+    /// forget, and the observer.
     #[value(name = "physics-mpc+observer")]
     #[serde(rename = "physics-mpc+observer")]
     PhysicsMpcObserver,
