@@ -80,7 +80,7 @@ def table(rows):
 
     def title(column):
         controller, start = column
-        known = f", {start}" if controller == OURS else ""
+        known = f", {start}" if controller in (OURS, "gpr-mpc") else ""
         return name.get(controller, controller) + known
 
     def line(first, of):
@@ -104,16 +104,17 @@ def table(rows):
         base, oracle = ("mpc+observer", "cold"), (ORACLE, "cold")
         if oracle not in columns:
             return ""
-        gain = math.log(float(ratio_to(base)(column))) if column != base else 0.0
-        return f"{100 * gain / math.log(float(ratio_to(base)(oracle))):.0f} %"
+        gain, whole = (math.log(float(ratio_to(base)(of))) for of in (column, oracle))
+        return f"{100 * gain / whole + 0.0:.0f} %"
 
     lines = [line("scenario", title), "|---" * (len(columns) + 1) + "|"]
-    lines += [line(s, lambda column: f"{mean[s, column]:.2f}") for s in scenarios]
+    for scenario in scenarios:
+        lines.append(line(scenario, lambda column: f"{mean[scenario, column]:.2f}"))
     for base in ["mpc+observer", "rls-mpc+observer", "physics-mpc+observer"]:
         lines.append(line(f"geometric mean, of {base}", ratio_to((base, "cold"))))
-    no_delay = lambda scenario: "delay" not in scenario
-    lines.append(line("of mpc+observer, without delays", ratio_to(("mpc+observer", "cold"), no_delay)))
-    lines.append(line("of rls-mpc+observer, without delays", ratio_to(("rls-mpc+observer", "cold"), no_delay)))
+    for base in ["mpc+observer", "rls-mpc+observer"]:
+        without = ratio_to((base, "cold"), lambda scenario: "delay" not in scenario)
+        lines.append(line(f"of {base}, without delays", without))
     lines.append(line("gap to the oracle closed (logarithms)", closed))
     lines.append(line("above the bar of no harm: cells; trials", harm))
     return "\n".join(lines)
