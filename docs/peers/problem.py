@@ -1,10 +1,10 @@
-"""The reference problem, for peers in Python: the numbers of services/controller/tests/reference_problem/problem.rs.
+"""The reference problem, for peers in Python.
 
+The same numbers as services/controller/tests/reference_problem/problem.rs.
 Needs numpy.
 """
 import json
 import math
-import time
 
 import numpy as np
 
@@ -46,14 +46,16 @@ class SplitMix64:
         return math.sqrt(-2.0 * math.log(radius)) * math.cos(2.0 * math.pi * angle)
 
 
-def missed(v, u):
-    """The acceleration that the nominal model misses."""
+def missed(v, u, functions=math):
+    """The acceleration that the nominal model misses, per axis."""
     (vx, vy, w), (ux, uy, uw) = v, u
-    return np.array([
-        -0.6 * math.tanh(1.5 * vx) - 0.15 * vx + 0.25 * vy * w - 0.2 * math.sin(ux - vx),
-        -math.tanh(1.5 * vy) - 0.25 * vy - 0.25 * vx * w - 0.12 * uy * math.sin(vx),
-        -0.5 * math.tanh(2.0 * w) + 0.05 * vx * vy + 0.1 * (ux - vx) - 0.1 * uw * abs(vx) / 3.0,
-    ])
+    tanh, sin = functions.tanh, functions.sin
+    return [
+        -0.6 * tanh(1.5 * vx) - 0.15 * vx + 0.25 * vy * w - 0.2 * sin(ux - vx),
+        -tanh(1.5 * vy) - 0.25 * vy - 0.25 * vx * w - 0.12 * uy * sin(vx),
+        -0.5 * tanh(2.0 * w) + 0.05 * vx * vy + 0.1 * (ux - vx)
+        - 0.1 * uw * functions.fabs(vx) / 3.0,
+    ]
 
 
 def samples(count, seed=7):
@@ -62,10 +64,11 @@ def samples(count, seed=7):
     inputs, targets = np.zeros((count, 6)), np.zeros((count, 3))
     for i in range(count):
         v = np.array([(2.0 * random.uniform() - 1.0) * limit for limit in LARGEST_INPUT])
-        u = np.array([v[axis] + spread * random.normal() for axis, spread in enumerate([0.6, 0.6, 0.3])])
+        spreads = [0.6, 0.6, 0.3]
+        u = np.array([v[axis] + spreads[axis] * random.normal() for axis in range(3)])
         u = np.clip(u, -LARGEST_INPUT, LARGEST_INPUT)
         noise = np.array([random.normal() for _ in range(3)])
-        inputs[i], targets[i] = np.r_[v, u], missed(v, u) + NOISE * noise
+        inputs[i], targets[i] = np.r_[v, u], np.array(missed(v, u)) + NOISE * noise
     return inputs, targets
 
 
@@ -75,7 +78,8 @@ def weights(inputs, targets):
     for scales, variance, observed in zip(LENGTH_SCALES, VARIANCES, targets.T):
         scaled = inputs / scales
         squares = ((scaled[:, None] - scaled[None]) ** 2).sum(-1)
-        columns.append(np.linalg.solve(variance * np.exp(-0.5 * squares) + NOISE**2 * np.eye(len(inputs)), observed))
+        covariance = variance * np.exp(-0.5 * squares) + NOISE**2 * np.eye(len(inputs))
+        columns.append(np.linalg.solve(covariance, observed))
     return columns
 
 
@@ -84,16 +88,6 @@ def runge_kutta(slope, x, u, step):
     second = slope(x + step / 2 * first, u)
     third = slope(x + step / 2 * second, u)
     return x + step / 6 * (first + 2 * second + 2 * third + slope(x + step * third, u))
-
-
-def plant(x, u):
-    def slope(x, u):
-        sin, cos = math.sin(x[2]), math.cos(x[2])
-        return np.r_[cos * x[3] - sin * x[4], sin * x[3] + cos * x[4], x[5], (u - x[3:]) / TIME_CONSTANT + missed(x[3:], u)]
-
-    for _ in range(20):
-        x = runge_kutta(slope, x, u, PERIOD / 20)
-    return x
 
 
 def reference(periods):
@@ -108,7 +102,8 @@ def reference(periods):
     for _ in range(periods):
         bend = -0.05 * math.cos(x / 20) + x / 800 * math.sin(x / 20)
         curvature = bend / (1.0 + steep(x) ** 2) ** 1.5
-        points.append([x, -0.5 * x * math.sin(x / 20), math.atan(steep(x)), SPEED, 0.0, SPEED * curvature])
+        y, heading = -0.5 * x * math.sin(x / 20), math.atan(steep(x))
+        points.append([x, y, heading, SPEED, 0.0, SPEED * curvature])
         for _ in range(20):
             first = along(x)
             second = along(x + step / 2 * first)
@@ -117,25 +112,23 @@ def reference(periods):
     return np.array(points)
 
 
-def drive(answer, horizon, periods=320, warm_up=20):
-    """Closes the loop over answer(state, reference) -> (input, seconds by name); figures by name."""
-    points = reference(periods + horizon + 2)
-    x, squares, total, times = points[0].copy(), 0.0, 0.0, {}
-    for k in range(periods):
-        if k % 40 == 0:
-            x += (1.0 if k // 40 % 2 == 0 else -1.0) * np.array([0.0, 0.8, 0.25, 0.0, 0.0, 0.0])
-        begin = time.perf_counter()
-        u, parts = answer(x, points[k:k + horizon + 1])
-        for name, seconds in {"answer": time.perf_counter() - begin, **parts}.items():
-            times.setdefault(name, []).append(1e6 * seconds)
-        u = np.clip(u, -LARGEST_INPUT, LARGEST_INPUT)
-        squares += np.sum((x[:2] - points[k, :2]) ** 2)
-        total += np.abs(u).sum()
-        x = plant(x, u)
-    figures = {"steps": periods - warm_up}
+def pushes(periods):
+    """What is added to the state before each period: a push of the pose every forty periods."""
+    added = np.zeros((periods, 6))
+    for number, period in enumerate(range(0, periods, 40)):
+        added[period] = np.array([0.0, 0.8, 0.25, 0.0, 0.0, 0.0]) * (-1) ** number
+    return added
+
+
+def figures(points, states, inputs, times, warm_up=20):
+    """Percentiles of the times (microseconds by name), and how the loop followed the reference."""
+    answer = {"steps": len(states) - warm_up}
     for name, micros in times.items():
-        figures[f"{name}_p50_us"], figures[f"{name}_p99_us"] = np.percentile(micros[warm_up:], [50, 99]).round(1).tolist()
-    return figures | {"rms_pos_err": round(math.sqrt(squares / periods), 6), "usum": round(total, 4)}
+        tail = np.percentile(micros[warm_up:], [50, 99]).round(1).tolist()
+        answer[f"{name}_p50_us"], answer[f"{name}_p99_us"] = tail
+    apart = ((states[:, :2] - points[:len(states), :2]) ** 2).sum(1)
+    usum = np.abs(inputs).sum()
+    return answer | {"rms_pos_err": round(math.sqrt(apart.mean()), 6), "usum": round(usum, 4)}
 
 
 def say(**figures):
