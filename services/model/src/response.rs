@@ -2,8 +2,14 @@
 //! time constant, a gain and an offset.
 //!
 //! ```text
-//! v⁺ = A v + B u_δ + c        u_δ: what acted, for a dead time of δ
+//! v⁺ = A v + B u_δ + c + t(v)        u_δ: what acted, for a dead time of δ
+//! t = φ T (ω v_y, −ω v_x, 0) or 0    φ = (1 − A_f)/(−ln A_f), A_f of the main model
 //! ```
+//! t is the turning frame: a body that goes on as it went has another velocity in a frame that turns.
+//! No parameter of it has to be found. Wheels that are held at their speed by an integral part do
+//! not let the body go on, and then there is no t. So A, B and c are found with t and without it,
+//! and t is believed while it explains the past better.
+//!
 //! A, B and c are found by recursive least squares on velocity and command alone, beginning with
 //! those of the main model, for several δ side by side:
 //!
@@ -29,7 +35,8 @@ const DEAD_TIMES: [f64; 14] =
 /// Time over which samples and errors fade \[s\].
 const MEMORY_S: f64 = 10.0;
 
-/// Another dead time is believed when it costs less than this share of what the present one costs.
+/// Another dead time is believed when it costs less than this share of what the present one costs;
+/// the turning frame when it costs less than this share of none.
 const CONVINCING: f64 = 0.8;
 
 /// Difference of the costs from which on dead times can be told apart \[(m/s)²\].
@@ -51,6 +58,9 @@ const DECAY_MAX: f64 = 0.995;
 /// Smallest B that is believed.
 const GAIN_MIN: f64 = 0.005;
 
+/// Without the turning frame, and with it.
+const FRAMES: usize = 2;
+
 /// v⁺ = A v + B u + c of one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FirstOrder {
@@ -71,8 +81,8 @@ impl FirstOrder {
 /// Recursive least squares of one axis.
 #[derive(Debug, Clone, Copy)]
 struct Fit {
-    /// A, B, c.
-    weights: [f64; 3],
+    /// A, B, c: without t, and with it.
+    weights: [[f64; 3]; FRAMES],
     /// P.
     covariance: [[f64; 3]; 3],
 }
@@ -82,16 +92,24 @@ impl Fit {
         let covariance = std::array::from_fn(|row| {
             std::array::from_fn(|column| if row == column { PRIOR[row] } else { 0.0 })
         });
-        Self { weights: [decay, gain, 0.0], covariance }
+        Self { weights: [[decay, gain, 0.0]; FRAMES], covariance }
     }
 
-    /// Takes in a sample; returns the error of what was believed before.
-    fn update(&mut self, features: &[f64; 3], target: f64, forgetting: f64) -> f64 {
-        let error = target - dot(&self.weights, features);
+    /// Takes in a sample; returns the errors of what was believed before.
+    fn update(
+        &mut self,
+        features: &[f64; 3],
+        targets: &[f64; FRAMES],
+        forgetting: f64,
+    ) -> [f64; FRAMES] {
         let direction = self.covariance.map(|row| dot(&row, features));
         let scale = forgetting + dot(features, &direction);
-        for (weight, along) in self.weights.iter_mut().zip(direction) {
-            *weight += along / scale * error;
+        let mut errors = *targets;
+        for (error, weights) in errors.iter_mut().zip(&mut self.weights) {
+            *error -= dot(weights, features);
+            for (weight, along) in weights.iter_mut().zip(direction) {
+                *weight += along / scale * *error;
+            }
         }
         for (row, along) in self.covariance.iter_mut().zip(direction) {
             for (value, across) in row.iter_mut().zip(direction) {
@@ -102,11 +120,11 @@ impl Fit {
         if trace < TRACE_MAX * forgetting {
             self.covariance = self.covariance.map(|row| row.map(|value| value / forgetting));
         }
-        error
+        errors
     }
 
-    fn first_order(&self) -> FirstOrder {
-        let [decay, gain, offset] = self.weights;
+    fn first_order(&self, frame: usize) -> FirstOrder {
+        let [decay, gain, offset] = self.weights[frame];
         FirstOrder { decay, gain, offset }
     }
 }
@@ -120,13 +138,27 @@ fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
 struct Hypothesis {
     delay: Delay,
     fits: [Fit; AXES],
-    /// Sum of the squared errors, faded \[(m/s)²\].
-    cost: f64,
+    /// Sum of the squared errors, faded: without t, and with it \[(m/s)²\].
+    costs: [f64; FRAMES],
 }
 
 impl Hypothesis {
+    /// Whether t explains enough to be believed.
+    fn turns(&self) -> bool {
+        self.costs[1] < CONVINCING * self.costs[0]
+    }
+
+    fn frame(&self) -> usize {
+        usize::from(self.turns())
+    }
+
+    fn cost(&self) -> f64 {
+        self.costs[self.frame()]
+    }
+
     fn believable(&self) -> bool {
-        self.cost.is_finite() && self.fits.iter().all(|fit| fit.first_order().believable())
+        let frame = self.frame();
+        self.cost().is_finite() && self.fits.iter().all(|fit| fit.first_order(frame).believable())
     }
 }
 
@@ -152,7 +184,7 @@ impl ResponseEstimator {
         let hypothesis = |periods| Hypothesis {
             delay: Delay::of_periods(periods),
             fits: std::array::from_fn(|axis| Fit::new(main.decay[axis], main.gain[axis])),
-            cost: 0.0,
+            costs: [0.0; FRAMES],
         };
         Self {
             main: *main,
@@ -174,7 +206,8 @@ impl ResponseEstimator {
     pub fn response(&self) -> FirstOrderResponse {
         let believed = &self.hypotheses[self.believed];
         let axes = if believed.believable() {
-            believed.fits.map(|fit| fit.first_order())
+            let frame = believed.frame();
+            believed.fits.map(|fit| fit.first_order(frame))
         } else {
             std::array::from_fn(|axis| FirstOrder {
                 decay: self.main.decay[axis],
@@ -182,7 +215,7 @@ impl ResponseEstimator {
                 offset: 0.0,
             })
         };
-        FirstOrderResponse { main: self.main, axes }
+        FirstOrderResponse { main: self.main, axes, turns: believed.turns() }
     }
 
     /// Takes in the period that has just ended with velocity `after`; its command is the newest of
@@ -195,16 +228,22 @@ impl ResponseEstimator {
         }
         let Some(before) = self.before.replace(*after) else { return };
         self.taken = self.taken.saturating_add(1);
+        let turning = turning(&self.main, &before).mean;
         for hypothesis in &mut self.hypotheses {
             let acted = sent.acted(hypothesis.delay);
-            let mut squared = 0.0;
+            let mut squared = [0.0; FRAMES];
             for axis in 0..AXES {
                 let features = [before[axis], acted[axis], 1.0];
                 let fit = &mut hypothesis.fits[axis];
-                let error = fit.update(&features, after[axis], self.forgetting);
-                squared += (self.scale[axis] * error).powi(2);
+                let targets = [after[axis], after[axis] - turning[axis]];
+                let errors = fit.update(&features, &targets, self.forgetting);
+                for (squared, error) in squared.iter_mut().zip(errors) {
+                    *squared += (self.scale[axis] * error).powi(2);
+                }
             }
-            hypothesis.cost = self.forgetting * hypothesis.cost + squared;
+            for (cost, squared) in hypothesis.costs.iter_mut().zip(squared) {
+                *cost = self.forgetting * *cost + squared;
+            }
         }
         self.believe();
     }
@@ -212,9 +251,10 @@ impl ResponseEstimator {
     fn believe(&mut self) {
         let best = (0..DEAD_TIMES.len())
             .filter(|&i| self.hypotheses[i].believable())
-            .min_by(|&a, &b| self.hypotheses[a].cost.total_cmp(&self.hypotheses[b].cost));
+            .min_by(|&a, &b| self.hypotheses[a].cost().total_cmp(&self.hypotheses[b].cost()));
         let Some(best) = best else { return };
-        let (present, least) = (self.hypotheses[self.believed].cost, self.hypotheses[best].cost);
+        let (present, least) =
+            (self.hypotheses[self.believed].cost(), self.hypotheses[best].cost());
         let convinces = least < CONVINCING * present && present - least > EVIDENCE;
         if convinces && self.taken >= PERIODS_LEAST {
             self.believed = best;
@@ -232,12 +272,29 @@ impl ResponseEstimator {
     }
 }
 
-/// The response as a residual of the main model: g = (A − A_f) v + (B − B_f) u + c.
+/// The response as a residual of the main model: g = (A − A_f) v + (B − B_f) u + c + t(v).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FirstOrderResponse {
     main: MainModel,
     /// A, B and c per axis.
     pub axes: [FirstOrder; AXES],
+    /// Whether t is there.
+    pub turns: bool,
+}
+
+/// t(v), with its slopes.
+fn turning(main: &MainModel, velocity: &Velocity) -> Response {
+    let [forward, left, rate] = *velocity;
+    let time = |axis: usize| {
+        let decay = main.decay[axis];
+        main.period * (1.0 - decay) / -decay.ln()
+    };
+    let (along, across) = (time(0), time(1));
+    let mut turning = Response::NONE;
+    turning.mean = [along * rate * left, -across * rate * forward, 0.0];
+    turning.by_velocity[0] = [0.0, along * rate, along * left];
+    turning.by_velocity[1] = [-across * rate, 0.0, -across * forward];
+    turning
 }
 
 impl Residual for FirstOrderResponse {
@@ -246,14 +303,15 @@ impl Residual for FirstOrderResponse {
     }
 
     fn response(&self, at: &Moment) -> Response {
-        let mut response = Response::NONE;
+        let mut response =
+            if self.turns { turning(&self.main, &at.velocity) } else { Response::NONE };
         for axis in 0..AXES {
             let FirstOrder { decay, gain, offset } = self.axes[axis];
             let by_velocity = decay - self.main.decay[axis];
             let by_input = gain - self.main.gain[axis];
-            response.mean[axis] =
+            response.mean[axis] +=
                 by_velocity * at.velocity[axis] + by_input * at.input[axis] + offset;
-            response.by_velocity[axis][axis] = by_velocity;
+            response.by_velocity[axis][axis] += by_velocity;
             response.by_input[axis][axis] = by_input;
         }
         response
@@ -274,6 +332,17 @@ mod tests {
         noise: f64,
         count: usize,
     ) -> ResponseEstimator {
+        found_turning(periods, truth, noise, count, 0.0)
+    }
+
+    /// The same of one that keeps so much of the turning frame.
+    fn found_turning(
+        periods: f64,
+        truth: [FirstOrder; AXES],
+        noise: f64,
+        count: usize,
+        kept: f64,
+    ) -> ResponseEstimator {
         let main = MainModel::new(&Robot::example(), 0.02);
         let delay = Delay::of_periods(periods);
         let (mut sent, mut estimator) = (Sent::default(), ResponseEstimator::new(&main, 0.5));
@@ -283,9 +352,11 @@ mod tests {
                 (0.31 * (k + 7 * axis) as f64).sin() + 0.2 * (1.3 * k as f64).cos()
             }));
             let acted = sent.acted(delay);
+            let turning = turning(&main, &velocity).mean;
             velocity = std::array::from_fn(|axis| {
                 let FirstOrder { decay, gain, offset } = truth[axis];
-                decay * velocity[axis] + gain * acted[axis] + offset
+                let turned = kept * turning[axis];
+                decay * velocity[axis] + gain * acted[axis] + offset + turned
             });
             let measured = std::array::from_fn(|axis| {
                 velocity[axis] + noise * (12.9 * (k + axis) as f64).sin()
@@ -347,6 +418,30 @@ mod tests {
         assert!(estimator.response().mean(&at).iter().all(|value| value.abs() < 1e-8));
     }
 
+    /// That of the main model.
+    fn as_believed() -> [FirstOrder; AXES] {
+        let main = MainModel::new(&Robot::example(), 0.02);
+        std::array::from_fn(|axis| FirstOrder {
+            decay: main.decay[axis],
+            gain: main.gain[axis],
+            offset: 0.0,
+        })
+    }
+
+    #[test]
+    fn the_turning_frame_is_believed_of_a_body_that_goes_on_as_it_went() {
+        let response = found_turning(0.0, as_believed(), 0.001, 500, 1.0).response();
+        assert!(response.turns);
+        for (axis, truth) in response.axes.iter().zip(as_believed()) {
+            assert!((axis.decay - truth.decay).abs() < 0.03, "{axis:?} is not {truth:?}");
+        }
+    }
+
+    #[test]
+    fn no_turning_frame_is_believed_of_wheels_that_hold_their_speed() {
+        assert!(!found_turning(0.0, as_believed(), 0.001, 500, 0.0).response().turns);
+    }
+
     #[test]
     fn numbers_that_are_none_are_passed_over() {
         let before = found(2.0, soft(0.8), 0.0, 150);
@@ -359,16 +454,25 @@ mod tests {
 
     #[test]
     fn the_jacobians_are_the_slopes_of_the_mean() {
-        let response = found(0.0, soft(0.9), 0.0, 150).response();
+        let response = found_turning(0.0, as_believed(), 0.0, 500, 1.0).response();
+        assert!(response.turns);
         let at = Moment { velocity: [0.3, -0.2, 0.5], input: [0.1, 0.4, -0.6], before: [0.0; 3] };
-        for axis in 0..AXES {
-            let mut moved = at;
-            moved.velocity[axis] += 1.0;
-            moved.input[axis] += 2.0;
-            let expected = response.response(&at).by_velocity[axis][axis]
-                + 2.0 * response.response(&at).by_input[axis][axis];
-            let found = response.mean(&moved)[axis] - response.mean(&at)[axis];
-            assert!((found - expected).abs() < 1e-12);
+        let said = response.response(&at);
+        let slope = |change: &dyn Fn(&mut Moment, f64), row: usize| {
+            let [up, down] = [1e-4, -1e-4].map(|by| {
+                let mut moved = at;
+                change(&mut moved, by);
+                response.mean(&moved)[row]
+            });
+            (up - down) / 2e-4
+        };
+        for row in 0..AXES {
+            for column in 0..AXES {
+                let by_velocity = slope(&|moved, by| moved.velocity[column] += by, row);
+                let by_input = slope(&|moved, by| moved.input[column] += by, row);
+                assert!((said.by_velocity[row][column] - by_velocity).abs() < 1e-9);
+                assert!((said.by_input[row][column] - by_input).abs() < 1e-9);
+            }
         }
     }
 }
