@@ -10,7 +10,7 @@ use learner::settings::KernelChoice;
 use learner::store;
 use model::gp::dictionary::{Dictionary, Observation, Selection};
 use model::gp::hyperparameters::Hyperparameters;
-use model::learned::{INPUTS, INPUTS_WITH_HISTORY, Layout, Moment};
+use model::learned::{INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Layout, Moment};
 use protocol::VERSION;
 use protocol::frame::{self, DecodeError};
 use protocol::message::{
@@ -161,13 +161,14 @@ fn resumed(bytes: &[u8], file: &Path) -> Verdict {
         return Ok(Fate::Refused);
     }
     begun_with::<INPUTS>(&snapshot)?;
+    begun_with::<INPUTS_WITH_HEADING>(&snapshot)?;
     begun_with::<INPUTS_WITH_HISTORY>(&snapshot)?;
     adopted(&snapshot)
 }
 
 /// What a learner makes of it.
 fn begun_with<const D: usize>(snapshot: &ModelSnapshot) -> Result<(), String> {
-    let layout = if D == INPUTS { Layout::VelocitySlip } else { Layout::VelocitySlipHistory };
+    let layout = layout_of(D);
     let kernel = KernelChoice::LinearPlusSquaredExponential;
     let scale = |i: usize| {
         snapshot.head.input_scale.get(i).copied().filter(|scale| scale.is_finite() && *scale > 0.0)
@@ -195,21 +196,26 @@ fn begun_with<const D: usize>(snapshot: &ModelSnapshot) -> Result<(), String> {
     })
 }
 
+/// A layout of so many inputs, if there is one.
+fn layout_of(inputs: usize) -> Layout {
+    match inputs {
+        INPUTS_WITH_HEADING => Layout::VelocitySlipHeading,
+        INPUTS_WITH_HISTORY => Layout::VelocitySlipHistory,
+        _ => Layout::VelocitySlip,
+    }
+}
+
 /// What a controller makes of it.
 fn adopted(snapshot: &ModelSnapshot) -> Verdict {
     let SnapshotHead { fingerprint, inputs, .. } = snapshot.head;
-    let layout = if inputs as usize == INPUTS_WITH_HISTORY {
-        Layout::VelocitySlipHistory
-    } else {
-        Layout::VelocitySlip
-    };
+    let layout = layout_of(inputs as usize);
     let mut candidate =
         match adopt::prepare(snapshot, &Expected { fingerprint, layout, bound: [BOUND; 3] }) {
             Ok(candidate) => candidate,
             Err(refusal) => return refused(&refusal.to_string()),
         };
-    let moment =
-        Moment { velocity: [1.0, 0.1, -0.2], input: [1.1, 0.0, 0.0], before: [0.9, 0.0, 0.1] };
+    let (velocity, input, before) = ([1.0, 0.1, -0.2], [1.1, 0.0, 0.0], [0.9, 0.0, 0.1]);
+    let moment = Moment { velocity, input, before, heading: 0.7 };
     let mean = candidate.learned.response(&moment).mean;
     candidate.learned.sample_variance(&moment, &mut candidate.scratch);
     // Of numbers near the largest ones it may say no number, which the controller looks for in every period.

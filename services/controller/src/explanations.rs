@@ -601,13 +601,13 @@ mod tests {
             let mut next = main().next_velocity(&velocity, &input);
             next[0] = 0.95 * velocity[0] + 0.05 * input[0];
             let residual = model::residual::residual(&main(), &velocity, &input, &next);
-            let at = Moment { velocity, input, before: input };
+            let at = Moment { velocity, input, before: input, ..Moment::default() };
             estimator.update(&sent, &next);
             explanations.update(&at, &residual, &[0.0; AXES], estimator.response(), 0);
             velocity = next;
         }
         assert_eq!(explanations.models()[0], Model::Response);
-        let at = Moment { velocity: [0.5; 3], input: [0.1; 3], before: [0.1; 3] };
+        let at = Moment { velocity: [0.5; 3], input: [0.1; 3], ..Moment::default() };
         let expected = 0.95 * 0.5 + 0.05 * 0.1 - main().next_velocity(&[0.5; 3], &[0.1; 3])[0];
         assert!((explanations.mean(&at)[0] - expected).abs() < 1e-3);
     }

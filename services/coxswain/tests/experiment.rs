@@ -64,7 +64,7 @@ fn the_same_seed_gives_the_same_figures_alone_and_beside_others() -> Outcome {
 
 #[test]
 fn a_robot_that_has_learnt_before_begins_better() -> Outcome {
-    let contender = Contender::GprMpc;
+    let contender = Contender::GprMpcObserver;
     let school = tempfile::tempdir()?;
     run(&assembly("figure-eight", contender, 1)?, contender, Start::Cold, school.path())?;
     let cold = assembly("figure-eight", contender, 2)?;

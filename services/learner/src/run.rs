@@ -21,7 +21,9 @@ use fitter::{Done, Job, fit_jobs};
 use model::gp::dictionary::{Dictionary, Observation, Outcome, Selection};
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::posterior::VarianceScratch;
-use model::learned::{INPUTS, INPUTS_WITH_HISTORY, Layout, Learned, Residual, Uncertain};
+use model::learned::{
+    INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Layout, Learned, Residual, Uncertain,
+};
 use model::main_model::{MainModel, fingerprint};
 use model::residual::bound;
 use model::{AXES, Velocity};
@@ -73,6 +75,7 @@ pub enum RunError {
 /// [`RunError`].
 pub fn run(settings: &Settings, ports: &Ports, stop: &Stop) -> Result<(), RunError> {
     match settings.learner.layout.dimension() {
+        INPUTS_WITH_HEADING => run_over::<INPUTS_WITH_HEADING>(settings, ports, stop),
         INPUTS_WITH_HISTORY => run_over::<INPUTS_WITH_HISTORY>(settings, ports, stop),
         _ => run_over::<INPUTS>(settings, ports, stop),
     }
@@ -101,16 +104,16 @@ fn outset<const D: usize>(settings: &Settings) -> Outset<D> {
     let main = main_model(settings);
     let limits = &settings.robot.limits;
     let range = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];
-    let rest_share = match settings.learner.layout {
-        Layout::VelocityInput => VELOCITY_SHARE,
-        Layout::VelocitySlip | Layout::VelocitySlipHistory => SLIP_SHARE,
+    let layout = settings.learner.layout;
+    let scale = |input: usize| match (layout, input / AXES) {
+        (Layout::VelocitySlipHeading, 2) => 1.0,
+        (_, 0) | (Layout::VelocityInput, _) => VELOCITY_SHARE * range[input % AXES],
+        _ => SLIP_SHARE * range[input % AXES],
     };
     Outset {
-        layout: settings.learner.layout,
+        layout,
         kernel: settings.learner.kernel,
-        input_scale: std::array::from_fn(
-            |i| if i < AXES { VELOCITY_SHARE } else { rest_share } * range[i % AXES],
-        ),
+        input_scale: std::array::from_fn(scale),
         bound: bound(&main, &settings.robot),
         evaluations_max: settings.learner.evaluations_max,
     }

@@ -23,7 +23,8 @@ pub struct Label {
 
 /// The period that `sample` is of.
 pub fn moment(sample: &ResidualSample) -> Moment {
-    Moment { velocity: sample.velocity, input: sample.input, before: sample.input_before }
+    let [_, _, heading] = sample.pose;
+    Moment { velocity: sample.velocity, input: sample.input, before: sample.input_before, heading }
 }
 
 /// RMS one-step error of the fitted model and of the main model alone, per axis, over `samples`; zeros if there are none.

@@ -14,6 +14,9 @@ pub const INPUTS: usize = 6;
 /// Number of inputs with history.
 pub const INPUTS_WITH_HISTORY: usize = 9;
 
+/// Number of inputs with the heading.
+pub const INPUTS_WITH_HEADING: usize = 8;
+
 /// One period as the Gaussian processes see it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Moment {
@@ -23,12 +26,15 @@ pub struct Moment {
     pub input: Velocity,
     /// u₋: input that acted in the period before \[m/s, m/s, rad/s\].
     pub before: Velocity,
+    /// θ: heading at its start \[rad\].
+    pub heading: f64,
 }
 
 impl Moment {
     /// The period that begins with `state`, under `input`.
     pub fn new(state: &State, input: &Velocity) -> Self {
-        Self { velocity: state.velocity, input: *input, before: state.acted }
+        let State { pose: [_, _, heading], velocity, acted } = *state;
+        Self { velocity, input: *input, before: acted, heading }
     }
 }
 
@@ -42,6 +48,9 @@ pub enum Layout {
     VelocitySlip,
     /// (v, u − v, u₋ − v): with what the period before began and did not end, as motors that lag.
     VelocitySlipHistory,
+    /// (v, u − v, cos θ, sin θ): a force that is fixed in the world, as that of a sloping floor, is
+    /// linear in the last two.
+    VelocitySlipHeading,
 }
 
 impl Layout {
@@ -51,6 +60,7 @@ impl Layout {
             Self::VelocityInput => "velocity-input",
             Self::VelocitySlip => "velocity-slip",
             Self::VelocitySlipHistory => "velocity-slip-history",
+            Self::VelocitySlipHeading => "velocity-slip-heading",
         }
     }
 
@@ -59,6 +69,7 @@ impl Layout {
         match self {
             Self::VelocityInput | Self::VelocitySlip => INPUTS,
             Self::VelocitySlipHistory => INPUTS_WITH_HISTORY,
+            Self::VelocitySlipHeading => INPUTS_WITH_HEADING,
         }
     }
 
@@ -70,8 +81,10 @@ impl Layout {
             match (self, part) {
                 (_, 0) => velocity,
                 (Self::VelocityInput, 1) => at.input[axis],
-                (Self::VelocitySlip | Self::VelocitySlipHistory, 1) => at.input[axis] - velocity,
+                (_, 1) => at.input[axis] - velocity,
                 (Self::VelocitySlipHistory, 2) => at.before[axis] - velocity,
+                (Self::VelocitySlipHeading, 2) if axis == 0 => at.heading.cos(),
+                (Self::VelocitySlipHeading, 2) if axis == 1 => at.heading.sin(),
                 _ => 0.0,
             }
         })
@@ -147,7 +160,8 @@ impl<const D: usize> Residual for Learned<D> {
         std::array::from_fn(|axis| mean[axis].clamp(-self.bound[axis], self.bound[axis]))
     }
 
-    /// O(n). The Jacobians are those of the kernel's linear part alone; where the bound holds g, it does not vary.
+    /// O(n). The Jacobians are those of the kernel's linear part alone; where the bound holds g, it
+    /// does not vary. There is none by the heading: within a horizon the body turns by little.
     fn response(&self, at: &Moment) -> Response {
         let mut response = Response { mean: self.mean(at), ..Response::NONE };
         let slope = self.posterior.slope();
@@ -156,16 +170,17 @@ impl<const D: usize> Residual for Learned<D> {
                 let [by_first, by_second, by_third] = [0, 1, 2].map(|part| {
                     let slope = slope[axis]
                         .get(part * AXES + column)
-                        .zip(self.normalisation.scale.get(part * AXES + column));
+                        .zip(self.normalisation.scale.get(part * AXES + column))
+                        .filter(|_| part < 2 || self.layout == Layout::VelocitySlipHistory);
                     slope.map_or(0.0, |(slope, scale)| slope / scale)
                 });
                 response.by_input[axis][column] = by_second;
                 response.by_before[axis][column] = by_third;
                 response.by_velocity[axis][column] = match self.layout {
                     Layout::VelocityInput => by_first,
-                    Layout::VelocitySlip | Layout::VelocitySlipHistory => {
-                        by_first - by_second - by_third
-                    }
+                    Layout::VelocitySlip
+                    | Layout::VelocitySlipHistory
+                    | Layout::VelocitySlipHeading => by_first - by_second - by_third,
                 };
             }
         }
@@ -183,5 +198,42 @@ impl<const D: usize> Uncertain for Learned<D> {
     fn sample_variance(&self, at: &Moment, scratch: &mut VarianceScratch) -> Velocity {
         let variance = self.variance(at, scratch);
         std::array::from_fn(|axis| variance[axis] + self.sample_variance[axis])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gp::hyperparameters::Hyperparameters;
+    use crate::gp::posterior::PosteriorError;
+
+    /// A sloping floor pulls along the world's x axis, the samples are of a quarter turn.
+    #[test]
+    fn a_force_that_is_fixed_in_the_world_is_foretold_at_headings_never_seen()
+    -> Result<(), PosteriorError> {
+        let layout = Layout::VelocitySlipHeading;
+        let at = |heading: f64| Moment { heading, ..Moment::default() };
+        let pull = |heading: f64| [0.1 * heading.cos(), -0.1 * heading.sin(), 0.0];
+        let headings: Vec<f64> = (0..16).map(|i| 0.1 * f64::from(i)).collect();
+        let inputs: Vec<[f64; INPUTS_WITH_HEADING]> =
+            headings.iter().map(|&heading| layout.inputs(&at(heading))).collect();
+        let targets: Vec<Velocity> = headings.iter().map(|&heading| pull(heading)).collect();
+        let prior = Hyperparameters::new([3.0; INPUTS_WITH_HEADING], 1e-8, 1e-8).with_linear(0.01);
+        let posterior = Posterior::new(&inputs, &targets, &[prior; AXES])?;
+        let normalisation =
+            Normalisation { mean: [0.0; INPUTS_WITH_HEADING], scale: [1.0; INPUTS_WITH_HEADING] };
+        let learned = Learned {
+            layout,
+            normalisation,
+            posterior,
+            bound: [1.0; AXES],
+            sample_variance: [0.0; AXES],
+        };
+        for heading in [-2.0, 2.5, 4.0] {
+            for (said, is) in learned.mean(&at(heading)).into_iter().zip(pull(heading)) {
+                assert!((said - is).abs() < 0.005, "{said} is not {is} at {heading}");
+            }
+        }
+        Ok(())
     }
 }

@@ -116,7 +116,9 @@ mod tests {
     use crate::gp::hyperparameters::Hyperparameters;
     use crate::gp::normalisation::Normalisation;
     use crate::gp::posterior::{Posterior, PosteriorError};
-    use crate::learned::{INPUTS, INPUTS_WITH_HISTORY, Layout, Learned, Residual};
+    use crate::learned::{
+        INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Layout, Learned, Residual,
+    };
     use proptest::prelude::*;
     use robot::Robot;
 
@@ -133,12 +135,13 @@ mod tests {
             velocity: three(i, [1.0, 1.3, 0.7]),
             input: three(i, [0.3, 1.9, 2.3]),
             before: three(i, [0.9, 1.1, 0.2]),
+            heading: wave(i, 0.4),
         };
         let inputs: Vec<[f64; D]> =
             (0..40).map(|i| normalisation.apply(&layout.inputs(&moment(i)))).collect();
-        let target = |Moment { velocity: v, input: u, before }| {
+        let target = |Moment { velocity: v, input: u, before, heading }| {
             [
-                0.1 * v[0].tanh() + 0.05 * before[0],
+                0.1 * v[0].tanh() + 0.05 * before[0] + 0.02 * heading.cos(),
                 0.05 * v[1] * u[2],
                 0.1 * (u[0] - v[0]).sin() - 0.07 * before[2],
             ]
@@ -156,16 +159,17 @@ mod tests {
         #[test]
         fn jacobians_match_finite_differences(
             pose in prop::array::uniform3(-3.0..3.0), velocity in prop::array::uniform3(-2.0..2.0),
-            input in prop::array::uniform3(-2.0..2.0), acted in prop::array::uniform3(-2.0..2.0), layout in 0..3_usize,
+            input in prop::array::uniform3(-2.0..2.0), acted in prop::array::uniform3(-2.0..2.0), layout in 0..4_usize,
             lagging in any::<bool>()
         ) {
             let main = if lagging { MainModel::lagging(&[0.25, 0.3, 0.2], 0.1) } else { MainModel::new(&Robot::example(), 0.1) };
             let (input_alone, slip) = (learned::<INPUTS>(Layout::VelocityInput), learned::<INPUTS>(Layout::VelocitySlip));
             let history = learned::<INPUTS_WITH_HISTORY>(Layout::VelocitySlipHistory);
-            let (Ok(input_alone), Ok(slip), Ok(history)) = (input_alone, slip, history) else {
+            let heading = learned::<INPUTS_WITH_HEADING>(Layout::VelocitySlipHeading);
+            let (Ok(input_alone), Ok(slip), Ok(history), Ok(heading)) = (input_alone, slip, history, heading) else {
                 return Err(TestCaseError::fail("no posterior"));
             };
-            let learned: &dyn Residual = [&input_alone as &dyn Residual, &slip, &history][layout];
+            let learned: &dyn Residual = [&input_alone as &dyn Residual, &slip, &history, &heading][layout];
             let belief = Belief { main: &main, learned: Some(learned), foresight: None, disturbance: [0.01, -0.02, 0.03], carry: 0.0 };
             let at = |x: [f64; 6], [u, acted]: [[f64; 3]; 2]| {
                 belief.predict(&State { pose: [x[0], x[1], x[2]], velocity: [x[3], x[4], x[5]], acted }, &u).to_array()
@@ -184,7 +188,8 @@ mod tests {
                     prop_assert!(((ahead[row] - behind[row]) / (2.0 * step) - by_residual[(row, axis)]).abs() < 1e-8);
                 }
             }
-            for column in 0..12 {
+            // No Jacobian by the heading there.
+            for column in (0..12).filter(|&column| column != 2 || layout != 3) {
                 let moved = |by: f64| {
                     let (mut x, mut u) = (state.to_array(), [input, acted]);
                     if column < 6 { x[column] += by } else { u[column / 3 - 2][column % 3] += by }

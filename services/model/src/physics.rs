@@ -208,7 +208,7 @@ mod tests {
         let velocity: Velocity = std::array::from_fn(|axis| wave(axis, 1.0 + axis as f64));
         let input =
             std::array::from_fn(|axis| velocity[axis] + 0.3 * wave(axis, 5.0 + axis as f64));
-        Moment { velocity, input, before: input }
+        Moment { velocity, input, before: input, ..Moment::default() }
     }
 
     /// Root mean square of what is missed by `physics` of `truth` in the periods `from` to `to`, which

@@ -414,7 +414,7 @@ mod tests {
             assert!((found.decay - main.decay[axis]).abs() < 1e-9, "{found:?}");
             assert!((found.gain - main.gain[axis]).abs() < 1e-9, "{found:?}");
         }
-        let at = Moment { velocity: [1.0; 3], input: [1.0; 3], before: [1.0; 3] };
+        let at = Moment { velocity: [1.0; 3], input: [1.0; 3], before: [1.0; 3], heading: 0.0 };
         assert!(estimator.response().mean(&at).iter().all(|value| value.abs() < 1e-8));
     }
 
@@ -456,7 +456,12 @@ mod tests {
     fn the_jacobians_are_the_slopes_of_the_mean() {
         let response = found_turning(0.0, as_believed(), 0.0, 500, 1.0).response();
         assert!(response.turns);
-        let at = Moment { velocity: [0.3, -0.2, 0.5], input: [0.1, 0.4, -0.6], before: [0.0; 3] };
+        let at = Moment {
+            velocity: [0.3, -0.2, 0.5],
+            input: [0.1, 0.4, -0.6],
+            before: [0.0; 3],
+            heading: 0.0,
+        };
         let said = response.response(&at);
         let slope = |change: &dyn Fn(&mut Moment, f64), row: usize| {
             let [up, down] = [1e-4, -1e-4].map(|by| {

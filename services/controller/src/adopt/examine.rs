@@ -5,7 +5,7 @@ use model::AXES;
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, VarianceScratch};
-use model::learned::{INPUTS, INPUTS_WITH_HISTORY, Learned};
+use model::learned::{INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Learned};
 use protocol::message::{ModelSnapshot, SnapshotHead};
 use std::ops::RangeInclusive;
 
@@ -86,6 +86,7 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
     check_finite(snapshot)?;
     check_hyperparameters(head, expected)?;
     match expected.layout.dimension() {
+        INPUTS_WITH_HEADING => refactored::<INPUTS_WITH_HEADING>(snapshot, expected),
         INPUTS_WITH_HISTORY => refactored::<INPUTS_WITH_HISTORY>(snapshot, expected),
         _ => refactored::<INPUTS>(snapshot, expected),
     }

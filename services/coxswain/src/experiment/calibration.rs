@@ -57,6 +57,7 @@ impl Calibration {
                     velocity: sample.velocity,
                     input: sample.input,
                     before: sample.input_before,
+                    heading: sample.pose[2],
                 };
                 let mean = model.learned.mean(&at);
                 let variance = model.learned.sample_variance(&at, &mut model.scratch);

@@ -3,6 +3,8 @@
 use crate::assembly::Assembly;
 use clap::ValueEnum;
 use controller::settings::{DelaySetting, Identify, Method};
+use learner::settings::KernelChoice;
+use model::learned::Layout;
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
@@ -33,7 +35,8 @@ pub enum Contender {
     #[value(name = "physics-mpc+observer")]
     #[serde(rename = "physics-mpc+observer")]
     PhysicsMpcObserver,
-    /// The paper's: with a Gaussian process.
+    /// The paper's: with a Gaussian process over (v, u), of a squared-exponential kernel, that is
+    /// used whatever it foretells. No observer, no dead time.
     #[value(name = "gpr-mpc")]
     #[serde(rename = "gpr-mpc")]
     GprMpc,
@@ -96,9 +99,15 @@ impl Contender {
                 let truth = assembly.scenario.truth.as_ref();
                 DelaySetting::KnownS(truth.map_or(0.0, |truth| truth.command_delay_s))
             }
-            Self::FeedforwardP => DelaySetting::Ignored,
+            Self::FeedforwardP | Self::GprMpc => DelaySetting::Ignored,
             _ => DelaySetting::Estimated,
         };
+        if self == Self::GprMpc {
+            mpc.no_harm = false;
+            let learner = &mut assembly.scenario.learner;
+            learner.layout = Layout::VelocityInput;
+            learner.kernel = KernelChoice::SquaredExponential;
+        }
         assembly.graph.processes.learner.enabled = self.learns();
     }
 }
