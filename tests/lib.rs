@@ -388,3 +388,29 @@ fn children(pid: u32) -> Vec<u32> {
 fn name_of(pid: u32) -> Option<String> {
     Some(fs::read_to_string(format!("/proc/{pid}/comm")).ok()?.trim().to_owned())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Outcome, repository};
+    use std::fs;
+
+    /// Targets are listed by hand, and a file that nobody lists is never run.
+    #[test]
+    fn every_file_of_this_folder_is_a_test_or_a_module() -> Outcome {
+        let folder = repository().join("tests");
+        let (targets, modules) = (
+            fs::read_to_string(folder.join("Cargo.toml"))?,
+            fs::read_to_string(folder.join("lib.rs"))?,
+        );
+        for entry in fs::read_dir(&folder)? {
+            let path = entry?.path();
+            let (name, stem) = (path.file_name(), path.file_stem());
+            let (Some(name), Some(stem)) = (name, stem) else { continue };
+            let (name, stem) = (name.to_string_lossy(), stem.to_string_lossy());
+            let is_listed = targets.contains(&format!("path = \"{name}\""))
+                || modules.contains(&format!("mod {stem};"));
+            assert!(!name.ends_with(".rs") || is_listed, "tests/{name} is never run");
+        }
+        Ok(())
+    }
+}
