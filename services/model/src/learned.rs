@@ -49,7 +49,8 @@ pub enum Layout {
     /// (v, u − v, u₋ − v): with what the period before began and did not end, as motors that lag.
     VelocitySlipHistory,
     /// (v, u − v, cos θ, sin θ): a force that is fixed in the world, as that of a sloping floor, is
-    /// linear in the last two.
+    /// linear in the last two. Not where wheels slip: then the heading moves with what is to be
+    /// foretold, and is taken for its cause.
     VelocitySlipHeading,
 }
 
