@@ -20,21 +20,27 @@ COXSWAIN = HERE.parent / "target/release/coxswain"
 # Weights were found on the first three scenarios; the others are there to judge with.
 TUNED, HELD_OUT = ["figure-eight", "square", "stop-and-go"], ["slalom", "ring", "shuttle"]
 OURS, ORACLE = "gpr-mpc+observer", "oracle-mpc"
-SIMPLE = ["feedforward-p", "mpc", "mpc+observer", "rls-mpc+observer", "physics-mpc+observer"]
-EVERYBODY = SIMPLE + ["gpr-mpc", OURS, ORACLE]
+SIMPLE = ["feedforward-p", "mpc", "mpc+observer", "mpc+kalman", "rls-mpc+observer",
+          "physics-mpc+observer"]
+ALL = SIMPLE + ["gpr-mpc", OURS, ORACLE]
+# These begin a warm run with what an earlier one learnt or identified.
+REMEMBER = ["rls-mpc+observer", "physics-mpc+observer", "gpr-mpc", OURS]
 BOTH = ["cold", "warm"]
 
 # Table, scenarios, profile, sensors, controllers, starts, seeds.
 SETS = [
-    ("held-out-100", HELD_OUT, "paper", "noisy", EVERYBODY, BOTH, 10),
+    ("held-out-100", HELD_OUT, "paper", "noisy", ALL, BOTH, 10),
+    ("held-out-100", HELD_OUT, "paper", "noisy", [OURS], ["stale"], 3),
     ("held-out-20", HELD_OUT, "agile", "noisy", SIMPLE + [OURS], BOTH, 5),
+    ("held-out-20", HELD_OUT, "agile", "noisy", [OURS], ["stale"], 3),
     ("held-out-20", HELD_OUT, "agile", "noisy", [ORACLE], ["cold"], 1),
     ("tuned-100", TUNED, "paper", "noisy", SIMPLE + [OURS, ORACLE], BOTH, 3),
     ("tuned-20", TUNED, "agile", "noisy", SIMPLE + [OURS], BOTH, 3),
     ("exact-100", HELD_OUT, "paper", "exact", SIMPLE + [OURS, ORACLE], ["cold"], 3),
     ("exact-20", HELD_OUT, "agile", "exact", SIMPLE + [OURS], ["cold"], 3),
 ]
-FIELDS = ["table", "profile", "sensors", "scenario", "controller", "start", "rmse_mm_of_each_seed"]
+FIELDS = ["table", "profile", "sensors", "scenario", "controller", "start", "rmse_mm_of_each_seed",
+          "recovery_s_of_each_seed", "coverage_of_each_axis"]
 
 
 def measured(table, scenarios, profile, sensors, controllers, starts, seeds):
@@ -50,8 +56,24 @@ def measured(table, scenarios, profile, sensors, controllers, starts, seeds):
         for row in map(json.loads, rows.read_text().splitlines()):
             rmse = row["position_rmse_m"]
             key = table, profile, sensors, row["scenario"], row["controller"], row["start"]
-            cells.setdefault(key, []).append(math.inf if rmse is None else 1e3 * rmse)
-    return [[*key, " ".join(f"{value:.4g}" for value in values)] for key, values in cells.items()]
+            cell = cells.setdefault(key, ([], [], []))
+            cell[0].append(math.inf if rmse is None else 1e3 * rmse)
+            if row["scenario"].endswith("+payload"):
+                recovery = row["recovery_s"]
+                cell[1].append(row["duration_s"] if recovery is None else recovery)
+            if row["coverage"] is not None:
+                cell[2].append(row["coverage"])
+    return [[*key, listed(rmse), listed(recovery), listed(map(mean_of, zip(*coverage)))]
+            for key, (rmse, recovery, coverage) in cells.items()]
+
+
+def listed(values):
+    return " ".join(f"{value:.4g}" for value in values)
+
+
+def mean_of(values):
+    values = list(values)
+    return sum(values) / len(values)
 
 
 def bar(best):
@@ -66,34 +88,46 @@ def geometric_mean(ratios):
 
 def table(rows):
     """Markdown of one table: a line per scenario, and what the columns come to."""
-    cells, columns = {}, []
-    for _, _, _, scenario, controller, start, values in rows:
+    cells, columns, recoveries, coverages = {}, [], {}, {}
+    for _, _, _, scenario, controller, start, *lists in rows:
         column = controller, start
         if column not in columns:
             columns.append(column)
-        cells[scenario, column] = [float(value) for value in values.split()]
-    columns.sort(key=lambda column: (EVERYBODY.index(column[0]), column[1]))
+        rmse, recovery, coverage = ([float(value) for value in of.split()] for of in lists)
+        cells[scenario, column] = rmse
+        recoveries.setdefault(column, []).extend(recovery)
+        if coverage:
+            coverages.setdefault(column, {})[scenario] = mean_of(coverage)
+    columns.sort(key=lambda column: (ALL.index(column[0]), column[1]))
     scenarios = sorted({scenario for scenario, _ in cells})
-    mean = {key: sum(values) / len(values) for key, values in cells.items()}
-    simple = [(controller, "cold") for controller in SIMPLE]
+    mean = {key: mean_of(values) for key, values in cells.items()}
     name = {OURS: "ours", "feedforward-p": "ff+P"}
+
+    def base(controller, start):
+        """The column of a baseline for that start: its own, if there is one, or else cold."""
+        same = controller, start
+        return same if controller in REMEMBER and same in columns else (controller, "cold")
 
     def title(column):
         controller, start = column
-        known = f", {start}" if controller in (OURS, "gpr-mpc") else ""
+        known = f", {start}" if controller in REMEMBER else ""
         return name.get(controller, controller) + known
 
     def line(first, of):
         return "| " + " | ".join([first] + [of(column) for column in columns]) + " |"
 
-    def ratio_to(base, keep=lambda scenario: True):
-        return lambda column: "{:.2f}".format(geometric_mean(
-            mean[scenario, column] / mean[scenario, base] for scenario in scenarios
-            if keep(scenario) and (scenario, column) in mean))
+    def ratio_to(controller, keep=lambda scenario: True):
+        def ratio(column):
+            other = base(controller, column[1])
+            return "{:.2f}".format(geometric_mean(
+                mean[scenario, column] / mean[scenario, other] for scenario in scenarios
+                if keep(scenario) and (scenario, column) in mean))
+        return ratio
 
     def harm(column):
         if column[0] == ORACLE:
             return ""
+        simple = [base(controller, column[1]) for controller in SIMPLE]
         shares = [mean[s, column] / bar(min(mean[s, b] for b in simple)) for s in scenarios]
         trials = [value > bar(min(cells[s, b][seed] for b in simple))
                   for s in scenarios for seed, value in enumerate(cells[s, column])]
@@ -101,22 +135,36 @@ def table(rows):
         return f"{above} of {len(shares)}; {sum(trials)} of {len(trials)}"
 
     def closed(column):
-        base, oracle = ("mpc+observer", "cold"), (ORACLE, "cold")
-        if oracle not in columns:
+        if (ORACLE, "cold") not in columns:
             return ""
-        gain, whole = (math.log(float(ratio_to(base)(of))) for of in (column, oracle))
+        of = ratio_to("mpc+observer")
+        gain, whole = (math.log(float(of(column))) for column in (column, (ORACLE, "cold")))
         return f"{100 * gain / whole + 0.0:.0f} %"
+
+    def back(column):
+        times = sorted(recoveries.get(column, []))
+        return f"{times[len(times) // 2]:.1f}; {times[-1]:.1f}" if times else ""
+
+    def covered(column):
+        shares = coverages.get(column)
+        if not shares:
+            return ""
+        good = sum(0.93 <= share <= 0.97 for share in shares.values())
+        least = min(shares, key=shares.get)
+        return f"{good} of {len(shares)}; {100 * shares[least]:.1f} ({least})"
 
     lines = [line("scenario", title), "|---" * (len(columns) + 1) + "|"]
     for scenario in scenarios:
         lines.append(line(scenario, lambda column: f"{mean[scenario, column]:.2f}"))
-    for base in ["mpc+observer", "rls-mpc+observer", "physics-mpc+observer"]:
-        lines.append(line(f"geometric mean, of {base}", ratio_to((base, "cold"))))
-    for base in ["mpc+observer", "rls-mpc+observer"]:
-        without = ratio_to((base, "cold"), lambda scenario: "delay" not in scenario)
-        lines.append(line(f"of {base}, without delays", without))
+    for of in ["mpc+observer", "mpc+kalman", "rls-mpc+observer", "physics-mpc+observer"]:
+        lines.append(line(f"geometric mean, of {of}", ratio_to(of)))
+    for of in ["mpc+observer", "rls-mpc+observer"]:
+        without = ratio_to(of, lambda scenario: "delay" not in scenario)
+        lines.append(line(f"of {of}, without delays", without))
     lines.append(line("gap to the oracle closed (logarithms)", closed))
     lines.append(line("above the bar of no harm: cells; trials", harm))
+    lines.append(line("payload: back after, median; worst \\[s\\]", back))
+    lines.append(line("coverage within 93 to 97 %; least \\[%\\]", covered))
     return "\n".join(lines)
 
 

@@ -7,7 +7,7 @@
 use controller::adopt::{Candidate, Expected, Handover, prepare};
 use controller::control::Controller;
 use controller::settings::{
-    DelaySetting, Identify, LearnedSettings, Linearise, Method, MpcSettings, Settings,
+    DelaySetting, Identify, LearnedSettings, Linearise, Method, MpcSettings, Observers, Settings,
     SolverFaults, SolverSetting, StateLimits, Weights,
 };
 use criterion::{Criterion, criterion_group};
@@ -61,11 +61,13 @@ fn settings() -> Settings {
             method: Method::Mpc,
             delay: DelaySetting::Estimated,
             identify: Identify::Response,
+            observers: Observers::Gains,
             no_harm: true,
             linearise: Linearise::Measured,
             solver: SolverSetting::ActiveSet,
             budget_share: 0.5,
         },
+        identified: None,
         learned: LearnedSettings {
             enabled: true,
             layout: Layout::VelocitySlip,

@@ -8,6 +8,7 @@ use crate::adopt::{Candidate, Event, Expected, Handover};
 use crate::currents::{Contradicted, Currents, Foretold};
 use crate::explanations::Model;
 use crate::fallback::{self, Ladder};
+use crate::identified::Identified;
 use crate::knowledge::{Knowledge, Measured, Period};
 use crate::loop_judge::{LoopJudge, Passed};
 use crate::mpc::{Mpc, MpcError, Solved, Status, Turn};
@@ -182,6 +183,12 @@ impl Controller {
     /// What is believed now.
     pub fn knowledge(&self) -> &Knowledge {
         &self.knowledge
+    }
+
+    /// Begins with what an earlier run identified. Returns false, and begins with nothing, if that
+    /// cannot be used.
+    pub fn begin_with(&mut self, identified: &Identified) -> bool {
+        self.knowledge.begin_with(identified)
     }
 
     /// Takes in what the last input did, and says what there is to learn from it.

@@ -1,10 +1,11 @@
 //! No harm: several explanations of the residual run side by side, and on each axis the one that
 //! foretells best is used.
 //!
-//! An explanation is a model and a disturbance observer of some gain ℓ beside it:
+//! An explanation is a model and a disturbance observer beside it, plain of some gain ℓ or a Kalman
+//! filter of some ratio q ([`model::observer`]):
 //!
 //! ```text
-//! left = g − ĝ(v, u)      innovation = left − d      d ← d + ℓ innovation
+//! left = g − ĝ(v, u)      plain: innovation = left − d      d ← d + ℓ innovation
 //! ```
 //! | model ĝ    | what it is                                                       |
 //! |------------|------------------------------------------------------------------|
@@ -27,18 +28,26 @@
 //! little of it. All of it is asked before the sample can have been learnt from.
 
 use crate::adopt::Candidate;
+use crate::settings::{Identify, Observers};
 use model::delay::DELAY_MAX;
 use model::learned::{Moment, Residual, Response};
 use model::main_model::MainModel;
-use model::physics::Physics;
+use model::observer::{Observer, ObserverGain};
+use model::physics::{FoundPhysics, Physics};
 use model::response::FirstOrderResponse;
 use model::{AXES, Velocity};
 
-/// ℓ of the observers, in shares of the largest one; 0 is no observer.
+/// ℓ of the plain observers, in shares of the largest one; 0 is no observer.
 const GAINS: [f64; 7] = [0.0, 1.0, 0.5, 0.25, 0.12, 0.06, 0.03];
 
+/// q of the Kalman filters.
+const RATIOS: [f64; 5] = [1.0, 1e-1, 1e-2, 1e-3, 1e-4];
+
+/// Observers beside each model.
+const OBSERVERS: usize = GAINS.len() + RATIOS.len();
+
 /// Explanations on each axis.
-const COUNT: usize = Model::ALL.len() * GAINS.len();
+const COUNT: usize = Model::ALL.len() * OBSERVERS;
 
 /// Periods that are kept.
 const KEPT: usize = 24;
@@ -86,7 +95,7 @@ impl Model {
 
     /// Its first explanation.
     const fn first(self) -> usize {
-        self as usize * GAINS.len()
+        self as usize * OBSERVERS
     }
 
     /// Whether a learner has made it.
@@ -100,18 +109,24 @@ impl Model {
 pub struct Choice {
     /// Largest ℓ; with 0 there are no observers.
     pub observer_gain: f64,
-    /// Whether the identified response is one.
-    pub response: bool,
-    /// Whether what physics says beside is one.
-    pub physics: bool,
+    /// Which observers there are.
+    pub observers: Observers,
+    /// What is identified while driving, and so is an explanation.
+    pub identify: Identify,
     /// Whether a learned model is used from the first one on, to see what that costs.
     pub blind: bool,
 }
 
-/// One axis: d, error and score of every explanation.
+impl Choice {
+    fn has_physics(&self) -> bool {
+        self.identify == Identify::Physics
+    }
+}
+
+/// One axis: observer, error and score of every explanation.
 #[derive(Debug, Clone, Copy)]
 struct Axis {
-    disturbance: [f64; COUNT],
+    observer: [Observer; COUNT],
     lasting: [f64; COUNT],
     score: [f64; COUNT],
     chosen: usize,
@@ -121,9 +136,9 @@ struct Axis {
 }
 
 impl Axis {
-    const fn new(chosen: usize) -> Self {
+    fn new(chosen: usize) -> Self {
         Self {
-            disturbance: [0.0; COUNT],
+            observer: [Observer::default(); COUNT],
             lasting: [0.0; COUNT],
             score: [0.0; COUNT],
             chosen,
@@ -159,7 +174,13 @@ pub struct Explanations {
     last_good: Option<Box<Candidate>>,
     response: FirstOrderResponse,
     physics: Physics,
+    /// What physics is known to weigh at the start of a run.
+    first_physics: Physics,
     choice: Choice,
+    /// Gain of every observer, per axis.
+    gains: [[ObserverGain; OBSERVERS]; AXES],
+    /// A of the main model.
+    decay: Velocity,
     /// Largest |d| that physics allows \[m/s, m/s, rad/s\].
     bound: Velocity,
     axes: [Axis; AXES],
@@ -177,11 +198,20 @@ pub struct Explanations {
 }
 
 const fn model(explanation: usize) -> Model {
-    Model::ALL[explanation / GAINS.len()]
+    Model::ALL[explanation / OBSERVERS]
 }
 
-const fn gain(explanation: usize) -> f64 {
-    GAINS[explanation % GAINS.len()]
+/// Index of its observer; the first is none.
+const fn observer(explanation: usize) -> usize {
+    explanation % OBSERVERS
+}
+
+/// The gains of all observers of an axis with A = `decay`, whose largest ℓ is `largest`.
+fn gains(largest: f64, decay: f64) -> [ObserverGain; OBSERVERS] {
+    std::array::from_fn(|index| match GAINS.get(index) {
+        Some(share) => ObserverGain::plain(largest * share),
+        None => ObserverGain::kalman(decay, RATIOS[index - GAINS.len()]),
+    })
 }
 
 impl Explanations {
@@ -194,11 +224,14 @@ impl Explanations {
         physics: Physics,
     ) -> Self {
         Self {
+            first_physics: physics.clone(),
             physics,
             active: None,
             last_good: None,
             response,
             choice,
+            gains: main.decay.map(|decay| gains(choice.observer_gain, decay)),
+            decay: main.decay,
             bound,
             axes: [Axis::new(first(&choice)); AXES],
             past: vec![Past::default(); KEPT].into_boxed_slice(),
@@ -252,7 +285,7 @@ impl Explanations {
 
     /// d, per axis \[m/s, m/s, rad/s\].
     pub fn disturbance(&self) -> Velocity {
-        self.axes.map(|axis| axis.disturbance[axis.chosen])
+        self.axes.map(|axis| axis.observer[axis.chosen].disturbance)
     }
 
     /// Last one-step error of what is used, per axis \[m/s, m/s, rad/s\].
@@ -289,7 +322,7 @@ impl Explanations {
         };
         let (learned, last_good) = (mean(&self.active), mean(&self.last_good));
         let identified = self.response.mean(at);
-        let physical = if self.choice.physics {
+        let physical = if self.choice.has_physics() {
             let said = self.physics.mean(at);
             self.physics.update(at, residual);
             said
@@ -312,7 +345,7 @@ impl Explanations {
             }
             self.correct(axis, &left);
         }
-        let disturbance = self.axes.map(|axis| axis.disturbance);
+        let disturbance = self.axes.map(|axis| axis.observer.map(|of| of.disturbance));
         self.past[self.taken % KEPT] = Past { at: *at, learned, disturbance };
     }
 
@@ -329,7 +362,7 @@ impl Explanations {
         let fading = (self.period / MEMORY_S).max(1.0 / (self.taken - lead) as f64);
         let record = &mut self.axes[axis];
         for (explanation, before) in before.iter().enumerate() {
-            let error = left[explanation / GAINS.len()] - before;
+            let error = left[explanation / OBSERVERS] - before;
             // An answer that is no number is worse than any.
             let error = if error.is_finite() { error } else { 1e3 };
             let lasting = &mut record.lasting[explanation];
@@ -341,18 +374,14 @@ impl Explanations {
     }
 
     fn correct(&mut self, axis: usize, left: &[f64; Model::ALL.len()]) {
-        let bound = self.bound[axis];
+        let (bound, decay, gains) = (self.bound[axis], self.decay[axis], &self.gains[axis]);
         let record = &mut self.axes[axis];
-        for (explanation, disturbance) in record.disturbance.iter_mut().enumerate() {
-            let innovation = left[explanation / GAINS.len()] - *disturbance;
+        for (explanation, estimate) in record.observer.iter_mut().enumerate() {
+            let gain = &gains[observer(explanation)];
+            let innovation = estimate.update(gain, decay, left[explanation / OBSERVERS], bound);
             if explanation == record.chosen {
                 record.innovation = innovation;
                 record.spread += (innovation * innovation - record.spread) / SPREAD_PERIODS;
-            }
-            if innovation.is_finite() {
-                let corrected =
-                    *disturbance + self.choice.observer_gain * gain(explanation) * innovation;
-                *disturbance = corrected.clamp(-bound, bound);
             }
         }
     }
@@ -360,7 +389,7 @@ impl Explanations {
     fn choose(&mut self, axis: usize) {
         let record = &self.axes[axis];
         let score =
-            |explanation: usize| WEIGHTS[explanation / GAINS.len()] * record.score[explanation];
+            |explanation: usize| WEIGHTS[explanation / OBSERVERS] * record.score[explanation];
         let best = (0..COUNT)
             .filter(|&explanation| self.usable(explanation))
             .min_by(|&a, &b| score(a).total_cmp(&score(b)));
@@ -377,17 +406,21 @@ impl Explanations {
     }
 
     fn usable(&self, explanation: usize) -> bool {
-        let (model, gain) = (model(explanation), gain(explanation));
+        let (model, observer) = (model(explanation), observer(explanation));
         let seen = self.is_long(self.with_learned);
         let known = match model {
             Model::Main => true,
-            Model::Response => self.choice.response,
-            Model::Physics => self.choice.physics,
+            Model::Response => self.choice.identify != Identify::Off,
+            Model::Physics => self.choice.has_physics(),
             Model::Learned => self.active.is_some() && (seen || self.choice.blind),
             Model::LastGood => self.last_good.is_some() && seen,
         };
         let forced = self.choice.blind && self.active.is_some() && model != Model::Learned;
-        known && !forced && (gain == 0.0 || self.choice.observer_gain > 0.0)
+        let is_kalman = observer >= GAINS.len();
+        let at_hand = observer == 0
+            || self.choice.observer_gain > 0.0
+                && (!is_kalman || self.choice.observers == Observers::Kalman);
+        known && !forced && at_hand
     }
 
     /// Whether so many periods show what lasts.
@@ -418,9 +451,9 @@ impl Explanations {
             self.keep_learned();
         }
         for (record, shift) in self.axes.iter_mut().zip(shift) {
-            for (explanation, disturbance) in record.disturbance.iter_mut().enumerate() {
-                if model(explanation) == Model::Learned && gain(explanation) > 0.0 {
-                    *disturbance += shift;
+            for (explanation, estimate) in record.observer.iter_mut().enumerate() {
+                if model(explanation) == Model::Learned && observer(explanation) > 0 {
+                    estimate.disturbance += shift;
                 }
             }
         }
@@ -437,17 +470,36 @@ impl Explanations {
     /// What is known of the newest learned model is from now on known of the last good one.
     fn keep_learned(&mut self) {
         let (from, to) = (Model::Learned.first(), Model::LastGood.first());
-        let keep = |of: &mut [f64; COUNT]| of.copy_within(from..from + GAINS.len(), to);
+        let kept = from..from + OBSERVERS;
+        let keep = |of: &mut [f64; COUNT]| of.copy_within(kept.clone(), to);
         for axis in &mut self.axes {
-            [&mut axis.disturbance, &mut axis.lasting, &mut axis.score].into_iter().for_each(keep);
+            axis.observer.copy_within(kept.clone(), to);
+            [&mut axis.lasting, &mut axis.score].into_iter().for_each(keep);
         }
         self.past.iter_mut().flat_map(|past| &mut past.disturbance).for_each(keep);
+    }
+
+    /// What is known of physics, if it is an explanation.
+    pub fn found_physics(&self) -> Option<FoundPhysics> {
+        self.choice.has_physics().then(|| self.physics.found())
+    }
+
+    /// Begins, now and after each reset, with what an earlier run found. Returns false if it cannot.
+    pub fn begin_with(&mut self, found: &FoundPhysics) -> bool {
+        let is_usable = self.first_physics.begin_with(found);
+        self.physics.clone_from(&self.first_physics);
+        is_usable
+    }
+
+    /// A period is missing: the next one begins with a measured velocity that is not compared.
+    pub fn resume(&mut self) {
+        self.axes.iter_mut().flat_map(|axis| &mut axis.observer).for_each(Observer::resume);
     }
 
     /// Forgets all but the learned models.
     pub fn reset(&mut self, response: FirstOrderResponse) {
         self.response = response;
-        self.physics.reset();
+        self.physics.clone_from(&self.first_physics);
         self.axes = [Axis::new(first(&self.choice)); AXES];
         self.past.fill(Past::default());
         (self.taken, self.with_learned, self.with_newest) = (0, 0, 0);
@@ -514,8 +566,12 @@ mod tests {
         Explanations::new(choice, &main(), [1.0; AXES], response, physics)
     }
 
-    const OBSERVERS: Choice =
-        Choice { observer_gain: 1.0, response: false, physics: false, blind: false };
+    const WITH_OBSERVERS: Choice = Choice {
+        observer_gain: 1.0,
+        observers: Observers::Gains,
+        identify: Identify::Off,
+        blind: false,
+    };
 
     /// Pseudo-random and repeatable, of mean square 1.
     fn noise(k: usize) -> f64 {
@@ -533,13 +589,14 @@ mod tests {
         explanations
     }
 
-    fn gains(explanations: &Explanations) -> [f64; AXES] {
-        explanations.axes.map(|axis| gain(axis.chosen))
+    fn used_gains(explanations: &Explanations) -> [f64; AXES] {
+        explanations.axes.map(|axis| GAINS[observer(axis.chosen)])
     }
 
     #[test]
     fn a_constant_disturbance_is_found() {
-        for (found, bound) in after(OBSERVERS, 200, |_| 0.1).disturbance().into_iter().zip([1.0; 3])
+        for (found, bound) in
+            after(WITH_OBSERVERS, 200, |_| 0.1).disturbance().into_iter().zip([1.0; 3])
         {
             assert!((found - 0.1).abs() < 1e-9 * bound);
         }
@@ -549,8 +606,8 @@ mod tests {
     #[test]
     fn noise_of_the_velocity_is_not_passed_on() {
         let decay = main().decay[0];
-        let observed = after(OBSERVERS, 2000, |k| 0.01 * (noise(k + 1) - decay * noise(k)));
-        for (gain, found) in gains(&observed).into_iter().zip(observed.disturbance()) {
+        let observed = after(WITH_OBSERVERS, 2000, |k| 0.01 * (noise(k + 1) - decay * noise(k)));
+        for (gain, found) in used_gains(&observed).into_iter().zip(observed.disturbance()) {
             assert!(gain <= 0.5, "a gain of {gain}");
             assert!(found.abs() < 0.005, "{found}");
         }
@@ -558,8 +615,9 @@ mod tests {
 
     #[test]
     fn a_disturbance_that_changes_quickly_is_followed_by_a_great_gain() {
-        let observed = after(OBSERVERS, 2000, |k| 0.1 * (0.05 * k as f64).sin() + 1e-4 * noise(k));
-        for gain in gains(&observed) {
+        let observed =
+            after(WITH_OBSERVERS, 2000, |k| 0.1 * (0.05 * k as f64).sin() + 1e-4 * noise(k));
+        for gain in used_gains(&observed) {
             assert!(gain >= 0.5, "a gain of {gain}");
         }
     }
@@ -567,7 +625,7 @@ mod tests {
     #[test]
     fn a_disturbance_that_comes_at_once_is_answered_within_half_a_second() {
         let push = |k| if k < 1000 { 0.0 } else { 0.1 };
-        let observed = after(OBSERVERS, 1025, |k| push(k) + 0.01 * noise(k));
+        let observed = after(WITH_OBSERVERS, 1025, |k| push(k) + 0.01 * noise(k));
         for found in observed.disturbance() {
             assert!((found - 0.1).abs() < 0.03, "{found}");
         }
@@ -575,21 +633,21 @@ mod tests {
 
     #[test]
     fn without_a_gain_there_is_no_disturbance() {
-        let choice = Choice { observer_gain: 0.0, ..OBSERVERS };
+        let choice = Choice { observer_gain: 0.0, ..WITH_OBSERVERS };
         assert_eq!(after(choice, 100, |_| 0.1).disturbance(), [0.0; AXES]);
     }
 
     #[test]
     fn one_absurd_sample_moves_it_no_further_than_physics_allow() {
-        let observed = after(OBSERVERS, 1, |_| 1000.0);
+        let observed = after(WITH_OBSERVERS, 1, |_| 1000.0);
         assert_eq!(observed.disturbance(), [1.0; AXES]);
-        let nonsense = after(OBSERVERS, 3, |k| if k == 1 { f64::NAN } else { 0.1 });
+        let nonsense = after(WITH_OBSERVERS, 3, |k| if k == 1 { f64::NAN } else { 0.1 });
         assert!(nonsense.disturbance().iter().all(|value| value.is_finite()));
     }
 
     #[test]
     fn a_robot_that_responds_otherwise_is_foretold_by_its_response() {
-        let choice = Choice { response: true, ..OBSERVERS };
+        let choice = Choice { identify: Identify::Response, ..WITH_OBSERVERS };
         let mut explanations = explanations(choice);
         let mut estimator = ResponseEstimator::new(&main(), 0.5);
         let (mut sent, mut velocity) = (Sent::default(), [0.0; AXES]);
@@ -649,7 +707,7 @@ mod tests {
     /// Versions in use, and those handed back, as models come that say these residuals for 10 s each;
     /// the true one is 0.1.
     fn versions(says: &[f64]) -> Vec<(u64, Option<u64>)> {
-        let mut explanations = explanations(Choice { observer_gain: 0.0, ..OBSERVERS });
+        let mut explanations = explanations(Choice { observer_gain: 0.0, ..WITH_OBSERVERS });
         let response = explanations.response;
         let mut adopt = |(version, &says): (usize, &f64)| {
             let back = explanations.adopt(Box::new(candidate(1 + version as u64, says)));
@@ -666,7 +724,7 @@ mod tests {
 
     #[test]
     fn a_model_that_was_in_use_for_a_moment_is_not_the_last_good_one() {
-        let mut explanations = explanations(Choice { observer_gain: 0.0, ..OBSERVERS });
+        let mut explanations = explanations(Choice { observer_gain: 0.0, ..WITH_OBSERVERS });
         let response = explanations.response;
         let mut drive = |version, says, periods| {
             let back = explanations.adopt(Box::new(candidate(version, says)));

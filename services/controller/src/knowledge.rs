@@ -6,12 +6,13 @@
 
 use crate::adopt::Candidate;
 use crate::explanations::{Choice, Explanations, Model};
+use crate::identified::{self, Identified};
 use crate::pose::PoseFilter;
-use crate::settings::{DelaySetting, Identify, Method, Settings};
+use crate::settings::{DelaySetting, Method, Settings};
 use model::delay::{Delay, Sent};
 use model::foresight::Foresight;
 use model::learned::{Moment, Residual};
-use model::main_model::MainModel;
+use model::main_model::{MainModel, fingerprint};
 use model::physics::Physics;
 use model::predict::Belief;
 use model::residual::{bound, residual};
@@ -52,6 +53,8 @@ pub struct Knowledge {
     residual: Velocity,
     setting: DelaySetting,
     response: ResponseEstimator,
+    /// What is known of the response at the start of a run.
+    first_response: ResponseEstimator,
     sent: Sent,
     delay: Delay,
     pose: PoseFilter,
@@ -69,8 +72,8 @@ impl Knowledge {
     ) -> Self {
         let choice = Choice {
             observer_gain: settings.mpc.observer_gain,
-            response: settings.mpc.identify != Identify::Off,
-            physics: settings.mpc.identify == Identify::Physics,
+            observers: settings.mpc.observers,
+            identify: settings.mpc.identify,
             blind: !settings.mpc.no_harm,
         };
         let response = ResponseEstimator::new(&main, settings.robot.geometry.lever_m());
@@ -87,6 +90,7 @@ impl Knowledge {
             foresight,
             residual: [0.0; AXES],
             setting: settings.mpc.delay,
+            first_response: response.clone(),
             response,
             sent: Sent::default(),
             delay: Delay::default(),
@@ -95,6 +99,30 @@ impl Knowledge {
             acted: [0.0; AXES],
             main,
         }
+    }
+
+    /// What was identified so far. Allocates.
+    pub fn identified(&self) -> Identified {
+        Identified {
+            main_model: self.main_model_name(),
+            response: self.response.found(),
+            physics: self.explanations.found_physics(),
+        }
+    }
+
+    /// Begins, now and after each reset, with what an earlier run of the same robot identified.
+    /// Returns false, and begins with nothing, if it has other dead times or is not finite.
+    pub fn begin_with(&mut self, identified: &Identified) -> bool {
+        let is_usable = self.first_response.begin_with(&identified.response)
+            && (identified.physics.as_ref())
+                .is_none_or(|found| self.explanations.begin_with(found));
+        self.reset();
+        is_usable
+    }
+
+    /// Name of the main model in a file of what was identified.
+    pub fn main_model_name(&self) -> String {
+        identified::name_of(fingerprint(&self.main, ""))
     }
 
     /// What predictions are made with.
@@ -233,6 +261,7 @@ impl Knowledge {
         self.acted = given;
         self.response.resume(&measured.velocity);
         self.pose.resume(&measured.pose);
+        self.explanations.resume();
         self.velocity = measured.velocity;
     }
 
@@ -250,7 +279,7 @@ impl Knowledge {
     /// Forgets all but the learned model: another robot, or the same one put somewhere else.
     pub fn reset(&mut self) {
         self.residual = [0.0; AXES];
-        self.response.reset();
+        self.response.clone_from(&self.first_response);
         self.explanations.reset(self.response.response());
     }
 

@@ -14,6 +14,7 @@
 //! | [`control`]   | one tick: answer the state, then say what was learnt                      |
 //! | [`knowledge`] | what is believed at one moment, and how it follows what is seen           |
 //! | [`explanations`] | no harm: models with observers, and the one that is used on each axis  |
+//! | [`identified`] | what was identified, kept for a later run                                |
 //! | [`loop_judge`] | whether plans hold the robot, or the simple controller shall drive       |
 //! | [`pose`]      | where the robot is, by measured poses and velocities                      |
 //! | [`run`]       | the loop: the only place with a clock and a stop signal                   |
@@ -24,6 +25,7 @@ pub mod control;
 pub mod currents;
 pub mod explanations;
 pub mod fallback;
+pub mod identified;
 pub mod knowledge;
 pub mod loop_judge;
 pub mod mpc;

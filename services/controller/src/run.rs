@@ -9,6 +9,7 @@ use crate::adopt::{Arrival, Event, Handover};
 use crate::complaints::{Complaints, Sentence};
 use crate::control::tuning::RULES;
 use crate::control::{Controller, ControllerError};
+use crate::identified;
 use crate::settings::Settings;
 use attendant::attend;
 use model::foresight::Foresight;
@@ -159,10 +160,12 @@ impl<'a> Loop<'a> {
         handover: &'a Handover,
     ) -> Result<Self, RunError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
+        let mut controller = Controller::foreseeing(settings, foresight)?;
+        identified::resume(&mut controller, settings);
         Ok(Self {
             settings,
             handover,
-            controller: Controller::foreseeing(settings, foresight)?,
+            controller,
             complaints: Complaints::new(&settings.robot, settings.run.period_nanos as f64 * 1e-9),
             states: ports.source(since)?,
             commands: ports.sink()?,
@@ -208,6 +211,7 @@ impl<'a> Loop<'a> {
             self.report();
         }
         self.report();
+        identified::save(&self.controller, self.settings);
         self.pulse.last_words(Phase::Finished, self.settings.run.pace);
         Ok(())
     }

@@ -8,6 +8,7 @@ use protocol::message::HORIZON_MAX;
 use robot::Robot;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
+use std::path::PathBuf;
 
 pub use solver_fault::{SolverFault, SolverFaultKind, SolverFaults};
 
@@ -35,6 +36,9 @@ pub struct Settings {
     pub mpc: MpcSettings,
     /// How learned models come in.
     pub learned: LearnedSettings,
+    /// What an earlier run identified, to begin with.
+    #[serde(default)]
+    pub identified: Option<PathBuf>,
     /// What goes wrong in the optimiser on purpose.
     #[serde(default, skip_serializing_if = "SolverFaults::is_empty")]
     pub solver_faults: SolverFaults,
@@ -73,6 +77,9 @@ pub struct MpcSettings {
     /// Largest ℓ of the disturbance observer, 0 to 1; a smaller one is used where it foretells better.
     /// With 0 there is no observer.
     pub observer_gain: f64,
+    /// Which observers estimate the disturbance.
+    #[serde(default)]
+    pub observers: Observers,
     /// How answers are found.
     #[serde(default)]
     pub method: Method,
@@ -105,6 +112,18 @@ const fn yes() -> bool {
 
 const fn half() -> f64 {
     0.5
+}
+
+/// Which observers estimate the disturbance, the part of the residual that no model explains. On each
+/// axis the one is used that predicts best.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Observers {
+    /// Plain ones of several gains.
+    #[default]
+    Gains,
+    /// These, and Kalman filters of several ratios, for which the disturbance is a ramp.
+    Kalman,
 }
 
 /// What least squares find while the robot drives, dead time apart.

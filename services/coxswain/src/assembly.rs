@@ -259,6 +259,7 @@ impl Assembly {
             robot: self.robot,
             reference: self.scenario.reference.clone(),
             mpc: self.scenario.mpc,
+            identified: self.scenario.identified.clone(),
             learned: LearnedSettings {
                 enabled: self.learns(),
                 layout: learner.layout,

@@ -68,8 +68,8 @@ pub struct CompareOptions {
     /// How many seeds, from 1 on.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,
-    /// What is known at the start: nothing, what an earlier run has learnt, or what a run of another variant has. Only who has a learner
-    /// keeps what it learnt: recursive least squares always begin with nothing.
+    /// What is known at the start: nothing, what an earlier run has learnt and identified, or what a run
+    /// of another variant has.
     #[arg(long, value_delimiter = ',', default_value = "cold")]
     pub start: Vec<Start>,
     /// paper (T = 100 ms, N = 5) or a file of deploy/scenarios/profiles, as agile (T = 20 ms, N = 20).
@@ -179,18 +179,16 @@ pub fn compare(options: &CompareOptions) -> Result<(), ExperimentError> {
         .collect();
     let taught =
         bench.run_all(&lessons, &home, &BTreeMap::new(), &mut terminal, "learning", |_| Ok(()))?;
-    let snapshots: BTreeMap<(String, Contender), PathBuf> = lessons
+    let schools: BTreeMap<(String, Contender), PathBuf> = lessons
         .iter()
         .zip(taught)
-        .map(|(lesson, (folder, _))| {
-            ((lesson.scenario.clone(), lesson.contender), folder.join("snapshot.bin"))
-        })
+        .map(|(lesson, (folder, _))| ((lesson.scenario.clone(), lesson.contender), folder))
         .collect();
     let rows =
         bench.run_all(
             &trials,
             &home,
-            &snapshots,
+            &schools,
             &mut terminal,
             "trials",
             |row| match &mut json {
@@ -256,8 +254,8 @@ impl Bench {
         for scenario in self.cases.assemblies.keys().filter(|name| !only_taught.contains(name)) {
             for &start in &options.start {
                 for &contender in &contenders {
-                    // Who learns nothing starts the same way every time.
-                    if !contender.learns() && options.start.first() != Some(&start) {
+                    // What remembers nothing starts the same way every time.
+                    if !contender.remembers() && options.start.first() != Some(&start) {
                         continue;
                     }
                     trials.extend((1..=seeds).map(|seed| Trial {
@@ -275,7 +273,7 @@ impl Bench {
     /// The earlier run that `trial` needs.
     fn lesson(&self, trial: &Trial) -> Option<(String, Contender)> {
         let scenario = match trial.start {
-            _ if !trial.contender.learns() => None,
+            _ if !trial.contender.remembers() => None,
             Start::Cold => None,
             Start::Warm => Some(&trial.scenario),
             Start::Stale => self.cases.other.get(&trial.scenario),
@@ -288,7 +286,7 @@ impl Bench {
         &self,
         trials: &[Trial],
         home: &Path,
-        snapshots: &BTreeMap<(String, Contender), PathBuf>,
+        schools: &BTreeMap<(String, Contender), PathBuf>,
         terminal: &mut Terminal,
         what: &str,
         mut each: impl FnMut(&Row) -> Result<(), ExperimentError>,
@@ -310,7 +308,7 @@ impl Bench {
                         if sender
                             .send((
                                 index,
-                                self.run(trial, &folder, snapshots).map(|row| (folder, row)),
+                                self.run(trial, &folder, schools).map(|row| (folder, row)),
                             ))
                             .is_err()
                         {
@@ -349,7 +347,7 @@ impl Bench {
         &self,
         trial: &Trial,
         folder: &Path,
-        snapshots: &BTreeMap<(String, Contender), PathBuf>,
+        schools: &BTreeMap<(String, Contender), PathBuf>,
     ) -> Result<Row, ExperimentError> {
         let Some(case) = self.cases.assemblies.get(&trial.scenario) else {
             return Err(ExperimentError::NoCase { scenario: trial.scenario.clone() });
@@ -360,8 +358,13 @@ impl Bench {
         assembly.scenario.seed = trial.seed;
         assembly.scenario.duration_s = self.duration_s.unwrap_or(assembly.scenario.duration_s);
         trial.contender.take_over(&mut assembly);
-        assembly.scenario.learner.resume =
-            self.lesson(trial).and_then(|lesson| snapshots.get(&lesson).cloned());
+        let school = self.lesson(trial).and_then(|lesson| schools.get(&lesson));
+        if trial.contender.learns() {
+            assembly.scenario.learner.resume = school.map(|folder| folder.join("snapshot.bin"));
+        }
+        if trial.contender.identifies() {
+            assembly.scenario.identified = school.map(|folder| folder.join("identified.toml"));
+        }
         fs::create_dir_all(folder)
             .map_err(|source| ExperimentError::File { path: folder.to_path_buf(), source })?;
         let poison = self.poison.filter(|_| trial.seed != TEACHING_SEED);

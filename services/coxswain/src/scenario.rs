@@ -34,6 +34,9 @@ pub struct Scenario {
     pub mpc: MpcSettings,
     /// How to learn.
     pub learner: LearnerSettings,
+    /// What an earlier run of the same robot identified, to begin with: `identified.toml` of its folder.
+    #[serde(default)]
+    pub identified: Option<PathBuf>,
     /// What is really the case in the simulator, which the controller does not know.
     #[serde(default)]
     pub truth: Option<Truth>,
@@ -200,6 +203,12 @@ impl Check for Scenario {
             return Err(Impossible::new(
                 "learner.resume",
                 "the snapshot of an earlier run, but there is no such file",
+            ));
+        }
+        if self.identified.as_ref().is_some_and(|file| !file.is_file()) {
+            return Err(Impossible::new(
+                "identified",
+                "the identified.toml of an earlier run, but there is no such file",
             ));
         }
         if self.truth.is_some() && self.world.is_some() {

@@ -6,12 +6,13 @@
 //! with c what the gate gave the wheels in each period.
 
 use crate::Velocity;
+use serde::{Deserialize, Serialize};
 
 /// Longest dead time that is made up for \[periods\].
 pub const DELAY_MAX: usize = 8;
 
 /// δ in periods, from 0 to [`DELAY_MAX`].
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Delay(f64);
 
 impl Delay {

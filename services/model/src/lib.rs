@@ -11,6 +11,7 @@
 //! | [`learned`]    | g as the controller uses it: layout of the inputs, normalisation, bound        |
 //! | [`delay`]      | the dead time from a command to its response                                   |
 //! | [`response`]   | dead time, time constant and gain of this robot, found while it drives         |
+//! | [`observer`]   | what no model explains: plain observers and Kalman filters                    |
 //! | [`predict`]    | one step of f + g + d                                                          |
 //! | [`linearise`]  | its Jacobians                                                                  |
 //! | [`covariance`] | how the uncertainty of single steps adds up along a prediction                 |
@@ -27,6 +28,7 @@ pub mod learned;
 pub mod linearise;
 pub mod lqr;
 pub mod main_model;
+pub mod observer;
 pub mod physics;
 pub mod predict;
 pub mod residual;

@@ -30,6 +30,7 @@ use crate::main_model::MainModel;
 use crate::{AXES, Velocity};
 use nalgebra::{SMatrix, SVector};
 use robot::{Geometry, kinematics};
+use serde::{Deserialize, Serialize};
 
 /// Features of one axis.
 const FEATURES: usize = 9;
@@ -89,6 +90,32 @@ fn prior() -> SMatrix<f64, FEATURES, FEATURES> {
     SMatrix::from_diagonal(&Features::from(PRIOR.map(|deviation| deviation * deviation)))
 }
 
+/// What was found of one axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FoundAxis {
+    weights: [f64; FEATURES],
+    covariance: [[f64; FEATURES]; FEATURES],
+    noise: f64,
+}
+
+/// What was found in a drive, for a later one of the same robot to begin with.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FoundPhysics {
+    taken: u32,
+    axes: [FoundAxis; AXES],
+}
+
+impl FoundPhysics {
+    fn is_usable(&self) -> bool {
+        self.axes.iter().all(|axis| {
+            let numbers = axis.weights.iter().chain(axis.covariance.as_flattened());
+            numbers.chain([&axis.noise]).all(|value| value.is_finite())
+        })
+    }
+}
+
 /// The weights of all axes. Does not allocate.
 #[derive(Debug, Clone)]
 pub struct Physics {
@@ -115,9 +142,31 @@ impl Physics {
         }
     }
 
-    /// Forgets everything: another robot.
-    pub fn reset(&mut self) {
-        *self = Self::new(&self.main, &self.geometry);
+    /// What was found so far.
+    pub fn found(&self) -> FoundPhysics {
+        let axes = self.axes.map(|axis| FoundAxis {
+            weights: axis.weights.into(),
+            covariance: axis.covariance.into(),
+            noise: axis.noise,
+        });
+        FoundPhysics { taken: self.taken, axes }
+    }
+
+    /// Goes on from what was `found` with the same main model. Returns false, and changes nothing, if
+    /// that is not finite.
+    pub fn begin_with(&mut self, found: &FoundPhysics) -> bool {
+        let is_usable = found.is_usable();
+        if is_usable {
+            for (axis, found) in self.axes.iter_mut().zip(&found.axes) {
+                *axis = Axis {
+                    weights: found.weights.into(),
+                    covariance: found.covariance.into(),
+                    noise: found.noise,
+                };
+            }
+            self.taken = found.taken;
+        }
+        is_usable
     }
 
     /// Takes in one period and its residual. Numbers that are none are passed over.
@@ -264,6 +313,23 @@ mod tests {
         missed(&mut physics, (2050, 3000), lighter);
         let last = missed(&mut physics, (3000, 3100), lighter);
         assert!(last < 0.5 * first, "{first} m/s, {last} m/s");
+    }
+
+    #[test]
+    fn a_later_drive_goes_on_from_what_an_earlier_one_found() {
+        let (mut earlier, mut later) = (physics(), physics());
+        missed(&mut earlier, (0, 500), heavy);
+        assert!(later.begin_with(&earlier.found()));
+        for k in 500..510 {
+            assert_eq!(later.mean(&moment(k)), earlier.mean(&moment(k)));
+        }
+        missed(&mut earlier, (500, 600), heavy);
+        missed(&mut later, (500, 600), heavy);
+        assert_eq!(later.found(), earlier.found());
+        let mut of = earlier.found();
+        of.axes[1].weights[2] = f64::NAN;
+        assert!(!later.begin_with(&of));
+        assert_eq!(later.found(), earlier.found());
     }
 
     #[test]

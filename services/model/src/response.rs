@@ -27,6 +27,7 @@ use crate::delay::{Delay, Sent};
 use crate::learned::{Moment, Residual, Response};
 use crate::main_model::MainModel;
 use crate::{AXES, Velocity};
+use serde::{Deserialize, Serialize};
 
 /// Dead times that are compared \[periods\].
 const DEAD_TIMES: [f64; 14] =
@@ -79,7 +80,7 @@ impl FirstOrder {
 }
 
 /// Recursive least squares of one axis.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Fit {
     /// A, B, c: without t, and with it.
     weights: [[f64; 3]; FRAMES],
@@ -134,7 +135,7 @@ fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
 }
 
 /// One dead time that may be the true one.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Hypothesis {
     delay: Delay,
     fits: [Fit; AXES],
@@ -159,6 +160,31 @@ impl Hypothesis {
     fn believable(&self) -> bool {
         let frame = self.frame();
         self.cost().is_finite() && self.fits.iter().all(|fit| fit.first_order(frame).believable())
+    }
+}
+
+/// What was found in a drive, for a later one of the same robot to begin with.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FoundResponse {
+    believed: usize,
+    taken: u32,
+    hypotheses: Vec<Hypothesis>,
+}
+
+impl FoundResponse {
+    /// Whether an estimator can begin with it: of the same dead times, and finite.
+    fn is_usable(&self) -> bool {
+        let is_finite = |of: &Hypothesis| {
+            let fits = of.fits.iter().flat_map(|fit| {
+                fit.weights.as_flattened().iter().chain(fit.covariance.as_flattened())
+            });
+            fits.chain(&of.costs).all(|value| value.is_finite())
+        };
+        let delays = self.hypotheses.iter().map(|of| of.delay.periods());
+        delays.eq(DEAD_TIMES)
+            && self.believed < DEAD_TIMES.len()
+            && self.hypotheses.iter().all(is_finite)
     }
 }
 
@@ -195,6 +221,23 @@ impl ResponseEstimator {
             before: None,
             taken: 0,
         }
+    }
+
+    /// What was found so far. Allocates.
+    pub fn found(&self) -> FoundResponse {
+        let Self { believed, taken, hypotheses, .. } = self;
+        FoundResponse { believed: *believed, taken: *taken, hypotheses: hypotheses.to_vec() }
+    }
+
+    /// Goes on from what was `found` by an estimator of the same main model. Returns false, and
+    /// changes nothing, if that has other dead times or is not finite.
+    pub fn begin_with(&mut self, found: &FoundResponse) -> bool {
+        let is_usable = found.is_usable();
+        if is_usable {
+            self.hypotheses.copy_from_slice(&found.hypotheses);
+            (self.believed, self.taken, self.before) = (found.believed, found.taken, None);
+        }
+        is_usable
     }
 
     /// δ.
@@ -264,11 +307,6 @@ impl ResponseEstimator {
     /// A period is missing: the next one begins with `velocity`.
     pub fn resume(&mut self, velocity: &Velocity) {
         self.before = Some(*velocity);
-    }
-
-    /// Forgets everything: another robot.
-    pub fn reset(&mut self) {
-        *self = Self::new(&self.main, self.scale[2]);
     }
 }
 
@@ -364,6 +402,34 @@ mod tests {
             estimator.update(&sent, &measured);
         }
         estimator
+    }
+
+    #[test]
+    fn an_estimator_goes_on_from_what_an_earlier_one_found() {
+        let earlier = found(2.5, soft(0.8), 1e-3, 600);
+        let mut later = found(0.0, soft(0.5), 1e-3, 600);
+        assert!(later.begin_with(&earlier.found()));
+        assert_eq!(later.delay(), earlier.delay());
+        assert_eq!(later.response(), earlier.response());
+        assert_eq!(later.found(), earlier.found());
+    }
+
+    #[test]
+    fn what_is_not_finite_or_of_other_dead_times_is_not_gone_on_from() {
+        let changes: [fn(&mut FoundResponse); 4] = [
+            |found| found.hypotheses[3].fits[1].covariance[2][0] = f64::NAN,
+            |found| found.hypotheses[3].costs[1] = f64::INFINITY,
+            |found| found.believed = DEAD_TIMES.len(),
+            |found| _ = found.hypotheses.pop(),
+        ];
+        for change in changes {
+            let mut estimator = found(2.5, soft(0.8), 0.0, 600);
+            let mut of = estimator.found();
+            change(&mut of);
+            let before = estimator.found();
+            assert!(!estimator.begin_with(&of));
+            assert_eq!(estimator.found(), before);
+        }
     }
 
     fn soft(decay: f64) -> [FirstOrder; AXES] {

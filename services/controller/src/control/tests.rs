@@ -31,6 +31,7 @@ pub(crate) fn told() -> Settings {
             speed_factor: 1.0,
         },
         mpc: settings(),
+        identified: None,
         learned: LearnedSettings {
             enabled: true,
             layout: Layout::VelocitySlip,

@@ -1,6 +1,6 @@
 use super::*;
 use crate::settings::{
-    DelaySetting, Identify, Linearise, Method, SolverSetting, StateLimits, Weights,
+    DelaySetting, Identify, Linearise, Method, Observers, SolverSetting, StateLimits, Weights,
 };
 use model::learned::{Moment, Residual, Response};
 use proptest::prelude::*;
@@ -27,6 +27,7 @@ pub(crate) fn settings() -> MpcSettings {
         method: Method::Mpc,
         delay: DelaySetting::Estimated,
         identify: Identify::Response,
+        observers: Observers::Gains,
         no_harm: true,
         linearise: Linearise::Measured,
         solver: SolverSetting::ActiveSet,

@@ -14,7 +14,8 @@ pub(crate) mod gp_data;
 use controller::mpc::constraint::InputLimits;
 use controller::reference::ReferencePoint;
 use controller::settings::{
-    DelaySetting, Identify, Linearise, Method, MpcSettings, SolverSetting, StateLimits, Weights,
+    DelaySetting, Identify, Linearise, Method, MpcSettings, Observers, SolverSetting, StateLimits,
+    Weights,
 };
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::posterior::{Posterior, PosteriorError};
@@ -69,6 +70,7 @@ pub(crate) fn settings(horizon: usize) -> MpcSettings {
         linearise: Linearise::Expected,
         solver: SolverSetting::ActiveSet,
         identify: Identify::Off,
+        observers: Observers::Gains,
         no_harm: false,
         budget_share: 1.0,
     }

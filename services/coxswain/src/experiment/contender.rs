@@ -2,7 +2,7 @@
 
 use crate::assembly::Assembly;
 use clap::ValueEnum;
-use controller::settings::{DelaySetting, Identify, Method};
+use controller::settings::{DelaySetting, Identify, Method, Observers};
 use learner::settings::KernelChoice;
 use model::learned::Layout;
 use serde::Serialize;
@@ -26,6 +26,11 @@ pub enum Contender {
     #[value(name = "mpc+observer")]
     #[serde(rename = "mpc+observer")]
     MpcObserver,
+    /// With Kalman filters of velocity and disturbance, which is a ramp: offset-free, and quicker where
+    /// the disturbance changes steadily.
+    #[value(name = "mpc+kalman")]
+    #[serde(rename = "mpc+kalman")]
+    MpcKalman,
     /// With the response that recursive least squares identify, and the observer.
     #[value(name = "rls-mpc+observer")]
     #[serde(rename = "rls-mpc+observer")]
@@ -53,10 +58,11 @@ pub enum Contender {
 
 impl Contender {
     /// All of them, the simplest first.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::FeedforwardP,
         Self::Mpc,
         Self::MpcObserver,
+        Self::MpcKalman,
         Self::RlsMpcObserver,
         Self::PhysicsMpcObserver,
         Self::GprMpc,
@@ -69,7 +75,17 @@ impl Contender {
         self == Self::OracleMpc
     }
 
-    /// Whether it has a learner, and so something to begin with.
+    /// Whether an earlier run leaves it something to begin with.
+    pub fn remembers(self) -> bool {
+        self.learns() || self.identifies()
+    }
+
+    /// Whether it identifies the response while it drives.
+    pub fn identifies(self) -> bool {
+        matches!(self, Self::RlsMpcObserver | Self::PhysicsMpcObserver | Self::GprMpcObserver)
+    }
+
+    /// Whether it has a learner.
     pub fn learns(self) -> bool {
         matches!(self, Self::GprMpc | Self::GprMpcObserver)
     }
@@ -87,6 +103,11 @@ impl Contender {
             // The scenario's, the same for all that have an observer.
             _ if mpc.observer_gain > 0.0 => mpc.observer_gain,
             _ => OBSERVER_GAIN,
+        };
+        mpc.observers = match self {
+            Self::MpcKalman => Observers::Kalman,
+            Self::MpcObserver => Observers::Gains,
+            _ => mpc.observers,
         };
         mpc.identify = match self {
             Self::RlsMpcObserver | Self::GprMpcObserver => Identify::Response,
@@ -118,6 +139,7 @@ impl Display for Contender {
             Self::FeedforwardP => "feedforward-p",
             Self::Mpc => "mpc",
             Self::MpcObserver => "mpc+observer",
+            Self::MpcKalman => "mpc+kalman",
             Self::RlsMpcObserver => "rls-mpc+observer",
             Self::PhysicsMpcObserver => "physics-mpc+observer",
             Self::GprMpc => "gpr-mpc",

@@ -6,7 +6,8 @@
 //! gap closed                Σ(observer − x) / Σ(observer − oracle)  over the scenarios
 //! share of the bar          x / (1.05 b + min(2 mm, 0.2 b)), b the least of all who learn nothing
 //! ```
-//! The bar of no harm is taken for the means over the seeds, and for every seed by itself.
+//! The bar of no harm is taken for the means over the seeds, and for every seed by itself. A start is
+//! compared with baselines of the same start, where these remember an earlier run.
 
 use super::contender::Contender;
 use super::figure::Figure;
@@ -63,12 +64,14 @@ impl<'a> Cells<'a> {
         Some(seeds.values().sum::<f64>() / seeds.len() as f64)
     }
 
-    /// The column of a contender that learns nothing, and so starts in one way only.
-    fn baseline(&self, contender: Contender) -> Option<Column> {
-        self.columns.iter().copied().find(|column| column.0 == contender)
+    /// The column of a contender with that start. What remembers nothing has one column.
+    fn baseline(&self, contender: Contender, start: Start) -> Option<Column> {
+        let mut columns = self.columns.iter().copied().filter(|column| column.0 == contender);
+        columns.find(|column| column.1 == start || !contender.remembers())
     }
 
-    fn geometric_mean(&self, column: Column, baseline: Column) -> Option<f64> {
+    fn geometric_mean(&self, column: Column, contender: Contender) -> Option<f64> {
+        let baseline = self.baseline(contender, column.1)?;
         let ratios = self.scenarios.iter().filter_map(|scenario| {
             Some((self.mean(scenario, column)? / self.mean(scenario, baseline)?).ln())
         });
@@ -77,8 +80,10 @@ impl<'a> Cells<'a> {
     }
 
     fn gap_closed(&self, column: Column) -> Option<f64> {
-        let (observer, oracle) =
-            (self.baseline(Contender::MpcObserver)?, self.baseline(Contender::OracleMpc)?);
+        let (observer, oracle) = (
+            self.baseline(Contender::MpcObserver, column.1)?,
+            self.baseline(Contender::OracleMpc, column.1)?,
+        );
         let gaps = self.scenarios.iter().filter_map(|scenario| {
             let from = self.mean(scenario, observer)?;
             Some((from - self.mean(scenario, column)?, from - self.mean(scenario, oracle)?))
@@ -88,9 +93,13 @@ impl<'a> Cells<'a> {
         (whole != 0.0).then(|| closed / whole)
     }
 
-    /// The least of the baselines' values that `of` gives.
-    fn best(&self, of: impl Fn(Column) -> Option<f64>) -> Option<f64> {
-        let is_baseline = |column: &&Column| !column.0.learns() && !column.0.is_bound();
+    /// The least of the values that `of` gives of the baselines with that start.
+    fn best(&self, start: Start, of: impl Fn(Column) -> Option<f64>) -> Option<f64> {
+        let is_baseline = |column: &&Column| {
+            let (contender, its_start) = **column;
+            let is_same = its_start == start || !contender.remembers();
+            is_same && !contender.learns() && !contender.is_bound()
+        };
         let values = self.columns.iter().filter(is_baseline).filter_map(|&column| of(column));
         values.reduce(f64::min)
     }
@@ -100,7 +109,7 @@ impl<'a> Cells<'a> {
         let mut harm = Harm { cell: (0.0, ""), above: [0; 2], of: [0; 2] };
         for &scenario in &self.scenarios {
             let cell = self.mean(scenario, column);
-            let best = self.best(|column| self.mean(scenario, column));
+            let best = self.best(column.1, |column| self.mean(scenario, column));
             let (Some(cell), Some(best)) = (cell, best) else { continue };
             let share = cell / bar(best);
             if share > harm.cell.0 {
@@ -112,7 +121,7 @@ impl<'a> Cells<'a> {
                 self.values.get(&(scenario, column)).and_then(|seeds| seeds.get(&seed)).copied()
             };
             for (&seed, value) in self.values.get(&(scenario, column)).into_iter().flatten() {
-                let Some(best) = self.best(|column| of(seed, column)) else { continue };
+                let Some(best) = self.best(column.1, |column| of(seed, column)) else { continue };
                 harm.of[1] += 1;
                 harm.above[1] += usize::from(*value > bar(best));
             }
@@ -134,7 +143,7 @@ pub(super) fn render(rows: &[Row], figure: Figure) -> String {
         }
     };
     line("controller", &|(contender, _)| Some(contender.to_string()));
-    line("start", &|(contender, start)| contender.learns().then(|| start.to_string()));
+    line("start", &|(contender, start)| contender.remembers().then(|| start.to_string()));
     for scenario in &cells.scenarios {
         line(scenario, &|column| {
             cells.mean(scenario, column).map(|mean| format!("{:.1}", scale * mean))
@@ -143,12 +152,15 @@ pub(super) fn render(rows: &[Row], figure: Figure) -> String {
     for contender in [
         Contender::Mpc,
         Contender::MpcObserver,
+        Contender::MpcKalman,
         Contender::RlsMpcObserver,
         Contender::PhysicsMpcObserver,
     ] {
-        let Some(baseline) = cells.baseline(contender) else { continue };
+        if !cells.columns.iter().any(|column| column.0 == contender) {
+            continue;
+        }
         line(&format!("geometric mean, of {contender}"), &|column| {
-            cells.geometric_mean(column, baseline).map(|ratio| format!("{ratio:.3}"))
+            cells.geometric_mean(column, contender).map(|ratio| format!("{ratio:.3}"))
         });
     }
     if figure != Figure::PositionRmse {
@@ -169,7 +181,7 @@ pub(super) fn render(rows: &[Row], figure: Figure) -> String {
     });
     for &(contender, start) in &cells.columns {
         if let Some(Harm { cell: (share, scenario), .. }) = harm((contender, start)) {
-            let known = if contender.learns() { format!(" {start}") } else { String::new() };
+            let known = if contender.remembers() { format!(" {start}") } else { String::new() };
             let _ = write!(out, "\nlargest share of {contender}{known}: {share:.2} in {scenario}");
         }
     }
@@ -250,6 +262,27 @@ mod tests {
         let ours = |name| line(&table, name).split("  ").map(str::trim).filter(|it| !it.is_empty());
         let learners = |name| ours(name).nth(4).map(str::to_owned);
         assert_eq!(learners("trials above it").as_deref(), Some("1 of 2"), "{table}");
+    }
+
+    #[test]
+    fn a_warm_start_is_compared_with_least_squares_that_start_warm() {
+        let warm = |controller, rmse| Row { start: Start::Warm, ..row(controller, 1, Some(rmse)) };
+        let rows = [
+            row(Contender::MpcObserver, 1, Some(0.040)),
+            row(Contender::RlsMpcObserver, 1, Some(0.020)),
+            warm(Contender::RlsMpcObserver, 0.010),
+            row(Contender::GprMpcObserver, 1, Some(0.020)),
+            warm(Contender::GprMpcObserver, 0.015),
+        ];
+        let table = render(&rows, Figure::PositionRmse);
+        let ratios = |name| {
+            let line = line(&table, name).split_whitespace();
+            line.filter_map(|word| word.parse().ok()).collect::<Vec<f64>>()
+        };
+        assert_eq!(ratios("geometric mean, of rls"), [1.0, 1.0, 1.0, 1.5], "{table}");
+        assert_eq!(ratios("geometric mean, of mpc+o"), [1.0, 0.5, 0.25, 0.5, 0.375], "{table}");
+        let shares = ratios("largest share of the bar");
+        assert!((shares[4] - 0.015 / bar(0.010)).abs() < 0.01, "{table}");
     }
 
     #[test]

@@ -1,0 +1,147 @@
+//! What was identified of the robot, kept in a file at the end of a run, for a later one to begin with.
+
+use crate::control::Controller;
+use crate::settings::{Identify, Method, Settings};
+use model::physics::FoundPhysics;
+use model::response::FoundResponse;
+use serde::{Deserialize, Serialize};
+use settings::{Check, Impossible, SettingsError};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Dead time, response and physics, of one main model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Identified {
+    /// The main model that it is about, as sixteen hexadecimal digits.
+    pub main_model: String,
+    /// Dead time, time constant, gain and offset of each axis.
+    pub response: FoundResponse,
+    /// Friction, drag and coupled axes, where these are identified too.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub physics: Option<FoundPhysics>,
+}
+
+impl Check for Identified {
+    fn check(&self) -> Result<(), Impossible> {
+        Ok(())
+    }
+}
+
+/// Name of a main model in the file.
+pub fn name_of(fingerprint: u64) -> String {
+    format!("{fingerprint:016x}")
+}
+
+/// Where a run keeps it.
+pub fn file_of(settings: &Settings) -> PathBuf {
+    settings.run.folder.join("identified.toml")
+}
+
+/// Why a file is not begun with.
+#[derive(Debug, thiserror::Error)]
+pub enum IdentifiedError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Read(#[from] SettingsError),
+    /// It is of another robot file or period.
+    #[error("{}: main_model = {got}: expected {expected}: identified for another robot file or period", file.display())]
+    Foreign {
+        /// The file.
+        file: PathBuf,
+        /// Ours.
+        expected: String,
+        /// The file's.
+        got: String,
+    },
+    /// Its numbers are of another version, or not finite.
+    #[error("{}: expected finite numbers for the dead times of this version", file.display())]
+    Unusable {
+        /// The file.
+        file: PathBuf,
+    },
+}
+
+/// Lets `controller` begin with what this run itself identified before a restart, else with what the
+/// settings name. A file that cannot be used is logged, and the controller begins with nothing.
+pub fn resume(controller: &mut Controller, settings: &Settings) {
+    let own = Some(file_of(settings)).filter(|file| settings.run.restarted && file.exists());
+    let Some(file) = own.or_else(|| settings.identified.clone()) else { return };
+    match begin_with(controller, &file) {
+        Ok(()) => tracing::info!(file = %file.display(), "begins with an identified response"),
+        Err(error) => tracing::warn!("{error}; beginning with nothing"),
+    }
+}
+
+fn begin_with(controller: &mut Controller, file: &Path) -> Result<(), IdentifiedError> {
+    let identified: Identified = settings::read(file)?;
+    let expected = controller.knowledge().main_model_name();
+    if identified.main_model != expected {
+        let (file, got) = (file.to_owned(), identified.main_model);
+        return Err(IdentifiedError::Foreign { file, expected, got });
+    }
+    if controller.begin_with(&identified) {
+        Ok(())
+    } else {
+        Err(IdentifiedError::Unusable { file: file.to_owned() })
+    }
+}
+
+/// Writes what `controller` identified, whole or not at all. A failure is logged.
+pub fn save(controller: &Controller, settings: &Settings) {
+    if settings.mpc.method != Method::Mpc || settings.mpc.identify == Identify::Off {
+        return;
+    }
+    let file = file_of(settings);
+    let beside = file.with_extension("tmp");
+    let written = settings::write(&beside, &controller.knowledge().identified())
+        .map_err(|error| error.to_string())
+        .and_then(|()| fs::rename(&beside, &file).map_err(|error| error.to_string()));
+    if let Err(error) = written {
+        tracing::warn!(file = %file.display(), "what was identified is not kept: {error}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::tests::told;
+    use std::error::Error;
+
+    #[test]
+    fn a_controller_begins_with_the_file_that_another_wrote() -> Result<(), Box<dyn Error>> {
+        let folder = tempfile::tempdir()?;
+        let mut settings = told();
+        settings.run.folder = folder.path().to_owned();
+        settings.mpc.identify = Identify::Physics;
+        let mut controller = Controller::new(&settings)?;
+        save(&controller, &settings);
+        let file = file_of(&settings);
+        begin_with(&mut controller, &file)?;
+        assert_eq!(settings::read::<Identified>(&file)?, controller.knowledge().identified());
+        assert_eq!(fs::read_dir(folder.path())?.count(), 1, "something was left beside it");
+        Ok(())
+    }
+
+    #[test]
+    fn a_file_of_another_robot_or_with_numbers_that_are_not_finite_is_refused()
+    -> Result<(), Box<dyn Error>> {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("identified.toml");
+        let mut controller = Controller::new(&told())?;
+        let mut heavier = told();
+        heavier.robot.body.mass_kg *= 2.0;
+        settings::write(&file, &Controller::new(&heavier)?.knowledge().identified())?;
+        let foreign = begin_with(&mut controller, &file);
+        assert!(matches!(foreign, Err(IdentifiedError::Foreign { .. })), "{foreign:?}");
+        settings::write(&file, &controller.knowledge().identified())?;
+        let text = fs::read_to_string(&file)?.replacen("[100.0", "[nan", 1);
+        fs::write(&file, text)?;
+        let unusable = begin_with(&mut controller, &file);
+        assert!(matches!(unusable, Err(IdentifiedError::Unusable { .. })), "{unusable:?}");
+        fs::write(&file, "main_model = 3")?;
+        let damaged = begin_with(&mut controller, &file);
+        assert!(matches!(damaged, Err(IdentifiedError::Read(_))), "{damaged:?}");
+        Ok(())
+    }
+}
