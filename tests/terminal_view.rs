@@ -6,7 +6,6 @@ use promises::{Launched, Outcome, Screen, binaries, repository, signal, wait_unt
 use rustix::process::Signal;
 use std::env;
 use std::error::Error;
-use std::fmt::Write;
 use std::fs;
 use std::process::Command;
 use std::thread;
@@ -140,17 +139,19 @@ fn a_person_sees_the_robot_drive_at_both_sizes_and_the_keys_do_what_help_says() 
     Ok(())
 }
 
-/// Writes the screens down.
+/// Puts the screens in the place of those in `docs/watch.md`, each in the code block below its size.
 fn capture(small: &str, large: &str) -> Outcome {
-    let mut text = String::from(
-        "# The view on a terminal\n\n`coxswain watch` beside `./deploy/launch`, as text; on a terminal it has colours. Made by\n\n\
-         ```sh\nCOXSWAIN_CAPTURES=1 cargo test --workspace --locked --test terminal_view a_person_sees\n```\n",
-    );
+    let page = repository().join("docs/watch.md");
+    let mut text = fs::read_to_string(&page)?;
     for (size, shown) in [("80×24", small), ("200×60", large)] {
+        let heading = text.find(&format!("\n## {size}\n")).ok_or("the size has no heading")?;
+        let fence = |from: usize| text[from..].find("\n```").map(|at| from + at + 1);
+        let open = fence(heading).ok_or("no code block")?;
+        let close = fence(open).ok_or("the code block has no end")?;
         let shown: Vec<&str> = shown.lines().map(str::trim_end).collect();
-        write!(text, "\n## {size}\n\n```\n{}\n```\n", shown.join("\n"))?;
+        text.replace_range(open..close, &format!("```\n{}\n", shown.join("\n")));
     }
-    Ok(fs::write(repository().join("docs/watch.md"), text)?)
+    Ok(fs::write(page, text)?)
 }
 
 #[test]
