@@ -35,7 +35,7 @@ pub fn go_first(priority: u8) {
     match set(priority, FIFO) {
         Ok(()) => tracing::info!(priority, "runs as a real-time thread"),
         Err(error) => {
-            tracing::info!(%error, "runs among all others: a real-time priority is not permitted (see README, \"On time\")");
+            tracing::info!(%error, "runs among all others: a real-time priority is not permitted (see docs/how-to/real-time-priority.md)");
         }
     }
 }
