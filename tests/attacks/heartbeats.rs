@@ -122,7 +122,8 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
         .filter(|health| health.count("pid") == u64::from(NO_PROCESS))
         .map(|health| health.word("participant"))
         .collect();
-    let fresh = record.of("state").filter(|state| state.word("rung") == "fresh plan").count();
+    let fresh =
+        record.of("state").filter(|state| state.word("fallback_level") == "fresh plan").count();
     print(format_args!(
         "heartbeats: {said} said by one role in {lasted:.1} s, {} of them recorded; {fresh} of 201 periods on fresh plans",
         forged.len()
@@ -281,7 +282,10 @@ fn who_shows_ports_of_another_protocol_keeps_nobody_from_coming_back() -> Outcom
     thread::sleep(LIES_FOR / 2);
     let (text, _, record) = ended(launched)?;
     assert_eq!(text.matches("is started again").count(), 2, "{text}");
-    assert_eq!(record.of("state").last().map(|state| state.word("rung")), Some("fresh plan"));
+    assert_eq!(
+        record.of("state").last().map(|state| state.word("fallback_level")),
+        Some("fresh plan")
+    );
     Ok(())
 }
 
@@ -326,7 +330,7 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
         record.health_of(participant).filter(of).count()
     };
     let states = || record.of("state").filter(|state| state.stamp("sent_nanos") > flood.start);
-    let fresh = states().filter(|state| state.word("rung") == "fresh plan").count();
+    let fresh = states().filter(|state| state.word("fallback_level") == "fresh plan").count();
     print(format_args!(
         "heartbeats: {said} said under the learner's own name in 5 s; meanwhile recorded {} of the learner, {} of the plant, {} of the \
          controller; {fresh} of {} periods on fresh plans since",
@@ -384,9 +388,15 @@ fn nobody_ends_a_run_by_saying_that_the_plant_of_another_machine_has_finished() 
     let log = fs::read_to_string(far_home.path().join("run/coxswain.log"))?;
     assert!(log.contains("learner says on health what is no word of its own"), "{log}");
     let record = Record::read(&home.path().join("run"))?;
-    let rungs: Vec<&str> = record.of("state").map(|state| state.word("rung")).collect();
+    let fallback_levels: Vec<&str> =
+        record.of("state").map(|state| state.word("fallback_level")).collect();
     assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(200));
-    let last = rungs.iter().rev().take(50).filter(|rung| **rung == "fresh plan").count();
+    let last = fallback_levels
+        .iter()
+        .rev()
+        .take(50)
+        .filter(|fallback_level| **fallback_level == "fresh plan")
+        .count();
     assert!(last > 45, "{last} of the last 50 periods on fresh plans");
     Ok(())
 }
@@ -410,18 +420,20 @@ fn who_shows_thousands_of_tokens_has_nobody_killed_and_the_robot_drives_on_after
     drop(gateway);
     thread::sleep(Duration::from_secs_f64(2.0 * DRIVES_AGAIN_AFTER_S));
     let (text, _, record) = ended(launched)?;
-    let rungs = |wanted: &dyn Fn(u64) -> bool| -> Vec<&str> {
+    let fallback_levels = |wanted: &dyn Fn(u64) -> bool| -> Vec<&str> {
         record
             .of("state")
             .filter(|state| wanted(state.stamp("sent_nanos")))
-            .map(|state| state.word("rung"))
+            .map(|state| state.word("fallback_level"))
             .collect()
     };
-    let fresh = |rungs: &[&str]| rungs.iter().filter(|rung| **rung == "fresh plan").count();
-    let during = rungs(&|nanos| floods.iter().any(|flood| flood.contains(&nanos)));
+    let fresh = |fallback_levels: &[&str]| {
+        fallback_levels.iter().filter(|fallback_level| **fallback_level == "fresh plan").count()
+    };
+    let during = fallback_levels(&|nanos| floods.iter().any(|flood| flood.contains(&nanos)));
     let driven_again =
         floods.last().map_or(0, |flood| flood.end) + (DRIVES_AGAIN_AFTER_S * 1e9) as u64;
-    let after = rungs(&|nanos| nanos > driven_again);
+    let after = fallback_levels(&|nanos| nanos > driven_again);
     print(format_args!(
         "tokens: {shown} shown in {SHOWS} s by one role; {} of {} periods on fresh plans meanwhile, {} of {} afterwards",
         fresh(&during),

@@ -282,13 +282,13 @@ fn line(state: &PlantState, seconds: f64, plan: Option<&Plan>) -> String {
         Some(plan) => format!(
             "{measured}  error {:6.3} m  {:<12}  model {:4}  tick time {:6.0} us",
             plan.position_error(),
-            state.rung().text(),
+            state.fallback_level().text(),
             plan.model_version,
             plan.tick_nanos as f64 * 1e-3
         ),
         None => format!(
             "{measured}  error      -    {:<12}  model    -  tick time      -   ",
-            state.rung().text()
+            state.fallback_level().text()
         )
         .trim_end()
         .to_owned(),
@@ -316,7 +316,7 @@ mod tests {
 
     fn state(tick: u64) -> PlantState {
         let mut state: PlantState = bytemuck::Zeroable::zeroed();
-        (state.stamp.tick, state.stamp.epoch, state.rung) = (tick, 1, 1);
+        (state.stamp.tick, state.stamp.epoch, state.fallback_level) = (tick, 1, 1);
         state
     }
 

@@ -338,30 +338,38 @@ fn an_optimiser_whose_time_is_used_up_stops_and_the_next_answer_is_as_if_nothing
 }
 
 #[test]
-fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
-    use crate::fallback::Ladder;
-    use protocol::message::Rung;
+fn the_fallback_takes_one_level_after_the_other() -> Result<(), MpcError> {
+    use crate::fallback::FallbackChoice;
+    use protocol::message::FallbackLevel;
     let main = MainModel::new(&Robot::example(), 0.1);
     let mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
-    let mut ladder = Ladder::default();
-    let mut rung = |status| {
+    let mut fallback_choice = FallbackChoice::default();
+    let mut fallback_level = |status| {
         let outcome = Outcome { status, iterations: 1 };
-        ladder.choose(outcome, &mpc, &[0.0; 3]).map_or(Rung::Simple, |(rung, _)| rung)
+        fallback_choice
+            .choose(outcome, &mpc, &[0.0; 3])
+            .map_or(FallbackLevel::Simple, |(fallback_level, _)| fallback_level)
     };
     let (good, bad) = (Status::Solved, Status::OutOfIterations);
-    assert_eq!(rung(bad), Rung::Simple);
-    assert_eq!(rung(good), Rung::FreshPlan);
+    assert_eq!(fallback_level(bad), FallbackLevel::Simple);
+    assert_eq!(fallback_level(good), FallbackLevel::FreshPlan);
     assert_eq!(
-        (rung(bad), rung(bad), rung(bad)),
-        (Rung::ShiftedPlan, Rung::ShiftedPlan, Rung::Simple)
+        (fallback_level(bad), fallback_level(bad), fallback_level(bad)),
+        (FallbackLevel::ShiftedPlan, FallbackLevel::ShiftedPlan, FallbackLevel::Simple)
     );
-    assert_eq!((rung(good), rung(Status::Unpredictable)), (Rung::FreshPlan, Rung::Simple));
+    assert_eq!(
+        (fallback_level(good), fallback_level(Status::Unpredictable)),
+        (FallbackLevel::FreshPlan, FallbackLevel::Simple)
+    );
     // A plan that was not renewed while somebody else drove is not shifted.
-    for (status, expected) in [(bad, Rung::Simple), (good, Rung::ShiftedPlan)] {
-        ladder.look(Outcome { status, iterations: 1 });
+    for (status, expected) in [(bad, FallbackLevel::Simple), (good, FallbackLevel::ShiftedPlan)] {
+        fallback_choice.look(Outcome { status, iterations: 1 });
         let outcome = Outcome { status: bad, iterations: 1 };
-        let chosen = ladder.choose(outcome, &mpc, &[0.0; 3]);
-        assert_eq!(chosen.map_or(Rung::Simple, |(rung, _)| rung), expected);
+        let chosen = fallback_choice.choose(outcome, &mpc, &[0.0; 3]);
+        assert_eq!(
+            chosen.map_or(FallbackLevel::Simple, |(fallback_level, _)| fallback_level),
+            expected
+        );
     }
     Ok(())
 }

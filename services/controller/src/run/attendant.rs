@@ -75,7 +75,9 @@ fn write_events(handover: &Handover) {
                 tracing::info!(plant_epoch = epoch, controller_epoch, "answering a plant");
             }
             Event::Adopted { version, tick } => tracing::info!(version, tick, "model adopted"),
-            Event::Rung { tick, rung, reason } => tracing::info!(tick, %rung, %reason, "rung"),
+            Event::FallbackLevel { tick, fallback_level, reason } => {
+                tracing::info!(tick, %fallback_level, %reason, "fallback level")
+            }
             Event::Sensors { tick, fault: Some(fault) } => tracing::warn!(tick, "{}", fault.text()),
             Event::Sensors { tick, fault: None } => {
                 tracing::info!(tick, "the sensors are well again");

@@ -175,7 +175,7 @@ fn kill_all(home: &Home<'_>, times: u32, seed: u64, stop: &Stop) -> Result<Measu
         let record = session.record()?;
         let fresh = record
             .of("state")
-            .find(|state| state.word("rung") == "fresh plan")
+            .find(|state| state.word("fallback_level") == "fresh plan")
             .map(|state| state.stamp("sent_nanos"));
         match fresh.map(|at| at.saturating_sub(session.begun_nanos) as f64 * 1e-9) {
             // The first launch is no restart.

@@ -53,7 +53,7 @@ const WORDS: [&str; 33] = [
     " ⠤ driven · reference o predicted ",
     " Tracking error 0.032 m ",
     " Controller ",
-    "rung   fresh plan",
+    "level  fresh plan",
     "reason nothing unusual",
     "model  7: forward left yaw",
     "tick   412 µs, 0.4 % of 100 ms",
@@ -253,18 +253,18 @@ fn without_colours_everything_is_said_all_the_same() -> Result<(), Infallible> {
 }
 
 #[test]
-fn a_rung_of_last_resort_says_why() -> Result<(), Infallible> {
+fn a_fallback_level_of_last_resort_says_why() -> Result<(), Infallible> {
     let begin = Instant::now();
     let mut desk = Desk::new(specimen::picture(begin));
     let mut braking = specimen::state(124);
     if let Heard::State(state) = &mut braking.said {
-        (state.rung, state.reason) = (5, 2);
+        (state.fallback_level, state.reason) = (5, 2);
     }
     desk.live().hear(braking, begin);
     let shown = text(&desk, (80, 24), begin)?;
     assert_all(
         &shown,
-        &["rung   brake", "reason command missing", "12.4 s: brake: command missing"],
+        &["level  brake", "reason command missing", "12.4 s: brake: command missing"],
     );
     Ok(())
 }
