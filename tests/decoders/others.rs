@@ -2,7 +2,7 @@
 
 use super::{Fate, Verdict, corpus, promise, refused};
 use controller::control::tuning::RULES;
-use coxswain::berth;
+use coxswain::registry;
 use process::wishes::{Inbox, NotAsked, welcome};
 use process::{Pace, read_settings};
 use protocol::access::{Certificate, valid_until};
@@ -35,8 +35,8 @@ pub(super) fn launcher(bytes: &[u8]) -> Verdict {
     let base = tempfile::tempdir().map_err(failed)?;
     let file = base.path().join("00000000.toml");
     fs::write(&file, bytes).map_err(failed)?;
-    let living = berth::living(base.path()).len();
-    let (swept, complaints) = berth::sweep_stale(base.path());
+    let living = registry::living(base.path()).len();
+    let (swept, complaints) = registry::sweep_stale(base.path());
     promise(complaints.is_empty(), || complaints.join("; "))?;
     promise(living + swept <= 1, || {
         format!("one file, {living} living and {swept} dead launchers")

@@ -4,13 +4,13 @@
 //! recorder last, then the graph is swept.
 
 use crate::assembly::{Assembly, missing_programs};
-use crate::berth::{self, Berth, BerthError};
 use crate::closing::Closing;
 use crate::fleet::{Event, Fleet, FleetError, Voyage};
 use crate::folder::{self, FolderError};
 use crate::graph::Network;
 use crate::options::Options;
 use crate::progress;
+use crate::registry::{self, GraphEntry, RegistryError};
 use crate::saboteur::Saboteur;
 use crate::service_manager::ServiceManager;
 use crate::terminal::{self, Terminal};
@@ -65,7 +65,7 @@ pub enum LaunchError {
     },
     /// No place for the graph on this machine.
     #[error(transparent)]
-    Berth(#[from] BerthError),
+    Registry(#[from] RegistryError),
     /// The launcher itself cannot join.
     #[error(transparent)]
     Open(#[from] OpenError),
@@ -146,17 +146,17 @@ pub fn run(options: &Options) -> Result<Outcome, LaunchError> {
     let manager = ServiceManager::of_environment(&roles)
         .map_err(|source| LaunchError::System { what: "NOTIFY_SOCKET", source })?;
     let mut person = Person { signals, terminal: Terminal::new(), manager };
-    let base = berth::base();
-    let (swept, left) = berth::sweep_stale(&base);
+    let base = registry::base();
+    let (swept, left) = registry::sweep_stale(&base);
     if swept > 0 {
         person.terminal.say(format_args!("removed what {swept} killed launch(es) had left behind"));
     }
     for complaint in left {
         person.terminal.say(format_args!("a killed launch has left something behind: {complaint}"));
     }
-    let berth = Berth::take(&base)?;
-    let outcome = run_at(&berth, assembly, programs, options.out.as_deref(), &mut person);
-    if let Err(complaint) = berth.leave() {
+    let entry = GraphEntry::register(&base)?;
+    let outcome = run_at(&entry, assembly, programs, options.out.as_deref(), &mut person);
+    if let Err(complaint) = entry.remove() {
         person.terminal.say(format_args!("shared memory could not be swept: {complaint}"));
     }
     outcome
@@ -186,13 +186,13 @@ struct Ended {
 
 /// The run, from its folder to its last process, in a place that exists.
 fn run_at(
-    berth: &Berth,
+    entry: &GraphEntry,
     mut assembly: Assembly,
     programs: PathBuf,
     out: Option<&Path>,
     person: &mut Person,
 ) -> Result<Outcome, LaunchError> {
-    let folder = folder::create(out, &assembly.scenario_name, berth.id())?;
+    let folder = folder::create(out, &assembly.scenario_name, entry.id())?;
     person.terminal.say(heading(&assembly));
     match &assembly.certificates {
         Some(certificates) => person.terminal.say(certificates),
@@ -218,8 +218,8 @@ fn run_at(
     for exposed in &assembly.exposed {
         tracing::warn!("insecure: {exposed}");
     }
-    tracing::info!(graph = berth.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
-    let router = assembly.networked().then(|| open_router(&assembly, berth.id())).transpose()?;
+    tracing::info!(graph = entry.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
+    let router = assembly.networked().then(|| open_router(&assembly, entry.id())).transpose()?;
     if let Some(router) = router.as_ref().filter(|_| assembly.certificates.is_some()) {
         // Nothing has been started yet: the robot stays where it is.
         refusals::unlogged(|| router.self_test())?;
@@ -231,10 +231,10 @@ fn run_at(
             .say(format_args!("network: listening at {}", router.endpoints().join(", ")));
     }
     let endpoints = router.as_ref().map(Router::own_endpoints).unwrap_or_default();
-    let links = assembly.links(berth.id(), &berth.root(), endpoints);
+    let links = assembly.links(entry.id(), &entry.root(), endpoints);
     let voyage = Voyage { assembly, links, programs, folder };
     // From here on it can be asked for changes.
-    wishes::welcome(&voyage.folder).and_then(|()| berth.note_run(&voyage.folder)).map_err(
+    wishes::welcome(&voyage.folder).and_then(|()| entry.note_run(&voyage.folder)).map_err(
         |source| {
             let what = "the place for changes while it runs";
             LaunchError::System { what, source }
@@ -350,10 +350,10 @@ fn start(
 
 /// Says how the run can be watched, if it can.
 fn invite(voyage: &Voyage, terminal: &mut Terminal) {
-    if let Some(address) = gateway::berth::page(&voyage.links.root) {
+    if let Some(address) = gateway::addresses::page(&voyage.links.root) {
         terminal.say(format_args!("live page: http://{address}/"));
     }
-    for endpoint in gateway::berth::endpoints(&voyage.links.root) {
+    for endpoint in gateway::addresses::endpoints(&voyage.links.root) {
         let shown = voyage
             .assembly
             .certificates

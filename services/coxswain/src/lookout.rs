@@ -3,7 +3,7 @@
 //! Of the lines: the robot may go and come back: that is said once each time, on the standard error.
 
 use crate::terminal::Terminal;
-use crate::{berth, dashboard};
+use crate::{dashboard, registry};
 use clap::Args;
 use process::Stop;
 use protocol::access::{Credentials, Role};
@@ -183,10 +183,10 @@ fn print(
 
 /// The endpoint of the one graph that can be watched on this machine.
 fn find(base: &Path) -> Result<String, WatchError> {
-    let graphs = berth::living(base);
+    let graphs = registry::living(base);
     let mut endpoints: Vec<String> = graphs
         .iter()
-        .filter_map(|graph| gateway::berth::endpoints(&graph.root()).into_iter().next())
+        .filter_map(|graph| gateway::addresses::endpoints(&graph.root()).into_iter().next())
         .collect();
     match (endpoints.pop(), endpoints.is_empty()) {
         (Some(endpoint), true) => Ok(endpoint),
@@ -401,19 +401,19 @@ mod tests {
     fn where_nothing_runs_an_endpoint_is_asked_for() -> Result<(), Box<dyn std::error::Error>> {
         let base = tempfile::tempdir()?;
         assert!(matches!(find(base.path()), Err(WatchError::NothingRuns)));
-        let berth = berth::Berth::take(&base.path().join("b"))?;
+        let entry = registry::GraphEntry::register(&base.path().join("b"))?;
         assert!(
             matches!(find(&base.path().join("b")), Err(WatchError::NothingRuns)),
             "a graph without gateway"
         );
-        gateway::berth::note(&berth.root(), &["tcp/127.0.0.1:1".to_owned()])?;
+        gateway::addresses::note(&entry.root(), &["tcp/127.0.0.1:1".to_owned()])?;
         assert_eq!(find(&base.path().join("b"))?, "tcp/127.0.0.1:1");
-        let other = berth::Berth::take(&base.path().join("b"))?;
-        gateway::berth::note(&other.root(), &["tcp/127.0.0.1:2".to_owned()])?;
+        let other = registry::GraphEntry::register(&base.path().join("b"))?;
+        gateway::addresses::note(&other.root(), &["tcp/127.0.0.1:2".to_owned()])?;
         assert!(
             matches!(find(&base.path().join("b")), Err(WatchError::SeveralRun { endpoints }) if endpoints.len() == 2)
         );
-        berth.leave()?;
+        entry.remove()?;
         other.leave()?;
         Ok(())
     }

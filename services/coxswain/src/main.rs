@@ -1,7 +1,6 @@
 //! The person's command.
 
 use clap::{Parser, Subcommand};
-use coxswain::berth;
 use coxswain::certificates::{self, CertificatesOptions};
 use coxswain::drill::damage::OfferOptions;
 use coxswain::drill::{self, DrillOptions};
@@ -11,6 +10,7 @@ use coxswain::lookout::{self, WatchOptions};
 use coxswain::options::Options;
 use coxswain::order::{self, OrderOptions};
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
+use coxswain::registry;
 use coxswain::set::{SetError, SetOptions};
 use coxswain::terminal::Terminal;
 use gate::Order;
@@ -98,9 +98,9 @@ fn main() -> ExitCode {
         Command::Certificates(options) => certificates(&options),
         Command::Drill(options) => drill(&options),
         Command::Offer(options) => offer(&options),
-        Command::Set(options) => set(coxswain::set::run(&options, &berth::base())),
-        Command::Resume(options) => set(order::run(Order::Resume, &options, &berth::base())),
-        Command::Arm(options) => set(order::run(Order::Arm, &options, &berth::base())),
+        Command::Set(options) => set(coxswain::set::run(&options, &registry::base())),
+        Command::Resume(options) => set(order::run(Order::Resume, &options, &registry::base())),
+        Command::Arm(options) => set(order::run(Order::Arm, &options, &registry::base())),
         Command::Report(options) => made(records::report(&options)),
         Command::Export(options) => made(records::export(&options)),
         Command::Experiment(Experiment::Compare(options)) => compare(&options),
@@ -197,7 +197,7 @@ fn watch(options: &WatchOptions) -> ExitCode {
     let (stop, mut terminal) = (Stop::new(), Terminal::new());
     let watched = stop.on_signals().map_err(lookout::WatchError::from);
     let watched =
-        watched.and_then(|()| lookout::run(options, &berth::base(), &mut terminal, &stop));
+        watched.and_then(|()| lookout::run(options, &registry::base(), &mut terminal, &stop));
     match watched {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -1,6 +1,6 @@
 //! every topic → watchers, near and far.
 
-use crate::berth;
+use crate::addresses;
 use crate::lane::{HealthLane, Lane};
 use crate::page::{Feed, Page, PageError};
 use crate::settings::{Rates, Settings};
@@ -94,7 +94,7 @@ enum Place {
 /// Listens where this role listened before, if it has been restarted, so that watchers find it again; else where the settings say.
 fn publisher(settings: &Settings) -> Result<(Publisher, Place), GatewayError> {
     let root = &settings.run.links.root;
-    let before = berth::endpoints(root);
+    let before = addresses::endpoints(root);
     let again = || {
         let telemetry = TelemetrySettings { listen: before.clone(), ..settings.telemetry.clone() };
         (!before.is_empty())
@@ -110,7 +110,7 @@ fn publisher(settings: &Settings) -> Result<(Publisher, Place), GatewayError> {
 /// Tells watchers of this machine where they find it.
 fn welcome(settings: &Settings, endpoints: &[String]) {
     // Before it is said: who reads that may look there at once.
-    if let Err(error) = berth::note(&settings.run.links.root, endpoints) {
+    if let Err(error) = addresses::note(&settings.run.links.root, endpoints) {
         tracing::warn!(%error, "the endpoints could not be noted for watchers on this machine");
     }
     tracing::info!(robot = %settings.telemetry.robot, endpoints = %endpoints.join(", "), "watchers are welcome");
@@ -119,11 +119,11 @@ fn welcome(settings: &Settings, endpoints: &[String]) {
 /// Serves the live page where this role served it before, if it has been restarted, so that open pages come back; else where the settings say.
 fn page(settings: &Settings) -> Result<Option<Page>, PageError> {
     let root = &settings.run.links.root;
-    let page = Page::open(settings, berth::page(root))?;
+    let page = Page::open(settings, addresses::page(root))?;
     if let Some(page) = &page {
         let address = page.address();
         tracing::info!(%address, "the live page is served");
-        if let Err(error) = berth::note_page(root, address) {
+        if let Err(error) = addresses::note_page(root, address) {
             tracing::warn!(%error, "the address of the live page could not be noted");
         }
     }
