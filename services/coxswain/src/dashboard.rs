@@ -1,14 +1,14 @@
 //! `coxswain watch` on a terminal: telemetry and keys → pictures.
 //!
-//! | module       | what it holds                                                      |
-//! |--------------|--------------------------------------------------------------------|
-//! | [`picture`]  | what was heard → what is shown                                     |
-//! | [`trail`]    | a bounded history                                                  |
-//! | [`desk`]     | keys → which picture, which part of the map; the list of keys      |
-//! | [`look`]     | colours, or none                                                   |
-//! | [`panel`]    | the picture → cells, one module per panel                          |
-//! | [`screen`]   | the terminal, taken and given back                                 |
-//! | `ear`        | listens on a thread of its own                                     |
+//! | module      | what it holds                                                 |
+//! |-------------|---------------------------------------------------------------|
+//! | [`picture`] | what was heard → what is shown                                |
+//! | [`trail`]   | a bounded history                                             |
+//! | [`desk`]    | keys → which picture, which part of the map; the list of keys |
+//! | [`look`]    | colours, or none                                              |
+//! | [`panel`]   | the picture → cells, one module per panel                     |
+//! | [`screen`]  | the terminal, taken and given back                            |
+//! | `ear`       | listens on a thread of its own                                |
 //!
 //! Keys are read on a thread of their own, too: the library that reads them never returns once the terminal has gone.
 
@@ -22,7 +22,7 @@ pub mod screen;
 mod specimen;
 pub mod trail;
 
-use crate::lookout::{Telescope, WatchError};
+use crate::watch_command::{Telescope, WatchError};
 use desk::{Desk, Wish};
 use ear::Ear;
 use look::Look;

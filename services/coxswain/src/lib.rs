@@ -15,7 +15,7 @@
 //! | [`epochs`]           | the highest epoch of each role, on disk                                            |
 //! | [`back_off`]         | when to start again what has died                                                  |
 //! | [`child`]            | one process: start, signal, how it ended                                           |
-//! | [`lookout`]          | `coxswain watch`: telemetry → one line per period, or                              |
+//! | [`watch_command`]    | `coxswain watch`: telemetry → one line per period, or                              |
 //! | [`dashboard`]        | the view on a terminal                                                             |
 //! | [`watch`]            | `Health` and `Plan` → what the launcher knows                                      |
 //! | [`drill`]            | `coxswain drill`: faults in everything, on purpose                                 |
@@ -53,7 +53,6 @@ pub mod folder;
 pub mod graph;
 pub mod in_process;
 pub mod launch;
-pub mod lookout;
 pub mod options;
 pub mod order;
 pub mod private;
@@ -69,4 +68,5 @@ pub mod set;
 mod silence;
 pub mod terminal;
 pub mod watch;
+pub mod watch_command;
 pub mod without_learning;

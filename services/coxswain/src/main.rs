@@ -6,13 +6,13 @@ use coxswain::drill::damage::OfferOptions;
 use coxswain::drill::{self, DrillOptions};
 use coxswain::experiment::{self, CompareOptions};
 use coxswain::launch::LaunchError;
-use coxswain::lookout::{self, WatchOptions};
 use coxswain::options::Options;
 use coxswain::order::{self, OrderOptions};
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
 use coxswain::registry;
 use coxswain::set::{SetError, SetOptions};
 use coxswain::terminal::Terminal;
+use coxswain::watch_command::{self, WatchOptions};
 use gate::Order;
 use process::Stop;
 use protocol::threads;
@@ -195,9 +195,9 @@ fn end_with_stdin() -> io::Result<()> {
 
 fn watch(options: &WatchOptions) -> ExitCode {
     let (stop, mut terminal) = (Stop::new(), Terminal::new());
-    let watched = stop.on_signals().map_err(lookout::WatchError::from);
+    let watched = stop.on_signals().map_err(watch_command::WatchError::from);
     let watched =
-        watched.and_then(|()| lookout::run(options, &registry::base(), &mut terminal, &stop));
+        watched.and_then(|()| watch_command::run(options, &registry::base(), &mut terminal, &stop));
     match watched {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

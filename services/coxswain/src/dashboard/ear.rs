@@ -1,7 +1,7 @@
 //! Telemetry → words, on a thread of its own: whoever waits for a robot still hears the keys.
 
 use super::Event;
-use crate::lookout::{RETRY, Telescope};
+use crate::watch_command::{RETRY, Telescope};
 use process::Stop;
 use protocol::telemetry::Watcher;
 use std::sync::mpsc::SyncSender;
