@@ -22,7 +22,7 @@ pub mod screen;
 mod specimen;
 pub mod trail;
 
-use crate::watch_command::{Telescope, WatchError};
+use crate::watch_command::{WatchError, WatchTarget};
 use desk::{Desk, Wish};
 use ear::Ear;
 use look::Look;
@@ -54,17 +54,17 @@ enum Event {
     Deaf(io::Error),
 }
 
-/// Shows what `telescope` sees until a person or `stop` asks for the end, or the terminal has gone.
+/// Shows what is received from `target` until a person or `stop` asks for the end, or the terminal has gone.
 ///
 /// # Errors
 /// [`WatchError`] if there is nothing to watch at the start, or the terminal cannot be used. It is as it was in either case.
-pub fn run(telescope: Telescope, stop: &Stop) -> Result<(), WatchError> {
-    let (watcher, endpoint) = telescope.open()?;
+pub fn run(target: WatchTarget, stop: &Stop) -> Result<(), WatchError> {
+    let (watcher, endpoint) = target.open()?;
     let (events, heard) = mpsc::sync_channel(WAITING_MAX);
     let mut screen = Screen::take().map_err(WatchError::Terminal)?;
     let keys = events.clone();
     thread::spawn(move || read_keys(&keys));
-    let ear = Ear::listen(telescope, watcher, events);
+    let ear = Ear::listen(target, watcher, events);
     let shown = show(&mut screen, &heard, &mut Desk::new(Picture::new(&endpoint)), stop);
     drop((screen, heard));
     ear.end();

@@ -89,14 +89,14 @@ impl WatchError {
 
 /// What is to be watched: an endpoint, or whatever graph runs on this machine.
 #[derive(Debug, Clone)]
-pub struct Telescope {
+pub struct WatchTarget {
     endpoint: Option<String>,
     robot: Option<String>,
     credentials: Option<Credentials>,
     base: PathBuf,
 }
 
-impl Telescope {
+impl WatchTarget {
     /// What `options` say, with the graphs of this machine in `base`.
     pub fn new(options: &WatchOptions, base: &Path) -> Self {
         let credentials = options
@@ -134,24 +134,24 @@ pub fn run(
     terminal: &mut Terminal,
     stop: &Stop,
 ) -> Result<(), WatchError> {
-    let telescope = Telescope::new(options, base);
+    let target = WatchTarget::new(options, base);
     if options.plain {
-        return print(&telescope, &mut io::stdout(), terminal, stop);
+        return print(&target, &mut io::stdout(), terminal, stop);
     }
     if !io::stdout().is_terminal() || std::env::var_os("TERM").is_some_and(|kind| kind == "dumb") {
         return Err(WatchError::NoTerminal);
     }
-    dashboard::run(telescope, stop)
+    dashboard::run(target, stop)
 }
 
 /// Prints what is heard on `out`.
 fn print(
-    telescope: &Telescope,
+    target: &WatchTarget,
     out: &mut impl Write,
     terminal: &mut Terminal,
     stop: &Stop,
 ) -> Result<(), WatchError> {
-    let (mut watcher, mut endpoint) = telescope.open()?;
+    let (mut watcher, mut endpoint) = target.open()?;
     let mut lines = Lines::default();
     let mut contact = Contact::new(Instant::now());
     while !stop.requested() {
@@ -172,7 +172,7 @@ fn print(
             terminal.say(format_args!("no word from the robot at {endpoint}; waiting for it"));
         }
         if !watcher.is_connected() {
-            match telescope.open() {
+            match target.open() {
                 Ok(again) => (watcher, endpoint) = again,
                 Err(_) => std::thread::sleep(RETRY),
             }
