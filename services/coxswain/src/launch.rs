@@ -5,13 +5,13 @@
 
 use crate::assembly::{Assembly, missing_programs};
 use crate::closing::Closing;
+use crate::fault_injector::FaultInjector;
 use crate::fleet::{Event, Fleet, FleetError, Voyage};
 use crate::folder::{self, FolderError};
 use crate::graph::Network;
 use crate::options::Options;
 use crate::progress;
 use crate::registry::{self, GraphEntry, RegistryError};
-use crate::saboteur::Saboteur;
 use crate::service_manager::ServiceManager;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
@@ -376,7 +376,7 @@ fn look_after(
     let scenario = &voyage.assembly.scenario;
     let (period_nanos, duration_s) = (scenario.period_nanos(), scenario.duration_s);
     let faults = &voyage.assembly.faults;
-    let mut saboteur = None;
+    let mut fault_injector = None;
     let mut claimed = Instant::now();
     let mut short = false;
     let mut told = 0;
@@ -388,16 +388,16 @@ fn look_after(
         }
         let (now, view) = (Instant::now(), watch.view());
         refusals::tell(now);
-        if saboteur.is_none() && view.plan().is_some() && !faults.process.is_empty() {
+        if fault_injector.is_none() && view.plan().is_some() && !faults.process.is_empty() {
             let period = Duration::from_nanos(period_nanos);
-            let begun = Saboteur::begin(
+            let begun = FaultInjector::begin(
                 &faults.process,
                 faults.seed,
                 period,
                 fleet.roster(),
                 &voyage.folder,
             );
-            saboteur = Some(begun.map_err(|source| LaunchError::System {
+            fault_injector = Some(begun.map_err(|source| LaunchError::System {
                 what: "the list of injected faults",
                 source,
             })?);

@@ -20,7 +20,7 @@
 //! | [`watch`]            | `Health` and `Plan` → what the launcher knows                                      |
 //! | [`drill`]            | `coxswain drill`: faults in everything, on purpose                                 |
 //! | [`faults`]           | the file of faults: what goes wrong on purpose                                     |
-//! | [`saboteur`]         | does it to the processes, and writes down when                                     |
+//! | [`fault_injector`]   | does it to the processes, and writes down when                                     |
 //! | [`roster`]           | who plays which role at this moment                                                |
 //! | `silence`            | who says nothing for too long                                                      |
 //! | [`fleet`]            | all processes: start in order, restart, end in order                               |
@@ -47,6 +47,7 @@ pub mod drill;
 pub mod epochs;
 pub mod experiment;
 pub mod exposure;
+pub mod fault_injector;
 pub mod faults;
 pub mod fleet;
 pub mod folder;
@@ -61,7 +62,6 @@ pub mod records;
 pub mod registry;
 pub mod role;
 pub mod roster;
-pub mod saboteur;
 pub mod scenario;
 pub mod service_manager;
 pub mod set;

@@ -39,7 +39,7 @@ pub struct Injected {
 
 /// Does its work on a thread of its own until it is dropped.
 #[derive(Debug)]
-pub struct Saboteur {
+pub struct FaultInjector {
     stop: Stop,
     thread: Option<JoinHandle<()>>,
 }
@@ -54,7 +54,7 @@ struct Deed {
     bytes: u64,
 }
 
-impl Saboteur {
+impl FaultInjector {
     /// Begins with `faults` now, which is when the robot begins to drive, and writes the list into the folder of the run.
     ///
     /// # Errors
@@ -73,13 +73,14 @@ impl Saboteur {
         let list = File::create(folder.join(LIST))?;
         let stop = Stop::new();
         let work = Work { begin, roster, list, stop: stop.clone() };
-        let thread =
-            thread::Builder::new().name("saboteur".into()).spawn(move || work.work(&deeds))?;
+        let thread = thread::Builder::new()
+            .name("fault_injector".into())
+            .spawn(move || work.work(&deeds))?;
         Ok(Self { stop, thread: Some(thread) })
     }
 }
 
-impl Drop for Saboteur {
+impl Drop for FaultInjector {
     fn drop(&mut self) {
         self.stop.request();
         if let Some(thread) = self.thread.take() {
