@@ -1,7 +1,7 @@
 //! Does to processes what the file of faults says, and writes down when it did.
 
-use crate::ballast::Ballast;
 use crate::faults::{ProcessFault, ProcessFaultKind};
+use crate::memory_filler::MemoryFiller;
 use crate::roster::Roster;
 use process::Stop;
 use protocol::clock::monotonic_nanos;
@@ -171,8 +171,8 @@ impl Work {
 
     /// Leaves so much of it for a time.
     fn take_shared_memory(&mut self, deed: &Deed) {
-        match Ballast::taking_all_but(deed.bytes) {
-            Ok(_ballast) => {
+        match MemoryFiller::taking_all_but(deed.bytes) {
+            Ok(_memory_filler) => {
                 self.note(deed, None);
                 self.sleep_until(Instant::now() + deed.lasts);
             }

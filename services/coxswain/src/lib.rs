@@ -38,7 +38,6 @@
 
 pub mod assembly;
 pub mod back_off;
-mod ballast;
 pub mod certificates;
 pub mod child;
 pub mod closing;
@@ -54,6 +53,7 @@ pub mod folder;
 pub mod graph;
 pub mod in_process;
 pub mod launch;
+mod memory_filler;
 pub mod options;
 pub mod order;
 pub mod private;
