@@ -2,7 +2,7 @@
 
 use crate::faults::{ProcessFault, ProcessFaultKind};
 use crate::memory_filler::MemoryFiller;
-use crate::roster::Roster;
+use crate::processes_by_role::ProcessesByRole;
 use process::Stop;
 use protocol::clock::monotonic_nanos;
 use protocol::message::Participant;
@@ -63,7 +63,7 @@ impl FaultInjector {
         faults: &[ProcessFault],
         seed: u64,
         period: Duration,
-        roster: Roster,
+        processes_by_role: ProcessesByRole,
         folder: &Path,
     ) -> io::Result<Self> {
         let begin = Instant::now();
@@ -72,7 +72,7 @@ impl FaultInjector {
         deeds.sort_by_key(|deed| deed.at);
         let list = File::create(folder.join(LIST))?;
         let stop = Stop::new();
-        let work = Work { begin, roster, list, stop: stop.clone() };
+        let work = Work { begin, processes_by_role, list, stop: stop.clone() };
         let thread = thread::Builder::new()
             .name("fault_injector".into())
             .spawn(move || work.work(&deeds))?;
@@ -98,7 +98,7 @@ fn deeds(fault: &ProcessFault, period: Duration, seed: u64) -> impl Iterator<Ite
 
 struct Work {
     begin: Instant,
-    roster: Roster,
+    processes_by_role: ProcessesByRole,
     list: File,
     stop: Stop,
 }
@@ -144,8 +144,8 @@ impl Work {
         self.note(deed, Some(victim));
         if deed.kind == ProcessFaultKind::Stop {
             self.sleep_until(Instant::now() + deed.lasts);
-            let roster = self.roster.lock();
-            if roster.get(&participant) == Some(&victim) {
+            let processes_by_role = self.processes_by_role.lock();
+            if processes_by_role.get(&participant) == Some(&victim) {
                 let _ = kill_process(victim, Signal::CONT);
             }
         }
@@ -153,8 +153,9 @@ impl Work {
 
     /// The process that it was done to, if there is one that lives.
     fn strike(&self, participant: Participant, deed: &Deed) -> Option<rustix::io::Result<Pid>> {
-        let roster = self.roster.lock();
-        let victim = *roster.get(&participant).filter(|&&victim| !awaits_burial(victim))?;
+        let processes_by_role = self.processes_by_role.lock();
+        let victim =
+            *processes_by_role.get(&participant).filter(|&&victim| !awaits_burial(victim))?;
         let limit = |resource| {
             let limit = Rlimit { current: Some(deed.bytes), maximum: Some(deed.bytes) };
             prlimit(Some(victim), resource, limit).map(drop)

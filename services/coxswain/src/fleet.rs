@@ -5,8 +5,8 @@ use crate::back_off::Restarts;
 use crate::child::{Child, Ending, last_words};
 use crate::epochs::{Epochs, unheard_of};
 use crate::graph::is_needed;
+use crate::processes_by_role::ProcessesByRole;
 use crate::role::END_ORDER;
-use crate::roster::Roster;
 use crate::silence::{Silence, Unheard};
 use crate::watch::View;
 use process::{Pace, Run};
@@ -141,7 +141,7 @@ pub struct Fleet<'a> {
     voyage: &'a Voyage,
     epochs: Epochs,
     members: BTreeMap<Participant, Member>,
-    roster: Roster,
+    processes_by_role: ProcessesByRole,
     /// When the round before was.
     tended: Option<Instant>,
 }
@@ -183,14 +183,14 @@ impl<'a> Fleet<'a> {
             voyage,
             epochs,
             members: BTreeMap::new(),
-            roster: Roster::default(),
+            processes_by_role: ProcessesByRole::default(),
             tended: None,
         })
     }
 
     /// Who plays which role.
-    pub fn roster(&self) -> Roster {
-        self.roster.clone()
+    pub fn processes_by_role(&self) -> ProcessesByRole {
+        self.processes_by_role.clone()
     }
 
     /// How often somebody was started again.
@@ -232,7 +232,7 @@ impl<'a> Fleet<'a> {
         assembly.write_settings(role, run, &file)?;
         let child = Child::start(role, programs, &file, folder).map_err(failed)?;
         tracing::info!(%role, pid = child.pid(), epoch_floor, "started");
-        self.roster.lock().insert(role, child.id());
+        self.processes_by_role.lock().insert(role, child.id());
         member.state = State::Running(child);
         (member.silence, member.unheard) = (Silence::default(), Unheard::default());
         Ok(epoch_floor)
@@ -245,7 +245,7 @@ impl<'a> Fleet<'a> {
     pub fn is_ready(&mut self, role: Participant, since: Instant) -> Result<bool, FleetError> {
         let Some(member) = self.members.get_mut(&role) else { return Ok(false) };
         let State::Running(child) = &mut member.state else { return Ok(false) };
-        if let Some(ending) = bury(&self.roster, child)? {
+        if let Some(ending) = bury(&self.processes_by_role, child)? {
             member.state = State::Ended;
             // One that ended by itself cannot; one that was killed may be able to.
             let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
@@ -289,7 +289,7 @@ impl<'a> Fleet<'a> {
         let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
         for (&role, member) in &mut self.members {
             let State::Running(child) = &mut member.state else { continue };
-            let Some(ending) = bury(&self.roster, child)? else {
+            let Some(ending) = bury(&self.processes_by_role, child)? else {
                 // In lock step whoever waits is silent, and its patience ends the run.
                 let patience = self.voyage.assembly.graph.processes.hung_after(role);
                 let beats = child.heard().beats();
@@ -403,7 +403,7 @@ impl<'a> Fleet<'a> {
     }
 
     fn release(&mut self, role: Participant) -> Option<Child> {
-        self.roster.lock().remove(&role);
+        self.processes_by_role.lock().remove(&role);
         match self.members.remove(&role)?.state {
             State::Running(child) => Some(child),
             State::Due(_) | State::Ended => None,
@@ -411,13 +411,16 @@ impl<'a> Fleet<'a> {
     }
 }
 
-/// How it ended, if it has. Whoever looks at the roster meanwhile finds nobody who is buried.
-fn bury(roster: &Roster, child: &mut Child) -> Result<Option<Ending>, FleetError> {
+/// How it ended, if it has. A reader of `processes_by_role` finds no process that has been reaped.
+fn bury(
+    processes_by_role: &ProcessesByRole,
+    child: &mut Child,
+) -> Result<Option<Ending>, FleetError> {
     let role = child.role();
-    let mut roster = roster.lock();
+    let mut processes_by_role = processes_by_role.lock();
     let ending = child.ended().map_err(|source| FleetError::System { role, source })?;
     if ending.is_some() {
-        roster.remove(&role);
+        processes_by_role.remove(&role);
     }
     Ok(ending)
 }

@@ -394,7 +394,7 @@ fn look_after(
                 &faults.process,
                 faults.seed,
                 period,
-                fleet.roster(),
+                fleet.processes_by_role(),
                 &voyage.folder,
             );
             fault_injector = Some(begun.map_err(|source| LaunchError::System {

@@ -229,8 +229,8 @@ fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_l
     fleet.start(Participant::Controller)?;
     assert!(!fleet.is_ready(Participant::Controller, Instant::now())?, "it has said nothing");
     assert_eq!(fleet.heartbeats(Participant::Controller), None);
-    let roster = fleet.roster();
-    let pid = || roster.lock().get(&Participant::Controller).map(|pid| pid.as_raw_pid());
+    let processes_by_role = fleet.processes_by_role();
+    let pid = || processes_by_role.lock().get(&Participant::Controller).map(|pid| pid.as_raw_pid());
     let first = pid().ok_or("nobody plays the controller")?;
     let (round, mut now) = (Duration::from_millis(20), Instant::now());
     let mut tend = |fleet: &mut Fleet<'_>, passed: Duration| {
