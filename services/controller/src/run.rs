@@ -1,7 +1,7 @@
 //! The loop around [`Controller`]: the only place with a clock, a stop signal and threads.
 
 mod attendant;
-mod desk;
+mod change_requests;
 #[cfg(test)]
 mod tests;
 

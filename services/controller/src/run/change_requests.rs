@@ -30,14 +30,14 @@ struct UnderWay {
 }
 
 /// Takes wishes up, one at a time.
-pub(super) struct Desk {
+pub(super) struct ChangeRequests {
     inbox: Inbox,
     /// As they are in use.
     settings: Settings,
     under_way: Option<UnderWay>,
 }
 
-impl Desk {
+impl ChangeRequests {
     pub(super) fn open(settings: &Settings) -> Self {
         Self {
             inbox: Inbox::open(&settings.run, Participant::Controller),
@@ -52,7 +52,7 @@ impl Desk {
     }
 
     /// Answers what has been put in use, and takes up the next wish.
-    pub(super) fn tend(&mut self, handover: &Handover) {
+    pub(super) fn poll(&mut self, handover: &Handover) {
         self.answer_exchanged(handover);
         if self.under_way.is_some() {
             return;
