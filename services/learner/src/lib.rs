@@ -3,7 +3,7 @@
 //! | module       | what it does                                                 |
 //! |--------------|--------------------------------------------------------------|
 //! | [`settings`] | what a person may set                                        |
-//! | [`desk`]     | what a person changes while the robot drives                 |
+//! | [`tunable`]  | what a person changes while the robot drives                 |
 //! | [`fit`]      | a data set in, hyperparameters and posterior out             |
 //! | [`held_out`] | how far a new sample is off                                  |
 //! | [`snapshot`] | what was fitted, scored and put into a message               |
@@ -11,7 +11,6 @@
 //! | [`store`]    | the last snapshot, kept in a file and resumed from it        |
 //! | [`run`]      | the loop: samples keep arriving while the fit runs beside it |
 
-pub mod desk;
 pub mod fit;
 pub mod held_out;
 pub mod liar;
@@ -19,5 +18,6 @@ pub mod run;
 pub mod settings;
 pub mod snapshot;
 pub mod store;
+pub mod tunable;
 
 pub use settings::Settings;

@@ -10,13 +10,13 @@
 
 mod fitter;
 
-use crate::desk::Desk;
 use crate::fit::{FitSettings, FittedModel};
 use crate::held_out::HeldOut;
 use crate::liar::Liar;
 use crate::settings::Settings;
 use crate::snapshot::{self, Label};
 use crate::store;
+use crate::tunable::TunableSettings;
 use fitter::{Done, Job, fit_jobs};
 use model::gp::dictionary::{Dictionary, Observation, Outcome, Selection};
 use model::gp::hyperparameters::Hyperparameters;
@@ -87,12 +87,12 @@ fn run_over<const D: usize>(
     ports: &Ports,
     stop: &Stop,
 ) -> Result<(), RunError> {
-    let desk = Desk::open(settings);
+    let tunable = TunableSettings::open(settings);
     let fit_settings = fit_settings::<D>(settings);
     let (jobs, inbox) = mpsc::channel::<Job<D>>();
     let (outbox, done) = mpsc::channel::<Done<D>>();
     thread::scope(|scope| {
-        let mut learner = Learner::new(settings, ports, fit_settings, desk, (jobs, done))?;
+        let mut learner = Learner::new(settings, ports, fit_settings, tunable, (jobs, done))?;
         let start = learner.start;
         scope.spawn(move || fit_jobs(fit_settings, start, &inbox, &outbox));
         learner.run(stop)
@@ -140,7 +140,7 @@ struct Learner<'a, const D: usize> {
     fingerprint: u64,
     fit_settings: FitSettings<D>,
     /// What a person may change meanwhile.
-    desk: Desk,
+    tunable: TunableSettings,
     samples: Source<ResidualSample>,
     snapshots: Sink<ModelSnapshot>,
     pulse: Pulse,
@@ -177,7 +177,7 @@ impl<'a, const D: usize> Learner<'a, D> {
         settings: &'a Settings,
         ports: &Ports,
         fit_settings: FitSettings<D>,
-        desk: Desk,
+        tunable: TunableSettings,
         (jobs, done): (Sender<Job<D>>, Receiver<Done<D>>),
     ) -> Result<Self, OpenError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
@@ -192,7 +192,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             settings,
             fingerprint,
             fit_settings,
-            desk,
+            tunable,
             samples: ports.source(since)?,
             snapshots: ports.sink()?,
             pulse: Pulse::new(ports, Participant::Learner)?.exposed(settings.run.exposure),
@@ -304,11 +304,11 @@ impl<'a, const D: usize> Learner<'a, D> {
                 self.recent.push_back(*sample);
             }
         }
-        let cut = tick / self.desk.every_ticks();
+        let cut = tick / self.tunable.every_ticks();
         let free = self.pending.is_empty() || self.settings.run.pace == Pace::LockStep;
         if cut > self.last_cut && free {
             self.last_cut = cut;
-            let cut = cut * self.desk.every_ticks();
+            let cut = cut * self.tunable.every_ticks();
             self.pending.push_back(cut);
             let observations = self
                 .dictionary
@@ -319,7 +319,7 @@ impl<'a, const D: usize> Learner<'a, D> {
                 cut,
                 observations,
                 anew: std::mem::take(&mut self.anew),
-                evaluations_max: self.desk.evaluations_max(),
+                evaluations_max: self.tunable.evaluations_max(),
             };
             self.jobs.send(job).map_err(|_| RunError::Fitter)?;
         }
@@ -455,7 +455,7 @@ impl<'a, const D: usize> Learner<'a, D> {
     /// been missed and whose model is still due.
     fn join(&mut self, sample: &ResidualSample) -> Result<(), RunError> {
         let (every_ticks, delay_ticks) =
-            (self.desk.every_ticks(), self.settings.learner.delay_ticks);
+            (self.tunable.every_ticks(), self.settings.learner.delay_ticks);
         let tick = sample.stamp.tick;
         self.last_cut = tick / every_ticks;
         if tick == 0 && (self.last.is_some() || self.settings.learner.resume.is_some()) {
@@ -470,8 +470,8 @@ impl<'a, const D: usize> Learner<'a, D> {
 
     /// Between two samples: what a person has changed acts from the next one on.
     fn tune(&mut self) {
-        if self.desk.tend(self.newest) {
-            self.last_cut = self.newest.map_or(0, |(_, tick)| tick / self.desk.every_ticks());
+        if self.tunable.poll(self.newest) {
+            self.last_cut = self.newest.map_or(0, |(_, tick)| tick / self.tunable.every_ticks());
         }
     }
 

@@ -19,12 +19,12 @@ enum Refusal {
 }
 
 /// Takes wishes up, one at a time, and holds what is set.
-pub(crate) struct Desk {
+pub(crate) struct TunableSettings {
     inbox: Inbox,
     settings: Settings,
 }
 
-impl Desk {
+impl TunableSettings {
     /// With what was set before in this run.
     pub(crate) fn open(settings: &Settings) -> Self {
         let told = match changed_before(settings, Participant::Learner, &RULES) {
@@ -49,7 +49,7 @@ impl Desk {
 
     /// Takes up the next wish, if there is one, and says whether anything has changed: from the sample after `newest` on, which is that of
     /// (plant epoch, tick), or from the first.
-    pub(crate) fn tend(&mut self, newest: Option<(u64, u64)>) -> bool {
+    pub(crate) fn poll(&mut self, newest: Option<(u64, u64)>) -> bool {
         let Some(wish) = self.inbox.take() else { return false };
         let (plant_epoch, taken_at_tick) = newest.unwrap_or_default();
         let acts_from_tick = newest.map_or(0, |(_, tick)| tick + 1);
