@@ -574,10 +574,10 @@ impl Controller {
         command.tail = [[0.0; 3]; TAIL_MAX];
         command.tail_len = TAIL_MAX as u32;
         for slot in &mut command.tail {
-            let wished =
+            let desired =
                 if planned { next.next().map_or(before, |stage| stage.input) } else { held };
             // Beyond the free inputs the target may leap where the reference does; the wheels cannot.
-            before = limits.reach(&wished, &before);
+            before = limits.reach(&desired, &before);
             *slot = before;
         }
     }

@@ -42,8 +42,8 @@ pub fn simple(
     let (sin, cos) = pose[2].sin_cos();
     let [x, y] = [point.pose[0] - pose[0], point.pose[1] - pose[1]];
     let behind = [cos * x + sin * y, cos * y - sin * x, wrap(point.pose[2] - pose[2])];
-    let wished = std::array::from_fn(|axis| target[axis] + GAIN_PER_S * behind[axis]);
-    mpc.limits().reach(&mpc.limits().slowed(&wished), last_input)
+    let desired = std::array::from_fn(|axis| target[axis] + GAIN_PER_S * behind[axis]);
+    mpc.limits().reach(&mpc.limits().slowed(&desired), last_input)
 }
 
 /// Chooses the fallback level, and remembers for how long the plan has not been renewed.

@@ -430,8 +430,8 @@ impl Mpc {
         stage.target = target;
         stage.input = target;
         if let Some(deviation) = self.deviation.get_mut(k.min(last_block)) {
-            let wished = std::array::from_fn(|axis| target[axis] + deviation[axis]);
-            stage.input = self.limits.clamp(&wished);
+            let desired = std::array::from_fn(|axis| target[axis] + deviation[axis]);
+            stage.input = self.limits.clamp(&desired);
             if k <= last_block {
                 *deviation = std::array::from_fn(|axis| stage.input[axis] - target[axis]);
             }

@@ -17,7 +17,7 @@ use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use crate::without_learning;
 use process::refusals;
-use process::{PRIORITY, Pace, go_first, keep_to_user, wishes};
+use process::{PRIORITY, Pace, go_first, keep_to_user, requests};
 use protocol::access::Breach;
 use protocol::message::Participant;
 use protocol::port::{HalfMade, OpenError, Router, claim};
@@ -234,7 +234,7 @@ fn run_at(
     let links = assembly.links(entry.id(), &entry.root(), endpoints);
     let voyage = Voyage { assembly, links, programs, folder };
     // From here on it can be asked for changes.
-    wishes::welcome(&voyage.folder).and_then(|()| entry.note_run(&voyage.folder)).map_err(
+    requests::welcome(&voyage.folder).and_then(|()| entry.note_run(&voyage.folder)).map_err(
         |source| {
             let what = "the place for changes while it runs";
             LaunchError::System { what, source }

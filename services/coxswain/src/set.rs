@@ -1,13 +1,13 @@
 //! `coxswain set`: a change to the settings of a robot that drives.
 //!
 //! What is to be changed is said as on a command line, and asked of the process that it belongs to; whether it can be, that process alone
-//! decides, and says ([`process::wishes`]).
+//! decides, and says ([`process::requests`]).
 
 use crate::fleet::settings_file;
 use crate::registry::{self, GraphEntry};
 use crate::terminal;
 use clap::Args;
-use process::wishes::{AskError, Outcome, Settled, Wish, ask};
+use process::requests::{AskError, Outcome, Request, Settled, ask};
 use protocol::message::Participant;
 use settings::change::{Change, ChangeError};
 use std::env;
@@ -67,7 +67,7 @@ pub enum SetError {
         /// Who.
         role: Participant,
     },
-    /// The wish could not be written.
+    /// The request could not be written.
     #[error(transparent)]
     Ask(#[from] AskError),
     /// The process looked at it, and did not do it.
@@ -137,7 +137,7 @@ pub fn set(
         .duration_since(SystemTime::UNIX_EPOCH)
         .map_or(0, |since| since.as_nanos() as u64);
     let asked =
-        ask(&folder, role, &Wish { who: who(), asked_unix_nanos, change: lines.to_owned() })?;
+        ask(&folder, role, &Request { who: who(), asked_unix_nanos, change: lines.to_owned() })?;
     let Some(settled) = asked.wait(PATIENCE, || entry.is_living()) else {
         return Err(if entry.is_living() { SetError::NoAnswer { role } } else { SetError::Ended });
     };

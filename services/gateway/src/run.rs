@@ -4,7 +4,7 @@ use crate::addresses;
 use crate::lane::{HealthLane, Lane};
 use crate::page::{Feed, Page, PageError};
 use crate::settings::{Rates, Settings};
-use process::wishes::Answers;
+use process::requests::Answers;
 use process::{Pulse, Stop, refusals};
 use protocol::access::Breach;
 use protocol::message::{

@@ -13,19 +13,19 @@
 //! | `witness`    | [`Witness`]: when the machine let nobody run                                      |
 //! | `seat`       | [`Seat`]: a thread held on its processor                                          |
 //! | [`refusals`] | who and what is turned away at the network ▶ a few lines in the log               |
-//! | [`wishes`]   | a person ▶ a running process: changes to its settings                             |
+//! | [`requests`] | a person ▶ a running process: changes to its settings                             |
 
 mod lifeline;
 mod owner;
 mod priority;
 mod pulse;
 pub mod refusals;
+pub mod requests;
 mod run;
 mod scheduling;
 mod seat;
 mod start;
 mod stop;
-pub mod wishes;
 mod witness;
 
 pub use lifeline::Lifeline;

@@ -244,8 +244,8 @@ impl Limits {
     /// The nearest input in the same direction that the wheels can do; what is no number counts as 0.
     pub fn clamp(&self, input: &Velocity) -> Velocity {
         let boxed: Velocity = std::array::from_fn(|axis| {
-            let wished = if input[axis].is_nan() { 0.0 } else { input[axis] };
-            wished.clamp(-self.inputs.input[axis], self.inputs.input[axis])
+            let desired = if input[axis].is_nan() { 0.0 } else { input[axis] };
+            desired.clamp(-self.inputs.input[axis], self.inputs.input[axis])
         });
         let load = self.inputs.wheel.iter().map(|row| dot(row, &boxed).abs()).fold(1.0, f64::max);
         boxed.map(|value| value / load)
@@ -268,12 +268,12 @@ impl Limits {
         })
     }
 
-    /// The nearest input to `wished` that can be reached from `last` in one period.
-    pub fn reach(&self, wished: &Velocity, last: &Velocity) -> Velocity {
-        let (wished, last) = (self.clamp(wished), self.clamp(last));
-        let Some(change) = self.inputs.change else { return wished };
+    /// The nearest input to `desired` that can be reached from `last` in one period.
+    pub fn reach(&self, desired: &Velocity, last: &Velocity) -> Velocity {
+        let (desired, last) = (self.clamp(desired), self.clamp(last));
+        let Some(change) = self.inputs.change else { return desired };
         let near: Velocity = std::array::from_fn(|axis| {
-            wished[axis].clamp(last[axis] - change[axis], last[axis] + change[axis])
+            desired[axis].clamp(last[axis] - change[axis], last[axis] + change[axis])
         });
         self.clamp(&near)
     }

@@ -7,7 +7,7 @@ use super::round;
 use super::rows::{History, PlanRow, StateRow};
 use crate::comparison::{Comparison, Row, Standing};
 use crate::settings::{About, Settings};
-use process::wishes::Settled;
+use process::requests::Settled;
 use protocol::message::{
     FallbackLevel, Health, ModelSnapshot, Participant, Plan, PlantState, Reason,
 };

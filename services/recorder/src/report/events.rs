@@ -1,7 +1,7 @@
 //! gate, health and list of injected faults → what happened, and when.
 
 use super::heard::{GateWords, Health};
-use process::wishes::{Outcome, Settled};
+use process::requests::{Outcome, Settled};
 use protocol::message::FallbackLevel;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
