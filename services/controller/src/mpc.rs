@@ -183,7 +183,7 @@ impl Mpc {
             blocks,
             limits.slacks(),
             limits.rows(),
-            Limits::with_slacks(cost.prices()),
+            Limits::with_slacks(cost.penalties()),
         );
         let solver = Solver::new(settings.solver, &program)?;
         let still = Linearised {

@@ -1,7 +1,7 @@
 //! A dual active-set method for strictly convex programs (Goldfarb and Idnani, Mathematical Programming 27, 1983), in stages.
 //!
 //! It begins at the minimum without rows and takes in one violated bound after the other, so that it costs next to nothing where few limits
-//! bind. Slacks at zero are the one exception: they cost a price as long as nothing asks for them, so they are held there at the start.
+//! bind. Slacks at zero are the one exception: they have a penalty as long as no row needs them, so they are held there at the start.
 //!
 //! ```text
 //! J Jᵀ = H⁻¹      Jᵀ N = Q R      N: the active bounds' normals, which point inwards; QᵀQ = 1, R upper triangular
@@ -137,8 +137,8 @@ impl ActiveSet {
     /// What there is to do before gradients and bounds are known. Does not allocate.
     pub fn prepare(&mut self, program: &QuadraticProgram) {
         self.prepared = self.factor.factorise(program)
-            && program.prices.slack >= 0.0
-            && program.prices.slack_curvature > 0.0;
+            && program.penalties.slack >= 0.0
+            && program.penalties.slack_curvature > 0.0;
     }
 
     /// Solves the program that was [prepared](Self::prepare), as often as that is wanted. Does not allocate.
@@ -199,7 +199,7 @@ impl ActiveSet {
         self.violated.clear();
         self.slacks.fill(0.0);
         self.slack_states.fill(Slack::Held);
-        self.slack_multipliers.fill(program.prices.slack);
+        self.slack_multipliers.fill(program.penalties.slack);
         self.entries = INPUT * program.blocks();
         let mut whitened = self.whitened.rows_mut(0, self.entries);
         self.factor.transposed_gradient(program, whitened.as_mut_slice());
@@ -402,7 +402,7 @@ impl Bound {
 
 /// A slack in v, of a slack in x; and the other way about.
 fn entry_of_slack(program: &QuadraticProgram) -> f64 {
-    1.0 / program.prices.slack_curvature.sqrt()
+    1.0 / program.penalties.slack_curvature.sqrt()
 }
 
 /// Most steps for programs of the shape of `program`.

@@ -9,7 +9,7 @@
 //!
 //! Under caution the bounds on the state are drawn in, at most to where the two sides meet.
 
-use super::qp::{BEFORE, Prices, QuadraticProgram, Row, Vector};
+use super::qp::{BEFORE, Penalties, QuadraticProgram, Row, Vector};
 use super::{Outlook, Stage};
 use crate::currents::Foretold;
 use crate::reference::ReferencePoint;
@@ -19,9 +19,9 @@ use model::{State, Velocity};
 use nalgebra::SVector;
 use robot::{Robot, kinematics};
 
-/// Price of a slack of 1, linear: greater than any multiplier of a soft row, so that slacks stay zero where they can.
-const SLACK_PRICE: f64 = 1e3;
-/// Curvature of that price: keeps the program strictly convex.
+/// Penalty of a slack of 1, linear: greater than any multiplier of a soft row, so that slacks stay zero where they can.
+const SLACK_PENALTY: f64 = 1e3;
+/// Curvature of that penalty: keeps the program strictly convex.
 const SLACK_CURVATURE: f64 = 1.0;
 
 /// Where the velocity begins in a state.
@@ -237,8 +237,8 @@ impl Limits {
     }
 
     /// What the free inputs cost, and what slacks cost as well.
-    pub(super) fn with_slacks(inputs: Prices) -> Prices {
-        Prices { slack: SLACK_PRICE, slack_curvature: SLACK_CURVATURE, ..inputs }
+    pub(super) fn with_slacks(inputs: Penalties) -> Penalties {
+        Penalties { slack: SLACK_PENALTY, slack_curvature: SLACK_CURVATURE, ..inputs }
     }
 
     /// The nearest input in the same direction that the wheels can do; what is no number counts as 0.

@@ -83,9 +83,9 @@ impl Row {
     }
 }
 
-/// What inputs and slacks cost.
+/// Weights of inputs and of their changes, and penalties of slacks.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Prices {
+pub struct Penalties {
     /// R.
     pub input: f64,
     /// S.
@@ -103,8 +103,8 @@ pub struct QuadraticProgram {
     pub stages: Vec<Stage>,
     /// What is bounded.
     pub rows: Vec<Row>,
-    /// What inputs and slacks cost.
-    pub prices: Prices,
+    /// Weights and penalties.
+    pub penalties: Penalties,
     blocks: usize,
     slacks: usize,
     /// How many entries of ξ count; the others are zero, or nothing depends on them.
@@ -118,12 +118,12 @@ impl QuadraticProgram {
         blocks: usize,
         slacks: usize,
         rows: Vec<Row>,
-        prices: Prices,
+        penalties: Penalties,
     ) -> Self {
         Self {
             stages: vec![Stage::ZERO; horizon + 1],
             rows,
-            prices,
+            penalties,
             blocks,
             slacks,
             entries: WIDTH,
@@ -163,8 +163,10 @@ impl QuadraticProgram {
     /// where u = p from period C on. O(N), does not allocate.
     pub fn set_dynamics(&mut self, steps: &[Linearised], carry: f64) {
         let looks_back = steps.iter().any(|step| step.by_acted.iter().any(|value| *value != 0.0));
-        let remembers =
-            looks_back || carry != 0.0 || self.prices.change != 0.0 || self.blocks < self.horizon();
+        let remembers = looks_back
+            || carry != 0.0
+            || self.penalties.change != 0.0
+            || self.blocks < self.horizon();
         self.entries = match (
             remembers || self.rows.iter().any(|row| row.first == BEFORE),
             looks_back && carry != 0.0,
@@ -216,7 +218,7 @@ impl QuadraticProgram {
 
     /// The input of the free period `k` differs from the one before by `change` on one axis.
     pub fn add_change(&mut self, k: usize, axis: usize, change: f64) {
-        let slope = self.prices.change * change;
+        let slope = self.penalties.change * change;
         if let Some(stage) = self.stages.get_mut(k) {
             stage.input_gradient[axis] += slope;
             stage.gradient[BEFORE + axis] -= slope;
