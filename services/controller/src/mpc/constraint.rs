@@ -7,7 +7,7 @@
 //! soft rows: a slack of 0.1 allows each of them to be exceeded by a tenth. Only the corridor has a slack of its own: a robot that is far
 //! outside must not be free to exceed the other limits as well.
 //!
-//! Under caution the bounds on the state are drawn in, at most to where the two sides meet.
+//! Tightening draws in the bounds on the state, at most to where the two sides meet.
 
 use super::qp::{BEFORE, Penalties, QuadraticProgram, Row, Vector};
 use super::{Outlook, Stage};
@@ -341,10 +341,10 @@ fn dot(a: &Velocity, b: &Velocity) -> f64 {
 
 /// By how much the bounds of a row on a predicted state are drawn in; at most by `most`.
 fn drawn_in(outlook: &Outlook<'_>, row: &Row, most: f64) -> f64 {
-    let Some(caution) = outlook.caution else { return 0.0 };
+    let Some(tightening) = outlook.tightening else { return 0.0 };
     let mut direction = SVector::<f64, 6>::zeros();
     direction.fixed_rows_mut::<3>(row.first).copy_from_slice(&row.by_state);
-    caution.margin(row.stage, &direction).min(most)
+    tightening.margin(row.stage, &direction).min(most)
 }
 
 /// 1/limit on one axis.

@@ -94,7 +94,7 @@ impl Mpc {
             *of_disturbance = by_residual(belief.main, &stage.state, &step.next);
         }
         self.close_gaps();
-        self.beware(reference, belief);
+        self.propagate_variance(reference, belief);
         let linearised = monotonic_nanos();
         self.build(last_input, reference);
         self.solver.prepare(&self.program);
