@@ -319,7 +319,7 @@ impl Mpc {
         let Some(expected) = self.stages.first().map(|stage| stage.state) else { return };
         self.roll_out(&expected, last_input, belief);
         if self.predictable() {
-            self.program.set_dynamics(&self.steps, belief.carry);
+            self.program.set_dynamics(&self.steps, belief.delay_fraction);
             self.propagate_variance(reference, belief);
             self.build(last_input, reference);
             let _answer = self.solver.solve(&self.program, &mut self.solution, &Turn::default());
@@ -374,7 +374,7 @@ impl Mpc {
         }
         self.propagate_variance(reference, belief);
         let linearised = monotonic_nanos();
-        self.program.set_dynamics(&self.steps, belief.carry);
+        self.program.set_dynamics(&self.steps, belief.delay_fraction);
         self.build(last_input, reference);
         let mut outcome = self.solver.solve(&self.program, &mut self.solution, &self.turn);
         self.take(&mut outcome);
@@ -474,8 +474,8 @@ impl Mpc {
         for (k, ((stage, step), point)) in
             self.stages.iter().zip(&self.steps).zip(reference).enumerate()
         {
-            let feedback =
-                self.cost.feedback(&TrackingError::new(&stage.state, point)) * (1.0 - belief.carry);
+            let feedback = self.cost.feedback(&TrackingError::new(&stage.state, point))
+                * (1.0 - belief.delay_fraction);
             tightening.propagate(k, belief.main, &stage.state, step, &feedback);
         }
     }

@@ -114,7 +114,7 @@ mod tests {
             learned: None,
             foresight: None,
             disturbance: [0.0; 3],
-            carry: 0.0,
+            delay_fraction: 0.0,
         };
         let mut mpc = Mpc::new(
             &crate::settings::MpcSettings { state_limits: limits, ..settings() },
