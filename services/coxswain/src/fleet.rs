@@ -124,7 +124,7 @@ pub enum Event {
 
 /// What stays the same during a run.
 #[derive(Debug)]
-pub struct Voyage {
+pub struct RunContext {
     /// What each process is told.
     pub assembly: Assembly,
     /// How its links run.
@@ -138,7 +138,7 @@ pub struct Voyage {
 /// All processes of one graph.
 #[derive(Debug)]
 pub struct Fleet<'a> {
-    voyage: &'a Voyage,
+    context: &'a RunContext,
     epochs: Epochs,
     members: BTreeMap<Participant, Member>,
     processes_by_role: ProcessesByRole,
@@ -169,18 +169,18 @@ impl<'a> Fleet<'a> {
     ///
     /// # Errors
     /// If the epochs of the run cannot be read.
-    pub fn new(voyage: &'a Voyage) -> io::Result<Self> {
+    pub fn new(context: &'a RunContext) -> io::Result<Self> {
         // A launch that meets others is not the first that they hear of: its epochs are above those of any launch before it.
-        let meets = voyage.links.network_graph.is_some();
+        let meets = context.links.network_graph.is_some();
         let since_1970 =
             SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let floor = if meets { since_1970.as_secs() } else { 0 };
-        let mut epochs = Epochs::open(&voyage.folder.join("epochs.toml"), floor)?;
-        if voyage.assembly.graph.pace == Pace::RealTime {
+        let mut epochs = Epochs::open(&context.folder.join("epochs.toml"), floor)?;
+        if context.assembly.graph.pace == Pace::RealTime {
             epochs.observe(Participant::Plant, unheard_of(since_1970))?;
         }
         Ok(Self {
-            voyage,
+            context,
             epochs,
             members: BTreeMap::new(),
             processes_by_role: ProcessesByRole::default(),
@@ -210,7 +210,7 @@ impl<'a> Fleet<'a> {
     /// [`FleetError`].
     pub fn start(&mut self, role: Participant) -> Result<u64, FleetError> {
         let failed = |source| FleetError::System { role, source };
-        let Voyage { assembly, links, programs, folder } = self.voyage;
+        let RunContext { assembly, links, programs, folder } = self.context;
         let epoch_floor = self.epochs.give(role).map_err(failed)?;
         let member = self.members.entry(role).or_default();
         let run = Run {
@@ -248,7 +248,7 @@ impl<'a> Fleet<'a> {
         if let Some(ending) = bury(&self.processes_by_role, child)? {
             member.state = State::Ended;
             // One that ended by itself cannot; one that was killed may be able to.
-            let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
+            let policy = self.context.assembly.graph.processes.of(role).restart_policy();
             if ending.is_kill() && member.restarts.after_death(&policy, Instant::now()).is_some() {
                 tracing::warn!(%role, %ending, "ended before it was ready, and is started again");
                 self.start(role)?;
@@ -257,12 +257,12 @@ impl<'a> Fleet<'a> {
             return Err(FleetError::NeverReady {
                 role,
                 ending,
-                last_words: last_words(&self.voyage.folder, role),
+                last_words: last_words(&self.context.folder, role),
             });
         }
         let ready = child.heard().phase() != Phase::Starting;
-        let processes = &self.voyage.assembly.graph.processes;
-        let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
+        let processes = &self.context.assembly.graph.processes;
+        let real_time = self.context.assembly.graph.pace == Pace::RealTime;
         if !ready && real_time && since.elapsed() > processes.hung_after(role) && child.is_stopped()
         {
             child.kill();
@@ -270,7 +270,7 @@ impl<'a> Fleet<'a> {
         if !ready && since.elapsed() > READY_WITHIN {
             return Err(FleetError::TooSlow {
                 role,
-                last_words: last_words(&self.voyage.folder, role),
+                last_words: last_words(&self.context.folder, role),
             });
         }
         Ok(ready)
@@ -286,12 +286,12 @@ impl<'a> Fleet<'a> {
             .tended
             .replace(now)
             .map_or(Duration::ZERO, |before| now.saturating_duration_since(before));
-        let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
+        let real_time = self.context.assembly.graph.pace == Pace::RealTime;
         for (&role, member) in &mut self.members {
             let State::Running(child) = &mut member.state else { continue };
             let Some(ending) = bury(&self.processes_by_role, child)? else {
                 // In lock step whoever waits is silent, and its patience ends the run.
-                let patience = self.voyage.assembly.graph.processes.hung_after(role);
+                let patience = self.context.assembly.graph.processes.hung_after(role);
                 let beats = child.heard().beats();
                 if real_time
                     && let Some(silence) =
@@ -311,14 +311,14 @@ impl<'a> Fleet<'a> {
                 events.push(Event::Finished);
                 continue;
             }
-            let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
+            let policy = self.context.assembly.graph.processes.of(role).restart_policy();
             let Some(wait) = member.restarts.after_death(&policy, now) else {
                 // In lock step the others wait for a learner and a recorder for ever.
                 if role == Participant::Gateway || real_time && !is_needed(role) {
                     events.push(Event::GivenUp { role, ending });
                     continue;
                 }
-                let last_words = last_words(&self.voyage.folder, role);
+                let last_words = last_words(&self.context.folder, role);
                 return Err(FleetError::TooManyDeaths {
                     role,
                     ending,
@@ -353,7 +353,7 @@ impl<'a> Fleet<'a> {
         error: FleetError,
         now: Instant,
     ) -> Result<Event, FleetError> {
-        let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
+        let policy = self.context.assembly.graph.processes.of(role).restart_policy();
         let Some(member) = self.members.get_mut(&role) else { return Err(error) };
         let wait = member.restarts.after_death(&policy, now);
         member.state = wait.map_or(State::Ended, |wait| State::Due(now + wait));
@@ -386,7 +386,8 @@ impl<'a> Fleet<'a> {
             living.iter().for_each(Child::ask_to_end);
             let asked = Instant::now();
             while !living.is_empty() {
-                living.retain_mut(|child| still_lives(child, &self.voyage.folder, &mut complaints));
+                living
+                    .retain_mut(|child| still_lives(child, &self.context.folder, &mut complaints));
                 hurried |= hurry();
                 if let Some(slow) = living
                     .iter()
