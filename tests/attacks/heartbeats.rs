@@ -21,7 +21,7 @@ use zenoh::{Session, Wait};
 const ADOPTED: &str = "model adopted version=";
 /// Process that no system has.
 const NO_PROCESS: u32 = u32::MAX;
-/// A liar says something so often.
+/// The attacker publishes so often.
 const LIES_EVERY: Duration = Duration::from_millis(50);
 /// Pause before the next name: a router lets go of what comes right behind something else of the same role.
 const NEXT_AFTER: Duration = Duration::from_millis(2);
@@ -159,13 +159,13 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
 fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives() -> Outcome {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
-    let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Controller)))?;
+    let attacker = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Controller)))?;
     let pid = launched.process("controller", None)?;
     let word = || heartbeat(Participant::Controller, pid, Phase::Running);
     let lie_until = |what: &str, holds: &dyn Fn() -> bool| {
         launched.wait_until(what, || {
             thread::sleep(LIES_EVERY);
-            say(&liar, &graph, "controller.liar", word()).is_ok() && holds()
+            say(&attacker, &graph, "controller.attacker", word()).is_ok() && holds()
         })
     };
     let begin = Instant::now();
@@ -174,9 +174,9 @@ fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives()
     for (writer, epoch) in [(1, u64::MAX), (2, i64::MAX as u64), (3, i64::MAX as u64 - 1)] {
         thread::sleep(LIES_EVERY);
         say(
-            &liar,
+            &attacker,
             &graph,
-            "controller.liar",
+            "controller.attacker",
             heartbeat_of(writer, epoch, Participant::Controller, pid, Phase::Running),
         )?;
     }
@@ -212,11 +212,11 @@ fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many
 {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
-    let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let attacker = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
     let names: Vec<String> = (0..8).map(|name| format!("learner.{name}")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let word = || heartbeat(Participant::Learner, NO_PROCESS, Phase::Running);
-    let lie_for = |time: Duration| lie(&liar, &graph, &names, word, NEXT_AFTER, time);
+    let lie_for = |time: Duration| lie(&attacker, &graph, &names, word, NEXT_AFTER, time);
     lie_for(Duration::from_secs(1))?;
     let pid = launched.process("learner", None)?;
     launched.wait_for_log("controller", ADOPTED, 1)?;
@@ -261,11 +261,12 @@ fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many
 fn who_shows_ports_of_another_protocol_keeps_nobody_from_coming_back() -> Outcome {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
-    let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let attacker = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
     let ports = format!("coxswain-link/{graph}/health/writer");
     let others = ["1/Health/newest-wins", "4/Sonnet/newest-wins", "4/Health/lossless"];
     let show = |other| {
-        liar.liveliness()
+        attacker
+            .liveliness()
             .declare_token(format!("{ports}/{other}/learner.{}", monotonic_nanos()))
             .wait()
             .map_err(failed)
@@ -294,22 +295,24 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
 -> Outcome {
     let certificates = Certificates::for_a_flood()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
-    let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
-    let name = port(&liar, &format!("coxswain-link/{graph}/health"), ("writer", Role::Learner))?;
+    let attacker = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let name =
+        port(&attacker, &format!("coxswain-link/{graph}/health"), ("writer", Role::Learner))?;
     let pid = launched.process("learner", None)?;
     let key = format!("coxswain-link/{graph}/health/data/{name}");
     let word = || heartbeat(Participant::Learner, NO_PROCESS, Phase::Running);
     let (begin, from, mut said) = (Instant::now(), monotonic_nanos(), 0_usize);
     while begin.elapsed() < LIES_FOR {
         said += usize::from(
-            liar.put(&key, word()).congestion_control(CongestionControl::Drop).wait().is_ok(),
+            attacker.put(&key, word()).congestion_control(CongestionControl::Drop).wait().is_ok(),
         );
     }
     let flood = from..monotonic_nanos();
     // Then the last number that there is: whatever the learner says after it has been said before. Behind the flood it may take several to be heard.
     launched.wait_until("a word of whom nobody hears", || {
         thread::sleep(LIES_EVERY);
-        let put = liar.put(&key, word()).attachment(u64::MAX.to_le_bytes()).express(true).wait();
+        let put =
+            attacker.put(&key, word()).attachment(u64::MAX.to_le_bytes()).express(true).wait();
         let log = fs::read_to_string(launched.folder().join("coxswain.log")).unwrap_or_default();
         put.is_ok() && log.contains("runs, but nobody hears its heartbeats")
     })?;
@@ -377,9 +380,9 @@ fn nobody_ends_a_run_by_saying_that_the_plant_of_another_machine_has_finished() 
     let far = launch("control-host", &name, &["--connect", &endpoint])?;
     far.wait_for_log("controller", "answering a plant", 1)?;
     let door = far.told("controller", "connect")?;
-    let liar = connect(&door, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let attacker = connect(&door, &Shows::Certificate(certificates.of(Role::Learner)))?;
     let word = || heartbeat(Participant::Plant, NO_PROCESS, Phase::Finished);
-    lie(&liar, &name, &["learner.liar"], word, LIES_EVERY, LIES_FOR)?;
+    lie(&attacker, &name, &["learner.attacker"], word, LIES_EVERY, LIES_FOR)?;
     assert!(!far.processes().is_empty(), "it has ended");
     let (ended, home) = near.end()?;
     assert!(ended.status.success(), "{}", ended.text);

@@ -10,9 +10,9 @@
 
 mod fitter;
 
+use crate::fault_injector::SnapshotFaultInjector;
 use crate::fit::{FitSettings, FittedModel};
 use crate::held_out::HeldOut;
-use crate::liar::Liar;
 use crate::settings::Settings;
 use crate::snapshot::{self, Label};
 use crate::store;
@@ -169,7 +169,7 @@ struct Learner<'a, const D: usize> {
     on_trial: bool,
     /// Whether the next fit begins from the initial hyperparameters.
     anew: bool,
-    liar: Liar,
+    fault_injector: SnapshotFaultInjector,
 }
 
 impl<'a, const D: usize> Learner<'a, D> {
@@ -212,7 +212,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             on_trial: resumed.is_some(),
             last: resumed,
             anew: false,
-            liar: Liar::new(settings.snapshot_faults.clone()),
+            fault_injector: SnapshotFaultInjector::new(settings.snapshot_faults.clone()),
         })
     }
 
@@ -407,7 +407,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             effective_tick: cut + self.settings.learner.delay_ticks,
         };
         let mut snapshot = snapshot::write(&fitted, &label, &newer)?;
-        let mut bad = self.liar.in_place_of(&snapshot, cut);
+        let mut bad = self.fault_injector.in_place_of(&snapshot, cut);
         self.snapshots.send(bad.as_mut().unwrap_or(&mut snapshot))?;
         if let Err(error) = store::save(&store::file_of(self.settings), &snapshot) {
             tracing::warn!("{error}");
