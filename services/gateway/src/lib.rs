@@ -7,7 +7,7 @@
 //! | [`addresses`]  | where those on the same machine find the endpoints and the page         |
 //! | [`comparison`] | the same run without learning, which the page shows beside this one     |
 //! | [`page`]       | the live page: what browsers are told, and how                          |
-//! | `lane`         | one topic on its way to the watchers, at its rate                       |
+//! | `topic_relay`  | one topic on its way to the watchers, at its rate                       |
 //!
 //! Nobody waits for the gateway, and it takes nothing in: it reads as one who only looks on, and no word of a watcher reaches the graph.
 //!
@@ -22,7 +22,7 @@
 
 pub mod addresses;
 pub mod comparison;
-mod lane;
 pub mod page;
 pub mod run;
 pub mod settings;
+mod topic_relay;

@@ -1,9 +1,9 @@
 //! every topic → watchers, near and far.
 
 use crate::addresses;
-use crate::lane::{HealthLane, Lane};
 use crate::page::{Feed, Page, PageError};
 use crate::settings::{Rates, Settings};
+use crate::topic_relay::{HealthRelay, TopicRelay};
 use process::requests::Answers;
 use process::{Pulse, Stop, refusals};
 use protocol::access::Breach;
@@ -132,24 +132,24 @@ fn page(settings: &Settings) -> Result<Option<Page>, PageError> {
 
 /// All topics on their way to the watchers.
 struct Relay {
-    states: Lane<PlantState>,
+    states: TopicRelay<PlantState>,
     /// The gateway sleeps on this one. The plan is said when the command is out, so that nobody is woken while an answer is worked out.
-    plans: Lane<Plan>,
-    healths: HealthLane,
-    residuals: Lane<ResidualSample>,
-    snapshots: Lane<ModelSnapshot>,
-    truths: Lane<Truth>,
+    plans: TopicRelay<Plan>,
+    healths: HealthRelay,
+    residuals: TopicRelay<ResidualSample>,
+    snapshots: TopicRelay<ModelSnapshot>,
+    truths: TopicRelay<Truth>,
 }
 
 impl Relay {
     fn open(ports: &Ports, rates: &Rates) -> Result<Self, OpenError> {
         Ok(Self {
-            states: Lane::open(ports, rates.state)?,
-            plans: Lane::open(ports, rates.plan)?,
-            healths: HealthLane::open(ports, rates.health)?,
-            residuals: Lane::open(ports, rates.residual)?,
-            snapshots: Lane::open(ports, rates.snapshot)?,
-            truths: Lane::open(ports, rates.truth)?,
+            states: TopicRelay::open(ports, rates.state)?,
+            plans: TopicRelay::open(ports, rates.plan)?,
+            healths: HealthRelay::open(ports, rates.health)?,
+            residuals: TopicRelay::open(ports, rates.residual)?,
+            snapshots: TopicRelay::open(ports, rates.snapshot)?,
+            truths: TopicRelay::open(ports, rates.truth)?,
         })
     }
 
