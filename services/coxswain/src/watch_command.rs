@@ -414,7 +414,7 @@ mod tests {
             matches!(find(&base.path().join("b")), Err(WatchError::SeveralRun { endpoints }) if endpoints.len() == 2)
         );
         entry.remove()?;
-        other.leave()?;
+        other.remove()?;
         Ok(())
     }
 }
