@@ -296,7 +296,8 @@ fn completed(record: &Record, kind: &str) -> Result<(u64, f64), Box<dyn Error>> 
         );
     }
     assert!(record.summary["snapshots_adopted"].as_u64() > Some(0), "{kind}: {}", record.summary);
-    let fresh = record.of("state").filter(|state| state.word("rung") == "fresh plan").count();
+    let fresh =
+        record.of("state").filter(|state| state.word("fallback_level") == "fresh plan").count();
     let mut ticks: Vec<u64> = record.of("plan").map(|plan| plan.count("tick_nanos")).collect();
     ticks.sort_unstable();
     let middle = ticks.get(ticks.len() / 2).copied().ok_or("no plan")?;

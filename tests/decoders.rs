@@ -58,7 +58,7 @@ pub const ALL: [(&str, Decoder); 22] = [
     ("request", others::request),
     ("launcher", others::launcher),
     ("change", others::change),
-    ("wish", others::wish),
+    ("set_request", others::set_request),
     ("certificate", others::certificate),
 ];
 

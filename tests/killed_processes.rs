@@ -106,7 +106,7 @@ fn a_killed_controller_is_succeeded_by_a_higher_epoch_and_the_gate_bridges_the_g
     acting.dedup();
     assert_eq!(acting.len(), 2, "both controllers have driven: {acting:?}");
     assert_eq!(
-        last(&record, "state").word("rung"),
+        last(&record, "state").word("fallback_level"),
         "fresh plan",
         "the second one drives to the end"
     );
@@ -132,7 +132,7 @@ fn a_killed_plant_restarts_at_the_scenarios_start_and_is_driven_again() -> Outco
         (first_of_second.stamp("tick"), first_of_second.numbers("velocity")),
         (0, vec![0.0; 3])
     );
-    assert_eq!(last(&record, "state").word("rung"), "fresh plan");
+    assert_eq!(last(&record, "state").word("fallback_level"), "fresh plan");
     no_tick_is_missing(&record);
     Ok(())
 }
@@ -149,7 +149,7 @@ fn in_lock_step_the_clock_waits_for_whoever_was_killed() -> Outcome {
         let record = Record::read(&home.path().join("run"))?;
         assert_eq!(last(&record, "state").stamp("tick"), 1000, "{program}");
         assert_eq!(
-            record.summary["rungs"]["fresh plan"], record.summary["periods"],
+            record.summary["fallback_levels"]["fresh plan"], record.summary["periods"],
             "{program}: {}",
             record.summary
         );

@@ -19,7 +19,7 @@ fn with_the_learner_the_robot_arrives_earlier_and_stays_closer() -> Outcome {
     assert!(figure(&on, "snapshots_adopted") >= 3.0, "{on}");
     assert_eq!(figure(&off, "snapshots_published"), 0.0, "{off}");
     for summary in [on, off] {
-        assert_eq!(summary["rungs"]["fresh plan"], summary["periods"], "{summary}");
+        assert_eq!(summary["fallback_levels"]["fresh plan"], summary["periods"], "{summary}");
         assert_eq!(figure(&summary, "periods_missed"), 0.0);
     }
     Ok(())

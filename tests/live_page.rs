@@ -79,7 +79,7 @@ fn a_browser_sees_the_robot_move_and_learn_on_any_screen_in_any_light_and_by_key
     browser.wait_for("/^version [1-9]/.test(document.getElementById('model').innerText)")?;
     browser.wait_for("/held out: .* m.s/.test(document.getElementById('model-more').innerText)")?;
     browser.wait_for("/× less error/.test(document.getElementById('compared').innerText)")?;
-    browser.wait_for("/^fresh plan/.test(document.getElementById('rung').innerText)")?;
+    browser.wait_for("/^fresh plan/.test(document.getElementById('fallback-level').innerText)")?;
     let processes = browser.text("processes")?;
     for who in ["plant", "controller", "learner", "recorder", "gateway"] {
         assert!(processes.contains(who), "{who} is not in {processes}");

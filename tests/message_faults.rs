@@ -133,11 +133,15 @@ fn survives(place: Place, pace: &str) -> Outcome {
 
     if matches!(topic, "command" | "state") {
         // The gate has refused something, or somebody has braked, and the oracle has seen how.
-        let braked = record.of("state").any(|state| state.word("rung") == "brake");
+        let braked = record.of("state").any(|state| state.word("fallback_level") == "brake");
         assert!(braked, "{topic} in {pace}: {}", record.summary);
     }
     let last = record.of("state").next_back().ok_or("no state")?;
-    assert_eq!((last.stamp("tick"), last.word("rung")), (170, "fresh plan"), "{topic} in {pace}");
+    assert_eq!(
+        (last.stamp("tick"), last.word("fallback_level")),
+        (170, "fresh plan"),
+        "{topic} in {pace}"
+    );
     let versions: Vec<u64> =
         record.of("command").map(|command| command.count("model_version")).collect();
     assert!(

@@ -26,7 +26,7 @@ fn commands(folder: &Path) -> Result<Vec<String>, Box<dyn Error>> {
             says["input"],
             says["tail"],
             says["model_version"],
-            says["rung"]
+            says["fallback_level"]
         )
     };
     Ok(record.of("command").map(of).collect())
@@ -51,12 +51,12 @@ fn in_lock_step_every_carrier_gives_the_same_bits() -> Outcome {
     Ok(())
 }
 
-/// Periods below a fresh plan in which the machine, as far as `gaps` tell, let whoever wanted to run. Each with its rung.
+/// Periods below a fresh plan in which the machine, as far as `gaps` tell, let whoever wanted to run. Each with its fallback level.
 fn unexplained(record: &Record, gaps: &[Gap]) -> Vec<String> {
     let states: Vec<_> = record.of("state").collect();
     let below = states
         .windows(3)
-        .filter(|three| !matches!(three[2].word("rung"), "fresh plan" | "waiting"));
+        .filter(|three| !matches!(three[2].word("fallback_level"), "fresh plan" | "waiting"));
     // The state that says so comes after the period, which began with the state before; whoever should have answered it may have been late already.
     let explained = |three: &&[&Message]| {
         let [begin, end] = [0, 2].map(|at| three[at].stamp("sent_nanos"));
@@ -64,7 +64,9 @@ fn unexplained(record: &Record, gaps: &[Gap]) -> Vec<String> {
     };
     below
         .filter(|three| !explained(three))
-        .map(|three| format!("{} at tick {}", three[2].word("rung"), three[2].stamp("tick")))
+        .map(|three| {
+            format!("{} at tick {}", three[2].word("fallback_level"), three[2].stamp("tick"))
+        })
         .collect()
 }
 
@@ -125,28 +127,38 @@ fn two_hosts_drive_together_and_survive_a_cable_that_is_pulled() -> Outcome {
 
     let record = Record::read(&home.path().join("run"))?;
     acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file("plant-host")))?))?;
-    let rungs: Vec<(u64, &str)> =
-        record.of("state").map(|state| (state.stamp("tick"), state.word("rung"))).collect();
-    let driving = rungs.iter().position(|(_, rung)| *rung == "fresh plan").ok_or("nobody drove")?;
+    let fallback_levels: Vec<(u64, &str)> = record
+        .of("state")
+        .map(|state| (state.stamp("tick"), state.word("fallback_level")))
+        .collect();
+    let driving = fallback_levels
+        .iter()
+        .position(|(_, fallback_level)| *fallback_level == "fresh plan")
+        .ok_or("nobody drove")?;
     let cut = driving
-        + rungs
+        + fallback_levels
             .iter()
             .skip(driving)
-            .position(|(_, rung)| *rung != "fresh plan")
+            .position(|(_, fallback_level)| *fallback_level != "fresh plan")
             .ok_or("the cut was not felt")?;
     let back = cut
-        + rungs
+        + fallback_levels
             .iter()
             .skip(cut)
-            .position(|(_, rung)| *rung == "fresh plan")
+            .position(|(_, fallback_level)| *fallback_level == "fresh plan")
             .ok_or("nobody drove again")?;
-    let out: Vec<&str> = rungs.iter().take(back).skip(cut).map(|(_, rung)| *rung).collect();
+    let out: Vec<&str> = fallback_levels
+        .iter()
+        .take(back)
+        .skip(cut)
+        .map(|(_, fallback_level)| *fallback_level)
+        .collect();
     assert!(
-        out.iter().take_while(|rung| **rung == "stored tail").count() <= 3,
+        out.iter().take_while(|fallback_level| **fallback_level == "stored tail").count() <= 3,
         "the tail is short: {out:?}"
     );
     assert!(
-        out.iter().filter(|rung| **rung == "brake").count() >= 20,
+        out.iter().filter(|fallback_level| **fallback_level == "brake").count() >= 20,
         "most of the cut is spent on the brake: {out:?}"
     );
     let silent = (back - cut) as f64 * 0.1;
@@ -154,7 +166,13 @@ fn two_hosts_drive_together_and_survive_a_cable_that_is_pulled() -> Outcome {
         silent <= CUT.as_secs_f64() + BACK_WITHIN_S,
         "driving again after {silent:.1} s: {out:?}"
     );
-    assert!(rungs.iter().skip(back).all(|(_, rung)| *rung == "fresh plan"), "{rungs:?}");
-    assert_eq!(rungs.last().map(|(tick, _)| *tick), Some(200));
+    assert!(
+        fallback_levels
+            .iter()
+            .skip(back)
+            .all(|(_, fallback_level)| *fallback_level == "fresh plan"),
+        "{fallback_levels:?}"
+    );
+    assert_eq!(fallback_levels.last().map(|(tick, _)| *tick), Some(200));
     Ok(())
 }

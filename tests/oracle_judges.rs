@@ -69,7 +69,7 @@ fn bridged(record: &Record, said: impl Fn(&mut Value)) -> Vec<Message> {
                     message.says[field] =
                         answer.as_ref().map_or(Value::Null, |truth| truth[field].clone());
                 }
-                (message.says["rung"], message.says["reason"]) =
+                (message.says["fallback_level"], message.says["reason"]) =
                     (json!("stored tail"), json!("command missing"));
             }
             _ => {}
@@ -108,7 +108,7 @@ fn braked(record: &Record, limits: &Limits, until: u64, answered_from: u64) -> V
         if !matches!(message.topic.as_str(), "state" | "truth") || !(50..until).contains(&tick) {
             continue;
         }
-        message.says["rung"] = json!("brake");
+        message.says["fallback_level"] = json!("brake");
         message.says["reason"] = json!("command missing");
         if message.topic == "state" && tick < answered_from {
             message.says["accepted_tick"] = json!(48);
@@ -208,11 +208,11 @@ fn a_good_run_is_acquitted_and_each_bad_one_is_found_out_for_what_is_bad() -> Ou
     };
     assert_eq!(found(("truth", 60), &successor), [Rule::Epoch], "and the one before it acts again");
     assert_eq!(
-        found(("state", 60), &|state| state["rung"] = json!("simple controller")),
+        found(("state", 60), &|state| state["fallback_level"] = json!("simple controller")),
         [Rule::Reason]
     );
     assert_eq!(
-        found(("state", 60), &|state| (state["rung"], state["reason"]) =
+        found(("state", 60), &|state| (state["fallback_level"], state["reason"]) =
             (json!("simple controller"), json!("no plan that holds"))),
         []
     );
@@ -332,7 +332,7 @@ fn displaced(
                 let moved = (offset(tick + 1) - offset(tick)) / 0.02;
                 message.says["velocity"][1] = json!(speed + moved);
             }
-            "state" if braking.contains(&tick) => message.says["rung"] = json!("brake"),
+            "state" if braking.contains(&tick) => message.says["fallback_level"] = json!("brake"),
             _ => {}
         }
     }
@@ -392,7 +392,7 @@ fn in_the_dark(dark: std::ops::Range<u64>, missed: u64) -> Record {
         topic: "state".to_owned(),
         says: json!({
             "stamp": {"epoch": 1, "tick": tick, "sent_nanos": (1000 + 20 * tick) * MS},
-            "rung": "fresh plan",
+            "fallback_level": "fresh plan",
         }),
     };
     // Sent at the end of a period, right before the next state.
@@ -439,7 +439,7 @@ fn a_late_wake_up_excuses_a_recorded_period_only_if_the_two_overlap() -> Outcome
             .iter_mut()
             .filter(|message| message.topic == "state" && message.stamp("tick") == tick)
         {
-            (message.says["rung"], message.says["reason"]) =
+            (message.says["fallback_level"], message.says["reason"]) =
                 (json!("stored tail"), json!("command missing"));
         }
         let [from_nanos, to_nanos] = gap.map(|at| (1000 + at) * MS);

@@ -111,7 +111,7 @@ fn a_robot_in_python_drives_a_circle_and_is_learned_through_losses_too() -> Outc
     }
     assert!(summary["model_version"].as_u64().is_some_and(|version| version > 0), "{text}");
     assert_eq!(
-        (summary["refused"].as_u64(), summary["periods_on_rung"]["1"].as_u64()),
+        (summary["refused"].as_u64(), summary["periods_on_fallback_level"]["1"].as_u64()),
         (Some(0), Some(150)),
         "{text}"
     );

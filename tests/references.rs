@@ -4,7 +4,7 @@ use coxswain::assembly::Assembly;
 use coxswain::in_process;
 use coxswain::options::Options;
 use promises::{Outcome, repository};
-use protocol::message::Rung;
+use protocol::message::FallbackLevel;
 use recorder::summary::Summary;
 use std::error::Error;
 use std::fs;
@@ -33,7 +33,12 @@ fn drive(reference: &str, change: impl Fn(&mut Assembly)) -> Result<Summary, Box
 }
 
 fn is_driven_well(name: &str, summary: &Summary, rmse_m: f64) {
-    assert_eq!(summary.rungs.on(Rung::FreshPlan), summary.periods, "{name}: {:?}", summary.rungs);
+    assert_eq!(
+        summary.fallback_levels.on(FallbackLevel::FreshPlan),
+        summary.periods,
+        "{name}: {:?}",
+        summary.fallback_levels
+    );
     assert_eq!(summary.periods, 120, "{name}");
     assert!(
         summary.position_rmse_m.is_some_and(|error| error < rmse_m),

@@ -8,7 +8,7 @@ use promises::oracle::{Limits, acquit};
 use promises::{
     Launched, Message, Outcome, Record, graph_file, launch_command, repository, signal,
 };
-use protocol::message::{Command, Message as _, PlantState, Rung};
+use protocol::message::{Command, FallbackLevel, Message as _, PlantState};
 use protocol::port::{Carrier, Identity, Links, Ports, RawSink, Since, Source};
 use protocol::topic::Topic;
 use protocol::view::words;
@@ -49,7 +49,7 @@ fn command(message: &Message) -> Option<Command> {
         *place = row(said)?;
         command.tail_len += 1;
     }
-    command.rung = words::rung(message.word("rung"))?.code();
+    command.fallback_level = words::fallback_level(message.word("fallback_level"))?.code();
     Some(command)
 }
 
@@ -130,7 +130,10 @@ fn recording(graph: &str) -> Result<Vec<Command>, Box<dyn Error>> {
     let commands: Vec<Command> = record.of("command").filter_map(command).collect();
     assert_eq!(commands.len(), record.of("command").count());
     assert!(
-        commands.iter().filter(|command| command.rung == Rung::FreshPlan.code()).count() as u64
+        commands
+            .iter()
+            .filter(|command| command.fallback_level == FallbackLevel::FreshPlan.code())
+            .count() as u64
             > PLAYED / 2,
         "it drove"
     );
@@ -214,12 +217,13 @@ fn moves_nothing(graph: &str) -> Outcome {
         record.of("command").filter(|command| strangers.contains(&command.stamp("writer"))).count()
             as u64;
     assert_eq!(heard, played, "the recorder has heard them");
-    let braked = record.of("state").filter(|state| state.word("rung") == "brake").count() as u64;
+    let braked =
+        record.of("state").filter(|state| state.word("fallback_level") == "brake").count() as u64;
     assert!(
         braked > SILENT_FOR / 2,
         "nobody was silent: nothing was shown in {braked} periods on the brake"
     );
-    assert_eq!(counted.word("rung"), "fresh plan", "its own controller drives");
+    assert_eq!(counted.word("fallback_level"), "fresh plan", "its own controller drives");
     Ok(())
 }
 

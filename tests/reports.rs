@@ -6,7 +6,7 @@ use coxswain::in_process;
 use coxswain::options::Options;
 use process::Run;
 use promises::{Browser, Launched, Outcome, binaries, repository};
-use protocol::message::{Plan, PlantState, ResidualSample, Rung, Truth, WHEELS_MAX};
+use protocol::message::{FallbackLevel, Plan, PlantState, ResidualSample, Truth, WHEELS_MAX};
 use protocol::port::Links;
 use recorder::segment::Segment;
 use serde_json::Value;
@@ -16,8 +16,17 @@ use std::path::Path;
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
-const FIGURES: [&str; 9] =
-    ["path", "errors", "velocities", "wheels", "residual", "versions", "band", "ticks", "rungs"];
+const FIGURES: [&str; 9] = [
+    "path",
+    "errors",
+    "velocities",
+    "wheels",
+    "residual",
+    "versions",
+    "band",
+    "ticks",
+    "fallback_levels",
+];
 
 /// Numbers of the table that are numbers of the summary.
 const NUMBERS: [&str; 13] = [
@@ -123,12 +132,12 @@ fn a_launch_leaves_a_page_with_every_figure_and_the_numbers_of_its_summary() -> 
     for id in FIGURES {
         let figure = figure(&page, id)?;
         assert!(figure.contains("<svg") && figure.contains("<title>"), "{id} has no picture");
-        let drawn = if id == "rungs" {
+        let drawn = if id == "fallback_levels" {
             points(figure, "bar r0")
         } else {
             points(figure, "line r0") + points(figure, "line thin r0")
         };
-        assert!(drawn >= if id == "rungs" { 1 } else { 5 }, "{id} has {drawn} points");
+        assert!(drawn >= if id == "fallback_levels" { 1 } else { 5 }, "{id} has {drawn} points");
         assert!(!figure.contains("NaN") && !figure.contains("inf"), "{id}");
         assert!(!figure.contains("class=\"note\""), "{id} lacks something");
     }
@@ -157,7 +166,7 @@ fn in_a_browser_every_figure_is_seen_in_the_light_and_in_the_dark_and_nothing_el
     let alone = report(&[&on], &on.join("report.html"))?;
     assert!(alone.status.success(), "{alone:?}");
     // Those of the second record that the first one does not have a part in.
-    let shared = ["path", "errors", "velocities", "wheels", "residual", "ticks", "rungs"];
+    let shared = ["path", "errors", "velocities", "wheels", "residual", "ticks", "fallback_levels"];
     for (page, second) in [(on.join("report.html"), &[][..]), (out, &shared[..])] {
         let address = format!("file://{}", page.canonicalize()?.display());
         let mut browser = Browser::start()?;
@@ -298,7 +307,11 @@ fn write_noise(folder: &Path, ticks: u64) -> Outcome {
             let drawn = noise();
             *speed = if wheel == 2 && tick == 7777 { 40.0 } else { drawn };
         }
-        state.rung = if noise() > 0.49 { Rung::StoredTail.code() } else { Rung::FreshPlan.code() };
+        state.fallback_level = if noise() > 0.49 {
+            FallbackLevel::StoredTail.code()
+        } else {
+            FallbackLevel::FreshPlan.code()
+        };
         (plan.plant_epoch, plan.model_version, plan.learned_axes) = (1, 1 + tick / 25, 7);
         plan.tick_nanos = (1e6 * (1.0 + noise())) as u64;
         (plan.residual, plan.innovation) =

@@ -51,24 +51,24 @@ fn kill_both_ends_often(graph: &str) -> Outcome {
     let record = Record::read(&home.path().join("run"))?;
     acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file(graph)))?))?;
 
-    let mut rungs: BTreeMap<u64, BTreeMap<u64, &str>> = BTreeMap::new();
+    let mut fallback_levels: BTreeMap<u64, BTreeMap<u64, &str>> = BTreeMap::new();
     for state in record.of("state") {
-        rungs
+        fallback_levels
             .entry(state.stamp("epoch"))
             .or_default()
-            .insert(state.stamp("tick"), state.word("rung"));
+            .insert(state.stamp("tick"), state.word("fallback_level"));
     }
     let controllers: BTreeSet<u64> =
         record.of("command").map(|command| command.stamp("epoch")).collect();
     assert_eq!(
-        (rungs.len() as u32, controllers.len() as u32),
+        (fallback_levels.len() as u32, controllers.len() as u32),
         (KILLS + 1, KILLS + 1),
         "every kill was felt and mended"
     );
-    for (epoch, ticks) in &rungs {
+    for (epoch, ticks) in &fallback_levels {
         let mut below: u64 = 0;
-        for (tick, rung) in ticks {
-            below = if *rung == "fresh plan" { 0 } else { below + 1 };
+        for (tick, fallback_level) in ticks {
+            below = if *fallback_level == "fresh plan" { 0 } else { below + 1 };
             // The state of a tick tells of the period before it.
             assert!(
                 below <= BACK_WITHIN + 1,
@@ -108,7 +108,7 @@ fn who_is_killed_or_stopped_while_it_starts_is_started_again_and_the_robot_drive
         assert_eq!(ended.status.code(), Some(128 + 15), "{}", ended.text);
         let record = Record::read(&home.path().join("run"))?;
         assert_eq!(
-            record.of("state").next_back().map(|state| state.word("rung")),
+            record.of("state").next_back().map(|state| state.word("fallback_level")),
             Some("fresh plan"),
             "{}",
             ended.text

@@ -16,7 +16,7 @@ fn commands(folder: &Path) -> Result<Vec<String>, Box<dyn Error>> {
             message.says["input"],
             message.says["tail"],
             message.says["model_version"],
-            message.says["rung"]
+            message.says["fallback_level"]
         )
     };
     Ok(record.of("command").map(of).collect())

@@ -125,7 +125,7 @@ fn a_robot_thrown_off_its_path_stands_through_a_restart_until_a_person_resumes_i
     for state in record.of("state").filter(|state| is_stopped(state)) {
         let tick = state.stamp("tick");
         assert_eq!(state.word("stop"), "position error", "tick {tick}");
-        assert_eq!(state.word("rung"), "latched stop", "tick {tick}");
+        assert_eq!(state.word("fallback_level"), "latched stop", "tick {tick}");
         if tick > first + STANDS_AFTER_TICKS {
             assert_eq!(state.numbers("input"), [0.0; 3], "tick {tick}");
         }
@@ -137,7 +137,7 @@ fn a_robot_thrown_off_its_path_stands_through_a_restart_until_a_person_resumes_i
     };
     assert_eq!(epochs(&record), 2, "the second controller found the gate stopped");
     let mut after = record.of("state").filter(|state| state.stamp("tick") > last);
-    assert!(after.any(|state| state.word("rung") == "fresh plan"), "it drives again");
+    assert!(after.any(|state| state.word("fallback_level") == "fresh plan"), "it drives again");
     let asked = record.of("command").find(|command| command.word("stop") == "position error");
     assert!(asked.is_some_and(|command| command.stamp("tick") < first));
 
@@ -166,8 +166,8 @@ fn without_a_limit_nothing_is_latched() -> Outcome {
         let record = Record::read(&home.path().join("run"))?;
         assert_eq!(stop_of(&record).is_ok(), stops, "{limits}: {}", ended.text);
         let last = record.of("state").next_back().ok_or("no state")?;
-        let rung = if stops { "latched stop" } else { "fresh plan" };
-        assert_eq!(last.word("rung"), rung, "{limits}: {}", ended.text);
+        let fallback_level = if stops { "latched stop" } else { "fresh plan" };
+        assert_eq!(last.word("fallback_level"), fallback_level, "{limits}: {}", ended.text);
     }
     Ok(())
 }
@@ -191,7 +191,7 @@ fn a_robot_that_was_cut_off_catches_up() -> Outcome {
         let at = |axis: usize| Some(reference.get(axis)?.as_f64()? - state.numbers("pose")[axis]);
         Some(at(0)?.hypot(at(1)?))
     };
-    let driving = record.of("state").filter(|state| state.word("rung") == "fresh plan");
+    let driving = record.of("state").filter(|state| state.word("fallback_level") == "fresh plan");
     let errors: Vec<f64> = driving.filter_map(error).collect();
     assert!(errors.iter().any(|&error| error > 1.0), "it was far behind while it drove");
     assert!(errors.last().is_some_and(|&error| error < 0.2), "{errors:?}");
@@ -221,7 +221,7 @@ fn a_disarmed_robot_stands_until_a_person_arms_it() -> Outcome {
     for state in record.of("state").filter(|state| state.stamp("tick") <= armed) {
         assert_eq!(state.numbers("input"), [0.0; 3], "tick {}", state.stamp("tick"));
     }
-    let drives = |state: &Message| state.word("rung") == "fresh plan";
+    let drives = |state: &Message| state.word("fallback_level") == "fresh plan";
     assert!(record.of("state").any(|state| state.word("gate") == "driving" && drives(state)));
     Ok(())
 }

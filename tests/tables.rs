@@ -64,8 +64,12 @@ fn tables_read_back_have_a_row_for_every_message_and_its_very_numbers() -> Outco
             "{name}"
         );
     }
-    let rungs = column(&header, &rows, "rung")?;
-    assert!(rungs.into_iter().eq(record.of("state").map(|state| state.word("rung"))));
+    let fallback_levels = column(&header, &rows, "fallback_level")?;
+    assert!(
+        fallback_levels
+            .into_iter()
+            .eq(record.of("state").map(|state| state.word("fallback_level")))
+    );
     let (header, rows) = table(&tables.join("plan.csv"))?;
     for name in
         ["predicted_5_3 [m/s]", "variance_0_2 [(rad/s)²]", "tick_nanos [ns]", "delay_micros [µs]"]

@@ -1,7 +1,7 @@
 //! Promise: on a terminal a person sees the robot drive, be lost and come back, and gets the terminal back as it was.
 
-use coxswain::dashboard::desk::KEYS;
 use coxswain::dashboard::screen;
+use coxswain::dashboard::view::KEYS;
 use promises::{Launched, Outcome, Screen, binaries, repository, signal, wait_until};
 use rustix::process::Signal;
 use std::env;

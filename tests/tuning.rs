@@ -4,7 +4,7 @@ use controller::control::tuning::RULES;
 use controller::reference::Reference;
 use coxswain::set::{set, understand};
 use process::read_settings;
-use process::wishes::{Outcome as Came, Settled};
+use process::requests::{Outcome as Came, Settled};
 use promises::{Launched, Outcome, Record, binaries, graph_file, launch_command, signal};
 use protocol::message::Participant;
 use rustix::process::Signal;
@@ -195,7 +195,7 @@ fn each_of_a_thousand_random_settings_is_in_use_within_two_ticks_or_refused_and_
     assert!(
         settled
             .values()
-            .all(|settled| !settled.wish.who.is_empty() && settled.wish.asked_unix_nanos > 0)
+            .all(|settled| !settled.request.who.is_empty() && settled.request.asked_unix_nanos > 0)
     );
     let mut ways = BTreeMap::new();
     let mut in_use = vec![(0, told.clone())];
@@ -214,7 +214,7 @@ fn each_of_a_thousand_random_settings_is_in_use_within_two_ticks_or_refused_and_
         if settled.process == Participant::Controller.text()
             && let Some((_, before)) = in_use.last()
         {
-            let after = changed(before, &[Change::parse(&settled.wish.change)?], &RULES)?;
+            let after = changed(before, &[Change::parse(&settled.request.change)?], &RULES)?;
             in_use.push((acts_from_tick, after));
         }
     }

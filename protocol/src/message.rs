@@ -14,7 +14,9 @@ mod sequence;
 mod stamp;
 mod truth;
 
-pub use codes::{Exposure, GateState, Participant, Phase, Reason, Rung, SolverStatus, UnknownCode};
+pub use codes::{
+    Exposure, FallbackLevel, GateState, Participant, Phase, Reason, SolverStatus, UnknownCode,
+};
 pub use command::{Command, TAIL_MAX};
 pub use credit::Credit;
 pub use health::{ERROR_TEXT_MAX, Health};
@@ -221,7 +223,7 @@ mod tests {
             (offset_of!(Stamp, kind), 6),
             (offset_of!(Stamp, sequence), 24),
             (offset_of!(Command, input), 64),
-            (offset_of!(Command, rung), 188),
+            (offset_of!(Command, fallback_level), 188),
             (offset_of!(Command, stop), 192),
             (offset_of!(PlantState, current), 160),
             (offset_of!(PlantState, input), 224),

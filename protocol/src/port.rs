@@ -172,12 +172,12 @@ impl Ports {
         };
         let topics =
             Topic::ALL.into_iter().filter(|&topic| carriers.of(topic) == Carrier::SharedMemory);
-        let lanes = topics.flat_map(|topic| {
+        let services = topics.flat_map(|topic| {
             let watchers =
                 Audience::is_split(topic, *lock_step).then_some((topic, Audience::Watchers));
             std::iter::once((topic, Audience::Members)).chain(watchers)
         });
-        lanes
+        services
             .map(|(topic, audience)| shared.hold(topic, audience))
             .collect::<Result<_, _>>()
             .map(HeldLinks)

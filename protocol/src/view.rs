@@ -69,8 +69,8 @@ recorded!(PlantState, "plant → controller: what the sensors saw, and what the 
     "accepted_epoch": Shape::Integer, "epoch of the last accepted command, 0 before the first" => state.accepted_epoch;
     "accepted_tick": Shape::Integer, "tick that the last accepted command answered" => state.accepted_tick;
     "refused": Shape::Integer, "commands that the gate has refused so far" => state.refused;
-    "rung": Shape::Word(words::rungs), "rung of the past period" => words::of_rung(state.rung);
-    "reason": Shape::Word(words::reasons), "reason of that rung, or of the last refusal in the past period" => words::of_reason(state.reason);
+    "fallback_level": Shape::Word(words::fallback_levels), "fallback level of the past period" => words::of_fallback_level(state.fallback_level);
+    "reason": Shape::Word(words::reasons), "reason of that fallback level, or of the last refusal in the past period" => words::of_reason(state.reason);
     "wheels": Shape::Integer, "wheels of the robot" => state.wheels;
     "estop": Shape::Integer, "1 while the robot's own emergency stop is pressed" => state.estop;
     "gate": Shape::Word(words::gate_states), "state of the gate at the end of the past period" => state.gate().text();
@@ -82,7 +82,7 @@ recorded!(Command, "controller → plant: what the wheels shall do now, and if n
     "model_version": Shape::Integer, "version of the learned model in use, 0 is the main model alone" => command.model_version;
     "input": Shape::Numbers, "body velocity for the period that the answered state began [m/s, m/s, rad/s]" => command.input;
     "tail": Shape::Rows, "the plan's next inputs, one per period [m/s, m/s, rad/s]" => command.tail();
-    "rung": Shape::Word(words::rungs), "rung that the controller stands on" => command.rung().text();
+    "fallback_level": Shape::Word(words::fallback_levels), "fallback level that the controller stands on" => command.fallback_level().text();
     "stop": Shape::Word(words::reasons), "why the gate is asked to stop" => words::of_reason(command.stop);
 });
 
@@ -125,7 +125,7 @@ recorded!(Plan, "controller → watchers: what it intends, what it believes, and
     "horizon": Shape::Integer, "length of the horizon [periods]" => plan.horizon;
     "status": Shape::Word(words::statuses), "what the optimiser said" => plan.status().text();
     "iterations": Shape::Integer, "iterations of the optimiser" => plan.iterations;
-    "rung": Shape::Word(words::rungs), "rung that the controller stands on" => plan.rung().text();
+    "fallback_level": Shape::Word(words::fallback_levels), "fallback level that the controller stands on" => plan.fallback_level().text();
     "learned_axes": Shape::Integer, "velocity axes on which the learned model is used: 1 forward, 2 left, 4 yaw, added up" => plan.learned_axes;
     "delay_micros": Shape::Integer, "time from a command to the wheels, as the plan takes it [µs]" => plan.delay_micros;
     "tick_nanos": Shape::Integer, "state received to command worked out [ns]" => plan.tick_nanos;
@@ -177,8 +177,8 @@ recorded!(Truth, "plant-sim → recorder: what is really the case.", |truth| {
     "acting_age_nanos": Shape::Integer, "greatest age of an answered state whose command acted in the past period [ns]" => truth.acting_age_nanos;
     "takeovers": Shape::Integer, "how often another controller took over in the past period" => truth.takeovers;
     "takeovers_back": Shape::Integer, "how many of those went to a smaller epoch" => truth.takeovers_back;
-    "rung": Shape::Word(words::rungs), "rung of the past period" => words::of_rung(truth.rung);
-    "reason": Shape::Word(words::reasons), "reason of that rung" => words::of_reason(truth.reason);
+    "fallback_level": Shape::Word(words::fallback_levels), "fallback level of the past period" => words::of_fallback_level(truth.fallback_level);
+    "reason": Shape::Word(words::reasons), "reason of that fallback level" => words::of_reason(truth.reason);
 });
 
 /// The first `count` rows, or all there are.

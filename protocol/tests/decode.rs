@@ -6,9 +6,9 @@ use proptest::prelude::{any, prop_assert, prop_assert_eq, prop_oneof, proptest};
 use proptest::strategy::{Just, Strategy};
 use protocol::frame::{self, DecodeError};
 use protocol::message::{
-    Command, Credit, ERROR_TEXT_MAX, Exposure, GateState, HORIZON_MAX, Health, INPUTS_MAX, Message,
-    ModelSnapshot, Participant, Phase, Plan, PlantState, Reason, ResidualSample, Rung,
-    SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth, WHEELS_MAX,
+    Command, Credit, ERROR_TEXT_MAX, Exposure, FallbackLevel, GateState, HORIZON_MAX, Health,
+    INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState, Reason,
+    ResidualSample, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth, WHEELS_MAX,
 };
 use protocol::{VERSION, message};
 
@@ -77,7 +77,7 @@ fn snapshots() -> impl Strategy<Value = Vec<u8>> {
 fn messages() -> impl Strategy<Value = Vec<u8>> {
     prop_oneof![
         fixed::<PlantState>(|state, choice| {
-            state.rung = pick(Rung::ALL, choice).code();
+            state.fallback_level = pick(FallbackLevel::ALL, choice).code();
             state.reason = pick(Reason::ALL, choice).code();
             state.wheels = choice % (WHEELS_MAX as u32 + 1);
             state.gate = pick(GateState::ALL, choice).code();
@@ -87,20 +87,20 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
         }),
         fixed::<Command>(|command, choice| {
             command.tail_len = choice % (TAIL_MAX as u32 + 1);
-            command.rung = pick(Rung::ALL, choice).code();
+            command.fallback_level = pick(FallbackLevel::ALL, choice).code();
             command.stop = pick(&STOPS, choice).code();
             command.reserved = 0;
         }),
         fixed::<ResidualSample>(|sample, choice| sample.usable = choice % 2),
         fixed::<Credit>(|credit, choice| credit.participant = pick(Participant::ALL, choice).code()),
         fixed::<Truth>(|truth, choice| {
-            truth.rung = pick(Rung::ALL, choice).code();
+            truth.fallback_level = pick(FallbackLevel::ALL, choice).code();
             truth.reason = pick(Reason::ALL, choice).code();
         }),
         fixed::<Plan>(|plan, choice| {
             plan.horizon = choice % (HORIZON_MAX as u32 + 1);
             plan.status = pick(SolverStatus::ALL, choice).code();
-            plan.rung = pick(Rung::ALL, choice).code();
+            plan.fallback_level = pick(FallbackLevel::ALL, choice).code();
             plan.learned_axes = choice % 8;
         }),
         fixed::<Health>(|health, choice| {

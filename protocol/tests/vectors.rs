@@ -5,9 +5,9 @@
 
 use bytemuck::Zeroable;
 use protocol::message::{
-    Command, Credit, Exposure, GateState, HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot,
-    Participant, Phase, Plan, PlantState, Reason, ResidualSample, Rung, SnapshotHead, SolverStatus,
-    Stamp, TAIL_MAX, Truth, WHEELS_MAX,
+    Command, Credit, Exposure, FallbackLevel, GateState, HORIZON_MAX, Health, INPUTS_MAX, Message,
+    ModelSnapshot, Participant, Phase, Plan, PlantState, Reason, ResidualSample, SnapshotHead,
+    SolverStatus, Stamp, TAIL_MAX, Truth, WHEELS_MAX,
 };
 use protocol::{VERSION, frame, wire};
 use serde::de::DeserializeOwned;
@@ -114,7 +114,7 @@ said_as_it_is! {
             accepted_epoch: 2,
             accepted_tick: 1039,
             refused: 1,
-            rung: Rung::FreshPlan.code(),
+            fallback_level: FallbackLevel::FreshPlan.code(),
             reason: Reason::None.code(),
             wheels: 4,
             wheel_speed_valid: 1,
@@ -124,7 +124,7 @@ said_as_it_is! {
         }),
         ("before the first command", PlantState {
             stamp: Stamp { writer: 7, epoch: 1, sequence: 1, tick: 0, sent_nanos: 1, ..Stamp::default() },
-            rung: Rung::Waiting.code(),
+            fallback_level: FallbackLevel::Waiting.code(),
             reason: Reason::NoCommandYet.code(),
             wheels: 4,
             gate: GateState::Armed.code(),
@@ -134,7 +134,7 @@ said_as_it_is! {
             stamp: extreme(),
             pose: EDGES,
             refused: u64::MAX,
-            rung: Rung::LatchedStop.code(),
+            fallback_level: FallbackLevel::LatchedStop.code(),
             reason: Reason::Recovering.code(),
             wheels: WHEELS_MAX as u32,
             wheel_speed: [f64::MIN; WHEELS_MAX],
@@ -153,10 +153,10 @@ said_as_it_is! {
             input: [0.5, -0.25, 0.125],
             tail: [[0.5, -0.25, 0.0], [0.25, 0.0, 0.0], [0.0; 3], [0.0; 3]],
             tail_len: 3,
-            rung: Rung::FreshPlan.code(),
+            fallback_level: FallbackLevel::FreshPlan.code(),
             ..Command::zeroed()
         }),
-        ("without a tail", Command { stamp: typical(), rung: Rung::Brake.code(), ..Command::zeroed() }),
+        ("without a tail", Command { stamp: typical(), fallback_level: FallbackLevel::Brake.code(), ..Command::zeroed() }),
         ("extreme", Command {
             stamp: extreme(),
             plant_epoch: u64::MAX,
@@ -164,7 +164,7 @@ said_as_it_is! {
             input: EDGES,
             tail: [EDGES; TAIL_MAX],
             tail_len: TAIL_MAX as u32,
-            rung: Rung::LatchedStop.code(),
+            fallback_level: FallbackLevel::LatchedStop.code(),
             stop: Reason::HeadingError.code(),
             ..Command::zeroed()
         }),
@@ -202,7 +202,7 @@ said_as_it_is! {
             acting_age_nanos: 150_000_000,
             takeovers: 1,
             takeovers_back: 0,
-            rung: Rung::StoredTail.code(),
+            fallback_level: FallbackLevel::StoredTail.code(),
             reason: Reason::Missing.code(),
         }),
         ("extreme", Truth { stamp: extreme(), force: EDGES, acting_tick: u64::MAX, ..Truth::zeroed() }),
@@ -216,7 +216,7 @@ said_as_it_is! {
                 horizon: 2,
                 status: SolverStatus::Solved.code(),
                 iterations: 9,
-                rung: Rung::FreshPlan.code(),
+                fallback_level: FallbackLevel::FreshPlan.code(),
                 learned_axes: 5,
                 delay_micros: 20_000,
                 tick_nanos: 1_250_000,

@@ -256,14 +256,24 @@ fn who_dies_while_strangers_knock_at_the_door_is_back_and_nobody_else_goes() -> 
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     let record = Record::read(&home.path().join("run"))?;
-    let rungs: Vec<&str> = record.of("state").map(|state| state.word("rung")).collect();
-    let missed = rungs.iter().skip(1).filter(|rung| **rung != "fresh plan").count();
+    let fallback_levels: Vec<&str> =
+        record.of("state").map(|state| state.word("fallback_level")).collect();
+    let missed = fallback_levels
+        .iter()
+        .skip(1)
+        .filter(|fallback_level| **fallback_level != "fresh plan")
+        .count();
     print(format_args!(
         "{knocks} knocks; controller and recorder killed: {missed} of {} periods without a fresh plan",
-        rungs.len()
+        fallback_levels.len()
     ));
     assert!(knocks > 500, "{knocks}");
-    let back = rungs.iter().rev().take(50).filter(|rung| **rung == "fresh plan").count();
+    let back = fallback_levels
+        .iter()
+        .rev()
+        .take(50)
+        .filter(|fallback_level| **fallback_level == "fresh plan")
+        .count();
     assert!(back > 45, "{back} of the last 50 periods are on fresh plans: {}", ended.text);
     // That of the controller and of the recorder.
     assert_eq!(ended.text.matches("is started again").count(), 2, "{}", ended.text);

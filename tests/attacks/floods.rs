@@ -129,7 +129,7 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
     };
     let (during, before): (Vec<&Message>, Vec<&Message>) = driving("plan").partition(flooded);
     let states: Vec<&Message> = driving("state").filter(flooded).collect();
-    let fresh = states.iter().filter(|state| state.word("rung") == "fresh plan").count();
+    let fresh = states.iter().filter(|state| state.word("fallback_level") == "fresh plan").count();
     let [connections, subscriptions, fragments] = counts;
     let (calm, flood) = (middle(&before), middle(&during));
     print(format_args!(
@@ -313,7 +313,7 @@ fn fresh_of(record: &Record, within: impl Fn(u64) -> bool) -> Driven {
     let (mut fresh, mut periods) = (0, 0);
     for state in of("state") {
         periods += 1;
-        fresh += usize::from(state.word("rung") == "fresh plan");
+        fresh += usize::from(state.word("fallback_level") == "fresh plan");
     }
     Driven { fresh, periods, middle: middle(&plans) }
 }

@@ -21,7 +21,7 @@ use zenoh::{Session, Wait};
 const ADOPTED: &str = "model adopted version=";
 /// Process that no system has.
 const NO_PROCESS: u32 = u32::MAX;
-/// A liar says something so often.
+/// The attacker publishes so often.
 const LIES_EVERY: Duration = Duration::from_millis(50);
 /// Pause before the next name: a router lets go of what comes right behind something else of the same role.
 const NEXT_AFTER: Duration = Duration::from_millis(2);
@@ -122,7 +122,8 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
         .filter(|health| health.count("pid") == u64::from(NO_PROCESS))
         .map(|health| health.word("participant"))
         .collect();
-    let fresh = record.of("state").filter(|state| state.word("rung") == "fresh plan").count();
+    let fresh =
+        record.of("state").filter(|state| state.word("fallback_level") == "fresh plan").count();
     print(format_args!(
         "heartbeats: {said} said by one role in {lasted:.1} s, {} of them recorded; {fresh} of 201 periods on fresh plans",
         forged.len()
@@ -158,13 +159,13 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
 fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives() -> Outcome {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
-    let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Controller)))?;
+    let attacker = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Controller)))?;
     let pid = launched.process("controller", None)?;
     let word = || heartbeat(Participant::Controller, pid, Phase::Running);
     let lie_until = |what: &str, holds: &dyn Fn() -> bool| {
         launched.wait_until(what, || {
             thread::sleep(LIES_EVERY);
-            say(&liar, &graph, "controller.liar", word()).is_ok() && holds()
+            say(&attacker, &graph, "controller.attacker", word()).is_ok() && holds()
         })
     };
     let begin = Instant::now();
@@ -173,9 +174,9 @@ fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives()
     for (writer, epoch) in [(1, u64::MAX), (2, i64::MAX as u64), (3, i64::MAX as u64 - 1)] {
         thread::sleep(LIES_EVERY);
         say(
-            &liar,
+            &attacker,
             &graph,
-            "controller.liar",
+            "controller.attacker",
             heartbeat_of(writer, epoch, Participant::Controller, pid, Phase::Running),
         )?;
     }
@@ -211,11 +212,11 @@ fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many
 {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
-    let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let attacker = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
     let names: Vec<String> = (0..8).map(|name| format!("learner.{name}")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let word = || heartbeat(Participant::Learner, NO_PROCESS, Phase::Running);
-    let lie_for = |time: Duration| lie(&liar, &graph, &names, word, NEXT_AFTER, time);
+    let lie_for = |time: Duration| lie(&attacker, &graph, &names, word, NEXT_AFTER, time);
     lie_for(Duration::from_secs(1))?;
     let pid = launched.process("learner", None)?;
     launched.wait_for_log("controller", ADOPTED, 1)?;
@@ -260,11 +261,12 @@ fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many
 fn who_shows_ports_of_another_protocol_keeps_nobody_from_coming_back() -> Outcome {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
-    let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let attacker = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
     let ports = format!("coxswain-link/{graph}/health/writer");
     let others = ["1/Health/newest-wins", "4/Sonnet/newest-wins", "4/Health/lossless"];
     let show = |other| {
-        liar.liveliness()
+        attacker
+            .liveliness()
             .declare_token(format!("{ports}/{other}/learner.{}", monotonic_nanos()))
             .wait()
             .map_err(failed)
@@ -281,7 +283,10 @@ fn who_shows_ports_of_another_protocol_keeps_nobody_from_coming_back() -> Outcom
     thread::sleep(LIES_FOR / 2);
     let (text, _, record) = ended(launched)?;
     assert_eq!(text.matches("is started again").count(), 2, "{text}");
-    assert_eq!(record.of("state").last().map(|state| state.word("rung")), Some("fresh plan"));
+    assert_eq!(
+        record.of("state").last().map(|state| state.word("fallback_level")),
+        Some("fresh plan")
+    );
     Ok(())
 }
 
@@ -290,22 +295,24 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
 -> Outcome {
     let certificates = Certificates::for_a_flood()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
-    let liar = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
-    let name = port(&liar, &format!("coxswain-link/{graph}/health"), ("writer", Role::Learner))?;
+    let attacker = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let name =
+        port(&attacker, &format!("coxswain-link/{graph}/health"), ("writer", Role::Learner))?;
     let pid = launched.process("learner", None)?;
     let key = format!("coxswain-link/{graph}/health/data/{name}");
     let word = || heartbeat(Participant::Learner, NO_PROCESS, Phase::Running);
     let (begin, from, mut said) = (Instant::now(), monotonic_nanos(), 0_usize);
     while begin.elapsed() < LIES_FOR {
         said += usize::from(
-            liar.put(&key, word()).congestion_control(CongestionControl::Drop).wait().is_ok(),
+            attacker.put(&key, word()).congestion_control(CongestionControl::Drop).wait().is_ok(),
         );
     }
     let flood = from..monotonic_nanos();
     // Then the last number that there is: whatever the learner says after it has been said before. Behind the flood it may take several to be heard.
     launched.wait_until("a word of whom nobody hears", || {
         thread::sleep(LIES_EVERY);
-        let put = liar.put(&key, word()).attachment(u64::MAX.to_le_bytes()).express(true).wait();
+        let put =
+            attacker.put(&key, word()).attachment(u64::MAX.to_le_bytes()).express(true).wait();
         let log = fs::read_to_string(launched.folder().join("coxswain.log")).unwrap_or_default();
         put.is_ok() && log.contains("runs, but nobody hears its heartbeats")
     })?;
@@ -326,7 +333,7 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
         record.health_of(participant).filter(of).count()
     };
     let states = || record.of("state").filter(|state| state.stamp("sent_nanos") > flood.start);
-    let fresh = states().filter(|state| state.word("rung") == "fresh plan").count();
+    let fresh = states().filter(|state| state.word("fallback_level") == "fresh plan").count();
     print(format_args!(
         "heartbeats: {said} said under the learner's own name in 5 s; meanwhile recorded {} of the learner, {} of the plant, {} of the \
          controller; {fresh} of {} periods on fresh plans since",
@@ -373,9 +380,9 @@ fn nobody_ends_a_run_by_saying_that_the_plant_of_another_machine_has_finished() 
     let far = launch("control-host", &name, &["--connect", &endpoint])?;
     far.wait_for_log("controller", "answering a plant", 1)?;
     let door = far.told("controller", "connect")?;
-    let liar = connect(&door, &Shows::Certificate(certificates.of(Role::Learner)))?;
+    let attacker = connect(&door, &Shows::Certificate(certificates.of(Role::Learner)))?;
     let word = || heartbeat(Participant::Plant, NO_PROCESS, Phase::Finished);
-    lie(&liar, &name, &["learner.liar"], word, LIES_EVERY, LIES_FOR)?;
+    lie(&attacker, &name, &["learner.attacker"], word, LIES_EVERY, LIES_FOR)?;
     assert!(!far.processes().is_empty(), "it has ended");
     let (ended, home) = near.end()?;
     assert!(ended.status.success(), "{}", ended.text);
@@ -384,9 +391,15 @@ fn nobody_ends_a_run_by_saying_that_the_plant_of_another_machine_has_finished() 
     let log = fs::read_to_string(far_home.path().join("run/coxswain.log"))?;
     assert!(log.contains("learner says on health what is no word of its own"), "{log}");
     let record = Record::read(&home.path().join("run"))?;
-    let rungs: Vec<&str> = record.of("state").map(|state| state.word("rung")).collect();
+    let fallback_levels: Vec<&str> =
+        record.of("state").map(|state| state.word("fallback_level")).collect();
     assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(200));
-    let last = rungs.iter().rev().take(50).filter(|rung| **rung == "fresh plan").count();
+    let last = fallback_levels
+        .iter()
+        .rev()
+        .take(50)
+        .filter(|fallback_level| **fallback_level == "fresh plan")
+        .count();
     assert!(last > 45, "{last} of the last 50 periods on fresh plans");
     Ok(())
 }
@@ -410,18 +423,20 @@ fn who_shows_thousands_of_tokens_has_nobody_killed_and_the_robot_drives_on_after
     drop(gateway);
     thread::sleep(Duration::from_secs_f64(2.0 * DRIVES_AGAIN_AFTER_S));
     let (text, _, record) = ended(launched)?;
-    let rungs = |wanted: &dyn Fn(u64) -> bool| -> Vec<&str> {
+    let fallback_levels = |wanted: &dyn Fn(u64) -> bool| -> Vec<&str> {
         record
             .of("state")
             .filter(|state| wanted(state.stamp("sent_nanos")))
-            .map(|state| state.word("rung"))
+            .map(|state| state.word("fallback_level"))
             .collect()
     };
-    let fresh = |rungs: &[&str]| rungs.iter().filter(|rung| **rung == "fresh plan").count();
-    let during = rungs(&|nanos| floods.iter().any(|flood| flood.contains(&nanos)));
+    let fresh = |fallback_levels: &[&str]| {
+        fallback_levels.iter().filter(|fallback_level| **fallback_level == "fresh plan").count()
+    };
+    let during = fallback_levels(&|nanos| floods.iter().any(|flood| flood.contains(&nanos)));
     let driven_again =
         floods.last().map_or(0, |flood| flood.end) + (DRIVES_AGAIN_AFTER_S * 1e9) as u64;
-    let after = rungs(&|nanos| nanos > driven_again);
+    let after = fallback_levels(&|nanos| nanos > driven_again);
     print(format_args!(
         "tokens: {shown} shown in {SHOWS} s by one role; {} of {} periods on fresh plans meanwhile, {} of {} afterwards",
         fresh(&during),

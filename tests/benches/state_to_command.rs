@@ -129,7 +129,7 @@ impl Robot {
     fn drive(&mut self, patience: Duration) -> Result<Option<u64>, Failure> {
         self.state.stamp.tick += 1;
         let tick = self.state.stamp.tick;
-        self.state.rung = protocol::message::Rung::FreshPlan.code();
+        self.state.fallback_level = protocol::message::FallbackLevel::FreshPlan.code();
         let begin = monotonic_nanos();
         self.states.send(&mut self.state)?;
         while self.commands.wait(patience)? {

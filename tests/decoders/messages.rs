@@ -5,7 +5,7 @@
 
 use super::{Fate, Verdict, as_file, either, promise, refused};
 use controller::adopt::{self, Expected};
-use learner::fit::Outset;
+use learner::fit::FitSettings;
 use learner::settings::KernelChoice;
 use learner::store;
 use model::gp::dictionary::{Dictionary, Observation, Selection};
@@ -174,15 +174,16 @@ fn begun_with<const D: usize>(snapshot: &ModelSnapshot) -> Result<(), String> {
         snapshot.head.input_scale.get(i).copied().filter(|scale| scale.is_finite() && *scale > 0.0)
     };
     let input_scale = std::array::from_fn(|i| scale(i).unwrap_or(1.0));
-    let outset = Outset::<D> { layout, kernel, input_scale, bound: [BOUND; 3], evaluations_max: 2 };
+    let fit_settings =
+        FitSettings::<D> { layout, kernel, input_scale, bound: [BOUND; 3], evaluations_max: 2 };
     let mut dictionary = Dictionary::new(Selection {
         capacity: POINTS_MAX / 2,
-        normalisation: outset.normalisation(),
+        normalisation: fit_settings.normalisation(),
         kernel: Hyperparameters::new([1.0; D], 1.0, 0.01).with_linear(1.0),
         memory_samples: 100.0,
         noise_floor: [0.01; 3],
     });
-    for hyperparameters in store::resume(snapshot, &outset, &mut dictionary) {
+    for hyperparameters in store::resume(snapshot, &fit_settings, &mut dictionary) {
         hyperparameters.check().map_err(|error| {
             format!("a learner would begin with impossible hyperparameters: {error}")
         })?;

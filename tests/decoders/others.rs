@@ -2,8 +2,8 @@
 
 use super::{Fate, Verdict, corpus, promise, refused};
 use controller::control::tuning::RULES;
-use coxswain::berth;
-use process::wishes::{Inbox, NotAsked, welcome};
+use coxswain::registry;
+use process::requests::{Inbox, NotAsked, welcome};
 use process::{Pace, read_settings};
 use protocol::access::{Certificate, valid_until};
 use protocol::message::Participant;
@@ -35,8 +35,8 @@ pub(super) fn launcher(bytes: &[u8]) -> Verdict {
     let base = tempfile::tempdir().map_err(failed)?;
     let file = base.path().join("00000000.toml");
     fs::write(&file, bytes).map_err(failed)?;
-    let living = berth::living(base.path()).len();
-    let (swept, complaints) = berth::sweep_stale(base.path());
+    let living = registry::living(base.path()).len();
+    let (swept, complaints) = registry::sweep_stale(base.path());
     promise(complaints.is_empty(), || complaints.join("; "))?;
     promise(living + swept <= 1, || {
         format!("one file, {living} living and {swept} dead launchers")
@@ -71,8 +71,8 @@ pub(super) fn change(bytes: &[u8]) -> Verdict {
     }
 }
 
-/// A file that is no wish is taken up all the same, so that it is answered; what it says is a change or not.
-pub(super) fn wish(bytes: &[u8]) -> Verdict {
+/// A file that is not a request is taken up all the same, so that it is answered; what it says is a change or not.
+pub(super) fn set_request(bytes: &[u8]) -> Verdict {
     let failed = |error| format!("no folder: {error}");
     let folder = tempfile::tempdir().map_err(failed)?;
     welcome(folder.path()).map_err(failed)?;
@@ -83,7 +83,7 @@ pub(super) fn wish(bytes: &[u8]) -> Verdict {
         None => Err("a file was passed over".into()),
         Some(Err(NotAsked::LockStep)) => Err("this is real time".into()),
         Some(Err(error)) => refused(&error.to_string()),
-        Some(Ok(wish)) => change(wish.change.as_bytes()),
+        Some(Ok(request)) => change(request.change.as_bytes()),
     }
 }
 

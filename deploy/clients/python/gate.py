@@ -8,12 +8,12 @@ from wire import Command, Vector
 
 NOTHING: Vector = (0.0, 0.0, 0.0)
 ROUNDING = 1 + 1e-6  # a command at a limit may be beyond it by so much
-WAITING, TAIL, BRAKE, LATCHED = 0, 4, 5, 6  # rungs
+WAITING, TAIL, BRAKE, LATCHED = 0, 4, 5, 6  # fallback levels
 NONE, NO_COMMAND_YET, MISSING, MALFORMED, NOT_FINITE, OUT_OF_BOUNDS, RATE_TOO_HIGH, OLD_PLANT_EPOCH = range(8)  # reasons
 OLD_CONTROLLER_EPOCH, SECOND_WRITER, TOO_OLD, NOT_NEWER, FROM_THE_FUTURE, SOLVER_FAILED, BAD_STATE, STOPPING, RECOVERING = range(8, 17)
 POSITION_ERROR, HEADING_ERROR, EMERGENCY_STOP, IS_DISARMED, NO_PLAN = range(17, 22)
 DISARMED, ARMED, DRIVING, STOPPED = range(4)  # states of the gate
-OWN_REASONS = {0: NONE, 1: NONE, 2: SOLVER_FAILED, 3: NO_PLAN, 4: SOLVER_FAILED, 5: BAD_STATE, 6: BAD_STATE}  # of a controller's rung
+OWN_REASONS = {0: NONE, 1: NONE, 2: SOLVER_FAILED, 3: NO_PLAN, 4: SOLVER_FAILED, 5: BAD_STATE, 6: BAD_STATE}  # of a controller's fallback level
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Gate:
         self.state, self.stop_reason = ARMED if armed else DISARMED, NONE
         self.estop = self.braking = False
         self.good_periods = 0
-        self.past = (WAITING, NO_COMMAND_YET)  # rung and reason of the past period
+        self.past = (WAITING, NO_COMMAND_YET)  # fallback level and reason of the past period
         self.worst = (WAITING, NONE)  # of the present one
         self.last_refusal = NONE
 
@@ -89,18 +89,18 @@ class Gate:
     def end(self) -> None:
         """A period is over: duties 8 and 9."""
         answered = self.stored is not None and self.stored.stamp.tick == self.tick
-        rung, why = self.worst
+        fallback_level, why = self.worst
         if self.state == STOPPED:
-            rung, why = LATCHED, self.stop_reason
+            fallback_level, why = LATCHED, self.stop_reason
         elif self.state == DISARMED:
-            rung, why = WAITING, IS_DISARMED
+            fallback_level, why = WAITING, IS_DISARMED
         elif self.stored is None:
-            rung, why = WAITING, NO_COMMAND_YET
+            fallback_level, why = WAITING, NO_COMMAND_YET
         elif self.braking:
-            rung, why = BRAKE, RECOVERING if answered else MISSING
+            fallback_level, why = BRAKE, RECOVERING if answered else MISSING
         elif answered:
-            rung, why = self.stored.rung, OWN_REASONS[self.stored.rung]
-        self.past = (rung, self.last_refusal or why)
+            fallback_level, why = self.stored.fallback_level, OWN_REASONS[self.stored.fallback_level]
+        self.past = (fallback_level, self.last_refusal or why)
         self.good_periods = self.good_periods + 1 if answered and self.braking else 0
 
     def stop(self, reason: int) -> None:
@@ -170,8 +170,8 @@ class Gate:
 
     def play(self, now: float, elapsed: float) -> Vector:
         """Body velocity for the wheels from `now` on, `elapsed` seconds after the last: duties 6 and 7."""
-        chosen, rung, why = self._choose(now)
-        self.worst = max(self.worst, (rung, why))
+        chosen, fallback_level, why = self._choose(now)
+        self.worst = max(self.worst, (fallback_level, why))
         if chosen is None:
             ramp = (math.copysign(max(abs(v) - b * elapsed, 0.0), v) for v, b in zip(self.acting, self.limits.brake))
             chosen = tuple(ramp)
@@ -191,4 +191,4 @@ class Gate:
         self.braking |= missing
         if self.braking:
             return None, BRAKE, MISSING if missing else RECOVERING
-        return (self.stored.tail[age - 1], TAIL, MISSING) if age else (self.stored.input, self.stored.rung, OWN_REASONS[self.stored.rung])
+        return (self.stored.tail[age - 1], TAIL, MISSING) if age else (self.stored.input, self.stored.fallback_level, OWN_REASONS[self.stored.fallback_level])

@@ -278,7 +278,7 @@ class Report:
         self.period, self.circle = period, circle
         self.error = 0.0
         self.squares: list[float] = []
-        self.rungs: Counter[int] = Counter()
+        self.fallback_levels: Counter[int] = Counter()
         self.refused = self.model_version = 0
 
     def add(self, seconds: float, pose: Vector, gate: Gate) -> None:
@@ -290,17 +290,17 @@ class Report:
             self.error = math.hypot(x - radius * math.sin(angle), y - radius * (1.0 - math.cos(angle)))
         if seconds >= self.SETTLED_S:
             self.squares.append(self.error**2)
-        self.rungs[gate.past[0]] += 1
+        self.fallback_levels[gate.past[0]] += 1
         self.refused, self.model_version = gate.refused, gate.stored.model_version if gate.stored else 0
         if math.floor(seconds + 1e-9) > math.floor(seconds - self.period + 1e-9):
             error = f"  error {self.error:.3f} m" if self.circle else ""
             at = f"{seconds:6.1f} s  x {x:8.3f} m  y {y:8.3f} m  yaw {yaw:7.3f} rad"
-            print(f"{at}{error}  rung {gate.past[0]}, reason {gate.past[1]}, model {self.model_version}", flush=True)
+            print(f"{at}{error}  fallback level {gate.past[0]}, reason {gate.past[1]}, model {self.model_version}", flush=True)
 
     def close(self) -> None:
         errors = {"final_error_m": self.error, "rmse_m": math.sqrt(sum(self.squares) / max(len(self.squares), 1))} if self.circle else {}
-        rungs = {str(rung): periods for rung, periods in sorted(self.rungs.items())}
-        print(json.dumps({**errors, "model_version": self.model_version, "refused": self.refused, "periods_on_rung": rungs}), flush=True)
+        fallback_levels = {str(fallback_level): periods for fallback_level, periods in sorted(self.fallback_levels.items())}
+        print(json.dumps({**errors, "model_version": self.model_version, "refused": self.refused, "periods_on_fallback_level": fallback_levels}), flush=True)
 
 
 def unheard_of() -> int:

@@ -14,8 +14,8 @@ LIMITS = Limits(T, (5.0, 5.0, 6.0), (10.0, 10.0, 20.0), (8.0, 8.0, 16.0), 120.0,
 AHEAD = (1.0, 0.0, 0.0)
 
 
-def command(tick: int, value=AHEAD, tail=((0.8, 0.0, 0.0), (0.6, 0.0, 0.0), (0.4, 0.0, 0.0)), epoch=1, writer=7, plant=3, rung=1, stop=0) -> Command:
-    return Command(Stamp(writer, epoch, tick + 1, tick, 0), plant, 0, value, tail, rung, stop)
+def command(tick: int, value=AHEAD, tail=((0.8, 0.0, 0.0), (0.6, 0.0, 0.0), (0.4, 0.0, 0.0)), epoch=1, writer=7, plant=3, fallback_level=1, stop=0) -> Command:
+    return Command(Stamp(writer, epoch, tick + 1, tick, 0), plant, 0, value, tail, fallback_level, stop)
 
 
 class Duties(unittest.TestCase):
@@ -23,7 +23,7 @@ class Duties(unittest.TestCase):
         self.gate = Gate(LIMITS, 3, 0.0)
 
     def period(self, tick: int, answer: Command | None) -> tuple[tuple[float, ...], int, int]:
-        """One period in ten steps: the command at its end, its rung and its reason."""
+        """One period in ten steps: the command at its end, its fallback level and its reason."""
         self.gate.begin(tick, tick * T)
         if answer:
             self.gate.hear(answer, tick * T)
@@ -109,8 +109,8 @@ class Duties(unittest.TestCase):
 
     def test_7_the_ramp_is_the_robots(self) -> None:
         self.period(0, command(0, (2.0, -1.0, 0.0), tail=()))
-        acting, rung, _ = self.period(1, None)
-        self.assertEqual(rung, gate.BRAKE)
+        acting, fallback_level, _ = self.period(1, None)
+        self.assertEqual(fallback_level, gate.BRAKE)
         for value, expected in zip(acting, (1.2, -0.2, 0.0)):
             self.assertAlmostEqual(value, expected)
 
@@ -119,24 +119,24 @@ class Duties(unittest.TestCase):
         said = [self.period(tick, command(tick) if tick in (2, 3, 5, 6, 7, 8) else None)[1:] for tick in range(1, 9)]
         missing, recovering = (gate.BRAKE, gate.MISSING), (gate.BRAKE, gate.RECOVERING)
         self.assertEqual(said[:3], [missing, recovering, recovering])
-        self.assertEqual([rung for rung, _ in said], [gate.BRAKE] * 7 + [1])
+        self.assertEqual([fallback_level for fallback_level, _ in said], [gate.BRAKE] * 7 + [1])
 
     def test_9_the_last_refusal_is_the_reason(self) -> None:
         self.period(0, command(0))
         self.assertEqual(self.period(1, command(1, plant=9))[1:], (gate.TAIL, gate.OLD_PLANT_EPOCH))
 
-    def test_9_a_rung_of_the_controllers_own_has_its_reason(self) -> None:
+    def test_9_a_fallback_level_of_the_controllers_own_has_its_reason(self) -> None:
         failed, bad = gate.SOLVER_FAILED, gate.BAD_STATE
         reasons = [gate.NONE, gate.NONE, failed, gate.NO_PLAN, failed, bad, bad]
-        for rung, reason in enumerate(reasons):
+        for fallback_level, reason in enumerate(reasons):
             self.gate = Gate(LIMITS, 3, 0.0)
-            self.assertEqual(self.period(0, command(0, rung=rung)), (AHEAD, rung, reason))
+            self.assertEqual(self.period(0, command(0, fallback_level=fallback_level)), (AHEAD, fallback_level, reason))
             self.assertEqual(self.period(1, None)[1:], (gate.TAIL, gate.MISSING), "it is of the answered period alone")
 
-    def test_9_a_refusal_tells_more_than_the_controllers_own_rung(self) -> None:
+    def test_9_a_refusal_tells_more_than_the_controllers_own_fallback_level(self) -> None:
         self.gate.begin(0, 0.0)
-        self.reason(command(0, rung=2))
-        self.reason(command(0, writer=8, rung=2))
+        self.reason(command(0, fallback_level=2))
+        self.reason(command(0, writer=8, fallback_level=2))
         self.gate.play(0.0, T)
         self.gate.end()
         self.assertEqual(self.gate.past, (2, gate.SECOND_WRITER))
@@ -155,8 +155,8 @@ class Duties(unittest.TestCase):
                     self.assertEqual(past, [gate.LATCHED, reason])
                 self.assertEqual(acting, NOTHING)
                 self.assertTrue(self.gate.order("resume"))
-                rungs = [self.period(tick, command(tick))[1] for tick in range(6, 10)]
-                self.assertEqual(rungs, [gate.BRAKE] * 3 + [1])
+                fallback_levels = [self.period(tick, command(tick))[1] for tick in range(6, 10)]
+                self.assertEqual(fallback_levels, [gate.BRAKE] * 3 + [1])
                 self.assertEqual(self.gate.state, gate.DRIVING)
 
     def test_the_vectors_of_the_gate_hold(self) -> None:
@@ -177,7 +177,7 @@ class Duties(unittest.TestCase):
             if "publish" in event:
                 if event["publish"] > 0:
                     tried.end()
-                    found = {"rung": tried.past[0], "reason": tried.past[1], "gate": tried.state, "stop": tried.stop_reason, "refused": tried.refused}
+                    found = {"fallback_level": tried.past[0], "reason": tried.past[1], "gate": tried.state, "stop": tried.stop_reason, "refused": tried.refused}
                     self.assertEqual(found, {key: event[key] for key in found}, event)
                     for sum_, mean in zip(total, event["input"]):
                         self.assertAlmostEqual(sum_ / (now - since) * 1e3, mean, delta=0.01, msg=str(event))
@@ -187,7 +187,7 @@ class Duties(unittest.TestCase):
                 said = event["command"]
                 numbers = [tuple(math.nan if value is None else value for value in row) for row in [said["input"], *said["tail"]]]
                 stamp = Stamp(said["writer"], said["epoch"], 0, said["tick"], 0)
-                reason = tried.hear(Command(stamp, said["plant_epoch"], 0, numbers[0], tuple(numbers[1:]), said["rung"], said["stop"]), at)
+                reason = tried.hear(Command(stamp, said["plant_epoch"], 0, numbers[0], tuple(numbers[1:]), said["fallback_level"], said["stop"]), at)
                 self.assertEqual(reason, event["verdict"], event)
             elif "order" in event:
                 self.assertEqual(tried.order(event["order"]), event["followed"], event)

@@ -17,4 +17,4 @@ for key, value in settings.items():
     config.insert_json5(key, json.dumps(value))
 with zenoh.open(config) as session, session.declare_subscriber(f"coxswain/{(sys.argv + ['*'])[2]}/state/json") as states:
     for s in (json.loads(sample.payload.to_string()) for sample in states):
-        print("tick {:6}  x {:8.3f} m  y {:8.3f} m  yaw {:7.3f} rad  {}".format(s["stamp"]["tick"], *s["pose"], s["rung"]), flush=True)
+        print("tick {:6}  x {:8.3f} m  y {:8.3f} m  yaw {:7.3f} rad  {}".format(s["stamp"]["tick"], *s["pose"], s["fallback_level"]), flush=True)

@@ -104,7 +104,7 @@ def one_of(allowed: tuple[int, ...]) -> Codec:
     return Codec(write, read)
 
 
-U32, U64, RUNG, REASON = varint(1 << 32), varint(1 << 64), varint(7), varint(21)
+U32, U64, FALLBACK_LEVEL, REASON = varint(1 << 32), varint(1 << 64), varint(7), varint(21)
 FLAG, WHEELS, GATE_STATE = varint(2), varint(9), varint(4)
 ROW, EIGHT, COUNTS = numbers(3), numbers(8), several(U64, 8)
 ONE = Codec(lambda value: struct.pack("<d", value), lambda cursor: struct.unpack("<d", cursor.take(8))[0])
@@ -137,7 +137,7 @@ class PlantState:
     accepted_epoch: Annotated[int, U64]
     accepted_tick: Annotated[int, U64]
     refused: Annotated[int, U64]
-    rung: Annotated[int, RUNG]
+    fallback_level: Annotated[int, FALLBACK_LEVEL]
     reason: Annotated[int, REASON]
     wheels: Annotated[int, WHEELS]
     wheel_speed_valid: Annotated[int, FLAG]
@@ -155,7 +155,7 @@ class Command:
     model_version: Annotated[int, U64]
     input: Annotated[Vector, ROW]
     tail: Annotated[tuple[Vector, ...], sequence(ROW, 4)]
-    rung: Annotated[int, RUNG]
+    fallback_level: Annotated[int, FALLBACK_LEVEL]
     stop: Annotated[int, one_of(STOPS)] = 0
 
 

@@ -245,8 +245,8 @@ impl Dynamics {
     fn integral_rate(&self, error: &Vector4<f64>, integral: &Vector4<f64>) -> Vector4<f64> {
         let truth = &self.truth;
         error.zip_map(integral, |error, integral| {
-            let wish = truth.speed_loop_gain_a_s_per_rad * error + integral;
-            let winds_up = wish.abs() >= truth.current_limit_a && wish * error > 0.0;
+            let demand = truth.speed_loop_gain_a_s_per_rad * error + integral;
+            let winds_up = demand.abs() >= truth.current_limit_a && demand * error > 0.0;
             if winds_up { 0.0 } else { truth.speed_loop_integral_a_per_rad * error }
         })
     }

@@ -54,8 +54,8 @@ macro_rules! coded {
 }
 
 coded! {
-    /// Where an input comes from: the order of last resort. A greater rung is a worse one.
-    Rung {
+    /// Where an input comes from: the order of last resort. A greater fallback level is a worse one.
+    FallbackLevel {
         /// The gate has not yet seen a valid command: the wheels stand.
         Waiting = 0 => "waiting",
         /// The optimiser's answer to the newest state.
@@ -74,7 +74,7 @@ coded! {
 }
 
 coded! {
-    /// Why a rung was taken, why the gate refused the last command, or why it has stopped.
+    /// Why a fallback level was taken, why the gate refused the last command, or why it has stopped.
     Reason {
         /// Nothing to explain.
         None = 0 => "-",
@@ -212,17 +212,17 @@ mod tests {
 
     #[test]
     fn every_code_comes_back_as_the_variant_that_it_was() {
-        for &rung in Rung::ALL {
-            assert_eq!(Rung::try_from(rung.code()), Ok(rung));
+        for &fallback_level in FallbackLevel::ALL {
+            assert_eq!(FallbackLevel::try_from(fallback_level.code()), Ok(fallback_level));
         }
         for &reason in Reason::ALL {
             assert_eq!(Reason::try_from(reason.code()), Ok(reason));
         }
-        assert_eq!(Rung::try_from(99), Err(UnknownCode { of: "Rung", code: 99 }));
+        assert_eq!(FallbackLevel::try_from(99), Err(UnknownCode { of: "FallbackLevel", code: 99 }));
     }
 
     #[test]
-    fn a_worse_rung_is_a_greater_one() {
-        assert!(Rung::ALL.is_sorted());
+    fn a_worse_fallback_level_is_a_greater_one() {
+        assert!(FallbackLevel::ALL.is_sorted());
     }
 }

@@ -1,7 +1,7 @@
 //! controller → plant: what the wheels shall do now, and what they shall do if nothing more is heard.
 
 use super::sequence::Bounded;
-use super::{Reason, Rung, Stamp, check_count, fixed_message};
+use super::{FallbackLevel, Reason, Stamp, check_count, fixed_message};
 use crate::frame::{DecodeError, code};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -25,8 +25,8 @@ pub struct Command {
     pub tail: [[f64; 3]; TAIL_MAX],
     /// How many entries of `tail` count.
     pub tail_len: u32,
-    /// [`Rung`] that the controller stands on.
-    pub rung: u32,
+    /// [`FallbackLevel`] that the controller stands on.
+    pub fallback_level: u32,
     /// [`Reason`] for which the gate is asked to stop and latch: a position or a heading error, or
     /// none.
     pub stop: u32,
@@ -40,9 +40,9 @@ impl Command {
         Reason::try_from(self.stop).unwrap_or(Reason::None)
     }
 
-    /// Rung that the controller stands on.
-    pub fn rung(&self) -> Rung {
-        Rung::try_from(self.rung).unwrap_or(Rung::LatchedStop)
+    /// Fallback level that the controller stands on.
+    pub fn fallback_level(&self) -> FallbackLevel {
+        FallbackLevel::try_from(self.fallback_level).unwrap_or(FallbackLevel::LatchedStop)
     }
 
     /// The inputs planned for the following periods.
@@ -53,7 +53,7 @@ impl Command {
 
 fixed_message!(Command, 2, [input, tail], |command| {
     check_count("Command", "tail_len", command.tail_len, TAIL_MAX)?;
-    code::<Rung>("Command", "rung", command.rung)?;
+    code::<FallbackLevel>("Command", "fallback_level", command.fallback_level)?;
     match Reason::try_from(command.stop) {
         Ok(reason) if reason == Reason::None || reason.is_stop_request() => Ok(()),
         _ => Err(DecodeError::Value {
@@ -73,7 +73,7 @@ struct Said<'a> {
     model_version: u64,
     input: [f64; 3],
     tail: &'a [[f64; 3]],
-    rung: u32,
+    fallback_level: u32,
     stop: u32,
 }
 
@@ -85,21 +85,21 @@ struct Heard {
     model_version: u64,
     input: [f64; 3],
     tail: Bounded<[f64; 3], TAIL_MAX>,
-    rung: u32,
+    fallback_level: u32,
     stop: u32,
 }
 
 impl Serialize for Command {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let Self { stamp, plant_epoch, model_version, input, rung, stop, .. } = *self;
-        Said { stamp, plant_epoch, model_version, input, tail: self.tail(), rung, stop }
+        let Self { stamp, plant_epoch, model_version, input, fallback_level, stop, .. } = *self;
+        Said { stamp, plant_epoch, model_version, input, tail: self.tail(), fallback_level, stop }
             .serialize(serializer)
     }
 }
 
 impl<'de> Deserialize<'de> for Command {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let Heard { stamp, plant_epoch, model_version, input, tail, rung, stop } =
+        let Heard { stamp, plant_epoch, model_version, input, tail, fallback_level, stop } =
             Heard::deserialize(deserializer)?;
         Ok(Self {
             stamp,
@@ -108,7 +108,7 @@ impl<'de> Deserialize<'de> for Command {
             input,
             tail: tail.items,
             tail_len: tail.len as u32,
-            rung,
+            fallback_level,
             stop,
             reserved: 0,
         })

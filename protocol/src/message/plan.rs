@@ -1,7 +1,7 @@
 //! controller → watchers: what it intends, what it believes, and what that cost.
 
 use super::sequence::Bounded;
-use super::{Rung, SolverStatus, Stamp, check_count, fixed_message};
+use super::{FallbackLevel, SolverStatus, Stamp, check_count, fixed_message};
 use crate::frame::code;
 use bytemuck::{Pod, Zeroable};
 use serde::de::Error;
@@ -26,8 +26,8 @@ pub struct Plan {
     pub status: u32,
     /// Iterations of its solver.
     pub iterations: u32,
-    /// [`Rung`] that the controller stands on.
-    pub rung: u32,
+    /// [`FallbackLevel`] that the controller stands on.
+    pub fallback_level: u32,
     /// Velocity axes on which the learned model is used: 1 forward, 2 left, 4 yaw, added up.
     pub learned_axes: u32,
     /// Time from a command to the wheels, as the plan takes it \[µs\].
@@ -55,9 +55,9 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Rung that the controller stands on.
-    pub fn rung(&self) -> Rung {
-        Rung::try_from(self.rung).unwrap_or(Rung::LatchedStop)
+    /// Fallback level that the controller stands on.
+    pub fn fallback_level(&self) -> FallbackLevel {
+        FallbackLevel::try_from(self.fallback_level).unwrap_or(FallbackLevel::LatchedStop)
     }
 
     /// What the optimiser said.
@@ -80,7 +80,7 @@ fixed_message!(
     |plan| {
         check_count("Plan", "horizon", plan.horizon, HORIZON_MAX)?;
         code::<SolverStatus>("Plan", "status", plan.status)?;
-        code::<Rung>("Plan", "rung", plan.rung)?;
+        code::<FallbackLevel>("Plan", "fallback_level", plan.fallback_level)?;
         check_count("Plan", "learned_axes", plan.learned_axes, 7)
     }
 );
@@ -94,7 +94,7 @@ struct Said<'a> {
     model_version: u64,
     status: u32,
     iterations: u32,
-    rung: u32,
+    fallback_level: u32,
     learned_axes: u32,
     delay_micros: u32,
     tick_nanos: u64,
@@ -117,7 +117,7 @@ struct Heard {
     model_version: u64,
     status: u32,
     iterations: u32,
-    rung: u32,
+    fallback_level: u32,
     learned_axes: u32,
     delay_micros: u32,
     tick_nanos: u64,
@@ -146,7 +146,7 @@ impl Serialize for Plan {
             model_version: self.model_version,
             status: self.status,
             iterations: self.iterations,
-            rung: self.rung,
+            fallback_level: self.fallback_level,
             learned_axes: self.learned_axes,
             delay_micros: self.delay_micros,
             tick_nanos: self.tick_nanos,
@@ -178,7 +178,7 @@ impl<'de> Deserialize<'de> for Plan {
             model_version: heard.model_version,
             status: heard.status,
             iterations: heard.iterations,
-            rung: heard.rung,
+            fallback_level: heard.fallback_level,
             learned_axes: heard.learned_axes,
             delay_micros: heard.delay_micros,
             tick_nanos: heard.tick_nanos,

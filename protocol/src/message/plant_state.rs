@@ -1,6 +1,6 @@
 //! plant → controller: what the sensors saw, and what the gate did.
 
-use super::{GateState, Reason, Rung, Stamp, check_count, fixed_message};
+use super::{FallbackLevel, GateState, Reason, Stamp, check_count, fixed_message};
 use crate::frame::code;
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
@@ -35,9 +35,9 @@ pub struct PlantState {
     pub accepted_tick: u64,
     /// Commands that the gate has refused so far.
     pub refused: u64,
-    /// [`Rung`] of the past period.
-    pub rung: u32,
-    /// [`Reason`] of that rung, or of the last refusal in the past period.
+    /// [`FallbackLevel`] of the past period.
+    pub fallback_level: u32,
+    /// [`Reason`] of that fallback level, or of the last refusal in the past period.
     pub reason: u32,
     /// Wheels of the robot; 0 for a base without any that it knows.
     pub wheels: u32,
@@ -54,12 +54,12 @@ pub struct PlantState {
 }
 
 impl PlantState {
-    /// Rung of the past period.
-    pub fn rung(&self) -> Rung {
-        Rung::try_from(self.rung).unwrap_or(Rung::LatchedStop)
+    /// Fallback level of the past period.
+    pub fn fallback_level(&self) -> FallbackLevel {
+        FallbackLevel::try_from(self.fallback_level).unwrap_or(FallbackLevel::LatchedStop)
     }
 
-    /// Why the past period was on its rung.
+    /// Why the past period was on its fallback level.
     pub fn reason(&self) -> Reason {
         Reason::try_from(self.reason).unwrap_or(Reason::Malformed)
     }
@@ -74,7 +74,7 @@ impl PlantState {
         Reason::try_from(self.stop).unwrap_or(Reason::Malformed)
     }
 
-    /// What to tell a person: why the gate has stopped, else why the past period was on its rung.
+    /// What to tell a person: why the gate has stopped, else why the past period was on its fallback level.
     pub fn cause(&self) -> Reason {
         if self.stop == Reason::None.code() { self.reason() } else { self.stop() }
     }
@@ -100,7 +100,7 @@ fixed_message!(
     1,
     [pose, velocity, wheel_speed, current, input, input_delay_s],
     |state| {
-        code::<Rung>("PlantState", "rung", state.rung)?;
+        code::<FallbackLevel>("PlantState", "fallback_level", state.fallback_level)?;
         code::<Reason>("PlantState", "reason", state.reason)?;
         check_count("PlantState", "wheels", state.wheels, WHEELS_MAX)?;
         check_count("PlantState", "wheel_speed_valid", state.wheel_speed_valid, 1)?;

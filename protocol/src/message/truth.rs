@@ -1,6 +1,6 @@
 //! plant-sim → recorder only: what is really the case. No controller may read it.
 
-use super::{Reason, Rung, Stamp, fixed_message};
+use super::{FallbackLevel, Reason, Stamp, fixed_message};
 use crate::frame::code;
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
@@ -33,13 +33,13 @@ pub struct Truth {
     pub takeovers: u32,
     /// How many of those went to a smaller epoch.
     pub takeovers_back: u32,
-    /// [`Rung`] of the past period.
-    pub rung: u32,
-    /// [`Reason`] of that rung.
+    /// [`FallbackLevel`] of the past period.
+    pub fallback_level: u32,
+    /// [`Reason`] of that fallback level.
     pub reason: u32,
 }
 
 fixed_message!(Truth, 5, [pose, velocity, force, wheel_command, wheel_peak], |truth| {
-    code::<Rung>("Truth", "rung", truth.rung)?;
+    code::<FallbackLevel>("Truth", "fallback_level", truth.fallback_level)?;
     code::<Reason>("Truth", "reason", truth.reason)
 });

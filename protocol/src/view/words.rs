@@ -1,13 +1,15 @@
 //! code ↔ word: a record shows coded fields in a person's words.
 
-use crate::message::{Exposure, GateState, Participant, Phase, Reason, Rung, SolverStatus};
+use crate::message::{
+    Exposure, FallbackLevel, GateState, Participant, Phase, Reason, SolverStatus,
+};
 
 /// Lists the words of one kind of code.
 pub type Words = fn() -> Vec<&'static str>;
 
-/// Words of [`Rung`].
-pub fn rungs() -> Vec<&'static str> {
-    Rung::ALL.iter().map(|rung| rung.text()).collect()
+/// Words of [`FallbackLevel`].
+pub fn fallback_levels() -> Vec<&'static str> {
+    FallbackLevel::ALL.iter().map(|fallback_level| fallback_level.text()).collect()
 }
 
 /// Words of [`Reason`].
@@ -40,9 +42,9 @@ pub fn exposures() -> Vec<&'static str> {
     Exposure::ALL.iter().map(|exposure| exposure.text()).collect()
 }
 
-/// The rung of this name.
-pub fn rung(word: &str) -> Option<Rung> {
-    Rung::ALL.iter().copied().find(|rung| rung.text() == word)
+/// The fallback level of this name.
+pub fn fallback_level(word: &str) -> Option<FallbackLevel> {
+    FallbackLevel::ALL.iter().copied().find(|fallback_level| fallback_level.text() == word)
 }
 
 /// The reason of this name.
@@ -55,12 +57,12 @@ pub fn exposure(word: &str) -> Option<Exposure> {
     Exposure::ALL.iter().copied().find(|exposure| exposure.text() == word)
 }
 
-/// The word of a rung's code; "?" if it is of another version, which no valid message carries.
-pub fn of_rung(code: u32) -> &'static str {
-    Rung::try_from(code).map_or("?", Rung::text)
+/// The word of a fallback level's code; "?" if it is of another version, which no valid message carries.
+pub fn of_fallback_level(code: u32) -> &'static str {
+    FallbackLevel::try_from(code).map_or("?", FallbackLevel::text)
 }
 
-/// The word of a reason's code; "?" as for [`of_rung`].
+/// The word of a reason's code; "?" as for [`of_fallback_level`].
 pub fn of_reason(code: u32) -> &'static str {
     Reason::try_from(code).map_or("?", Reason::text)
 }

@@ -6,7 +6,8 @@ use crate::fixture::{
 };
 use bytemuck::Zeroable;
 use protocol::message::{
-    Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Rung, Truth,
+    Command, Credit, FallbackLevel, Health, Message, ModelSnapshot, Plan, PlantState,
+    ResidualSample, Truth,
 };
 use protocol::port::{Ports, SendError, Since, Tally};
 use protocol::topic::{OnTopic, Topic};
@@ -47,7 +48,7 @@ pub(crate) fn every_kind_of_message_crosses_whole<F: Fixture>() -> Outcome {
         &ports,
         PlantState {
             pose: [1.0, f64::MIN_POSITIVE, -3.0],
-            rung: Rung::Brake.code(),
+            fallback_level: FallbackLevel::Brake.code(),
             ..PlantState::zeroed()
         },
     )?;

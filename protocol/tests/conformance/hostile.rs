@@ -95,9 +95,9 @@ pub(crate) fn a_snapshot_that_promises_more_points_than_it_has_is_refused<F: Fix
     let mut source = ports.source::<ModelSnapshot>(Since::First)?;
     let mut raw = ports.raw_sink(Topic::Snapshot)?;
     for points in [11, 16_384, u32::MAX] {
-        let mut liar = snapshot(1, 10)?;
-        liar.head.points = points;
-        raw.send_raw(&encoded::<F, _>(liar, |_| {}))?;
+        let mut forged = snapshot(1, 10)?;
+        forged.head.points = points;
+        raw.send_raw(&encoded::<F, _>(forged, |_| {}))?;
     }
     count_until(&mut source, |source| source.tally().refused == 3)?;
     assert_eq!(source.tally(), Tally { refused: 3, ..Tally::default() });

@@ -18,7 +18,7 @@ use model::learned::{INPUTS, Layout, Learned};
 use model::{AXES, State};
 use process::Run;
 use protocol::clock::monotonic_nanos;
-use protocol::message::{INPUTS_MAX, ModelSnapshot, PlantState, Rung, SnapshotHead};
+use protocol::message::{FallbackLevel, INPUTS_MAX, ModelSnapshot, PlantState, SnapshotHead};
 use protocol::port::Links;
 use robot::Robot;
 use std::error::Error;
@@ -160,7 +160,8 @@ fn control_tick(criterion: &mut Criterion) {
         }
         let handover = Handover::default();
         let mut state: PlantState = bytemuck::Zeroable::zeroed();
-        (state.stamp.epoch, state.stamp.tick, state.rung) = (1, 0, Rung::FreshPlan.code());
+        (state.stamp.epoch, state.stamp.tick, state.fallback_level) =
+            (1, 0, FallbackLevel::FreshPlan.code());
         (state.velocity, state.input) = ([2.7, 0.0, 0.0], [2.7, 0.0, 0.0]);
         group.bench_function(if learned { "120 points" } else { "main model" }, |bencher| {
             bencher.iter(|| {
@@ -208,13 +209,15 @@ fn million_ticks() -> Result<(), Box<dyn Error>> {
             if tick.is_multiple_of(40) {
                 robot.pose[1] += 0.5;
             }
-            (measured.stamp.tick, measured.rung) = (tick, Rung::FreshPlan.code());
+            (measured.stamp.tick, measured.fallback_level) =
+                (tick, FallbackLevel::FreshPlan.code());
             (measured.pose, measured.velocity, measured.input) =
                 (robot.pose, robot.velocity, robot.acted);
             let begin = monotonic_nanos();
             controller.observe(&measured, &handover, 1);
             let command = controller.answer(&measured, &handover);
-            let (input, is_fresh) = (command.input, command.rung() == Rung::FreshPlan);
+            let (input, is_fresh) =
+                (command.input, command.fallback_level() == FallbackLevel::FreshPlan);
             times[tick as usize] = monotonic_nanos() - begin;
             fresh += u64::from(is_fresh);
             black_box(controller.explain(0));

@@ -17,7 +17,7 @@ use crossbeam_queue::ArrayQueue;
 use model::Velocity;
 use model::gp::posterior::VarianceScratch;
 use model::learned::{Layout, Uncertain};
-use protocol::message::{Reason, Rung};
+use protocol::message::{FallbackLevel, Reason};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 pub use examine::{Examiner, prepare};
@@ -78,12 +78,12 @@ pub enum Event {
         /// From this tick on.
         tick: u64,
     },
-    /// Another rung than the one before.
-    Rung {
+    /// Another fallback level than the one before.
+    FallbackLevel {
         /// At this tick.
         tick: u64,
-        /// The rung.
-        rung: Rung,
+        /// The fallback level.
+        fallback_level: FallbackLevel,
         /// Why.
         reason: Reason,
     },
@@ -108,7 +108,7 @@ pub enum Event {
         /// What.
         complaint: Complaint,
     },
-    /// The optimiser was stopped because its time was used up: a lower rung has answered.
+    /// The optimiser was stopped because its time was used up: a lower fallback level has answered.
     OutOfTime {
         /// The tick.
         tick: u64,

@@ -18,7 +18,7 @@
 
 use crate::currents::Contradicted;
 use model::{Velocity, wrap};
-use protocol::message::{ERROR_TEXT_MAX, PlantState, Reason, Rung};
+use protocol::message::{ERROR_TEXT_MAX, FallbackLevel, PlantState, Reason};
 use robot::Robot;
 use std::fmt::{self, Display, Formatter, Write};
 
@@ -216,7 +216,7 @@ impl Complaints {
             pose: state.pose,
             velocity: state.velocity,
             input: state.input,
-            is_simple: state.rung() == Rung::Simple,
+            is_simple: state.fallback_level() == FallbackLevel::Simple,
         };
         let numbers = now.pose.iter().chain(&now.velocity).chain(&now.input);
         if !numbers.copied().all(f64::is_finite) {
@@ -414,9 +414,12 @@ mod tests {
 
     #[test]
     fn periods_of_the_simple_controller_are_told() {
-        let rung = |tick| if tick % 5 == 0 { Rung::Simple } else { Rung::FreshPlan };
-        let complaints =
-            told(|tick| PlantState { rung: rung(tick).code(), ..circle(tick, PERIOD_S) });
+        let fallback_level =
+            |tick| if tick % 5 == 0 { FallbackLevel::Simple } else { FallbackLevel::FreshPlan };
+        let complaints = told(|tick| PlantState {
+            fallback_level: fallback_level(tick).code(),
+            ..circle(tick, PERIOD_S)
+        });
         assert!(matches!(complaints[..], [Complaint::Simple { .. }]), "{complaints:?}");
     }
 

@@ -7,7 +7,7 @@ pub mod tuning;
 use crate::adopt::{Candidate, Event, Expected, Handover};
 use crate::currents::{Contradicted, Currents, Foretold};
 use crate::explanations::Model;
-use crate::fallback::{self, Ladder};
+use crate::fallback::{self, FallbackChoice};
 use crate::identified::Identified;
 use crate::knowledge::{Knowledge, Measured, Period};
 use crate::loop_judge::{LoopJudge, Passed};
@@ -25,7 +25,8 @@ use model::residual::bound;
 use model::{State, Velocity};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{
-    Command, HORIZON_MAX, Plan, PlantState, Reason, ResidualSample, Rung, SolverStatus, TAIL_MAX,
+    Command, FallbackLevel, HORIZON_MAX, Plan, PlantState, Reason, ResidualSample, SolverStatus,
+    TAIL_MAX,
 };
 use tuning::Tuned;
 
@@ -58,7 +59,7 @@ struct Before {
 /// What is commanded, and why.
 #[derive(Debug, Clone, Copy)]
 struct Decision {
-    rung: Rung,
+    fallback_level: FallbackLevel,
     reason: Reason,
     input: Velocity,
     /// What the optimiser came to, if it was asked.
@@ -76,7 +77,7 @@ pub struct Controller {
     budget_nanos: Option<u64>,
     mpc: Mpc,
     method: Method,
-    ladder: Ladder,
+    fallback_choice: FallbackChoice,
     /// Whether the plans hold the robot; `None` for a controller that is to have plans alone.
     loop_judge: Option<LoopJudge>,
     currents: Currents,
@@ -94,7 +95,7 @@ pub struct Controller {
     prepared_with: [Model; 3],
     /// Input of the last answer.
     commanded: Velocity,
-    rung: Rung,
+    fallback_level: FallbackLevel,
     /// Whether the optimiser had to be stopped in the last answer.
     out_of_time: bool,
     command: Command,
@@ -140,7 +141,7 @@ impl Controller {
             knowledge: Knowledge::new(settings, main, foresight),
             mpc,
             method: settings.mpc.method,
-            ladder: Ladder::default(),
+            fallback_choice: FallbackChoice::default(),
             loop_judge: judged.then(|| {
                 let limits = &settings.robot.limits;
                 let largest = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];
@@ -153,7 +154,7 @@ impl Controller {
             prepared_for: None,
             prepared_with: [Model::Main; 3],
             commanded: [0.0; 3],
-            rung: Rung::Waiting,
+            fallback_level: FallbackLevel::Waiting,
             out_of_time: false,
             command: bytemuck::Zeroable::zeroed(),
             plan: Box::new(bytemuck::Zeroable::zeroed()),
@@ -206,7 +207,10 @@ impl Controller {
         sample.stamp.tick = state.stamp.tick;
         sample.plant_epoch = state.stamp.epoch;
         sample.fingerprint = self.fingerprint;
-        let ours = matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan | Rung::Simple);
+        let ours = matches!(
+            state.fallback_level(),
+            FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan | FallbackLevel::Simple
+        );
         let seen = self.watch_sensors(
             state,
             &Driven { acted: state.input, commanded: ours.then_some(self.commanded) },
@@ -245,7 +249,7 @@ impl Controller {
     fn judge_tracking(&mut self, state: &PlantState, handover: &Handover) {
         let (tick, before) = (state.stamp.tick, self.tracking.request());
         let reference = self.reference.at(tick).pose;
-        let request = self.tracking.judge(&state.pose, &reference, state.rung());
+        let request = self.tracking.judge(&state.pose, &reference, state.fallback_level());
         if request != before && request != Reason::None {
             handover.note(Event::Stop { tick, reason: request });
         }
@@ -253,7 +257,8 @@ impl Controller {
 
     /// Whether what was done in the last period had the effect that was foretold.
     fn watch_loop(&mut self, state: &PlantState) {
-        let by_plans = matches!(state.rung(), Rung::FreshPlan | Rung::ShiftedPlan);
+        let by_plans =
+            matches!(state.fallback_level(), FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan);
         if by_plans {
             let foretold = &self.foretold[self.knowledge.delay().whole()];
             self.currents.look(foretold, state.current());
@@ -261,9 +266,11 @@ impl Controller {
         }
         let Some(judge) = &mut self.loop_judge else { return };
         let believed = self.knowledge.state();
-        match state.rung() {
-            Rung::Waiting | Rung::Brake | Rung::LatchedStop => judge.reset(),
-            Rung::FreshPlan | Rung::ShiftedPlan | Rung::Simple
+        match state.fallback_level() {
+            FallbackLevel::Waiting | FallbackLevel::Brake | FallbackLevel::LatchedStop => {
+                judge.reset()
+            }
+            FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan | FallbackLevel::Simple
                 if by_plans || judge.prefers_simple() =>
             {
                 let point = self.mpc.limits().admitted(&self.reference.at(state.stamp.tick));
@@ -308,7 +315,7 @@ impl Controller {
         self.out_of_time
     }
 
-    /// The answer to `state`, the newest that was [observed](Self::observe): on the highest rung whose command the gate would let through.
+    /// The answer to `state`, the newest that was [observed](Self::observe): on the highest fallback level whose command the gate would let through.
     pub fn answer(&mut self, state: &PlantState, handover: &Handover) -> &mut Command {
         let tick = state.stamp.tick;
         self.mpc.take_turn(Turn {
@@ -324,27 +331,28 @@ impl Controller {
         } else {
             self.brake(Reason::BadState)
         };
-        self.write_command(state, decision.rung, decision.input);
+        self.write_command(state, decision.fallback_level, decision.input);
         while let Err(reason) = self.judged(state)
-            && decision.rung != Rung::Brake
+            && decision.fallback_level != FallbackLevel::Brake
         {
             decision = Decision {
                 solved: decision.solved,
-                ..self.one_rung_down(decision.rung, reason, &measured)
+                ..self.next_fallback_level(decision.fallback_level, reason, &measured)
             };
-            self.write_command(state, decision.rung, decision.input);
+            self.write_command(state, decision.fallback_level, decision.input);
         }
-        let Decision { rung, reason, input, solved } = decision;
-        if rung != self.rung {
-            handover.note(Event::Rung { tick, rung, reason });
-            self.rung = rung;
+        let Decision { fallback_level, reason, input, solved } = decision;
+        if fallback_level != self.fallback_level {
+            handover.note(Event::FallbackLevel { tick, fallback_level, reason });
+            self.fallback_level = fallback_level;
         }
         self.foretold.rotate_right(1);
-        self.foretold[0] = if matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan) {
-            self.mpc.foretold_currents()
-        } else {
-            Foretold::default()
-        };
+        self.foretold[0] =
+            if matches!(fallback_level, FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan) {
+                self.mpc.foretold_currents()
+            } else {
+                Foretold::default()
+            };
         self.out_of_time = solved.is_some_and(|solved| solved.outcome.status == Status::OutOfTime);
         self.write_outcome(solved);
         self.commanded = input;
@@ -368,19 +376,29 @@ impl Controller {
 
     /// A plan that the gate would refuse is forgotten, and the LQR answers; if that would be refused
     /// too, the robot brakes.
-    fn one_rung_down(&mut self, from: Rung, reason: Reason, measured: &State) -> Decision {
+    fn next_fallback_level(
+        &mut self,
+        from: FallbackLevel,
+        reason: Reason,
+        measured: &State,
+    ) -> Decision {
         self.mpc.reset();
-        self.ladder.reset();
-        if from == Rung::Simple {
+        self.fallback_choice.reset();
+        if from == FallbackLevel::Simple {
             return self.brake(reason);
         }
-        Decision { rung: Rung::Simple, reason, input: self.lqr(measured), solved: None }
+        Decision {
+            fallback_level: FallbackLevel::Simple,
+            reason,
+            input: self.lqr(measured),
+            solved: None,
+        }
     }
 
     /// To standstill, as fast as inputs may change.
     fn brake(&self, reason: Reason) -> Decision {
         let input = self.mpc.limits().reach(&[0.0; 3], &self.knowledge.last_command());
-        Decision { rung: Rung::Brake, reason, input, solved: None }
+        Decision { fallback_level: FallbackLevel::Brake, reason, input, solved: None }
     }
 
     /// The answer that was given last.
@@ -445,7 +463,7 @@ impl Controller {
         plan.stamp.tick = self.command.stamp.tick;
         plan.plant_epoch = self.command.plant_epoch;
         plan.model_version = self.command.model_version;
-        plan.rung = self.command.rung;
+        plan.fallback_level = self.command.fallback_level;
         plan.learned_axes = self.knowledge.learned_axes();
         plan.delay_micros =
             (1e6 * self.knowledge.delay().periods() * self.knowledge.main().period).round() as u32;
@@ -458,7 +476,12 @@ impl Controller {
     fn plan_for(&mut self, tick: u64, measured: &State) -> Decision {
         if self.method == Method::FeedforwardP {
             let input = self.simple(measured);
-            return Decision { rung: Rung::FreshPlan, reason: Reason::None, input, solved: None };
+            return Decision {
+                fallback_level: FallbackLevel::FreshPlan,
+                reason: Reason::None,
+                input,
+                solved: None,
+            };
         }
         self.knowledge.look(tick);
         let (belief, last, begin) = (
@@ -477,16 +500,21 @@ impl Controller {
             }
         }
         if self.prefers_simple() {
-            self.ladder.look(solved.outcome);
-            let (rung, reason, input) = (Rung::Simple, Reason::NoPlan, self.simple(measured));
-            return Decision { rung, reason, input, solved: Some(solved) };
+            self.fallback_choice.look(solved.outcome);
+            let (fallback_level, reason, input) =
+                (FallbackLevel::Simple, Reason::NoPlan, self.simple(measured));
+            return Decision { fallback_level, reason, input, solved: Some(solved) };
         }
-        let (rung, input) = self
-            .ladder
+        let (fallback_level, input) = self
+            .fallback_choice
             .choose(solved.outcome, &self.mpc, &last)
-            .unwrap_or_else(|| (Rung::Simple, self.lqr(measured)));
-        let reason = if rung == Rung::FreshPlan { Reason::None } else { Reason::SolverFailed };
-        Decision { rung, reason, input, solved: Some(solved) }
+            .unwrap_or_else(|| (FallbackLevel::Simple, self.lqr(measured)));
+        let reason = if fallback_level == FallbackLevel::FreshPlan {
+            Reason::None
+        } else {
+            Reason::SolverFailed
+        };
+        Decision { fallback_level, reason, input, solved: Some(solved) }
     }
 
     /// What to command without a plan: the LQR on the main model.
@@ -515,7 +543,7 @@ impl Controller {
         self.knowledge.reset();
         self.mpc.reset();
         self.prepared_for = None;
-        self.ladder.reset();
+        self.fallback_choice.reset();
         self.currents.reset();
         self.mpc.drop_current_rows(self.currents.dropped());
         self.foretold = [Foretold::default(); DELAY_MAX + 1];
@@ -524,26 +552,32 @@ impl Controller {
         }
     }
 
-    fn write_command(&mut self, state: &PlantState, rung: Rung, input: Velocity) {
+    fn write_command(
+        &mut self,
+        state: &PlantState,
+        fallback_level: FallbackLevel,
+        input: Velocity,
+    ) {
         let command = &mut self.command;
         command.stamp.tick = state.stamp.tick;
         command.plant_epoch = state.stamp.epoch;
         command.model_version = self.knowledge.version();
-        command.rung = rung.code();
+        command.fallback_level = fallback_level.code();
         command.stop = self.tracking.request().code();
         command.input = input;
         // Without a plan the input is held: the gate plays two periods of it at most before it brakes. Who brakes goes on braking.
-        let planned = matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan);
-        let held = if rung == Rung::Brake { [0.0; 3] } else { input };
+        let planned =
+            matches!(fallback_level, FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan);
+        let held = if fallback_level == FallbackLevel::Brake { [0.0; 3] } else { input };
         let limits = self.mpc.limits();
         let (mut before, mut next) = (input, self.mpc.stages().iter().skip(1));
         command.tail = [[0.0; 3]; TAIL_MAX];
         command.tail_len = TAIL_MAX as u32;
         for slot in &mut command.tail {
-            let wished =
+            let desired =
                 if planned { next.next().map_or(before, |stage| stage.input) } else { held };
             // Beyond the free inputs the target may leap where the reference does; the wheels cannot.
-            before = limits.reach(&wished, &before);
+            before = limits.reach(&desired, &before);
             *slot = before;
         }
     }

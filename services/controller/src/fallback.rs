@@ -6,7 +6,7 @@ use crate::mpc::{Mpc, Outcome, Status, TrackingError};
 use crate::reference::ReferencePoint;
 use model::main_model::MainModel;
 use model::{AXES, Pose, State, Velocity, wrap};
-use protocol::message::Rung;
+use protocol::message::FallbackLevel;
 
 /// Of the proportional feedback of the pose \[1/s\].
 pub const GAIN_PER_S: f64 = 2.0;
@@ -42,43 +42,43 @@ pub fn simple(
     let (sin, cos) = pose[2].sin_cos();
     let [x, y] = [point.pose[0] - pose[0], point.pose[1] - pose[1]];
     let behind = [cos * x + sin * y, cos * y - sin * x, wrap(point.pose[2] - pose[2])];
-    let wished = std::array::from_fn(|axis| target[axis] + GAIN_PER_S * behind[axis]);
-    mpc.limits().reach(&mpc.limits().slowed(&wished), last_input)
+    let desired = std::array::from_fn(|axis| target[axis] + GAIN_PER_S * behind[axis]);
+    mpc.limits().reach(&mpc.limits().slowed(&desired), last_input)
 }
 
-/// Chooses the rung, and remembers for how long the plan has not been renewed.
+/// Chooses the fallback level, and remembers for how long the plan has not been renewed.
 #[derive(Debug, Default)]
-pub struct Ladder {
+pub struct FallbackChoice {
     /// Periods since the plan was fresh; `None` if there never was one.
     shifts: Option<u32>,
 }
 
-impl Ladder {
+impl FallbackChoice {
     /// Takes in that the optimiser came to `outcome` while somebody else drives: a plan that was
     /// not renewed in such a period is not shifted later.
     pub fn look(&mut self, outcome: Outcome) {
         self.shifts = outcome.usable().then_some(0);
     }
 
-    /// The rung and the input for this period; `None` where there is no plan. Does not allocate.
+    /// The fallback level and the input for this period; `None` where there is no plan. Does not allocate.
     pub fn choose(
         &mut self,
         outcome: Outcome,
         mpc: &Mpc,
         last_input: &Velocity,
-    ) -> Option<(Rung, Velocity)> {
+    ) -> Option<(FallbackLevel, Velocity)> {
         let planned = mpc.stages().first().copied().unwrap_or_default();
         if outcome.status == Status::Unpredictable {
             self.reset();
         }
         if outcome.usable() {
             self.shifts = Some(0);
-            return Some((Rung::FreshPlan, planned.input));
+            return Some((FallbackLevel::FreshPlan, planned.input));
         }
         match &mut self.shifts {
             Some(shifts) if *shifts < SHIFTS_MAX => {
                 *shifts += 1;
-                Some((Rung::ShiftedPlan, mpc.limits().reach(&planned.input, last_input)))
+                Some((FallbackLevel::ShiftedPlan, mpc.limits().reach(&planned.input, last_input)))
             }
             _ => None,
         }

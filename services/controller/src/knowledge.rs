@@ -136,7 +136,7 @@ impl Knowledge {
             learned,
             foresight: self.foresight.as_deref(),
             disturbance: self.explanations.disturbance(),
-            carry: self.delay.carry(),
+            delay_fraction: self.delay.fraction(),
         }
     }
 

@@ -7,7 +7,7 @@
 //!      |k_p J (u_k − v_k + (g + d)/(1 − A))/r| ≤ i_max (1 + s_k),  |θ_k| ≤ θ_max (1 + s_k),  |v_k| ≤ v_max (1 + s_k),  s_k ≥ 0
 //!      −w_r (1 + s'_k) ≤ nᵀ(p_k − p_r) ≤ w_l (1 + s'_k),  s'_k ≥ 0        n: across the reference's course, to the left
 //! ```
-//! At a chance level, bounds on the state are drawn in by what the prediction may err (`caution`).
+//! At a chance level, bounds on the state are drawn in by what the prediction may err (`tightening`).
 //!
 //! The cost is on the deviation from the reference, and k counts along the prediction (eqs. 26 and 32 write x(k|k) and leave the
 //! reference out). One iteration: shift the last plan, predict with it, linearise, solve one convex
@@ -19,7 +19,6 @@
 //! | `deviation` | u − t, free in the first C periods, then constant | C × 3 |
 
 pub mod active_set;
-mod caution;
 pub mod constraint;
 mod cost;
 mod expected;
@@ -31,11 +30,11 @@ pub mod qp;
 pub mod riccati;
 pub mod solver;
 mod target;
+mod tightening;
 
 use crate::currents::Foretold;
 use crate::reference::ReferencePoint;
 use crate::settings::{Linearise, MpcSettings, SolverFaults};
-use caution::Caution;
 use constraint::{InputLimits, Limits};
 use expected::Expectation;
 use interior_point::SolverError;
@@ -50,6 +49,7 @@ use protocol::clock::monotonic_nanos;
 use qp::{QuadraticProgram, Vector, WIDTH};
 use robot::Robot;
 use solver::Solver;
+use tightening::Tightening;
 
 pub use cost::{Cost, TrackingError};
 pub use solver::{Outcome, Status, Turn};
@@ -115,7 +115,7 @@ struct Outlook<'a> {
     last_input: &'a Velocity,
     /// From the first stage's on.
     reference: &'a [ReferencePoint],
-    caution: Option<&'a Caution>,
+    tightening: Option<&'a Tightening>,
 }
 
 impl Outlook<'_> {
@@ -143,7 +143,7 @@ pub struct Mpc {
     deviation: Vec<Velocity>,
     /// Disturbance that the targets have been worked out for.
     target_disturbance: Velocity,
-    caution: Option<Caution>,
+    tightening: Option<Tightening>,
     program: QuadraticProgram,
     /// ∂x⁺/∂g of each step, for a program that is made ready.
     by_disturbance: Vec<SMatrix<f64, 6, 3>>,
@@ -183,7 +183,7 @@ impl Mpc {
             blocks,
             limits.slacks(),
             limits.rows(),
-            Limits::with_slacks(cost.prices()),
+            Limits::with_slacks(cost.penalties()),
         );
         let solver = Solver::new(settings.solver, &program)?;
         let still = Linearised {
@@ -205,7 +205,7 @@ impl Mpc {
             planned: false,
             deviation: vec![[0.0; 3]; blocks],
             target_disturbance: [0.0; 3],
-            caution: Caution::at(settings.state_limits.chance_level, horizon),
+            tightening: Tightening::at(settings.state_limits.chance_level, horizon),
             solution: vec![0.0; program.unknowns()],
             moves: vec![[0.0; WIDTH]; horizon + 1],
             program,
@@ -319,8 +319,8 @@ impl Mpc {
         let Some(expected) = self.stages.first().map(|stage| stage.state) else { return };
         self.roll_out(&expected, last_input, belief);
         if self.predictable() {
-            self.program.set_dynamics(&self.steps, belief.carry);
-            self.beware(reference, belief);
+            self.program.set_dynamics(&self.steps, belief.delay_fraction);
+            self.propagate_variance(reference, belief);
             self.build(last_input, reference);
             let _answer = self.solver.solve(&self.program, &mut self.solution, &Turn::default());
         }
@@ -329,10 +329,10 @@ impl Mpc {
     /// Says what a step may err, before [`iterate`](Self::iterate): `noise` gives the variance of the residual of one period.
     /// The state that the plan begins with is `under_way` periods ahead of the measured one. Does not allocate.
     pub fn expect_errors(&mut self, under_way: usize, mut noise: impl FnMut(&Moment) -> Velocity) {
-        let Some(caution) = &mut self.caution else { return };
-        caution.wait_for(under_way);
+        let Some(tightening) = &mut self.tightening else { return };
+        tightening.wait_for(under_way);
         for (k, stage) in self.stages.iter().enumerate() {
-            caution.take_in(k, noise(&Moment::new(&stage.state, &stage.input)));
+            tightening.set_noise(k, noise(&Moment::new(&stage.state, &stage.input)));
         }
     }
 
@@ -372,9 +372,9 @@ impl Mpc {
             let since = Spent { linearise_nanos: monotonic_nanos() - begin, solve_nanos: 0 };
             return Solved { outcome, ahead: Spent::default(), since };
         }
-        self.beware(reference, belief);
+        self.propagate_variance(reference, belief);
         let linearised = monotonic_nanos();
-        self.program.set_dynamics(&self.steps, belief.carry);
+        self.program.set_dynamics(&self.steps, belief.delay_fraction);
         self.build(last_input, reference);
         let mut outcome = self.solver.solve(&self.program, &mut self.solution, &self.turn);
         self.take(&mut outcome);
@@ -430,8 +430,8 @@ impl Mpc {
         stage.target = target;
         stage.input = target;
         if let Some(deviation) = self.deviation.get_mut(k.min(last_block)) {
-            let wished = std::array::from_fn(|axis| target[axis] + deviation[axis]);
-            stage.input = self.limits.clamp(&wished);
+            let desired = std::array::from_fn(|axis| target[axis] + deviation[axis]);
+            stage.input = self.limits.clamp(&desired);
             if k <= last_block {
                 *deviation = std::array::from_fn(|axis| stage.input[axis] - target[axis]);
             }
@@ -454,24 +454,29 @@ impl Mpc {
 
     fn build(&mut self, last_input: &Velocity, reference: &[ReferencePoint]) {
         let (stages, terminal) = (&self.stages, &self.terminal);
-        let outlook =
-            Outlook { stages, terminal, last_input, reference, caution: self.caution.as_ref() };
+        let outlook = Outlook {
+            stages,
+            terminal,
+            last_input,
+            reference,
+            tightening: self.tightening.as_ref(),
+        };
         self.cost.write(&outlook, &mut self.program);
         self.limits.write(&outlook, &mut self.program);
     }
 
-    /// How uncertain the prediction is, if anybody asks.
-    fn beware(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
-        let Some(caution) = &mut self.caution else { return };
+    /// Propagates the variance of the prediction, if bounds are tightened.
+    fn propagate_variance(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
+        let Some(tightening) = &mut self.tightening else { return };
         if let (Some(stage), Some(step)) = (self.stages.first(), self.steps.first()) {
-            caution.leave_unanswered(belief.main, &stage.state, step);
+            tightening.leave_unanswered(belief.main, &stage.state, step);
         }
         for (k, ((stage, step), point)) in
             self.stages.iter().zip(&self.steps).zip(reference).enumerate()
         {
-            let feedback =
-                self.cost.feedback(&TrackingError::new(&stage.state, point)) * (1.0 - belief.carry);
-            caution.propagate(k, belief.main, &stage.state, step, &feedback);
+            let feedback = self.cost.feedback(&TrackingError::new(&stage.state, point))
+                * (1.0 - belief.delay_fraction);
+            tightening.propagate(k, belief.main, &stage.state, step, &feedback);
         }
     }
 

@@ -1,7 +1,7 @@
 //! The loop around [`Controller`]: the only place with a clock, a stop signal and threads.
 
 mod attendant;
-mod desk;
+mod change_requests;
 #[cfg(test)]
 mod tests;
 
@@ -13,7 +13,7 @@ use crate::identified;
 use crate::settings::Settings;
 use attendant::attend;
 use model::foresight::Foresight;
-use process::wishes::changed_before;
+use process::requests::changed_before;
 use process::{Pace, Pulse, Seat, Stop, step_back};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, Participant, Phase, Plan, PlantState, ResidualSample};

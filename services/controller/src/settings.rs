@@ -101,7 +101,7 @@ pub struct MpcSettings {
     #[serde(default = "yes")]
     pub no_harm: bool,
     /// Share of the period that an answer may take in real time, from when its state is taken up: an optimiser that has not finished by then
-    /// is stopped, and a lower rung answers. In lock step its iterations alone are limited.
+    /// is stopped, and a lower fallback level answers. In lock step its iterations alone are limited.
     #[serde(default = "half")]
     pub budget_share: f64,
 }

@@ -13,7 +13,7 @@ use model::learned::{INPUTS, Layout, Moment};
 use model::main_model::MainModel;
 use process::{Pace, Stop};
 use protocol::message::{
-    Command, GateState, Health, INPUTS_MAX, ModelSnapshot, PlantState, Rung, SnapshotHead,
+    Command, FallbackLevel, GateState, Health, INPUTS_MAX, ModelSnapshot, PlantState, SnapshotHead,
 };
 use protocol::port::{Exchange, Identity, Ports, Since, Sink, Source};
 use robot::Robot;
@@ -72,7 +72,8 @@ struct Robotic {
 impl Robotic {
     fn new(ports: &Ports) -> Result<Self, Box<dyn Error>> {
         let mut state = PlantState::zeroed();
-        (state.rung, state.gate) = (Rung::FreshPlan.code(), GateState::Driving.code());
+        (state.fallback_level, state.gate) =
+            (FallbackLevel::FreshPlan.code(), GateState::Driving.code());
         let main = MainModel::new(&Robot::example(), 0.1);
         let (states, commands, health) =
             (ports.sink()?, ports.source(Since::First)?, ports.source(Since::First)?);
@@ -167,7 +168,10 @@ fn periods_whose_optimiser_had_to_be_stopped_are_counted_one_by_one() -> Result<
     let said = beside_a_controller(&settings, |_, robot| {
         for _ in 0..TICKS {
             robot.drive_on(0.0)?;
-            assert_eq!(robot.answer.map(|answer| answer.rung()), Some(Rung::Simple));
+            assert_eq!(
+                robot.answer.map(|answer| answer.fallback_level()),
+                Some(FallbackLevel::Simple)
+            );
         }
         Ok(())
     })?;

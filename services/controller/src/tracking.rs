@@ -5,7 +5,7 @@
 //! away, or that was cut off, catches up without a stop.
 
 use model::{Pose, wrap};
-use protocol::message::{Reason, Rung};
+use protocol::message::{FallbackLevel, Reason};
 use robot::Robot;
 
 /// One limit, and whether it counts already.
@@ -55,10 +55,15 @@ impl TrackingJudge {
         }
     }
 
-    /// Judges the robot at `pose` that should be at `reference`, after a period on `rung`.
-    pub fn judge(&mut self, pose: &Pose, reference: &Pose, rung: Rung) -> Reason {
-        match rung {
-            Rung::FreshPlan | Rung::ShiftedPlan | Rung::Simple => {
+    /// Judges the robot at `pose` that should be at `reference`, after a period on `fallback_level`.
+    pub fn judge(
+        &mut self,
+        pose: &Pose,
+        reference: &Pose,
+        fallback_level: FallbackLevel,
+    ) -> Reason {
+        match fallback_level {
+            FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan | FallbackLevel::Simple => {
                 let position = (pose[0] - reference[0]).hypot(pose[1] - reference[1]);
                 let heading = wrap(pose[2] - reference[2]).abs();
                 let mut errors = self.watched.iter_mut().zip([position, heading]);
@@ -66,8 +71,10 @@ impl TrackingJudge {
                     .find_map(|(watched, error)| watched.exceeds(error).then_some(watched.reason));
                 self.request = exceeded.unwrap_or(Reason::None);
             }
-            Rung::StoredTail => self.request = Reason::None,
-            Rung::Waiting | Rung::Brake | Rung::LatchedStop => self.reset(),
+            FallbackLevel::StoredTail => self.request = Reason::None,
+            FallbackLevel::Waiting | FallbackLevel::Brake | FallbackLevel::LatchedStop => {
+                self.reset()
+            }
         }
         self.request
     }
@@ -90,29 +97,36 @@ mod tests {
         TrackingJudge::new(&robot)
     }
 
-    /// Requests after periods on `rung` with these position errors.
-    fn requests(judge: &mut TrackingJudge, rung: Rung, errors: &[f64]) -> Vec<Reason> {
+    /// Requests after periods on `fallback_level` with these position errors.
+    fn requests(
+        judge: &mut TrackingJudge,
+        fallback_level: FallbackLevel,
+        errors: &[f64],
+    ) -> Vec<Reason> {
         let reference = [3.0, -2.0, 3.0];
         let at = |error: f64| [reference[0], reference[1] - error, reference[2]];
-        errors.iter().map(|&error| judge.judge(&at(error), &reference, rung)).collect()
+        errors.iter().map(|&error| judge.judge(&at(error), &reference, fallback_level)).collect()
     }
 
     #[test]
     fn an_error_counts_once_it_has_been_below_the_limit() {
         let mut judge = judge(TrackingLimit::At(1.0), TrackingLimit::Off);
         let (no, yes) = (Reason::None, Reason::PositionError);
-        let told = requests(&mut judge, Rung::FreshPlan, &[2.0, 1.5, 0.9, 0.99, 1.01, 5.0, 0.5]);
+        let told =
+            requests(&mut judge, FallbackLevel::FreshPlan, &[2.0, 1.5, 0.9, 0.99, 1.01, 5.0, 0.5]);
         assert_eq!(told, [no, no, no, no, yes, yes, no]);
     }
 
     #[test]
     fn after_a_brake_the_robot_may_catch_up() {
         let mut judge = judge(TrackingLimit::At(1.0), TrackingLimit::Off);
-        requests(&mut judge, Rung::FreshPlan, &[0.1]);
-        for rung in [Rung::Brake, Rung::LatchedStop, Rung::Waiting] {
-            assert_eq!(requests(&mut judge, rung, &[0.1, 3.0]), [Reason::None; 2]);
-            assert_eq!(requests(&mut judge, Rung::Simple, &[3.0, 2.0]), [Reason::None; 2]);
-            let told = requests(&mut judge, Rung::Simple, &[0.5, 2.0]);
+        requests(&mut judge, FallbackLevel::FreshPlan, &[0.1]);
+        for fallback_level in
+            [FallbackLevel::Brake, FallbackLevel::LatchedStop, FallbackLevel::Waiting]
+        {
+            assert_eq!(requests(&mut judge, fallback_level, &[0.1, 3.0]), [Reason::None; 2]);
+            assert_eq!(requests(&mut judge, FallbackLevel::Simple, &[3.0, 2.0]), [Reason::None; 2]);
+            let told = requests(&mut judge, FallbackLevel::Simple, &[0.5, 2.0]);
             assert_eq!(told, [Reason::None, Reason::PositionError]);
         }
     }
@@ -120,15 +134,16 @@ mod tests {
     #[test]
     fn a_stored_tail_neither_counts_nor_forgets() {
         let mut judge = judge(TrackingLimit::At(1.0), TrackingLimit::Off);
-        requests(&mut judge, Rung::FreshPlan, &[0.1]);
-        assert_eq!(requests(&mut judge, Rung::StoredTail, &[2.0]), [Reason::None]);
-        assert_eq!(requests(&mut judge, Rung::FreshPlan, &[2.0]), [Reason::PositionError]);
+        requests(&mut judge, FallbackLevel::FreshPlan, &[0.1]);
+        assert_eq!(requests(&mut judge, FallbackLevel::StoredTail, &[2.0]), [Reason::None]);
+        assert_eq!(requests(&mut judge, FallbackLevel::FreshPlan, &[2.0]), [Reason::PositionError]);
     }
 
     #[test]
     fn heading_is_judged_the_short_way_round() {
         let mut judge = judge(TrackingLimit::Off, TrackingLimit::Default);
-        let mut told = |yaw| judge.judge(&[0.0, 0.0, yaw], &[0.0, 0.0, 3.0], Rung::FreshPlan);
+        let mut told =
+            |yaw| judge.judge(&[0.0, 0.0, yaw], &[0.0, 0.0, 3.0], FallbackLevel::FreshPlan);
         assert_eq!(told(-3.0), Reason::None);
         assert_eq!(told(0.5), Reason::HeadingError);
         assert_eq!(told(1.5), Reason::None);
@@ -137,10 +152,11 @@ mod tests {
     #[test]
     fn neither_no_limit_nor_a_number_that_is_none_stops() {
         let mut none = judge(TrackingLimit::Off, TrackingLimit::Off);
-        let told = requests(&mut none, Rung::FreshPlan, &[0.0, 1e9]);
+        let told = requests(&mut none, FallbackLevel::FreshPlan, &[0.0, 1e9]);
         assert_eq!(told, [Reason::None; 2]);
         let mut limited = judge(TrackingLimit::At(1.0), TrackingLimit::Default);
-        let told = requests(&mut limited, Rung::FreshPlan, &[0.0, f64::NAN, f64::INFINITY]);
+        let told =
+            requests(&mut limited, FallbackLevel::FreshPlan, &[0.0, f64::NAN, f64::INFINITY]);
         assert_eq!(told, [Reason::None, Reason::None, Reason::PositionError]);
     }
 }

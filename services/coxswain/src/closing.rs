@@ -1,6 +1,6 @@
 //! `summary.json` → the table at the end of a run.
 
-use protocol::message::{Exposure, Rung};
+use protocol::message::{Exposure, FallbackLevel};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::{self, Display, Formatter};
@@ -22,7 +22,7 @@ pub struct Closing {
     tick_max_us: Option<f64>,
     periods: u64,
     periods_missed: u64,
-    rungs: BTreeMap<String, u64>,
+    fallback_levels: BTreeMap<String, u64>,
     #[serde(default)]
     stops: Vec<Stopped>,
     world_stalled_s: f64,
@@ -76,18 +76,22 @@ impl Display for Closing {
         )?;
         let [half, most, all] = [self.tick_p50_us, self.tick_p99_us, self.tick_max_us].map(micros);
         writeln!(f, "  control tick        {half} p50, {most} p99, {all} at most")?;
-        let on_rung =
-            |rung: &&Rung| self.rungs.get(rung.text()).is_some_and(|&periods| periods > 0);
-        let rungs = Rung::ALL
-            .iter()
-            .filter(on_rung)
-            .map(|rung| format!("{rung} {}", self.rungs.get(rung.text()).copied().unwrap_or(0)));
+        let on_fallback_level = |fallback_level: &&FallbackLevel| {
+            self.fallback_levels.get(fallback_level.text()).is_some_and(|&periods| periods > 0)
+        };
+        let fallback_levels =
+            FallbackLevel::ALL.iter().filter(on_fallback_level).map(|fallback_level| {
+                format!(
+                    "{fallback_level} {}",
+                    self.fallback_levels.get(fallback_level.text()).copied().unwrap_or(0)
+                )
+            });
         writeln!(
             f,
             "  periods             {}, {} missed ({})",
             self.periods,
             self.periods_missed,
-            list(rungs)
+            list(fallback_levels)
         )?;
         for Stopped { at_s, reason, resumed_s } in &self.stops {
             let until = resumed_s
@@ -145,7 +149,7 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let summary = r#"{"arrival_s": 1.3, "speed_settle_s": null, "steady_speed_error_mps": 0.0412, "position_rmse_m": 0.012,
             "position_max_m": 0.0431, "heading_rmse_rad": null, "tick_p50_us": 212.4, "tick_p99_us": 400.0, "tick_max_us": 801.0,
-            "periods": 250, "periods_missed": 1, "rungs": {"brake": 1, "fresh plan": 249, "simple controller": 0}, "world_stalled_s": 0.0, "snapshots_published": 5,
+            "periods": 250, "periods_missed": 1, "fallback_levels": {"brake": 1, "fresh plan": 249, "simple controller": 0}, "world_stalled_s": 0.0, "snapshots_published": 5,
             "snapshots_adopted": 4, "losses": {"plan": {"recorder": 2, "launcher": 1}, "state": {"recorder": 0}}, "exposure": "closed"}"#;
         fs::write(folder.path().join("summary.json"), summary)?;
         let expected = "  arrival             1.3 s
@@ -164,8 +168,11 @@ mod tests {
         let expected = format!("{expected}\n  INSECURE            strangers can drive");
         assert_eq!(Closing::read(folder.path())?.to_string(), expected);
         let stops = r#""stops": [{"at_s": 3.21, "reason": "position error", "resumed_s": 5.0},
-            {"at_s": 9.0, "reason": "heading error", "resumed_s": null}], "rungs""#;
-        fs::write(folder.path().join("summary.json"), summary.replace("\"rungs\"", stops))?;
+            {"at_s": 9.0, "reason": "heading error", "resumed_s": null}], "fallback_levels""#;
+        fs::write(
+            folder.path().join("summary.json"),
+            summary.replace("\"fallback_levels\"", stops),
+        )?;
         let shown = Closing::read(folder.path())?.to_string();
         assert!(
             shown.contains(

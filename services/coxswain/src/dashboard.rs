@@ -1,18 +1,17 @@
 //! `coxswain watch` on a terminal: telemetry and keys → pictures.
 //!
-//! | module       | what it holds                                                      |
-//! |--------------|--------------------------------------------------------------------|
-//! | [`picture`]  | what was heard → what is shown                                     |
-//! | [`trail`]    | a bounded history                                                  |
-//! | [`desk`]     | keys → which picture, which part of the map; the list of keys      |
-//! | [`look`]     | colours, or none                                                   |
-//! | [`panel`]    | the picture → cells, one module per panel                          |
-//! | [`screen`]   | the terminal, taken and given back                                 |
-//! | `ear`        | listens on a thread of its own                                     |
+//! | module      | what it holds                                                 |
+//! |-------------|---------------------------------------------------------------|
+//! | [`picture`] | what was heard → what is shown                                |
+//! | [`trail`]   | a bounded history                                             |
+//! | [`view`]    | keys → which picture, which part of the map; the list of keys |
+//! | [`look`]    | colours, or none                                              |
+//! | [`panel`]   | the picture → cells, one module per panel                     |
+//! | [`screen`]  | the terminal, taken and given back                            |
+//! | `ear`       | listens on a thread of its own                                |
 //!
 //! Keys are read on a thread of their own, too: the library that reads them never returns once the terminal has gone.
 
-pub mod desk;
 mod ear;
 pub mod look;
 pub mod panel;
@@ -21,9 +20,9 @@ pub mod screen;
 #[cfg(test)]
 mod specimen;
 pub mod trail;
+pub mod view;
 
-use crate::lookout::{Telescope, WatchError};
-use desk::{Desk, Wish};
+use crate::watch_command::{WatchError, WatchTarget};
 use ear::Ear;
 use look::Look;
 use picture::Picture;
@@ -36,6 +35,7 @@ use std::io;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, SyncSender};
 use std::thread;
 use std::time::{Duration, Instant};
+use view::{AfterKey, View};
 
 /// How often the picture is drawn. Keys are answered at once.
 const FRAME: Duration = Duration::from_millis(100);
@@ -54,18 +54,18 @@ enum Event {
     Deaf(io::Error),
 }
 
-/// Shows what `telescope` sees until a person or `stop` asks for the end, or the terminal has gone.
+/// Shows what is received from `target` until a person or `stop` asks for the end, or the terminal has gone.
 ///
 /// # Errors
 /// [`WatchError`] if there is nothing to watch at the start, or the terminal cannot be used. It is as it was in either case.
-pub fn run(telescope: Telescope, stop: &Stop) -> Result<(), WatchError> {
-    let (watcher, endpoint) = telescope.open()?;
+pub fn run(target: WatchTarget, stop: &Stop) -> Result<(), WatchError> {
+    let (watcher, endpoint) = target.open()?;
     let (events, heard) = mpsc::sync_channel(WAITING_MAX);
     let mut screen = Screen::take().map_err(WatchError::Terminal)?;
     let keys = events.clone();
     thread::spawn(move || read_keys(&keys));
-    let ear = Ear::listen(telescope, watcher, events);
-    let shown = show(&mut screen, &heard, &mut Desk::new(Picture::new(&endpoint)), stop);
+    let ear = Ear::listen(target, watcher, events);
+    let shown = show(&mut screen, &heard, &mut View::new(Picture::new(&endpoint)), stop);
     drop((screen, heard));
     ear.end();
     match shown {
@@ -78,7 +78,7 @@ pub fn run(telescope: Telescope, stop: &Stop) -> Result<(), WatchError> {
 fn show(
     screen: &mut Screen,
     heard: &Receiver<Event>,
-    desk: &mut Desk,
+    view: &mut View,
     stop: &Stop,
 ) -> io::Result<()> {
     let look = Look::of_environment();
@@ -86,16 +86,17 @@ fn show(
     while !stop.requested() {
         let now = Instant::now();
         if now >= next {
-            desk.live().look(now);
-            screen.draw(|frame| panel::draw(frame, desk, look, now))?;
+            view.live().look(now);
+            screen.draw(|frame| panel::draw(frame, view, look, now))?;
             next = now + FRAME;
         }
         match heard.recv_timeout(next.saturating_duration_since(Instant::now())) {
-            Ok(Event::Said(word)) => desk.live().hear(word, Instant::now()),
-            Ok(Event::At(endpoint)) => desk.live().endpoint = endpoint,
+            Ok(Event::Said(word)) => view.live().hear(word, Instant::now()),
+            Ok(Event::At(endpoint)) => view.live().endpoint = endpoint,
             Ok(Event::Terminal(event)) => {
-                let wish = event.as_key_event().map_or(Wish::Watch, |key| desk.press(key, now));
-                if wish == Wish::Quit {
+                let after_key =
+                    event.as_key_event().map_or(AfterKey::Watch, |key| view.press(key, now));
+                if after_key == AfterKey::Quit {
                     return Ok(());
                 }
                 next = now;

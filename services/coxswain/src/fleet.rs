@@ -5,8 +5,8 @@ use crate::back_off::Restarts;
 use crate::child::{Child, Ending, last_words};
 use crate::epochs::{Epochs, unheard_of};
 use crate::graph::is_needed;
+use crate::processes_by_role::ProcessesByRole;
 use crate::role::END_ORDER;
-use crate::roster::Roster;
 use crate::silence::{Silence, Unheard};
 use crate::watch::View;
 use process::{Pace, Run};
@@ -124,7 +124,7 @@ pub enum Event {
 
 /// What stays the same during a run.
 #[derive(Debug)]
-pub struct Voyage {
+pub struct RunContext {
     /// What each process is told.
     pub assembly: Assembly,
     /// How its links run.
@@ -138,10 +138,10 @@ pub struct Voyage {
 /// All processes of one graph.
 #[derive(Debug)]
 pub struct Fleet<'a> {
-    voyage: &'a Voyage,
+    context: &'a RunContext,
     epochs: Epochs,
     members: BTreeMap<Participant, Member>,
-    roster: Roster,
+    processes_by_role: ProcessesByRole,
     /// When the round before was.
     tended: Option<Instant>,
 }
@@ -169,28 +169,28 @@ impl<'a> Fleet<'a> {
     ///
     /// # Errors
     /// If the epochs of the run cannot be read.
-    pub fn new(voyage: &'a Voyage) -> io::Result<Self> {
+    pub fn new(context: &'a RunContext) -> io::Result<Self> {
         // A launch that meets others is not the first that they hear of: its epochs are above those of any launch before it.
-        let meets = voyage.links.network_graph.is_some();
+        let meets = context.links.network_graph.is_some();
         let since_1970 =
             SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let floor = if meets { since_1970.as_secs() } else { 0 };
-        let mut epochs = Epochs::open(&voyage.folder.join("epochs.toml"), floor)?;
-        if voyage.assembly.graph.pace == Pace::RealTime {
+        let mut epochs = Epochs::open(&context.folder.join("epochs.toml"), floor)?;
+        if context.assembly.graph.pace == Pace::RealTime {
             epochs.observe(Participant::Plant, unheard_of(since_1970))?;
         }
         Ok(Self {
-            voyage,
+            context,
             epochs,
             members: BTreeMap::new(),
-            roster: Roster::default(),
+            processes_by_role: ProcessesByRole::default(),
             tended: None,
         })
     }
 
     /// Who plays which role.
-    pub fn roster(&self) -> Roster {
-        self.roster.clone()
+    pub fn processes_by_role(&self) -> ProcessesByRole {
+        self.processes_by_role.clone()
     }
 
     /// How often somebody was started again.
@@ -210,7 +210,7 @@ impl<'a> Fleet<'a> {
     /// [`FleetError`].
     pub fn start(&mut self, role: Participant) -> Result<u64, FleetError> {
         let failed = |source| FleetError::System { role, source };
-        let Voyage { assembly, links, programs, folder } = self.voyage;
+        let RunContext { assembly, links, programs, folder } = self.context;
         let epoch_floor = self.epochs.give(role).map_err(failed)?;
         let member = self.members.entry(role).or_default();
         let run = Run {
@@ -232,7 +232,7 @@ impl<'a> Fleet<'a> {
         assembly.write_settings(role, run, &file)?;
         let child = Child::start(role, programs, &file, folder).map_err(failed)?;
         tracing::info!(%role, pid = child.pid(), epoch_floor, "started");
-        self.roster.lock().insert(role, child.id());
+        self.processes_by_role.lock().insert(role, child.id());
         member.state = State::Running(child);
         (member.silence, member.unheard) = (Silence::default(), Unheard::default());
         Ok(epoch_floor)
@@ -245,10 +245,10 @@ impl<'a> Fleet<'a> {
     pub fn is_ready(&mut self, role: Participant, since: Instant) -> Result<bool, FleetError> {
         let Some(member) = self.members.get_mut(&role) else { return Ok(false) };
         let State::Running(child) = &mut member.state else { return Ok(false) };
-        if let Some(ending) = bury(&self.roster, child)? {
+        if let Some(ending) = bury(&self.processes_by_role, child)? {
             member.state = State::Ended;
             // One that ended by itself cannot; one that was killed may be able to.
-            let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
+            let policy = self.context.assembly.graph.processes.of(role).restart_policy();
             if ending.is_kill() && member.restarts.after_death(&policy, Instant::now()).is_some() {
                 tracing::warn!(%role, %ending, "ended before it was ready, and is started again");
                 self.start(role)?;
@@ -257,12 +257,12 @@ impl<'a> Fleet<'a> {
             return Err(FleetError::NeverReady {
                 role,
                 ending,
-                last_words: last_words(&self.voyage.folder, role),
+                last_words: last_words(&self.context.folder, role),
             });
         }
         let ready = child.heard().phase() != Phase::Starting;
-        let processes = &self.voyage.assembly.graph.processes;
-        let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
+        let processes = &self.context.assembly.graph.processes;
+        let real_time = self.context.assembly.graph.pace == Pace::RealTime;
         if !ready && real_time && since.elapsed() > processes.hung_after(role) && child.is_stopped()
         {
             child.kill();
@@ -270,7 +270,7 @@ impl<'a> Fleet<'a> {
         if !ready && since.elapsed() > READY_WITHIN {
             return Err(FleetError::TooSlow {
                 role,
-                last_words: last_words(&self.voyage.folder, role),
+                last_words: last_words(&self.context.folder, role),
             });
         }
         Ok(ready)
@@ -286,12 +286,12 @@ impl<'a> Fleet<'a> {
             .tended
             .replace(now)
             .map_or(Duration::ZERO, |before| now.saturating_duration_since(before));
-        let real_time = self.voyage.assembly.graph.pace == Pace::RealTime;
+        let real_time = self.context.assembly.graph.pace == Pace::RealTime;
         for (&role, member) in &mut self.members {
             let State::Running(child) = &mut member.state else { continue };
-            let Some(ending) = bury(&self.roster, child)? else {
+            let Some(ending) = bury(&self.processes_by_role, child)? else {
                 // In lock step whoever waits is silent, and its patience ends the run.
-                let patience = self.voyage.assembly.graph.processes.hung_after(role);
+                let patience = self.context.assembly.graph.processes.hung_after(role);
                 let beats = child.heard().beats();
                 if real_time
                     && let Some(silence) =
@@ -311,14 +311,14 @@ impl<'a> Fleet<'a> {
                 events.push(Event::Finished);
                 continue;
             }
-            let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
+            let policy = self.context.assembly.graph.processes.of(role).restart_policy();
             let Some(wait) = member.restarts.after_death(&policy, now) else {
                 // In lock step the others wait for a learner and a recorder for ever.
                 if role == Participant::Gateway || real_time && !is_needed(role) {
                     events.push(Event::GivenUp { role, ending });
                     continue;
                 }
-                let last_words = last_words(&self.voyage.folder, role);
+                let last_words = last_words(&self.context.folder, role);
                 return Err(FleetError::TooManyDeaths {
                     role,
                     ending,
@@ -353,7 +353,7 @@ impl<'a> Fleet<'a> {
         error: FleetError,
         now: Instant,
     ) -> Result<Event, FleetError> {
-        let policy = self.voyage.assembly.graph.processes.of(role).restart_policy();
+        let policy = self.context.assembly.graph.processes.of(role).restart_policy();
         let Some(member) = self.members.get_mut(&role) else { return Err(error) };
         let wait = member.restarts.after_death(&policy, now);
         member.state = wait.map_or(State::Ended, |wait| State::Due(now + wait));
@@ -386,7 +386,8 @@ impl<'a> Fleet<'a> {
             living.iter().for_each(Child::ask_to_end);
             let asked = Instant::now();
             while !living.is_empty() {
-                living.retain_mut(|child| still_lives(child, &self.voyage.folder, &mut complaints));
+                living
+                    .retain_mut(|child| still_lives(child, &self.context.folder, &mut complaints));
                 hurried |= hurry();
                 if let Some(slow) = living
                     .iter()
@@ -403,7 +404,7 @@ impl<'a> Fleet<'a> {
     }
 
     fn release(&mut self, role: Participant) -> Option<Child> {
-        self.roster.lock().remove(&role);
+        self.processes_by_role.lock().remove(&role);
         match self.members.remove(&role)?.state {
             State::Running(child) => Some(child),
             State::Due(_) | State::Ended => None,
@@ -411,13 +412,16 @@ impl<'a> Fleet<'a> {
     }
 }
 
-/// How it ended, if it has. Whoever looks at the roster meanwhile finds nobody who is buried.
-fn bury(roster: &Roster, child: &mut Child) -> Result<Option<Ending>, FleetError> {
+/// How it ended, if it has. A reader of `processes_by_role` finds no process that has been reaped.
+fn bury(
+    processes_by_role: &ProcessesByRole,
+    child: &mut Child,
+) -> Result<Option<Ending>, FleetError> {
     let role = child.role();
-    let mut roster = roster.lock();
+    let mut processes_by_role = processes_by_role.lock();
     let ending = child.ended().map_err(|source| FleetError::System { role, source })?;
     if ending.is_some() {
-        roster.remove(&role);
+        processes_by_role.remove(&role);
     }
     Ok(ending)
 }

@@ -4,20 +4,20 @@
 //! recorder last, then the graph is swept.
 
 use crate::assembly::{Assembly, missing_programs};
-use crate::berth::{self, Berth, BerthError};
 use crate::closing::Closing;
-use crate::fleet::{Event, Fleet, FleetError, Voyage};
+use crate::fault_injector::FaultInjector;
+use crate::fleet::{Event, Fleet, FleetError, RunContext};
 use crate::folder::{self, FolderError};
 use crate::graph::Network;
 use crate::options::Options;
 use crate::progress;
-use crate::saboteur::Saboteur;
+use crate::registry::{self, GraphEntry, RegistryError};
 use crate::service_manager::ServiceManager;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use crate::without_learning;
 use process::refusals;
-use process::{PRIORITY, Pace, go_first, keep_to_user, wishes};
+use process::{PRIORITY, Pace, go_first, keep_to_user, requests};
 use protocol::access::Breach;
 use protocol::message::Participant;
 use protocol::port::{HalfMade, OpenError, Router, claim};
@@ -65,7 +65,7 @@ pub enum LaunchError {
     },
     /// No place for the graph on this machine.
     #[error(transparent)]
-    Berth(#[from] BerthError),
+    Registry(#[from] RegistryError),
     /// The launcher itself cannot join.
     #[error(transparent)]
     Open(#[from] OpenError),
@@ -146,17 +146,17 @@ pub fn run(options: &Options) -> Result<Outcome, LaunchError> {
     let manager = ServiceManager::of_environment(&roles)
         .map_err(|source| LaunchError::System { what: "NOTIFY_SOCKET", source })?;
     let mut person = Person { signals, terminal: Terminal::new(), manager };
-    let base = berth::base();
-    let (swept, left) = berth::sweep_stale(&base);
+    let base = registry::base();
+    let (swept, left) = registry::sweep_stale(&base);
     if swept > 0 {
         person.terminal.say(format_args!("removed what {swept} killed launch(es) had left behind"));
     }
     for complaint in left {
         person.terminal.say(format_args!("a killed launch has left something behind: {complaint}"));
     }
-    let berth = Berth::take(&base)?;
-    let outcome = run_at(&berth, assembly, programs, options.out.as_deref(), &mut person);
-    if let Err(complaint) = berth.leave() {
+    let entry = GraphEntry::register(&base)?;
+    let outcome = run_at(&entry, assembly, programs, options.out.as_deref(), &mut person);
+    if let Err(complaint) = entry.remove() {
         person.terminal.say(format_args!("shared memory could not be swept: {complaint}"));
     }
     outcome
@@ -186,13 +186,13 @@ struct Ended {
 
 /// The run, from its folder to its last process, in a place that exists.
 fn run_at(
-    berth: &Berth,
+    entry: &GraphEntry,
     mut assembly: Assembly,
     programs: PathBuf,
     out: Option<&Path>,
     person: &mut Person,
 ) -> Result<Outcome, LaunchError> {
-    let folder = folder::create(out, &assembly.scenario_name, berth.id())?;
+    let folder = folder::create(out, &assembly.scenario_name, entry.id())?;
     person.terminal.say(heading(&assembly));
     match &assembly.certificates {
         Some(certificates) => person.terminal.say(certificates),
@@ -218,8 +218,8 @@ fn run_at(
     for exposed in &assembly.exposed {
         tracing::warn!("insecure: {exposed}");
     }
-    tracing::info!(graph = berth.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
-    let router = assembly.networked().then(|| open_router(&assembly, berth.id())).transpose()?;
+    tracing::info!(graph = entry.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
+    let router = assembly.networked().then(|| open_router(&assembly, entry.id())).transpose()?;
     if let Some(router) = router.as_ref().filter(|_| assembly.certificates.is_some()) {
         // Nothing has been started yet: the robot stays where it is.
         refusals::unlogged(|| router.self_test())?;
@@ -231,17 +231,17 @@ fn run_at(
             .say(format_args!("network: listening at {}", router.endpoints().join(", ")));
     }
     let endpoints = router.as_ref().map(Router::own_endpoints).unwrap_or_default();
-    let links = assembly.links(berth.id(), &berth.root(), endpoints);
-    let voyage = Voyage { assembly, links, programs, folder };
+    let links = assembly.links(entry.id(), &entry.root(), endpoints);
+    let context = RunContext { assembly, links, programs, folder };
     // From here on it can be asked for changes.
-    wishes::welcome(&voyage.folder).and_then(|()| berth.note_run(&voyage.folder)).map_err(
+    requests::welcome(&context.folder).and_then(|()| entry.note_run(&context.folder)).map_err(
         |source| {
             let what = "the place for changes while it runs";
             LaunchError::System { what, source }
         },
     )?;
-    let Ended { outcome, complaints } = sail(&voyage, person)?;
-    conclude(&voyage, &mut person.terminal);
+    let Ended { outcome, complaints } = run_processes(&context, person)?;
+    conclude(&context, &mut person.terminal);
     let outcome = outcome?;
     if complaints.is_empty() { Ok(outcome) } else { Err(LaunchError::Ending { complaints }) }
 }
@@ -277,15 +277,15 @@ fn open_router(assembly: &Assembly, id: &str) -> Result<Router, OpenError> {
 }
 
 /// Starts, looks after, and ends the processes.
-fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
-    let mut fleet = Fleet::new(voyage)
+fn run_processes(context: &RunContext, person: &mut Person) -> Result<Ended, LaunchError> {
+    let mut fleet = Fleet::new(context)
         .map_err(|source| LaunchError::System { what: "the epochs of the run", source })?;
-    let watch = Watch::open(&voyage.links)?;
-    let outcome = match start(&mut fleet, voyage, person) {
+    let watch = Watch::open(&context.links)?;
+    let outcome = match start(&mut fleet, context, person) {
         Ok(None) => {
-            invite(voyage, &mut person.terminal);
+            invite(context, &mut person.terminal);
             person.manager.ready();
-            look_after(&mut fleet, voyage, &watch, person)
+            look_after(&mut fleet, context, &watch, person)
         }
         Ok(Some(outcome)) => Ok(outcome),
         Err(error) => Err(error),
@@ -309,14 +309,14 @@ fn sail(voyage: &Voyage, person: &mut Person) -> Result<Ended, LaunchError> {
 /// Starts everybody, each when the one before is ready. An outcome only if the run is over before it began.
 fn start(
     fleet: &mut Fleet<'_>,
-    voyage: &Voyage,
+    context: &RunContext,
     person: &mut Person,
 ) -> Result<Option<Outcome>, LaunchError> {
     // A gateway only looks on: in real time it starts beside the others, and is waited for when the robot drives; with certificates before, since
     // it is ready when it has found strangers kept out.
-    let real_time = voyage.assembly.graph.pace == Pace::RealTime;
+    let real_time = context.assembly.graph.pace == Pace::RealTime;
     let (beside, mut order): (Vec<_>, Vec<_>) =
-        voyage.assembly.roles().partition(|&role| real_time && role == Participant::Gateway);
+        context.assembly.roles().partition(|&role| real_time && role == Participant::Gateway);
     for &role in &beside {
         fleet.start(role)?;
     }
@@ -324,7 +324,7 @@ fn start(
         order
             .iter()
             .position(|&role| role == last)
-            .filter(|_| voyage.assembly.certificates.is_some())
+            .filter(|_| context.assembly.certificates.is_some())
     };
     // Where the robot is on another machine, it does not move without a controller.
     let place = place_of(Participant::Plant)
@@ -343,18 +343,18 @@ fn start(
             thread::sleep(ROUND / 4);
         }
         // The robot starts last: where memory is short, it has not moved.
-        claim(&voyage.links)?;
+        claim(&context.links)?;
     }
     Ok(None)
 }
 
 /// Says how the run can be watched, if it can.
-fn invite(voyage: &Voyage, terminal: &mut Terminal) {
-    if let Some(address) = gateway::berth::page(&voyage.links.root) {
+fn invite(context: &RunContext, terminal: &mut Terminal) {
+    if let Some(address) = gateway::addresses::page(&context.links.root) {
         terminal.say(format_args!("live page: http://{address}/"));
     }
-    for endpoint in gateway::berth::endpoints(&voyage.links.root) {
-        let shown = voyage
+    for endpoint in gateway::addresses::endpoints(&context.links.root) {
+        let shown = context
             .assembly
             .certificates
             .as_ref()
@@ -369,18 +369,18 @@ fn invite(voyage: &Voyage, terminal: &mut Terminal) {
 /// Restarts what dies and shows how it goes, until the plant has finished or somebody asks for the end.
 fn look_after(
     fleet: &mut Fleet<'_>,
-    voyage: &Voyage,
+    context: &RunContext,
     watch: &Watch,
     person: &mut Person,
 ) -> Result<Outcome, LaunchError> {
-    let scenario = &voyage.assembly.scenario;
+    let scenario = &context.assembly.scenario;
     let (period_nanos, duration_s) = (scenario.period_nanos(), scenario.duration_s);
-    let faults = &voyage.assembly.faults;
-    let mut saboteur = None;
+    let faults = &context.assembly.faults;
+    let mut fault_injector = None;
     let mut claimed = Instant::now();
     let mut short = false;
     let mut told = 0;
-    let mut half_made = HalfMade::new(&voyage.links);
+    let mut half_made = HalfMade::new(&context.links);
     loop {
         half_made.remove();
         if let Some(signal) = person.asks_to_end() {
@@ -388,23 +388,23 @@ fn look_after(
         }
         let (now, view) = (Instant::now(), watch.view());
         refusals::tell(now);
-        if saboteur.is_none() && view.plan().is_some() && !faults.process.is_empty() {
+        if fault_injector.is_none() && view.plan().is_some() && !faults.process.is_empty() {
             let period = Duration::from_nanos(period_nanos);
-            let begun = Saboteur::begin(
+            let begun = FaultInjector::begin(
                 &faults.process,
                 faults.seed,
                 period,
-                fleet.roster(),
-                &voyage.folder,
+                fleet.processes_by_role(),
+                &context.folder,
             );
-            saboteur = Some(begun.map_err(|source| LaunchError::System {
+            fault_injector = Some(begun.map_err(|source| LaunchError::System {
                 what: "the list of injected faults",
                 source,
             })?);
         }
         if now.saturating_duration_since(claimed) >= CLAIMS_EVERY {
             claimed = now;
-            match claim(&voyage.links) {
+            match claim(&context.links) {
                 Err(error) if !short => {
                     tracing::error!("{error}");
                     person.terminal.say(error);
@@ -469,18 +469,18 @@ fn look_after(
 }
 
 /// What the run came to, and where everything is.
-fn conclude(voyage: &Voyage, terminal: &mut Terminal) {
+fn conclude(context: &RunContext, terminal: &mut Terminal) {
     // Ends the live line.
-    terminal.say(format_args!("record: {}", voyage.folder.display()));
-    if !voyage.assembly.graph.processes.recorder.enabled {
+    terminal.say(format_args!("record: {}", context.folder.display()));
+    if !context.assembly.graph.processes.recorder.enabled {
         return;
     }
-    match Closing::read(&voyage.folder) {
+    match Closing::read(&context.folder) {
         Ok(closing) => terminal::print(closing),
         Err(error) => terminal.say(format_args!("there is no summary: {error}")),
     }
-    let page = report::beside(&voyage.folder);
-    match report::write(slice::from_ref(&voyage.folder), &page) {
+    let page = report::beside(&context.folder);
+    match report::write(slice::from_ref(&context.folder), &page) {
         Ok(()) => terminal.say(format_args!("report: {}", page.display())),
         Err(error) => terminal.say(format_args!("there is no report: {error}")),
     }

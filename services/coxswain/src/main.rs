@@ -1,18 +1,18 @@
 //! The person's command.
 
 use clap::{Parser, Subcommand};
-use coxswain::berth;
 use coxswain::certificates::{self, CertificatesOptions};
 use coxswain::drill::damage::OfferOptions;
 use coxswain::drill::{self, DrillOptions};
 use coxswain::experiment::{self, CompareOptions};
 use coxswain::launch::LaunchError;
-use coxswain::lookout::{self, WatchOptions};
 use coxswain::options::Options;
 use coxswain::order::{self, OrderOptions};
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
+use coxswain::registry;
 use coxswain::set::{SetError, SetOptions};
 use coxswain::terminal::Terminal;
+use coxswain::watch_command::{self, WatchOptions};
 use gate::Order;
 use process::Stop;
 use protocol::threads;
@@ -98,9 +98,9 @@ fn main() -> ExitCode {
         Command::Certificates(options) => certificates(&options),
         Command::Drill(options) => drill(&options),
         Command::Offer(options) => offer(&options),
-        Command::Set(options) => set(coxswain::set::run(&options, &berth::base())),
-        Command::Resume(options) => set(order::run(Order::Resume, &options, &berth::base())),
-        Command::Arm(options) => set(order::run(Order::Arm, &options, &berth::base())),
+        Command::Set(options) => set(coxswain::set::run(&options, &registry::base())),
+        Command::Resume(options) => set(order::run(Order::Resume, &options, &registry::base())),
+        Command::Arm(options) => set(order::run(Order::Arm, &options, &registry::base())),
         Command::Report(options) => made(records::report(&options)),
         Command::Export(options) => made(records::export(&options)),
         Command::Experiment(Experiment::Compare(options)) => compare(&options),
@@ -195,9 +195,9 @@ fn end_with_stdin() -> io::Result<()> {
 
 fn watch(options: &WatchOptions) -> ExitCode {
     let (stop, mut terminal) = (Stop::new(), Terminal::new());
-    let watched = stop.on_signals().map_err(lookout::WatchError::from);
+    let watched = stop.on_signals().map_err(watch_command::WatchError::from);
     let watched =
-        watched.and_then(|()| lookout::run(options, &berth::base(), &mut terminal, &stop));
+        watched.and_then(|()| watch_command::run(options, &registry::base(), &mut terminal, &stop));
     match watched {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

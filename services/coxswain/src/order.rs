@@ -7,7 +7,7 @@ use crate::set::{SetError, set};
 use crate::terminal;
 use clap::Args;
 use gate::Order;
-use process::wishes::Outcome;
+use process::requests::Outcome;
 use protocol::message::Participant;
 use std::path::{Path, PathBuf};
 

@@ -1,7 +1,7 @@
 //! The live line: simulated time, position error, model, tick time, and what is unusual.
 
 use crate::watch::PlanView;
-use protocol::message::Rung;
+use protocol::message::FallbackLevel;
 use std::fmt::Write;
 
 /// One line about the run.
@@ -15,8 +15,8 @@ pub fn line(plan: &PlanView, period_nanos: u64, duration_s: f64, restarts: u64) 
         version => write!(line, "model {version:4}"),
     };
     let _ = write!(line, "   tick {:5.0} µs", plan.tick_nanos as f64 * 1e-3);
-    if plan.rung != Rung::FreshPlan {
-        let _ = write!(line, "   {}", plan.rung);
+    if plan.fallback_level != FallbackLevel::FreshPlan {
+        let _ = write!(line, "   {}", plan.fallback_level);
     }
     if restarts > 0 {
         let _ = write!(line, "   restarts {restarts}");
@@ -35,13 +35,13 @@ mod tests {
             position_error: 0.0432,
             model_version: 7,
             tick_nanos: 412_300,
-            rung: Rung::FreshPlan,
+            fallback_level: FallbackLevel::FreshPlan,
         };
         assert_eq!(
             line(&plan, 100_000_000, 25.0, 0),
             "  12.3 of 25.0 s   error  0.043 m   model    7   tick   412 µs"
         );
-        plan.rung = Rung::Simple;
+        plan.fallback_level = FallbackLevel::Simple;
         plan.model_version = 0;
         let line = line(&plan, 100_000_000, 25.0, 2);
         assert_eq!(

@@ -1,13 +1,13 @@
 //! `coxswain set`: a change to the settings of a robot that drives.
 //!
 //! What is to be changed is said as on a command line, and asked of the process that it belongs to; whether it can be, that process alone
-//! decides, and says ([`process::wishes`]).
+//! decides, and says ([`process::requests`]).
 
-use crate::berth::{self, Berth};
 use crate::fleet::settings_file;
+use crate::registry::{self, GraphEntry};
 use crate::terminal;
 use clap::Args;
-use process::wishes::{AskError, Outcome, Settled, Wish, ask};
+use process::requests::{AskError, Outcome, Request, Settled, ask};
 use protocol::message::Participant;
 use settings::change::{Change, ChangeError};
 use std::env;
@@ -67,7 +67,7 @@ pub enum SetError {
         /// Who.
         role: Participant,
     },
-    /// The wish could not be written.
+    /// The request could not be written.
     #[error(transparent)]
     Ask(#[from] AskError),
     /// The process looked at it, and did not do it.
@@ -129,7 +129,7 @@ pub fn set(
     role: Participant,
     lines: &str,
 ) -> Result<Settled, SetError> {
-    let (berth, folder) = launch(run, base)?;
+    let (entry, folder) = launch(run, base)?;
     if !settings_file(&folder, role).exists() {
         return Err(SetError::Elsewhere { role });
     }
@@ -137,9 +137,9 @@ pub fn set(
         .duration_since(SystemTime::UNIX_EPOCH)
         .map_or(0, |since| since.as_nanos() as u64);
     let asked =
-        ask(&folder, role, &Wish { who: who(), asked_unix_nanos, change: lines.to_owned() })?;
-    let Some(settled) = asked.wait(PATIENCE, || berth.is_living()) else {
-        return Err(if berth.is_living() { SetError::NoAnswer { role } } else { SetError::Ended });
+        ask(&folder, role, &Request { who: who(), asked_unix_nanos, change: lines.to_owned() })?;
+    let Some(settled) = asked.wait(PATIENCE, || entry.is_living()) else {
+        return Err(if entry.is_living() { SetError::NoAnswer { role } } else { SetError::Ended });
     };
     match &settled.answer.outcome {
         Outcome::Applied { .. } => Ok(settled),
@@ -179,10 +179,10 @@ fn line(said: &str) -> Result<String, SetError> {
 }
 
 /// The launch that is meant, and the folder of its run.
-fn launch(run: Option<&Path>, base: &Path) -> Result<(Berth, PathBuf), SetError> {
-    let mut running: Vec<(Berth, PathBuf)> = berth::living(base)
+fn launch(run: Option<&Path>, base: &Path) -> Result<(GraphEntry, PathBuf), SetError> {
+    let mut running: Vec<(GraphEntry, PathBuf)> = registry::living(base)
         .into_iter()
-        .filter_map(|berth| berth.run_folder().map(|folder| (berth, folder)))
+        .filter_map(|entry| entry.run_folder().map(|folder| (entry, folder)))
         .collect();
     if let Some(run) = run {
         let not_running = || SetError::NotRunning { run: run.to_owned() };

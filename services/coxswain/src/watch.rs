@@ -4,7 +4,7 @@
 //! loses nothing.
 
 use process::Stop;
-use protocol::message::{Health, Participant, Phase, Plan, Rung};
+use protocol::message::{FallbackLevel, Health, Participant, Phase, Plan};
 use protocol::port::{HeldLinks, Identity, Links, OpenError, Ports, ReceiveError, Since, Source};
 use std::collections::BTreeMap;
 use std::sync::mpsc::{self, Sender};
@@ -49,8 +49,8 @@ pub struct PlanView {
     pub model_version: u64,
     /// State received to command worked out \[ns\].
     pub tick_nanos: u64,
-    /// Rung that the controller stands on.
-    pub rung: Rung,
+    /// Fallback level that the controller stands on.
+    pub fallback_level: FallbackLevel,
 }
 
 /// Listens until it is dropped.
@@ -101,7 +101,7 @@ impl From<&Plan> for PlanView {
             position_error: plan.position_error(),
             model_version: plan.model_version,
             tick_nanos: plan.tick_nanos,
-            rung: plan.rung(),
+            fallback_level: plan.fallback_level(),
         }
     }
 }

@@ -158,10 +158,10 @@ fn a_chance_level_keeps_the_robot_in_its_corridor() -> Outcome {
         }
         Ok(sum / 4.0)
     };
-    let (mean_alone, cautious) = (outside(None)?, outside(Some(0.955))?);
+    let (mean_alone, tightened) = (outside(None)?, outside(Some(0.955))?);
     assert!(
-        cautious < 0.5 * mean_alone,
-        "{cautious} of all steps are outside, {mean_alone} without caution"
+        tightened < 0.5 * mean_alone,
+        "{tightened} of all steps are outside, {mean_alone} without tightening"
     );
     Ok(())
 }

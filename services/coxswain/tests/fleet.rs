@@ -1,7 +1,7 @@
 //! Processes are started, restarted and ended as promised, whoever they are: here they are shell scripts.
 
 use coxswain::assembly::Assembly;
-use coxswain::fleet::{Event, Fleet, FleetError, Voyage, settings_file};
+use coxswain::fleet::{Event, Fleet, FleetError, RunContext, settings_file};
 use coxswain::options::Options;
 use coxswain::role::{START_ORDER, program};
 use coxswain::watch::View;
@@ -33,12 +33,12 @@ fn options() -> Options {
 static SCRIPTS: Mutex<()> = Mutex::new(());
 
 struct Fixture {
-    voyage: Voyage,
+    context: RunContext,
     _folder: TempDir,
     _alone: MutexGuard<'static, ()>,
 }
 
-/// A voyage whose programs are all `script`, but that of `other.0`, which is `other.1`.
+/// A context whose programs are all `script`, but that of `other.0`, which is `other.1`.
 fn fixture(script: &str, other: (Participant, &str)) -> Result<Fixture, Box<dyn Error>> {
     let alone = SCRIPTS.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir()?;
@@ -54,18 +54,18 @@ fn fixture(script: &str, other: (Participant, &str)) -> Result<Fixture, Box<dyn 
     let assembly = Assembly::read(&options())?;
     let links = assembly.links("test", &folder.path().join("links"), &[]);
     Ok(Fixture {
-        voyage: Voyage { assembly, links, programs, folder: run },
+        context: RunContext { assembly, links, programs, folder: run },
         _folder: folder,
         _alone: alone,
     })
 }
 
-fn start_all(fleet: &mut Fleet<'_>, voyage: &Voyage) -> Outcome {
+fn start_all(fleet: &mut Fleet<'_>, context: &RunContext) -> Outcome {
     for role in START_ORDER {
         fleet.start(role)?;
     }
     for role in START_ORDER {
-        let up = voyage.programs.join(format!("{}.up", program(role)));
+        let up = context.programs.join(format!("{}.up", program(role)));
         while !up.exists() {
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -84,8 +84,8 @@ fn next_events(fleet: &mut Fleet<'_>) -> Result<Vec<Event>, FleetError> {
     }
 }
 
-fn ended(voyage: &Voyage) -> Vec<String> {
-    let text = fs::read_to_string(voyage.programs.join("ended")).unwrap_or_default();
+fn ended(context: &RunContext) -> Vec<String> {
+    let text = fs::read_to_string(context.programs.join("ended")).unwrap_or_default();
     let name = |line: &str| {
         PathBuf::from(line).file_name().map(|name| name.to_string_lossy().into_owned())
     };
@@ -94,12 +94,12 @@ fn ended(voyage: &Voyage) -> Vec<String> {
 
 #[test]
 fn the_plant_ends_first_and_the_recorder_last() -> Outcome {
-    let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Plant, OBEDIENT))?;
-    let mut fleet = Fleet::new(voyage)?;
-    start_all(&mut fleet, voyage)?;
+    let Fixture { context, .. } = &fixture(OBEDIENT, (Participant::Plant, OBEDIENT))?;
+    let mut fleet = Fleet::new(context)?;
+    start_all(&mut fleet, context)?;
     let complaints = fleet.end(|_| Duration::from_mins(1), || false);
     assert_eq!(complaints, [""; 0]);
-    let order = ended(voyage);
+    let order = ended(context);
     assert_eq!(order.len(), 5, "{order:?}");
     assert_eq!(order.first().map(String::as_str), Some("plant-sim"));
     assert_eq!(order.last().map(String::as_str), Some("recorder"));
@@ -108,9 +108,9 @@ fn the_plant_ends_first_and_the_recorder_last() -> Outcome {
 
 #[test]
 fn who_does_not_hear_is_killed_and_the_others_still_end_in_order() -> Outcome {
-    let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Controller, DEAF))?;
-    let mut fleet = Fleet::new(voyage)?;
-    start_all(&mut fleet, voyage)?;
+    let Fixture { context, .. } = &fixture(OBEDIENT, (Participant::Controller, DEAF))?;
+    let mut fleet = Fleet::new(context)?;
+    start_all(&mut fleet, context)?;
     let patience = |role| {
         if role == Participant::Controller {
             Duration::from_millis(50)
@@ -123,7 +123,7 @@ fn who_does_not_hear_is_killed_and_the_others_still_end_in_order() -> Outcome {
         matches!(&complaints[..], [only] if only.starts_with("controller") && only.ends_with("was killed")),
         "{complaints:?}"
     );
-    let mut order = ended(voyage);
+    let mut order = ended(context);
     // Those of one row end in any order.
     order.get_mut(1..3).ok_or("too few have ended")?.sort();
     assert_eq!(order, ["plant-sim", "gateway", "learner", "recorder"]);
@@ -132,17 +132,17 @@ fn who_does_not_hear_is_killed_and_the_others_still_end_in_order() -> Outcome {
 
 #[test]
 fn somebody_in_a_hurry_does_not_wait() -> Outcome {
-    let Fixture { voyage, .. } = &fixture(DEAF, (Participant::Plant, DEAF))?;
-    let mut fleet = Fleet::new(voyage)?;
-    start_all(&mut fleet, voyage)?;
+    let Fixture { context, .. } = &fixture(DEAF, (Participant::Plant, DEAF))?;
+    let mut fleet = Fleet::new(context)?;
+    start_all(&mut fleet, context)?;
     assert_eq!(fleet.end(|_| Duration::from_hours(1), || true).len(), 5);
     Ok(())
 }
 
 #[test]
 fn what_dies_is_started_again_at_once_in_a_higher_epoch() -> Outcome {
-    let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Learner, "exit 7"))?;
-    let mut fleet = Fleet::new(voyage)?;
+    let Fixture { context, .. } = &fixture(OBEDIENT, (Participant::Learner, "exit 7"))?;
+    let mut fleet = Fleet::new(context)?;
     assert_eq!(fleet.start(Participant::Learner)?, 0);
     let events = next_events(&mut fleet)?;
     let [Event::Died { role, ending, wait }, again] = &events[..] else {
@@ -154,7 +154,7 @@ fn what_dies_is_started_again_at_once_in_a_higher_epoch() -> Outcome {
     );
     assert_eq!(*again, Event::Restarted { role: Participant::Learner, epoch_floor: 1 });
     let told: learner::Settings =
-        settings::read(&settings_file(&voyage.folder, Participant::Learner))?;
+        settings::read(&settings_file(&context.folder, Participant::Learner))?;
     assert!(told.run.restarted);
     assert_eq!(told.run.epoch_floor, 1);
     fleet.end(|_| Duration::from_mins(1), || false);
@@ -163,10 +163,10 @@ fn what_dies_is_started_again_at_once_in_a_higher_epoch() -> Outcome {
 
 #[test]
 fn what_dies_over_and_over_ends_the_run_with_its_last_words() -> Outcome {
-    let Fixture { voyage, .. } =
+    let Fixture { context, .. } =
         &mut fixture(OBEDIENT, (Participant::Controller, "echo out of memory; exit 7"))?;
-    voyage.assembly.graph.processes.controller.restarts_per_minute = 2;
-    let mut fleet = Fleet::new(voyage)?;
+    context.assembly.graph.processes.controller.restarts_per_minute = 2;
+    let mut fleet = Fleet::new(context)?;
     fleet.start(Participant::Controller)?;
     let error = loop {
         match next_events(&mut fleet) {
@@ -186,11 +186,11 @@ fn what_dies_over_and_over_ends_the_run_with_its_last_words() -> Outcome {
 
 /// Lets `role` die until it is given up.
 fn give_up(role: Participant, pace: Pace) -> Result<Option<String>, Box<dyn Error>> {
-    let Fixture { voyage, .. } = &mut fixture(OBEDIENT, (role, "exit 7"))?;
-    let processes = &mut voyage.assembly.graph.processes;
+    let Fixture { context, .. } = &mut fixture(OBEDIENT, (role, "exit 7"))?;
+    let processes = &mut context.assembly.graph.processes;
     (processes.gateway.restarts_per_minute, processes.learner.restarts_per_minute) = (2, 2);
-    voyage.assembly.graph.pace = pace;
-    let mut fleet = Fleet::new(voyage)?;
+    context.assembly.graph.pace = pace;
+    let mut fleet = Fleet::new(context)?;
     fleet.start(role)?;
     let given_up = loop {
         match next_events(&mut fleet) {
@@ -224,20 +224,20 @@ fn whom_the_robot_does_not_need_is_given_up_when_it_dies_over_and_over_and_the_r
 #[test]
 fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_launcher_that_was_away()
 -> Outcome {
-    let Fixture { voyage, .. } = &fixture(SPEAKS, (Participant::Plant, DEAF))?;
-    let mut fleet = Fleet::new(voyage)?;
+    let Fixture { context, .. } = &fixture(SPEAKS, (Participant::Plant, DEAF))?;
+    let mut fleet = Fleet::new(context)?;
     fleet.start(Participant::Controller)?;
     assert!(!fleet.is_ready(Participant::Controller, Instant::now())?, "it has said nothing");
     assert_eq!(fleet.heartbeats(Participant::Controller), None);
-    let roster = fleet.roster();
-    let pid = || roster.lock().get(&Participant::Controller).map(|pid| pid.as_raw_pid());
+    let processes_by_role = fleet.processes_by_role();
+    let pid = || processes_by_role.lock().get(&Participant::Controller).map(|pid| pid.as_raw_pid());
     let first = pid().ok_or("nobody plays the controller")?;
     let (round, mut now) = (Duration::from_millis(20), Instant::now());
     let mut tend = |fleet: &mut Fleet<'_>, passed: Duration| {
         now += passed;
         fleet.tend(&View::default(), now)
     };
-    let word = voyage.programs.join(format!("{}.word", program(Participant::Controller)));
+    let word = context.programs.join(format!("{}.word", program(Participant::Controller)));
     for _ in 0..50 {
         fs::write(&word, "")?;
         while word.exists() {
@@ -286,8 +286,8 @@ fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_l
 #[test]
 fn a_plant_that_is_done_ends_the_run_and_one_that_fails_does_not() -> Outcome {
     for (script, finished) in [("exit 0", true), ("exit 1", false)] {
-        let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Plant, script))?;
-        let mut fleet = Fleet::new(voyage)?;
+        let Fixture { context, .. } = &fixture(OBEDIENT, (Participant::Plant, script))?;
+        let mut fleet = Fleet::new(context)?;
         fleet.start(Participant::Plant)?;
         assert_eq!(
             next_events(&mut fleet)?.first() == Some(&Event::Finished),
@@ -301,9 +301,9 @@ fn a_plant_that_is_done_ends_the_run_and_one_that_fails_does_not() -> Outcome {
 
 #[test]
 fn death_before_readiness_is_told_with_its_last_words() -> Outcome {
-    let Fixture { voyage, .. } =
+    let Fixture { context, .. } =
         &fixture(OBEDIENT, (Participant::Recorder, "echo disk full >&2; exit 1"))?;
-    let mut fleet = Fleet::new(voyage)?;
+    let mut fleet = Fleet::new(context)?;
     fleet.start(Participant::Recorder)?;
     let told = loop {
         match fleet.is_ready(Participant::Recorder, Instant::now()) {
@@ -317,10 +317,10 @@ fn death_before_readiness_is_told_with_its_last_words() -> Outcome {
 
 #[test]
 fn every_process_can_read_what_it_is_told() -> Outcome {
-    let Fixture { voyage, .. } = &fixture(OBEDIENT, (Participant::Plant, OBEDIENT))?;
-    let mut fleet = Fleet::new(voyage)?;
-    start_all(&mut fleet, voyage)?;
-    let file = |role| settings_file(&voyage.folder, role);
+    let Fixture { context, .. } = &fixture(OBEDIENT, (Participant::Plant, OBEDIENT))?;
+    let mut fleet = Fleet::new(context)?;
+    start_all(&mut fleet, context)?;
+    let file = |role| settings_file(&context.folder, role);
     let plant: plant_sim::Settings = settings::read(&file(Participant::Plant))?;
     let controller: controller::Settings = settings::read(&file(Participant::Controller))?;
     let learner: learner::Settings = settings::read(&file(Participant::Learner))?;
@@ -328,15 +328,15 @@ fn every_process_can_read_what_it_is_told() -> Outcome {
     let gateway: gateway::settings::Settings = settings::read(&file(Participant::Gateway))?;
     assert_eq!(
         (gateway.telemetry, gateway.rates),
-        (voyage.assembly.graph.telemetry.clone(), voyage.assembly.graph.rates)
+        (context.assembly.graph.telemetry.clone(), context.assembly.graph.rates)
     );
-    assert_eq!((plant.seed, plant.truth), (9, voyage.assembly.scenario.truth.clone()));
+    assert_eq!((plant.seed, plant.truth), (9, context.assembly.scenario.truth.clone()));
     assert_eq!(
         (controller.robot, controller.mpc),
-        (voyage.assembly.robot, voyage.assembly.scenario.mpc)
+        (context.assembly.robot, context.assembly.scenario.mpc)
     );
-    assert_eq!(learner.learner, voyage.assembly.scenario.learner);
-    assert_eq!(recorder.run.links, voyage.links);
+    assert_eq!(learner.learner, context.assembly.scenario.learner);
+    assert_eq!(recorder.run.links, context.links);
     fleet.end(|_| Duration::from_mins(1), || false);
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use crate::{Base, BaseError, Sensors, Settings, TrueState};
 use gate::{Acting, Bounds, Decision, Gate, Machine, Order, OrderError};
-use protocol::message::{Command, PlantState, Reason, Rung, Truth};
+use protocol::message::{Command, FallbackLevel, PlantState, Reason, Truth};
 use robot::{Geometry, Velocity, kinematics};
 
 /// Longest time that the base drives without asking the gate: the grain of the braking ramp \[ns\].
@@ -17,8 +17,8 @@ pub struct GatedBase<B> {
     gate: Gate,
     geometry: Geometry,
     decision: Decision,
-    /// Rung and reason of the past period.
-    past: (Rung, Reason),
+    /// Fallback level and reason of the past period.
+    past: (FallbackLevel, Reason),
     /// Until when the base has been driven.
     at: u64,
     period_nanos: u64,
@@ -55,7 +55,7 @@ impl<B: Base> GatedBase<B> {
             gate,
             geometry: settings.robot.geometry,
             decision,
-            past: (Rung::Waiting, Reason::NoCommandYet),
+            past: (FallbackLevel::Waiting, Reason::NoCommandYet),
             at: 0,
             period_nanos,
             witnessed: Witnessed::default(),
@@ -131,11 +131,11 @@ impl<B: Base> GatedBase<B> {
         Ok(())
     }
 
-    /// Drives the base until the end of the period at `now`, and says on which rung it was.
+    /// Drives the base until the end of the period at `now`, and says on which fallback level it was.
     ///
     /// # Errors
     /// [`BaseError`] if the base cannot be driven.
-    pub fn end_period(&mut self, now: u64) -> Result<Rung, BaseError> {
+    pub fn end_period(&mut self, now: u64) -> Result<FallbackLevel, BaseError> {
         self.advance(now)?;
         self.past = self.gate.end_period(now);
         Ok(self.past.0)
@@ -195,7 +195,7 @@ impl<B: Base> GatedBase<B> {
         state.controller_epoch = self.gate.controller_epoch();
         (state.accepted_epoch, state.accepted_tick) = self.gate.accepted().unwrap_or_default();
         state.refused = self.gate.refused();
-        state.rung = self.past.0.code();
+        state.fallback_level = self.past.0.code();
         state.reason = self.past.1.code();
         state
     }
@@ -221,7 +221,7 @@ impl<B: Base> GatedBase<B> {
         truth.wheel_peak = witnessed.wheel_peak;
         truth.acting_age_nanos = witnessed.acting_age_nanos;
         (truth.takeovers, truth.takeovers_back) = (witnessed.takeovers, witnessed.takeovers_back);
-        truth.rung = self.past.0.code();
+        truth.fallback_level = self.past.0.code();
         truth.reason = self.past.1.code();
         truth
     }

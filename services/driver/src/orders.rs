@@ -8,8 +8,8 @@
 //! answers with another.
 
 use gate::{Order, OrderError};
+use process::requests::{Inbox, NotAsked, Outcome, Request};
 use process::step_back;
-use process::wishes::{Inbox, NotAsked, Outcome, Wish};
 use protocol::message::{GateState, Participant};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -101,8 +101,8 @@ impl Drop for Orders {
 
 fn attend(mut inbox: Inbox, slot: &Slot, plant_epoch: u64) {
     while !slot.done.load(Ordering::Acquire) {
-        if let Some(wish) = inbox.take() {
-            let tick = wish.map_err(Refusal::from).and_then(|wish| follow(&wish, slot));
+        if let Some(request) = inbox.take() {
+            let tick = request.map_err(Refusal::from).and_then(|request| follow(&request, slot));
             inbox.answer(match tick {
                 Ok(tick) => Outcome::Applied {
                     plant_epoch,
@@ -118,8 +118,8 @@ fn attend(mut inbox: Inbox, slot: &Slot, plant_epoch: u64) {
 }
 
 /// Hands an order to the control thread, and waits for the tick from which it acts.
-fn follow(wish: &Wish, slot: &Slot) -> Result<u64, Refusal> {
-    let said = wish.change.trim();
+fn follow(request: &Request, slot: &Slot) -> Result<u64, Refusal> {
+    let said = request.change.trim();
     let place = Order::ALL.iter().position(|order| order.name() == said);
     let Some((place, order)) = place.and_then(|place| Some((place, *Order::ALL.get(place)?)))
     else {
@@ -148,7 +148,7 @@ fn follow(wish: &Wish, slot: &Slot) -> Result<u64, Refusal> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use process::wishes::{ask, welcome};
+    use process::requests::{ask, welcome};
     use process::{Pace, Run};
     use protocol::port::Links;
     use std::error::Error;
@@ -169,8 +169,8 @@ mod tests {
         let run = run(folder.path(), lock_step);
         assert_eq!(run.pace == Pace::LockStep, lock_step);
         let orders = Orders::open(&run, 3);
-        let wish = Wish { who: "ada".into(), asked_unix_nanos: 0, change: said.into() };
-        let asked = ask(folder.path(), Participant::Plant, &wish)?;
+        let request = Request { who: "ada".into(), asked_unix_nanos: 0, change: said.into() };
+        let asked = ask(folder.path(), Participant::Plant, &request)?;
         loop {
             if orders.take().is_some() {
                 orders.answer(7, outcome);

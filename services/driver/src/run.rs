@@ -9,7 +9,9 @@ use crate::{Base, BaseError, Settings};
 use process::refusals::Book;
 use process::{Pace, Pulse, Stop, step_back};
 use protocol::clock::monotonic_nanos;
-use protocol::message::{Command, Credit, Participant, Phase, PlantState, Reason, Rung, Truth};
+use protocol::message::{
+    Command, Credit, FallbackLevel, Participant, Phase, PlantState, Reason, Truth,
+};
 use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 use protocol::topic::Topic;
 use std::time::{Duration, Instant};
@@ -259,9 +261,9 @@ impl<'a, B: Base> Plant<'a, B> {
     }
 
     fn end_period(&mut self, now: u64) -> Result<(), RunError> {
-        let rung = self.robot.end_period(now)?;
+        let fallback_level = self.robot.end_period(now)?;
         let health = self.pulse.health();
-        if self.driven && rung >= Rung::StoredTail {
+        if self.driven && fallback_level >= FallbackLevel::StoredTail {
             health.deadlines_missed += 1;
         } else if self.driven {
             health.deadlines_met += 1;

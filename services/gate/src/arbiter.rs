@@ -1,7 +1,7 @@
-//! Which rung acts: a pure function of flags and time.
+//! Which fallback level acts: a pure function of flags and time.
 
 use crate::machine::Machine;
-use protocol::message::{GateState, Reason, Rung};
+use protocol::message::{FallbackLevel, GateState, Reason};
 
 /// Periods without an accepted command after which the robot brakes.
 pub const BRAKE_FROM_PERIODS: u64 = 3;
@@ -13,7 +13,7 @@ pub const RECOVERY_PERIODS: u32 = 3;
 pub struct Situation {
     /// Whether commands may drive the wheels at all.
     pub machine: Machine,
-    /// Rung and age of the last accepted command; `None` before the first.
+    /// Fallback level and age of the last accepted command; `None` before the first.
     pub accepted: Option<Accepted>,
     /// The robot has braked, and has not yet seen enough good periods.
     pub braking: bool,
@@ -22,8 +22,8 @@ pub struct Situation {
 /// The last accepted command, as the decision sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Accepted {
-    /// Rung that its controller stood on.
-    pub rung: Rung,
+    /// Fallback level that its controller stood on.
+    pub fallback_level: FallbackLevel,
     /// Whole periods since the state that it answered.
     pub age_periods: u64,
     /// Length of its tail \[periods\].
@@ -44,36 +44,36 @@ pub enum Choice {
 }
 
 /// Decides. Total: every situation has an answer.
-pub fn decide(situation: &Situation) -> (Choice, Rung, Reason) {
+pub fn decide(situation: &Situation) -> (Choice, FallbackLevel, Reason) {
     match situation.machine.state() {
         GateState::Stopped => {
-            return (Choice::Brake, Rung::LatchedStop, situation.machine.stop_reason());
+            return (Choice::Brake, FallbackLevel::LatchedStop, situation.machine.stop_reason());
         }
-        GateState::Disarmed => return (Choice::Stand, Rung::Waiting, Reason::Disarmed),
+        GateState::Disarmed => return (Choice::Stand, FallbackLevel::Waiting, Reason::Disarmed),
         GateState::Armed | GateState::Driving => {}
     }
     let Some(accepted) = situation.accepted else {
-        return (Choice::Stand, Rung::Waiting, Reason::NoCommandYet);
+        return (Choice::Stand, FallbackLevel::Waiting, Reason::NoCommandYet);
     };
     if accepted.age_periods >= BRAKE_FROM_PERIODS || accepted.age_periods > accepted.tail {
-        return (Choice::Brake, Rung::Brake, Reason::Missing);
+        return (Choice::Brake, FallbackLevel::Brake, Reason::Missing);
     }
     if situation.braking {
-        return (Choice::Brake, Rung::Brake, Reason::Recovering);
+        return (Choice::Brake, FallbackLevel::Brake, Reason::Recovering);
     }
     match accepted.age_periods {
-        0 => (Choice::Command, accepted.rung, own_reason(accepted.rung)),
-        age => (Choice::Tail(age as usize - 1), Rung::StoredTail, Reason::Missing),
+        0 => (Choice::Command, accepted.fallback_level, own_reason(accepted.fallback_level)),
+        age => (Choice::Tail(age as usize - 1), FallbackLevel::StoredTail, Reason::Missing),
     }
 }
 
-/// Why a controller sends a command from this rung: it falls from the fresh plan when its optimiser fails, and brakes when it is blind.
-pub(crate) fn own_reason(rung: Rung) -> Reason {
-    match rung {
-        Rung::Waiting | Rung::FreshPlan => Reason::None,
-        Rung::ShiftedPlan | Rung::StoredTail => Reason::SolverFailed,
-        Rung::Simple => Reason::NoPlan,
-        Rung::Brake | Rung::LatchedStop => Reason::BadState,
+/// Why a controller sends a command from this fallback level: it falls from the fresh plan when its optimiser fails, and brakes when it is blind.
+pub(crate) fn own_reason(fallback_level: FallbackLevel) -> Reason {
+    match fallback_level {
+        FallbackLevel::Waiting | FallbackLevel::FreshPlan => Reason::None,
+        FallbackLevel::ShiftedPlan | FallbackLevel::StoredTail => Reason::SolverFailed,
+        FallbackLevel::Simple => Reason::NoPlan,
+        FallbackLevel::Brake | FallbackLevel::LatchedStop => Reason::BadState,
     }
 }
 
@@ -83,9 +83,9 @@ mod tests {
 
     /// Every situation that can be told apart.
     fn every_situation() -> impl Iterator<Item = Situation> {
-        let accepted = Rung::ALL.iter().flat_map(|&rung| {
+        let accepted = FallbackLevel::ALL.iter().flat_map(|&fallback_level| {
             (0..6).flat_map(move |age_periods| {
-                (0..5).map(move |tail| Some(Accepted { rung, age_periods, tail }))
+                (0..5).map(move |tail| Some(Accepted { fallback_level, age_periods, tail }))
             })
         });
         accepted.chain(std::iter::once(None)).flat_map(|accepted| {
@@ -127,17 +127,25 @@ mod tests {
     fn whoever_brakes_goes_on_braking_until_told_otherwise_and_a_command_in_its_own_period_acts() {
         for situation in every_situation().filter(|situation| is(situation, GateState::Armed)) {
             let Some(accepted) = situation.accepted else { continue };
-            let (choice, rung, _) = decide(&situation);
+            let (choice, fallback_level, _) = decide(&situation);
             if situation.braking {
-                assert_eq!((choice, rung), (Choice::Brake, Rung::Brake), "{situation:?}");
+                assert_eq!(
+                    (choice, fallback_level),
+                    (Choice::Brake, FallbackLevel::Brake),
+                    "{situation:?}"
+                );
             } else if accepted.age_periods == 0 {
-                assert_eq!((choice, rung), (Choice::Command, accepted.rung), "{situation:?}");
+                assert_eq!(
+                    (choice, fallback_level),
+                    (Choice::Command, accepted.fallback_level),
+                    "{situation:?}"
+                );
             } else if accepted.age_periods <= accepted.tail
                 && accepted.age_periods < BRAKE_FROM_PERIODS
             {
                 assert_eq!(
-                    (choice, rung),
-                    (Choice::Tail(accepted.age_periods as usize - 1), Rung::StoredTail),
+                    (choice, fallback_level),
+                    (Choice::Tail(accepted.age_periods as usize - 1), FallbackLevel::StoredTail),
                     "{situation:?}"
                 );
             }
@@ -159,11 +167,12 @@ mod tests {
             let decided = decide(&situation);
             match situation.machine.state() {
                 GateState::Stopped => {
-                    let expected = (Choice::Brake, Rung::LatchedStop, Reason::PositionError);
+                    let expected =
+                        (Choice::Brake, FallbackLevel::LatchedStop, Reason::PositionError);
                     assert_eq!(decided, expected, "{situation:?}");
                 }
                 GateState::Disarmed => {
-                    let expected = (Choice::Stand, Rung::Waiting, Reason::Disarmed);
+                    let expected = (Choice::Stand, FallbackLevel::Waiting, Reason::Disarmed);
                     assert_eq!(decided, expected, "{situation:?}");
                 }
                 GateState::Armed | GateState::Driving => {}
@@ -172,15 +181,16 @@ mod tests {
     }
 
     #[test]
-    fn every_rung_but_a_fresh_one_has_a_reason() {
+    fn every_fallback_level_but_a_fresh_one_has_a_reason() {
         for situation in every_situation() {
-            let (_, rung, reason) = decide(&situation);
-            let unexplained = rung == Rung::FreshPlan;
-            let echoes_the_controller =
-                situation.accepted.is_some_and(|accepted| accepted.rung == rung);
+            let (_, fallback_level, reason) = decide(&situation);
+            let unexplained = fallback_level == FallbackLevel::FreshPlan;
+            let echoes_the_controller = situation
+                .accepted
+                .is_some_and(|accepted| accepted.fallback_level == fallback_level);
             assert!(
                 unexplained || echoes_the_controller || reason != Reason::None,
-                "{situation:?} gives {rung} without a reason"
+                "{situation:?} gives {fallback_level} without a reason"
             );
         }
     }

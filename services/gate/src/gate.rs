@@ -4,7 +4,7 @@ use crate::Bounds;
 use crate::accept::{self, judge};
 use crate::arbiter::{self, Accepted, Choice, RECOVERY_PERIODS, decide};
 use crate::machine::{Machine, Order, OrderError};
-use protocol::message::{Command, GateState, Reason, Rung};
+use protocol::message::{Command, FallbackLevel, GateState, Reason};
 use robot::Velocity;
 
 /// Publishing times that are remembered: more than any acceptable age.
@@ -27,7 +27,7 @@ pub struct Decision {
     /// Body velocity for the wheels \[m/s, m/s, rad/s\].
     pub input: Velocity,
     /// Where it comes from.
-    pub rung: Rung,
+    pub fallback_level: FallbackLevel,
     /// Why.
     pub reason: Reason,
     /// Who is behind it.
@@ -149,7 +149,7 @@ impl Gate {
 
     /// What the wheels get at `now`.
     pub fn decide(&mut self, now: u64) -> Decision {
-        let (choice, rung, reason) = decide(&self.situation(now));
+        let (choice, fallback_level, reason) = decide(&self.situation(now));
         let stored = self.stored.map(|stored| stored.command);
         let elapsed = now.saturating_sub(self.input_nanos);
         self.input_nanos = now;
@@ -173,11 +173,11 @@ impl Gate {
             },
             _ => Acting::default(),
         };
-        Decision { input: self.input, rung, reason, acting }
+        Decision { input: self.input, fallback_level, reason, acting }
     }
 
-    /// Ends the period at `now`, and says on which rung it was: that of the answer to its own state, if one came in time.
-    pub fn end_period(&mut self, now: u64) -> (Rung, Reason) {
+    /// Ends the period at `now`, and says on which fallback level it was: that of the answer to its own state, if one came in time.
+    pub fn end_period(&mut self, now: u64) -> (FallbackLevel, Reason) {
         let answered = self
             .stored
             .map(|stored| stored.command)
@@ -185,20 +185,25 @@ impl Gate {
         if self.braking {
             self.good_periods = if answered.is_some() { self.good_periods + 1 } else { 0 };
         }
-        let (rung, reason) = match (self.machine.state(), answered) {
-            (GateState::Stopped, _) => (Rung::LatchedStop, self.machine.stop_reason()),
-            (GateState::Disarmed, _) => (Rung::Waiting, Reason::Disarmed),
-            (_, Some(_)) if self.braking => (Rung::Brake, Reason::Recovering),
-            (_, None) if self.braking => (Rung::Brake, Reason::Missing),
-            (_, Some(command)) => (command.rung(), arbiter::own_reason(command.rung())),
+        let (fallback_level, reason) = match (self.machine.state(), answered) {
+            (GateState::Stopped, _) => (FallbackLevel::LatchedStop, self.machine.stop_reason()),
+            (GateState::Disarmed, _) => (FallbackLevel::Waiting, Reason::Disarmed),
+            (_, Some(_)) if self.braking => (FallbackLevel::Brake, Reason::Recovering),
+            (_, None) if self.braking => (FallbackLevel::Brake, Reason::Missing),
+            (_, Some(command)) => {
+                (command.fallback_level(), arbiter::own_reason(command.fallback_level()))
+            }
             (_, None) => {
-                let (_, rung, reason) = decide(&self.situation(now.saturating_sub(1)));
+                let (_, fallback_level, reason) = decide(&self.situation(now.saturating_sub(1)));
                 // What acted was a tail even if its command came late enough to begin with it.
-                let was_late = matches!(rung, Rung::FreshPlan | Rung::ShiftedPlan | Rung::Simple);
-                (if was_late { Rung::StoredTail } else { rung }, reason)
+                let was_late = matches!(
+                    fallback_level,
+                    FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan | FallbackLevel::Simple
+                );
+                (if was_late { FallbackLevel::StoredTail } else { fallback_level }, reason)
             }
         };
-        (rung, self.explain(reason))
+        (fallback_level, self.explain(reason))
     }
 
     /// Stops: brakes along the ramp and stands, whatever commands come, until [`Order::Resume`].
@@ -253,7 +258,7 @@ impl Gate {
 
     fn situation(&self, now: u64) -> arbiter::Situation {
         let accepted = self.stored.map(|stored| Accepted {
-            rung: stored.command.rung(),
+            fallback_level: stored.command.fallback_level(),
             age_periods: now.saturating_sub(stored.answered_nanos) / self.bounds.period_nanos,
             tail: u64::from(stored.command.tail_len),
         });
@@ -279,7 +284,7 @@ mod tests {
         let mut command: Command = bytemuck::Zeroable::zeroed();
         (command.stamp.epoch, command.stamp.writer, command.stamp.tick) = (epoch, writer, tick);
         command.plant_epoch = 7;
-        command.rung = Rung::FreshPlan.code();
+        command.fallback_level = FallbackLevel::FreshPlan.code();
         command.input = [1.0, 0.0, 0.0];
         command.tail = [[0.9, 0.0, 0.0], [0.8, 0.0, 0.0], [0.7, 0.0, 0.0], [0.0; 3]];
         command.tail_len = 3;
@@ -291,8 +296,8 @@ mod tests {
         let mut gate = gate();
         gate.begin_period(0, 0);
         let decision = gate.decide(PERIOD / 2);
-        assert_eq!((decision.input, decision.rung), ([0.0; 3], Rung::Waiting));
-        assert_eq!(gate.end_period(PERIOD), (Rung::Waiting, Reason::NoCommandYet));
+        assert_eq!((decision.input, decision.fallback_level), ([0.0; 3], FallbackLevel::Waiting));
+        assert_eq!(gate.end_period(PERIOD), (FallbackLevel::Waiting, Reason::NoCommandYet));
     }
 
     #[test]
@@ -302,9 +307,12 @@ mod tests {
         assert_eq!(gate.offer(&command(1, 5, 0), 10), Ok(()));
         let at = |gate: &mut Gate, periods: f64| gate.decide((periods * PERIOD as f64) as u64);
         assert_eq!(at(&mut gate, 0.5).input[0], 1.0);
-        assert_eq!((at(&mut gate, 1.0).input[0], at(&mut gate, 1.0).rung), (0.9, Rung::StoredTail));
+        assert_eq!(
+            (at(&mut gate, 1.0).input[0], at(&mut gate, 1.0).fallback_level),
+            (0.9, FallbackLevel::StoredTail)
+        );
         assert_eq!(at(&mut gate, 2.99).input[0], 0.8);
-        assert_eq!(at(&mut gate, 3.0).rung, Rung::Brake);
+        assert_eq!(at(&mut gate, 3.0).fallback_level, FallbackLevel::Brake);
         let slowing = at(&mut gate, 3.05).input[0];
         assert!(slowing < 0.8 && slowing > 0.0);
         assert_eq!(at(&mut gate, 5.0).input, [0.0; 3]);
@@ -412,7 +420,10 @@ mod tests {
             gate.begin_period(tick, now);
             assert_eq!(gate.offer(&command(1, 5, tick), now + 10), Ok(()));
             assert_eq!(gate.decide(now + 20).input, [0.0; 3]);
-            assert_eq!(gate.end_period(now + PERIOD - 1), (Rung::Brake, Reason::Recovering));
+            assert_eq!(
+                gate.end_period(now + PERIOD - 1),
+                (FallbackLevel::Brake, Reason::Recovering)
+            );
         }
         let now = 8 * PERIOD;
         gate.begin_period(8, now);
@@ -423,7 +434,7 @@ mod tests {
         );
         assert_eq!(gate.offer(&command(1, 5, 8), now + 10), Ok(()));
         assert_eq!(gate.decide(now + 20).input, [1.0, 0.0, 0.0]);
-        assert_eq!(gate.end_period(now + PERIOD - 1), (Rung::FreshPlan, Reason::None));
+        assert_eq!(gate.end_period(now + PERIOD - 1), (FallbackLevel::FreshPlan, Reason::None));
     }
 
     #[test]
@@ -460,7 +471,7 @@ mod tests {
     }
 
     #[test]
-    fn answers_that_come_a_little_into_each_period_keep_their_rung() {
+    fn answers_that_come_a_little_into_each_period_keep_their_fallback_level() {
         let mut gate = gate();
         for tick in 0..20 {
             let begin = tick * PERIOD;
@@ -468,10 +479,10 @@ mod tests {
             gate.decide(begin);
             gate.decide(begin + PERIOD / 40);
             let mut simple = command(1, 5, tick);
-            simple.rung = Rung::Simple.code();
+            simple.fallback_level = FallbackLevel::Simple.code();
             assert_eq!(gate.offer(&simple, begin + PERIOD / 20), Ok(()));
             gate.decide(begin + PERIOD / 2);
-            assert_eq!(gate.end_period(begin + PERIOD).0, Rung::Simple, "tick {tick}");
+            assert_eq!(gate.end_period(begin + PERIOD).0, FallbackLevel::Simple, "tick {tick}");
         }
     }
 
@@ -482,8 +493,8 @@ mod tests {
         let mut asking = command(1, 5, 0);
         asking.stop = Reason::HeadingError.code();
         assert_eq!(gate.offer(&asking, 0), Ok(()));
-        assert_eq!(gate.decide(1).rung, Rung::LatchedStop);
-        assert_eq!(gate.end_period(PERIOD), (Rung::LatchedStop, Reason::HeadingError));
+        assert_eq!(gate.decide(1).fallback_level, FallbackLevel::LatchedStop);
+        assert_eq!(gate.end_period(PERIOD), (FallbackLevel::LatchedStop, Reason::HeadingError));
         let period = |gate: &mut Gate, tick: u64| {
             let now = tick * PERIOD;
             gate.begin_period(tick, now);
@@ -494,11 +505,23 @@ mod tests {
             (input, gate.end_period(now + PERIOD).0)
         };
         for tick in 1..9 {
-            assert_eq!(period(&mut gate, tick), ([0.0; 3], Rung::LatchedStop), "tick {tick}");
+            assert_eq!(
+                period(&mut gate, tick),
+                ([0.0; 3], FallbackLevel::LatchedStop),
+                "tick {tick}"
+            );
         }
         assert_eq!(gate.order(Order::Resume), Ok(()));
-        let after: Vec<Rung> = (9..13).map(|tick| period(&mut gate, tick).1).collect();
-        assert_eq!(after, [Rung::Brake, Rung::Brake, Rung::Brake, Rung::FreshPlan]);
+        let after: Vec<FallbackLevel> = (9..13).map(|tick| period(&mut gate, tick).1).collect();
+        assert_eq!(
+            after,
+            [
+                FallbackLevel::Brake,
+                FallbackLevel::Brake,
+                FallbackLevel::Brake,
+                FallbackLevel::FreshPlan
+            ]
+        );
         assert_eq!(gate.machine().state(), GateState::Driving);
     }
 
@@ -520,11 +543,11 @@ mod tests {
         gate.begin_period(0, 0);
         assert_eq!(gate.offer(&command(1, 5, 0), 0), Ok(()));
         assert_eq!(gate.decide(1).input, [0.0; 3]);
-        assert_eq!(gate.end_period(PERIOD), (Rung::Waiting, Reason::Disarmed));
+        assert_eq!(gate.end_period(PERIOD), (FallbackLevel::Waiting, Reason::Disarmed));
         assert_eq!(gate.order(Order::Arm), Ok(()));
         gate.begin_period(1, PERIOD);
         assert_eq!(gate.offer(&command(1, 5, 1), PERIOD), Ok(()));
         assert_eq!(gate.decide(PERIOD).input[0], 1.0);
-        assert_eq!(gate.end_period(2 * PERIOD), (Rung::FreshPlan, Reason::None));
+        assert_eq!(gate.end_period(2 * PERIOD), (FallbackLevel::FreshPlan, Reason::None));
     }
 }

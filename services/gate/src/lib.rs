@@ -5,7 +5,7 @@
 //!
 //! | module      | what it decides                                                        |
 //! |-------------|------------------------------------------------------------------------|
-//! | [`arbiter`] | which rung acts: a pure function of flags and time                     |
+//! | [`arbiter`] | which fallback level acts: a pure function of flags and time                     |
 //! | [`accept`]  | whether one command may act at all                                     |
 //! | [`machine`] | disarmed, armed, driving, stopped: whether commands may act at all        |
 //! | [`Gate`]    | remembers what was accepted and turns both into an input for the wheels |

@@ -85,7 +85,7 @@ struct Begin {
 /// What is published of the past period.
 #[derive(Debug, Deserialize)]
 struct Past {
-    rung: u32,
+    fallback_level: u32,
     reason: u32,
     gate: u32,
     stop: u32,
@@ -99,7 +99,7 @@ struct Said {
     writer: u64,
     tick: u64,
     plant_epoch: u64,
-    rung: u32,
+    fallback_level: u32,
     stop: u32,
     input: [Option<f64>; 3],
     tail: Vec<[Option<f64>; 3]>,
@@ -111,7 +111,8 @@ impl Said {
         let mut command: Command = bytemuck::Zeroable::zeroed();
         (command.stamp.epoch, command.stamp.writer) = (self.epoch, self.writer);
         (command.stamp.tick, command.plant_epoch) = (self.tick, self.plant_epoch);
-        (command.rung, command.stop, command.input) = (self.rung, self.stop, numbers(&self.input));
+        (command.fallback_level, command.stop, command.input) =
+            (self.fallback_level, self.stop, numbers(&self.input));
         command.tail_len = self.tail.len().min(TAIL_MAX) as u32;
         command.tail.iter_mut().zip(&self.tail).for_each(|(slot, row)| *slot = numbers(row));
         command
@@ -183,10 +184,15 @@ impl Driven<'_> {
 
     fn begin(&mut self, begin: &Begin, now: u64, event: &Event) {
         if let Some(past) = &begin.past {
-            let (rung, reason) = self.gate.end_period(now);
+            let (fallback_level, reason) = self.gate.end_period(now);
             let machine = self.gate.machine();
-            let found = (rung.code(), reason.code(), machine.state().code());
-            assert_eq!(found, (past.rung, past.reason, past.gate), "{event:?}, {}", self.name);
+            let found = (fallback_level.code(), reason.code(), machine.state().code());
+            assert_eq!(
+                found,
+                (past.fallback_level, past.reason, past.gate),
+                "{event:?}, {}",
+                self.name
+            );
             let found = (machine.stop_reason().code(), self.gate.refused());
             assert_eq!(found, (past.stop, past.refused), "{event:?}, {}", self.name);
             let mean = self.sum.map(|sum| sum / (self.now_ms - self.since_ms) as f64);

@@ -1,7 +1,7 @@
 //! Promise: the gate has no heap after start.
 
 use gate::{Bounds, Gate};
-use protocol::message::{Command, Rung};
+use protocol::message::{Command, FallbackLevel};
 use robot::Robot;
 
 const PERIOD: u64 = 20_000_000;
@@ -10,7 +10,8 @@ const PERIOD: u64 = 20_000_000;
 fn offered(tick: u64) -> Command {
     let mut command: Command = bytemuck::Zeroable::zeroed();
     (command.stamp.epoch, command.stamp.writer, command.stamp.tick) = (2, 1, tick);
-    (command.plant_epoch, command.rung, command.tail_len) = (7, Rung::FreshPlan.code(), 4);
+    (command.plant_epoch, command.fallback_level, command.tail_len) =
+        (7, FallbackLevel::FreshPlan.code(), 4);
     command.input = [1e-3 * (tick % 1000) as f64, 0.0, 0.0];
     command.tail = [command.input; 4];
     match tick % 13 {
@@ -31,7 +32,7 @@ fn offered(tick: u64) -> Command {
 #[test]
 fn whatever_it_is_offered_the_gate_allocates_nothing() {
     let mut gate = Gate::new(Bounds::new(&Robot::example(), PERIOD, 0), 7);
-    let mut rungs = [0; 8];
+    let mut fallback_levels = [0; 8];
     let heap = allocation_counter::measure(|| {
         for tick in 0..10_000 {
             let now = tick * PERIOD;
@@ -43,13 +44,13 @@ fn whatever_it_is_offered_the_gate_allocates_nothing() {
             for part in 0..4 {
                 gate.decide(now + part * PERIOD / 4);
             }
-            rungs[gate.end_period(now + PERIOD - 1).0.code() as usize] += 1;
+            fallback_levels[gate.end_period(now + PERIOD - 1).0.code() as usize] += 1;
         }
     });
     assert_eq!((heap.count_total, heap.bytes_total), (0, 0));
     assert!(
-        rungs.iter().filter(|&&periods| periods > 0).count() >= 3,
-        "fresh plans, tails and brakes: {rungs:?}"
+        fallback_levels.iter().filter(|&&periods| periods > 0).count() >= 3,
+        "fresh plans, tails and brakes: {fallback_levels:?}"
     );
     assert!(gate.refused() > 1000, "{}", gate.refused());
 }

@@ -1,10 +1,10 @@
 //! every topic → watchers, near and far.
 
-use crate::berth;
-use crate::lane::{HealthLane, Lane};
+use crate::addresses;
 use crate::page::{Feed, Page, PageError};
 use crate::settings::{Rates, Settings};
-use process::wishes::Answers;
+use crate::topic_relay::{HealthRelay, TopicRelay};
+use process::requests::Answers;
 use process::{Pulse, Stop, refusals};
 use protocol::access::Breach;
 use protocol::message::{
@@ -94,7 +94,7 @@ enum Place {
 /// Listens where this role listened before, if it has been restarted, so that watchers find it again; else where the settings say.
 fn publisher(settings: &Settings) -> Result<(Publisher, Place), GatewayError> {
     let root = &settings.run.links.root;
-    let before = berth::endpoints(root);
+    let before = addresses::endpoints(root);
     let again = || {
         let telemetry = TelemetrySettings { listen: before.clone(), ..settings.telemetry.clone() };
         (!before.is_empty())
@@ -110,7 +110,7 @@ fn publisher(settings: &Settings) -> Result<(Publisher, Place), GatewayError> {
 /// Tells watchers of this machine where they find it.
 fn welcome(settings: &Settings, endpoints: &[String]) {
     // Before it is said: who reads that may look there at once.
-    if let Err(error) = berth::note(&settings.run.links.root, endpoints) {
+    if let Err(error) = addresses::note(&settings.run.links.root, endpoints) {
         tracing::warn!(%error, "the endpoints could not be noted for watchers on this machine");
     }
     tracing::info!(robot = %settings.telemetry.robot, endpoints = %endpoints.join(", "), "watchers are welcome");
@@ -119,11 +119,11 @@ fn welcome(settings: &Settings, endpoints: &[String]) {
 /// Serves the live page where this role served it before, if it has been restarted, so that open pages come back; else where the settings say.
 fn page(settings: &Settings) -> Result<Option<Page>, PageError> {
     let root = &settings.run.links.root;
-    let page = Page::open(settings, berth::page(root))?;
+    let page = Page::open(settings, addresses::page(root))?;
     if let Some(page) = &page {
         let address = page.address();
         tracing::info!(%address, "the live page is served");
-        if let Err(error) = berth::note_page(root, address) {
+        if let Err(error) = addresses::note_page(root, address) {
             tracing::warn!(%error, "the address of the live page could not be noted");
         }
     }
@@ -132,24 +132,24 @@ fn page(settings: &Settings) -> Result<Option<Page>, PageError> {
 
 /// All topics on their way to the watchers.
 struct Relay {
-    states: Lane<PlantState>,
+    states: TopicRelay<PlantState>,
     /// The gateway sleeps on this one. The plan is said when the command is out, so that nobody is woken while an answer is worked out.
-    plans: Lane<Plan>,
-    healths: HealthLane,
-    residuals: Lane<ResidualSample>,
-    snapshots: Lane<ModelSnapshot>,
-    truths: Lane<Truth>,
+    plans: TopicRelay<Plan>,
+    healths: HealthRelay,
+    residuals: TopicRelay<ResidualSample>,
+    snapshots: TopicRelay<ModelSnapshot>,
+    truths: TopicRelay<Truth>,
 }
 
 impl Relay {
     fn open(ports: &Ports, rates: &Rates) -> Result<Self, OpenError> {
         Ok(Self {
-            states: Lane::open(ports, rates.state)?,
-            plans: Lane::open(ports, rates.plan)?,
-            healths: HealthLane::open(ports, rates.health)?,
-            residuals: Lane::open(ports, rates.residual)?,
-            snapshots: Lane::open(ports, rates.snapshot)?,
-            truths: Lane::open(ports, rates.truth)?,
+            states: TopicRelay::open(ports, rates.state)?,
+            plans: TopicRelay::open(ports, rates.plan)?,
+            healths: HealthRelay::open(ports, rates.health)?,
+            residuals: TopicRelay::open(ports, rates.residual)?,
+            snapshots: TopicRelay::open(ports, rates.snapshot)?,
+            truths: TopicRelay::open(ports, rates.truth)?,
         })
     }
 

@@ -1,7 +1,7 @@
 //! The gateway against a plant that only talks.
 
 use bytemuck::Zeroable;
-use gateway::berth;
+use gateway::addresses;
 use gateway::run::GatewayError;
 use gateway::settings::{About, PageSettings, Rates, Settings};
 use process::{Run, Stop};
@@ -86,7 +86,7 @@ impl Fixture {
 fn what_the_plant_says_is_shown() -> Outcome {
     let folder = tempfile::tempdir()?;
     let fixture = Fixture::start(folder.path(), Rates::default())?;
-    let endpoints = berth::endpoints(folder.path());
+    let endpoints = addresses::endpoints(folder.path());
     let mut watcher =
         Watcher::open(endpoints.first().ok_or("no endpoint was noted")?, Some("test"))?;
     let mut sink = fixture.ports.sink::<PlantState>()?;
@@ -113,9 +113,9 @@ fn what_the_plant_says_is_shown() -> Outcome {
 fn a_gateway_that_comes_back_is_found_where_it_was() -> Outcome {
     let folder = tempfile::tempdir()?;
     Fixture::start(folder.path(), Rates::default())?.end()?;
-    let before = (berth::endpoints(folder.path()), berth::page(folder.path()));
+    let before = (addresses::endpoints(folder.path()), addresses::page(folder.path()));
     assert!(before.1.is_some(), "the page was not noted");
     let fixture = Fixture::start(folder.path(), Rates::default())?;
-    assert_eq!((berth::endpoints(folder.path()), berth::page(folder.path())), before);
+    assert_eq!((addresses::endpoints(folder.path()), addresses::page(folder.path())), before);
     fixture.end()
 }

@@ -19,7 +19,7 @@ const NOISE_FLOOR: f64 = 1e-4;
 
 /// What the learner believes before it has seen anything, of a residual over D inputs.
 #[derive(Debug, Clone, Copy)]
-pub struct Outset<const D: usize> {
+pub struct FitSettings<const D: usize> {
     /// What the Gaussian processes see.
     pub layout: Layout,
     /// What they take for likely.
@@ -67,7 +67,7 @@ pub struct FittedModel<const D: usize> {
     pub noise_scale: Vec<f64>,
 }
 
-impl<const D: usize> Outset<D> {
+impl<const D: usize> FitSettings<D> {
     /// How inputs are scaled: with zero mean, so that the linear part of the kernel goes through a robot at rest.
     pub fn normalisation(&self) -> Normalisation<D> {
         Normalisation { mean: [0.0; D], scale: self.input_scale }

@@ -10,13 +10,13 @@
 
 mod fitter;
 
-use crate::desk::Desk;
-use crate::fit::{FittedModel, Outset};
+use crate::fault_injector::SnapshotFaultInjector;
+use crate::fit::{FitSettings, FittedModel};
 use crate::held_out::HeldOut;
-use crate::liar::Liar;
 use crate::settings::Settings;
 use crate::snapshot::{self, Label};
 use crate::store;
+use crate::tunable::TunableSettings;
 use fitter::{Done, Job, fit_jobs};
 use model::gp::dictionary::{Dictionary, Observation, Outcome, Selection};
 use model::gp::hyperparameters::Hyperparameters;
@@ -87,20 +87,20 @@ fn run_over<const D: usize>(
     ports: &Ports,
     stop: &Stop,
 ) -> Result<(), RunError> {
-    let desk = Desk::open(settings);
-    let outset = outset::<D>(settings);
+    let tunable = TunableSettings::open(settings);
+    let fit_settings = fit_settings::<D>(settings);
     let (jobs, inbox) = mpsc::channel::<Job<D>>();
     let (outbox, done) = mpsc::channel::<Done<D>>();
     thread::scope(|scope| {
-        let mut learner = Learner::new(settings, ports, outset, desk, (jobs, done))?;
+        let mut learner = Learner::new(settings, ports, fit_settings, tunable, (jobs, done))?;
         let start = learner.start;
-        scope.spawn(move || fit_jobs(outset, start, &inbox, &outbox));
+        scope.spawn(move || fit_jobs(fit_settings, start, &inbox, &outbox));
         learner.run(stop)
         // The job channel closes with `learner`, which ends the fitting thread.
     })
 }
 
-fn outset<const D: usize>(settings: &Settings) -> Outset<D> {
+fn fit_settings<const D: usize>(settings: &Settings) -> FitSettings<D> {
     let main = main_model(settings);
     let limits = &settings.robot.limits;
     let range = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];
@@ -110,7 +110,7 @@ fn outset<const D: usize>(settings: &Settings) -> Outset<D> {
         (_, 0) | (Layout::VelocityInput, _) => VELOCITY_SHARE * range[input % AXES],
         _ => SLIP_SHARE * range[input % AXES],
     };
-    Outset {
+    FitSettings {
         layout,
         kernel: settings.learner.kernel,
         input_scale: std::array::from_fn(scale),
@@ -120,13 +120,13 @@ fn outset<const D: usize>(settings: &Settings) -> Outset<D> {
 }
 
 /// How the dictionary chooses: information is measured by a kernel about as curved as friction is, in the units of the inputs.
-fn selection<const D: usize>(settings: &Settings, outset: &Outset<D>) -> Selection<D> {
+fn selection<const D: usize>(settings: &Settings, fit_settings: &FitSettings<D>) -> Selection<D> {
     Selection {
         capacity: settings.learner.points_max,
-        normalisation: outset.normalisation(),
+        normalisation: fit_settings.normalisation(),
         kernel: Hyperparameters::new([1.0; D], 1.0, 0.01).with_linear(1.0),
         memory_samples: MEMORY_S * 1e9 / settings.run.period_nanos as f64,
-        noise_floor: outset.bound.map(|bound| NOISE_SHARE * bound),
+        noise_floor: fit_settings.bound.map(|bound| NOISE_SHARE * bound),
     }
 }
 
@@ -138,9 +138,9 @@ fn main_model(settings: &Settings) -> MainModel {
 struct Learner<'a, const D: usize> {
     settings: &'a Settings,
     fingerprint: u64,
-    outset: Outset<D>,
+    fit_settings: FitSettings<D>,
     /// What a person may change meanwhile.
-    desk: Desk,
+    tunable: TunableSettings,
     samples: Source<ResidualSample>,
     snapshots: Sink<ModelSnapshot>,
     pulse: Pulse,
@@ -167,32 +167,32 @@ struct Learner<'a, const D: usize> {
     last: Option<ModelSnapshot>,
     /// Whether what an earlier run has learnt is in the dictionary, and nothing has contradicted it yet.
     on_trial: bool,
-    /// Whether the next fit begins from the outset.
+    /// Whether the next fit begins from the initial hyperparameters.
     anew: bool,
-    liar: Liar,
+    fault_injector: SnapshotFaultInjector,
 }
 
 impl<'a, const D: usize> Learner<'a, D> {
     fn new(
         settings: &'a Settings,
         ports: &Ports,
-        outset: Outset<D>,
-        desk: Desk,
+        fit_settings: FitSettings<D>,
+        tunable: TunableSettings,
         (jobs, done): (Sender<Job<D>>, Receiver<Done<D>>),
     ) -> Result<Self, OpenError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
         let fingerprint = fingerprint(&main_model(settings), settings.learner.layout.name());
-        let mut dictionary = Dictionary::new(selection(settings, &outset));
+        let mut dictionary = Dictionary::new(selection(settings, &fit_settings));
         let resumed = store::to_resume_from(settings, fingerprint);
         let start = resumed.as_ref().map_or_else(
-            || outset.hyperparameters(),
-            |snapshot| store::resume(snapshot, &outset, &mut dictionary),
+            || fit_settings.hyperparameters(),
+            |snapshot| store::resume(snapshot, &fit_settings, &mut dictionary),
         );
         Ok(Self {
             settings,
             fingerprint,
-            outset,
-            desk,
+            fit_settings,
+            tunable,
             samples: ports.source(since)?,
             snapshots: ports.sink()?,
             pulse: Pulse::new(ports, Participant::Learner)?.exposed(settings.run.exposure),
@@ -212,7 +212,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             on_trial: resumed.is_some(),
             last: resumed,
             anew: false,
-            liar: Liar::new(settings.snapshot_faults.clone()),
+            fault_injector: SnapshotFaultInjector::new(settings.snapshot_faults.clone()),
         })
     }
 
@@ -281,7 +281,7 @@ impl<'a, const D: usize> Learner<'a, D> {
         let believable = sample
             .residual
             .iter()
-            .zip(self.outset.bound)
+            .zip(self.fit_settings.bound)
             .all(|(residual, bound)| residual.abs() <= bound);
         // One number that is not finite would spoil every fit for as long as it stays in the data.
         let finite = sample
@@ -304,11 +304,11 @@ impl<'a, const D: usize> Learner<'a, D> {
                 self.recent.push_back(*sample);
             }
         }
-        let cut = tick / self.desk.every_ticks();
+        let cut = tick / self.tunable.every_ticks();
         let free = self.pending.is_empty() || self.settings.run.pace == Pace::LockStep;
         if cut > self.last_cut && free {
             self.last_cut = cut;
-            let cut = cut * self.desk.every_ticks();
+            let cut = cut * self.tunable.every_ticks();
             self.pending.push_back(cut);
             let observations = self
                 .dictionary
@@ -319,7 +319,7 @@ impl<'a, const D: usize> Learner<'a, D> {
                 cut,
                 observations,
                 anew: std::mem::take(&mut self.anew),
-                evaluations_max: self.desk.evaluations_max(),
+                evaluations_max: self.tunable.evaluations_max(),
             };
             self.jobs.send(job).map_err(|_| RunError::Fitter)?;
         }
@@ -370,7 +370,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             }
         }
         self.forget_if_contradicted(until);
-        self.held_out.noise(otherwise, &self.outset.noise_floor())
+        self.held_out.noise(otherwise, &self.fit_settings.noise_floor())
     }
 
     /// Lets go of what an earlier run has learnt, if this robot contradicts it. To doubt it would not be enough: far from what this run has
@@ -407,7 +407,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             effective_tick: cut + self.settings.learner.delay_ticks,
         };
         let mut snapshot = snapshot::write(&fitted, &label, &newer)?;
-        let mut bad = self.liar.in_place_of(&snapshot, cut);
+        let mut bad = self.fault_injector.in_place_of(&snapshot, cut);
         self.snapshots.send(bad.as_mut().unwrap_or(&mut snapshot))?;
         if let Err(error) = store::save(&store::file_of(self.settings), &snapshot) {
             tracing::warn!("{error}");
@@ -434,7 +434,7 @@ impl<'a, const D: usize> Learner<'a, D> {
     /// A cut that gave no model: in lock step the controller waits for one, and gets the last one again, or one that knows nothing.
     fn publish_again(&mut self, cut: u64, plant_epoch: u64) -> Result<(), RunError> {
         let Some(last) = &mut self.last else {
-            if let Ok(nothing) = self.outset.fit(&[], &self.start) {
+            if let Ok(nothing) = self.fit_settings.fit(&[], &self.start) {
                 self.publish(nothing, cut, plant_epoch)?;
             }
             return Ok(());
@@ -455,7 +455,7 @@ impl<'a, const D: usize> Learner<'a, D> {
     /// been missed and whose model is still due.
     fn join(&mut self, sample: &ResidualSample) -> Result<(), RunError> {
         let (every_ticks, delay_ticks) =
-            (self.desk.every_ticks(), self.settings.learner.delay_ticks);
+            (self.tunable.every_ticks(), self.settings.learner.delay_ticks);
         let tick = sample.stamp.tick;
         self.last_cut = tick / every_ticks;
         if tick == 0 && (self.last.is_some() || self.settings.learner.resume.is_some()) {
@@ -470,8 +470,8 @@ impl<'a, const D: usize> Learner<'a, D> {
 
     /// Between two samples: what a person has changed acts from the next one on.
     fn tune(&mut self) {
-        if self.desk.tend(self.newest) {
-            self.last_cut = self.newest.map_or(0, |(_, tick)| tick / self.desk.every_ticks());
+        if self.tunable.poll(self.newest) {
+            self.last_cut = self.newest.map_or(0, |(_, tick)| tick / self.tunable.every_ticks());
         }
     }
 

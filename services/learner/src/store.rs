@@ -1,6 +1,6 @@
 //! The last snapshot, kept in a file and resumed from it. The file holds the message as it was sent, checksum included.
 
-use crate::fit::Outset;
+use crate::fit::FitSettings;
 use crate::settings::Settings;
 use model::AXES;
 use model::gp::dictionary::{Dictionary, Observation};
@@ -103,10 +103,10 @@ pub fn load(file: &Path, fingerprint: u64) -> Result<ModelSnapshot, StoreError> 
 }
 
 /// Puts the data of a snapshot back into `dictionary`, and gives back the hyperparameters to go on with: its own, if they are of the kernel and
-/// the units of `outset`, and possible.
+/// the units of `fit_settings`, and possible.
 pub fn resume<const D: usize>(
     snapshot: &ModelSnapshot,
-    outset: &Outset<D>,
+    fit_settings: &FitSettings<D>,
     dictionary: &mut Dictionary<D>,
 ) -> [Hyperparameters<D>; AXES] {
     let head = &snapshot.head;
@@ -120,9 +120,9 @@ pub fn resume<const D: usize>(
             row.noise_scale,
         );
     }
-    let first = outset.hyperparameters();
+    let first = fit_settings.hyperparameters();
     let scale: [f64; D] = std::array::from_fn(|i| entry(&head.input_scale, i));
-    if scale.map(f64::to_bits) != outset.input_scale.map(f64::to_bits) {
+    if scale.map(f64::to_bits) != fit_settings.input_scale.map(f64::to_bits) {
         return first;
     }
     std::array::from_fn(|axis| {

@@ -97,7 +97,7 @@ mod tests {
             learned: None,
             foresight: None,
             disturbance: [0.0; 3],
-            carry: 0.0,
+            delay_fraction: 0.0,
         };
         let (decay, gain, period, share) =
             (main.decay[0], main.gain[0], main.period, main.end_share[0]);
@@ -141,7 +141,7 @@ mod tests {
             learned: None,
             foresight: None,
             disturbance: [0.0; 3],
-            carry: 0.0,
+            delay_fraction: 0.0,
         };
         let mut feedback = Feedback::zeros();
         (feedback[(1, 1)], feedback[(1, 4)]) = (-2.0, -0.3);

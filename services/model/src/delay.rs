@@ -32,7 +32,7 @@ impl Delay {
     }
 
     /// w: share of the command before in what acts.
-    pub fn carry(self) -> f64 {
+    pub fn fraction(self) -> f64 {
         self.0.fract()
     }
 }
@@ -63,19 +63,21 @@ impl Sent {
 
     /// What acted in the period that has just ended.
     pub fn acted(&self, delay: Delay) -> Velocity {
-        self.mixed(delay.whole(), delay.carry())
+        self.mixed(delay.whole(), delay.fraction())
     }
 
     /// What will act in the period that begins in `ahead` periods, for `ahead` < n: it is all under
     /// way.
     pub fn under_way(&self, delay: Delay, ahead: usize) -> Velocity {
-        self.mixed(delay.whole().saturating_sub(ahead + 1), delay.carry())
+        self.mixed(delay.whole().saturating_sub(ahead + 1), delay.fraction())
     }
 
     /// The command of `age` periods ago, and w of the one before it.
-    fn mixed(&self, age: usize, carry: f64) -> Velocity {
+    fn mixed(&self, age: usize, delay_fraction: f64) -> Velocity {
         let (newer, older) = (&self.commands[age], &self.commands[age + 1]);
-        std::array::from_fn(|axis| carry * older[axis] + (1.0 - carry) * newer[axis])
+        std::array::from_fn(|axis| {
+            delay_fraction * older[axis] + (1.0 - delay_fraction) * newer[axis]
+        })
     }
 }
 

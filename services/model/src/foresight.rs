@@ -119,7 +119,7 @@ mod tests {
                 learned: None,
                 foresight: None,
                 disturbance: [0.0; 3],
-                carry: 0.0,
+                delay_fraction: 0.0,
             }
             .predict(state, input)
         }
@@ -134,8 +134,13 @@ mod tests {
             [1.0, 0.5, -0.6],
         );
         for (disturbance, tolerance) in [([0.0; 3], 1e-9), ([0.01, -0.02, 0.03], 1e-3)] {
-            let belief =
-                Belief { main: &main, learned: None, foresight: None, disturbance, carry: 0.0 };
+            let belief = Belief {
+                main: &main,
+                learned: None,
+                foresight: None,
+                disturbance,
+                delay_fraction: 0.0,
+            };
             let foreseen = Belief { foresight: Some(&believer), ..belief };
             let (believed, ours) =
                 (linearise(&belief, &state, &input), linearise(&foreseen, &state, &input));

@@ -170,7 +170,7 @@ mod tests {
                 return Err(TestCaseError::fail("no posterior"));
             };
             let learned: &dyn Residual = [&input_alone as &dyn Residual, &slip, &history, &heading][layout];
-            let belief = Belief { main: &main, learned: Some(learned), foresight: None, disturbance: [0.01, -0.02, 0.03], carry: 0.0 };
+            let belief = Belief { main: &main, learned: Some(learned), foresight: None, disturbance: [0.01, -0.02, 0.03], delay_fraction: 0.0 };
             let at = |x: [f64; 6], [u, acted]: [[f64; 3]; 2]| {
                 belief.predict(&State { pose: [x[0], x[1], x[2]], velocity: [x[3], x[4], x[5]], acted }, &u).to_array()
             };

@@ -27,7 +27,7 @@ pub struct Belief<'a> {
     /// d, per period \[m/s, m/s, rad/s\].
     pub disturbance: Velocity,
     /// w: share of the command before in the input that acts.
-    pub carry: f64,
+    pub delay_fraction: f64,
 }
 
 impl Belief<'_> {
@@ -73,7 +73,9 @@ impl Belief<'_> {
 
     /// The input that acts when `input` is commanded after `before`: (1 − w) u + w u₋₁.
     pub fn acting(&self, before: &Velocity, input: &Velocity) -> Velocity {
-        std::array::from_fn(|axis| self.carry.mul_add(before[axis] - input[axis], input[axis]))
+        std::array::from_fn(|axis| {
+            self.delay_fraction.mul_add(before[axis] - input[axis], input[axis])
+        })
     }
 
     /// The state one period later, under the input that acts. Does not allocate.

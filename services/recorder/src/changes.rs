@@ -1,11 +1,11 @@
 //! What a person has changed while the robot drove ▶ the record, as channel `set`.
 //!
 //! Every file of a record begins with all that has been answered before in its run, so that none needs the others to be understood: a
-//! wish is known by its process and number.
+//! request is known by its process and number.
 
 use crate::segment::RecordError;
 use crate::store::Store;
-use process::wishes::Answers;
+use process::requests::Answers;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -77,12 +77,12 @@ impl Changes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use process::wishes::{Answer, Outcome, Settled, Wish};
+    use process::requests::{Answer, Outcome, Request, Settled};
 
     #[test]
     fn everything_that_is_said_of_a_change_is_in_the_schema()
     -> Result<(), Box<dyn std::error::Error>> {
-        let wish = Wish { who: "ada".into(), asked_unix_nanos: 1, change: "a = 1".into() };
+        let request = Request { who: "ada".into(), asked_unix_nanos: 1, change: "a = 1".into() };
         let applied = Outcome::Applied {
             plant_epoch: 1,
             taken_at_tick: 2,
@@ -91,8 +91,12 @@ mod tests {
         };
         for outcome in [applied, Outcome::Refused { reason: "no".into() }] {
             let answer = Answer { user: 0, answered_nanos: 5, outcome };
-            let settled =
-                Settled { process: "controller".into(), number: 1, wish: wish.clone(), answer };
+            let settled = Settled {
+                process: "controller".into(),
+                number: 1,
+                request: request.clone(),
+                answer,
+            };
             let said = serde_json::to_value(&settled)?;
             let schema = schema();
             let known = schema["properties"].as_object().ok_or("no properties")?;

@@ -3,7 +3,7 @@
 //! A segment that was cut off by a kill -9 gives what is there.
 
 use crate::reader;
-use protocol::message::{Exposure, Plan, PlantState, Reason, Rung, Stamp, Truth};
+use protocol::message::{Exposure, FallbackLevel, Plan, PlantState, Reason, Stamp, Truth};
 use protocol::topic::Topic;
 use protocol::view::words;
 use serde::Deserialize;
@@ -55,9 +55,9 @@ pub struct StateRow {
     pub stamp: Mark,
     /// Epoch of the last accepted command, 0 before the first.
     pub accepted_epoch: u64,
-    /// Rung of the period.
-    #[serde(deserialize_with = "rung")]
-    pub rung: Rung,
+    /// Fallback level of the period; records of earlier versions call it `rung`.
+    #[serde(alias = "rung", deserialize_with = "fallback_level")]
+    pub fallback_level: FallbackLevel,
     /// Why the gate has stopped, if it has; records of versions below 5 do not tell.
     #[serde(default = "no_reason", deserialize_with = "reason")]
     pub stop: Reason,
@@ -170,7 +170,7 @@ impl Rows {
         self.states.push(StateRow {
             stamp: (&state.stamp).into(),
             accepted_epoch: state.accepted_epoch,
-            rung: state.rung(),
+            fallback_level: state.fallback_level(),
             stop: state.stop(),
             pose: state.pose,
             velocity: state.velocity,
@@ -334,9 +334,12 @@ where
     rows.first().map(|row| row.map(number)).ok_or_else(|| D::Error::custom("no row"))
 }
 
-pub(crate) fn rung<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Rung, D::Error> {
+pub(crate) fn fallback_level<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<FallbackLevel, D::Error> {
     let word = String::deserialize(deserializer)?;
-    words::rung(&word).ok_or_else(|| D::Error::custom(format_args!("{word:?} is no rung")))
+    words::fallback_level(&word)
+        .ok_or_else(|| D::Error::custom(format_args!("{word:?} is no fallback level")))
 }
 
 pub(crate) fn closed() -> Exposure {

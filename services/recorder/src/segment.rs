@@ -7,7 +7,7 @@ use crate::changes;
 use crate::visual::{Drawing, Shown};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
-use process::wishes::Settled;
+use process::requests::Settled;
 use process::{Pace, Run};
 use protocol::clock;
 use protocol::message::{Command, Health, ModelSnapshot, Plan, PlantState, ResidualSample, Truth};

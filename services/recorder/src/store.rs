@@ -2,7 +2,7 @@
 
 use crate::segment::{RecordError, Segment};
 use crate::visual::{Drawing, Shown};
-use process::wishes::Settled;
+use process::requests::Settled;
 use process::{Pace, Run};
 use protocol::topic::TOPIC_COUNT;
 use protocol::view::Viewable;

@@ -11,7 +11,7 @@ use crate::rows::{HealthRow, Mark, PlanRow, Rows, StateRow};
 use crate::whole;
 pub(crate) use figures::root_mean_square;
 use figures::{Deviation, Window, largest, percentile, settled_at};
-use protocol::message::{Exposure, Participant, Reason, Rung};
+use protocol::message::{Exposure, FallbackLevel, Participant, Reason};
 use protocol::topic::{TOPIC_COUNT, Topic};
 use serde::ser::{Serialize, Serializer};
 use std::collections::BTreeMap;
@@ -60,8 +60,8 @@ pub struct Summary {
     pub periods: u64,
     /// Those of them in which the wheels did not get a controller's answer in time.
     pub periods_missed: u64,
-    /// Those periods by rung, as the plant reports.
-    pub rungs: Rungs,
+    /// Those periods by fallback level, as the plant reports.
+    pub fallback_levels: FallbackLevels,
     /// When and why the gate stopped the robot, and when a person let it drive again.
     pub stops: Vec<StopFigure>,
     /// Time that the machine kept a simulator from running and that its world stood still for \[s\].
@@ -100,22 +100,26 @@ pub struct StopFigure {
     pub resumed_s: Option<f64>,
 }
 
-/// Periods by rung, every rung listed, the best first.
+/// Periods by fallback level, every fallback level listed, the best first.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Rungs {
-    counts: BTreeMap<Rung, u64>,
+pub struct FallbackLevels {
+    counts: BTreeMap<FallbackLevel, u64>,
 }
 
-impl Rungs {
-    /// Periods on `rung`.
-    pub fn on(&self, rung: Rung) -> u64 {
-        self.counts.get(&rung).copied().unwrap_or(0)
+impl FallbackLevels {
+    /// Periods on `fallback_level`.
+    pub fn on(&self, fallback_level: FallbackLevel) -> u64 {
+        self.counts.get(&fallback_level).copied().unwrap_or(0)
     }
 }
 
-impl Serialize for Rungs {
+impl Serialize for FallbackLevels {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map(Rung::ALL.iter().map(|&rung| (rung.text(), self.on(rung))))
+        serializer.collect_map(
+            FallbackLevel::ALL
+                .iter()
+                .map(|&fallback_level| (fallback_level.text(), self.on(fallback_level))),
+        )
     }
 }
 
@@ -136,7 +140,7 @@ impl Summary {
         let deviations = deviations(rows, last, period_nanos);
         let window = Window::of(&deviations);
         let ticks = tick_times(rows, last);
-        let rungs = rungs(rows, last);
+        let fallback_levels = fallback_levels(rows, last);
         Self {
             arrival_s: settled_at(&deviations, |deviation| deviation.position, ARRIVAL_BAND_M),
             speed_settle_s: settled_at(&deviations, |deviation| deviation.speed, SPEED_BAND_MPS),
@@ -154,14 +158,14 @@ impl Summary {
             tick_p50_us: percentile(&ticks, 50).map(micros),
             tick_p99_us: percentile(&ticks, 99).map(micros),
             tick_max_us: percentile(&ticks, 100).map(micros),
-            periods: rungs.counts.values().sum(),
-            periods_missed: rungs
+            periods: fallback_levels.counts.values().sum(),
+            periods_missed: fallback_levels
                 .counts
                 .iter()
-                .filter(|(rung, _)| is_missed(**rung))
+                .filter(|(fallback_level, _)| is_missed(**fallback_level))
                 .map(|(_, periods)| periods)
                 .sum(),
-            rungs,
+            fallback_levels,
             stops: stops(rows, last, period_nanos),
             world_stalled_s: stalled(rows),
             snapshots_published: snapshots(rows, Participant::Learner),
@@ -292,22 +296,24 @@ fn stops(rows: &Rows, epoch: u64, period_nanos: u64) -> Vec<StopFigure> {
 /// Counts the periods of an epoch from the first accepted command on.
 ///
 /// The period in which that command came counts if the plant says that it acted in it, not if the plant still waited.
-fn rungs(rows: &Rows, epoch: u64) -> Rungs {
-    let mut rungs = Rungs::default();
-    for state in states(rows, epoch)
-        .into_iter()
-        .skip_while(|state| state.accepted_epoch == 0 || state.rung == Rung::Waiting)
-    {
-        *rungs.counts.entry(state.rung).or_default() += 1;
+fn fallback_levels(rows: &Rows, epoch: u64) -> FallbackLevels {
+    let mut fallback_levels = FallbackLevels::default();
+    for state in states(rows, epoch).into_iter().skip_while(|state| {
+        state.accepted_epoch == 0 || state.fallback_level == FallbackLevel::Waiting
+    }) {
+        *fallback_levels.counts.entry(state.fallback_level).or_default() += 1;
     }
-    rungs
+    fallback_levels
 }
 
 /// Whether the gate, not a controller, chose what the wheels got.
-fn is_missed(rung: Rung) -> bool {
-    match rung {
-        Rung::Waiting | Rung::StoredTail | Rung::Brake | Rung::LatchedStop => true,
-        Rung::FreshPlan | Rung::ShiftedPlan | Rung::Simple => false,
+fn is_missed(fallback_level: FallbackLevel) -> bool {
+    match fallback_level {
+        FallbackLevel::Waiting
+        | FallbackLevel::StoredTail
+        | FallbackLevel::Brake
+        | FallbackLevel::LatchedStop => true,
+        FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan | FallbackLevel::Simple => false,
     }
 }
 

@@ -7,7 +7,7 @@
 //! | `path`      | foxglove.PosesInFrame    | the way that was driven, the last part of it               | once a second       |
 //! | `horizon`   | foxglove.PosesInFrame    | the poses that the plan predicts                           | ten times a second  |
 //! | `reference` | foxglove.PosesInFrame    | the poses that it shall reach                              | ten times a second  |
-//! | `tracking`  | coxswain.Tracking        | error, rung, model, cost and residual as plain numbers     | each plan           |
+//! | `tracking`  | coxswain.Tracking        | error, fallback level, model, cost and residual as plain numbers     | each plan           |
 //!
 //! They are made from what is recorded, hold nothing that is not in it, and give way first: one that cannot be written is not counted.
 
@@ -149,7 +149,7 @@ fn tracking() -> Value {
         ),
         ("model_version", number("learned model in use, 0 is the main model alone")),
         (
-            "rung",
+            "fallback_level",
             number(
                 "on which the controller stands: 1 fresh plan, 2 shifted plan, 3 simple controller, and so on down",
             ),
@@ -256,7 +256,7 @@ pub(crate) struct Tracking {
     innovation: f64,
     standard_deviation: f64,
     model_version: u64,
-    rung: u32,
+    fallback_level: u32,
     tick_micros: f64,
 }
 
@@ -372,7 +372,7 @@ fn tracked(plan: &Plan, timestamp: Time) -> Tracking {
         innovation: length(plan.innovation),
         standard_deviation: variance[0].max(variance[1]).max(0.0).sqrt(),
         model_version: plan.model_version,
-        rung: plan.rung,
+        fallback_level: plan.fallback_level,
         tick_micros: plan.tick_nanos as f64 * 1e-3,
     }
 }

@@ -6,7 +6,7 @@ mod graph;
 use bytemuck::Zeroable;
 use graph::{Graph, SNAPSHOT_TICKS};
 use process::{Pace, Run, Stop};
-use protocol::message::{Credit, Health, Participant, Rung};
+use protocol::message::{Credit, FallbackLevel, Health, Participant};
 use protocol::port::{Exchange, Identity, Links, Ports, Since};
 use recorder::run::RecorderError;
 use recorder::segment::{self, RecordError};
@@ -123,7 +123,11 @@ fn in_lock_step_the_plant_waits_for_the_record_and_nothing_is_lost() -> Result<(
     assert_eq!(summary.losses["state"]["controller"], 29);
     assert_eq!(summary.arrival_s, Some(2.0));
     assert_eq!(
-        (summary.periods, summary.rungs.on(Rung::FreshPlan), summary.periods_missed),
+        (
+            summary.periods,
+            summary.fallback_levels.on(FallbackLevel::FreshPlan),
+            summary.periods_missed
+        ),
         (TICKS - 1, TICKS - 1, 0)
     );
     assert_eq!(

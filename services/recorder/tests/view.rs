@@ -81,7 +81,7 @@ fn arrays_end_where_they_end_to_count() {
 
 #[test]
 fn codes_and_counters_are_readable() {
-    assert_eq!(json(&graph::state(3))["rung"], "fresh plan");
+    assert_eq!(json(&graph::state(3))["fallback_level"], "fresh plan");
     let health = json(&graph::health(40));
     assert_eq!(
         (&health["participant"], &health["phase"], &health["last_error"]),

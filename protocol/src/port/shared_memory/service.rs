@@ -47,11 +47,11 @@ impl SharedMemory {
         announcement: &Announcement,
     ) -> Result<(Messages, Events), OpenError> {
         let failed = |reason: String| OpenError::Carrier { topic, reason };
-        let lane = match audience {
+        let suffix = match audience {
             Audience::Members => "",
             Audience::Watchers => "/watched",
         };
-        let name = format!("coxswain/{}/{}{lane}", self.graph, topic.name());
+        let name = format!("coxswain/{}/{}{suffix}", self.graph, topic.name());
         let name = ServiceName::new(&name).map_err(|error| failed(error.to_string()))?;
         let quality = self.quality(topic, audience);
         let attributes = announced(announcement)

@@ -52,7 +52,8 @@ fn an_oracle_without_foresight_is_refused() {
 
 fn state(tick: u64) -> PlantState {
     let mut state: PlantState = bytemuck::Zeroable::zeroed();
-    (state.stamp.epoch, state.stamp.tick, state.rung) = (1, tick, Rung::FreshPlan.code());
+    (state.stamp.epoch, state.stamp.tick, state.fallback_level) =
+        (1, tick, FallbackLevel::FreshPlan.code());
     // No two readings are alike.
     state.pose[0] = 1e-9 * tick as f64;
     state
@@ -92,7 +93,7 @@ fn a_model_that_says_nonsense_is_never_used() -> Result<(), Box<dyn std::error::
         drop(robot.controller.adopt(nonsense()?));
         let (_, command) = robot.drive(tick);
         let learned_axes = robot.controller.knowledge().learned_axes();
-        assert_eq!((command.rung(), learned_axes), (Rung::FreshPlan, 0));
+        assert_eq!((command.fallback_level(), learned_axes), (FallbackLevel::FreshPlan, 0));
         assert!(
             command
                 .input
@@ -113,8 +114,8 @@ fn a_state_that_is_no_number_is_answered_with_the_brake() -> Result<(), Box<dyn 
     let mut blind = state(1);
     blind.velocity[1] = f64::NAN;
     let command = answer(&mut controller, &blind);
-    assert_eq!((command.rung(), command.input), (Rung::Brake, [0.0; 3]));
-    assert_eq!(answer(&mut controller, &state(2)).rung(), Rung::FreshPlan);
+    assert_eq!((command.fallback_level(), command.input), (FallbackLevel::Brake, [0.0; 3]));
+    assert_eq!(answer(&mut controller, &state(2)).fallback_level(), FallbackLevel::FreshPlan);
     Ok(())
 }
 
@@ -142,7 +143,7 @@ struct Robotic {
     gate: Gate,
     state: State,
     input: Velocity,
-    rung: Rung,
+    fallback_level: FallbackLevel,
     /// Where its sensors have been stuck since.
     stuck: Option<State>,
 }
@@ -155,7 +156,7 @@ impl Robotic {
             gate,
             state: State::default(),
             input: [0.0; 3],
-            rung: Rung::Waiting,
+            fallback_level: FallbackLevel::Waiting,
             stuck: None,
         })
     }
@@ -166,13 +167,13 @@ impl Robotic {
         let seen = self.stuck.unwrap_or(self.state);
         let mut measured = state(tick);
         (measured.pose, measured.velocity, measured.input) = (seen.pose, seen.velocity, self.input);
-        measured.rung = self.rung.code();
+        measured.fallback_level = self.fallback_level.code();
         let command = answer(&mut self.controller, &measured);
         self.controller.explain(0);
         self.controller.prepare_next();
         let verdict = self.gate.offer(&command, tick * PERIOD_NANOS);
         self.input = self.gate.decide(tick * PERIOD_NANOS).input;
-        self.rung = self.gate.end_period((tick + 1) * PERIOD_NANOS).0;
+        self.fallback_level = self.gate.end_period((tick + 1) * PERIOD_NANOS).0;
         self.state = self.controller.knowledge().belief().predict(&self.state, &self.input);
         (verdict, command)
     }
@@ -192,18 +193,20 @@ fn of_a_thousand_answers_of_a_faulty_optimiser_none_is_driven_and_every_command_
         (settings.duration_s, settings.solver_faults) =
             (110.0, SolverFaults { seed: 5, solver: vec![fault] });
         let mut robot = Robotic::new(&settings)?;
-        let mut rungs = [0; 3];
+        let mut fallback_levels = [0; 3];
         for tick in 0..1060 {
             let (verdict, command) = robot.drive(tick);
             assert_eq!((verdict, command.stamp.tick), (Ok(()), tick), "{kind:?}");
-            match (command.rung(), (20..1020).contains(&tick)) {
-                (Rung::FreshPlan, false) => rungs[0] += 1,
-                (Rung::ShiftedPlan, true) => rungs[1] += 1,
-                (Rung::Simple, true) => rungs[2] += 1,
-                (rung, _) => return Err(format!("{kind:?}: {rung} at tick {tick}").into()),
+            match (command.fallback_level(), (20..1020).contains(&tick)) {
+                (FallbackLevel::FreshPlan, false) => fallback_levels[0] += 1,
+                (FallbackLevel::ShiftedPlan, true) => fallback_levels[1] += 1,
+                (FallbackLevel::Simple, true) => fallback_levels[2] += 1,
+                (fallback_level, _) => {
+                    return Err(format!("{kind:?}: {fallback_level} at tick {tick}").into());
+                }
             }
         }
-        assert_eq!(rungs, [60, 2, 998], "{kind:?}");
+        assert_eq!(fallback_levels, [60, 2, 998], "{kind:?}");
     }
     Ok(())
 }
@@ -220,19 +223,23 @@ fn faults_now_and_then_are_answered_by_shifted_plans_and_the_next_plan_is_fresh_
         solver: vec![fault(SolverFaultKind::Wrong), fault(SolverFaultKind::Nan)],
     };
     let mut robot = Robotic::new(&settings)?;
-    let mut rungs = Vec::new();
+    let mut fallback_levels = Vec::new();
     for tick in 0..250 {
         let (verdict, command) = robot.drive(tick);
         let well = settings.solver_faults.strike(tick).is_none();
-        assert_eq!((verdict, command.rung() == Rung::FreshPlan), (Ok(()), well), "{tick}");
-        rungs.push(command.rung());
+        assert_eq!(
+            (verdict, command.fallback_level() == FallbackLevel::FreshPlan),
+            (Ok(()), well),
+            "{tick}"
+        );
+        fallback_levels.push(command.fallback_level());
     }
-    assert!(rungs.contains(&Rung::ShiftedPlan));
+    assert!(fallback_levels.contains(&FallbackLevel::ShiftedPlan));
     Ok(())
 }
 
 #[test]
-fn a_command_that_the_gate_would_refuse_gives_way_to_the_next_rung()
+fn a_command_that_the_gate_would_refuse_gives_way_to_the_next_fallback_level()
 -> Result<(), Box<dyn std::error::Error>> {
     let mut controller = controller()?;
     let mut weak = told().robot;
@@ -241,13 +248,13 @@ fn a_command_that_the_gate_would_refuse_gives_way_to_the_next_rung()
     for tick in 0..5 {
         let command = answer(&mut controller, &state(tick));
         assert_eq!(
-            (command.rung(), command.input, command.tail),
-            (Rung::Brake, [0.0; 3], [[0.0; 3]; TAIL_MAX]),
+            (command.fallback_level(), command.input, command.tail),
+            (FallbackLevel::Brake, [0.0; 3], [[0.0; 3]; TAIL_MAX]),
             "plan and simple controller are too fast"
         );
     }
     controller.bounds = Bounds::new(&told().robot, PERIOD_NANOS, 0);
-    assert_eq!(answer(&mut controller, &state(5)).rung(), Rung::FreshPlan);
+    assert_eq!(answer(&mut controller, &state(5)).fallback_level(), FallbackLevel::FreshPlan);
     Ok(())
 }
 
@@ -256,18 +263,22 @@ fn stuck_sensors_are_answered_with_the_brake_until_they_move_again()
 -> Result<(), Box<dyn std::error::Error>> {
     let mut robot = Robotic::new(&told())?;
     for tick in 0..30 {
-        assert_eq!(robot.drive(tick).1.rung(), Rung::FreshPlan);
+        assert_eq!(robot.drive(tick).1.fallback_level(), FallbackLevel::FreshPlan);
     }
     robot.stuck = Some(robot.state);
-    let rungs: Vec<Rung> = (30..50).map(|tick| robot.drive(tick).1.rung()).collect();
-    assert_eq!((&rungs[..3], &rungs[3..]), (&[Rung::FreshPlan; 3][..], &[Rung::Brake; 17][..]));
+    let fallback_levels: Vec<FallbackLevel> =
+        (30..50).map(|tick| robot.drive(tick).1.fallback_level()).collect();
+    assert_eq!(
+        (&fallback_levels[..3], &fallback_levels[3..]),
+        (&[FallbackLevel::FreshPlan; 3][..], &[FallbackLevel::Brake; 17][..])
+    );
     assert_eq!(
         robot.controller.sensor_fault(),
         Some(SensorFault::Everything),
         "not even the brake changes anything"
     );
     robot.stuck = None;
-    assert_eq!(robot.drive(50).1.rung(), Rung::FreshPlan);
+    assert_eq!(robot.drive(50).1.fallback_level(), FallbackLevel::FreshPlan);
     Ok(())
 }
 
@@ -343,8 +354,10 @@ fn nothing_is_allocated(settings: &Settings) -> Result<(), Box<dyn std::error::E
         let heap = allocation_counter::measure(|| {
             robot.controller.observe(&measured, &handover, 1);
             let command = robot.controller.answer(&measured, &handover);
-            (robot.input, fresh) =
-                (command.input, fresh + u32::from(command.rung() == Rung::FreshPlan));
+            (robot.input, fresh) = (
+                command.input,
+                fresh + u32::from(command.fallback_level() == FallbackLevel::FreshPlan),
+            );
         });
         let after = allocation_counter::measure(|| {
             robot.controller.explain(0);
@@ -404,7 +417,11 @@ fn what_is_changed_while_it_drives_is_exchanged_without_the_heap_and_the_next_pl
             assert_eq!(tuned.since, Some((1, tick)));
         }
         let (verdict, command) = robot.drive(tick);
-        assert_eq!((verdict, command.rung()), (Ok(()), Rung::FreshPlan), "{tick}");
+        assert_eq!(
+            (verdict, command.fallback_level()),
+            (Ok(()), FallbackLevel::FreshPlan),
+            "{tick}"
+        );
         if let (Some((_, horizon)), true) = (changes.get(tick as usize / 10), tick % 10 >= 5) {
             let under_way = robot.controller.knowledge().delay().whole();
             assert_eq!(
@@ -450,21 +467,27 @@ fn with_a_dead_time_of(periods: usize) -> Result<(usize, f64), ControllerError> 
     settings.reference.path = PathSettings::Circle { radius_m: 2.0, speed_mps: 0.8 };
     settings.reference.ramp_s = 1.0;
     let main = MainModel::new(&settings.robot, PERIOD_S);
-    let belief =
-        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief = Belief {
+        main: &main,
+        learned: None,
+        foresight: None,
+        disturbance: [0.0; 3],
+        delay_fraction: 0.0,
+    };
     let mut controller = Controller::new(&settings)?;
     let mut under_way = std::collections::VecDeque::from(vec![[0.0; 3]; periods]);
-    let (mut robot, mut given, mut rung) = (State::default(), [0.0; 3], Rung::Waiting);
+    let (mut robot, mut given, mut fallback_level) =
+        (State::default(), [0.0; 3], FallbackLevel::Waiting);
     let (mut simple, mut farthest) = (0, 0.0_f64);
     for tick in 0..2500 {
         let mut measured = state(tick);
         (measured.pose, measured.velocity) = (robot.pose, robot.velocity);
-        (measured.input, measured.rung) = (given, rung.code());
+        (measured.input, measured.fallback_level) = (given, fallback_level.code());
         let command = answer(&mut controller, &measured);
         controller.explain(0);
         controller.prepare_next();
-        (given, rung) = (command.input, command.rung());
-        simple += usize::from(rung == Rung::Simple);
+        (given, fallback_level) = (command.input, command.fallback_level());
+        simple += usize::from(fallback_level == FallbackLevel::Simple);
         if tick >= 2000 {
             let point = controller.reference.at(tick);
             let [x, y] = [robot.pose[0] - point.pose[0], robot.pose[1] - point.pose[1]];

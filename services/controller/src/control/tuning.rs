@@ -1,7 +1,7 @@
 //! A change to a controller that drives: built whole beside the control thread, put in use whole between two ticks.
 //!
 //! ```text
-//!   attendant thread     wish ▶ check ▶ build ── tuned ──▶     ┐ control thread: exchanges its parts for the new ones,
+//!   attendant thread     request ▶ check ▶ build ── tuned ──▶     ┐ control thread: exchanges its parts for the new ones,
 //!                        answer ◀ free ◀─── exchanged ───      ┘ and nothing else
 //! ```
 

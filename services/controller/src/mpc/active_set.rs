@@ -1,18 +1,18 @@
 //! A dual active-set method for strictly convex programs (Goldfarb and Idnani, Mathematical Programming 27, 1983), in stages.
 //!
-//! It begins at the minimum without rows and takes in one violated bound after the other, so that it costs next to nothing where few limits
-//! bind. Slacks at zero are the one exception: they cost a price as long as nothing asks for them, so they are held there at the start.
+//! It begins at the minimum without rows and adds one violated bound after the other, so that it costs next to nothing where few limits
+//! bind. Slacks at zero are the one exception: they have a penalty as long as no row needs them, so they are held there at the start.
 //!
 //! ```text
 //! J Jᵀ = H⁻¹      Jᵀ N = Q R      N: the active bounds' normals, which point inwards; QᵀQ = 1, R upper triangular
 //! ```
 //! J is never written down: [`Riccati`] multiplies by it and its transpose in O(N), and a slack adds an entry to v = J⁻¹x once it is no longer held.
-//! A bound with the normal n is taken in along w, while the multipliers of the active ones change by −r:
+//! A bound with the normal n is added along w, while the multipliers of the active ones change by −r:
 //!
 //! ```text
 //! d = Jᵀ n      w = d − Q Qᵀ d      r = R⁻¹ Qᵀ d
 //! ```
-//! as far as the bound asks for, or until a multiplier is zero: then that bound is let go. What goes on is v, by
+//! as far as the bound asks for, or until a multiplier is zero: then that bound is dropped. What goes on is v, by
 //! which the distance of a bound b + nᵀx is b + dᵀv; x = J v is worked out when all bounds are looked at. One such step is O(N (1 + active bounds)).
 
 mod orthogonal;
@@ -27,7 +27,7 @@ use orthogonal::{DEPENDENT, Orthogonal};
 const VIOLATION: f64 = 1e-9;
 /// What counts as a multiplier that grows smaller, per unit of the new bound's.
 const RELEASE: f64 = 1e-12;
-/// Most bounds that are taken in or let go, in multiples of the number of unknowns and bounds.
+/// Most bounds that are added or dropped, in multiples of the number of unknowns and bounds.
 const STEPS_MOST: usize = 2;
 
 /// What may be active.
@@ -60,9 +60,9 @@ enum Released {
 /// What a step towards a bound came to.
 enum Step {
     /// The bound is active.
-    TakenIn,
-    /// Another was let go on the way.
-    LetGo,
+    Added,
+    /// Another was dropped on the way.
+    Dropped,
     /// No step leads there.
     Impossible,
 }
@@ -137,8 +137,8 @@ impl ActiveSet {
     /// What there is to do before gradients and bounds are known. Does not allocate.
     pub fn prepare(&mut self, program: &QuadraticProgram) {
         self.prepared = self.factor.factorise(program)
-            && program.prices.slack >= 0.0
-            && program.prices.slack_curvature > 0.0;
+            && program.penalties.slack >= 0.0
+            && program.penalties.slack_curvature > 0.0;
     }
 
     /// Solves the program that was [prepared](Self::prepare), as often as that is wanted. Does not allocate.
@@ -152,7 +152,7 @@ impl ActiveSet {
         let status = if turn.is_over() {
             Status::OutOfTime
         } else {
-            self.climb(program, turn, &mut iterations)
+            self.dual_ascent(program, turn, &mut iterations)
         };
         if status == Status::Solved
             && let Some((inputs, slacks)) = solution.split_at_mut_checked(INPUT * program.blocks())
@@ -163,8 +163,13 @@ impl ActiveSet {
         Outcome { status, iterations }
     }
 
-    /// Takes in what is violated, one after the other, until nothing is.
-    fn climb(&mut self, program: &QuadraticProgram, turn: &Turn, iterations: &mut u32) -> Status {
+    /// Adds violated bounds, one after the other, until none is violated: the dual cost grows with each step.
+    fn dual_ascent(
+        &mut self,
+        program: &QuadraticProgram,
+        turn: &Turn,
+        iterations: &mut u32,
+    ) -> Status {
         if !self.prepared {
             return Status::Failed;
         }
@@ -180,8 +185,8 @@ impl ActiveSet {
                     return Status::OutOfTime;
                 }
                 match self.approach(program, bound, &mut distance, &mut multiplier) {
-                    Step::TakenIn => break,
-                    Step::LetGo => {}
+                    Step::Added => break,
+                    Step::Dropped => {}
                     Step::Impossible => return Status::Infeasible,
                 }
             }
@@ -199,7 +204,7 @@ impl ActiveSet {
         self.violated.clear();
         self.slacks.fill(0.0);
         self.slack_states.fill(Slack::Held);
-        self.slack_multipliers.fill(program.prices.slack);
+        self.slack_multipliers.fill(program.penalties.slack);
         self.entries = INPUT * program.blocks();
         let mut whitened = self.whitened.rows_mut(0, self.entries);
         self.factor.transposed_gradient(program, whitened.as_mut_slice());
@@ -307,17 +312,17 @@ impl ActiveSet {
         match first {
             Some(which) if until_released < until_reached => {
                 match which {
-                    Released::Active(place) => self.let_go(place),
+                    Released::Active(place) => self.drop_constraint(place),
                     Released::Slack(slack) => {
-                        self.let_slack_go(program, slack);
+                        self.free_slack(program, slack);
                         self.look_at(program, bound);
                     }
                 }
-                Step::LetGo
+                Step::Dropped
             }
             _ => {
-                self.take_in(bound, *multiplier);
-                Step::TakenIn
+                self.add_constraint(bound, *multiplier);
+                Step::Added
             }
         }
     }
@@ -357,20 +362,20 @@ impl ActiveSet {
         }
     }
 
-    fn take_in(&mut self, bound: Bound, multiplier: f64) {
-        self.normals.take_in();
+    fn add_constraint(&mut self, bound: Bound, multiplier: f64) {
+        self.normals.add_column();
         self.active.push(bound);
         self.multipliers.push(multiplier);
     }
 
-    fn let_go(&mut self, place: usize) {
-        self.normals.let_go(place);
+    fn drop_constraint(&mut self, place: usize) {
+        self.normals.drop_column(place);
         self.active.remove(place);
         self.multipliers.remove(place);
     }
 
     /// Holds `slack` no longer: v has an entry more, and so have the normals of the active rows that it lets off.
-    fn let_slack_go(&mut self, program: &QuadraticProgram, slack: usize) {
+    fn free_slack(&mut self, program: &QuadraticProgram, slack: usize) {
         let entry = self.entries;
         (self.slack_states[slack], self.slack_multipliers[slack]) = (Slack::Free(entry), 0.0);
         self.whitened[entry] = 0.0;
@@ -402,7 +407,7 @@ impl Bound {
 
 /// A slack in v, of a slack in x; and the other way about.
 fn entry_of_slack(program: &QuadraticProgram) -> f64 {
-    1.0 / program.prices.slack_curvature.sqrt()
+    1.0 / program.penalties.slack_curvature.sqrt()
 }
 
 /// Most steps for programs of the shape of `program`.

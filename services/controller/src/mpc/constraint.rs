@@ -7,9 +7,9 @@
 //! soft rows: a slack of 0.1 allows each of them to be exceeded by a tenth. Only the corridor has a slack of its own: a robot that is far
 //! outside must not be free to exceed the other limits as well.
 //!
-//! Under caution the bounds on the state are drawn in, at most to where the two sides meet.
+//! Tightening draws in the bounds on the state, at most to where the two sides meet.
 
-use super::qp::{BEFORE, Prices, QuadraticProgram, Row, Vector};
+use super::qp::{BEFORE, Penalties, QuadraticProgram, Row, Vector};
 use super::{Outlook, Stage};
 use crate::currents::Foretold;
 use crate::reference::ReferencePoint;
@@ -19,9 +19,9 @@ use model::{State, Velocity};
 use nalgebra::SVector;
 use robot::{Robot, kinematics};
 
-/// Price of a slack of 1, linear: greater than any multiplier of a soft row, so that slacks stay zero where they can.
-const SLACK_PRICE: f64 = 1e3;
-/// Curvature of that price: keeps the program strictly convex.
+/// Penalty of a slack of 1, linear: greater than any multiplier of a soft row, so that slacks stay zero where they can.
+const SLACK_PENALTY: f64 = 1e3;
+/// Curvature of that penalty: keeps the program strictly convex.
 const SLACK_CURVATURE: f64 = 1.0;
 
 /// Where the velocity begins in a state.
@@ -237,15 +237,15 @@ impl Limits {
     }
 
     /// What the free inputs cost, and what slacks cost as well.
-    pub(super) fn with_slacks(inputs: Prices) -> Prices {
-        Prices { slack: SLACK_PRICE, slack_curvature: SLACK_CURVATURE, ..inputs }
+    pub(super) fn with_slacks(inputs: Penalties) -> Penalties {
+        Penalties { slack: SLACK_PENALTY, slack_curvature: SLACK_CURVATURE, ..inputs }
     }
 
     /// The nearest input in the same direction that the wheels can do; what is no number counts as 0.
     pub fn clamp(&self, input: &Velocity) -> Velocity {
         let boxed: Velocity = std::array::from_fn(|axis| {
-            let wished = if input[axis].is_nan() { 0.0 } else { input[axis] };
-            wished.clamp(-self.inputs.input[axis], self.inputs.input[axis])
+            let desired = if input[axis].is_nan() { 0.0 } else { input[axis] };
+            desired.clamp(-self.inputs.input[axis], self.inputs.input[axis])
         });
         let load = self.inputs.wheel.iter().map(|row| dot(row, &boxed).abs()).fold(1.0, f64::max);
         boxed.map(|value| value / load)
@@ -268,12 +268,12 @@ impl Limits {
         })
     }
 
-    /// The nearest input to `wished` that can be reached from `last` in one period.
-    pub fn reach(&self, wished: &Velocity, last: &Velocity) -> Velocity {
-        let (wished, last) = (self.clamp(wished), self.clamp(last));
-        let Some(change) = self.inputs.change else { return wished };
+    /// The nearest input to `desired` that can be reached from `last` in one period.
+    pub fn reach(&self, desired: &Velocity, last: &Velocity) -> Velocity {
+        let (desired, last) = (self.clamp(desired), self.clamp(last));
+        let Some(change) = self.inputs.change else { return desired };
         let near: Velocity = std::array::from_fn(|axis| {
-            wished[axis].clamp(last[axis] - change[axis], last[axis] + change[axis])
+            desired[axis].clamp(last[axis] - change[axis], last[axis] + change[axis])
         });
         self.clamp(&near)
     }
@@ -341,10 +341,10 @@ fn dot(a: &Velocity, b: &Velocity) -> f64 {
 
 /// By how much the bounds of a row on a predicted state are drawn in; at most by `most`.
 fn drawn_in(outlook: &Outlook<'_>, row: &Row, most: f64) -> f64 {
-    let Some(caution) = outlook.caution else { return 0.0 };
+    let Some(tightening) = outlook.tightening else { return 0.0 };
     let mut direction = SVector::<f64, 6>::zeros();
     direction.fixed_rows_mut::<3>(row.first).copy_from_slice(&row.by_state);
-    caution.margin(row.stage, &direction).min(most)
+    tightening.margin(row.stage, &direction).min(most)
 }
 
 /// 1/limit on one axis.

@@ -8,7 +8,7 @@
 //! in which the linearised axes separate, so that the LQR of [`model::lqr`] belongs to the same error. Other controllers take v − v_r of
 //! the body's frame as it is ([`Formulation::Plain`]).
 
-use super::qp::{Prices, QuadraticProgram};
+use super::qp::{Penalties, QuadraticProgram};
 use super::{Formulation, Outlook, Stage};
 use crate::reference::ReferencePoint;
 use crate::settings::MpcSettings;
@@ -143,8 +143,8 @@ impl Cost {
     }
 
     /// What the free inputs cost of their own; slacks cost nothing yet.
-    pub(super) fn prices(&self) -> Prices {
-        Prices { input: self.input, change: self.change, slack: 0.0, slack_curvature: 0.0 }
+    pub(super) fn penalties(&self) -> Penalties {
+        Penalties { input: self.input, change: self.change, slack: 0.0, slack_curvature: 0.0 }
     }
 
     /// Writes the cost of the present plan, to second order. O(N), does not allocate.

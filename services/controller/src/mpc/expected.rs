@@ -34,7 +34,7 @@ pub(super) struct Expectation {
     state: State,
     last_input: Velocity,
     disturbance: Velocity,
-    carry: f64,
+    delay_fraction: f64,
     spent: Spent,
 }
 
@@ -42,7 +42,9 @@ impl Expectation {
     /// Whether what has come is what the program depends on linearly; else it has to be written anew.
     fn covers(&self, state: &State, last_input: &Velocity, belief: &Belief<'_>) -> bool {
         let turned = state.pose[2] - self.state.pose[2];
-        self.last_input == *last_input && self.carry == belief.carry && turned.abs() < PI
+        self.last_input == *last_input
+            && self.delay_fraction == belief.delay_fraction
+            && turned.abs() < PI
     }
 }
 
@@ -87,14 +89,14 @@ impl Mpc {
         if !self.predictable() {
             return;
         }
-        self.program.set_dynamics(&self.steps, belief.carry);
+        self.program.set_dynamics(&self.steps, belief.delay_fraction);
         for ((of_disturbance, stage), step) in
             self.by_disturbance.iter_mut().zip(&self.stages).zip(&self.steps)
         {
             *of_disturbance = by_residual(belief.main, &stage.state, &step.next);
         }
         self.close_gaps();
-        self.beware(reference, belief);
+        self.propagate_variance(reference, belief);
         let linearised = monotonic_nanos();
         self.build(last_input, reference);
         self.solver.prepare(&self.program);
@@ -102,7 +104,7 @@ impl Mpc {
             state: stage.state,
             last_input: *last_input,
             disturbance: belief.disturbance,
-            carry: belief.carry,
+            delay_fraction: belief.delay_fraction,
             spent: Spent {
                 linearise_nanos: linearised - begin,
                 solve_nanos: monotonic_nanos() - linearised,

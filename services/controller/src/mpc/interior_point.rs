@@ -134,9 +134,9 @@ fn visit_hessian(
     layout: Layout,
     entry: &mut dyn FnMut(usize, usize, f64),
 ) {
-    let prices = &program.prices;
+    let penalties = &program.penalties;
     for i in 0..INPUT * layout.blocks {
-        entry(i, i, prices.input + prices.change);
+        entry(i, i, penalties.input + penalties.change);
     }
     for (k, stage) in program.stages.iter().enumerate().skip(1) {
         let at = layout.state(k);
@@ -146,15 +146,15 @@ fn visit_hessian(
         }
         for i in 0..INPUT {
             let free = k < layout.blocks;
-            let before = if free { prices.change } else { prices.input };
+            let before = if free { penalties.change } else { penalties.input };
             entry(at + BEFORE + i, at + BEFORE + i, if k < layout.horizon { before } else { 0.0 });
             if free {
-                entry(INPUT * k + i, at + BEFORE + i, -prices.change);
+                entry(INPUT * k + i, at + BEFORE + i, -penalties.change);
             }
         }
     }
     for slack in 0..layout.slacks {
-        entry(layout.slack(slack), layout.slack(slack), prices.slack_curvature);
+        entry(layout.slack(slack), layout.slack(slack), penalties.slack_curvature);
     }
 }
 
@@ -268,7 +268,7 @@ impl Clarabel {
         let inputs =
             program.stages.iter().take(layout.blocks).flat_map(|stage| stage.input_gradient);
         let states = program.stages.iter().skip(1).flat_map(|stage| stage.gradient);
-        let slacks = std::iter::repeat_n(program.prices.slack, layout.slacks);
+        let slacks = std::iter::repeat_n(program.penalties.slack, layout.slacks);
         for (slot, slope) in self.gradient.iter_mut().zip(inputs.chain(states).chain(slacks)) {
             *slot = slope;
         }

@@ -30,9 +30,9 @@ impl Point {
 
 /// aᵀ H b, as the module of the program has it.
 fn curvature(program: &QuadraticProgram, a: &Point, b: &Point) -> f64 {
-    let (prices, slacks) = (&program.prices, INPUT * program.blocks()..program.unknowns());
+    let (penalties, slacks) = (&program.penalties, INPUT * program.blocks()..program.unknowns());
     let mut sum: f64 =
-        slacks.map(|slack| prices.slack_curvature * a.unknowns[slack] * b.unknowns[slack]).sum();
+        slacks.map(|slack| penalties.slack_curvature * a.unknowns[slack] * b.unknowns[slack]).sum();
     for (k, stage) in program.stages.iter().enumerate() {
         let x =
             |point: &Point| SMatrix::<f64, STATE, 1>::from_column_slice(&point.states[k][..STATE]);
@@ -41,10 +41,10 @@ fn curvature(program: &QuadraticProgram, a: &Point, b: &Point) -> f64 {
             let before = |point: &Point| point.states[k][BEFORE + axis];
             if k < program.blocks() {
                 let change = |point: &Point| point.input(k, axis) - before(point);
-                sum += prices.input * a.input(k, axis) * b.input(k, axis)
-                    + prices.change * change(a) * change(b);
+                sum += penalties.input * a.input(k, axis) * b.input(k, axis)
+                    + penalties.change * change(a) * change(b);
             } else if k < program.horizon() {
-                sum += prices.input * before(a) * before(b);
+                sum += penalties.input * before(a) * before(b);
             }
         }
     }
@@ -52,8 +52,11 @@ fn curvature(program: &QuadraticProgram, a: &Point, b: &Point) -> f64 {
 }
 
 fn slope(program: &QuadraticProgram, at: &Point) -> f64 {
-    let slacks =
-        at.unknowns.iter().skip(INPUT * program.blocks()).map(|slack| program.prices.slack * slack);
+    let slacks = at
+        .unknowns
+        .iter()
+        .skip(INPUT * program.blocks())
+        .map(|slack| program.penalties.slack * slack);
     let states = program
         .stages
         .iter()

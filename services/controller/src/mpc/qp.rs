@@ -83,9 +83,9 @@ impl Row {
     }
 }
 
-/// What inputs and slacks cost.
+/// Weights of inputs and of their changes, and penalties of slacks.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Prices {
+pub struct Penalties {
     /// R.
     pub input: f64,
     /// S.
@@ -103,8 +103,8 @@ pub struct QuadraticProgram {
     pub stages: Vec<Stage>,
     /// What is bounded.
     pub rows: Vec<Row>,
-    /// What inputs and slacks cost.
-    pub prices: Prices,
+    /// Weights and penalties.
+    pub penalties: Penalties,
     blocks: usize,
     slacks: usize,
     /// How many entries of ξ count; the others are zero, or nothing depends on them.
@@ -118,12 +118,12 @@ impl QuadraticProgram {
         blocks: usize,
         slacks: usize,
         rows: Vec<Row>,
-        prices: Prices,
+        penalties: Penalties,
     ) -> Self {
         Self {
             stages: vec![Stage::ZERO; horizon + 1],
             rows,
-            prices,
+            penalties,
             blocks,
             slacks,
             entries: WIDTH,
@@ -158,23 +158,26 @@ impl QuadraticProgram {
     /// Writes F and G for new Jacobians,
     ///
     /// ```text
-    /// x⁺ = A x + B α + C a      p⁺ = u      a⁺ = α = (1 − w) u + w p      w: `carry`
+    /// x⁺ = A x + B α + C a      p⁺ = u      a⁺ = α = (1 − w) u + w p      w: `delay_fraction`
     /// ```
     /// where u = p from period C on. O(N), does not allocate.
-    pub fn set_dynamics(&mut self, steps: &[Linearised], carry: f64) {
+    pub fn set_dynamics(&mut self, steps: &[Linearised], delay_fraction: f64) {
         let looks_back = steps.iter().any(|step| step.by_acted.iter().any(|value| *value != 0.0));
-        let remembers =
-            looks_back || carry != 0.0 || self.prices.change != 0.0 || self.blocks < self.horizon();
+        let remembers = looks_back
+            || delay_fraction != 0.0
+            || self.penalties.change != 0.0
+            || self.blocks < self.horizon();
         self.entries = match (
             remembers || self.rows.iter().any(|row| row.first == BEFORE),
-            looks_back && carry != 0.0,
+            looks_back && delay_fraction != 0.0,
         ) {
             (_, true) => WIDTH,
             (true, false) => ACTED,
             (false, false) => STATE,
         };
         for (k, (stage, step)) in self.stages.iter_mut().zip(steps).enumerate() {
-            let (free, carried) = if k < self.blocks { (1.0 - carry, carry) } else { (0.0, 1.0) };
+            let (free, delayed) =
+                if k < self.blocks { (1.0 - delay_fraction, delay_fraction) } else { (0.0, 1.0) };
             for (column, by) in stage.transition.iter_mut().zip(step.by_state.column_iter()) {
                 column[..STATE].copy_from_slice(by.as_slice());
             }
@@ -182,14 +185,14 @@ impl QuadraticProgram {
                 let (mut input, mut before, mut acted) = ([0.0; WIDTH], [0.0; WIDTH], [0.0; WIDTH]);
                 for row in 0..STATE {
                     (input[row], before[row]) =
-                        (free * step.by_input[(row, i)], carried * step.by_input[(row, i)]);
-                    // Where nothing is carried, a = p.
-                    let remembered = if carry == 0.0 { &mut before } else { &mut acted };
+                        (free * step.by_input[(row, i)], delayed * step.by_input[(row, i)]);
+                    // Without a fraction, a = p.
+                    let remembered = if delay_fraction == 0.0 { &mut before } else { &mut acted };
                     remembered[row] += step.by_acted[(row, i)];
                 }
                 (input[BEFORE + i], before[BEFORE + i]) =
                     if k < self.blocks { (1.0, 0.0) } else { (0.0, 1.0) };
-                (input[ACTED + i], before[ACTED + i]) = (free, carried);
+                (input[ACTED + i], before[ACTED + i]) = (free, delayed);
                 (stage.drive[i], stage.transition[BEFORE + i], stage.transition[ACTED + i]) =
                     (input, before, acted);
             }
@@ -216,7 +219,7 @@ impl QuadraticProgram {
 
     /// The input of the free period `k` differs from the one before by `change` on one axis.
     pub fn add_change(&mut self, k: usize, axis: usize, change: f64) {
-        let slope = self.prices.change * change;
+        let slope = self.penalties.change * change;
         if let Some(stage) = self.stages.get_mut(k) {
             stage.input_gradient[axis] += slope;
             stage.gradient[BEFORE + axis] -= slope;

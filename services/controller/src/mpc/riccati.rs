@@ -106,11 +106,11 @@ impl Riccati {
                     for j in 0..=i {
                         curvature[i][j] = dot::<D>(&stage.drive[i], &driven[j]);
                     }
-                    curvature[i][i] += program.prices.input + program.prices.change;
+                    curvature[i][i] += program.penalties.input + program.penalties.change;
                     for c in 0..D {
                         whitened[i][c] = dot::<D>(&stage.drive[i], &weighted[c]);
                     }
-                    whitened[i][BEFORE + i] -= program.prices.change;
+                    whitened[i][BEFORE + i] -= program.penalties.change;
                 }
                 let Some(inverse) = inverse_factor(&curvature) else { return false };
                 factor.inverse = inverse;
@@ -147,7 +147,7 @@ impl Riccati {
             add_curvature(&mut value, stage);
             for axis in BEFORE..BEFORE + INPUT {
                 value[axis][axis] +=
-                    if free { program.prices.change } else { program.prices.input };
+                    if free { program.penalties.change } else { program.penalties.input };
             }
         }
         true

@@ -102,17 +102,17 @@ proptest! {
     #[test]
     fn the_programs_gradient_is_that_of_the_cost(
         pose in prop::array::uniform3(-0.4..0.4_f64), velocity in prop::array::uniform3(-0.8..0.8_f64), input in prop::array::uniform3(-0.5..0.5_f64),
-        carry in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
+        delay_fraction in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
         let learned = echoes.then_some(&Echo as &dyn Residual);
-        let belief = Belief { main: &main, learned, foresight: None, disturbance: [0.02, -0.01, 0.03], carry };
+        let belief = Belief { main: &main, learned, foresight: None, disturbance: [0.02, -0.01, 0.03], delay_fraction };
         let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
         let (state, reference) = (State { pose, velocity, ..State::default() }, circle(0, 7));
         mpc.begin_at(&state);
         mpc.prepare(&reference, &belief);
         mpc.roll_out(&state, &input, &belief);
-        mpc.program.set_dynamics(&mpc.steps, belief.carry);
+        mpc.program.set_dynamics(&mpc.steps, belief.delay_fraction);
         mpc.build(&input, &reference);
         let gradient = oracle::Dense::of(&mpc.program).gradient;
         let deviation = mpc.deviation.clone();
@@ -134,7 +134,7 @@ proptest! {
         pose in prop::array::uniform3(-50.0..50.0_f64), velocity in prop::array::uniform3(-8.0..8.0_f64), last in prop::array::uniform3(-4.0..4.0_f64)
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+        let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], delay_fraction: 0.0 };
         let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
         let last = mpc.limits.clamp(&last);
         mpc.prepare(&circle(0, 7), &belief);
@@ -169,11 +169,11 @@ proptest! {
     #[test]
     fn on_a_straight_line_a_surprise_is_answered_as_if_it_had_been_known(
         place in prop::array::uniform2(-0.5..0.5_f64), velocity in prop::array::uniform2(-0.6..0.6_f64), acted in prop::array::uniform2(-0.5..0.5_f64),
-        push in prop::array::uniform2(-0.05..0.05_f64), carry in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
+        push in prop::array::uniform2(-0.05..0.05_f64), delay_fraction in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
         let learned = echoes.then_some(&Echo as &dyn Residual);
-        let belief = Belief { main: &main, learned, foresight: None, disturbance: [0.01, -0.02, 0.0], carry };
+        let belief = Belief { main: &main, learned, foresight: None, disturbance: [0.01, -0.02, 0.0], delay_fraction };
         let surprised = Belief { disturbance: [push[0], push[1], 0.0], ..belief };
         let start = State { pose: [0.0, 0.1, 0.0], velocity: [1.4, 0.0, 0.0], acted: [1.5, 0.0, 0.0] };
         let mut robot = Robot::example();
@@ -214,8 +214,13 @@ proptest! {
 #[test]
 fn what_was_not_expected_is_answered_from_the_measured_state() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief =
-        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief = Belief {
+        main: &main,
+        learned: None,
+        foresight: None,
+        disturbance: [0.0; 3],
+        delay_fraction: 0.0,
+    };
     let settings = MpcSettings { linearise: Linearise::Expected, ..settings() };
     let start = State { velocity: [1.5, 0.0, 0.75], ..State::default() };
     let turned = State { pose: [0.0, 0.0, 0.075 - std::f64::consts::TAU], ..start };
@@ -241,8 +246,13 @@ fn what_was_not_expected_is_answered_from_the_measured_state() -> Result<(), Mpc
 #[test]
 fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief =
-        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief = Belief {
+        main: &main,
+        learned: None,
+        foresight: None,
+        disturbance: [0.0; 3],
+        delay_fraction: 0.0,
+    };
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let state = State { pose: [0.02, -0.03, 0.01], velocity: [1.4, 0.0, 0.7], ..State::default() };
     mpc.prepare(&circle(0, 7), &belief);
@@ -260,8 +270,13 @@ fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError>
 #[test]
 fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief =
-        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief = Belief {
+        main: &main,
+        learned: None,
+        foresight: None,
+        disturbance: [0.0; 3],
+        delay_fraction: 0.0,
+    };
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let (mut state, mut input) =
         (State { pose: [0.0, -0.8, 0.3], velocity: [0.0; 3], ..State::default() }, [0.0; 3]);
@@ -286,8 +301,13 @@ fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
     let push = [0.05, -0.03, 0.02];
     let (mut state, mut input) = (State::default(), [0.0; 3]);
     for _ in 0..120 {
-        let belief =
-            Belief { main: &main, learned: None, foresight: None, disturbance, carry: 0.0 };
+        let belief = Belief {
+            main: &main,
+            learned: None,
+            foresight: None,
+            disturbance,
+            delay_fraction: 0.0,
+        };
         mpc.prepare(&still, &belief);
         assert!(mpc.iterate(&state, &input, &still, &belief).outcome.usable());
         input = mpc.stages[0].input;
@@ -306,8 +326,13 @@ fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
 fn an_optimiser_whose_time_is_used_up_stops_and_the_next_answer_is_as_if_nothing_had_been()
 -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief =
-        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief = Belief {
+        main: &main,
+        learned: None,
+        foresight: None,
+        disturbance: [0.0; 3],
+        delay_fraction: 0.0,
+    };
     for solver in [SolverSetting::ActiveSet, SolverSetting::Clarabel] {
         let settings = MpcSettings { solver, ..settings() };
         let (mut stopped, mut other) = (
@@ -338,30 +363,38 @@ fn an_optimiser_whose_time_is_used_up_stops_and_the_next_answer_is_as_if_nothing
 }
 
 #[test]
-fn the_fallback_climbs_down_one_rung_after_the_other() -> Result<(), MpcError> {
-    use crate::fallback::Ladder;
-    use protocol::message::Rung;
+fn the_fallback_takes_one_level_after_the_other() -> Result<(), MpcError> {
+    use crate::fallback::FallbackChoice;
+    use protocol::message::FallbackLevel;
     let main = MainModel::new(&Robot::example(), 0.1);
     let mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
-    let mut ladder = Ladder::default();
-    let mut rung = |status| {
+    let mut fallback_choice = FallbackChoice::default();
+    let mut fallback_level = |status| {
         let outcome = Outcome { status, iterations: 1 };
-        ladder.choose(outcome, &mpc, &[0.0; 3]).map_or(Rung::Simple, |(rung, _)| rung)
+        fallback_choice
+            .choose(outcome, &mpc, &[0.0; 3])
+            .map_or(FallbackLevel::Simple, |(fallback_level, _)| fallback_level)
     };
     let (good, bad) = (Status::Solved, Status::OutOfIterations);
-    assert_eq!(rung(bad), Rung::Simple);
-    assert_eq!(rung(good), Rung::FreshPlan);
+    assert_eq!(fallback_level(bad), FallbackLevel::Simple);
+    assert_eq!(fallback_level(good), FallbackLevel::FreshPlan);
     assert_eq!(
-        (rung(bad), rung(bad), rung(bad)),
-        (Rung::ShiftedPlan, Rung::ShiftedPlan, Rung::Simple)
+        (fallback_level(bad), fallback_level(bad), fallback_level(bad)),
+        (FallbackLevel::ShiftedPlan, FallbackLevel::ShiftedPlan, FallbackLevel::Simple)
     );
-    assert_eq!((rung(good), rung(Status::Unpredictable)), (Rung::FreshPlan, Rung::Simple));
+    assert_eq!(
+        (fallback_level(good), fallback_level(Status::Unpredictable)),
+        (FallbackLevel::FreshPlan, FallbackLevel::Simple)
+    );
     // A plan that was not renewed while somebody else drove is not shifted.
-    for (status, expected) in [(bad, Rung::Simple), (good, Rung::ShiftedPlan)] {
-        ladder.look(Outcome { status, iterations: 1 });
+    for (status, expected) in [(bad, FallbackLevel::Simple), (good, FallbackLevel::ShiftedPlan)] {
+        fallback_choice.look(Outcome { status, iterations: 1 });
         let outcome = Outcome { status: bad, iterations: 1 };
-        let chosen = ladder.choose(outcome, &mpc, &[0.0; 3]);
-        assert_eq!(chosen.map_or(Rung::Simple, |(rung, _)| rung), expected);
+        let chosen = fallback_choice.choose(outcome, &mpc, &[0.0; 3]);
+        assert_eq!(
+            chosen.map_or(FallbackLevel::Simple, |(fallback_level, _)| fallback_level),
+            expected
+        );
     }
     Ok(())
 }
@@ -383,8 +416,13 @@ fn a_dropped_row_bounds_nothing_and_one_that_is_back_does() -> Result<(), MpcErr
     let mut robot = Robot::example();
     robot.drive.current_limit_a = 2.0;
     let main = MainModel::new(&robot, 0.1);
-    let belief =
-        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief = Belief {
+        main: &main,
+        learned: None,
+        foresight: None,
+        disturbance: [0.0; 3],
+        delay_fraction: 0.0,
+    };
     let mut mpc = Mpc::new(&settings(), &robot, &main)?;
     let bound = most_foretold(&mut mpc, &belief);
     assert!((0.9..1.1).contains(&bound), "{bound}");
@@ -404,8 +442,13 @@ fn a_dropped_row_bounds_nothing_and_one_that_is_back_does() -> Result<(), MpcErr
 #[test]
 fn the_lqr_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief =
-        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief = Belief {
+        main: &main,
+        learned: None,
+        foresight: None,
+        disturbance: [0.0; 3],
+        delay_fraction: 0.0,
+    };
     let settings = MpcSettings { state_limits: StateLimits::default(), ..settings() };
     let mpc = Mpc::new(&settings, &Robot::example(), &main)?;
     let (mut state, mut input) =
@@ -424,8 +467,13 @@ fn the_lqr_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
 #[test]
 fn the_simple_controller_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief =
-        Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], carry: 0.0 };
+    let belief = Belief {
+        main: &main,
+        learned: None,
+        foresight: None,
+        disturbance: [0.0; 3],
+        delay_fraction: 0.0,
+    };
     let settings = MpcSettings { state_limits: StateLimits::default(), ..settings() };
     let mpc = Mpc::new(&settings, &Robot::example(), &main)?;
     let (mut state, mut input) =

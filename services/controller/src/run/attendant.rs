@@ -1,6 +1,6 @@
 //! The thread beside the control thread: prepares models and what a person changes, frees old ones, writes events to the log.
 
-use super::desk::Desk;
+use super::change_requests::ChangeRequests;
 use super::{PATIENCE, RunError};
 use crate::adopt::{Arrival, Event, Examiner, Handover};
 use crate::control::Controller;
@@ -36,11 +36,11 @@ pub(super) fn attend(
     let _gone = Gone(&handover.attendant_gone);
     let ports = connect(identity)?;
     let mut snapshots: Source<ModelSnapshot> = ports.source(Since::Joining)?;
-    let mut desk = Desk::open(settings);
+    let mut change_requests = ChangeRequests::open(settings);
     let mut examiner = Examiner::new(Controller::expected(settings));
     while !done.requested() {
-        snapshots.wait(if desk.waits() { PROMPT } else { PATIENCE })?;
-        desk.tend(handover);
+        snapshots.wait(if change_requests.waits() { PROMPT } else { PATIENCE })?;
+        change_requests.poll(handover);
         while let Some(snapshot) = snapshots.next()? {
             let arrival = match examiner.examine(&snapshot) {
                 Ok(candidate) => Arrival::Candidate(Box::new(candidate)),
@@ -63,7 +63,7 @@ pub(super) fn attend(
         while handover.returned.pop().is_some() {}
         write_events(handover);
     }
-    desk.close(handover);
+    change_requests.close(handover);
     write_events(handover);
     Ok(())
 }
@@ -75,7 +75,9 @@ fn write_events(handover: &Handover) {
                 tracing::info!(plant_epoch = epoch, controller_epoch, "answering a plant");
             }
             Event::Adopted { version, tick } => tracing::info!(version, tick, "model adopted"),
-            Event::Rung { tick, rung, reason } => tracing::info!(tick, %rung, %reason, "rung"),
+            Event::FallbackLevel { tick, fallback_level, reason } => {
+                tracing::info!(tick, %fallback_level, %reason, "fallback level")
+            }
             Event::Sensors { tick, fault: Some(fault) } => tracing::warn!(tick, "{}", fault.text()),
             Event::Sensors { tick, fault: None } => {
                 tracing::info!(tick, "the sensors are well again");

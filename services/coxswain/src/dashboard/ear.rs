@@ -1,7 +1,7 @@
 //! Telemetry → words, on a thread of its own: whoever waits for a robot still hears the keys.
 
 use super::Event;
-use crate::lookout::{RETRY, Telescope};
+use crate::watch_command::{RETRY, WatchTarget};
 use process::Stop;
 use protocol::telemetry::Watcher;
 use std::sync::mpsc::SyncSender;
@@ -21,15 +21,11 @@ pub(super) struct Ear {
 
 impl Ear {
     /// Passes on what `watcher` hears, and reaches out again where it hears nobody any more.
-    pub(super) fn listen(
-        telescope: Telescope,
-        watcher: Watcher,
-        events: SyncSender<Event>,
-    ) -> Self {
+    pub(super) fn listen(target: WatchTarget, watcher: Watcher, events: SyncSender<Event>) -> Self {
         let done = Stop::new();
         let thread = thread::spawn({
             let done = done.clone();
-            move || listen(&telescope, watcher, &events, &done)
+            move || listen(&target, watcher, &events, &done)
         });
         Self { done, thread }
     }
@@ -44,13 +40,13 @@ impl Ear {
     }
 }
 
-fn listen(telescope: &Telescope, mut watcher: Watcher, events: &SyncSender<Event>, done: &Stop) {
+fn listen(target: &WatchTarget, mut watcher: Watcher, events: &SyncSender<Event>, done: &Stop) {
     while !done.requested() {
         let passed_on = match watcher.next(PATIENCE) {
             Ok(Some(word)) => events.send(Event::Said(word)),
             // A session that has failed is opened again.
             _ if !watcher.is_connected() => {
-                if let Ok((again, endpoint)) = telescope.open() {
+                if let Ok((again, endpoint)) = target.open() {
                     watcher = again;
                     events.send(Event::At(endpoint))
                 } else {

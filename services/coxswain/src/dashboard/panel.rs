@@ -20,9 +20,9 @@ mod processes;
 mod ticks;
 mod tracking;
 
-use super::desk::Desk;
 use super::look::Look;
 use super::picture::{Contact, Picture};
+use super::view::View;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::text::Line;
@@ -39,33 +39,33 @@ struct Scene<'a> {
 }
 
 /// Draws what is to be shown at `now`.
-pub fn draw(frame: &mut Frame<'_>, desk: &Desk, look: Look, now: Instant) {
+pub fn draw(frame: &mut Frame<'_>, view: &View, look: Look, now: Instant) {
     let [top, body, bottom] =
         Layout::vertical([Constraint::Length(1), Constraint::Fill(1), Constraint::Length(1)])
             .areas(frame.area());
-    let (picture, shown_at) = desk.shown(now);
+    let (picture, shown_at) = view.shown(now);
     let scene = Scene { picture, look, now: shown_at };
     match (frame.area().width, frame.area().height) {
-        (120.., 48..) => draw_large(frame, body, scene, desk),
-        (80.., 24..) => draw_small(frame, body, scene, desk),
+        (120.., 48..) => draw_large(frame, body, scene, view),
+        (80.., 24..) => draw_small(frame, body, scene, view),
         _ => figures::draw(frame, body, scene),
     }
-    let contact = desk.contact(now);
+    let contact = view.contact(now);
     if matches!(contact, Contact::Lost(_)) {
         look.grey_out(body, frame.buffer_mut());
     }
-    header::draw(frame, top, scene, contact, desk.is_held());
+    header::draw(frame, top, scene, contact, view.is_held());
     footer::draw(frame, bottom, scene);
-    if desk.shows_help() {
+    if view.shows_help() {
         help::draw(frame, body, look);
     }
 }
 
-fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, desk: &Desk) {
+fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, view: &View) {
     let [left, right] =
         Layout::horizontal([Constraint::Fill(1), Constraint::Length(36)]).areas(area);
     let [map, tracking] = Layout::vertical([Constraint::Fill(3), Constraint::Fill(2)]).areas(left);
-    map::draw(frame, map, scene, desk.map());
+    map::draw(frame, map, scene, view.map());
     tracking::draw(frame, tracking, scene);
     let heights = [controller::SMALL_ROWS, one_step::SMALL_ROWS, processes::SMALL_ROWS]
         .map(Constraint::Length);
@@ -77,12 +77,12 @@ fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, desk: &Desk) 
     losses::draw(frame, losses, scene);
 }
 
-fn draw_large(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, desk: &Desk) {
+fn draw_large(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, view: &View) {
     let [left, right] = Layout::horizontal([Constraint::Fill(3), Constraint::Fill(2)]).areas(area);
     let [map, tracking, one_step] =
         Layout::vertical([Constraint::Fill(3), Constraint::Fill(1), Constraint::Fill(1)])
             .areas(left);
-    map::draw(frame, map, scene, desk.map());
+    map::draw(frame, map, scene, view.map());
     tracking::draw(frame, tracking, scene);
     one_step::draw_curves(frame, one_step, scene);
     let [controller, ticks, figures, processes, losses, events] = Layout::vertical([

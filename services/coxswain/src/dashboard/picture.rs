@@ -1,7 +1,7 @@
 //! What was heard → what is shown. Nothing here knows a terminal or a clock: times are given.
 
 use super::trail::Trail;
-use protocol::message::{Exposure, Health, Participant, Plan, PlantState, Reason, Rung};
+use protocol::message::{Exposure, FallbackLevel, Health, Participant, Plan, PlantState, Reason};
 use protocol::telemetry::{Heard, Word};
 use protocol::topic::Topic;
 use std::collections::BTreeMap;
@@ -220,10 +220,10 @@ impl Picture {
             self.back = Some(now);
             self.note_at(self.seconds_of(state.stamp.tick), "the robot is back".to_owned());
         }
-        let before = self.state.as_ref().map(|before| (before.rung(), before.cause()));
+        let before = self.state.as_ref().map(|before| (before.fallback_level(), before.cause()));
         let seconds = self.seconds_of(state.stamp.tick);
-        if before.is_some_and(|before| before != (state.rung(), state.cause())) {
-            self.note_at(seconds, rung_and_reason(state.rung(), state.cause()));
+        if before.is_some_and(|before| before != (state.fallback_level(), state.cause())) {
+            self.note_at(seconds, fallback_level_and_reason(state.fallback_level(), state.cause()));
         }
         let [x, y, _] = state.pose;
         if x.is_finite() && y.is_finite() {
@@ -295,10 +295,10 @@ impl Picture {
 }
 
 /// In a person's words.
-pub fn rung_and_reason(rung: Rung, reason: Reason) -> String {
+pub fn fallback_level_and_reason(fallback_level: FallbackLevel, reason: Reason) -> String {
     match reason {
-        Reason::None => rung.to_string(),
-        reason => format!("{rung}: {reason}"),
+        Reason::None => fallback_level.to_string(),
+        reason => format!("{fallback_level}: {reason}"),
     }
 }
 

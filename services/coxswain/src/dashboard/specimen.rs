@@ -1,7 +1,7 @@
 //! A robot to be shown in tests: it drives a circle of 2 m.
 
 use super::picture::Picture;
-use protocol::message::{Health, Participant, Phase, Plan, PlantState, Rung};
+use protocol::message::{FallbackLevel, Health, Participant, Phase, Plan, PlantState};
 use protocol::telemetry::{Heard, Word};
 use protocol::topic::Topic;
 use std::time::Instant;
@@ -29,15 +29,15 @@ fn pose(tick: u64) -> [f64; 3] {
 
 pub(crate) fn state(tick: u64) -> Word {
     let mut state: PlantState = bytemuck::Zeroable::zeroed();
-    (state.stamp.tick, state.stamp.epoch, state.rung, state.pose) =
-        (tick, 1, Rung::FreshPlan.code(), pose(tick));
+    (state.stamp.tick, state.stamp.epoch, state.fallback_level, state.pose) =
+        (tick, 1, FallbackLevel::FreshPlan.code(), pose(tick));
     word(Heard::State(Box::new(state)))
 }
 
 pub(crate) fn plan(tick: u64) -> Word {
     let mut plan: Box<Plan> = Box::new(bytemuck::Zeroable::zeroed());
-    (plan.stamp.tick, plan.plant_epoch, plan.horizon, plan.rung) =
-        (tick, 1, 10, Rung::FreshPlan.code());
+    (plan.stamp.tick, plan.plant_epoch, plan.horizon, plan.fallback_level) =
+        (tick, 1, 10, FallbackLevel::FreshPlan.code());
     (plan.tick_nanos, plan.model_version, plan.learned_axes, plan.status) = (412_300, 7, 7, 1);
     (plan.residual, plan.innovation) = (RESIDUAL, INNOVATION);
     for (ahead, (predicted, reference)) in

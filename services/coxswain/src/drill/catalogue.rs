@@ -120,7 +120,7 @@ pub struct Launch {
     pub goes_astray: Option<&'static str>,
     /// What is compared with what was injected.
     pub refused: Option<Refused>,
-    /// In so many periods the optimiser has no plan, and every period is answered by the controller, on whichever rung.
+    /// In so many periods the optimiser has no plan, and every period is answered by the controller, on whichever fallback level.
     pub answered: Option<u64>,
     /// Nobody whom the robot needs is touched: it must drive on fresh plans alone.
     pub undisturbed: bool,

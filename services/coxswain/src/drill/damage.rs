@@ -10,8 +10,8 @@ use gate::{Bounds, Gate};
 use protocol::VERSION;
 use protocol::frame::{self, DecodeError};
 use protocol::message::{
-    Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, Reason, ResidualSample,
-    Rung, SnapshotHead, Stamp, TAIL_MAX, Truth,
+    Command, Credit, FallbackLevel, Health, Message, ModelSnapshot, Plan, PlantState, Reason,
+    ResidualSample, SnapshotHead, Stamp, TAIL_MAX, Truth,
 };
 use protocol::port::{Exchange, Identity, Ports, Since, Source};
 use protocol::topic::OnTopic;
@@ -198,7 +198,7 @@ fn good() -> Command {
     (command.stamp.epoch, command.stamp.writer) = CONTROLLER;
     command.stamp.tick = TICK;
     command.plant_epoch = EPOCH;
-    command.rung = Rung::FreshPlan.code();
+    command.fallback_level = FallbackLevel::FreshPlan.code();
     command.input = [0.1, 0.0, 0.0];
     command.tail_len = TAIL_MAX as u32;
     command
@@ -235,7 +235,7 @@ fn damaged(encoding: Encoding, random: &mut Pcg64Mcg) -> Vec<u8> {
             2 if matches!(encoding, Encoding::Memory) => {
                 command.tail_len = random.random_range(1 + TAIL_MAX as u32..=u32::MAX);
             }
-            3 => command.rung = random.random_range(7..=u32::MAX),
+            3 => command.fallback_level = random.random_range(7..=u32::MAX),
             4 => command.stamp.epoch = random.random_range(0..CONTROLLER.0),
             5 => command.stamp.writer = CONTROLLER.1.wrapping_add(random.random_range(1..u64::MAX)),
             _ => return encoding.sealed_as(command, VERSION, other_than(Command::KIND, random)),

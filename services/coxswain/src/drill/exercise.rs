@@ -9,8 +9,8 @@ use super::record::Record;
 use super::session::{Home, Trouble, permits_little_shared_memory};
 use super::tracking::{self, Tracked, Windows};
 use super::{damage, launchers, refusals, rivals};
+use crate::fault_injector::{Injected, LIST};
 use crate::faults::FaultsFile;
-use crate::saboteur::{Injected, LIST};
 use process::{Stop, Witness};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -175,7 +175,7 @@ fn kill_all(home: &Home<'_>, times: u32, seed: u64, stop: &Stop) -> Result<Measu
         let record = session.record()?;
         let fresh = record
             .of("state")
-            .find(|state| state.word("rung") == "fresh plan")
+            .find(|state| state.word("fallback_level") == "fresh plan")
             .map(|state| state.stamp("sent_nanos"));
         match fresh.map(|at| at.saturating_sub(session.begun_nanos) as f64 * 1e-9) {
             // The first launch is no restart.

@@ -16,8 +16,8 @@ pub mod excuse;
 use super::catalogue::Launch;
 use super::oracle::{Limits, Rule, Violation, judge};
 use super::record::{Message, Record};
+use crate::fault_injector::Injected;
 use crate::graph::{Processes, is_needed};
-use crate::saboteur::Injected;
 use excuse::{Timeline, Unseen, unseen, unseen_in_lock_step};
 use process::Gap;
 use protocol::message::Participant;
@@ -172,18 +172,18 @@ fn judge_unseen(unseen: Unseen, violations: &mut Vec<String>) -> usize {
 
 /// Whether the robot is latched because it was too far from its reference.
 pub(super) fn is_stopped_astray(state: &Message) -> bool {
-    state.word("rung") == "latched stop"
+    state.word("fallback_level") == "latched stop"
         && matches!(state.word("reason"), "position error" | "heading error")
 }
 
 /// Whether nobody answered the period in time.
 fn is_missed(state: &Message) -> bool {
-    matches!(state.word("rung"), "stored tail" | "brake" | "latched stop")
+    matches!(state.word("fallback_level"), "stored tail" | "brake" | "latched stop")
 }
 
 /// Whether the period was answered by a controller whose optimiser had no plan.
 fn fell(state: &Message) -> bool {
-    matches!(state.word("rung"), "shifted plan" | "simple controller")
+    matches!(state.word("fallback_level"), "shifted plan" | "simple controller")
 }
 
 /// The longest way back of `who`; a violation for each that was too long.
@@ -238,7 +238,8 @@ fn comebacks(record: &Record, who: Participant) -> Vec<u64> {
     let first = |instance: (u64, u64), at: u64| seen.insert(instance).then_some(at);
     let mut back: Vec<u64> = match who {
         Participant::Plant | Participant::Controller => {
-            let fresh = record.of("state").filter(|state| state.word("rung") == "fresh plan");
+            let fresh =
+                record.of("state").filter(|state| state.word("fallback_level") == "fresh plan");
             let instances = fresh.map(|state| {
                 ((state.stamp("epoch"), state.count("accepted_epoch")), state.stamp("sent_nanos"))
             });
@@ -278,8 +279,9 @@ fn judge_driving(
 ) -> usize {
     // A robot that is known to leave its path ends latched, as it should.
     let stops = |state: &Message| launch.goes_astray.is_some() && is_stopped_astray(state);
-    let below =
-        |state: &Message| !matches!(state.word("rung"), "fresh plan" | "waiting") && !stops(state);
+    let below = |state: &Message| {
+        !matches!(state.word("fallback_level"), "fresh plan" | "waiting") && !stops(state)
+    };
     let epochs: BTreeSet<u64> = states.iter().map(|state| state.stamp("epoch")).collect();
     let timelines: BTreeMap<u64, Timeline> =
         epochs.into_iter().map(|epoch| (epoch, Timeline::of(states, epoch, period_s))).collect();
@@ -309,19 +311,20 @@ fn judge_driving(
             .filter_map(|&index| states.get(index))
             .filter(|state| launch.undisturbed || !fell(state))
         {
-            let (tick, rung, reason) =
-                (state.stamp("tick"), state.word("rung"), state.word("reason"));
+            let (tick, fallback_level, reason) =
+                (state.stamp("tick"), state.word("fallback_level"), state.word("reason"));
             let expected = if launch.undisturbed {
                 "fresh plans alone: nobody was touched whom the robot needs"
             } else {
                 "an answer of the controller"
             };
-            violations.push(format!("{rung} ({reason}) at tick {tick}, expected {expected}"));
+            violations
+                .push(format!("{fallback_level} ({reason}) at tick {tick}, expected {expected}"));
         }
     }
     match states.last() {
         None => violations.push("nothing is in the record".to_owned()),
-        Some(_) if states.iter().all(|state| state.word("rung") == "waiting") => {
+        Some(_) if states.iter().all(|state| state.word("fallback_level") == "waiting") => {
             violations.push("it never drove".to_owned());
         }
         Some(_) if unexcused.last() == Some(&(states.len() - 1)) => {
@@ -370,7 +373,7 @@ mod tests {
     fn judged(used: &[u64], ends: &[u64]) -> (Option<f64>, Vec<String>) {
         let state = |(epoch, at): (usize, &u64)| Message {
             topic: "state".to_owned(),
-            says: json!({"stamp": {"epoch": 1, "sent_nanos": at * MS}, "accepted_epoch": epoch + 1, "rung": "fresh plan"}),
+            says: json!({"stamp": {"epoch": 1, "sent_nanos": at * MS}, "accepted_epoch": epoch + 1, "fallback_level": "fresh plan"}),
         };
         let record = Record::of_messages(used.iter().enumerate().map(state).collect());
         let end = |at: &u64| Injected {

@@ -8,7 +8,7 @@
 //! | c    | of two controller epochs the greater takes over from the smaller, once in a period at most, and never the other way;   |
 //! |      | of two writers of one epoch another is heard when the first has been silent                                            |
 //! | d    | when nothing acts, from 3 T after the last good command on at the latest, the wheels slow down along the ramp to rest  |
-//! | e    | every change of rung has its reason; the gate's brake is left after 3 good periods                                     |
+//! | e    | every change of fallback level has its reason; the gate's brake is left after 3 good periods                                     |
 //! | f    | what was sent is in the record or was counted as lost by it, for every topic and writer                                |
 //! | g    | what acts is what its controller said for this moment: the input, or the entry of its tail for a state so old          |
 //! | h    | the robot stays as near to its reference as physics allows (`tracking`, beside this module)                            |
@@ -102,7 +102,7 @@ pub enum Rule {
     Epoch,
     /// The ramp of the brake.
     Ramp,
-    /// A reason for every change of rung.
+    /// A reason for every change of fallback level.
     Reason,
     /// Three good periods before the brake is left.
     Recovery,
@@ -151,7 +151,7 @@ pub fn judge(record: &Record, limits: &Limits) -> Vec<Violation> {
         }
     }
     for (&epoch, ticks) in &states {
-        judge_rungs(epoch, ticks, truths.get(&epoch).unwrap_or(&none), &mut violations);
+        judge_fallback_levels(epoch, ticks, truths.get(&epoch).unwrap_or(&none), &mut violations);
         judge_accepted(epoch, ticks, limits, &mut violations);
     }
     counting::judge(record, &mut violations);
@@ -207,7 +207,7 @@ fn judge_accepted(
 }
 
 /// Rule e, of one plant epoch.
-fn judge_rungs(
+fn judge_fallback_levels(
     epoch: u64,
     states: &Ticks<'_>,
     truths: &Ticks<'_>,
@@ -223,7 +223,7 @@ fn judge_rungs(
         let Some(before) = tick.checked_sub(1).and_then(|before| states.get(&before)) else {
             continue;
         };
-        let (from, to) = (before.word("rung"), state.word("rung"));
+        let (from, to) = (before.word("fallback_level"), state.word("fallback_level"));
         if from == to {
             continue;
         }

@@ -48,7 +48,7 @@ pub(super) fn partition(home: &Home<'_>, cuts: &[u64], stop: &Stop) -> Result<Me
     let limits = home.limits()?;
     let fresh: Vec<u64> = record
         .of("state")
-        .filter(|state| state.word("rung") == "fresh plan")
+        .filter(|state| state.word("fallback_level") == "fresh plan")
         .map(|state| state.stamp("sent_nanos"))
         .collect();
     let notes = vec![format!("the two hosts are {}", hosts.kind())];

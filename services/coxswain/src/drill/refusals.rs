@@ -152,7 +152,7 @@ mod tests {
         let run = tempfile::tempdir()?;
         fs::write(
             run.path().join("learner.log"),
-            "WARN learner::liar: a bad snapshot is sent kind=\"nan\" version=2 tick=50\n",
+            "WARN learner::fault_injector: a bad snapshot is sent kind=\"nan\" version=2 tick=50\n",
         )?;
         let judged = |versions: &[u64], refused: u64| {
             let command = |(tick, &version): (usize, &u64)| Message {

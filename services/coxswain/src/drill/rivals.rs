@@ -156,7 +156,11 @@ fn conclude(
 ) -> Result<Record, Trouble> {
     session.end()?;
     let record = session.record()?;
-    if record.of("state").next_back().is_none_or(|state| state.word("rung") != "fresh plan") {
+    if record
+        .of("state")
+        .next_back()
+        .is_none_or(|state| state.word("fallback_level") != "fresh plan")
+    {
         measured.violations.push("it does not drive at the end".to_owned());
     }
     judge_wheels(&record, &home.limits()?, measured);

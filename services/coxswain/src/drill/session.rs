@@ -258,7 +258,7 @@ impl<'a> Home<'a> {
         let files = |folder: &Path| {
             fs::read_dir(folder).into_iter().flatten().flatten().map(|file| file.path())
         };
-        let berths = files(self.folder.path()).filter(|path| {
+        let bases = files(self.folder.path()).filter(|path| {
             path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("coxswain-"))
         });
         let ours = |path: &PathBuf| {
@@ -266,7 +266,7 @@ impl<'a> Home<'a> {
                 .and_then(OsStr::to_str)
                 .is_some_and(|file| names.iter().any(|name| file.contains(name.as_str())))
         };
-        berths
+        bases
             .chain(files(Path::new("/dev/shm")).filter(ours))
             .map(|path| path.display().to_string())
             .collect()

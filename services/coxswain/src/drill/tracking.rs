@@ -155,10 +155,12 @@ enum Answer {
 
 impl Answer {
     fn of(state: &Message) -> Self {
-        match state.word("rung") {
+        match state.word("fallback_level") {
             "fresh plan" => Self::Fresh,
             "shifted plan" | "simple controller" => Self::WithoutOptimiser,
-            rung => Self::Missing { brakes: matches!(rung, "brake" | "latched stop") },
+            fallback_level => {
+                Self::Missing { brakes: matches!(fallback_level, "brake" | "latched stop") }
+            }
         }
     }
 }

@@ -12,7 +12,7 @@ use controller::reference::{PointsError, Reference};
 use controller::settings::StateLimits;
 use process::{Pulse, Stop};
 use protocol::message::{
-    ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Rung, Truth,
+    FallbackLevel, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
 };
 use protocol::port::{OpenError, Ports, ReceiveError, Since, Source};
 use recorder::rows::Rows;
@@ -258,8 +258,11 @@ fn witness(
         let ending = stop.requested();
         while let Some(state) = states.next()? {
             let played = matches!(
-                state.rung(),
-                Rung::Waiting | Rung::FreshPlan | Rung::ShiftedPlan | Rung::Simple
+                state.fallback_level(),
+                FallbackLevel::Waiting
+                    | FallbackLevel::FreshPlan
+                    | FallbackLevel::ShiftedPlan
+                    | FallbackLevel::Simple
             );
             kept.violations += u64::from(!played);
             kept.inputs.push(state.input);
@@ -272,7 +275,7 @@ fn witness(
         }
         while let Some(plan) = plans.next()? {
             kept.plans += 1;
-            kept.simple += u64::from(plan.rung == Rung::Simple.code());
+            kept.simple += u64::from(plan.fallback_level == FallbackLevel::Simple.code());
             kept.delays
                 .push((plan.stamp.tick as f64 * period, 1e-6 * f64::from(plan.delay_micros)));
             for (axis, used) in kept.learned.iter_mut().enumerate() {

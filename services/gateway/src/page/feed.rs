@@ -7,8 +7,10 @@ use super::round;
 use super::rows::{History, PlanRow, StateRow};
 use crate::comparison::{Comparison, Row, Standing};
 use crate::settings::{About, Settings};
-use process::wishes::Settled;
-use protocol::message::{Health, ModelSnapshot, Participant, Plan, PlantState, Reason, Rung};
+use process::requests::Settled;
+use protocol::message::{
+    FallbackLevel, Health, ModelSnapshot, Participant, Plan, PlantState, Reason,
+};
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -82,7 +84,7 @@ struct Greeting<'a> {
     robot: &'a str,
     period: f64,
     about: &'a About,
-    rungs: Vec<&'static str>,
+    fallback_levels: Vec<&'static str>,
     reasons: Vec<&'static str>,
     without: Vec<[f64; 4]>,
     states: &'a History<StateRow>,
@@ -242,7 +244,10 @@ impl Feed {
             robot: &self.robot,
             period: self.period_s,
             about: &self.about,
-            rungs: Rung::ALL.iter().map(|rung| rung.text()).collect(),
+            fallback_levels: FallbackLevel::ALL
+                .iter()
+                .map(|fallback_level| fallback_level.text())
+                .collect(),
             reasons: Reason::ALL.iter().map(|reason| reason.text()).collect(),
             without: without
                 .map(|row| [self.seconds(row.tick), row.x_m, row.y_m, row.error_m].map(round))

@@ -61,9 +61,9 @@ function showFigures() {
   if (!states.length) return;
   const state = latest(states);
   const names = (list, code) => (list && list[code]) || "?";
-  const driving = state[S.rung] <= 1;
-  show("rung", names(hello.rungs, state[S.rung]), driving ? "" : "bad");
-  show("rung-more", state[S.reason] ? names(hello.reasons, state[S.reason]) : "as it should be");
+  const driving = state[S.fallbackLevel] <= 1;
+  show("fallback-level", names(hello.fallback_levels, state[S.fallbackLevel]), driving ? "" : "bad");
+  show("fallback-level-more", state[S.reason] ? names(hello.reasons, state[S.reason]) : "as it should be");
   show("place", `x ${state[S.x].toFixed(2)} m, y ${state[S.y].toFixed(2)} m, ${state[S.speed].toFixed(2)} m/s`, "quiet");
   if (!plans.length) return;
   const plan = latest(plans);

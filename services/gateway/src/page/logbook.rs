@@ -1,6 +1,6 @@
 //! Health, PlantState → one line for everything that goes wrong or is well again.
 
-use protocol::message::{Health, Participant, Phase, PlantState, Reason, Rung};
+use protocol::message::{FallbackLevel, Health, Participant, Phase, PlantState, Reason};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -183,17 +183,17 @@ impl Process {
 
 /// What the gate does otherwise than before, if anything.
 pub(super) fn gate_change(before: &PlantState, state: &PlantState) -> Option<(Sort, String)> {
-    let (from, to) = (before.rung(), state.rung());
+    let (from, to) = (before.fallback_level(), state.fallback_level());
     if from == to {
         return None;
     }
     let sort = match to {
-        Rung::FreshPlan => Sort::Mended,
-        Rung::Waiting => Sort::Note,
+        FallbackLevel::FreshPlan => Sort::Mended,
+        FallbackLevel::Waiting => Sort::Note,
         _ if from < to => Sort::Fault,
         _ => Sort::Note,
     };
-    let untold = to == Rung::FreshPlan || state.cause() == Reason::None;
+    let untold = to == FallbackLevel::FreshPlan || state.cause() == Reason::None;
     let why = if untold { String::new() } else { format!(" ({})", state.cause()) };
     Some((sort, format!("{from} → {to}{why}")))
 }
@@ -245,14 +245,14 @@ mod tests {
     }
 
     #[test]
-    fn the_gate_is_told_when_it_changes_its_rung() {
-        let state = |rung: Rung, reason: Reason| PlantState {
-            rung: rung.code(),
+    fn the_gate_is_told_when_it_changes_its_fallback_level() {
+        let state = |fallback_level: FallbackLevel, reason: Reason| PlantState {
+            fallback_level: fallback_level.code(),
             reason: reason.code(),
             ..PlantState::zeroed()
         };
-        let fresh = state(Rung::FreshPlan, Reason::None);
-        let brake = state(Rung::Brake, Reason::Missing);
+        let fresh = state(FallbackLevel::FreshPlan, Reason::None);
+        let brake = state(FallbackLevel::Brake, Reason::Missing);
         assert_eq!(gate_change(&fresh, &fresh), None);
         assert_eq!(
             gate_change(&fresh, &brake),

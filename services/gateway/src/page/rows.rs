@@ -18,13 +18,13 @@ pub(super) trait Row {
     fn absorb(&mut self, skipped: &Self);
 }
 
-/// What was measured. As JSON: `[t, x, y, yaw, speed, rung, reason]`.
+/// What was measured. As JSON: `[t, x, y, yaw, speed, fallback_level, reason]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct StateRow {
     pub(super) seconds: f64,
     pose: [f64; 3],
     speed: f64,
-    rung: u32,
+    fallback_level: u32,
     reason: u32,
 }
 
@@ -35,7 +35,7 @@ impl StateRow {
             seconds,
             pose: state.pose,
             speed: forward.hypot(left),
-            rung: state.rung,
+            fallback_level: state.fallback_level,
             reason: state.cause().code(),
         }
     }
@@ -47,8 +47,8 @@ impl Row for StateRow {
     }
 
     fn absorb(&mut self, skipped: &Self) {
-        if skipped.rung > self.rung {
-            (self.rung, self.reason) = (skipped.rung, skipped.reason);
+        if skipped.fallback_level > self.fallback_level {
+            (self.fallback_level, self.reason) = (skipped.fallback_level, skipped.reason);
         }
     }
 }
@@ -56,12 +56,12 @@ impl Row for StateRow {
 impl Serialize for StateRow {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let [x, y, yaw] = self.pose.map(round);
-        (round(self.seconds), x, y, yaw, round(self.speed), self.rung, self.reason)
+        (round(self.seconds), x, y, yaw, round(self.speed), self.fallback_level, self.reason)
             .serialize(serializer)
     }
 }
 
-/// How it was answered. As JSON: `[t, reference x, reference y, error, residual, innovation, yaw residual, yaw innovation, tick time, version, rung]`,
+/// How it was answered. As JSON: `[t, reference x, reference y, error, residual, innovation, yaw residual, yaw innovation, tick time, version, fallback_level]`,
 /// where residual and innovation are lengths in the plane, and the time is in µs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PlanRow {
@@ -72,7 +72,7 @@ pub(super) struct PlanRow {
     innovation: [f64; 3],
     tick_nanos: u64,
     version: u64,
-    rung: u32,
+    fallback_level: u32,
 }
 
 impl PlanRow {
@@ -86,7 +86,7 @@ impl PlanRow {
             innovation: plan.innovation,
             tick_nanos: plan.tick_nanos,
             version: plan.model_version,
-            rung: plan.rung,
+            fallback_level: plan.fallback_level,
         }
     }
 }
@@ -114,7 +114,7 @@ impl Serialize for PlanRow {
         );
         let row =
             (round(self.seconds), x, y, round(self.error), errors.0, errors.1, errors.2, errors.3);
-        let cost = ((self.tick_nanos as f64 * 1e-3).round(), self.version, self.rung);
+        let cost = ((self.tick_nanos as f64 * 1e-3).round(), self.version, self.fallback_level);
         (row.0, row.1, row.2, row.3, row.4, row.5, row.6, row.7, cost.0, cost.1, cost.2)
             .serialize(serializer)
     }
@@ -191,7 +191,7 @@ mod tests {
         let state = PlantState {
             pose: [1.000_000_4, 2.0, f64::NAN],
             velocity: [3.0, 4.0, 1.0],
-            rung: 5,
+            fallback_level: 5,
             reason: 2,
             ..PlantState::zeroed()
         };
@@ -199,7 +199,7 @@ mod tests {
             serde_json::to_string(&StateRow::new(&state, 0.1))?,
             "[0.1,1.0,2.0,null,5.0,5,2]"
         );
-        let stopped = PlantState { rung: 6, reason: 6, stop: 17, ..PlantState::zeroed() };
+        let stopped = PlantState { fallback_level: 6, reason: 6, stop: 17, ..PlantState::zeroed() };
         let row = serde_json::to_string(&StateRow::new(&stopped, 0.1))?;
         assert!(row.ends_with(",6,17]"), "why it stopped, not the last refusal: {row}");
         assert_eq!(

@@ -1,8 +1,8 @@
 // What the page knows: rows as the gateway sends them, in the order of time.
 
 // Columns of a state row and of a plan row.
-const S = { t: 0, x: 1, y: 2, yaw: 3, speed: 4, rung: 5, reason: 6 };
-const P = { t: 0, rx: 1, ry: 2, error: 3, residual: 4, innovation: 5, residualYaw: 6, innovationYaw: 7, tick: 8, version: 9, rung: 10 };
+const S = { t: 0, x: 1, y: 2, yaw: 3, speed: 4, fallbackLevel: 5, reason: 6 };
+const P = { t: 0, rx: 1, ry: 2, error: 3, residual: 4, innovation: 5, residualYaw: 6, innovationYaw: 7, tick: 8, version: 9, fallbackLevel: 10 };
 // Charts reach back a minute; the path reaches further, in fewer points.
 const KEPT_S = 60;
 const PATH_MAX = 4000;

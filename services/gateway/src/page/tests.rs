@@ -5,7 +5,7 @@ use crate::comparison::{self, Row};
 use crate::settings::{About, PageSettings, Rates, Settings};
 use bytemuck::Zeroable;
 use process::Run;
-use protocol::message::{Health, Participant, Phase, Plan, PlantState, Rung};
+use protocol::message::{FallbackLevel, Health, Participant, Phase, Plan, PlantState};
 use protocol::port::Links;
 use protocol::telemetry::TelemetrySettings;
 use serde_json::Value;
@@ -73,9 +73,12 @@ impl Tab {
     }
 }
 
-fn state(tick: u64, epoch: u64, rung: Rung) -> PlantState {
-    let mut state =
-        PlantState { rung: rung.code(), pose: [tick as f64, 0.0, 0.0], ..PlantState::zeroed() };
+fn state(tick: u64, epoch: u64, fallback_level: FallbackLevel) -> PlantState {
+    let mut state = PlantState {
+        fallback_level: fallback_level.code(),
+        pose: [tick as f64, 0.0, 0.0],
+        ..PlantState::zeroed()
+    };
     (state.stamp.tick, state.stamp.epoch, state.stamp.writer) = (tick, epoch, epoch);
     state
 }
@@ -104,7 +107,7 @@ fn who_comes_late_sees_the_path_so_far_and_then_what_is_new() -> Outcome {
     let begin = Instant::now();
     let after = |tick: u64| begin + Duration::from_millis(100 * (tick + 1));
     for tick in 0..50 {
-        page.feed().hear_state(&state(tick, 1, Rung::FreshPlan));
+        page.feed().hear_state(&state(tick, 1, FallbackLevel::FreshPlan));
         page.feed().hear_plan(&plan(tick, 1, 1.0));
         page.turn(after(tick));
     }
@@ -122,7 +125,7 @@ fn who_comes_late_sees_the_path_so_far_and_then_what_is_new() -> Outcome {
     assert_eq!(hello["without"][2], serde_json::json!([0.2, 0.0, 1.0, 2.0]));
     assert_eq!(hello["compared"], serde_json::json!({"since": 0, "with": 1.0, "without": 2.0}));
     assert!(!hello.to_string().contains("without.csv"), "no path of this machine is told");
-    page.feed().hear_state(&state(51, 1, Rung::FreshPlan));
+    page.feed().hear_state(&state(51, 1, FallbackLevel::FreshPlan));
     page.feed().hear_plan(&plan(51, 1, 0.5));
     page.feed().hear_plan(&plan(9, 0, 9.0));
     page.turn(after(51));
@@ -155,12 +158,12 @@ fn another_life_of_the_plant_begins_a_new_path_and_what_happened_is_told() -> Ou
         page.feed().hear_state(&state(
             tick,
             1,
-            if tick < 5 { Rung::FreshPlan } else { Rung::Brake },
+            if tick < 5 { FallbackLevel::FreshPlan } else { FallbackLevel::Brake },
         ));
     }
     health.pid = 2;
     page.feed().hear_health(&health, begin);
-    page.feed().hear_state(&state(0, 2, Rung::Waiting));
+    page.feed().hear_state(&state(0, 2, FallbackLevel::Waiting));
     let mut tab = Tab::open(&page)?;
     page.turn(begin + Duration::from_secs(2));
     let (_, hello) = tab.event()?;

@@ -1,6 +1,6 @@
 //! The thread that fits, one data set after the other.
 
-use crate::fit::{FailedFit, FittedModel, Outset};
+use crate::fit::{FailedFit, FitSettings, FittedModel};
 use model::AXES;
 use model::gp::dictionary::Observation;
 use model::gp::hyperparameters::Hyperparameters;
@@ -11,7 +11,7 @@ pub(super) struct Job<const D: usize> {
     pub(super) cut: u64,
     /// With the scale of its noise each.
     pub(super) observations: Vec<(Observation<D>, f64)>,
-    /// Whether the fit begins from the outset, not where the last one ended.
+    /// Whether the fit begins from the initial hyperparameters, not where the last one ended.
     pub(super) anew: bool,
     /// Budget, in evaluations per axis.
     pub(super) evaluations_max: usize,
@@ -22,17 +22,17 @@ pub(super) type Done<const D: usize> = (u64, Result<FittedModel<D>, FailedFit>);
 
 /// Fits one job after the other, each from where the last one ended.
 pub(super) fn fit_jobs<const D: usize>(
-    mut outset: Outset<D>,
+    mut fit_settings: FitSettings<D>,
     mut start: [Hyperparameters<D>; AXES],
     inbox: &Receiver<Job<D>>,
     outbox: &Sender<Done<D>>,
 ) {
     while let Ok(job) = inbox.recv() {
-        outset.evaluations_max = job.evaluations_max;
+        fit_settings.evaluations_max = job.evaluations_max;
         if job.anew {
-            start = outset.hyperparameters();
+            start = fit_settings.hyperparameters();
         }
-        let fitted = outset.fit(&job.observations, &start);
+        let fitted = fit_settings.fit(&job.observations, &start);
         if let Ok(fitted) = &fitted {
             start = fitted.hyperparameters;
         }

@@ -205,8 +205,8 @@ mod tests {
     #[test]
     fn columns_hold_the_longest_message_and_bear_the_units_of_the_schema()
     -> Result<(), serde_json::Error> {
-        let short = json!({"disturbance": [1.0, null, 3.0], "rung": "simple controller", "variance": [[1, 2, 3]], "tick_nanos": 5}).to_string();
-        let long = json!({"disturbance": [1.0, 2.0, 0.1], "rung": "a,b", "variance": [[1, 2, 3], [4, 5, 6]], "stamp": {"sent_nanos": u64::MAX}});
+        let short = json!({"disturbance": [1.0, null, 3.0], "fallback_level": "simple controller", "variance": [[1, 2, 3]], "tick_nanos": 5}).to_string();
+        let long = json!({"disturbance": [1.0, 2.0, 0.1], "fallback_level": "a,b", "variance": [[1, 2, 3], [4, 5, 6]], "stamp": {"sent_nanos": u64::MAX}});
         let long = long.to_string();
         let schema = view::schema::<Plan>().to_string();
         let mut columns = Columns::default();
@@ -225,7 +225,7 @@ mod tests {
             ("variance_1_2 [(rad/s)²]", "", "6"),
             ("disturbance_1 [m/s]", "", "2.0"),
             ("disturbance_2 [rad/s]", "3.0", "0.1"),
-            ("rung", "simple controller", "a,b"),
+            ("fallback_level", "simple controller", "a,b"),
             ("tick_nanos [ns]", "5", ""),
             ("stamp_sent_nanos [ns]", "", "18446744073709551615"),
         ] {

@@ -1,8 +1,8 @@
 //! gate, health and list of injected faults → what happened, and when.
 
 use super::heard::{GateWords, Health};
-use process::wishes::{Outcome, Settled};
-use protocol::message::Rung;
+use process::requests::{Outcome, Settled};
+use protocol::message::FallbackLevel;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -32,7 +32,7 @@ pub(super) struct Event {
 pub(super) struct Log {
     events: Vec<Event>,
     more: u64,
-    rung: Option<Rung>,
+    fallback_level: Option<FallbackLevel>,
     refused: Option<u64>,
     /// By participant: its process instance and what it had counted.
     roles: BTreeMap<String, Role>,
@@ -64,7 +64,7 @@ impl Log {
     /// Forgets the run of an earlier plant, but not who was there.
     pub(super) fn start_over(&mut self) {
         (self.events, self.more) = (Vec::new(), 0);
-        (self.rung, self.refused, self.tick) = (None, None, 0);
+        (self.fallback_level, self.refused, self.tick) = (None, None, 0);
     }
 
     /// Hears what the gate did in a period.
@@ -72,10 +72,10 @@ impl Log {
         self.tick = self.tick.max(words.tick);
         let reason =
             if words.reason == "-" { String::new() } else { format!(" ({})", words.reason) };
-        if self.rung.replace(words.rung) != Some(words.rung)
-            && !matches!(words.rung, Rung::FreshPlan | Rung::Waiting)
+        if self.fallback_level.replace(words.fallback_level) != Some(words.fallback_level)
+            && !matches!(words.fallback_level, FallbackLevel::FreshPlan | FallbackLevel::Waiting)
         {
-            self.note(words.tick, format!("rung: {}{reason}", words.rung));
+            self.note(words.tick, format!("fallback level: {}{reason}", words.fallback_level));
         }
         let refused = self.refused.replace(words.refused);
         if refused.is_some_and(|before| words.refused > before) {
@@ -171,17 +171,17 @@ impl Log {
 mod tests {
     use super::*;
 
-    fn gate(tick: u64, rung: Rung, refused: u64) -> GateWords {
-        GateWords { epoch: 1, tick, rung, reason: "too old".into(), refused }
+    fn gate(tick: u64, fallback_level: FallbackLevel, refused: u64) -> GateWords {
+        GateWords { epoch: 1, tick, fallback_level, reason: "too old".into(), refused }
     }
 
     #[test]
     fn what_happens_again_and_again_is_one_event_that_says_how_often() {
         let mut log = Log::default();
         for tick in 0..100 {
-            log.hear_gate(&gate(tick, Rung::FreshPlan, tick));
+            log.hear_gate(&gate(tick, FallbackLevel::FreshPlan, tick));
         }
-        log.hear_gate(&gate(300, Rung::FreshPlan, 100));
+        log.hear_gate(&gate(300, FallbackLevel::FreshPlan, 100));
         let (events, more) = log.finish();
         assert_eq!((events.len(), more), (2, 0), "{events:?}");
         assert_eq!((events[0].tick, events[0].until, events[0].count), (1, 99, 99));
@@ -191,17 +191,20 @@ mod tests {
     #[test]
     fn leaving_fresh_plans_is_told_and_coming_back_is_not() {
         let mut log = Log::default();
-        for (tick, rung) in [
-            (0, Rung::Waiting),
-            (1, Rung::FreshPlan),
-            (2, Rung::StoredTail),
-            (3, Rung::Brake),
-            (60, Rung::FreshPlan),
+        for (tick, fallback_level) in [
+            (0, FallbackLevel::Waiting),
+            (1, FallbackLevel::FreshPlan),
+            (2, FallbackLevel::StoredTail),
+            (3, FallbackLevel::Brake),
+            (60, FallbackLevel::FreshPlan),
         ] {
-            log.hear_gate(&gate(tick, rung, 0));
+            log.hear_gate(&gate(tick, fallback_level, 0));
         }
         let (events, _) = log.finish();
         let told: Vec<_> = events.iter().map(|event| event.what.as_str()).collect();
-        assert_eq!(told, ["rung: stored tail (too old)", "rung: brake (too old)"]);
+        assert_eq!(
+            told,
+            ["fallback level: stored tail (too old)", "fallback level: brake (too old)"]
+        );
     }
 }

@@ -1,10 +1,10 @@
 //! recorded JSON → what the figures need of each message, beside the rows of the summary.
 
 use crate::rows::{
-    HealthRow, Mark, PlanRow, StateRow, closed, exposure, first_row, no_reason, numbers, reason,
-    rung,
+    HealthRow, Mark, PlanRow, StateRow, closed, exposure, fallback_level, first_row, no_reason,
+    numbers, reason,
 };
-use protocol::message::{Exposure, Reason, Rung};
+use protocol::message::{Exposure, FallbackLevel, Reason};
 use serde::{Deserialize, Deserializer};
 use std::collections::BTreeMap;
 
@@ -13,8 +13,8 @@ use std::collections::BTreeMap;
 pub(super) struct State {
     stamp: Mark,
     accepted_epoch: u64,
-    #[serde(deserialize_with = "rung")]
-    rung: Rung,
+    #[serde(alias = "rung", deserialize_with = "fallback_level")]
+    fallback_level: FallbackLevel,
     reason: String,
     refused: u64,
     #[serde(deserialize_with = "numbers")]
@@ -44,7 +44,7 @@ pub(super) struct StateTick {
     pub(super) velocity: [f64; 3],
     /// Front-right, front-left, rear-left, rear-right \[rad/s\].
     pub(super) wheel_speed: [f64; 4],
-    pub(super) rung: Rung,
+    pub(super) fallback_level: FallbackLevel,
 }
 
 /// What the gate said of a period.
@@ -52,7 +52,7 @@ pub(super) struct StateTick {
 pub(super) struct GateWords {
     pub(super) epoch: u64,
     pub(super) tick: u64,
-    pub(super) rung: Rung,
+    pub(super) fallback_level: FallbackLevel,
     pub(super) reason: String,
     /// Commands refused so far.
     pub(super) refused: u64,
@@ -61,13 +61,21 @@ pub(super) struct GateWords {
 impl State {
     pub(super) fn parts(self) -> (StateRow, StateTick, GateWords) {
         let Self {
-            stamp, accepted_epoch, rung, refused, pose, velocity, wheel_speed, stop, ..
+            stamp,
+            accepted_epoch,
+            fallback_level,
+            refused,
+            pose,
+            velocity,
+            wheel_speed,
+            stop,
+            ..
         } = self;
         let reason = if stop == Reason::None { self.reason } else { stop.text().to_owned() };
         (
-            StateRow { stamp, accepted_epoch, rung, stop, pose, velocity },
-            StateTick { tick: stamp.tick, pose, velocity, wheel_speed, rung },
-            GateWords { epoch: stamp.epoch, tick: stamp.tick, rung, reason, refused },
+            StateRow { stamp, accepted_epoch, fallback_level, stop, pose, velocity },
+            StateTick { tick: stamp.tick, pose, velocity, wheel_speed, fallback_level },
+            GateWords { epoch: stamp.epoch, tick: stamp.tick, fallback_level, reason, refused },
         )
     }
 }

@@ -41,7 +41,7 @@ pub(super) fn page(records: &[Record]) -> String {
         learning::versions(&shared),
         learning::band(&shared),
         running::ticks(&shared),
-        running::rungs(&shared),
+        running::fallback_levels(&shared),
     ];
     for figure in figures {
         write_figure(&mut html, &figure);

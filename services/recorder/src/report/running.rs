@@ -1,10 +1,10 @@
-//! How the run went: tick times against the deadline, rungs and faults.
+//! How the run went: tick times against the deadline, fallback levels and faults.
 
 use super::axis::{Axis, Extent};
 use super::figure::{Figure, Key, Look, Records, gap};
 use super::panel::Panel;
 use super::record::Record;
-use protocol::message::Rung;
+use protocol::message::FallbackLevel;
 use protocol::topic::Topic;
 
 /// Height of one record's bars in a lane, and of a lane without \[units\].
@@ -50,15 +50,24 @@ pub(super) fn ticks(records: &Records<'_>) -> Figure {
 }
 
 /// What acted on the wheels, and when something happened.
-pub(super) fn rungs(records: &Records<'_>) -> Figure {
+pub(super) fn fallback_levels(records: &Records<'_>) -> Figure {
     let about = "Where the input of each period came from, the best first; what happened beside is marked, and listed below.";
-    let mut figure = Figure::new("rungs", "Rungs and faults", about);
-    let seen = |rung: Rung| {
-        records.all().iter().any(|record| record.states.iter().any(|state| state.rung == rung))
+    let mut figure = Figure::new("fallback_levels", "Fallback levels and faults", about);
+    let seen = |fallback_level: FallbackLevel| {
+        records
+            .all()
+            .iter()
+            .any(|record| record.states.iter().any(|state| state.fallback_level == fallback_level))
     };
-    let lanes: Vec<Rung> =
-        Rung::ALL.iter().copied().filter(|&rung| rung == Rung::FreshPlan || seen(rung)).collect();
-    let mut names: Vec<String> = lanes.iter().map(|rung| rung.text().to_owned()).collect();
+    let lanes: Vec<FallbackLevel> = FallbackLevel::ALL
+        .iter()
+        .copied()
+        .filter(|&fallback_level| {
+            fallback_level == FallbackLevel::FreshPlan || seen(fallback_level)
+        })
+        .collect();
+    let mut names: Vec<String> =
+        lanes.iter().map(|fallback_level| fallback_level.text().to_owned()).collect();
     let eventful = records.all().iter().any(|record| !record.events.is_empty());
     if eventful {
         names.push("events".to_owned());
@@ -66,15 +75,16 @@ pub(super) fn rungs(records: &Records<'_>) -> Figure {
     let count = records.all().len();
     let height = names.len() as f64 * (LANE + BAR * count as f64);
     let whole = Axis::linear(Extent { low: 0.0, high: 1.0 });
-    let mut panel = Panel::new("rung", records.time, whole, records.detail).laned(names, height);
+    let mut panel =
+        Panel::new("fallback_level", records.time, whole, records.detail).laned(names, height);
     for (index, (colour, record)) in records.coloured().enumerate() {
         // A state tells of the period that is over.
         let stretch = |tick: u64| (record.time(tick.saturating_sub(1)), record.time(tick));
-        for (lane, &rung) in lanes.iter().enumerate() {
+        for (lane, &fallback_level) in lanes.iter().enumerate() {
             let stretches = record
                 .states
                 .iter()
-                .filter(|state| state.rung == rung)
+                .filter(|state| state.fallback_level == fallback_level)
                 .map(|state| stretch(state.tick));
             panel.bars(&colour, lane, (index, count), stretches);
         }
@@ -82,7 +92,7 @@ pub(super) fn rungs(records: &Records<'_>) -> Figure {
             record.events.iter().map(|event| (record.time(event.tick), record.time(event.until)));
         panel.bars(&format!("event {colour}"), lanes.len(), (index, count), happened);
     }
-    figure.panels.push(panel.finish(&format!("Rungs and events: {}", records.names())));
+    figure.panels.push(panel.finish(&format!("Fallback levels and events: {}", records.names())));
     figure.legend = records.legend(Look::Band, "", |_| true);
     figure.legend.iter_mut().for_each(|Key { colour, .. }| colour.push_str(" full"));
     figure

@@ -4,7 +4,7 @@ use super::coverage::{checks, coverage};
 use super::panel::escape;
 use super::record::Record;
 use crate::summary::root_mean_square;
-use protocol::message::Rung;
+use protocol::message::FallbackLevel;
 use serde_json::Value;
 use std::fmt::Write;
 
@@ -21,7 +21,7 @@ const FIGURES: [(&str, &str, usize, &str, &str); 19] = [
     ("tick_max_us", "control tick, longest", 0, "µs", "–"),
     ("periods", "periods from the first command on", 0, "", "–"),
     ("periods_missed", "periods missed", 0, "", "–"),
-    ("rungs", "periods by rung", 0, "", "–"),
+    ("fallback_levels", "periods by fallback level", 0, "", "–"),
     ("world_stalled_s", "world stood still", 3, "s", "–"),
     ("snapshots_published", "models published", 0, "", "–"),
     ("snapshots_adopted", "models adopted", 0, "", "–"),
@@ -142,9 +142,11 @@ fn row(html: &mut String, key: &str, title: &str, cells: impl Iterator<Item = Ce
 /// One figure of a summary.
 fn figure(key: &str, value: &Value, decimals: usize, unit: &str, none: &str) -> Cell {
     match key {
-        "rungs" => {
-            let on = |rung: &Rung| (rung.text(), value[rung.text()].as_u64().unwrap_or(0));
-            let list = listed(Rung::ALL.iter().map(on));
+        "fallback_levels" => {
+            let on = |fallback_level: &FallbackLevel| {
+                (fallback_level.text(), value[fallback_level.text()].as_u64().unwrap_or(0))
+            };
+            let list = listed(FallbackLevel::ALL.iter().map(on));
             Cell { exact: value.to_string(), written: list }
         }
         "losses" => {

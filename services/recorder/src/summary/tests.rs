@@ -29,12 +29,12 @@ fn add_epoch(rows: &mut Rows, epoch: u64, ticks: u64, errors: impl Fn(u64) -> (f
             tick_nanos: 1000 * (tick + 1),
             reference,
         });
-        let (accepted_epoch, rung) =
-            if tick == 0 { (0, Rung::Waiting) } else { (7, Rung::FreshPlan) };
+        let (accepted_epoch, fallback_level) =
+            if tick == 0 { (0, FallbackLevel::Waiting) } else { (7, FallbackLevel::FreshPlan) };
         rows.states.push(StateRow {
             stamp: mark(epoch, tick),
             accepted_epoch,
-            rung,
+            fallback_level,
             stop: Reason::None,
             pose: [0.5 + pose[0], pose[1], pose[2]],
             velocity,
@@ -174,19 +174,19 @@ fn periods_count_from_the_first_accepted_command_on() {
     let mut rows = record(10, |_| (0.0, 0.0, 0.0));
     // Nothing accepted up to tick 2; the plant still waited in the period in which the first command came.
     for state in &mut rows.states[..3] {
-        (state.accepted_epoch, state.rung) = (0, Rung::Waiting);
+        (state.accepted_epoch, state.fallback_level) = (0, FallbackLevel::Waiting);
     }
-    rows.states[3].rung = Rung::Waiting;
-    rows.states[6].rung = Rung::StoredTail;
-    rows.states[7].rung = Rung::Brake;
-    rows.states[8].rung = Rung::Simple;
+    rows.states[3].fallback_level = FallbackLevel::Waiting;
+    rows.states[6].fallback_level = FallbackLevel::StoredTail;
+    rows.states[7].fallback_level = FallbackLevel::Brake;
+    rows.states[8].fallback_level = FallbackLevel::Simple;
     let figures = summary(&rows);
     assert_eq!((figures.periods, figures.periods_missed), (6, 2));
     assert_eq!(
         (
-            figures.rungs.on(Rung::FreshPlan),
-            figures.rungs.on(Rung::Simple),
-            figures.rungs.on(Rung::Waiting)
+            figures.fallback_levels.on(FallbackLevel::FreshPlan),
+            figures.fallback_levels.on(FallbackLevel::Simple),
+            figures.fallback_levels.on(FallbackLevel::Waiting)
         ),
         (3, 1, 0)
     );
@@ -195,8 +195,8 @@ fn periods_count_from_the_first_accepted_command_on() {
 #[test]
 fn waiting_again_after_the_first_command_is_missed() {
     let mut rows = record(10, |_| (0.0, 0.0, 0.0));
-    rows.states[5].rung = Rung::Waiting;
-    rows.states[9].rung = Rung::LatchedStop;
+    rows.states[5].fallback_level = FallbackLevel::Waiting;
+    rows.states[9].fallback_level = FallbackLevel::LatchedStop;
     let figures = summary(&rows);
     assert_eq!((figures.periods, figures.periods_missed), (9, 2));
 }
@@ -261,7 +261,7 @@ fn one_process_that_strangers_can_reach_exposes_the_whole_run() {
 }
 
 #[test]
-fn the_file_has_every_figure_in_its_place_and_every_rung() {
+fn the_file_has_every_figure_in_its_place_and_every_fallback_level() {
     let json = serde_json::to_string_pretty(&summary(&record(250, |_| (f64::NAN, 0.0, 0.0))))
         .unwrap_or_default();
     let keys = [
@@ -276,7 +276,7 @@ fn the_file_has_every_figure_in_its_place_and_every_rung() {
         "tick_max_us",
         "periods",
         "periods_missed",
-        "rungs",
+        "fallback_levels",
         "waiting",
         "fresh plan",
         "shifted plan",

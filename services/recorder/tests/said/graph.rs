@@ -2,7 +2,7 @@
 
 use bytemuck::Zeroable;
 use protocol::message::{
-    Command, Health, ModelSnapshot, Participant, Plan, PlantState, ResidualSample, Rung,
+    Command, FallbackLevel, Health, ModelSnapshot, Participant, Plan, PlantState, ResidualSample,
     SnapshotHead, SolverStatus, Stamp, Truth,
 };
 use protocol::port::{OpenError, Ports, SendError, Sink};
@@ -66,12 +66,13 @@ fn at(tick: u64) -> Stamp {
 
 /// What the plant says.
 pub(crate) fn state(tick: u64) -> PlantState {
-    let (accepted_epoch, rung) = if tick == 0 { (0, Rung::Waiting) } else { (1, Rung::FreshPlan) };
+    let (accepted_epoch, fallback_level) =
+        if tick == 0 { (0, FallbackLevel::Waiting) } else { (1, FallbackLevel::FreshPlan) };
     PlantState {
         stamp: at(tick),
         pose: [tick as f64 * 0.27, 0.1, 0.2],
         accepted_epoch,
-        rung: rung.code(),
+        fallback_level: fallback_level.code(),
         ..Zeroable::zeroed()
     }
 }
@@ -84,7 +85,7 @@ pub(crate) fn truth(tick: u64) -> Truth {
         stamp: at(tick),
         pose,
         velocity: [2.7, 0.0, 0.0],
-        rung: Rung::FreshPlan.code(),
+        fallback_level: FallbackLevel::FreshPlan.code(),
         ..Zeroable::zeroed()
     }
 }
@@ -95,7 +96,7 @@ pub(crate) fn command(tick: u64) -> Command {
         stamp: at(tick),
         plant_epoch: 1,
         tail_len: 2,
-        rung: Rung::FreshPlan.code(),
+        fallback_level: FallbackLevel::FreshPlan.code(),
         ..Zeroable::zeroed()
     }
 }
@@ -107,7 +108,7 @@ pub(crate) fn plan(tick: u64) -> Plan {
     plan.plant_epoch = 1;
     plan.horizon = HORIZON;
     plan.status = SolverStatus::Solved.code();
-    plan.rung = Rung::FreshPlan.code();
+    plan.fallback_level = FallbackLevel::FreshPlan.code();
     plan.tick_nanos = 150_000;
     for (row, reference) in plan.reference.iter_mut().enumerate() {
         *reference = [(tick + row as u64) as f64 * 0.27, 0.0, 0.0, 2.7, 0.0, 0.0];

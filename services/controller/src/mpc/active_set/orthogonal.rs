@@ -98,8 +98,8 @@ impl Orthogonal {
         }
     }
 
-    /// Takes d in as the last column.
-    pub(super) fn take_in(&mut self) {
+    /// Adds d as the last column.
+    pub(super) fn add_column(&mut self) {
         let (last, end) = (self.columns, self.square.sqrt());
         let mut column = self.triangle.column_mut(last);
         column.fill(0.0);
@@ -110,8 +110,8 @@ impl Orthogonal {
         self.columns += 1;
     }
 
-    /// Lets the column at `place` go. Rotations make R triangular again.
-    pub(super) fn let_go(&mut self, place: usize) {
+    /// Drops the column at `place`. Rotations make R triangular again.
+    pub(super) fn drop_column(&mut self, place: usize) {
         self.columns -= 1;
         for column in place..self.columns {
             self.triangle.swap_columns(column, column + 1);
@@ -200,7 +200,7 @@ mod tests {
         let mut normals = Orthogonal::new(3);
         let (_, square) = normals.take_apart(&DVector::from_vec(vec![1.0, 2.0, 2.0]), 3);
         assert_eq!(square, 9.0);
-        normals.take_in();
+        normals.add_column();
         for d in [
             [f64::NAN, 0.0, 0.0],
             [0.0, f64::INFINITY, 1.0],

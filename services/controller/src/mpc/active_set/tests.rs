@@ -1,7 +1,7 @@
 use super::*;
 use crate::mpc::interior_point::{Clarabel, SolverError};
 use crate::mpc::oracle::{Dense, cost, keeps};
-use crate::mpc::qp::{BEFORE, Prices, Row, STATE};
+use crate::mpc::qp::{BEFORE, Penalties, Row, STATE};
 use crate::mpc::solver::Solver;
 use crate::settings::SolverSetting;
 use model::State;
@@ -79,9 +79,9 @@ fn program(numbers: &mut Numbers, shape: Shape) -> QuadraticProgram {
     let mut rows = Vec::new();
     (0..shape.rows).for_each(|_| rows.push(row(numbers, shape, &rows)));
     let change = if numbers.once_in(2) { 0.3 } else { 0.0 };
-    let prices = Prices { input: 0.1, change, slack: 100.0, slack_curvature: 1.0 };
+    let penalties = Penalties { input: 0.1, change, slack: 100.0, slack_curvature: 1.0 };
     let mut program =
-        QuadraticProgram::new(shape.horizon, shape.blocks, shape.slacks, rows, prices);
+        QuadraticProgram::new(shape.horizon, shape.blocks, shape.slacks, rows, penalties);
     let looks_back = numbers.once_in(2);
     let scale: [f64; 3] =
         std::array::from_fn(|_| 10_f64.powf(0.25 * shape.decades * numbers.next()));
@@ -278,7 +278,7 @@ fn what_cannot_be_answered_is_said() {
     contradictory.rows.push(row);
     let mut flat = program(&mut numbers, shape);
     flat.stages.iter_mut().for_each(|stage| stage.curvature.fill(0.0));
-    flat.prices = Prices { input: 0.0, change: 0.0, ..flat.prices };
+    flat.penalties = Penalties { input: 0.0, change: 0.0, ..flat.penalties };
     let mut unknowable = program(&mut numbers, shape);
     unknowable.stages[0].input_gradient[0] = f64::NAN;
     for (program, status) in

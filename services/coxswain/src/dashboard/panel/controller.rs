@@ -1,7 +1,7 @@
 //! What acts on the wheels and why, with which model, and how long that took.
 
 use super::{Scene, block, duration_text, period_text};
-use protocol::message::{Participant, Plan, Reason, Rung};
+use protocol::message::{FallbackLevel, Participant, Plan, Reason};
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::style::Style;
@@ -18,8 +18,9 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     let well = Style::new().fg(look.good());
     let mut lines = Vec::new();
     if let Some(state) = &picture.state {
-        let style = if state.rung() == Rung::FreshPlan { well } else { look.alarm() };
-        lines.push(row("rung", Span::styled(state.rung().text(), style)));
+        let style =
+            if state.fallback_level() == FallbackLevel::FreshPlan { well } else { look.alarm() };
+        lines.push(row("level", Span::styled(state.fallback_level().text(), style)));
         let reason =
             if state.cause() == Reason::None { "nothing unusual" } else { state.cause().text() };
         lines.push(row("reason", Span::raw(reason)));

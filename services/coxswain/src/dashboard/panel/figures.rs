@@ -1,6 +1,6 @@
 //! The figures alone, for a terminal that has no room for panels.
 
-use super::super::picture::rung_and_reason;
+use super::super::picture::fallback_level_and_reason;
 use super::{Scene, duration_text, period_text};
 use ratatui::Frame;
 use ratatui::layout::Rect;
@@ -15,7 +15,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     }
     if let Some(state) = &picture.state {
         let [x, y, yaw] = state.pose;
-        lines.push(Line::from(rung_and_reason(state.rung(), state.cause())));
+        lines.push(Line::from(fallback_level_and_reason(state.fallback_level(), state.cause())));
         lines.push(Line::from(format!("x {x:.2}  y {y:.2}  yaw {yaw:.2}")));
     }
     if let Some(plan) = &picture.plan {

@@ -1,7 +1,7 @@
 //! The keys, and what the panels mean, over everything else.
 
-use super::super::desk::KEYS;
 use super::super::look::Look;
+use super::super::view::KEYS;
 use super::block;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Rect};

@@ -1,7 +1,7 @@
 //! Where the robot is, was, should be and will be.
 
-use super::super::desk::MapWindow;
 use super::super::picture::Picture;
+use super::super::view::MapWindow;
 use super::{Scene, block};
 use ratatui::Frame;
 use ratatui::layout::Rect;

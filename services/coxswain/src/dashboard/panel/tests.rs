@@ -1,7 +1,7 @@
-use super::super::desk::{Desk, KEYS};
 use super::super::look::Look;
 use super::super::picture::Picture;
 use super::super::specimen;
+use super::super::view::{KEYS, View};
 use super::draw;
 use protocol::telemetry::Heard;
 use ratatui::Terminal;
@@ -12,10 +12,10 @@ use ratatui::style::{Color, Modifier};
 use std::convert::Infallible;
 use std::time::{Duration, Instant};
 
-/// What `desk` looks like at `now`.
-fn cells(desk: &Desk, look: Look, size: (u16, u16), now: Instant) -> Result<Buffer, Infallible> {
+/// What `view` looks like at `now`.
+fn cells(view: &View, look: Look, size: (u16, u16), now: Instant) -> Result<Buffer, Infallible> {
     let mut terminal = Terminal::new(TestBackend::new(size.0, size.1))?;
-    terminal.draw(|frame| draw(frame, desk, look, now))?;
+    terminal.draw(|frame| draw(frame, view, look, now))?;
     Ok(terminal.backend().buffer().clone())
 }
 
@@ -29,12 +29,12 @@ fn rows(buffer: &Buffer) -> Vec<String> {
         .collect()
 }
 
-fn text(desk: &Desk, size: (u16, u16), now: Instant) -> Result<String, Infallible> {
-    Ok(rows(&cells(desk, Look::Coloured, size, now)?).join("\n"))
+fn text(view: &View, size: (u16, u16), now: Instant) -> Result<String, Infallible> {
+    Ok(rows(&cells(view, Look::Coloured, size, now)?).join("\n"))
 }
 
-fn press(desk: &mut Desk, key: char, now: Instant) {
-    desk.press(KeyEvent::new(KeyCode::Char(key), KeyModifiers::NONE), now);
+fn press(view: &mut View, key: char, now: Instant) {
+    view.press(KeyEvent::new(KeyCode::Char(key), KeyModifiers::NONE), now);
 }
 
 /// Words that are on a screen whole, or were cut or covered.
@@ -53,7 +53,7 @@ const WORDS: [&str; 33] = [
     " ⠤ driven · reference o predicted ",
     " Tracking error 0.032 m ",
     " Controller ",
-    "rung   fresh plan",
+    "level  fresh plan",
     "reason nothing unusual",
     "model  7: forward left yaw",
     "tick   412 µs, 0.4 % of 100 ms",
@@ -84,9 +84,9 @@ const WORDS: [&str; 33] = [
 #[test]
 fn eighty_by_twenty_four_shows_everything_that_counts_and_cuts_nothing() -> Result<(), Infallible> {
     let begin = Instant::now();
-    let mut desk = Desk::new(specimen::picture(begin));
-    desk.live().hear(specimen::state(123), begin + Duration::from_millis(2500));
-    let shown = text(&desk, (80, 24), begin + Duration::from_millis(2500))?;
+    let mut view = View::new(specimen::picture(begin));
+    view.live().hear(specimen::state(123), begin + Duration::from_millis(2500));
+    let shown = text(&view, (80, 24), begin + Duration::from_millis(2500))?;
     assert_all(&shown, &WORDS);
     assert_all(
         &shown,
@@ -104,9 +104,9 @@ fn eighty_by_twenty_four_shows_everything_that_counts_and_cuts_nothing() -> Resu
 #[test]
 fn two_hundred_by_sixty_is_made_use_of() -> Result<(), Infallible> {
     let begin = Instant::now();
-    let mut desk = Desk::new(specimen::picture(begin));
-    desk.live().hear(specimen::state(123), begin + Duration::from_millis(2500));
-    let shown = text(&desk, (200, 60), begin + Duration::from_millis(2500))?;
+    let mut view = View::new(specimen::picture(begin));
+    view.live().hear(specimen::state(123), begin + Duration::from_millis(2500));
+    let shown = text(&view, (200, 60), begin + Duration::from_millis(2500))?;
     assert_all(&shown, &WORDS);
     let more = [
         " One-step error [m/s]: • main model ⠤ with what is learned ",
@@ -126,9 +126,9 @@ fn two_hundred_by_sixty_is_made_use_of() -> Result<(), Infallible> {
 #[test]
 fn every_frame_is_closed_at_every_size() -> Result<(), Infallible> {
     let begin = Instant::now();
-    let desk = Desk::new(specimen::picture(begin));
+    let view = View::new(specimen::picture(begin));
     for size in [(80, 24), (100, 30), (119, 50), (120, 40), (120, 48), (200, 60), (300, 90)] {
-        let shown = text(&desk, size, begin)?;
+        let shown = text(&view, size, begin)?;
         let [begun, top_right, bottom_left, ended] =
             ["┌", "┐", "└", "┘"].map(|corner| shown.matches(corner).count());
         assert!(begun >= 6 && [top_right, ended] == [begun; 2], "{size:?}\n{shown}");
@@ -142,20 +142,20 @@ fn every_frame_is_closed_at_every_size() -> Result<(), Infallible> {
 #[test]
 fn no_terminal_is_too_small_to_draw_on() -> Result<(), Infallible> {
     let begin = Instant::now();
-    let mut desk = Desk::new(specimen::picture(begin));
-    let mut empty = Desk::new(Picture::new("tcp/127.0.0.1:7448"));
+    let mut view = View::new(specimen::picture(begin));
+    let mut empty = View::new(Picture::new("tcp/127.0.0.1:7448"));
     for help in [false, true] {
         for width in [0, 1, 2, 5, 20, 79, 80, 81, 119, 120, 500] {
             for height in [0, 1, 2, 3, 5, 23, 24, 25, 47, 48, 200] {
-                text(&desk, (width, height), begin)?;
+                text(&view, (width, height), begin)?;
                 text(&empty, (width, height), begin)?;
             }
         }
-        assert!(!help || text(&desk, (20, 5), begin)?.contains("Help"));
-        press(&mut desk, 'h', begin);
+        assert!(!help || text(&view, (20, 5), begin)?.contains("Help"));
+        press(&mut view, 'h', begin);
         press(&mut empty, 'h', begin);
     }
-    let shown = text(&Desk::new(specimen::picture(begin)), (20, 5), begin)?;
+    let shown = text(&View::new(specimen::picture(begin)), (20, 5), begin)?;
     assert_all(&shown, &["live", "error 0.032 m", "fresh plan", "? help"]);
     Ok(())
 }
@@ -163,10 +163,10 @@ fn no_terminal_is_too_small_to_draw_on() -> Result<(), Infallible> {
 #[test]
 fn whoever_is_lost_is_named_and_the_last_picture_greyed() -> Result<(), Infallible> {
     let begin = Instant::now();
-    let mut desk = Desk::new(specimen::picture(begin));
+    let mut view = View::new(specimen::picture(begin));
     let later = begin + Duration::from_secs(7);
-    desk.live().look(later);
-    let buffer = cells(&desk, Look::Coloured, (80, 24), later)?;
+    view.live().look(later);
+    let buffer = cells(&view, Look::Coloured, (80, 24), later)?;
     let shown = rows(&buffer).join("\n");
     assert_all(&shown, &["LOST for 7 s, waiting for it", "fresh plan", "Tracking error 0.032 m"]);
     for (index, cell) in buffer.content().iter().enumerate().skip(80).take(80 * 22) {
@@ -175,8 +175,8 @@ fn whoever_is_lost_is_named_and_the_last_picture_greyed() -> Result<(), Infallib
             "cell {index}: {cell:?}"
         );
     }
-    desk.live().hear(specimen::state(124), later);
-    let buffer = cells(&desk, Look::Coloured, (80, 24), later)?;
+    view.live().hear(specimen::state(124), later);
+    let buffer = cells(&view, Look::Coloured, (80, 24), later)?;
     assert_all(&rows(&buffer).join("\n"), &["live: the robot is back"]);
     assert!(buffer.content().iter().all(|cell| cell.fg != Color::DarkGray));
     Ok(())
@@ -185,57 +185,57 @@ fn whoever_is_lost_is_named_and_the_last_picture_greyed() -> Result<(), Infallib
 #[test]
 fn a_held_picture_does_not_hide_that_the_robot_is_lost() -> Result<(), Infallible> {
     let begin = Instant::now();
-    let mut desk = Desk::new(specimen::picture(begin));
-    press(&mut desk, ' ', begin);
-    desk.live().hear(specimen::state(130), begin);
-    assert_all(&text(&desk, (80, 24), begin)?, &["HELD, space goes on; live", "tick 123"]);
+    let mut view = View::new(specimen::picture(begin));
+    press(&mut view, ' ', begin);
+    view.live().hear(specimen::state(130), begin);
+    assert_all(&text(&view, (80, 24), begin)?, &["HELD, space goes on; live", "tick 123"]);
     let later = begin + Duration::from_secs(7);
-    desk.live().look(later);
-    assert_all(&text(&desk, (80, 24), later)?, &["HELD, space goes on; LOST for 7 s", "tick 123"]);
+    view.live().look(later);
+    assert_all(&text(&view, (80, 24), later)?, &["HELD, space goes on; LOST for 7 s", "tick 123"]);
     Ok(())
 }
 
 #[test]
 fn help_has_every_key_and_goes_again() -> Result<(), Infallible> {
     let begin = Instant::now();
-    let mut desk = Desk::new(specimen::picture(begin));
-    press(&mut desk, '?', begin);
+    let mut view = View::new(specimen::picture(begin));
+    press(&mut view, '?', begin);
     for size in [(80, 24), (200, 60)] {
-        let shown = text(&desk, size, begin)?;
+        let shown = text(&view, size, begin)?;
         for (keys, what) in KEYS {
             assert_all(&shown, &[keys, what]);
         }
         assert_all(&shown, &["Watching takes no part: nothing reaches the robot from here."]);
     }
-    press(&mut desk, '?', begin);
-    assert!(!text(&desk, (80, 24), begin)?.contains(" Help "));
+    press(&mut view, '?', begin);
+    assert!(!text(&view, (80, 24), begin)?.contains(" Help "));
     Ok(())
 }
 
 #[test]
 fn the_map_shows_what_was_asked_for() -> Result<(), Infallible> {
     let begin = Instant::now();
-    let mut desk = Desk::new(specimen::picture(begin));
-    press(&mut desk, 'f', begin);
-    assert_all(&text(&desk, (80, 24), begin)?, &["Map: whole path, "]);
-    press(&mut desk, '0', begin);
-    press(&mut desk, '-', begin);
-    assert_all(&text(&desk, (80, 24), begin)?, &["Map: robot in the middle, 14 m across"]);
+    let mut view = View::new(specimen::picture(begin));
+    press(&mut view, 'f', begin);
+    assert_all(&text(&view, (80, 24), begin)?, &["Map: whole path, "]);
+    press(&mut view, '0', begin);
+    press(&mut view, '-', begin);
+    assert_all(&text(&view, (80, 24), begin)?, &["Map: robot in the middle, 14 m across"]);
     Ok(())
 }
 
 #[test]
 fn without_colours_everything_is_said_all_the_same() -> Result<(), Infallible> {
     let begin = Instant::now();
-    let mut desk = Desk::new(specimen::picture(begin));
+    let mut view = View::new(specimen::picture(begin));
     let later = begin + Duration::from_secs(7);
     for (lost, size) in [(false, (80, 24)), (false, (200, 60)), (true, (80, 24)), (true, (200, 60))]
     {
         if lost {
-            desk.live().look(later);
+            view.live().look(later);
         }
         let (plain, coloured) =
-            (cells(&desk, Look::Plain, size, later)?, cells(&desk, Look::Coloured, size, later)?);
+            (cells(&view, Look::Plain, size, later)?, cells(&view, Look::Coloured, size, later)?);
         assert_eq!(rows(&plain), rows(&coloured));
         assert!(
             plain.content().iter().all(|cell| (cell.fg, cell.bg) == (Color::Reset, Color::Reset))
@@ -253,18 +253,18 @@ fn without_colours_everything_is_said_all_the_same() -> Result<(), Infallible> {
 }
 
 #[test]
-fn a_rung_of_last_resort_says_why() -> Result<(), Infallible> {
+fn a_fallback_level_of_last_resort_says_why() -> Result<(), Infallible> {
     let begin = Instant::now();
-    let mut desk = Desk::new(specimen::picture(begin));
+    let mut view = View::new(specimen::picture(begin));
     let mut braking = specimen::state(124);
     if let Heard::State(state) = &mut braking.said {
-        (state.rung, state.reason) = (5, 2);
+        (state.fallback_level, state.reason) = (5, 2);
     }
-    desk.live().hear(braking, begin);
-    let shown = text(&desk, (80, 24), begin)?;
+    view.live().hear(braking, begin);
+    let shown = text(&view, (80, 24), begin)?;
     assert_all(
         &shown,
-        &["rung   brake", "reason command missing", "12.4 s: brake: command missing"],
+        &["level  brake", "reason command missing", "12.4 s: brake: command missing"],
     );
     Ok(())
 }

@@ -10,12 +10,12 @@ use protocol::view::Viewable;
 use std::time::{Duration, Instant};
 
 /// One topic on its way to the watchers.
-pub(crate) struct Lane<T> {
+pub(crate) struct TopicRelay<T> {
     pub(crate) source: Source<T>,
     turn: Turn,
 }
 
-impl<T: OnTopic + Viewable> Lane<T> {
+impl<T: OnTopic + Viewable> TopicRelay<T> {
     /// Looks on at the topic of `T`, to show it at `rate` \[Hz\].
     pub(crate) fn open(ports: &Ports, rate: f64) -> Result<Self, OpenError> {
         Ok(Self { source: ports.watcher()?, turn: Turn::new(Rates::interval(rate)) })
@@ -44,13 +44,13 @@ impl<T: OnTopic + Viewable> Lane<T> {
 }
 
 /// The one topic with many writers: each has its turn.
-pub(crate) struct HealthLane {
+pub(crate) struct HealthRelay {
     source: Source<Health>,
     turn: Turn,
     newest: [Option<Health>; Participant::ALL.len()],
 }
 
-impl HealthLane {
+impl HealthRelay {
     /// Looks on at the health of all processes, to show each at `rate` \[Hz\].
     pub(crate) fn open(ports: &Ports, rate: f64) -> Result<Self, OpenError> {
         Ok(Self {

@@ -1,6 +1,6 @@
-//! The process's own side: wishes one after the other, and the answers.
+//! The process's own side: requests one after the other, and the answers.
 
-use super::{Answer, FOLDER, Outcome, Settled, Wish, answer_file, answered, wish_file};
+use super::{Answer, FOLDER, Outcome, Request, Settled, answer_file, answered, request_file};
 use crate::{HasRun, Pace, Run};
 use protocol::clock::monotonic_nanos;
 use protocol::message::Participant;
@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 /// Longest time between two looks.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// Why a wish is refused before anybody has looked at what it says.
+/// Why a request is refused before anybody has looked at what it says.
 #[derive(Debug, thiserror::Error)]
 pub enum NotAsked {
     /// In lock step every run gives the same bits, whatever the clock says.
@@ -25,17 +25,17 @@ pub enum NotAsked {
     )]
     LockStep,
     /// Somebody wrote something else.
-    #[error("this is no wish: {0}")]
-    NoWish(#[source] io::Error),
+    #[error("this is not a request: {0}")]
+    NotARequest(#[source] io::Error),
 }
 
-/// The wishes that one process is asked.
+/// The requests to one process.
 #[derive(Debug)]
 pub struct Inbox {
     folder: PathBuf,
     role: Participant,
     pace: Pace,
-    /// Whether the run takes wishes at all.
+    /// Whether the run takes requests at all.
     open: bool,
     /// Number of the next one.
     next: u64,
@@ -53,29 +53,30 @@ impl Inbox {
         Self { folder, role, pace: run.pace, open, next, user: 0, look_at: Instant::now() }
     }
 
-    /// Whether the run takes wishes at all.
+    /// Whether the run takes requests at all.
     pub fn is_open(&self) -> bool {
         self.open
     }
 
-    /// The next wish, if there is one; nothing but a look at one name if there is none, and not more often than every 10 ms.
+    /// The next request, if there is one; nothing but a look at one name if there is none, and not more often than every 10 ms.
     /// It is to be [answered](Self::answer) before the next.
-    pub fn take(&mut self) -> Option<Result<Wish, NotAsked>> {
+    pub fn take(&mut self) -> Option<Result<Request, NotAsked>> {
         let now = Instant::now();
         if !self.open || now < self.look_at {
             return None;
         }
         self.look_at = now + LOOK;
-        let (wish, user) = match Wish::read(&wish_file(&self.folder, self.role, self.next)) {
+        let (request, user) = match Request::read(&request_file(&self.folder, self.role, self.next))
+        {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return None,
-            Err(error) => return Some(Err(NotAsked::NoWish(error))),
+            Err(error) => return Some(Err(NotAsked::NotARequest(error))),
             Ok(read) => read,
         };
         self.user = user;
-        Some(if self.pace == Pace::LockStep { Err(NotAsked::LockStep) } else { Ok(wish) })
+        Some(if self.pace == Pace::LockStep { Err(NotAsked::LockStep) } else { Ok(request) })
     }
 
-    /// Answers the wish that was taken last. From then on it is not asked again.
+    /// Answers the request that was taken last. From then on it is not asked again.
     pub fn answer(&mut self, outcome: Outcome) {
         let number = self.next;
         match &outcome {
@@ -117,7 +118,7 @@ where
     let applied =
         settled.filter(|settled| matches!(settled.answer.outcome, Outcome::Applied { .. }));
     let changes = applied
-        .map(|settled| Change::parse(&settled.wish.change))
+        .map(|settled| Change::parse(&settled.request.change))
         .collect::<Result<Vec<_>, _>>()?;
     // Most have nothing to read again.
     let settings =

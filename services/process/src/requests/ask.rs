@@ -1,6 +1,6 @@
-//! What a person wishes → a file, whole and under a number of its own.
+//! The request of a person → a file, whole and under a number of its own.
 
-use super::{FOLDER, Settled, Wish, wish_file};
+use super::{FOLDER, Request, Settled, request_file};
 use protocol::message::Participant;
 use std::fs::{self, Permissions};
 use std::io::{self, Write};
@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 /// How often it is looked whether there is an answer.
 const LOOK: Duration = Duration::from_millis(2);
 
-/// A wish could not be written.
+/// A request could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {source}", path.display())]
 pub struct AskError {
@@ -21,7 +21,7 @@ pub struct AskError {
     pub source: io::Error,
 }
 
-/// A wish that was written.
+/// A request that was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Asked {
     folder: PathBuf,
@@ -34,7 +34,7 @@ pub struct Asked {
 ///
 /// # Errors
 /// [`AskError`] if the folder cannot be written to, or is none of a run.
-pub fn ask(folder: &Path, role: Participant, wish: &Wish) -> Result<Asked, AskError> {
+pub fn ask(folder: &Path, role: Participant, request: &Request) -> Result<Asked, AskError> {
     let inside = folder.join(FOLDER);
     let failed = |path: &Path| {
         let path = path.to_owned();
@@ -43,18 +43,18 @@ pub fn ask(folder: &Path, role: Participant, wish: &Wish) -> Result<Asked, AskEr
     // The process may be another user's.
     let readable = Permissions::from_mode(0o644);
     let mut whole = tempfile::Builder::new()
-        .prefix(".wish-")
+        .prefix(".request-")
         .permissions(readable)
         .tempfile_in(&inside)
         .map_err(failed(&inside))?;
-    serde_json::to_writer(&mut whole, wish)
+    serde_json::to_writer(&mut whole, request)
         .map_err(io::Error::from)
         .and_then(|()| whole.flush())
         .map_err(failed(whole.path()))?;
     let mut number = last(&inside, role).map_err(failed(&inside))?;
     loop {
         number += 1;
-        let file = wish_file(folder, role, number);
+        let file = request_file(folder, role, number);
         // Of two who ask at once, one has the number and the other the next.
         match fs::hard_link(whole.path(), &file) {
             Ok(()) => return Ok(Asked { folder: folder.to_owned(), role, number }),

@@ -1,8 +1,8 @@
 //! Does to processes what the file of faults says, and writes down when it did.
 
-use crate::ballast::Ballast;
 use crate::faults::{ProcessFault, ProcessFaultKind};
-use crate::roster::Roster;
+use crate::memory_filler::MemoryFiller;
+use crate::processes_by_role::ProcessesByRole;
 use process::Stop;
 use protocol::clock::monotonic_nanos;
 use protocol::message::Participant;
@@ -39,7 +39,7 @@ pub struct Injected {
 
 /// Does its work on a thread of its own until it is dropped.
 #[derive(Debug)]
-pub struct Saboteur {
+pub struct FaultInjector {
     stop: Stop,
     thread: Option<JoinHandle<()>>,
 }
@@ -54,7 +54,7 @@ struct Deed {
     bytes: u64,
 }
 
-impl Saboteur {
+impl FaultInjector {
     /// Begins with `faults` now, which is when the robot begins to drive, and writes the list into the folder of the run.
     ///
     /// # Errors
@@ -63,7 +63,7 @@ impl Saboteur {
         faults: &[ProcessFault],
         seed: u64,
         period: Duration,
-        roster: Roster,
+        processes_by_role: ProcessesByRole,
         folder: &Path,
     ) -> io::Result<Self> {
         let begin = Instant::now();
@@ -72,14 +72,15 @@ impl Saboteur {
         deeds.sort_by_key(|deed| deed.at);
         let list = File::create(folder.join(LIST))?;
         let stop = Stop::new();
-        let work = Work { begin, roster, list, stop: stop.clone() };
-        let thread =
-            thread::Builder::new().name("saboteur".into()).spawn(move || work.work(&deeds))?;
+        let work = Work { begin, processes_by_role, list, stop: stop.clone() };
+        let thread = thread::Builder::new()
+            .name("fault_injector".into())
+            .spawn(move || work.work(&deeds))?;
         Ok(Self { stop, thread: Some(thread) })
     }
 }
 
-impl Drop for Saboteur {
+impl Drop for FaultInjector {
     fn drop(&mut self) {
         self.stop.request();
         if let Some(thread) = self.thread.take() {
@@ -97,7 +98,7 @@ fn deeds(fault: &ProcessFault, period: Duration, seed: u64) -> impl Iterator<Ite
 
 struct Work {
     begin: Instant,
-    roster: Roster,
+    processes_by_role: ProcessesByRole,
     list: File,
     stop: Stop,
 }
@@ -143,8 +144,8 @@ impl Work {
         self.note(deed, Some(victim));
         if deed.kind == ProcessFaultKind::Stop {
             self.sleep_until(Instant::now() + deed.lasts);
-            let roster = self.roster.lock();
-            if roster.get(&participant) == Some(&victim) {
+            let processes_by_role = self.processes_by_role.lock();
+            if processes_by_role.get(&participant) == Some(&victim) {
                 let _ = kill_process(victim, Signal::CONT);
             }
         }
@@ -152,8 +153,9 @@ impl Work {
 
     /// The process that it was done to, if there is one that lives.
     fn strike(&self, participant: Participant, deed: &Deed) -> Option<rustix::io::Result<Pid>> {
-        let roster = self.roster.lock();
-        let victim = *roster.get(&participant).filter(|&&victim| !awaits_burial(victim))?;
+        let processes_by_role = self.processes_by_role.lock();
+        let victim =
+            *processes_by_role.get(&participant).filter(|&&victim| !awaits_burial(victim))?;
         let limit = |resource| {
             let limit = Rlimit { current: Some(deed.bytes), maximum: Some(deed.bytes) };
             prlimit(Some(victim), resource, limit).map(drop)
@@ -170,8 +172,8 @@ impl Work {
 
     /// Leaves so much of it for a time.
     fn take_shared_memory(&mut self, deed: &Deed) {
-        match Ballast::taking_all_but(deed.bytes) {
-            Ok(_ballast) => {
+        match MemoryFiller::taking_all_but(deed.bytes) {
+            Ok(_memory_filler) => {
                 self.note(deed, None);
                 self.sleep_until(Instant::now() + deed.lasts);
             }

@@ -3,7 +3,7 @@
 //! Of the lines: the robot may go and come back: that is said once each time, on the standard error.
 
 use crate::terminal::Terminal;
-use crate::{berth, dashboard};
+use crate::{dashboard, registry};
 use clap::Args;
 use process::Stop;
 use protocol::access::{Credentials, Role};
@@ -89,14 +89,14 @@ impl WatchError {
 
 /// What is to be watched: an endpoint, or whatever graph runs on this machine.
 #[derive(Debug, Clone)]
-pub struct Telescope {
+pub struct WatchTarget {
     endpoint: Option<String>,
     robot: Option<String>,
     credentials: Option<Credentials>,
     base: PathBuf,
 }
 
-impl Telescope {
+impl WatchTarget {
     /// What `options` say, with the graphs of this machine in `base`.
     pub fn new(options: &WatchOptions, base: &Path) -> Self {
         let credentials = options
@@ -134,24 +134,24 @@ pub fn run(
     terminal: &mut Terminal,
     stop: &Stop,
 ) -> Result<(), WatchError> {
-    let telescope = Telescope::new(options, base);
+    let target = WatchTarget::new(options, base);
     if options.plain {
-        return print(&telescope, &mut io::stdout(), terminal, stop);
+        return print(&target, &mut io::stdout(), terminal, stop);
     }
     if !io::stdout().is_terminal() || std::env::var_os("TERM").is_some_and(|kind| kind == "dumb") {
         return Err(WatchError::NoTerminal);
     }
-    dashboard::run(telescope, stop)
+    dashboard::run(target, stop)
 }
 
 /// Prints what is heard on `out`.
 fn print(
-    telescope: &Telescope,
+    target: &WatchTarget,
     out: &mut impl Write,
     terminal: &mut Terminal,
     stop: &Stop,
 ) -> Result<(), WatchError> {
-    let (mut watcher, mut endpoint) = telescope.open()?;
+    let (mut watcher, mut endpoint) = target.open()?;
     let mut lines = Lines::default();
     let mut contact = Contact::new(Instant::now());
     while !stop.requested() {
@@ -172,7 +172,7 @@ fn print(
             terminal.say(format_args!("no word from the robot at {endpoint}; waiting for it"));
         }
         if !watcher.is_connected() {
-            match telescope.open() {
+            match target.open() {
                 Ok(again) => (watcher, endpoint) = again,
                 Err(_) => std::thread::sleep(RETRY),
             }
@@ -183,10 +183,10 @@ fn print(
 
 /// The endpoint of the one graph that can be watched on this machine.
 fn find(base: &Path) -> Result<String, WatchError> {
-    let graphs = berth::living(base);
+    let graphs = registry::living(base);
     let mut endpoints: Vec<String> = graphs
         .iter()
-        .filter_map(|graph| gateway::berth::endpoints(&graph.root()).into_iter().next())
+        .filter_map(|graph| gateway::addresses::endpoints(&graph.root()).into_iter().next())
         .collect();
     match (endpoints.pop(), endpoints.is_empty()) {
         (Some(endpoint), true) => Ok(endpoint),
@@ -282,13 +282,13 @@ fn line(state: &PlantState, seconds: f64, plan: Option<&Plan>) -> String {
         Some(plan) => format!(
             "{measured}  error {:6.3} m  {:<12}  model {:4}  tick time {:6.0} us",
             plan.position_error(),
-            state.rung().text(),
+            state.fallback_level().text(),
             plan.model_version,
             plan.tick_nanos as f64 * 1e-3
         ),
         None => format!(
             "{measured}  error      -    {:<12}  model    -  tick time      -   ",
-            state.rung().text()
+            state.fallback_level().text()
         )
         .trim_end()
         .to_owned(),
@@ -316,7 +316,7 @@ mod tests {
 
     fn state(tick: u64) -> PlantState {
         let mut state: PlantState = bytemuck::Zeroable::zeroed();
-        (state.stamp.tick, state.stamp.epoch, state.rung) = (tick, 1, 1);
+        (state.stamp.tick, state.stamp.epoch, state.fallback_level) = (tick, 1, 1);
         state
     }
 
@@ -401,20 +401,20 @@ mod tests {
     fn where_nothing_runs_an_endpoint_is_asked_for() -> Result<(), Box<dyn std::error::Error>> {
         let base = tempfile::tempdir()?;
         assert!(matches!(find(base.path()), Err(WatchError::NothingRuns)));
-        let berth = berth::Berth::take(&base.path().join("b"))?;
+        let entry = registry::GraphEntry::register(&base.path().join("b"))?;
         assert!(
             matches!(find(&base.path().join("b")), Err(WatchError::NothingRuns)),
             "a graph without gateway"
         );
-        gateway::berth::note(&berth.root(), &["tcp/127.0.0.1:1".to_owned()])?;
+        gateway::addresses::note(&entry.root(), &["tcp/127.0.0.1:1".to_owned()])?;
         assert_eq!(find(&base.path().join("b"))?, "tcp/127.0.0.1:1");
-        let other = berth::Berth::take(&base.path().join("b"))?;
-        gateway::berth::note(&other.root(), &["tcp/127.0.0.1:2".to_owned()])?;
+        let other = registry::GraphEntry::register(&base.path().join("b"))?;
+        gateway::addresses::note(&other.root(), &["tcp/127.0.0.1:2".to_owned()])?;
         assert!(
             matches!(find(&base.path().join("b")), Err(WatchError::SeveralRun { endpoints }) if endpoints.len() == 2)
         );
-        berth.leave()?;
-        other.leave()?;
+        entry.remove()?;
+        other.remove()?;
         Ok(())
     }
 }

@@ -1,10 +1,10 @@
-//! What a person wishes ▶ parts for the control thread, and an answer.
+//! The request of a person ▶ parts for the control thread, and an answer.
 
 use crate::adopt::Handover;
 use crate::control::ControllerError;
 use crate::control::tuning::{RULES, Tuned};
 use crate::settings::Settings;
-use process::wishes::{Inbox, NotAsked, Outcome, Wish};
+use process::requests::{Inbox, NotAsked, Outcome, Request};
 use protocol::message::Participant;
 use settings::change::{Change, ChangeError, changed};
 use std::sync::atomic::Ordering;
@@ -29,15 +29,15 @@ struct UnderWay {
     ready_at_tick: u64,
 }
 
-/// Takes wishes up, one at a time.
-pub(super) struct Desk {
+/// Takes requests up, one at a time.
+pub(super) struct ChangeRequests {
     inbox: Inbox,
     /// As they are in use.
     settings: Settings,
     under_way: Option<UnderWay>,
 }
 
-impl Desk {
+impl ChangeRequests {
     pub(super) fn open(settings: &Settings) -> Self {
         Self {
             inbox: Inbox::open(&settings.run, Participant::Controller),
@@ -51,15 +51,15 @@ impl Desk {
         self.under_way.is_some()
     }
 
-    /// Answers what has been put in use, and takes up the next wish.
-    pub(super) fn tend(&mut self, handover: &Handover) {
+    /// Answers what has been put in use, and takes up the next request.
+    pub(super) fn poll(&mut self, handover: &Handover) {
         self.answer_exchanged(handover);
         if self.under_way.is_some() {
             return;
         }
-        let Some(wish) = self.inbox.take() else { return };
+        let Some(request) = self.inbox.take() else { return };
         let taken_at_tick = handover.tick.load(Ordering::Relaxed);
-        match self.build(wish) {
+        match self.build(request) {
             Ok((settings, tuned)) => {
                 self.under_way = Some(UnderWay {
                     settings,
@@ -81,8 +81,8 @@ impl Desk {
         }
     }
 
-    fn build(&self, wish: Result<Wish, NotAsked>) -> Result<(Settings, Tuned), Refusal> {
-        let change = Change::parse(&wish?.change)?;
+    fn build(&self, request: Result<Request, NotAsked>) -> Result<(Settings, Tuned), Refusal> {
+        let change = Change::parse(&request?.change)?;
         let settings = changed(&self.settings, &[change], &RULES)?;
         let tuned = Tuned::new(&settings, Some(&self.settings))?;
         Ok((settings, tuned))

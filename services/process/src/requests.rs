@@ -1,10 +1,10 @@
 //! A person ▶ a running process: changes to its settings, asked for and answered by files in the folder of the run.
 //!
 //! ```text
-//! RUN/set/controller-000001.json           who wishes what, since when       by `coxswain set`
+//! RUN/set/controller-000001.json           who requests what, since when     by `coxswain set`
 //! RUN/set/controller-000001.answer.json    applied from which tick on, or why not     by the process itself
 //! ```
-//! A wish is there whole or not at all, and wishes are numbered without a gap: a process takes them up one after the other, and answers one
+//! A request is there whole or not at all, and requests are numbered without a gap: a process takes them up one after the other, and answers one
 //! before it looks at the next. Who has been started again first does what was applied before it, then what nobody has answered.
 
 mod answers;
@@ -21,19 +21,19 @@ pub use answers::Answers;
 pub use ask::{AskError, Asked, ask};
 pub use inbox::{Inbox, NotAsked, changed_before};
 
-/// The folder of the wishes in that of a run.
+/// The folder of the requests in that of a run.
 const FOLDER: &str = "set";
 
-/// Longest wish that is read \[bytes\].
-const WISH_BYTES_MAX: u64 = 1 << 16;
+/// Longest request that is read \[bytes\].
+const REQUEST_BYTES_MAX: u64 = 1 << 16;
 
-/// Longest part of a wish that is told in words \[characters\].
+/// Longest part of a request that is told in words \[characters\].
 const TOLD_MAX: usize = 200;
 
-/// What somebody wishes of a process.
+/// What a user requests of a process.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Wish {
+pub struct Request {
     /// Name of the person.
     pub who: String,
     /// When it was asked for, since 1970 \[ns\].
@@ -67,7 +67,7 @@ pub enum Outcome {
 /// Its answer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Answer {
-    /// User id of the owner of the wish's file.
+    /// User id of the owner of the request's file.
     pub user: u32,
     /// When it was answered, on the monotonic clock \[ns\].
     pub answered_nanos: u64,
@@ -76,29 +76,30 @@ pub struct Answer {
     pub outcome: Outcome,
 }
 
-/// A wish with its answer.
+/// A request with its answer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Settled {
     /// Name of the process.
     pub process: String,
-    /// Number of the wish, from 1, for each process apart.
+    /// Number of the request, from 1, for each process apart.
     pub number: u64,
-    /// What was wished.
+    /// What was requested.
     #[serde(flatten)]
-    pub wish: Wish,
+    pub request: Request,
     /// What came of it.
     #[serde(flatten)]
     pub answer: Answer,
 }
 
 impl Settled {
-    /// Wish `number` of `role` in the folder of a run, if it has been answered. One that could not be read was refused unread.
+    /// Request `number` of `role` in the folder of a run, if it has been answered. One that could not be read was refused unread.
     pub fn read(folder: &Path, role: Participant, number: u64) -> Option<Self> {
         let answer: Answer =
             serde_json::from_slice(&fs::read(answer_file(folder, role, number)).ok()?).ok()?;
-        let unread = Wish { who: String::new(), asked_unix_nanos: 0, change: String::new() };
-        let wish = Wish::read(&wish_file(folder, role, number)).map_or(unread, |(wish, _)| wish);
-        Some(Self { process: role.text().to_owned(), number, wish, answer })
+        let unread = Request { who: String::new(), asked_unix_nanos: 0, change: String::new() };
+        let request = Request::read(&request_file(folder, role, number))
+            .map_or(unread, |(request, _)| request);
+        Some(Self { process: role.text().to_owned(), number, request, answer })
     }
 }
 
@@ -118,7 +119,7 @@ impl Display for Settled {
                 line.chars().take(TOLD_MAX).chain(" …".chars()).collect()
             }
         };
-        let (who, change) = (short(&self.wish.who), short(&self.wish.change));
+        let (who, change) = (short(&self.request.who), short(&self.request.change));
         match &self.answer.outcome {
             Outcome::Applied { acts_from_tick, .. }
                 if self.process == Participant::Plant.text() =>
@@ -133,14 +134,14 @@ impl Display for Settled {
     }
 }
 
-impl Wish {
-    /// Reads a wish, and who owns its file.
+impl Request {
+    /// Reads a request, and who owns its file.
     fn read(file: &Path) -> io::Result<(Self, u32)> {
         use std::os::unix::fs::MetadataExt;
         let about = fs::metadata(file)?;
-        if !about.is_file() || about.len() > WISH_BYTES_MAX {
+        if !about.is_file() || about.len() > REQUEST_BYTES_MAX {
             return Err(io::Error::other(format!(
-                "expected a file of at most {WISH_BYTES_MAX} bytes"
+                "expected a file of at most {REQUEST_BYTES_MAX} bytes"
             )));
         }
         Ok((serde_json::from_slice(&fs::read(file)?).map_err(io::Error::other)?, about.uid()))
@@ -155,7 +156,7 @@ pub fn welcome(folder: &Path) -> io::Result<()> {
     fs::create_dir_all(folder.join(FOLDER))
 }
 
-fn wish_file(folder: &Path, role: Participant, number: u64) -> PathBuf {
+fn request_file(folder: &Path, role: Participant, number: u64) -> PathBuf {
     folder.join(FOLDER).join(format!("{}-{number:06}.json", role.text()))
 }
 
@@ -163,7 +164,7 @@ fn answer_file(folder: &Path, role: Participant, number: u64) -> PathBuf {
     folder.join(FOLDER).join(format!("{}-{number:06}.answer.json", role.text()))
 }
 
-/// How many wishes of a process have been answered.
+/// How many requests of a process have been answered.
 fn answered(folder: &Path, role: Participant) -> u64 {
     let mut number = 0;
     while answer_file(folder, role, number + 1).exists() {

@@ -1,4 +1,4 @@
-//! snapshot → bad snapshot: the learner that lies on purpose.
+//! snapshot → bad snapshot: the learner that injects faults on purpose.
 //!
 //! Only what is sent is bad: the learner itself goes on with what it has learnt, and keeps that in its file.
 
@@ -17,14 +17,14 @@ const NEXT_TO_NO_NOISE: f64 = 1e-15;
 
 /// Makes bad snapshots, and remembers good ones for it.
 #[derive(Debug)]
-pub struct Liar {
+pub struct SnapshotFaultInjector {
     faults: SnapshotFaults,
     /// The last two good ones that were sent, oldest first.
     sent: [Option<ModelSnapshot>; 2],
 }
 
-impl Liar {
-    /// One that lies as `faults` say: not at all if there are none, and then it remembers nothing.
+impl SnapshotFaultInjector {
+    /// One that injects `faults`: none if there are none, and then it remembers nothing.
     pub fn new(faults: SnapshotFaults) -> Self {
         Self { faults, sent: [None, None] }
     }
@@ -171,11 +171,12 @@ mod tests {
         for kind in SnapshotFaultKind::ALL {
             let fault =
                 SnapshotFault { kind, from_tick: 30, until_tick: Some(40), probability: 1.0 };
-            let mut liar = Liar::new(SnapshotFaults { seed: 1, snapshot: vec![fault] });
+            let mut fault_injector =
+                SnapshotFaultInjector::new(SnapshotFaults { seed: 1, snapshot: vec![fault] });
             for tick in [10, 20, 40] {
-                assert_eq!(liar.in_place_of(&good(tick)?, tick), None, "{}", kind.name());
+                assert_eq!(fault_injector.in_place_of(&good(tick)?, tick), None, "{}", kind.name());
             }
-            let bad = liar.in_place_of(&good(50)?, 30);
+            let bad = fault_injector.in_place_of(&good(50)?, 30);
             assert!(bad.is_some_and(|bad| Ok(&bad) != good(50).as_ref()), "{}", kind.name());
         }
         Ok(())
@@ -189,12 +190,16 @@ mod tests {
             until_tick: None,
             probability: 1.0,
         };
-        let mut liar = Liar::new(SnapshotFaults { seed: 1, snapshot: vec![fault] });
+        let mut fault_injector =
+            SnapshotFaultInjector::new(SnapshotFaults { seed: 1, snapshot: vec![fault] });
         for tick in [10, 20] {
-            assert_eq!(liar.in_place_of(&good(tick)?, tick), None);
+            assert_eq!(fault_injector.in_place_of(&good(tick)?, tick), None);
         }
         for tick in [30, 40] {
-            assert_eq!(liar.in_place_of(&good(tick)?, tick).map(|bad| bad.head.version), Some(10));
+            assert_eq!(
+                fault_injector.in_place_of(&good(tick)?, tick).map(|bad| bad.head.version),
+                Some(10)
+            );
         }
         Ok(())
     }

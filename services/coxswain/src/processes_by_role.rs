@@ -7,9 +7,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Process ids by role. While it is borrowed nobody is buried, so that an id in it is that of the process and of no other.
 #[derive(Debug, Clone, Default)]
-pub struct Roster(Arc<Mutex<BTreeMap<Participant, Pid>>>);
+pub struct ProcessesByRole(Arc<Mutex<BTreeMap<Participant, Pid>>>);
 
-impl Roster {
+impl ProcessesByRole {
     /// Looks at it, or changes it, while nobody else does.
     pub fn lock(&self) -> MutexGuard<'_, BTreeMap<Participant, Pid>> {
         // Whole even if its holder panicked: it is changed entry by entry.

@@ -28,11 +28,11 @@ fn run(folder: &Path, pace: Pace) -> Run {
     Run { log: "off".into(), ..Run::new(folder, 1, links) }
 }
 
-fn wish(change: &str) -> Wish {
-    Wish { who: "ada".into(), asked_unix_nanos: 7, change: change.into() }
+fn request(change: &str) -> Request {
+    Request { who: "ada".into(), asked_unix_nanos: 7, change: change.into() }
 }
 
-fn next(inbox: &mut Inbox) -> Option<Result<Wish, NotAsked>> {
+fn next(inbox: &mut Inbox) -> Option<Result<Request, NotAsked>> {
     thread::sleep(Duration::from_millis(12));
     inbox.take()
 }
@@ -41,7 +41,7 @@ const APPLIED: Outcome =
     Outcome::Applied { plant_epoch: 1, taken_at_tick: 4, ready_at_tick: 4, acts_from_tick: 5 };
 
 #[test]
-fn every_wish_is_taken_once_and_in_order_and_its_answer_is_found_by_who_asked()
+fn every_request_is_taken_once_and_in_order_and_its_answer_is_found_by_who_asked()
 -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     welcome(folder.path())?;
@@ -49,13 +49,13 @@ fn every_wish_is_taken_once_and_in_order_and_its_answer_is_found_by_who_asked()
     assert!(next(&mut inbox).is_none());
     let asked: Vec<Asked> = ["gain = 1.0", "gain = 2.0"]
         .iter()
-        .map(|change| ask(folder.path(), Participant::Controller, &wish(change)))
+        .map(|change| ask(folder.path(), Participant::Controller, &request(change)))
         .collect::<Result<_, _>>()?;
-    ask(folder.path(), Participant::Learner, &wish("gain = 3.0"))?;
-    assert_eq!(next(&mut inbox).ok_or("no wish")??.change, "gain = 1.0");
+    ask(folder.path(), Participant::Learner, &request("gain = 3.0"))?;
+    assert_eq!(next(&mut inbox).ok_or("no request")??.change, "gain = 1.0");
     assert_eq!(asked[0].answer(), None);
     inbox.answer(APPLIED);
-    assert_eq!(next(&mut inbox).ok_or("no wish")??.change, "gain = 2.0");
+    assert_eq!(next(&mut inbox).ok_or("no request")??.change, "gain = 2.0");
     inbox.answer(Outcome::Refused { reason: "no".into() });
     assert!(next(&mut inbox).is_none());
     assert_eq!(
@@ -70,7 +70,7 @@ fn every_wish_is_taken_once_and_in_order_and_its_answer_is_found_by_who_asked()
     let told: Vec<_> = asked
         .iter()
         .filter_map(Asked::answer)
-        .map(|settled| (settled.number, settled.wish.change, settled.answer.outcome))
+        .map(|settled| (settled.number, settled.request.change, settled.answer.outcome))
         .collect();
     assert_eq!(
         told,
@@ -92,16 +92,16 @@ fn who_is_started_again_has_what_was_applied_and_takes_up_what_nobody_has_answer
     for (gain, outcome) in
         [(1.0, APPLIED), (2.0, APPLIED), (3.0, Outcome::Refused { reason: "no".into() })]
     {
-        ask(folder.path(), Participant::Controller, &wish(&format!("gain = {gain:?}")))?;
-        drop(next(&mut inbox).ok_or("no wish")??);
+        ask(folder.path(), Participant::Controller, &request(&format!("gain = {gain:?}")))?;
+        drop(next(&mut inbox).ok_or("no request")??);
         inbox.answer(outcome);
     }
-    ask(folder.path(), Participant::Controller, &wish("gain = 4.0"))?;
+    ask(folder.path(), Participant::Controller, &request("gain = 4.0"))?;
     let (settings, count) =
         changed_before(&Plain { run: run.clone(), gain: 0.0 }, Participant::Controller, &RULES)?;
     assert_eq!((settings.gain, count), (2.0, 2));
     let mut again = Inbox::open(&run, Participant::Controller);
-    assert_eq!(next(&mut again).ok_or("no wish")??.change, "gain = 4.0");
+    assert_eq!(next(&mut again).ok_or("no request")??.change, "gain = 4.0");
     Ok(())
 }
 
@@ -112,7 +112,7 @@ fn many_who_ask_at_once_get_a_number_each_without_a_gap() -> Result<(), Box<dyn 
     welcome(folder.path())?;
     let ask_often = || {
         (0..25)
-            .filter_map(|_| ask(folder.path(), Participant::Learner, &wish("gain = 1.0")).ok())
+            .filter_map(|_| ask(folder.path(), Participant::Learner, &request("gain = 1.0")).ok())
             .map(|asked| asked.number)
             .collect::<Vec<_>>()
     };
@@ -126,12 +126,12 @@ fn many_who_ask_at_once_get_a_number_each_without_a_gap() -> Result<(), Box<dyn 
 }
 
 #[test]
-fn in_lock_step_and_of_what_is_no_wish_the_answer_is_why_not()
+fn in_lock_step_and_of_what_is_not_a_request_the_answer_is_why_not()
 -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     welcome(folder.path())?;
-    ask(folder.path(), Participant::Controller, &wish("gain = 1.0"))?;
-    fs::write(wish_file(folder.path(), Participant::Learner, 1), "{\"who\": 3}")?;
+    ask(folder.path(), Participant::Controller, &request("gain = 1.0"))?;
+    fs::write(request_file(folder.path(), Participant::Learner, 1), "{\"who\": 3}")?;
     let refusal = |role, pace| -> Option<String> {
         let mut inbox = Inbox::open(&run(folder.path(), pace), role);
         next(&mut inbox)?.err().map(|error| error.to_string())
@@ -142,14 +142,17 @@ fn in_lock_step_and_of_what_is_no_wish_the_answer_is_why_not()
         "{told:?}"
     );
     let told = refusal(Participant::Learner, Pace::RealTime);
-    assert!(told.as_ref().is_some_and(|told| told.starts_with("this is no wish: ")), "{told:?}");
+    assert!(
+        told.as_ref().is_some_and(|told| told.starts_with("this is not a request: ")),
+        "{told:?}"
+    );
     Ok(())
 }
 
 #[test]
-fn a_run_that_takes_no_wishes_cannot_be_asked() -> Result<(), Box<dyn std::error::Error>> {
+fn a_run_that_takes_no_requests_cannot_be_asked() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
-    let told = ask(folder.path(), Participant::Controller, &wish("gain = 1.0"))
+    let told = ask(folder.path(), Participant::Controller, &request("gain = 1.0"))
         .map_err(|error| error.to_string());
     assert!(told.as_ref().is_err_and(|told| told.contains("set")), "{told:?}");
     Ok(())

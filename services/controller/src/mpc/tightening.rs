@@ -1,4 +1,4 @@
-//! Caution: how far the bounds on the state are drawn in, so that each holds with a given probability and not only on average.
+//! Constraint tightening: how far the bounds on the state are drawn in, so that each holds with a given probability and not only on average.
 //!
 //! ```text
 //! aᵀx_k ≤ 1 − Φ⁻¹(level) √(aᵀ Σ_k a)
@@ -15,7 +15,7 @@ use model::{State, Velocity};
 use nalgebra::SVector;
 
 /// Σ along the horizon. Does not allocate after set-up.
-pub(super) struct Caution {
+pub(super) struct Tightening {
     /// Φ⁻¹(level).
     deviations: f64,
     /// Variance of each step.
@@ -28,7 +28,7 @@ pub(super) struct Caution {
     unanswered: Covariance,
 }
 
-impl Caution {
+impl Tightening {
     /// Nothing, where the mean alone counts.
     pub(super) fn at(level: Option<f64>, horizon: usize) -> Option<Self> {
         let level = level.filter(|&level| level > 0.5)?;
@@ -46,8 +46,8 @@ impl Caution {
         self.under_way = under_way;
     }
 
-    /// Variance of step `k`. What is no number is no reason to be cautious.
-    pub(super) fn take_in(&mut self, k: usize, noise: Velocity) {
+    /// Variance of step `k`. One that is not finite does not tighten.
+    pub(super) fn set_noise(&mut self, k: usize, noise: Velocity) {
         if let Some(slot) = self.noise.get_mut(k) {
             *slot =
                 noise.map(|variance| if variance.is_finite() { variance.max(0.0) } else { 0.0 });
@@ -114,7 +114,7 @@ mod tests {
             learned: None,
             foresight: None,
             disturbance: [0.0; 3],
-            carry: 0.0,
+            delay_fraction: 0.0,
         };
         let mut mpc = Mpc::new(
             &crate::settings::MpcSettings { state_limits: limits, ..settings() },
@@ -137,11 +137,11 @@ mod tests {
 
     #[test]
     fn in_a_corridor_a_chance_level_keeps_the_plan_further_inside() -> Result<(), MpcError> {
-        let (mean_alone, cautious) = (lateral(None, 0)?, lateral(Some(0.999), 0)?);
-        for (cautious, mean_alone) in cautious.iter().zip(&mean_alone).skip(1) {
+        let (mean_alone, tightened) = (lateral(None, 0)?, lateral(Some(0.999), 0)?);
+        for (tightened, mean_alone) in tightened.iter().zip(&mean_alone).skip(1) {
             assert!(
-                cautious + 1e-3 < *mean_alone,
-                "{cautious} is not further inside than {mean_alone}"
+                tightened + 1e-3 < *mean_alone,
+                "{tightened} is not further inside than {mean_alone}"
             );
         }
         Ok(())

@@ -35,7 +35,7 @@ pub enum MapWindow {
 
 /// Whether to go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Wish {
+pub enum AfterKey {
     /// Go on showing.
     Watch,
     /// End.
@@ -44,7 +44,7 @@ pub enum Wish {
 
 /// The picture, and what a person has chosen of it.
 #[derive(Debug, Clone)]
-pub struct Desk {
+pub struct View {
     live: Picture,
     held: Option<(Box<Picture>, Instant)>,
     help: bool,
@@ -52,7 +52,7 @@ pub struct Desk {
     across_m: f64,
 }
 
-impl Desk {
+impl View {
     /// The live picture, followed.
     pub fn new(picture: Picture) -> Self {
         Self {
@@ -95,15 +95,15 @@ impl Desk {
     }
 
     /// Does what help says of a key that was pressed at `now`. Other keys do nothing.
-    pub fn press(&mut self, key: KeyEvent, now: Instant) -> Wish {
+    pub fn press(&mut self, key: KeyEvent, now: Instant) -> AfterKey {
         if key.kind == KeyEventKind::Release {
-            return Wish::Watch;
+            return AfterKey::Watch;
         }
         let control = key.modifiers.contains(KeyModifiers::CONTROL);
         match key.code {
-            KeyCode::Char('c' | 'C') if control => return Wish::Quit,
+            KeyCode::Char('c' | 'C') if control => return AfterKey::Quit,
             _ if control => {}
-            KeyCode::Char('q' | 'Q') | KeyCode::Esc => return Wish::Quit,
+            KeyCode::Char('q' | 'Q') | KeyCode::Esc => return AfterKey::Quit,
             KeyCode::Char(' ') => self.hold(now),
             KeyCode::Char('?' | 'h' | 'H') => self.help = !self.help,
             KeyCode::Char('+' | '=') => self.zoom(1.0 / ZOOM),
@@ -115,7 +115,7 @@ impl Desk {
             },
             _ => {}
         }
-        Wish::Watch
+        AfterKey::Watch
     }
 
     fn hold(&mut self, now: Instant) {
@@ -142,76 +142,79 @@ mod tests {
     use super::super::specimen;
     use super::*;
 
-    fn press(desk: &mut Desk, keys: &str) -> Wish {
+    fn press(view: &mut View, keys: &str) -> AfterKey {
         let keys = keys.chars().map(|key| KeyEvent::new(KeyCode::Char(key), KeyModifiers::NONE));
-        keys.map(|key| desk.press(key, Instant::now())).last().unwrap_or(Wish::Watch)
+        keys.map(|key| view.press(key, Instant::now())).last().unwrap_or(AfterKey::Watch)
     }
 
     #[test]
     fn every_way_out_ends_and_no_other_key_does() {
-        let mut desk = Desk::new(Picture::new(""));
+        let mut view = View::new(Picture::new(""));
         let now = Instant::now();
-        assert_eq!(desk.press(KeyEvent::new(KeyCode::Esc, KeyModifiers::NONE), now), Wish::Quit);
         assert_eq!(
-            desk.press(KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL), now),
-            Wish::Quit
+            view.press(KeyEvent::new(KeyCode::Esc, KeyModifiers::NONE), now),
+            AfterKey::Quit
         );
-        assert_eq!(press(&mut desk, "q"), Wish::Quit);
-        assert_eq!(press(&mut desk, "c"), Wish::Watch);
-        assert_eq!(press(&mut desk, " ?h+-f0x1"), Wish::Watch);
         assert_eq!(
-            desk.press(
+            view.press(KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL), now),
+            AfterKey::Quit
+        );
+        assert_eq!(press(&mut view, "q"), AfterKey::Quit);
+        assert_eq!(press(&mut view, "c"), AfterKey::Watch);
+        assert_eq!(press(&mut view, " ?h+-f0x1"), AfterKey::Watch);
+        assert_eq!(
+            view.press(
                 KeyEvent::new_with_kind(KeyCode::Esc, KeyModifiers::NONE, KeyEventKind::Release),
                 now
             ),
-            Wish::Watch
+            AfterKey::Watch
         );
     }
 
     #[test]
     fn a_held_picture_stands_still_while_the_live_one_goes_on() {
         let begin = Instant::now();
-        let mut desk = Desk::new(Picture::new(""));
-        desk.live().hear(specimen::state(1), begin);
-        desk.press(KeyEvent::new(KeyCode::Char(' '), KeyModifiers::NONE), begin);
-        desk.live().hear(specimen::state(2), begin);
+        let mut view = View::new(Picture::new(""));
+        view.live().hear(specimen::state(1), begin);
+        view.press(KeyEvent::new(KeyCode::Char(' '), KeyModifiers::NONE), begin);
+        view.live().hear(specimen::state(2), begin);
         let tick =
-            |desk: &Desk| desk.shown(Instant::now()).0.state.as_ref().map(|state| state.stamp.tick);
+            |view: &View| view.shown(Instant::now()).0.state.as_ref().map(|state| state.stamp.tick);
         assert_eq!(
-            (desk.is_held(), tick(&desk), desk.shown(Instant::now()).1),
+            (view.is_held(), tick(&view), view.shown(Instant::now()).1),
             (true, Some(1), begin)
         );
-        press(&mut desk, " ");
-        assert_eq!((desk.is_held(), tick(&desk)), (false, Some(2)));
+        press(&mut view, " ");
+        assert_eq!((view.is_held(), tick(&view)), (false, Some(2)));
     }
 
     #[test]
     fn the_map_is_zoomed_and_comes_back() {
-        let mut desk = Desk::new(Picture::new(""));
-        let across = |desk: &Desk| match desk.map() {
+        let mut view = View::new(Picture::new(""));
+        let across = |view: &View| match view.map() {
             MapWindow::Follow { across_m } => Some(across_m),
             MapWindow::Whole => None,
         };
-        press(&mut desk, "++");
-        assert!(across(&desk).is_some_and(|across| (across - ACROSS_M / 2.0).abs() < 1e-9));
-        press(&mut desk, "f");
-        assert_eq!(across(&desk), None);
-        press(&mut desk, "f-");
-        assert!(across(&desk).is_some_and(|across| (across - ACROSS_M / ZOOM).abs() < 1e-9));
-        press(&mut desk, &"-".repeat(100));
-        assert_eq!(across(&desk), Some(ACROSS_LIMITS_M[1]));
-        press(&mut desk, &"+".repeat(100));
-        assert_eq!(across(&desk), Some(ACROSS_LIMITS_M[0]));
-        press(&mut desk, "0");
-        assert_eq!(across(&desk), Some(ACROSS_M));
+        press(&mut view, "++");
+        assert!(across(&view).is_some_and(|across| (across - ACROSS_M / 2.0).abs() < 1e-9));
+        press(&mut view, "f");
+        assert_eq!(across(&view), None);
+        press(&mut view, "f-");
+        assert!(across(&view).is_some_and(|across| (across - ACROSS_M / ZOOM).abs() < 1e-9));
+        press(&mut view, &"-".repeat(100));
+        assert_eq!(across(&view), Some(ACROSS_LIMITS_M[1]));
+        press(&mut view, &"+".repeat(100));
+        assert_eq!(across(&view), Some(ACROSS_LIMITS_M[0]));
+        press(&mut view, "0");
+        assert_eq!(across(&view), Some(ACROSS_M));
     }
 
     #[test]
     fn help_comes_and_goes() {
-        let mut desk = Desk::new(Picture::new(""));
-        press(&mut desk, "?");
-        assert!(desk.shows_help());
-        press(&mut desk, "h");
-        assert!(!desk.shows_help());
+        let mut view = View::new(Picture::new(""));
+        press(&mut view, "?");
+        assert!(view.shows_help());
+        press(&mut view, "h");
+        assert!(!view.shows_help());
     }
 }

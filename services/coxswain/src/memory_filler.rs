@@ -12,7 +12,7 @@ const LARGEST: u64 = 1 << 30;
 
 /// Why it was not taken.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum BallastError {
+pub(crate) enum MemoryFillerError {
     /// It would hurt others.
     #[error("{FOLDER} has {} MiB, expected at most {}: the machine needs it. Make a small one: `unshare --mount`, then mount a tmpfs there", size >> 20, LARGEST >> 20)]
     TooLarge {
@@ -26,18 +26,18 @@ pub(crate) enum BallastError {
 
 /// A file in shared memory that fills it, without a name, so that it goes when this is dropped or its process ends, however that happens.
 #[derive(Debug)]
-pub(crate) struct Ballast(#[expect(dead_code, reason = "held, not used")] File);
+pub(crate) struct MemoryFiller(#[expect(dead_code, reason = "held, not used")] File);
 
-impl Ballast {
+impl MemoryFiller {
     /// Takes what there is but for `left` bytes.
     ///
     /// # Errors
-    /// [`BallastError`].
-    pub(crate) fn taking_all_but(left: u64) -> Result<Self, BallastError> {
+    /// [`MemoryFillerError`].
+    pub(crate) fn taking_all_but(left: u64) -> Result<Self, MemoryFillerError> {
         let found = statvfs(FOLDER).map_err(io::Error::from)?;
         let size = found.f_blocks * found.f_frsize;
         if size > LARGEST {
-            return Err(BallastError::TooLarge { size });
+            return Err(MemoryFillerError::TooLarge { size });
         }
         // Nobody else can have laid a link there, or a file of that name.
         let file = File::options()

@@ -1,7 +1,7 @@
-//! What a person wishes ▶ how often a model is made and for how long it is fitted, and an answer.
+//! The request of a person ▶ how often a model is made and for how long it is fitted, and an answer.
 
 use crate::settings::Settings;
-use process::wishes::{Inbox, NotAsked, Outcome, Wish, changed_before};
+use process::requests::{Inbox, NotAsked, Outcome, Request, changed_before};
 use protocol::message::Participant;
 use settings::change::{Change, ChangeError, Rules, changed};
 
@@ -18,13 +18,13 @@ enum Refusal {
     Change(#[from] ChangeError),
 }
 
-/// Takes wishes up, one at a time, and holds what is set.
-pub(crate) struct Desk {
+/// Takes requests up, one at a time, and holds what is set.
+pub(crate) struct TunableSettings {
     inbox: Inbox,
     settings: Settings,
 }
 
-impl Desk {
+impl TunableSettings {
     /// With what was set before in this run.
     pub(crate) fn open(settings: &Settings) -> Self {
         let told = match changed_before(settings, Participant::Learner, &RULES) {
@@ -47,13 +47,13 @@ impl Desk {
         self.settings.learner.evaluations_max
     }
 
-    /// Takes up the next wish, if there is one, and says whether anything has changed: from the sample after `newest` on, which is that of
+    /// Takes up the next request, if there is one, and says whether anything has changed: from the sample after `newest` on, which is that of
     /// (plant epoch, tick), or from the first.
-    pub(crate) fn tend(&mut self, newest: Option<(u64, u64)>) -> bool {
-        let Some(wish) = self.inbox.take() else { return false };
+    pub(crate) fn poll(&mut self, newest: Option<(u64, u64)>) -> bool {
+        let Some(request) = self.inbox.take() else { return false };
         let (plant_epoch, taken_at_tick) = newest.unwrap_or_default();
         let acts_from_tick = newest.map_or(0, |(_, tick)| tick + 1);
-        match self.with(wish) {
+        match self.with(request) {
             Ok(settings) => {
                 self.settings = settings;
                 self.inbox.answer(Outcome::Applied {
@@ -71,7 +71,7 @@ impl Desk {
         }
     }
 
-    fn with(&self, wish: Result<Wish, NotAsked>) -> Result<Settings, Refusal> {
-        Ok(changed(&self.settings, &[Change::parse(&wish?.change)?], &RULES)?)
+    fn with(&self, request: Result<Request, NotAsked>) -> Result<Settings, Refusal> {
+        Ok(changed(&self.settings, &[Change::parse(&request?.change)?], &RULES)?)
     }
 }

@@ -1,4 +1,4 @@
-//! Where a graph lives on this machine, and what dead launchers left behind.
+//! Registry of the running graphs on this machine, and what dead launchers left behind.
 //!
 //! ```text
 //! <temporary folder>/coxswain-<user id>/     of this user alone
@@ -21,9 +21,9 @@ use std::{env, fs, thread};
 /// How long members of a graph whose launcher is gone may take to die.
 const DYING: Duration = Duration::from_millis(500);
 
-/// A place for a graph cannot be had.
+/// A graph cannot be registered.
 #[derive(Debug, thiserror::Error)]
-pub enum BerthError {
+pub enum RegistryError {
     /// Somebody else could read or change what is said there.
     #[error("{0}; remove it, or set TMPDIR")]
     NotPrivate(#[from] NotPrivate),
@@ -49,9 +49,9 @@ struct Launcher {
     start_ticks: u64,
 }
 
-/// The place of one graph.
+/// The entry of one graph in the registry of this machine.
 #[derive(Debug)]
-pub struct Berth {
+pub struct GraphEntry {
     base: PathBuf,
     id: String,
 }
@@ -61,31 +61,33 @@ pub fn base() -> PathBuf {
     env::temp_dir().join(format!("coxswain-{}", rustix::process::getuid().as_raw()))
 }
 
-impl Berth {
-    /// Takes a place below `base` for a graph of this process, under a new name.
+impl GraphEntry {
+    /// Registers a graph of this process below `base`, under a new name.
     ///
     /// # Errors
-    /// [`BerthError`].
-    pub fn take(base: &Path) -> Result<Self, BerthError> {
-        let berth = Self { base: base.to_path_buf(), id: new_id() };
-        let launcher = Launcher::this()
-            .map_err(|source| BerthError::FileSystem { path: "/proc/self/stat".into(), source })?;
+    /// [`RegistryError`].
+    pub fn register(base: &Path) -> Result<Self, RegistryError> {
+        let entry = Self { base: base.to_path_buf(), id: new_id() };
+        let launcher = Launcher::this().map_err(|source| RegistryError::FileSystem {
+            path: "/proc/self/stat".into(),
+            source,
+        })?;
         // Whoever leaves last removes the base, perhaps between our two steps.
         let mut attempts_left = 5;
         loop {
             private::make(base)?;
-            match berth.sign(launcher) {
+            match entry.sign(launcher) {
                 Err(error) if error.kind() == io::ErrorKind::NotFound && attempts_left > 0 => {
                     attempts_left -= 1;
                 }
                 Err(source) => {
-                    return Err(BerthError::FileSystem { path: berth.launcher_file(), source });
+                    return Err(RegistryError::FileSystem { path: entry.launcher_file(), source });
                 }
                 Ok(()) => break,
             }
         }
-        private::make(&berth.root())?;
-        Ok(berth)
+        private::make(&entry.root())?;
+        Ok(entry)
     }
 
     /// Name of the graph, unique on this machine.
@@ -122,7 +124,7 @@ impl Berth {
     ///
     /// # Errors
     /// A sentence.
-    pub fn leave(self) -> Result<(), String> {
+    pub fn remove(self) -> Result<(), String> {
         self.clear()
     }
 
@@ -166,13 +168,13 @@ impl Berth {
 pub fn sweep_stale(base: &Path) -> (usize, Vec<String>) {
     let mut removed = 0;
     let mut complaints = Vec::new();
-    for berth in stale(base) {
+    for entry in stale(base) {
         // Who has been killed may take a moment to die.
         let begin = Instant::now();
-        let mut cleared = berth.clear();
+        let mut cleared = entry.clear();
         while cleared.is_err() && begin.elapsed() < DYING {
             thread::sleep(DYING / 20);
-            cleared = berth.clear();
+            cleared = entry.clear();
         }
         match cleared {
             Ok(()) => removed += 1,
@@ -183,24 +185,24 @@ pub fn sweep_stale(base: &Path) -> (usize, Vec<String>) {
 }
 
 /// The graphs below `base` whose launcher lives.
-pub fn living(base: &Path) -> Vec<Berth> {
+pub fn living(base: &Path) -> Vec<GraphEntry> {
     signed(base, Launcher::lives)
 }
 
 /// The graphs below `base` whose launcher is gone.
-fn stale(base: &Path) -> Vec<Berth> {
+fn stale(base: &Path) -> Vec<GraphEntry> {
     signed(base, |launcher| !launcher.lives())
 }
 
 /// The graphs below `base` with a launcher as wanted.
-fn signed(base: &Path, wanted: impl Fn(Launcher) -> bool) -> Vec<Berth> {
+fn signed(base: &Path, wanted: impl Fn(Launcher) -> bool) -> Vec<GraphEntry> {
     let entries = fs::read_dir(base).into_iter().flatten().flatten();
     let files = entries
         .map(|entry| entry.path())
         .filter(|path| path.extension() == Some(OsStr::new("toml")));
     let chosen = files.filter(|path| Launcher::of(path).is_some_and(&wanted));
     let ids = chosen.filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()));
-    ids.map(|id| Berth { base: base.to_path_buf(), id }).collect()
+    ids.map(|id| GraphEntry { base: base.to_path_buf(), id }).collect()
 }
 
 impl Launcher {
@@ -275,11 +277,11 @@ mod tests {
     fn only_graphs_of_dead_launchers_are_stale() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let base = folder.path().join("base");
-        let living = Berth::take(&base)?;
-        let dead = Berth::take(&base)?;
+        let living = GraphEntry::register(&base)?;
+        let dead = GraphEntry::register(&base)?;
         dead.sign(Launcher { pid: std::process::id(), start_ticks: 0 })?;
         fs::write(base.join("garbage.toml"), "not a launcher")?;
-        let found: Vec<String> = stale(&base).into_iter().map(|berth| berth.id).collect();
+        let found: Vec<String> = stale(&base).into_iter().map(|entry| entry.id).collect();
         assert_eq!(found, [dead.id()]);
         assert_eq!(sweep_stale(&base), (1, Vec::new()));
         assert!(!dead.root().exists() && !dead.launcher_file().exists());
@@ -291,11 +293,11 @@ mod tests {
     fn whoever_leaves_last_leaves_nothing() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let base = folder.path().join("base");
-        let (first, second) = (Berth::take(&base)?, Berth::take(&base)?);
+        let (first, second) = (GraphEntry::register(&base)?, GraphEntry::register(&base)?);
         assert_ne!(first.id(), second.id());
-        first.leave()?;
+        first.remove()?;
         assert!(second.root().is_dir());
-        second.leave()?;
+        second.remove()?;
         assert!(!base.exists());
         Ok(())
     }
@@ -306,7 +308,7 @@ mod tests {
         let base = folder.path().join("base");
         fs::create_dir(&base)?;
         fs::set_permissions(&base, fs::Permissions::from_mode(0o755))?;
-        assert!(matches!(Berth::take(&base), Err(BerthError::NotPrivate(_))));
+        assert!(matches!(GraphEntry::register(&base), Err(RegistryError::NotPrivate(_))));
         Ok(())
     }
 }
