@@ -297,7 +297,7 @@ fn what_cannot_be_set_is_named_and_what_was_set_stays_as_it_was() -> Outcome {
         (&["mpc.solver=magic"], ["mpc.solver = \"magic\"", "active-set, clarabel"]),
         (
             &["robot.limits.input_mps=100"],
-            ["robot.limits.input_mps = 100: stays as it was", "mpc.weights"],
+            ["robot.limits.input_mps = 100: cannot change during the run", "mpc.weights"],
         ),
         (
             &["reference.path.circle.width_m=3"],
@@ -311,7 +311,7 @@ fn what_cannot_be_set_is_named_and_what_was_set_stays_as_it_was() -> Outcome {
         (&["learner.every_ticks=0"], ["learner.every_ticks = 0", "at least 1 period"]),
         (
             &["learner.points_max=50"],
-            ["learner.points_max = 50: stays as it was", "learner.every_ticks"],
+            ["learner.points_max = 50: cannot change during the run", "learner.every_ticks"],
         ),
         (
             &["learner.every_ticks=9", "mpc.horizon_steps=9"],
@@ -348,13 +348,13 @@ fn where_nothing_drives_nothing_is_set_and_in_lock_step_nothing_can_be() -> Outc
     let (code, text) = refusal(&home, &["mpc.weights.position=3"])?;
     assert!(
         code == Some(2)
-            && text.contains("the controller refuses: in lock step nothing can be changed"),
+            && text.contains("the controller refuses: in lock step settings cannot change"),
         "{text}"
     );
     let (code, text) = refusal(&home, &["learner.every_ticks=3"])?;
     assert!(
         code == Some(2)
-            && text.contains("the learner refuses: in lock step nothing can be changed"),
+            && text.contains("the learner refuses: in lock step settings cannot change"),
         "{text}"
     );
     let (code, text) = refusal(&home, &["mpc.weights.position=3", "--run", "/nowhere"])?;

@@ -12,7 +12,7 @@ impl Base for World {
             velocity: measured.velocity,
             wheel_speed: Some(per_wheel(&measured.wheel_speed)),
             current: Some(per_wheel(&measured.current)),
-            // As a driver that knows of no dead time: the controller finds it.
+            // Like a driver that knows no dead time: the controller identifies it.
             input_delay_s: 0.0,
             estop: false,
         })

@@ -1,13 +1,13 @@
-//! The truth: a simulated mecanum robot and its world, behind the same two topics as a real one.
-//! The world is our own ([`truth`]), or another program's ([`driver::piped`]).
+//! The simulated plant: a mecanum robot and its world, behind the same two topics as a real one.
+//! The world is that of this crate ([`truth`]), or another program ([`driver::piped`]).
 //!
 //! | module       | what it does                                                              |
 //! |--------------|---------------------------------------------------------------------------|
-//! | [`truth`]    | what is really the case: dynamics, friction, world, sensors. Pure         |
-//! | [`settings`] | what a person may set                                                     |
+//! | [`truth`]    | the true world: dynamics, friction, disturbances, sensors. Pure           |
+//! | [`settings`] | settings of the plant process                                             |
 //! | `base`       | the world as a [`driver::Base`]                                           |
 //!
-//! Nothing here is known to the controller.
+//! The controller knows nothing of this crate.
 
 mod base;
 pub mod settings;
@@ -21,7 +21,7 @@ use process::Stop;
 use protocol::port::{Identity, Ports};
 use truth::World;
 
-/// Drives the world that `settings` name until the end of the run, or until it is told to stop.
+/// Runs the world of `settings` until the end of the run, or until a stop is requested.
 ///
 /// # Errors
 /// [`RunError`].

@@ -1,4 +1,4 @@
-//! What a person may set of the simulated plant.
+//! Settings of the simulated plant.
 
 use crate::truth::Truth;
 use driver::Start;
@@ -7,40 +7,40 @@ use robot::Robot;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 
-/// Longest delay that a link may be known to have \[ms\].
+/// Largest value of `link_delay_millis` \[ms\].
 pub const LINK_DELAY_MILLIS_MAX: u64 = 10_000;
 
-/// Everything the plant process is told.
+/// All settings of the plant process.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// What the launcher tells every process.
+    /// Settings that the launcher gives to every process.
     pub run: process::Run,
     /// Length of the run \[s\].
     pub duration_s: f64,
     /// Seed of noise and random forces.
     pub seed: u64,
-    /// Delay that the link to the controller is known to have \[ms\].
+    /// Known delay of the link to the controller \[ms\].
     pub link_delay_millis: u64,
-    /// Whether, in lock step, the clock waits for a recorder's credit.
+    /// Whether, in lock step, the clock waits for the credit of a recorder.
     pub recorded: bool,
-    /// Whether its gate starts armed; else the wheels stand until `coxswain arm`.
+    /// Whether its gate starts armed. Otherwise the wheels stand still until `coxswain arm`.
     #[serde(default = "armed")]
     pub armed: bool,
-    /// Where and how it starts.
+    /// Pose and velocity at the start.
     pub start: Start,
-    /// The robot as its gate knows it.
+    /// The robot as the gate believes it to be.
     pub robot: Robot,
-    /// The robot as it is, and its world, if that is our own.
+    /// The true robot and its world, unless the world is another program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub truth: Option<Truth>,
-    /// The program that is the world, if it is another one.
+    /// The program that simulates the world, unless it is [`truth`](Self::truth).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<Program>,
 }
 
 impl Settings {
-    /// What its driver is told.
+    /// Settings of the driver.
     pub fn driver(&self) -> driver::Settings<'_> {
         driver::Settings {
             run: &self.run,

@@ -1,7 +1,7 @@
-//! The true world: what the robot really is and does, which no controller may know.
+//! The true world: the real behaviour of the robot, unknown to every controller.
 //!
 //! ```text
-//! body-velocity command ─▶ delay ─▶ speed loops ─▶ motors ─▶ wheels ─▶ body ─▶ sensors ─▶ measurement
+//! body-velocity command ─▶ delay ─▶ speed loops ─▶ motors ─▶ wheels ─▶ body ─▶ sensors
 //!                                                              ▲         ▲
 //!                                               friction, patches, grip  │
 //!                                   drag, slope, push, random force, turning frame
@@ -14,18 +14,19 @@
 //! | `geometry`    | wheels and body: J, J⁺, where the wheels stand              |
 //! | `dynamics`    | the equations of motion                                     |
 //! | `integrate`   | one Runge–Kutta step                                        |
-//! | `schedule`    | what changes in the course of a run                         |
+//! | `schedule`    | changes during a run                                        |
 //! | `disturbance` | the bounded random force                                    |
 //! | `delay`       | the time that a command takes from the gate to the motors   |
 //! | `sensors`     | noise and quantisation                                      |
 //! | `world`       | all of it on one integer clock                              |
-//! | `preview`     | what it would do from here                                  |
+//! | `preview`     | prediction of the world                                     |
 //!
-//! Everything here is a function of settings, seed and inputs: no clock, thread, I/O or log. It shares no code with the
-//! model that the controller believes in, so that an error in one does not hide in the other.
+//! Everything here is a function of settings, seed and inputs: no clock, thread, I/O or log. It
+//! shares no code with the model of the controller, so that an error in one does not hide in the
+//! other.
 //!
-//! SI units. The body frame is x forward, y left, yaw counter-clockwise; wheels are in the order front-right, front-left,
-//! rear-left, rear-right.
+//! SI units. The body frame is x forward, y left, yaw counter-clockwise. Wheels are in the order
+//! front-right, front-left, rear-left, rear-right.
 
 mod check;
 mod delay;

@@ -1,11 +1,11 @@
-//! Nothing that a motor can be told makes the true world other than finite.
+//! Every input of the motors leaves the true world finite.
 
 use driver::Start;
 use plant_sim::truth::{Patch, Payload, Push, RandomForce, Slope, Truth, WheelSlip, World};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Any world of this test's many, with every effect on in about half of them.
+/// A random world, with every effect on in about half of them.
 fn any_truth(generator: &mut Pcg64Mcg) -> Truth {
     let wheel_slip =
         generator.random_bool(0.5).then_some(WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 });
@@ -45,7 +45,7 @@ fn any_input_leaves_a_finite_state() {
         assert_eq!(truth.check(), Ok(()));
         let mut world = World::new(&truth, start, seed);
         for _ in 0..20 {
-            // Any bits at all: huge, tiny, infinite, not a number.
+            // Any bits at all: huge, tiny, infinite, NaN.
             let input: [f64; 3] = generator.random::<[u64; 3]>().map(f64::from_bits);
             world.advance(20_000_000, input);
             let (state, seen) = (world.state(), world.measure());

@@ -1,4 +1,4 @@
-//! Laws that the true robot obeys whatever its settings.
+//! Laws that the true robot obeys with all settings.
 
 use driver::Start;
 use plant_sim::truth::{Fault, Payload, RandomForce, Truth, Wheel, WheelSlip, World};
@@ -63,8 +63,9 @@ fn friction_alone_brings_the_robot_to_rest() {
 }
 
 #[test]
-fn without_motors_and_friction_a_spinning_robot_goes_straight_on() {
-    // The Coriolis term is what makes Newton's first law hold; massless wheels, for theirs is the floor's affair.
+fn without_motors_and_friction_a_spinning_robot_moves_straight() {
+    // The Coriolis term makes Newton's first law hold. The wheels are massless, because the floor
+    // acts on the momentum of others.
     let truth =
         Truth { speed_loop_gain_a_s_per_rad: 0.0, wheel_inertia_kg_m2: 0.0, ..frictionless() };
     assert_eq!(truth.check(), Ok(()));
@@ -78,7 +79,7 @@ fn without_motors_and_friction_a_spinning_robot_goes_straight_on() {
 }
 
 #[test]
-fn without_motors_and_friction_energy_is_kept() {
+fn without_motors_and_friction_energy_is_constant() {
     let truth = Truth { speed_loop_gain_a_s_per_rad: 0.0, ..frictionless() };
     let mut world = World::new(&truth, moving([1.5, -0.5, 4.0]), 1);
     let before = kinetic_energy(&truth, &world);
@@ -87,7 +88,7 @@ fn without_motors_and_friction_energy_is_kept() {
 }
 
 #[test]
-fn each_axis_answers_as_the_first_order_system_it_is() {
+fn each_axis_responds_as_a_first_order_system() {
     // v(t) = κ/(κ+f) u (1 − e^(−(κ+f) t/λ)), with viscous friction only.
     let truth = Truth { rolling_friction: 0.0, ..Truth::default() };
     let (kappa, f, r, arm) = (4.0 * 0.04 * 0.5, 2e-3, 0.05, 0.275);
@@ -129,7 +130,7 @@ fn an_integral_part_leaves_no_steady_error() {
 }
 
 #[test]
-fn left_is_to_right_as_a_mirror_has_it() {
+fn left_and_right_are_mirror_images() {
     for wheel_slip in [None, Some(GRIPPING)] {
         let truth = Truth {
             wheel_slip,
@@ -167,7 +168,7 @@ fn a_weak_motor_turns_the_robot_towards_its_side() {
 }
 
 #[test]
-fn a_motor_that_dies_turns_the_robot_from_then_on() {
+fn a_motor_fault_turns_the_robot_from_its_beginning() {
     let fault = Fault { wheel: Wheel::FrontRight, gain: 0.0, at_s: 1.0, until_s: None };
     let mut world =
         World::new(&Truth { faults: vec![fault], ..Truth::default() }, Start::default(), 1);
@@ -196,7 +197,7 @@ fn a_payload_makes_the_robot_slower_to_start() {
 }
 
 #[test]
-fn wheels_that_grip_roll_and_wheels_on_ice_spin() {
+fn wheels_with_grip_roll_and_wheels_on_ice_spin() {
     let slip_after_start = |grip: f64| {
         let truth = Truth { wheel_slip: Some(WheelSlip { grip, ..GRIPPING }), ..Truth::default() };
         let mut world = World::new(&truth, Start::default(), 1);
@@ -209,7 +210,7 @@ fn wheels_that_grip_roll_and_wheels_on_ice_spin() {
 }
 
 #[test]
-fn more_and_more_grip_is_no_slip() {
+fn the_limit_of_large_grip_is_no_slip() {
     let mut rolling = World::new(&Truth::default(), Start::default(), 1);
     let firm = WheelSlip { grip: 10.0, slip_speed_scale_mps: 0.5 };
     let mut gripping =
@@ -223,7 +224,7 @@ fn more_and_more_grip_is_no_slip() {
 }
 
 #[test]
-fn the_reference_robot_reaches_nearly_what_it_is_asked() {
+fn the_reference_robot_almost_reaches_the_commanded_velocity() {
     let mut world =
         World::new(&mismatched(), Start { pose: [0.0, -1.0, 0.0], velocity: [0.0; 3] }, 1);
     world.advance(3 * SECOND, [2.7, 0.0, 0.0]);
@@ -232,7 +233,7 @@ fn the_reference_robot_reaches_nearly_what_it_is_asked() {
 }
 
 #[test]
-fn drag_alone_slows_as_its_law_has_it() {
+fn drag_alone_decelerates_by_the_quadratic_law() {
     // v(t) = v₀ / (1 + c v₀ t / m), along a straight line.
     let truth = Truth {
         speed_loop_gain_a_s_per_rad: 0.0,
@@ -249,8 +250,8 @@ fn drag_alone_slows_as_its_law_has_it() {
 }
 
 #[test]
-fn a_current_follows_its_demand_with_its_lag() {
-    // A robot too heavy to move keeps the demand where it is: k_p J u / r.
+fn a_current_follows_the_request_with_its_lag() {
+    // A robot too heavy to move keeps the request constant: k_p J u / r.
     let truth =
         Truth { mass_kg: 1e9, current_lag_s: 0.02, rolling_friction: 0.0, ..Truth::default() };
     let mut world = World::new(&truth, Start::default(), 1);

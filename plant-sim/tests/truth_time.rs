@@ -1,4 +1,4 @@
-//! Time in the true world: the same bits again, in whatever pieces, and a delay to the step.
+//! Time in the true world: the same bits for every division of the time, and an exact delay.
 
 use driver::Start;
 use plant_sim::truth::{
@@ -7,7 +7,7 @@ use plant_sim::truth::{
 
 const MILLI: u64 = 1_000_000;
 
-/// A world in which as much as possible happens.
+/// A world with as many effects as possible.
 fn eventful() -> Truth {
     Truth {
         random_force: Some(RandomForce { bound_n: 3.0, bound_nm: 0.3, correlation_s: 0.02 }),
@@ -52,7 +52,7 @@ fn the_same_seed_gives_the_same_bits() {
 }
 
 #[test]
-fn time_cut_otherwise_gives_the_same_bits() {
+fn time_divided_otherwise_gives_the_same_bits() {
     let input = [1.0, -0.4, 0.7];
     let run = |pieces: &[u64]| {
         let mut world = World::new(&eventful(), Start::default(), 4);
@@ -69,7 +69,7 @@ fn time_cut_otherwise_gives_the_same_bits() {
 }
 
 #[test]
-fn reading_the_sensors_leaves_the_world_alone() {
+fn reading_the_sensors_does_not_change_the_world() {
     let mut watched = World::new(&eventful(), Start::default(), 4);
     let mut alone = watched.clone();
     for _ in 0..50 {
@@ -81,7 +81,7 @@ fn reading_the_sensors_leaves_the_world_alone() {
 }
 
 #[test]
-fn a_duration_that_is_no_multiple_of_the_step_is_made_up_for() {
+fn the_rest_of_a_duration_is_added_to_the_next() {
     let mut world = World::new(&Truth::default(), Start::default(), 1);
     world.advance(World::STEP_NANOS - 1, [1.0, 0.0, 0.0]);
     assert_eq!(world.time_nanos(), 0);
@@ -108,7 +108,7 @@ fn a_command_arrives_after_exactly_the_delay() {
 }
 
 #[test]
-fn the_mean_input_is_that_of_the_wheels_and_not_of_the_gate() {
+fn the_mean_input_is_that_of_the_wheels_and_not_that_of_the_gate() {
     let mut world =
         World::new(&Truth { command_delay_s: 0.025, ..Truth::default() }, Start::default(), 1);
     world.advance(100 * MILLI, [1.0, 0.0, -2.0]);

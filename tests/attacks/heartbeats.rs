@@ -138,7 +138,7 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
     assert!(forged.iter().all(|participant| *participant == "learner"), "{forged:?}");
     assert!(
         log.contains(
-            "turned away at the network: learner.mecanum says more on health than anybody needs to"
+            "rejected at the network: learner.mecanum publishes on health above the rate limit"
         ),
         "{log}"
     );
@@ -324,7 +324,7 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
         "{text}"
     );
     assert_eq!(text.matches("nobody has heard").count(), 1, "{text}");
-    assert!(log.contains("learner.mecanum says more on health than anybody needs to"), "{log}");
+    assert!(log.contains("learner.mecanum publishes on health above the rate limit"), "{log}");
     let heard = |participant: &str| {
         let of = |health: &&promises::Message| {
             flood.contains(&health.stamp("sent_nanos"))

@@ -24,7 +24,7 @@ fn told(log: &str) -> BTreeMap<String, (usize, usize)> {
     let mut told: BTreeMap<String, (usize, usize)> = BTreeMap::new();
     for line in log.lines() {
         let reason = line
-            .split_once("turned away at the network: ")
+            .split_once("rejected at the network: ")
             .and_then(|(_, said)| said.rsplit_once(" count="));
         if let Some((reason, count)) = reason {
             let (lines, times) = told.entry(reason.to_owned()).or_default();
@@ -172,8 +172,8 @@ fn each_refusal_at_a_router_is_told_once_in_few_lines() -> Outcome {
     ];
     let of_watcher = kinds.map(|kind| format!("watcher.mecanum may not {kind} on command"));
     let once = [
-        "a certificate of no role here",
-        "a message is longer than any may be",
+        "a certificate without a role in this graph",
+        "a message exceeds the size limit",
         "invalid peer certificate: BadSignature",
         "invalid peer certificate: certificate expired",
         "invalid peer certificate: certificate not valid yet",
@@ -214,7 +214,7 @@ fn each_refusal_at_a_gateway_is_told_once_in_few_lines() -> Outcome {
     let (ended, home) = launched.end()?;
     let log = fs::read_to_string(home.path().join("run/gateway.log"))?;
     let at_gateway = [
-        "a message is longer than any may be",
+        "a message exceeds the size limit",
         "watcher.mecanum may not Put on command",
         "learner.mecanum may not Declare Subscriber on command",
     ];

@@ -1,4 +1,5 @@
-//! Which settings are possible: finite, of the right sign, and slow enough for the world's step.
+//! Checks of the settings: finite, of the right sign, and slow enough for the time step of the
+//! world.
 
 use thiserror::Error;
 
@@ -6,10 +7,10 @@ use super::dynamics::GRAVITY;
 use super::parameters::{Sensor, Truth};
 use super::world::World;
 
-/// The fastest rate of change that a step of 0.1 ms follows well \[1/s\].
+/// Largest rate of change that a step of 0.1 ms integrates accurately \[1/s\].
 const FASTEST_PER_S: f64 = 2000.0;
 
-/// Rim speed up to which the equations stay in what a step can follow \[m/s\].
+/// Rim speed up to which a step integrates the equations accurately \[m/s\].
 const TOP_SPEED_MPS: f64 = 50.0;
 
 /// A setting that no world can have.
@@ -18,14 +19,14 @@ const TOP_SPEED_MPS: f64 = 50.0;
 pub struct Impossible {
     /// Path of the setting within the table of the truth, such as `push.force_n`.
     pub key: String,
-    /// What it would have to be.
+    /// Expected value.
     pub expected: String,
 }
 
 type Verdict = Result<(), Impossible>;
 
 impl Truth {
-    /// Whether there can be such a world; the first setting that cannot be, if not.
+    /// Checks that such a world is possible; reports the first impossible setting.
     pub fn check(&self) -> Result<(), Impossible> {
         self.check_body()?;
         self.check_motors()?;
@@ -71,7 +72,7 @@ impl Truth {
         require(
             followed,
             "current_lag_s",
-            "0, or at least 0.0005 s, which a step of 0.1 ms follows",
+            "0, or at least 0.0005 s: a step of 0.1 ms cannot integrate less",
         )?;
         let limit = self.wheel_speed_limit_radps;
         require(
@@ -118,7 +119,7 @@ impl Truth {
             require(
                 self.wheel_slip.is_some() || (patch.grip_factor - 1.0).abs() < f64::EPSILON,
                 &format!("patches.{index}.grip_factor"),
-                "1 without the table wheel_slip, for then wheels never slip",
+                "1: without the table wheel_slip, wheels never slip",
             )?;
         }
         Ok(())
@@ -133,7 +134,7 @@ impl Truth {
         require(
             self.wheel_inertia_kg_m2 > 0.0,
             "wheel_inertia_kg_m2",
-            "positive, for the wheels can slip",
+            "positive, because the wheels can slip",
         )
     }
 
@@ -147,7 +148,7 @@ impl Truth {
             require(
                 forward < self.half_wheelbase_m && left < self.half_track_m,
                 "payload.offset_m",
-                "a place between the wheels",
+                "a point between the wheels",
             )?;
         }
         if let Some(push) = self.push {
@@ -169,7 +170,7 @@ impl Truth {
             require(
                 self.wheel_slip.is_some(),
                 &key("grip_factor"),
-                "the table wheel_slip beside it: without that wheels never slip",
+                "no value without the table wheel_slip: wheels never slip then",
             )?;
             not_negative(&key("from_s"), slippery.from_s)?;
             later(&key("until_s"), slippery.until_s, slippery.from_s)?;
@@ -181,7 +182,8 @@ impl Truth {
         Ok(())
     }
 
-    /// Every part of the equations alone is slow enough: its slope over the least inertia that it moves.
+    /// Checks that each part of the equations alone is slow enough: its slope divided by the
+    /// smallest inertia that it moves.
     fn check_rates(&self) -> Verdict {
         let radius = self.wheel_radius_m;
         let arm = self.half_track_m + self.half_wheelbase_m;
@@ -269,7 +271,7 @@ fn later(key: &str, until_s: Option<f64>, from_s: f64) -> Verdict {
     require(
         until_s.is_none_or(|until| until.is_finite() && until > from_s),
         key,
-        "finite, and after its beginning",
+        "finite, and later than its beginning",
     )
 }
 
@@ -282,7 +284,7 @@ fn slow(key: &str, rate_per_s: f64) -> Verdict {
     require(
         slow,
         key,
-        &format!("a rate of at most {FASTEST_PER_S} per second, here {rate_per_s:.0}"),
+        &format!("a rate of at most {FASTEST_PER_S} per second, not {rate_per_s:.0}"),
     )
 }
 

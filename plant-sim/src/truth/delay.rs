@@ -1,8 +1,8 @@
-//! The time that a command takes from the gate to the motors.
+//! The delay of a command from the gate to the motors.
 
 use nalgebra::Vector3;
 
-/// A ring of the commands that are under way, one per step.
+/// A ring of the commands under way, one per step.
 #[derive(Debug, Clone)]
 pub(super) struct DelayLine {
     under_way: Vec<Vector3<f64>>,
@@ -10,12 +10,12 @@ pub(super) struct DelayLine {
 }
 
 impl DelayLine {
-    /// A line of so many steps, full of standstill. Allocates, here only.
+    /// A delay of this many steps, filled with zero commands. Allocates, here only.
     pub(super) fn new(steps: usize) -> Self {
         Self { under_way: vec![Vector3::zeros(); steps], oldest: 0 }
     }
 
-    /// Takes this step's command in and hands out the one that arrives. O(1); does not allocate.
+    /// Stores the command of this step and returns the one that arrives. O(1); does not allocate.
     pub(super) fn pass(&mut self, command: Vector3<f64>) -> Vector3<f64> {
         let Some(slot) = self.under_way.get_mut(self.oldest) else {
             return command;

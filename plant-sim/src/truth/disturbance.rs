@@ -1,6 +1,8 @@
-//! The bounded random force: an Ornstein–Uhlenbeck process, clipped, and held for a millisecond of simulated time.
+//! The bounded random force: an Ornstein–Uhlenbeck process, clipped, and held for a millisecond of
+//! simulated time.
 //!
-//! x⁺ = φ x + √(1 − φ²) n, φ = e^(−h/τ), n ~ N(0, 1), h = 1 ms; the force is half the bound times x, at most the bound.
+//! x⁺ = φ x + √(1 − φ²) n, φ = e^(−h/τ), n ~ N(0, 1), h = 1 ms. The force is half the bound times
+//! x, clipped to the bound.
 
 use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};
@@ -9,23 +11,23 @@ use rand_pcg::Pcg64Mcg;
 
 use super::parameters::RandomForce;
 
-/// How long a force is held \[s\].
+/// h: time for which a force is held \[s\].
 const HOLD_S: f64 = 1e-3;
 
-/// The process and its generator, which nothing else draws from.
+/// The process with a random generator of its own.
 #[derive(Debug, Clone)]
 pub(super) struct Disturbance {
     /// Bounds along x and y \[N\] and about the vertical axis \[N m\].
     bound: Vector3<f64>,
-    /// φ: what is left of the process after one hold.
+    /// φ: share of the process that remains after one hold.
     memory: f64,
-    /// x: of mean zero and variance one, whatever the bound.
+    /// x: of mean zero and variance one, independent of the bound.
     process: Vector3<f64>,
     generator: Pcg64Mcg,
 }
 
 impl Disturbance {
-    /// A process that has been running for ever, as the seed has it.
+    /// A stationary process for this seed.
     pub(super) fn new(settings: Option<&RandomForce>, seed: u64) -> Self {
         let settings = settings.copied().unwrap_or_default();
         let mut generator = Pcg64Mcg::seed_from_u64(seed);
@@ -41,13 +43,13 @@ impl Disturbance {
         }
     }
 
-    /// The force now, in the body frame (N, N, N m).
+    /// The present force, in the body frame \[N, N, N m\].
     pub(super) fn force(&self) -> Vector3<f64> {
         self.process
             .zip_map(&self.bound, |process, bound| (0.5 * bound * process).clamp(-bound, bound))
     }
 
-    /// Goes on by one hold. Does not allocate.
+    /// Advances the process by one hold. Does not allocate.
     pub(super) fn next(&mut self) {
         let news = (1.0 - self.memory * self.memory).sqrt();
         for process in &mut self.process {
@@ -76,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn a_force_is_half_forgotten_after_log_two_of_its_time() {
+    fn the_autocorrelation_is_one_half_after_ln_2_time_constants() {
         let mut process = process(0.05);
         let lag = 35; // 0.05 s · ln 2 in milliseconds
         let forces: Vec<f64> =

@@ -9,19 +9,21 @@
 //! | `traction`      | t                | N, along the rim      |
 //! | `force`         | F                | N, N, N m, body       |
 //!
-//! A speed loop per wheel asks for a current, which follows with a first-order lag and drives the wheel, of load N and
-//! motor gain γ, with the torque τ:
+//! The speed loop of each wheel requests a current. The current follows with a first-order lag and
+//! drives the wheel, of load N and motor gain γ, with the torque τ:
 //!
 //! ```text
 //! i = sat(k_p (u_m − ω) + z),   ż = k_i (u_m − ω),   u_m = J u / r
 //! τ = γ p K_T i − f ω − μ N r tanh(ω/ω_s)
 //! ```
 //!
-//! **Without slip** the wheels turn as the body moves, ω = J v / r, and v alone is dynamic. With M from eqs. 19–20,
-//! M ω̇ = τ + r J⁺ᵀF is four equations for three degrees of freedom; the columns of J are eigenvectors of M, so that
-//! its part along them is exactly the first line below, and its part across them, wheels working against each other, is
-//! held by the floor. **With slip** the wheels have speeds of their own, and push the floor only as hard as they grip it,
-//! with c N along the roller's axis, which stands at 45° to the rim:
+//! **Without slip** the wheels turn as the body moves, ω = J v / r, and only v is dynamic. With M
+//! from eqs. 19–20, M ω̇ = τ + r J⁺ᵀF is four equations for three degrees of freedom. The columns
+//! of J are eigenvectors of M. So the part of the equations along J is exactly the first line
+//! below. The part across J, wheels that work against each other, is held by the floor.
+//!
+//! **With slip** the wheels have speeds of their own, and their grip limits their force on the
+//! floor. The largest force along the roller's axis is c N. That axis stands at 45° to the rim:
 //!
 //! ```text
 //! (D + diag(4 I_ω/r², 4 I_ω/r², 4 L² I_ω/r²)) v̇ = Jᵀτ/r + F
@@ -29,13 +31,14 @@
 //! D v̇ = Jᵀt + F,   I_ω ω̇ = τ − r t,   t = c N/√2 tanh((r ω − J v)/v_s)
 //!
 //!     ⎡  m    0  −S_y ⎤
-//! D = ⎢  0    m   S_x ⎥,   F = (m (v_y, −v_x) ω_z + ω_z² S, −ω_z S·v) + drag + slope + push + random force
-//!     ⎣−S_y  S_x  I_z ⎦
+//! D = ⎢  0    m   S_x ⎥,   F = (m (v_y, −v_x) ω_z + ω_z² S, −ω_z S·v)
+//!     ⎣−S_y  S_x  I_z ⎦        + drag + slope + push + random force
 //! ```
-//! with S the mass times the place of its centre, and `I_z` about the middle between the wheels. A wheel at (±b, ±a) bears
-//! N = m g/4 (1 ± S_x/(m b) ± S_y/(m a)).
+//! with S the mass times the position of its centre, and `I_z` about the middle between the wheels.
+//! A wheel at (±b, ±a) bears N = m g/4 (1 ± S_x/(m b) ± S_y/(m a)).
 //!
-//! The first term of F comes from taking eq. 12 in the turning frame of the body; the paper's eq. 21 lacks it.
+//! The first term of F comes from eq. 12 in the turning frame of the body; the paper's eq. 21 lacks
+//! it.
 //!
 //! Reference: Wu, Tang, Xu 2023, eqs. 10–21, with sign(ω) in eq. 14 and ω̇ in eq. 18.
 
@@ -50,10 +53,10 @@ use super::schedule::Conditions;
 /// Standard gravity \[m/s²\].
 pub(super) const GRAVITY: f64 = 9.806_65;
 
-/// How many numbers a [`State`] is.
+/// Number of scalars in a [`State`].
 const SIZE: usize = 18;
 
-/// What evolves; also its rate of change.
+/// The state of the equations, or its rate of change.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct State {
     /// x, y and heading in the world; the heading is not wrapped.
@@ -62,7 +65,7 @@ pub(super) struct State {
     pub(super) velocity: Vector3<f64>,
     /// Wheel speeds: J v / r without slip.
     pub(super) wheel_speed: Vector4<f64>,
-    /// Motor currents: what the speed loop asks for, without lag.
+    /// Motor currents; without lag, the currents that the speed loop requests.
     pub(super) current: Vector4<f64>,
     /// z: integral part of the speed loop \[A\].
     pub(super) integral: Vector4<f64>,
@@ -92,7 +95,7 @@ impl State {
     }
 }
 
-/// What the floor is to each wheel, as multiples of what it is elsewhere.
+/// Properties of the floor below each wheel, as multiples of those elsewhere.
 struct Floor {
     friction: Vector4<f64>,
     grip: Vector4<f64>,
@@ -103,9 +106,9 @@ struct Floor {
 pub(super) struct Dynamics {
     truth: Truth,
     geometry: Geometry,
-    /// Part of the weight that pulls down the slope, in the world.
+    /// Component of the weight that pulls down the slope, in the world.
     down: Vector2<f64>,
-    /// Part of the weight that loads the wheels.
+    /// Component of the weight that loads the wheels.
     level: f64,
 }
 
@@ -173,14 +176,16 @@ impl Dynamics {
         }
     }
 
-    /// The state of wheels that roll as the body moves, with currents and integrals as they are in steady motion without load.
+    /// The state of wheels that roll as the body moves. Currents and integrals are those of steady
+    /// motion without load.
     pub(super) fn at_steady_rolling(&self, state: &State, given: &Conditions) -> State {
         let wheel_speed = self.geometry.wheel_speed(&state.velocity);
         let current = self.current_demand(&self.speed_error(&wheel_speed, given), &state.integral);
         State { wheel_speed, current, ..*state }
     }
 
-    /// The state with its dependent parts, wheel speeds without slip and currents without lag, made to fit the others.
+    /// The state with its dependent parts recomputed: wheel speeds without slip and currents
+    /// without lag.
     pub(super) fn consistent(&self, state: &State, given: &Conditions) -> State {
         let wheel_speed = self.wheel_speed(state);
         let mut fitting = State { wheel_speed, ..*state };
@@ -191,7 +196,7 @@ impl Dynamics {
         fitting
     }
 
-    /// F: all that moves the body but its wheels (N, N, N m), in its own frame.
+    /// F: all forces on the body except those of its wheels \[N, N, N m\], in the body frame.
     pub(super) fn force(&self, state: &State, given: &Conditions) -> Vector3<f64> {
         let v = &state.velocity;
         let drag = self.truth.drag_n_s2_per_m2 * v.xy().norm();
@@ -207,7 +212,7 @@ impl Dynamics {
             + given.random_force
     }
 
-    /// N: what each wheel bears \[N\].
+    /// N: load of each wheel \[N\].
     fn load_n(&self, given: &Conditions) -> Vector4<f64> {
         let centre = given.mass_moment / given.mass_kg;
         let (b, a) = (self.truth.half_wheelbase_m, self.truth.half_track_m);
@@ -241,7 +246,7 @@ impl Dynamics {
             .map(|current| current.clamp(-limit, limit))
     }
 
-    /// ż; a loop at its limit does not wind up further.
+    /// ż; a loop at its limit has an anti-windup.
     fn integral_rate(&self, error: &Vector4<f64>, integral: &Vector4<f64>) -> Vector4<f64> {
         let truth = &self.truth;
         error.zip_map(integral, |error, integral| {
@@ -277,7 +282,7 @@ impl Dynamics {
         })
     }
 
-    /// v̇ and ω̇ of wheels that push the floor with `traction`.
+    /// v̇ and ω̇ of wheels whose traction on the floor is `traction`.
     fn slipping(
         &self,
         torque: &Vector4<f64>,
@@ -319,7 +324,8 @@ impl Dynamics {
     }
 }
 
-/// v̇ of the body, to which `wheels` adds what turns with it, under a force. Of a centred mass each axis is by itself.
+/// v̇ of the body under a force. `wheels` is the inertia of the wheels that turn with it. With a
+/// centred mass the axes are independent.
 fn accelerated(given: &Conditions, wheels: &Vector3<f64>, force: &Vector3<f64>) -> Vector3<f64> {
     let (straight, turn, moment) =
         (given.mass_kg + wheels.x, given.yaw_inertia_kg_m2 + wheels.z, given.mass_moment);
@@ -328,7 +334,8 @@ fn accelerated(given: &Conditions, wheels: &Vector3<f64>, force: &Vector3<f64>) 
     Vector3::new((force.x + moment.y * yaw) / straight, (force.y - moment.x * yaw) / straight, yaw)
 }
 
-/// What the turning of the body's frame adds: `m (v_y, −v_x) ω_z + ω_z² S` and `−ω_z S·v`. It does no work.
+/// The terms of the turning body frame: `m (v_y, −v_x) ω_z + ω_z² S` and `−ω_z S·v`. They do no
+/// work.
 fn turning_frame(given: &Conditions, velocity: &Vector3<f64>) -> Vector3<f64> {
     let (rate, moment) = (velocity.z, given.mass_moment);
     let straight =
@@ -336,7 +343,8 @@ fn turning_frame(given: &Conditions, velocity: &Vector3<f64>) -> Vector3<f64> {
     Vector3::new(straight.x, straight.y, -rate * moment.dot(&velocity.xy()))
 }
 
-/// A velocity or force of the body (x, y, yaw) as the world sees it; of the world as the body sees it, by −`heading`.
+/// Rotates a velocity or force (x, y, yaw) from the body frame to the world frame; by −`heading`,
+/// from the world frame to the body frame.
 fn world_from_body(heading: f64, body: &Vector3<f64>) -> Vector3<f64> {
     let (sin, cos) = heading.sin_cos();
     Vector3::new(cos * body.x - sin * body.y, sin * body.x + cos * body.y, body.z)

@@ -1,4 +1,4 @@
-//! Where the wheels stand, and how their speeds and the body's belong together.
+//! Wheel positions, and the kinematics between wheels and body.
 //!
 //! | here                       | in the equations | size  |
 //! |----------------------------|------------------|-------|
@@ -23,7 +23,7 @@ pub(super) struct Geometry {
     pub(super) rim_speed_from_velocity: Matrix4x3<f64>,
     /// J⁺: body velocity of rim speeds.
     pub(super) velocity_from_rim_speed: Matrix3x4<f64>,
-    /// Where each wheel touches the floor, in the body frame \[m\].
+    /// Contact point of each wheel with the floor, in the body frame \[m\].
     pub(super) contacts_m: [Vector2<f64>; 4],
 }
 
@@ -74,14 +74,14 @@ mod tests {
     }
 
     #[test]
-    fn body_velocity_survives_the_way_through_the_rims() {
+    fn rim_speeds_convert_back_to_the_same_body_velocity() {
         let g = geometry();
         let error = g.velocity_from_rim_speed * g.rim_speed_from_velocity - Matrix3::identity();
         assert!(error.amax() < 1e-15, "{error}");
     }
 
     #[test]
-    fn the_papers_rims_come_out_after_rotating_its_frame() {
+    fn the_papers_rim_speeds_hold_in_the_rotated_frame() {
         // Eq. 5 has x to the right and y forward: its (v_x, v_y) are our (−v_y, v_x).
         let g = geometry();
         let l = g.arm_m;
@@ -91,8 +91,8 @@ mod tests {
     }
 
     #[test]
-    fn a_rim_moves_as_the_body_does_where_the_wheel_stands() {
-        // Rollers at ±45° let a wheel measure forward ± left velocity of the point above its contact.
+    fn a_rim_speed_is_the_body_velocity_at_the_contact_point() {
+        // Rollers at ±45°: a wheel measures forward ± left velocity of the point above its contact.
         let g = geometry();
         let v = Vector3::new(0.7, -0.4, 1.3);
         let rims = g.rim_speed_from_velocity * v;

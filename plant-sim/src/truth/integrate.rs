@@ -4,7 +4,7 @@
 
 use nalgebra::SVector;
 
-/// The state one step later, of ẋ = `rate`(x).
+/// The state of ẋ = `rate`(x) one step later.
 ///
 /// x⁺ = x + h/6 (k₁ + 2 k₂ + 2 k₃ + k₄). Four calls of `rate`; does not allocate.
 pub(super) fn runge_kutta<const N: usize>(
@@ -35,7 +35,7 @@ mod tests {
     }
 
     #[test]
-    fn half_the_step_leaves_a_sixteenth_of_the_error() {
+    fn half_the_step_gives_a_sixteenth_of_the_error() {
         let ratio = error_after_one_second(50) / error_after_one_second(100);
         assert!((15.0..17.0).contains(&ratio), "{ratio}");
     }

@@ -1,11 +1,12 @@
-//! The settings of a world, as a scenario names them.
+//! The settings of a world, as in a scenario file.
 //!
-//! What is left out has the reference robot's ideal value (the one that the reference scenario *believes*), and no effect
-//! beyond the plain robot: zero, an empty list or an absent table is off. A scenario so names only what it makes different.
+//! The default is the ideal value of the reference robot (the one that the reference scenario
+//! *believes*). Other effects are off by default: zero, an empty list or an absent table. So a
+//! scenario names only its differences.
 
 use serde::{Deserialize, Serialize};
 
-/// What the robot and its world really are.
+/// The true robot and its world.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Truth {
@@ -25,18 +26,19 @@ pub struct Truth {
 
     /// f: torque against the wheel per speed of the wheel \[N m s/rad\].
     pub wheel_viscous_friction_nms: f64,
-    /// μ: rolling friction, as a part of the wheel's load \[1\].
+    /// μ: rolling friction per wheel load \[1\].
     pub rolling_friction: f64,
     /// `ω_s`: wheel speed at which rolling friction has reached tanh(1) of its value \[rad/s\].
     pub rolling_friction_speed_scale_radps: f64,
-    /// Rolling friction of a wheel that hardly turns, as a multiple of that of one that does; 1 is no stiction.
+    /// Rolling friction of a wheel at standstill, as a multiple of that of a turning wheel; 1 is no
+    /// stiction.
     pub breakaway_factor: f64,
-    /// `ω_b`: wheel speed at which 1/e of what breaking away takes more is left \[rad/s\].
+    /// `ω_b`: wheel speed at which the extra friction has decayed to 1/e \[rad/s\].
     pub breakaway_speed_radps: f64,
     /// Air drag per squared speed \[N s²/m²\].
     pub drag_n_s2_per_m2: f64,
 
-    /// Part of its torque that each motor really gives; 1 is a healthy one.
+    /// γ: delivered torque of each motor per requested torque; 1 is a healthy motor.
     pub motor_gain: [f64; 4],
     /// p: pole pairs.
     pub pole_pairs: f64,
@@ -48,13 +50,13 @@ pub struct Truth {
     pub speed_loop_integral_a_per_rad: f64,
     /// Speed error that the speed loop ignores \[rad/s\].
     pub deadband_radps: f64,
-    /// `i_max`: the most current that a motor is asked for, either way \[A\].
+    /// `i_max`: largest requested current of a motor, in both directions \[A\].
     pub current_limit_a: f64,
-    /// Time constant with which the current follows what is asked \[s\]; 0 is at once.
+    /// Time constant of the current's lag behind the request \[s\]; 0 is no lag.
     pub current_lag_s: f64,
-    /// The fastest wheel speed that the speed loop takes as a target, either way \[rad/s\].
+    /// Largest target of the speed loop, in both directions \[rad/s\].
     pub wheel_speed_limit_radps: f64,
-    /// From the gate to the motors \[s\]; a multiple of 0.1 ms.
+    /// Delay from the gate to the motors \[s\]; a multiple of 0.1 ms.
     pub command_delay_s: f64,
 
     /// The floor's inclination.
@@ -66,25 +68,25 @@ pub struct Truth {
     /// A bounded random force.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub random_force: Option<RandomForce>,
-    /// A load that comes on in the course of the run.
+    /// A load that is added during the run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub payload: Option<Payload>,
-    /// Wheels that can slip; without it they never do.
+    /// Wheels that can slip; absent, they never do.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wheel_slip: Option<WheelSlip>,
-    /// Where the floor is different; of overlapping patches the first counts.
+    /// Areas of different floor; where patches overlap, the first counts.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub patches: Vec<Patch>,
-    /// Motors that change in the course of the run.
+    /// Motor faults during the run.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<Fault>,
-    /// When the whole floor is slippery; needs `wheel_slip`.
+    /// Times at which the whole floor is slippery; needs `wheel_slip`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub slippery: Vec<Slippery>,
-    /// When sensors stand still.
+    /// Sensors that are stuck for a time.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub stuck: Vec<Stuck>,
-    /// What the sensors add to the truth.
+    /// Noise and quantisation of the sensors.
     pub sensor: Sensor,
 }
 
@@ -131,9 +133,9 @@ impl Default for Truth {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Slope {
-    /// Between the floor and the horizontal \[rad\].
+    /// Angle between the floor and the horizontal \[rad\].
     pub angle_rad: f64,
-    /// World heading of the way down \[rad\].
+    /// World heading of the downhill direction \[rad\].
     #[serde(default)]
     pub direction_rad: f64,
 }
@@ -146,9 +148,9 @@ pub struct Push {
     pub force_n: [f64; 2],
     /// About the vertical axis, counter-clockwise \[N m\].
     pub torque_nm: f64,
-    /// When it begins \[s\].
+    /// Begin \[s\].
     pub from_s: f64,
-    /// When it ends \[s\]; absent is never.
+    /// End \[s\]; absent is never.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub until_s: Option<f64>,
 }
@@ -157,15 +159,15 @@ pub struct Push {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RandomForce {
-    /// The most along x and along y, either way \[N\].
+    /// Largest force along x and along y, in both directions \[N\].
     pub bound_n: f64,
-    /// The most about the vertical axis, either way \[N m\].
+    /// Largest torque about the vertical axis, in both directions \[N m\].
     pub bound_nm: f64,
-    /// Time over which the force forgets \[s\]; 0 is a new one every millisecond.
+    /// Correlation time of the force \[s\]; 0 is a new force every millisecond.
     pub correlation_s: f64,
 }
 
-/// A load that comes on, and moves as the robot does.
+/// A load on the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Payload {
@@ -174,24 +176,25 @@ pub struct Payload {
     /// Inertia about its own vertical axis \[kg m²\].
     #[serde(default)]
     pub yaw_inertia_kg_m2: f64,
-    /// Where it lies: forward and left of the robot's centre \[m\].
+    /// Position, forward and left of the robot's centre \[m\].
     #[serde(default)]
     pub offset_m: [f64; 2],
-    /// When it comes on \[s\].
+    /// Time at which it is added \[s\].
     #[serde(default)]
     pub at_s: f64,
-    /// When it is taken off \[s\]; absent is never.
+    /// Time at which it is removed \[s\]; absent is never.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until_s: Option<f64>,
 }
 
-/// Wheels that push the floor only as hard as they grip it.
+/// Wheels whose force on the floor is limited by their grip.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WheelSlip {
-    /// The most force along a roller's axis, as a part of the wheel's load \[1\].
+    /// c: largest force along a roller's axis, per wheel load \[1\].
     pub grip: f64,
-    /// Rim speed against the floor at which the force has reached tanh(1) of its most \[m/s\].
+    /// `v_s`: rim speed against the floor at which the force is tanh(1) of its largest value
+    /// \[m/s\].
     #[serde(default = "slip_speed_scale_mps")]
     pub slip_speed_scale_mps: f64,
 }
@@ -200,13 +203,13 @@ fn slip_speed_scale_mps() -> f64 {
     0.05
 }
 
-/// A rectangle of floor that is different, to the wheels that stand on it.
+/// A rectangle of different floor.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Patch {
-    /// Its least x and y in the world \[m\].
+    /// Smallest x and y in the world \[m\].
     pub from_m: [f64; 2],
-    /// Its largest x and y in the world \[m\].
+    /// Largest x and y in the world \[m\].
     pub to_m: [f64; 2],
     /// Rolling friction there, as a multiple of that elsewhere.
     #[serde(default = "unchanged")]
@@ -220,17 +223,17 @@ fn unchanged() -> f64 {
     1.0
 }
 
-/// A motor's gain from some time on, until that is over or another fault of the same wheel begins.
+/// A different motor gain, until its end or until another fault of the same wheel begins.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
-    /// Whose motor.
+    /// Wheel of the motor.
     pub wheel: Wheel,
-    /// What takes the place of its `motor_gain`; 0 is a dead motor.
+    /// Replaces the wheel's `motor_gain`; 0 is a dead motor.
     pub gain: f64,
-    /// From when on \[s\].
+    /// Begin \[s\].
     pub at_s: f64,
-    /// When it is over \[s\]; absent is never.
+    /// End \[s\]; absent is never.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until_s: Option<f64>,
 }
@@ -241,27 +244,27 @@ pub struct Fault {
 pub struct Slippery {
     /// Grip, as a multiple of that at other times, at most 1.
     pub grip_factor: f64,
-    /// From when on \[s\].
+    /// Begin \[s\].
     pub from_s: f64,
-    /// Until when \[s\]; absent is for ever.
+    /// End \[s\]; absent is never.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until_s: Option<f64>,
 }
 
-/// A sensor that shows for a time what it showed when that began.
+/// A sensor that repeats for a time the value of the beginning.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stuck {
-    /// Which one.
+    /// The sensor.
     pub sensor: StuckSensor,
-    /// From when on \[s\].
+    /// Begin \[s\].
     pub from_s: f64,
-    /// Until when \[s\]; absent is for ever.
+    /// End \[s\]; absent is never.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until_s: Option<f64>,
 }
 
-/// What stands still.
+/// Values that can be stuck.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StuckSensor {
@@ -269,7 +272,7 @@ pub enum StuckSensor {
     Pose,
     /// Velocity forward and left, and yaw rate.
     Velocity,
-    /// Everything that is measured.
+    /// All measured values.
     Everything,
 }
 
@@ -288,7 +291,7 @@ pub enum Wheel {
 }
 
 impl Wheel {
-    /// Its place in an array of wheels.
+    /// Its index in an array of wheels.
     pub const fn index(self) -> usize {
         match self {
             Self::FrontRight => 0,
@@ -299,7 +302,7 @@ impl Wheel {
     }
 }
 
-/// What the sensors add to the truth: Gaussian noise (standard deviation), then rounding to a step; 0 is off.
+/// Gaussian noise (standard deviation), then rounding to a step; 0 is off.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Sensor {
@@ -339,14 +342,14 @@ mod tests {
     }
 
     #[test]
-    fn what_a_scenario_leaves_out_is_the_plain_robot() {
+    fn settings_that_a_scenario_omits_are_those_of_the_default_robot() {
         let named = Truth { mass_kg: 22.0, drag_n_s2_per_m2: 0.5, ..Truth::default() };
         assert_eq!(read([("mass_kg", 22.0), ("drag_n_s2_per_m2", 0.5)]), Ok(named));
         assert_eq!(read([]), Ok(Truth::default()));
     }
 
     #[test]
-    fn a_setting_that_is_not_known_is_refused_by_name() {
+    fn the_error_names_an_unknown_setting() {
         let refused = read([("mas_kg", 22.0)]).map_err(|error| error.to_string());
         assert!(refused.is_err_and(|message| message.contains("`mas_kg`")));
     }

@@ -1,4 +1,5 @@
-//! What the world would do from here, as it is now: for a controller that is to know everything but the future.
+//! Prediction of the world from its present state, for the oracle: a controller that knows
+//! everything but the future.
 
 use nalgebra::{Vector3, Vector4};
 
@@ -7,14 +8,16 @@ use super::integrate::runge_kutta;
 use super::parameters::Truth;
 use super::schedule::{Conditions, Schedule};
 
-/// Longest step of wheels that roll, whose fastest motion is friction at standstill \[ns\].
+/// Longest step of rolling wheels, whose fastest motion is friction at standstill \[ns\].
 const ROLLING_STEP_NANOS: u64 = 4_000_000;
-/// Longest step of wheels that slip, which are stiff \[ns\].
+/// Longest step of slipping wheels, which are stiff \[ns\].
 const SLIPPING_STEP_NANOS: u64 = 1_000_000;
 
-/// The equations of motion of a [`World`](super::World), with the payload, faults and push of one moment, and no random force.
+/// The equations of motion of a [`World`](super::World), with the payload, faults and push of one
+/// moment, and no random force.
 ///
-/// What a controller cannot measure, wheel speeds that slip, currents that lag and integrals of the speed loops, begins as in steady rolling.
+/// A controller cannot measure slipping wheel speeds, lagging currents and integrals of the speed
+/// loops. They start as in steady rolling.
 #[derive(Debug, Clone)]
 pub struct Preview {
     dynamics: Dynamics,
@@ -39,12 +42,13 @@ impl Preview {
         }
     }
 
-    /// Takes the world as it is at this time. Does not allocate.
+    /// Takes over the payload, faults and push of this time. Does not allocate.
     pub fn look(&mut self, now_nanos: u64) {
         self.now = self.schedule.at(now_nanos, Vector3::zeros(), Vector3::zeros());
     }
 
-    /// Pose and body velocity after `duration_nanos`, from these and with this input held. Does not allocate.
+    /// Pose and body velocity after `duration_nanos`, from this state and under a constant input.
+    /// Does not allocate.
     pub fn after(
         &self,
         duration_nanos: u64,
@@ -82,7 +86,8 @@ mod tests {
 
     const PERIOD_NANOS: u64 = 100_000_000;
 
-    /// How far the preview of one period, from a world under way at `at_s`, is from what the world then does.
+    /// Difference between the prediction of one period and the world after it, for a moving world
+    /// at `at_s`.
     fn error(truth: &Truth, at_s: u64) -> f64 {
         let mut world = World::new(truth, Start::default(), 1);
         world.advance(at_s * 1_000_000_000 - PERIOD_NANOS, [1.0, -0.4, 0.5]);
@@ -98,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn without_chance_it_is_what_the_world_does() {
+    fn without_random_forces_the_prediction_is_exact() {
         let truth = Truth {
             mass_kg: 22.0,
             rolling_friction: 0.05,
@@ -128,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn a_payload_is_known_from_its_time_on_and_not_before() {
+    fn the_prediction_knows_a_payload_only_from_its_beginning() {
         let payload = Payload {
             mass_kg: 20.0,
             yaw_inertia_kg_m2: 0.0,

@@ -1,4 +1,4 @@
-//! What changes in the course of a run: payload, faults and push, by simulated time.
+//! Changes during a run: payload, faults and push, by simulated time.
 
 use core::ops::Range;
 
@@ -6,7 +6,7 @@ use nalgebra::{Vector2, Vector3, Vector4};
 
 use super::parameters::{Fault, Payload, Push, Truth};
 
-/// What the equations of motion take as given for one step.
+/// Constants of the equations of motion in one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Conditions {
     /// m, with the payload if it is on \[kg\].
@@ -15,7 +15,7 @@ pub(super) struct Conditions {
     pub(super) yaw_inertia_kg_m2: f64,
     /// S: mass times place of the centre of mass, forward and left of the robot's centre \[kg m\].
     pub(super) mass_moment: Vector2<f64>,
-    /// Part of its torque that each motor gives.
+    /// Delivered torque of each motor per requested torque.
     pub(super) motor_gain: Vector4<f64>,
     /// Constant force in the world's x and y, and about the vertical axis \[N, N, N m\].
     pub(super) push_in_world: Vector3<f64>,
@@ -23,7 +23,7 @@ pub(super) struct Conditions {
     pub(super) random_force: Vector3<f64>,
     /// Grip of the floor, as a multiple of that at other times.
     pub(super) grip: f64,
-    /// Body velocity that the speed loops are asked for \[m/s, m/s, rad/s\].
+    /// Body velocity requested from the speed loops \[m/s, m/s, rad/s\].
     pub(super) command: Vector3<f64>,
 }
 
@@ -35,14 +35,14 @@ pub(super) struct Schedule {
     motor_gain: Vector4<f64>,
     payload: Option<(Range<u64>, Payload)>,
     push: Option<(Range<u64>, Push)>,
-    /// When, which wheel and its new gain; in the order in which they begin.
+    /// Time, wheel and its new gain; in the order in which they begin.
     faults: Vec<(Range<u64>, usize, f64)>,
-    /// When, and the floor's grip then.
+    /// Time, and the floor's grip then.
     slippery: Vec<(Range<u64>, f64)>,
 }
 
 impl Schedule {
-    /// The timetable that the settings name. Allocates, here only.
+    /// The timetable of the settings. Allocates, here only.
     pub(super) fn new(truth: &Truth) -> Self {
         let fault =
             |fault: &Fault| (window(fault.at_s, fault.until_s), fault.wheel.index(), fault.gain);
@@ -63,7 +63,8 @@ impl Schedule {
         }
     }
 
-    /// What holds at this time, with this random force and command. O(faults); does not allocate.
+    /// The conditions at this time, with this random force and command. O(faults); does not
+    /// allocate.
     pub(super) fn at(
         &self,
         now_nanos: u64,
@@ -107,12 +108,12 @@ impl Schedule {
     }
 }
 
-/// From one time to another \[s\], or for ever.
+/// From one time to another \[s\], or without end.
 pub(super) fn window(from_s: f64, until_s: Option<f64>) -> Range<u64> {
     nanos(from_s)..until_s.map_or(u64::MAX, nanos)
 }
 
-/// Seconds as nanoseconds, to the nearest; what is before the start is the start.
+/// Seconds as nanoseconds, rounded; a negative time is the start.
 pub(super) fn nanos(seconds: f64) -> u64 {
     (seconds * 1e9).round() as u64
 }
@@ -127,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn a_payload_weighs_while_it_is_on() {
+    fn a_payload_adds_mass_only_between_its_times() {
         let payload = Payload {
             mass_kg: 5.0,
             yaw_inertia_kg_m2: 0.1,
@@ -143,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn the_latest_fault_of_a_wheel_counts_in_whatever_order_they_are_named() {
+    fn the_latest_fault_of_a_wheel_counts_in_any_order_of_the_settings() {
         let fault = |gain, at_s| Fault { wheel: Wheel::RearLeft, gain, at_s, until_s: None };
         let truth = Truth { faults: vec![fault(1.0, 3.0), fault(0.0, 1.0)], ..Truth::default() };
         assert_eq!(at(&truth, 0.9).motor_gain, Vector4::repeat(1.0));
@@ -152,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_motor_is_well_again_and_a_floor_dry_when_its_fault_is_over() {
+    fn motor_gain_and_grip_recover_at_the_end_of_a_fault() {
         let fault = Fault { wheel: Wheel::RearLeft, gain: 0.0, at_s: 1.0, until_s: Some(2.0) };
         let slippery = Slippery { grip_factor: 0.2, from_s: 1.0, until_s: Some(2.0) };
         let truth = Truth { faults: vec![fault], slippery: vec![slippery], ..Truth::default() };

@@ -1,4 +1,4 @@
-//! What the sensors make of the truth: seeded noise, then rounding to a step; and what stands still for a time.
+//! The sensors: seeded noise, then rounding to a step; and values that are stuck for a time.
 
 use core::ops::Range;
 
@@ -10,7 +10,7 @@ use super::parameters::{Sensor, Stuck, StuckSensor};
 use super::schedule::window;
 use super::world::TrueState;
 
-/// What the sensors saw.
+/// Measured values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measurement {
     /// x, y and heading in the world \[m, m, rad\]; the heading is not wrapped.
@@ -23,7 +23,7 @@ pub struct Measurement {
     pub current: [f64; 4],
 }
 
-/// The sensors and their generator, which nothing else draws from.
+/// The sensors with a random generator of their own.
 #[derive(Debug, Clone)]
 pub(super) struct Sensors {
     settings: Sensor,
@@ -31,7 +31,7 @@ pub(super) struct Sensors {
     stuck: Vec<Standstill>,
 }
 
-/// A sensor that stands still for a time, and what it shows then, once it was looked at.
+/// A sensor that is stuck for a time, and its value then, after the first measurement.
 #[derive(Debug, Clone)]
 struct Standstill {
     window: Range<u64>,
@@ -40,7 +40,7 @@ struct Standstill {
 }
 
 impl Standstill {
-    /// Puts what stands still into what was `seen` now. Does not allocate.
+    /// Replaces stuck values in `seen`. Does not allocate.
     fn hold(&mut self, now_nanos: u64, seen: &mut Measurement) {
         if !self.window.contains(&now_nanos) {
             return;
@@ -55,7 +55,7 @@ impl Standstill {
 }
 
 impl Sensors {
-    /// Sensors whose noise the seed determines.
+    /// Sensors whose noise depends on the seed alone.
     pub(super) fn new(settings: Sensor, stuck: &[Stuck], seed: u64) -> Self {
         let standstill = |stuck: &Stuck| Standstill {
             window: window(stuck.from_s, stuck.until_s),
@@ -69,8 +69,8 @@ impl Sensors {
         }
     }
 
-    /// One look at the truth at this time. It draws equally often whatever is off, so that turning one noise on leaves the others
-    /// alone. Does not allocate.
+    /// Measures the truth at this time. It draws the same number of random numbers for all
+    /// settings, so that one noise does not change the others. Does not allocate.
     pub(super) fn measure(&mut self, truth: &TrueState, now_nanos: u64) -> Measurement {
         let s = self.settings;
         let mut see = |truth: f64, noise: f64, step: f64| {
@@ -100,7 +100,7 @@ impl Sensors {
     }
 }
 
-/// The multiple of `step` nearest to `value`; `value` itself if there is no step.
+/// The multiple of `step` nearest to `value`; `value` itself if the step is 0.
 fn quantised(value: f64, step: f64) -> f64 {
     if step > 0.0 { (value / step).round() * step } else { value }
 }
@@ -120,14 +120,14 @@ mod tests {
     }
 
     #[test]
-    fn ideal_sensors_tell_the_truth() {
+    fn ideal_sensors_measure_the_truth() {
         let seen = Sensors::new(Sensor::default(), &[], 1).measure(&truth(), 0);
         let TrueState { pose, velocity, wheel_speed, current, .. } = truth();
         assert_eq!(seen, Measurement { pose, velocity, wheel_speed, current });
     }
 
     #[test]
-    fn a_step_leaves_at_most_half_a_step() {
+    fn rounding_changes_a_value_by_at_most_half_a_step() {
         let settings =
             Sensor { position_step_m: 0.1, wheel_speed_step_radps: 0.7, ..Sensor::default() };
         let seen = Sensors::new(settings, &[], 1).measure(&truth(), 0);
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_has_the_deviation_that_was_asked_for() {
+    fn noise_has_the_standard_deviation_of_the_settings() {
         let mut sensors =
             Sensors::new(Sensor { velocity_noise_mps: 0.02, ..Sensor::default() }, &[], 3);
         let looks = 20_000;
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_stuck_shows_what_it_showed_when_that_began_and_the_rest_goes_on() {
+    fn a_stuck_sensor_repeats_its_first_value_and_the_others_continue() {
         let stuck = Stuck { sensor: StuckSensor::Velocity, from_s: 1e-6, until_s: Some(3e-6) };
         let mut sensors = Sensors::new(Sensor::default(), &[stuck], 1);
         let mut look = |now_nanos: u64| {
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn one_noise_leaves_the_others_alone() {
+    fn one_noise_does_not_change_the_others() {
         let one = Sensor { current_noise_a: 0.1, ..Sensor::default() };
         let two = Sensor { position_noise_m: 0.1, ..one };
         let (mut one, mut two) = (Sensors::new(one, &[], 5), Sensors::new(two, &[], 5));

@@ -12,13 +12,13 @@ use super::parameters::Truth;
 use super::schedule::{Conditions, Schedule, nanos};
 use super::sensors::{Measurement, Sensors};
 
-/// Steps for which a random force is held: a millisecond.
+/// Number of steps for which a random force is held: a millisecond.
 const STEPS_PER_FORCE: u64 = 1_000_000 / World::STEP_NANOS;
 
-/// Sets the sensors' random numbers apart from the random force's.
+/// Separates the random numbers of the sensors from those of the random force.
 const SENSOR_STREAM: u64 = 0x5e05_0125_a3d1_90c7;
 
-/// What is really so.
+/// The true state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrueState {
     /// x, y and heading in the world \[m, m, rad\]; the heading is not wrapped.
@@ -29,15 +29,16 @@ pub struct TrueState {
     pub wheel_speed: [f64; 4],
     /// Motor currents \[A\].
     pub current: [f64; 4],
-    /// F of the equations of motion: turning frame, drag, slope, push and random force, on the body in its own frame
-    /// \[N, N, N m\].
+    /// F of the equations of motion: turning frame, drag, slope, push and random force, on the body
+    /// in its own frame \[N, N, N m\].
     pub force: [f64; 3],
 }
 
 /// A robot, its world and its sensors.
 ///
-/// Same settings, start, seed and inputs give the same bits, however the time is cut into calls of [`World::advance`]
-/// and however often the sensors are read. Nothing allocates after [`World::new`].
+/// Same settings, start, seed and inputs give the same bits. They depend neither on how the time is
+/// divided into calls of [`World::advance`] nor on how often the sensors are read. Nothing
+/// allocates after [`World::new`].
 ///
 /// ```
 /// use driver::Start;
@@ -59,23 +60,23 @@ pub struct World {
     state: State,
     conditions: Conditions,
     steps: u64,
-    /// Time asked for and not yet simulated; less than a step.
+    /// Requested time that is not yet simulated; less than a step.
     owed_nanos: u64,
-    /// Sum of the inputs of the steps since [`World::take_mean_input`], and how many those were.
+    /// Sum of the inputs of the steps since [`World::take_mean_input`], and their number.
     input_sum: Vector3<f64>,
     input_steps: u64,
 }
 
 impl World {
-    /// The world moves in steps of this length.
+    /// Length of a step \[ns\].
     pub const STEP_NANOS: u64 = 100_000;
 
-    /// The longest command delay \[s\].
+    /// Longest command delay \[s\].
     pub(super) const LONGEST_DELAY_S: f64 = 10.0;
 
-    /// A world at time zero, with standstill on its way to the motors.
+    /// A world at time zero, with zero commands on their way to the motors.
     ///
-    /// `truth` is one that [`Truth::check`] has found possible; with any other the numbers mean nothing. Allocates.
+    /// `truth` must have passed [`Truth::check`]; otherwise the numbers are meaningless. Allocates.
     pub fn new(truth: &Truth, start: Start, seed: u64) -> Self {
         let dynamics = Dynamics::new(truth);
         let schedule = Schedule::new(truth);
@@ -106,11 +107,12 @@ impl World {
         }
     }
 
-    /// Lets time pass with this body-velocity command (forward, left, yaw; m/s, m/s, rad/s) given to the motors.
+    /// Advances the time under this body-velocity command (forward, left, yaw; m/s, m/s, rad/s).
     ///
-    /// Time passes in whole steps of [`World::STEP_NANOS`]. What a duration leaves over is added to the next one, so that
-    /// the clock never drifts from the sum of the durations, and the command begins at the first step that this
-    /// call completes. A part of the command that is not finite counts as zero; the gate lets none through.
+    /// Time advances in whole steps of [`World::STEP_NANOS`]. The rest of a duration is added to
+    /// the next one, so the clock never drifts from the sum of the durations. The command begins at
+    /// the first step that this call completes. A component of the command that is not finite
+    /// counts as zero; the gate accepts none.
     ///
     /// Four evaluations of the equations of motion per step; does not allocate.
     pub fn advance(&mut self, duration_nanos: u64, input: [f64; 3]) {
@@ -122,7 +124,7 @@ impl World {
         self.owed_nanos = due_nanos % Self::STEP_NANOS;
     }
 
-    /// What is really so.
+    /// The true state.
     pub fn state(&self) -> TrueState {
         TrueState {
             pose: self.state.pose.into(),
@@ -133,17 +135,19 @@ impl World {
         }
     }
 
-    /// What the sensors make of it; each look has noise of its own. Does not allocate.
+    /// The sensors' measurement; each has noise of its own. Does not allocate.
     pub fn measure(&mut self) -> Measurement {
         self.sensors.measure(&self.state(), self.time_nanos())
     }
 
-    /// The body-velocity command that the speed loops followed in the last step: what was given a delay ago.
+    /// Body-velocity command that the speed loops followed in the last step: the command of one
+    /// delay ago.
     pub fn input_applied(&self) -> [f64; 3] {
         self.conditions.command.into()
     }
 
-    /// Mean of [`World::input_applied`] over the steps since this was last called; of the last step if there was none.
+    /// Mean of [`World::input_applied`] over the steps since the last call; the input of the last
+    /// step if there was none.
     pub fn take_mean_input(&mut self) -> [f64; 3] {
         let mean = match self.input_steps {
             0 => self.conditions.command,

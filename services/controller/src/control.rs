@@ -268,7 +268,7 @@ impl Controller {
         let believed = self.knowledge.state();
         match state.fallback_level() {
             FallbackLevel::Waiting | FallbackLevel::Brake | FallbackLevel::LatchedStop => {
-                judge.reset()
+                judge.reset();
             }
             FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan | FallbackLevel::Simple
                 if by_plans || judge.prefers_simple() =>

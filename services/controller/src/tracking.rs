@@ -73,7 +73,7 @@ impl TrackingJudge {
             }
             FallbackLevel::StoredTail => self.request = Reason::None,
             FallbackLevel::Waiting | FallbackLevel::Brake | FallbackLevel::LatchedStop => {
-                self.reset()
+                self.reset();
             }
         }
         self.request

@@ -1,4 +1,4 @@
-//! What a robot's author implements.
+//! The interface that the author of a robot implements.
 
 use protocol::message::WHEELS_MAX;
 use robot::Velocity;
@@ -32,7 +32,7 @@ use robot::Velocity;
 /// # Ok::<(), BaseError>(())
 /// ```
 pub trait Base {
-    /// What the sensors show now.
+    /// The present measurements.
     ///
     /// # Errors
     /// [`BaseError`] if the base cannot be read any more: the driver ends.
@@ -45,19 +45,19 @@ pub trait Base {
     /// [`BaseError`] if the base cannot be driven any more: the driver ends.
     fn drive(&mut self, velocity: Velocity, nanos: u64) -> Result<(), BaseError>;
 
-    /// What is really so, if the robot is simulated.
+    /// The true state, if the robot is simulated.
     fn truth(&self) -> Option<TrueState> {
         None
     }
 
-    /// The velocity that the motors act on now, if the base knows that it is another than the one
-    /// it was given last \[m/s, m/s, rad/s\].
+    /// The velocity that the motors act on now \[m/s, m/s, rad/s\], if the base knows that it is
+    /// not the last commanded one.
     fn acting(&self) -> Option<Velocity> {
         None
     }
 }
 
-/// What the sensors show.
+/// Measurements of the sensors.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Sensors {
     /// x, y and yaw in the world \[m, m, rad\]; yaw is not wrapped.
@@ -68,7 +68,7 @@ pub struct Sensors {
     pub wheel_speed: Option<PerWheel>,
     /// Motor currents, if they are measured \[A\].
     pub current: Option<PerWheel>,
-    /// Dead time from the gate's output to the motors that the base knows of, else 0 \[s\].
+    /// Dead time from the gate's output to the motors, if the base knows it, else 0 \[s\].
     pub input_delay_s: f64,
     /// Whether the robot's own emergency stop is pressed.
     pub estop: bool,
@@ -77,67 +77,67 @@ pub struct Sensors {
 /// One number per wheel, in the order of the robot file; 0 for wheels that the robot does not have.
 pub type PerWheel = [f64; WHEELS_MAX];
 
-/// `values` with a place for every possible wheel. More than there are places for are left out.
+/// `values` with one entry for each possible wheel. Entries beyond [`WHEELS_MAX`] are dropped.
 pub fn per_wheel(values: &[f64]) -> PerWheel {
     let mut all = [0.0; WHEELS_MAX];
     all.iter_mut().zip(values).for_each(|(place, value)| *place = *value);
     all
 }
 
-/// What is really so in a simulated world.
+/// The true state in a simulated world.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TrueState {
     /// x, y and yaw in the world \[m, m, rad\]; yaw is not wrapped.
     pub pose: [f64; 3],
     /// Body velocity (forward, left, yaw) \[m/s, m/s, rad/s\].
     pub velocity: Velocity,
-    /// Force of the world beside the wheels \[N, N, N m\].
+    /// Force of the world on the body, except that of the wheels \[N, N, N m\].
     pub force: [f64; 3],
 }
 
-/// The base can be driven no longer.
+/// The base cannot be driven any more.
 #[derive(Debug, thiserror::Error)]
 pub enum BaseError {
-    /// It refuses one of its settings.
+    /// The base rejects one of its settings.
     #[error("{key}: expected {expected}")]
     Refused {
-        /// Which.
+        /// Dotted path of the setting.
         key: String,
-        /// What it would take.
+        /// Expected value.
         expected: String,
     },
-    /// It is a program that could not be started.
+    /// The base is a program that could not be started.
     #[error("{program} cannot be started: {source}")]
     Start {
-        /// Which.
+        /// File of the program.
         program: String,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// It has ended.
+    /// The program has ended.
     #[error("{program} has ended: {reason}")]
     Ended {
-        /// Which.
+        /// File of the program.
         program: String,
-        /// How.
+        /// Exit status, or the error.
         reason: String,
     },
-    /// It has not answered in time.
+    /// The program has not replied in time.
     #[error("{program} has not answered for {seconds} s")]
     Silent {
-        /// Which.
+        /// File of the program.
         program: String,
-        /// How long.
+        /// Length of the wait \[s\].
         seconds: u64,
     },
-    /// It has answered something else than what was asked.
+    /// The reply of the program does not fit the request.
     #[error("{program} answered {line:?}: {reason}")]
     Answer {
-        /// Which.
+        /// File of the program.
         program: String,
-        /// What it answered, from its beginning.
+        /// The beginning of the reply.
         line: String,
-        /// What is wrong with that.
+        /// The error in it.
         reason: String,
     },
 }

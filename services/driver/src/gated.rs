@@ -5,10 +5,11 @@ use gate::{Acting, Bounds, Decision, Gate, Machine, Order, OrderError};
 use protocol::message::{Command, FallbackLevel, PlantState, Reason, Truth};
 use robot::{Geometry, Velocity, kinematics};
 
-/// Longest time that the base drives without asking the gate: the grain of the braking ramp \[ns\].
+/// Longest time that the base drives between two decisions of the gate: the step of the braking
+/// ramp \[ns\].
 pub const SLICE_NANOS: u64 = 2_000_000;
 
-/// Wheels of a mecanum base.
+/// Number of wheels of a mecanum base.
 const WHEELS: u32 = 4;
 
 /// Base and gate of one plant epoch. All times are nanoseconds since its start.
@@ -19,20 +20,21 @@ pub struct GatedBase<B> {
     decision: Decision,
     /// Fallback level and reason of the past period.
     past: (FallbackLevel, Reason),
-    /// Until when the base has been driven.
+    /// Time until which the base has been driven.
     at: u64,
     period_nanos: u64,
     witnessed: Witnessed,
-    /// Who acted in the last slice.
+    /// Controller that acted in the last slice.
     acting: Acting,
-    /// Controller that acted last, of whatever did since; none before the first.
+    /// Epoch and writer of the last controller that acted, also if none acts now; `None` before the
+    /// first.
     acted_last: Option<(u64, u64)>,
-    /// Gate's output since the last state, summed over its time \[ns\].
+    /// Sum of the gate's output since the last state, weighted by time \[ns\].
     given: Velocity,
     given_nanos: u64,
 }
 
-/// What the wheels got in the past period, for the truth.
+/// Input of the wheels in the past period, for the truth message.
 #[derive(Debug, Clone, Copy, Default)]
 struct Witnessed {
     wheel_peak: [f64; 4],
@@ -42,7 +44,7 @@ struct Witnessed {
 }
 
 impl<B: Base> GatedBase<B> {
-    /// `base` at rest at its start, behind a gate that has heard nothing yet.
+    /// `base` at rest at its start, behind a gate that has received nothing yet.
     pub fn new(base: B, settings: &Settings<'_>, epoch: u64) -> Self {
         let period_nanos = settings.run.period_nanos;
         let link_delay_nanos = settings.link_delay_millis * 1_000_000;
@@ -66,7 +68,7 @@ impl<B: Base> GatedBase<B> {
         }
     }
 
-    /// Reads the sensors, and begins the period of `tick` at `now`. A base that is no simulation
+    /// Reads the sensors, and begins the period of `tick` at `now`. A base that is not simulated
     /// has no truth.
     ///
     /// # Errors
@@ -82,7 +84,7 @@ impl<B: Base> GatedBase<B> {
         Ok((self.write_state(tick, &sensors), truth))
     }
 
-    /// Offers a command that came at `now` to the gate: its verdict.
+    /// Offers a command that arrived at `now` to the gate, and returns the verdict.
     ///
     /// # Errors
     /// [`BaseError`] if the base cannot be driven.
@@ -93,15 +95,15 @@ impl<B: Base> GatedBase<B> {
         Ok(verdict)
     }
 
-    /// Counts messages that were not even commands.
+    /// Counts malformed messages.
     pub fn refuse_malformed(&mut self) {
         self.gate.refuse(Reason::Malformed);
     }
 
-    /// Gives a person's order to the gate.
+    /// Passes an operator's order to the gate.
     ///
     /// # Errors
-    /// [`OrderError`] if the order has no meaning now.
+    /// [`OrderError`] if the order is invalid in the present state.
     pub fn order(&mut self, order: Order) -> Result<(), OrderError> {
         self.gate.order(order)
     }
@@ -111,7 +113,7 @@ impl<B: Base> GatedBase<B> {
         self.gate.machine()
     }
 
-    /// Drives the base until `now`, the gate deciding anew every [`SLICE_NANOS`].
+    /// Drives the base until `now`; the gate decides anew every [`SLICE_NANOS`].
     ///
     /// # Errors
     /// [`BaseError`] if the base cannot be driven.
@@ -141,17 +143,17 @@ impl<B: Base> GatedBase<B> {
         Ok(self.past.0)
     }
 
-    /// What the motors act on now \[m/s, m/s, rad/s\].
+    /// Input of the motors now \[m/s, m/s, rad/s\].
     fn motor_input(&self) -> Velocity {
         self.base.acting().unwrap_or(self.decision.input)
     }
 
-    /// Notes what acts in the slice that begins at `self.at`.
+    /// Records what acts in the slice that begins at `self.at`.
     fn witness(&mut self) {
         let wheels = kinematics::wheels_from_body(&self.geometry, self.motor_input());
         let witnessed = &mut self.witnessed;
         for (peak, wheel) in witnessed.wheel_peak.iter_mut().zip(wheels) {
-            // Written so that NaN stays.
+            // This form keeps NaN.
             let within = wheel.is_finite() && wheel.abs() <= *peak;
             *peak = if within { *peak } else { wheel.abs() + 0.0 * *peak };
         }
@@ -165,7 +167,7 @@ impl<B: Base> GatedBase<B> {
         let other =
             self.acted_last.replace((epoch, writer)).filter(|&last| last != (epoch, writer));
         if let Some(last) = other {
-            // A controller that drives after a brake takes over from none.
+            // A controller that acts after a brake does not take over from another one.
             witnessed.takeovers += u32::from(before.epoch > 0);
             witnessed.takeovers_back += u32::from(epoch < last.0);
         }
@@ -173,7 +175,7 @@ impl<B: Base> GatedBase<B> {
 
     fn write_state(&mut self, tick: u64, sensors: &Sensors) -> PlantState {
         if sensors.pose.iter().chain(&sensors.velocity).any(|value| !value.is_finite()) {
-            // A robot that does not know where it is stands until a person looks after it.
+            // A robot without a valid pose stands until an operator resumes it.
             self.gate.stop(Reason::BadState);
         }
         self.gate.set_estop(sensors.estop);
@@ -200,7 +202,7 @@ impl<B: Base> GatedBase<B> {
         state
     }
 
-    /// Gate's output, mean since the last state; what it is now if no time has passed since.
+    /// Mean of the gate's output since the last state; the present output if no time has passed.
     fn mean_output(&self) -> Velocity {
         match self.given_nanos {
             0 => self.decision.input,

@@ -1,12 +1,12 @@
-//! What every robot driver does, whatever the robot: the plant's part of the graph, around a
-//! [`Base`] that reads its sensors and moves.
+//! The part of the plant that is the same for every robot: state, gate and clock around a [`Base`]
+//! that reads its sensors and moves.
 //!
 //! | module    | what it holds                                                              |
 //! |-----------|----------------------------------------------------------------------------|
-//! | [`base`]  | [`Base`]: what a robot's author implements, for a real or a simulated robot |
-//! | [`gated`] | one period: base, gate, what is published                                  |
+//! | [`base`]  | [`Base`]: implemented by the author of a real or a simulated robot         |
+//! | [`gated`] | one period: base, gate and the published messages                          |
 //! | [`run()`] | the clock: real time or lock step                                          |
-//! | `orders`  | arm and resume: a person ▶ the gate, by files in the folder of the run     |
+//! | `orders`  | arm and resume: operator ▶ gate, by files in the run directory             |
 //! | [`piped`] | a base that is another program, driven over its standard input and output  |
 
 pub mod base;
@@ -22,20 +22,20 @@ use process::Run;
 use robot::Robot;
 use serde::{Deserialize, Serialize};
 
-/// What every driver is told.
+/// Settings of every driver.
 #[derive(Debug, Clone)]
 pub struct Settings<'a> {
-    /// What the launcher tells every process.
+    /// Settings that the launcher gives to every process.
     pub run: &'a Run,
     /// Length of the run \[s\].
     pub duration_s: f64,
-    /// Delay that the link to the controller is known to have \[ms\].
+    /// Known delay of the link to the controller \[ms\].
     pub link_delay_millis: u64,
-    /// Whether, in lock step, the clock waits for a recorder's credit.
+    /// Whether, in lock step, the clock waits for the credit of a recorder.
     pub recorded: bool,
-    /// The robot as its gate knows it.
+    /// The robot as its gate believes it to be.
     pub robot: &'a Robot,
-    /// Whether the gate starts armed; else the wheels stand until a person arms it.
+    /// Whether the gate starts armed. Otherwise the wheels stand still until `coxswain arm`.
     pub armed: bool,
 }
 
@@ -46,7 +46,7 @@ impl Settings<'_> {
     }
 }
 
-/// Where and how a simulated robot begins; finite numbers.
+/// Pose and velocity of a simulated robot at its start; finite numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Start {

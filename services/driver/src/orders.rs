@@ -1,11 +1,11 @@
-//! A person → the gate: `coxswain arm` and `coxswain resume`, as files in the folder of the run.
+//! Operator → gate: `coxswain arm` and `coxswain resume`, as files in the run directory.
 //!
 //! ```text
 //! RUN/set/plant-000001.json ──▶ thread of orders ── order ──▶ control thread: Gate::order
 //!                               answer ◀─────────── tick ◀──┘
 //! ```
-//! The thread reads and writes the files. The control thread looks at one number per period, and
-//! answers with another.
+//! The thread reads and writes the files. The control thread reads one number per period, and
+//! replies with another.
 
 use gate::{Order, OrderError};
 use process::requests::{Inbox, NotAsked, Outcome, Request};
@@ -16,15 +16,15 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-/// How often the thread looks for an order or an answer.
+/// Interval at which the thread checks for an order or a reply.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// Outcomes in the low byte of an answer, the tick above it. 0 is no answer.
+/// Outcomes in the low byte of a reply, the tick above it. 0 means no reply.
 const FOLLOWED: u64 = 1;
 const ESTOP: u64 = 2;
 const WRONG_STATE: u64 = 16;
 
-/// Why an order is refused.
+/// Why an order is rejected.
 #[derive(Debug, thiserror::Error)]
 enum Refusal {
     #[error(transparent)]
@@ -37,10 +37,10 @@ enum Refusal {
     Over,
 }
 
-/// What the two threads exchange.
+/// Data that the two threads exchange.
 #[derive(Debug, Default)]
 struct Slot {
-    /// Place of the order in [`Order::ALL`], from 1; 0 for none.
+    /// Index of the order in [`Order::ALL`], from 1; 0 for none.
     order: AtomicU32,
     answer: AtomicU64,
     done: AtomicBool,
@@ -54,7 +54,7 @@ pub(crate) struct Orders {
 }
 
 impl Orders {
-    /// Starts the thread, if the run takes orders at all.
+    /// Starts the thread, if the run accepts orders.
     pub(crate) fn open(run: &process::Run, plant_epoch: u64) -> Self {
         let inbox = Inbox::open(run, Participant::Plant);
         if !inbox.is_open() {
@@ -71,14 +71,13 @@ impl Orders {
         Self { slot, thread: Some(thread) }
     }
 
-    /// The order that waits, if one does. Neither locks nor allocates.
+    /// The waiting order, if there is one. Neither locks nor allocates.
     pub(crate) fn take(&self) -> Option<Order> {
         let place = self.slot.order.swap(0, Ordering::Acquire) as usize;
         Order::ALL.get(place.checked_sub(1)?).copied()
     }
 
-    /// Answers the order that was taken last: what came of it in the period of `tick`. Neither
-    /// locks nor allocates.
+    /// Reports the outcome of the last order in the period of `tick`. Neither locks nor allocates.
     pub(crate) fn answer(&self, tick: u64, outcome: Result<(), OrderError>) {
         let code = match outcome {
             Ok(()) => FOLLOWED,
@@ -93,7 +92,7 @@ impl Drop for Orders {
     fn drop(&mut self) {
         self.slot.done.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {
-            // A thread that has panicked has logged why.
+            // A thread that panicked has logged the reason.
             let _ = thread.join();
         }
     }
@@ -117,7 +116,7 @@ fn attend(mut inbox: Inbox, slot: &Slot, plant_epoch: u64) {
     }
 }
 
-/// Hands an order to the control thread, and waits for the tick from which it acts.
+/// Passes an order to the control thread, and waits for the tick at which it takes effect.
 fn follow(request: &Request, slot: &Slot) -> Result<u64, Refusal> {
     let said = request.change.trim();
     let place = Order::ALL.iter().position(|order| order.name() == said);
@@ -158,7 +157,8 @@ mod tests {
         Run::new(folder, 1, Links::on_this_machine("orders", folder.to_owned(), lock_step, 0))
     }
 
-    /// What comes of `said` when the control thread answers every order with `outcome` at tick 7.
+    /// Outcome of the order `said` when the control thread replies to every order with `outcome` at
+    /// tick 7.
     fn settled(
         said: &str,
         lock_step: bool,
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn an_order_is_answered_with_the_tick_from_which_it_acts() -> Result<(), Box<dyn Error>> {
+    fn the_reply_to_an_order_has_the_tick_at_which_it_takes_effect() -> Result<(), Box<dyn Error>> {
         let applied = Outcome::Applied {
             plant_epoch: 3,
             taken_at_tick: 7,
@@ -199,17 +199,17 @@ mod tests {
     }
 
     #[test]
-    fn an_order_that_has_no_meaning_is_refused_by_name() -> Result<(), Box<dyn Error>> {
+    fn an_invalid_order_is_rejected_with_its_name() -> Result<(), Box<dyn Error>> {
         let wrong =
             OrderError::WrongState { found: GateState::Driving, expected: GateState::Stopped };
-        let told = refusal(settled("resume", false, Err(wrong))?);
-        assert_eq!(told, "the gate is driving, expected stopped");
-        let told = refusal(settled("resume", false, Err(OrderError::EmergencyStop))?);
-        assert!(told.starts_with("the emergency stop of the robot is pressed"), "{told}");
-        let told = refusal(settled("dance", false, Ok(()))?);
-        assert_eq!(told, "\"dance\": expected arm or resume");
-        let told = refusal(settled("resume", true, Ok(()))?);
-        assert!(told.starts_with("in lock step"), "{told}");
+        let text = refusal(settled("resume", false, Err(wrong))?);
+        assert_eq!(text, "the gate is driving, expected stopped");
+        let text = refusal(settled("resume", false, Err(OrderError::EmergencyStop))?);
+        assert!(text.starts_with("the emergency stop of the robot is pressed"), "{text}");
+        let text = refusal(settled("dance", false, Ok(()))?);
+        assert_eq!(text, "\"dance\": expected arm or resume");
+        let text = refusal(settled("resume", true, Ok(()))?);
+        assert!(text.starts_with("in lock step"), "{text}");
         Ok(())
     }
 }

@@ -6,15 +6,16 @@
 //! ```text
 //! driver ─▶ {"settings": {…}, "start": {"pose": [x, y, yaw], "velocity": […]}, "seed": 1}
 //!        ◀─ {"ready": {"wheels": 4}}      or  {"refused": {"key": "…", "expected": "…"}}
-//! driver ─▶ {"drive": [forward, left, yaw], "nanos": 2000000}                 no answer
+//! driver ─▶ {"drive": [forward, left, yaw], "nanos": 2000000}                 no reply
 //! driver ─▶ {"read": true}
 //!        ◀─ {"pose": […], "velocity": […], "wheel_speed": […], "current": […],
 //!            "truth": {"pose": […], "velocity": […]}}
 //! ```
-//! `settings` is the program's own affair. `truth` is left out by a robot that is no simulation,
-//! `wheel_speed` and `current` by one that does not measure them. Two more keys are optional:
-//! `input_delay_s`, the dead time to the motors that the program knows of, and `estop`, true while
-//! the robot's own emergency stop is pressed.
+//! `settings` belongs to the program; the driver does not read it. A robot that is not simulated
+//! omits `truth`. A robot without these sensors omits `wheel_speed` and `current`. Two more keys
+//! are optional: `input_delay_s`, the known dead time to the motors, and `estop`, true while the
+//! robot's own emergency stop is pressed.
+//!
 //! Units, frames and the order of the wheels are those of [`Sensors`].
 
 use crate::base::per_wheel;
@@ -28,23 +29,23 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Wheels of a mecanum base.
+/// Number of wheels of a mecanum base.
 const WHEELS: usize = 4;
 const WHEELS_READY: u32 = WHEELS as u32;
-/// How long the program may take until it is ready: it may have to install itself first.
+/// Longest time until the program is ready. It includes an installation at the first start.
 const READY_WITHIN: Duration = Duration::from_mins(10);
-/// How long an answer may take.
+/// Longest time for a reply.
 const ANSWER_WITHIN: Duration = Duration::from_mins(1);
-/// How long the program may take to end after its input has.
+/// Longest time until the program ends after the end of its input.
 const END_WITHIN: Duration = Duration::from_secs(2);
-/// Most of an answer that an error repeats \[characters\].
+/// Longest part of a reply in an error message \[characters\].
 const TOLD_MAX: usize = 120;
 
-/// The program that is the base, and what it is told.
+/// The program of the base, and its settings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Program {
-    /// Its file.
+    /// File of the program.
     pub program: PathBuf,
     /// Its own settings.
     #[serde(default)]
@@ -59,14 +60,14 @@ struct First<'a> {
     seed: u64,
 }
 
-/// A velocity for some time.
+/// A velocity for a time.
 #[derive(Serialize)]
 struct Drive {
     drive: Velocity,
     nanos: u64,
 }
 
-/// What the program says of the first line.
+/// Reply of the program to the first line.
 #[derive(Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum FirstAnswer {
@@ -74,7 +75,7 @@ enum FirstAnswer {
     Refused { key: String, expected: String },
 }
 
-/// What the sensors show.
+/// Measurements of the sensors.
 #[derive(Deserialize)]
 struct Reading {
     pose: [f64; 3],
@@ -88,7 +89,7 @@ struct Reading {
     truth: Option<Truth>,
 }
 
-/// What is really so.
+/// The true state.
 #[derive(Deserialize)]
 struct Truth {
     pose: [f64; 3],
@@ -105,10 +106,10 @@ pub struct PipedBase {
 }
 
 impl PipedBase {
-    /// Starts the program and waits until it is ready. `seed` is that of its noise.
+    /// Starts the program and waits until it is ready. `seed` is the seed of its noise.
     ///
     /// # Errors
-    /// [`BaseError`] if it does not start, refuses its settings, or has other than four wheels.
+    /// [`BaseError`] if it does not start, rejects its settings, or does not have four wheels.
     pub fn start(told: &Program, start: Start, seed: u64) -> Result<Self, BaseError> {
         let name = told.program.display().to_string();
         let mut child = Command::new(&told.program)
@@ -125,7 +126,7 @@ impl PipedBase {
             FirstAnswer::Ready { wheels } => Err(BaseError::Answer {
                 program: this.name.clone(),
                 line: format!("wheels = {wheels}"),
-                reason: "a mecanum base has four".to_owned(),
+                reason: "expected four wheels of a mecanum base".to_owned(),
             }),
             FirstAnswer::Refused { key, expected } => Err(BaseError::Refused { key, expected }),
         }
@@ -159,7 +160,7 @@ impl PipedBase {
         }
     }
 
-    /// The error of a program that does not listen any more.
+    /// The error of a program that does not read its input any more.
     fn ended(&mut self) -> BaseError {
         let reason = match self.wait() {
             Ok(status) => status.to_string(),
@@ -168,7 +169,7 @@ impl PipedBase {
         BaseError::Ended { program: self.name.clone(), reason }
     }
 
-    /// Waits for the program's end, for which its input has ended; kills it if that takes long.
+    /// Waits for the end of the program, whose input has ended; kills it if that takes too long.
     fn wait(&mut self) -> io::Result<std::process::ExitStatus> {
         self.input = None;
         let begin = Instant::now();
@@ -189,7 +190,7 @@ impl Drop for PipedBase {
     }
 }
 
-/// Lines of the program's output, read on a thread of their own so that one can wait for a time.
+/// Lines of the program's output. A thread of its own reads them, so that a wait can time out.
 fn read_lines(output: Option<ChildStdout>) -> Receiver<io::Result<String>> {
     let (sender, lines) = mpsc::sync_channel(1);
     thread::spawn(move || {

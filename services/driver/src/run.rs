@@ -1,7 +1,8 @@
-//! The clock: real time, or lock step with whoever takes part.
+//! The clock: real time, or lock step with the other processes.
 //!
-//! The world cannot run while its process does not. When the machine keeps the simulator from running, the world stands still for
-//! that time, which is counted and logged, instead of leaping over it.
+//! The simulated world cannot advance while its process does not run. When the machine suspends the
+//! simulator, the world stands still for that time instead of jumping over it. The time is counted
+//! and logged.
 
 use crate::gated::{GatedBase, SLICE_NANOS};
 use crate::orders::Orders;
@@ -16,15 +17,15 @@ use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since,
 use protocol::topic::Topic;
 use std::time::{Duration, Instant};
 
-/// How long a wait in lock step lasts before stop signals are looked at.
+/// Longest wait in lock step between two checks of the stop signals.
 const PATIENCE: Duration = Duration::from_millis(20);
-/// A look at the clock that is later than this is the machine's doing, not the world's \[ns\].
+/// A clock check that is later than this is a stall of the machine, not of the world \[ns\].
 const STALL_NANOS: u64 = 5_000_000;
 
-/// What a wait is counted in, unless it is shorter \[ns\].
+/// Unit of a wait, unless it is shorter \[ns\].
 const MILLISECOND: u64 = 1_000_000;
 
-/// Why the plant ended before its time.
+/// Why the plant ended before the end of the run.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// A port could not be opened.
@@ -36,12 +37,12 @@ pub enum RunError {
     /// A state could not be sent.
     #[error(transparent)]
     Send(#[from] SendError),
-    /// The base.
+    /// The base failed.
     #[error(transparent)]
     Base(#[from] BaseError),
 }
 
-/// Drives `base` until the end of the run, or until it is told to stop.
+/// Drives `base` until the end of the run, or until a stop is requested.
 ///
 /// # Errors
 /// [`RunError`].
@@ -67,16 +68,18 @@ pub fn run(
     Ok(())
 }
 
-/// How long to sleep when so much of the period is left: whole milliseconds, which are cheap, then the rest, which is exact \[ns\].
+/// Length of a sleep when `left` remains of the period \[ns\]: whole milliseconds, which are cheap,
+/// then the exact rest.
 fn nap(left: u64) -> u64 {
     if left < MILLISECOND { left } else { (left - left % MILLISECOND).min(SLICE_NANOS) }
 }
 
-/// The world's clock: the monotonic one, but for the times in which the machine kept this process from running.
+/// The world's clock: the monotonic clock, minus the times in which the machine suspended this
+/// process.
 #[derive(Debug)]
 struct Clock {
     origin: u64,
-    /// Last look, on the monotonic clock.
+    /// Last check, on the monotonic clock.
     looked: u64,
 }
 
@@ -86,8 +89,8 @@ impl Clock {
         Self { origin: now, looked: now }
     }
 
-    /// Time of the world at `now` on the monotonic clock, and what of the time since the last look was taken out of it: what goes beyond `waited`, if
-    /// that is too much for work \[ns\].
+    /// Time of the world at `now` on the monotonic clock, and the time removed since the last check
+    /// \[ns\]. The excess over `waited` is removed if it is too long for work.
     fn look(&mut self, now: u64, waited: u64) -> (u64, u64) {
         let beyond = now.saturating_sub(self.looked + waited);
         let stalled = if beyond > STALL_NANOS { beyond } else { 0 };
@@ -104,9 +107,9 @@ struct Plant<'a, B> {
     commands: Source<Command>,
     credits: Source<Credit>,
     pulse: Pulse,
-    /// Malformed commands that the gate has been told of.
+    /// Number of malformed commands that the gate has counted.
     malformed: u64,
-    /// Commands that were refused for other reasons.
+    /// Commands that were rejected for other reasons.
     refused: Book<Reason>,
     orders: Orders,
     epoch: u64,
@@ -122,7 +125,7 @@ impl<'a, B: Base> Plant<'a, B> {
     ) -> Result<Self, OpenError> {
         let mut commands: Source<Command> =
             ports.source(if settings.run.restarted { Since::Joining } else { Since::First })?;
-        // The first wait opens the listener, so that nothing sent after "ready" goes unheard.
+        // The first wait opens the listener, so that no message sent after "ready" is missed.
         let _ = commands.wait(Duration::ZERO);
         Ok(Self {
             settings,
@@ -165,7 +168,8 @@ impl<'a, B: Base> Plant<'a, B> {
         Ok(())
     }
 
-    /// Time of the world now, when nothing was to be done since the last look but to wait for `waited` \[ns\].
+    /// Time of the world now, when the process only waited for `waited` \[ns\] since the last
+    /// check.
     fn look(&mut self, clock: &mut Clock, waited: u64, tick: u64) -> u64 {
         let (now, stalled) = clock.look(monotonic_nanos(), waited);
         if stalled > 0 {
@@ -173,7 +177,7 @@ impl<'a, B: Base> Plant<'a, B> {
             tracing::warn!(
                 tick,
                 micros = stalled / 1000,
-                "the machine kept the simulator from running; its world stood still"
+                "the machine suspended the simulator; its world stood still"
             );
         }
         now
@@ -191,7 +195,7 @@ impl<'a, B: Base> Plant<'a, B> {
                 while let Some(granted) = self.credits.next()? {
                     credit = Some(granted.through_tick);
                 }
-                // A recorder that has been restarted needs the last state to know how far time has come.
+                // A restarted recorder needs the last state to know the present tick.
                 self.states.refresh()?;
                 self.pulse.beat();
             }
@@ -202,7 +206,7 @@ impl<'a, B: Base> Plant<'a, B> {
                     return Ok(());
                 }
                 self.commands.wait(PATIENCE)?;
-                // A controller that has been restarted needs the last state to answer it.
+                // A restarted controller needs the last state to answer it.
                 self.states.refresh()?;
                 self.pulse.beat();
             }
@@ -225,7 +229,7 @@ impl<'a, B: Base> Plant<'a, B> {
         Ok(())
     }
 
-    /// Lock step: whether the answer to `tick` has come, be it acceptable or not.
+    /// Lock step: whether the answer to `tick` has arrived, accepted or not.
     fn answered(&mut self, tick: u64, now: u64) -> Result<bool, RunError> {
         while let Some(command) = self.commands.next()? {
             self.offer(&command, now)?;
@@ -283,7 +287,7 @@ impl<'a, B: Base> Plant<'a, B> {
     }
 }
 
-/// Logs how many commands were refused for a reason.
+/// Logs the number of commands that were rejected for a reason.
 fn tell((reason, count): &(Reason, u64)) {
     tracing::warn!(count, "commands refused: {reason}");
 }
@@ -293,13 +297,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_world_stands_still_while_its_process_does_whether_it_waited_or_worked() {
+    fn the_world_stands_still_while_its_process_is_suspended() {
         const MS: u64 = 1_000_000;
         let mut clock = Clock { origin: 100 * MS, looked: 100 * MS };
         assert_eq!(clock.look(102 * MS, 2 * MS), (2 * MS, 0));
-        assert_eq!(clock.look(106 * MS, 0), (6 * MS, 0), "work that takes its time");
+        assert_eq!(clock.look(106 * MS, 0), (6 * MS, 0), "work of 6 ms");
         assert_eq!(clock.look(190 * MS, 2 * MS), (8 * MS, 82 * MS), "a wait of 2 ms that took 84");
-        assert_eq!(clock.look(260 * MS, 0), (8 * MS, 70 * MS), "no wait at all, and 70 ms gone");
+        assert_eq!(clock.look(260 * MS, 0), (8 * MS, 70 * MS), "no wait, and 70 ms lost");
         assert_eq!(clock.look(261 * MS, MS), (9 * MS, 0));
     }
 }

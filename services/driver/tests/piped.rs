@@ -1,4 +1,4 @@
-//! Promise: a base may be a program in any language, and what is wrong with it is named.
+//! Promise: a base may be a program in any language, and the driver names its errors.
 
 use driver::base::per_wheel;
 use driver::piped::{PipedBase, Program};
@@ -10,15 +10,16 @@ use tempfile::TempDir;
 
 type Outcome = Result<(), Box<dyn Error>>;
 
-/// A robot that says what its settings tell it to. The program is a file of the tree: one that a
-/// test wrote could not be started while another test's new process still holds it open.
+/// A robot that replies as its settings say. The program is a file of the tree: a file written by
+/// the test could not be started while another test's new process still holds it open.
 struct Script {
     settings: toml::Table,
     folder: TempDir,
 }
 
 impl Script {
-    /// `first` answers the first line, and `reading` each question; without it the robot ends.
+    /// `first` is the reply to the first line, and `reading` that to each request. Without it the
+    /// robot ends.
     fn new(first: &str, reading: Option<&str>) -> Result<Self, Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
         let mut settings = toml::Table::new();
@@ -37,7 +38,7 @@ impl Script {
         PipedBase::start(&program, Start::default(), 7)
     }
 
-    /// What the program was told, line by line.
+    /// The lines that the program received.
     fn heard(&self) -> Result<Vec<serde_json::Value>, Box<dyn Error>> {
         let text = fs::read_to_string(self.folder.path().join("heard"))?;
         text.lines().map(|line| Ok(serde_json::from_str(line)?)).collect()
@@ -55,7 +56,7 @@ fn refusal(script: &Script) -> Result<BaseError, Box<dyn Error>> {
 }
 
 #[test]
-fn a_program_is_told_its_settings_driven_and_read() -> Outcome {
+fn a_program_receives_its_settings_and_is_driven_and_read() -> Outcome {
     let reading = r#"{"pose": [1, 2, 3], "velocity": [4, 5, 6], "wheel_speed": [1, 2, 3, 4],
         "current": [0.5, 0, 0, -0.5], "truth": {"pose": [1, 2, 2.5], "velocity": [4, 5, 5.5]}}"#;
     let script = Script::new(READY, Some(&reading.replace('\n', "")))?;
@@ -87,7 +88,7 @@ fn a_robot_without_truth_has_none() -> Outcome {
 }
 
 #[test]
-fn what_a_robot_does_not_measure_is_left_out_and_is_not_zero() -> Outcome {
+fn values_that_a_robot_does_not_measure_are_absent_and_not_zero() -> Outcome {
     let reading = r#"{"pose": [0, 0, 0], "velocity": [0, 0, 0], "estop": true,
         "input_delay_s": 0.02}"#;
     let script = Script::new(READY, Some(&reading.replace('\n', "")))?;
@@ -98,7 +99,7 @@ fn what_a_robot_does_not_measure_is_left_out_and_is_not_zero() -> Outcome {
 }
 
 #[test]
-fn a_program_that_refuses_a_setting_names_it() -> Outcome {
+fn a_program_that_rejects_a_setting_names_it() -> Outcome {
     let first = r#"{"refused": {"key": "mass_kg", "expected": "a number below 10"}}"#;
     let error = refusal(&Script::new(first, None)?)?;
     assert!(
@@ -110,7 +111,7 @@ fn a_program_that_refuses_a_setting_names_it() -> Outcome {
 }
 
 #[test]
-fn a_program_that_is_not_there_talks_nonsense_or_has_other_wheels_is_refused() -> Outcome {
+fn a_program_that_is_missing_or_replies_wrongly_or_has_other_wheels_is_rejected() -> Outcome {
     let nowhere = Program { program: "/nowhere/robot".into(), settings: toml::Table::new() };
     assert!(matches!(
         PipedBase::start(&nowhere, Start::default(), 1),
@@ -124,7 +125,7 @@ fn a_program_that_is_not_there_talks_nonsense_or_has_other_wheels_is_refused() -
 }
 
 #[test]
-fn a_program_that_ends_is_told_with_its_exit_status() -> Outcome {
+fn the_error_of_a_program_that_ends_has_its_exit_status() -> Outcome {
     let script = Script::new(READY, None)?;
     let mut base = script.start()?;
     let error = base.read().err().ok_or("it is read")?;

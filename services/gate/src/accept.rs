@@ -1,25 +1,26 @@
-//! Whether one command may act at all.
+//! Decides whether a command may act.
 
 use crate::Bounds;
 use protocol::message::{Command, Reason};
 
-/// Most that the answered state's age may be, in half periods: 1.5 T.
+/// Largest age of the answered state, in half periods: 1.5 T.
 const AGE_LIMIT_HALF_PERIODS: u64 = 3;
-/// Silence after which another writer of the same epoch is listened to \[periods\].
+/// Silence of a writer after which another writer of the same epoch is accepted \[periods\].
 pub(crate) const SILENCE_PERIODS: u64 = 3;
 
-/// What the gate knows when a command comes.
+/// State of the gate when a command arrives.
 #[derive(Debug, Clone, Copy)]
 pub struct Situation {
     /// The plant's own epoch.
     pub plant_epoch: u64,
     /// Its present tick.
     pub tick: u64,
-    /// Time since the state that the command answers was published; `None` if that is too long ago to be remembered \[ns\].
+    /// Time since the publication of the state that the command answers \[ns\]; `None` if it is no
+    /// longer stored.
     pub age_nanos: Option<u64>,
     /// Controller epoch and tick of the last accepted command.
     pub accepted: Option<(u64, u64)>,
-    /// Highest controller epoch so far, its writer, and the time since that was last heard \[ns\].
+    /// Highest controller epoch so far, its writer, and the time since its last command \[ns\].
     pub writer: Option<(u64, u64, u64)>,
     /// Input that acts at this moment.
     pub acting: [f64; 3],
@@ -27,7 +28,7 @@ pub struct Situation {
     pub begun_with: [f64; 3],
 }
 
-/// Judges one command. Pure, does not allocate.
+/// Judges one command. Pure; does not allocate.
 ///
 /// # Errors
 /// The [`Reason`] why it may not act.
@@ -46,7 +47,8 @@ pub fn judge(command: &Command, situation: &Situation, bounds: &Bounds) -> Resul
     if command.stamp.tick > situation.tick {
         return Err(Reason::FromTheFuture);
     }
-    // Epoch before tick: a controller that takes over may answer a state that the other one has answered already, but no older one.
+    // Epoch before tick: a controller that takes over may answer the state that the previous one
+    // has already answered, but no older one.
     if situation.accepted.is_some_and(|(epoch, tick)| {
         command.stamp.tick < tick || (command.stamp.tick, command.stamp.epoch) == (tick, epoch)
     }) {
@@ -56,7 +58,8 @@ pub fn judge(command: &Command, situation: &Situation, bounds: &Bounds) -> Resul
     let Some(age) = situation.age_nanos.filter(|&age| age <= oldest) else {
         return Err(Reason::TooOld);
     };
-    // By its age, it may be the tail that acts first. And a tail may have moved on since the period began: both changes together are one period's.
+    // At this age, an entry of the tail may be the first input to act. A tail may have advanced
+    // since the period began: both changes together are those of one period.
     let first = inputs().nth((age / bounds.period_nanos) as usize);
     let leaps = |from: &[f64; 3]| first.is_some_and(|first| !bounds.allow_change(from, first));
     let steps = inputs().zip(command.tail());
@@ -69,7 +72,8 @@ pub fn judge(command: &Command, situation: &Situation, bounds: &Bounds) -> Resul
     Ok(())
 }
 
-/// Of two epochs the higher; of two writers with the same epoch the first, until it has been silent.
+/// The higher of two epochs wins. Of two writers of the same epoch the first wins until it is
+/// silent.
 fn judge_writer(command: &Command, situation: &Situation, bounds: &Bounds) -> Result<(), Reason> {
     let Some((epoch, writer, silent_nanos)) = situation.writer else { return Ok(()) };
     if command.stamp.epoch < epoch {

@@ -8,32 +8,32 @@ pub const BRAKE_FROM_PERIODS: u64 = 3;
 /// Good periods that it takes to leave the brake.
 pub const RECOVERY_PERIODS: u32 = 3;
 
-/// Everything that the decision depends on.
+/// All inputs of the decision.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Situation {
-    /// Whether commands may drive the wheels at all.
+    /// Whether commands may drive the wheels.
     pub machine: Machine,
     /// Fallback level and age of the last accepted command; `None` before the first.
     pub accepted: Option<Accepted>,
-    /// The robot has braked, and has not yet seen enough good periods.
+    /// The robot has braked, and there were not enough good periods since.
     pub braking: bool,
 }
 
-/// The last accepted command, as the decision sees it.
+/// The last accepted command, as far as the decision uses it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Accepted {
     /// Fallback level that its controller stood on.
     pub fallback_level: FallbackLevel,
-    /// Whole periods since the state that it answered.
+    /// Whole periods since the answered state.
     pub age_periods: u64,
     /// Length of its tail \[periods\].
     pub tail: u64,
 }
 
-/// What acts.
+/// Source of the input of the wheels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Choice {
-    /// Nothing: the wheels stand.
+    /// None: the wheels stand still.
     Stand,
     /// The input of the last accepted command.
     Command,
@@ -43,7 +43,7 @@ pub enum Choice {
     Brake,
 }
 
-/// Decides. Total: every situation has an answer.
+/// Decides. Total: every situation has a result.
 pub fn decide(situation: &Situation) -> (Choice, FallbackLevel, Reason) {
     match situation.machine.state() {
         GateState::Stopped => {
@@ -67,7 +67,8 @@ pub fn decide(situation: &Situation) -> (Choice, FallbackLevel, Reason) {
     }
 }
 
-/// Why a controller sends a command from this fallback level: it falls from the fresh plan when its optimiser fails, and brakes when it is blind.
+/// Reason of a controller for this fallback level. It leaves the fresh plan when its optimiser
+/// fails, and brakes without a valid state.
 pub(crate) fn own_reason(fallback_level: FallbackLevel) -> Reason {
     match fallback_level {
         FallbackLevel::Waiting | FallbackLevel::FreshPlan => Reason::None,
@@ -81,7 +82,7 @@ pub(crate) fn own_reason(fallback_level: FallbackLevel) -> Reason {
 mod tests {
     use super::*;
 
-    /// Every situation that can be told apart.
+    /// All distinguishable situations.
     fn every_situation() -> impl Iterator<Item = Situation> {
         let accepted = FallbackLevel::ALL.iter().flat_map(|&fallback_level| {
             (0..6).flat_map(move |age_periods| {
@@ -102,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn from_three_periods_on_nothing_but_the_brake_acts() {
+    fn after_three_periods_only_the_brake_acts() {
         for situation in every_situation() {
             if situation.accepted.is_some_and(|accepted| accepted.age_periods >= 3) {
                 let still =
@@ -124,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_brakes_goes_on_braking_until_told_otherwise_and_a_command_in_its_own_period_acts() {
+    fn the_brake_continues_until_the_recovery_and_a_command_acts_in_its_own_period() {
         for situation in every_situation().filter(|situation| is(situation, GateState::Armed)) {
             let Some(accepted) = situation.accepted else { continue };
             let (choice, fallback_level, _) = decide(&situation);
@@ -153,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn before_the_first_command_the_wheels_stand() {
+    fn before_the_first_command_the_wheels_stand_still() {
         for situation in
             every_situation().filter(|at| at.accepted.is_none() && !is(at, GateState::Stopped))
         {
@@ -181,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fallback_level_but_a_fresh_one_has_a_reason() {
+    fn every_fallback_level_except_the_fresh_plan_has_a_reason() {
         for situation in every_situation() {
             let (_, fallback_level, reason) = decide(&situation);
             let unexplained = fallback_level == FallbackLevel::FreshPlan;

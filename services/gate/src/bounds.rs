@@ -1,11 +1,12 @@
-//! What an input may be: box, wheel speeds, change per period, and the ramp of the brake.
+//! Bounds of an input: box, wheel speeds and change per period; and the ramp of the brake.
 
 use robot::{Robot, Velocity, kinematics};
 
-/// Rounding that an optimiser may leave at a bound, relative.
+/// Rounding error of an optimiser at a bound, relative.
 const SLACK: f64 = 1e-6;
-/// The change is measured against what acts at this moment, which may be the tail: one change away from the last input on one side,
-/// while the fresh input is one change away on the other. A tenth on top for the mean that the optimiser starts from.
+/// The change is measured against the input that acts now. That may be the tail, one change from
+/// the last input on one side, while the fresh input is one change away on the other side. A tenth
+/// is added for the mean at which the optimiser starts.
 const CHANGE_SLACK: f64 = 2.2;
 
 /// Bounds of one robot for one period. Constant.
@@ -13,7 +14,7 @@ const CHANGE_SLACK: f64 = 2.2;
 pub struct Bounds {
     /// T \[ns\].
     pub period_nanos: u64,
-    /// Delay that the link is known to have, added to the age that is allowed \[ns\].
+    /// Known delay of the link, added to the allowed age \[ns\].
     pub link_delay_nanos: u64,
     input: Velocity,
     change: Velocity,
@@ -39,7 +40,7 @@ impl Bounds {
         }
     }
 
-    /// Whether an input is within the box and the wheels' speed.
+    /// Whether an input is within the box and the wheel speeds.
     pub fn contain(&self, input: &Velocity) -> bool {
         let in_box = input
             .iter()

@@ -1,4 +1,4 @@
-//! The gate: remembers what was accepted, and says what the wheels get at any moment.
+//! The gate: stores the accepted command, and decides the input of the wheels at every moment.
 
 use crate::Bounds;
 use crate::accept::{self, judge};
@@ -7,10 +7,10 @@ use crate::machine::{Machine, Order, OrderError};
 use protocol::message::{Command, FallbackLevel, GateState, Reason};
 use robot::Velocity;
 
-/// Publishing times that are remembered: more than any acceptable age.
+/// Number of stored publication times: more than any acceptable age.
 const REMEMBERED: usize = 8;
 
-/// Who drives the wheels at this moment.
+/// The command that drives the wheels now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Acting {
     /// Epoch of the controller; 0 if none drives.
@@ -21,16 +21,16 @@ pub struct Acting {
     pub tick: u64,
 }
 
-/// What the wheels get at one moment.
+/// Input of the wheels at one moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Decision {
     /// Body velocity for the wheels \[m/s, m/s, rad/s\].
     pub input: Velocity,
     /// Where it comes from.
     pub fallback_level: FallbackLevel,
-    /// Why.
+    /// Why this source acts.
     pub reason: Reason,
-    /// Who is behind it.
+    /// The command that it comes from.
     pub acting: Acting,
 }
 
@@ -38,31 +38,32 @@ pub struct Decision {
 #[derive(Debug, Clone, Copy)]
 struct Stored {
     command: Command,
-    /// When the state that it answers was published \[ns\].
+    /// Publication time of the answered state \[ns\].
     answered_nanos: u64,
 }
 
-/// The gate of one plant instance. All times are nanoseconds of the caller's monotonic clock, or ticks times the period in lock step.
+/// The gate of one plant instance. All times are nanoseconds of the caller's monotonic clock, or
+/// ticks times the period in lock step.
 #[derive(Debug, Clone)]
 pub struct Gate {
     bounds: Bounds,
     plant_epoch: u64,
     tick: u64,
-    /// (tick, time) of the states published last.
+    /// (tick, time) of the last published states.
     published: [(u64, u64); REMEMBERED],
     stored: Option<Stored>,
-    /// Highest epoch, its writer, and when it was last heard.
+    /// Highest epoch, its writer, and the time of its last command.
     writer: Option<(u64, u64, u64)>,
     input: Velocity,
-    /// What it was when the period began.
+    /// Value of `input` when the period began.
     begun_with: Velocity,
-    /// When `input` was last worked out.
+    /// Time at which `input` was last computed.
     input_nanos: u64,
     machine: Machine,
     braking: bool,
     good_periods: u32,
     refused: u64,
-    /// Last refusal of the present period.
+    /// Last rejection of the present period.
     refusal: Reason,
 }
 
@@ -87,13 +88,13 @@ impl Gate {
         }
     }
 
-    /// The same, disarmed: the wheels stand until [`Order::Arm`].
+    /// The same, disarmed: the wheels stand still until [`Order::Arm`].
     #[must_use]
     pub fn disarmed(self) -> Self {
         Self { machine: Machine::disarmed(), ..self }
     }
 
-    /// The state of `tick` is published at `now`.
+    /// Publishes the state of `tick` at `now`.
     pub fn begin_period(&mut self, tick: u64, now: u64) {
         self.tick = tick;
         if let Some(slot) = self.published.get_mut(tick as usize % REMEMBERED) {
@@ -103,7 +104,7 @@ impl Gate {
         self.begun_with = self.input;
     }
 
-    /// Takes in one command that came at `now`.
+    /// Judges and stores one command that arrived at `now`.
     ///
     /// # Errors
     /// The [`Reason`] why it will not act.
@@ -124,14 +125,15 @@ impl Gate {
             if let Some((epoch, writer, heard)) = &mut self.writer
                 && (*epoch, *writer) == (command.stamp.epoch, command.stamp.writer)
             {
-                *heard = now; // refused, but not silent
+                *heard = now; // rejected, but not silent
             }
             return Err(reason);
         }
         self.writer = Some((command.stamp.epoch, command.stamp.writer, now));
         let answered_nanos = self.published_at(command.stamp.tick).unwrap_or(now);
         self.stored = Some(Stored { command: *command, answered_nanos });
-        // The brake is left by an answer to the period itself, which was judged by where the wheels are now, not by a tail that was not.
+        // Only an answer to the present period leaves the brake. It was judged by the present wheel
+        // speeds, unlike a tail.
         self.braking &= self.good_periods < RECOVERY_PERIODS || command.stamp.tick != self.tick;
         if command.stop().is_stop_request() {
             self.machine.stop(command.stop());
@@ -141,13 +143,13 @@ impl Gate {
         Ok(())
     }
 
-    /// Counts a message that was not even a command.
+    /// Counts a malformed message.
     pub fn refuse(&mut self, reason: Reason) {
         self.refused += 1;
         self.refusal = reason;
     }
 
-    /// What the wheels get at `now`.
+    /// Input of the wheels at `now`.
     pub fn decide(&mut self, now: u64) -> Decision {
         let (choice, fallback_level, reason) = decide(&self.situation(now));
         let stored = self.stored.map(|stored| stored.command);
@@ -176,7 +178,8 @@ impl Gate {
         Decision { input: self.input, fallback_level, reason, acting }
     }
 
-    /// Ends the period at `now`, and says on which fallback level it was: that of the answer to its own state, if one came in time.
+    /// Ends the period at `now`, and returns its fallback level: that of the answer to its own
+    /// state, if one arrived in time.
     pub fn end_period(&mut self, now: u64) -> (FallbackLevel, Reason) {
         let answered = self
             .stored
@@ -195,7 +198,7 @@ impl Gate {
             }
             (_, None) => {
                 let (_, fallback_level, reason) = decide(&self.situation(now.saturating_sub(1)));
-                // What acted was a tail even if its command came late enough to begin with it.
+                // A tail acted, even if its command arrived late enough to begin with that tail.
                 let was_late = matches!(
                     fallback_level,
                     FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan | FallbackLevel::Simple
@@ -206,20 +209,21 @@ impl Gate {
         (fallback_level, self.explain(reason))
     }
 
-    /// Stops: brakes along the ramp and stands, whatever commands come, until [`Order::Resume`].
+    /// Stops: brakes along the ramp and stands still, whatever commands arrive, until
+    /// [`Order::Resume`].
     pub fn stop(&mut self, reason: Reason) {
         self.machine.stop(reason);
     }
 
-    /// The robot's own emergency stop is pressed, or is not.
+    /// Sets whether the robot's own emergency stop is pressed.
     pub fn set_estop(&mut self, pressed: bool) {
         self.machine.set_estop(pressed);
     }
 
-    /// Follows a person's order. After a stop the brake is left as after any other brake.
+    /// Executes an operator's order. After a stop, the brake is left as after any other brake.
     ///
     /// # Errors
-    /// [`OrderError`] if the order has no meaning now.
+    /// [`OrderError`] if the order is invalid in the present state.
     pub fn order(&mut self, order: Order) -> Result<(), OrderError> {
         self.machine.order(order)?;
         if order == Order::Resume && self.stored.is_some() {
@@ -243,7 +247,7 @@ impl Gate {
         self.stored.map(|stored| (stored.command.stamp.epoch, stored.command.stamp.tick))
     }
 
-    /// Commands refused so far.
+    /// Number of rejected commands.
     pub fn refused(&self) -> u64 {
         self.refused
     }
@@ -292,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_command_the_wheels_stand_and_say_that_they_wait() {
+    fn without_a_command_the_wheels_stand_still_and_the_reason_is_waiting() {
         let mut gate = gate();
         gate.begin_period(0, 0);
         let decision = gate.decide(PERIOD / 2);
@@ -301,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn after_the_last_command_comes_the_tail_and_from_three_periods_on_the_brake() {
+    fn after_the_last_command_acts_the_tail_and_after_three_periods_the_brake() {
         let mut gate = gate();
         gate.begin_period(0, 0);
         assert_eq!(gate.offer(&command(1, 5, 0), 10), Ok(()));
@@ -319,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn each_kind_of_bad_command_is_refused_by_its_name() {
+    fn each_kind_of_bad_command_is_rejected_with_its_reason() {
         let mut gate = gate();
         gate.begin_period(0, 0);
         gate.begin_period(1, PERIOD);
@@ -351,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn a_second_writer_of_the_same_epoch_is_heard_once_the_first_has_been_silent() {
+    fn a_second_writer_of_the_same_epoch_is_accepted_once_the_first_is_silent() {
         let mut gate = gate();
         gate.begin_period(0, 0);
         assert_eq!(gate.offer(&command(1, 5, 0), 0), Ok(()));
@@ -360,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_of_the_tail_and_a_command_together_change_no_more_than_a_command_alone_may() {
+    fn a_tail_entry_and_a_command_together_keep_the_change_limit_of_one_command() {
         let most = 2.2 * 2.0; // of the rate in a period
         let with = |input: f64, tail: f64, tick| {
             let mut command = command(1, 5, tick);
@@ -372,9 +376,12 @@ mod tests {
         assert_eq!(gate.offer(&with(1.0, -1.0, 0), 10), Ok(()));
         assert_eq!(gate.decide(PERIOD - 1).input[0], 1.0);
         gate.begin_period(1, PERIOD);
-        assert_eq!(gate.decide(PERIOD + 10).input[0], -1.0, "the tail has moved on");
+        assert_eq!(gate.decide(PERIOD + 10).input[0], -1.0, "the tail has advanced");
         let too_far = 1.0 - most - 0.1;
-        assert!((too_far - -1.0_f64).abs() < most, "from what acts it would be allowed");
+        assert!(
+            (too_far - -1.0_f64).abs() < most,
+            "relative to the acting input it would be allowed"
+        );
         assert_eq!(gate.offer(&with(too_far, too_far, 1), PERIOD + 20), Err(Reason::TooFast));
         assert_eq!(gate.offer(&with(1.0 - most, -3.0, 1), PERIOD + 30), Ok(()));
     }
@@ -399,14 +406,14 @@ mod tests {
         assert_eq!(
             gate.offer(&late(most + 0.1), now),
             Err(Reason::TooFast),
-            "of its input it would be a small step"
+            "relative to its input it would be a small step"
         );
         assert_eq!(gate.offer(&late(most - 0.1), now), Ok(()));
         assert_eq!(gate.decide(now).input[0], most - 0.1);
     }
 
     #[test]
-    fn the_brake_is_left_by_the_periods_own_answer_and_not_by_a_tail() {
+    fn only_an_answer_to_the_present_period_leaves_the_brake() {
         let mut gate = gate();
         gate.begin_period(0, 0);
         assert_eq!(gate.offer(&command(1, 5, 0), 0), Ok(()));
@@ -430,7 +437,7 @@ mod tests {
         assert_eq!(
             gate.decide(now + 5).input,
             [0.0; 3],
-            "three good periods are over, and nobody has answered this one"
+            "three good periods are over, and this one has no answer yet"
         );
         assert_eq!(gate.offer(&command(1, 5, 8), now + 10), Ok(()));
         assert_eq!(gate.decide(now + 20).input, [1.0, 0.0, 0.0]);
@@ -438,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn a_greater_epoch_takes_over_in_the_midst_of_a_period_but_never_with_an_older_answer() {
+    fn a_greater_epoch_takes_over_within_a_period_but_never_with_an_older_answer() {
         let mut gate = gate();
         gate.begin_period(0, 0);
         gate.begin_period(1, PERIOD);
@@ -454,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn leaving_the_brake_takes_three_good_periods() {
+    fn leaving_the_brake_needs_three_good_periods() {
         let mut gate = gate();
         gate.begin_period(0, 0);
         assert_eq!(gate.offer(&command(1, 5, 0), 0), Ok(()));
@@ -471,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn answers_that_come_a_little_into_each_period_keep_their_fallback_level() {
+    fn answers_a_little_into_each_period_keep_their_fallback_level() {
         let mut gate = gate();
         for tick in 0..20 {
             let begin = tick * PERIOD;
@@ -499,7 +506,7 @@ mod tests {
             let now = tick * PERIOD;
             gate.begin_period(tick, now);
             gate.decide(now);
-            // Another controller has taken over from the one that asked.
+            // Another controller has taken over from the one that requested the stop.
             assert_eq!(gate.offer(&command(2, 6, tick), now + 5), Ok(()));
             let input = gate.decide(now + 10).input;
             (input, gate.end_period(now + PERIOD).0)

@@ -1,14 +1,14 @@
-//! The last check before the wheels: a command is accepted, or the stored tail is played, or the robot brakes.
+//! The last check before the wheels: it accepts a command, plays the stored trajectory, or brakes.
 //!
-//! Used by the simulator and by any robot driver. No heap after start, no clock of its own (the caller passes the time), no
-//! Gaussian process, no optimiser, no network.
+//! The simulator and all robot drivers use it. No heap after start, no clock of its own (the caller
+//! passes the time), no Gaussian process, no optimiser, no network.
 //!
 //! | module      | what it decides                                                        |
 //! |-------------|------------------------------------------------------------------------|
-//! | [`arbiter`] | which fallback level acts: a pure function of flags and time                     |
-//! | [`accept`]  | whether one command may act at all                                     |
-//! | [`machine`] | disarmed, armed, driving, stopped: whether commands may act at all        |
-//! | [`Gate`]    | remembers what was accepted and turns both into an input for the wheels |
+//! | [`arbiter`] | which fallback_level acts: a pure function of flags and time                     |
+//! | [`accept`]  | whether one command may act                                            |
+//! | [`machine`] | disarmed, armed, driving, stopped: whether any command may act         |
+//! | [`Gate`]    | stores the accepted command and computes the input of the wheels       |
 //!
 //! ```text
 //! age of the state that the last accepted command answered:

@@ -1,4 +1,4 @@
-//! State of the gate: whether commands may drive the wheels at all.
+//! State of the gate: whether commands may drive the wheels.
 //!
 //! ```text
 //!  disarmed ── arm ──▶ armed ── an accepted command acts ──▶ driving
@@ -7,11 +7,11 @@
 //!                       │                                       ▼
 //!                       └──────────────────────────────────── stopped
 //! ```
-//! A stop is latched: only a person's order leaves it. Neither a command nor another controller does.
+//! A stop is latched: only an operator's order leaves it, neither a command nor another controller.
 
 use protocol::message::{GateState, Reason};
 
-/// What a person orders.
+/// An operator's order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
     /// Disarmed → armed.
@@ -21,10 +21,10 @@ pub enum Order {
 }
 
 impl Order {
-    /// Both.
+    /// All orders.
     pub const ALL: [Self; 2] = [Self::Arm, Self::Resume];
 
-    /// Its name on the command line and in the file of an order.
+    /// Its name on the command line and in its file.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Arm => "arm",
@@ -32,7 +32,7 @@ impl Order {
         }
     }
 
-    /// State that it leaves.
+    /// State in which it is valid.
     pub const fn leaves(self) -> GateState {
         match self {
             Self::Arm => GateState::Disarmed,
@@ -41,15 +41,15 @@ impl Order {
     }
 }
 
-/// The gate is in no state in which the order has a meaning.
+/// The order is invalid in the present state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum OrderError {
-    /// The order is for another state.
+    /// The order belongs to another state.
     #[error("the gate is {found}, expected {expected}")]
     WrongState {
         /// State of the gate.
         found: GateState,
-        /// State that the order leaves.
+        /// State in which the order is valid.
         expected: GateState,
     },
     /// The robot's own emergency stop is still pressed.
@@ -71,7 +71,7 @@ impl Machine {
         Self { state: GateState::Armed, stop: Reason::None, estop: false }
     }
 
-    /// Disarmed: waits for a person.
+    /// Disarmed: waits for an order.
     pub const fn disarmed() -> Self {
         Self { state: GateState::Disarmed, ..Self::armed() }
     }
@@ -91,7 +91,7 @@ impl Machine {
         self.estop
     }
 
-    /// An accepted command acts.
+    /// Notes that an accepted command acts.
     pub fn drive(&mut self) {
         if self.state == GateState::Armed {
             self.state = GateState::Driving;
@@ -105,8 +105,8 @@ impl Machine {
         }
     }
 
-    /// The robot's own emergency stop is pressed, or is not. Pressed, it stops the gate; released,
-    /// it leaves the gate stopped.
+    /// Sets whether the robot's own emergency stop is pressed. Pressing it stops the gate;
+    /// releasing it leaves the gate stopped.
     pub fn set_estop(&mut self, pressed: bool) {
         self.estop = pressed;
         if pressed {
@@ -114,10 +114,10 @@ impl Machine {
         }
     }
 
-    /// Follows a person's order.
+    /// Executes an operator's order.
     ///
     /// # Errors
-    /// [`OrderError`] if the order has no meaning now; the state stays.
+    /// [`OrderError`] if the order is invalid in the present state; the state stays.
     pub fn order(&mut self, order: Order) -> Result<(), OrderError> {
         let expected = order.leaves();
         if self.state != expected {
@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_stop_is_left_by_resume_alone_and_keeps_its_first_reason() {
+    fn only_resume_leaves_a_stop_which_keeps_its_first_reason() {
         let mut machine = Machine::armed();
         machine.drive();
         assert_eq!(machine.state(), GateState::Driving);
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn disarmed_is_left_by_arm_alone() {
+    fn only_arm_leaves_the_disarmed_state() {
         let mut machine = Machine::disarmed();
         machine.drive();
         let found = GateState::Disarmed;

@@ -1,5 +1,5 @@
-//! Promise: the gate does what `protocol/WIRE.md` asks of every driver. The vectors are those that a
-//! driver in another language is tested with.
+//! Promise: the gate meets the duties of a driver in `protocol/WIRE.md`. Drivers in other languages
+//! are tested with the same vectors.
 
 use gate::{Bounds, Gate, Order};
 use protocol::message::{Command, Reason, TAIL_MAX};
@@ -82,7 +82,7 @@ struct Begin {
     past: Option<Past>,
 }
 
-/// What is published of the past period.
+/// Published figures of the past period.
 #[derive(Debug, Deserialize)]
 struct Past {
     fallback_level: u32,
@@ -140,7 +140,7 @@ fn bounds(limits: &Limits, period_nanos: u64) -> Bounds {
     Bounds::new(&robot, period_nanos, 0)
 }
 
-/// A gate whose output is summed up over time.
+/// A gate whose output is summed over time.
 struct Driven<'a> {
     name: &'a str,
     gate: Gate,
@@ -208,7 +208,7 @@ fn close(found: &Velocity, expected: &Velocity, within: f64) -> bool {
 }
 
 #[test]
-fn the_gate_does_what_the_vectors_say() -> Outcome {
+fn the_gate_conforms_to_the_vectors() -> Outcome {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../protocol/vectors/gate.json");
     let file: File = serde_json::from_str(&fs::read_to_string(path)?)?;
     assert_eq!(file.version, protocol::VERSION);

@@ -6,7 +6,7 @@ use robot::Robot;
 
 const PERIOD: u64 = 20_000_000;
 
-/// Commands of every kind: good ones, and each way to be refused.
+/// Commands of every kind: valid ones, and one for each reason of rejection.
 fn offered(tick: u64) -> Command {
     let mut command: Command = bytemuck::Zeroable::zeroed();
     (command.stamp.epoch, command.stamp.writer, command.stamp.tick) = (2, 1, tick);
@@ -30,14 +30,14 @@ fn offered(tick: u64) -> Command {
 }
 
 #[test]
-fn whatever_it_is_offered_the_gate_allocates_nothing() {
+fn the_gate_allocates_nothing_for_any_command() {
     let mut gate = Gate::new(Bounds::new(&Robot::example(), PERIOD, 0), 7);
     let mut fallback_levels = [0; 8];
     let heap = allocation_counter::measure(|| {
         for tick in 0..10_000 {
             let now = tick * PERIOD;
             gate.begin_period(tick, now);
-            // Every 500 periods a second of silence: the tail, the brake, and the way back.
+            // Every 500 periods a second of silence: the tail, the brake, and the recovery.
             if tick % 500 > 50 {
                 let _ = gate.offer(&offered(tick), now + PERIOD / 4);
             }

@@ -1,6 +1,7 @@
-//! snapshot → bad snapshot: the learner that injects faults on purpose.
+//! snapshot → bad snapshot: injects faults into the published snapshots.
 //!
-//! Only what is sent is bad: the learner itself goes on with what it has learnt, and keeps that in its file.
+//! Only the published message is bad. The learner itself continues with its own model, and saves
+//! that in its file.
 
 use crate::settings::{SnapshotFaultKind, SnapshotFaults};
 use model::AXES;
@@ -8,28 +9,29 @@ use model::gp::split_mix::SplitMix64;
 use protocol::frame::DecodeError;
 use protocol::message::{INPUTS_MAX, Message, ModelSnapshot};
 
-/// Shorter than any length scale that a residual can have.
+/// A length scale shorter than that of any residual.
 const ABSURD_LENGTH_SCALE: f64 = 1e-9;
-/// More than any residual varies \[(m/s)², (m/s)², (rad/s)²\].
+/// A variance larger than that of any residual \[(m/s)², (m/s)², (rad/s)²\].
 const ABSURD_VARIANCE: f64 = 1e30;
-/// So little noise that twins among the points cannot be told from one.
+/// Noise so small that duplicate points make the covariance singular.
 const NEXT_TO_NO_NOISE: f64 = 1e-15;
 
-/// Makes bad snapshots, and remembers good ones for it.
+/// Makes bad snapshots, and stores good ones for them.
 #[derive(Debug)]
 pub struct SnapshotFaultInjector {
     faults: SnapshotFaults,
-    /// The last two good ones that were sent, oldest first.
+    /// The last two good snapshots that were published, oldest first.
     sent: [Option<ModelSnapshot>; 2],
 }
 
 impl SnapshotFaultInjector {
-    /// One that injects `faults`: none if there are none, and then it remembers nothing.
+    /// Injects `faults`. Without any it stores nothing.
     pub fn new(faults: SnapshotFaults) -> Self {
         Self { faults, sent: [None, None] }
     }
 
-    /// What is to be sent in place of `good`, the snapshot learnt up to `tick`; none if that itself is to be sent.
+    /// The snapshot to publish in place of `good`, which was learnt up to `tick`; `None` to publish
+    /// `good`.
     pub fn in_place_of(&mut self, good: &ModelSnapshot, tick: u64) -> Option<ModelSnapshot> {
         if self.faults.is_empty() {
             return None;
@@ -52,7 +54,7 @@ impl SnapshotFaultInjector {
         None
     }
 
-    /// None if there is nothing to make it of.
+    /// `None` if there is no snapshot to make it from.
     fn bad(
         &self,
         kind: SnapshotFaultKind,
@@ -67,7 +69,7 @@ impl SnapshotFaultInjector {
                 let [older, newer] = &self.sent;
                 newer.as_ref()?;
                 bad = older.clone()?;
-                // In lock step it takes the place of the one that is due.
+                // In lock step it replaces the snapshot that is due.
                 (bad.head.effective_tick, bad.head.plant_epoch) =
                     (good.head.effective_tick, good.head.plant_epoch);
             }
@@ -103,7 +105,7 @@ impl SnapshotFaultInjector {
     }
 }
 
-/// All points in one place, without noise.
+/// Moves all points to one place, without noise.
 fn twins(good: &ModelSnapshot) -> Result<ModelSnapshot, DecodeError> {
     let mut bad = ModelSnapshot::new(good.head);
     let place = good.rows().next().map(|row| row.input.to_vec()).unwrap_or_default();
@@ -113,7 +115,7 @@ fn twins(good: &ModelSnapshot) -> Result<ModelSnapshot, DecodeError> {
     Ok(bad)
 }
 
-/// One input more, or one less where there is no room for more.
+/// Adds one input, or removes one where there is no room for more.
 fn with_another_input(good: &ModelSnapshot) -> Result<ModelSnapshot, DecodeError> {
     let inputs = good.head.inputs as usize;
     let other = if inputs < INPUTS_MAX { inputs + 1 } else { inputs - 1 };
@@ -128,7 +130,7 @@ fn with_another_input(good: &ModelSnapshot) -> Result<ModelSnapshot, DecodeError
     Ok(bad)
 }
 
-/// Each point with the weights of one half the snapshot away.
+/// Gives each point the weights of the point half the snapshot away.
 fn torn(good: &ModelSnapshot) -> Result<ModelSnapshot, DecodeError> {
     let mut bad = ModelSnapshot::new(good.head);
     let behind = good.rows().skip(good.rows().len() / 2);
@@ -142,7 +144,7 @@ fn three(values: &[f64]) -> [f64; AXES] {
     std::array::from_fn(|axis| values.get(axis).copied().unwrap_or(f64::NAN))
 }
 
-/// A number below `end`; 0 if there is none.
+/// A random number below `end`; 0 if there is none.
 fn below(random: &mut SplitMix64, end: usize) -> usize {
     (random.uniform() * end as f64) as usize
 }
@@ -166,8 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_wrong_is_in_what_is_sent_and_nothing_is_wrong_out_of_its_ticks()
-    -> Result<(), DecodeError> {
+    fn each_fault_changes_only_the_snapshots_of_its_ticks() -> Result<(), DecodeError> {
         for kind in SnapshotFaultKind::ALL {
             let fault =
                 SnapshotFault { kind, from_tick: 30, until_tick: Some(40), probability: 1.0 };
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_stale_is_older_than_the_last_good_one_that_was_sent() -> Result<(), DecodeError> {
+    fn a_stale_snapshot_is_older_than_the_last_good_one_published() -> Result<(), DecodeError> {
         let fault = SnapshotFault {
             kind: SnapshotFaultKind::Stale,
             from_tick: 30,

@@ -1,4 +1,4 @@
-//! A data set in, hyperparameters and posterior out. Deterministic: budgets count evaluations.
+//! Fits hyperparameters and posterior to a data set. Deterministic: budgets count evaluations.
 
 use model::gp::dictionary::Observation;
 use model::gp::fit::{FitError, FitOptions, LogNormal, Priors, fit_likelihood};
@@ -11,20 +11,20 @@ use model::{AXES, Velocity};
 
 use crate::settings::KernelChoice;
 
-/// Fewest samples that a fit is tried on; below, the model says nothing.
+/// Smallest number of samples for a fit; with fewer, the model is the prior.
 const SAMPLES_MIN: usize = 4;
 
-/// Least deviation of the noise, as a share of the largest believable residual.
+/// Smallest standard deviation of the noise, as a share of the largest plausible residual.
 const NOISE_FLOOR: f64 = 1e-4;
 
-/// What the learner believes before it has seen anything, of a residual over D inputs.
+/// Prior knowledge of the learner, for a residual over D inputs.
 #[derive(Debug, Clone, Copy)]
 pub struct FitSettings<const D: usize> {
-    /// What the Gaussian processes see.
+    /// Layout of the inputs.
     pub layout: Layout,
-    /// What they take for likely.
+    /// Kernel.
     pub kernel: KernelChoice,
-    /// What counts as one of each input, by physics: the data, which may have no spread, has no say in it.
+    /// Unit of each normalised input. It comes from physics, because the data may have no spread.
     pub input_scale: [f64; D],
     /// Largest |g| that physics allows \[m/s, m/s, rad/s\].
     pub bound: Velocity,
@@ -32,7 +32,7 @@ pub struct FitSettings<const D: usize> {
     pub evaluations_max: usize,
 }
 
-/// Why a fit came to nothing.
+/// Why a fit failed.
 #[derive(Debug, thiserror::Error)]
 pub enum FailedFit {
     /// The hyperparameters of one axis.
@@ -40,7 +40,7 @@ pub enum FailedFit {
     Axis {
         /// 0 forward, 1 left, 2 yaw.
         axis: usize,
-        /// What went wrong.
+        /// Error of the fit.
         source: FitError,
     },
     /// The posterior.
@@ -48,12 +48,12 @@ pub enum FailedFit {
     Posterior(#[from] PosteriorError),
 }
 
-/// A fitted model with what is to be told of it.
+/// A fitted model with the data of its message.
 #[derive(Debug, Clone)]
 pub struct FittedModel<const D: usize> {
     /// The model.
     pub learned: Learned<D>,
-    /// Its hyperparameters: where the next fit begins.
+    /// Its hyperparameters; the next fit begins with them.
     pub hyperparameters: [Hyperparameters<D>; AXES],
     /// Log marginal likelihood per axis.
     pub log_likelihood: [f64; AXES],
@@ -63,12 +63,13 @@ pub struct FittedModel<const D: usize> {
     pub inputs: Vec<[f64; D]>,
     /// Residuals.
     pub targets: Vec<[f64; AXES]>,
-    /// Noise variance of each over σₙ².
+    /// Noise variance of each sample over σₙ².
     pub noise_scale: Vec<f64>,
 }
 
 impl<const D: usize> FitSettings<D> {
-    /// How inputs are scaled: with zero mean, so that the linear part of the kernel goes through a robot at rest.
+    /// Scales of the inputs. The mean is zero, so that the linear part of the kernel goes through a
+    /// robot at rest.
     pub fn normalisation(&self) -> Normalisation<D> {
         Normalisation { mean: [0.0; D], scale: self.input_scale }
     }
@@ -78,7 +79,8 @@ impl<const D: usize> FitSettings<D> {
         self.bound.map(|bound| self.medians(bound))
     }
 
-    /// A smooth function, of the size that physics allows; beside a linear part, a quarter of that.
+    /// Medians for a smooth function of the size that physics allows; beside a linear part, a
+    /// quarter of it.
     fn medians(&self, bound: f64) -> Hyperparameters<D> {
         let smooth = |share: f64| {
             Hyperparameters::new([3.0; D], (share * bound).powi(2), (0.01 * bound).powi(2))
@@ -91,12 +93,12 @@ impl<const D: usize> FitSettings<D> {
         }
     }
 
-    /// The least noise that is believed, per axis \[(m/s)², (m/s)², (rad/s)²\].
+    /// Smallest noise variance, per axis \[(m/s)², (m/s)², (rad/s)²\].
     pub fn noise_floor(&self) -> Velocity {
         self.bound.map(|bound| (NOISE_FLOOR * bound).powi(2))
     }
 
-    /// Fits `observations`, each with the scale of its noise, beginning at `start`.
+    /// Fits `observations`, each with the scale of its noise. The search begins at `start`.
     ///
     /// # Errors
     /// [`FailedFit`].
@@ -151,7 +153,8 @@ impl<const D: usize> FitSettings<D> {
         })
     }
 
-    /// Bounds and priors of one axis: wide, but such that a direction which the data does not excite keeps a sane length scale.
+    /// Bounds and priors of one axis. They are wide, but keep a plausible length scale for inputs
+    /// that the data does not excite.
     fn options(&self, axis: usize) -> FitOptions<D> {
         let bound = self.bound[axis];
         let bounds = Bounds {
@@ -166,7 +169,7 @@ impl<const D: usize> FitSettings<D> {
         };
         let Hyperparameters { kernel, noise_variance } = self.medians(bound);
         let around = |median: f64, log_deviation: f64| Some(LogNormal { median, log_deviation });
-        // Beside a linear part, a few samples must not tempt the smooth one to explain a wrong gain.
+        // Beside a linear part, the smooth part must not fit a wrong gain to a few samples.
         let (variance_deviation, linear_variance) = match self.kernel {
             KernelChoice::SquaredExponential => (3.0, None),
             KernelChoice::LinearPlusSquaredExponential => {

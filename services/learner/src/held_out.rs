@@ -1,30 +1,32 @@
-//! How far a new sample is off, found from samples that the model of their time had not seen.
+//! Noise of a new sample, estimated from held-out samples: those that the model of their time was
+//! not trained on.
 //!
 //! ```text
 //! |e| ≤ z √(v + n)  for 95 of 100 samples      n = 95th of 100 of  e²/z² − v,    z = 1.96
 //! ```
-//! with v the variance of the function where the sample was made. The noise σₙ² that the likelihood finds belongs to the samples that the
-//! model is made from: fitted, of different age and told apart by it. A quantile of errors has no such model, and a wild one among fifty
-//! hardly moves it.
+//! with v the variance of the function at the sample. The likelihood's noise σₙ² belongs to the
+//! training samples, which are fitted and weighted by age. A quantile of held-out errors depends on
+//! no such model, and one outlier among fifty samples hardly changes it.
 //!
-//! Reference: Vovk, Gammerman & Shafer, *Algorithmic Learning in a Random World*, 2005, for intervals from held-out errors.
+//! Reference: Vovk, Gammerman & Shafer, *Algorithmic Learning in a Random World*, 2005, for
+//! intervals from held-out errors.
 
 use model::Velocity;
 use std::collections::VecDeque;
 
-/// Samples that are looked back on.
+/// Number of the last samples in use.
 const MEMORY: usize = 100;
-/// Fewest that a quantile is taken of.
+/// Smallest number of samples for a quantile.
 const SAMPLES_MIN: usize = 20;
-/// Share of them that the interval is to hold.
+/// Share of the samples that the interval must contain.
 const SHARE: f64 = 0.95;
 /// Its half width in standard deviations.
 const HALF_WIDTH: f64 = 1.96;
 
-/// Samples by which what was learnt before is judged …
+/// Number of samples that judge what was learnt earlier …
 const LATELY: u32 = 20;
-/// … and how few of them in the interval contradict it. Of a model that is only rough, with four in five inside, one in a hundred such windows
-/// has so few.
+/// … and the number of them in the interval that contradicts it. A merely rough model, with four in
+/// five samples inside, has so few in one of a hundred such windows.
 const CONTRADICTED: u32 = 12;
 
 /// The last held-out errors, per axis.
@@ -34,13 +36,14 @@ pub struct HeldOut {
     beyond: VecDeque<Velocity>,
     counted: u64,
     within: [u64; 3],
-    /// Whether each of the last samples was in its interval, per axis: one bit each, the newest lowest.
+    /// Whether each of the last samples was in its interval, per axis: one bit each, the newest
+    /// lowest.
     lately: [u32; 3],
 }
 
 impl HeldOut {
-    /// Takes in the error of one sample, the variance of the function there, and the n that it was told to have. Numbers that are none are
-    /// passed over.
+    /// Stores the error of one sample, the variance of the function there, and the n that was
+    /// predicted for it. Ignores numbers that are not finite.
     pub fn push(&mut self, error: &Velocity, variance: &Velocity, told: &Velocity) {
         let beyond: Velocity =
             std::array::from_fn(|axis| (error[axis] / HALF_WIDTH).powi(2) - variance[axis]);
@@ -59,18 +62,20 @@ impl HeldOut {
         }
     }
 
-    /// Whether of the last samples so few were in their intervals, on one axis, that the robot cannot be the one that was learnt.
+    /// Whether so few of the last samples of one axis were in their intervals that the robot must
+    /// have changed.
     pub fn contradicted(&self) -> bool {
         self.counted >= u64::from(LATELY)
             && self.lately.iter().any(|inside| inside.count_ones() < CONTRADICTED)
     }
 
-    /// Share of all samples that were in the interval which they were told, per axis.
+    /// Share of all samples that were in their predicted interval, per axis.
     pub fn covered(&self) -> Velocity {
         self.within.map(|within| within as f64 / self.counted.max(1) as f64)
     }
 
-    /// n, or `otherwise` as long as too little has been held out; at least `floor` \[(m/s)², (m/s)², (rad/s)²\].
+    /// n, or `otherwise` while too few samples are held out; at least `floor`
+    /// \[(m/s)², (m/s)², (rad/s)²\].
     pub fn noise(&self, otherwise: &Velocity, floor: &Velocity) -> Velocity {
         let rank = ((self.beyond.len() + 1) as f64 * SHARE).ceil() as usize;
         std::array::from_fn(|axis| {
@@ -93,10 +98,10 @@ mod tests {
     const FLOOR: Velocity = [1e-12; AXES];
 
     #[test]
-    fn of_new_errors_19_in_20_are_as_large_as_it_says_at_most() {
+    fn the_interval_contains_19_of_20_new_errors() {
         let (mut held_out, mut random) = (HeldOut::default(), SplitMix64::new(1));
         for i in 0..20_000 {
-            // Errors with tails, where the function is known well and not so well.
+            // Heavy-tailed errors, where the function is known well and not so well.
             let variance = if i % 3 == 0 { 4e-4 } else { 1e-6 };
             let error = random.normal()
                 * (variance + 1e-4_f64 * (1.0 + 0.5 * random.normal()).powi(2)).sqrt();
@@ -108,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn one_wild_error_in_fifty_makes_little_difference() {
+    fn one_outlier_in_fifty_changes_the_noise_little() {
         let noise = |wild: f64| {
             let (mut held_out, mut random) = (HeldOut::default(), SplitMix64::new(2));
             for i in 0..100 {
@@ -124,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn before_anything_was_held_out_what_the_likelihood_says_is_taken() {
+    fn without_held_out_samples_the_noise_is_that_of_the_likelihood() {
         let mut held_out = HeldOut::default();
         held_out.push(&[f64::NAN; AXES], &[0.0; AXES], &[0.0; AXES]);
         assert_eq!(held_out.noise(&[1.0, 2.0, 0.0], &[0.5; AXES]), [1.0, 2.0, 0.5]);

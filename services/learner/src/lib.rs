@@ -1,15 +1,15 @@
-//! ResidualSample in, ModelSnapshot out: the Gaussian-process learner, in its own process and its own time.
+//! ResidualSample in, ModelSnapshot out: the Gaussian-process learner, in a process of its own.
 //!
-//! | module             | what it does                                                 |
-//! |--------------------|--------------------------------------------------------------|
-//! | [`settings`]       | what a person may set                                        |
-//! | [`tunable`]        | what a person changes while the robot drives                 |
-//! | [`fit`]            | a data set in, hyperparameters and posterior out             |
-//! | [`held_out`]       | how far a new sample is off                                  |
-//! | [`snapshot`]       | what was fitted, scored and put into a message               |
-//! | [`fault_injector`] | bad snapshots on purpose                                     |
-//! | [`store`]          | the last snapshot, kept in a file and resumed from it        |
-//! | [`run`]            | the loop: samples keep arriving while the fit runs beside it |
+//! | module       | what it does                                                     |
+//! |--------------|------------------------------------------------------------------|
+//! | [`settings`] | settings of the learner process                                  |
+//! | [`tunable`]     | changes of settings while the robot drives                       |
+//! | [`fit`]      | a data set in, hyperparameters and posterior out                 |
+//! | [`held_out`] | noise of a new sample, from held-out samples                     |
+//! | [`snapshot`] | scores a fitted model and writes its message                     |
+//! | [`fault_injector`]     | injects faults into the published snapshots                      |
+//! | [`store`]    | saves the last snapshot to a file and resumes from it            |
+//! | [`run`]      | the loop: receives samples while the fit runs beside it          |
 
 pub mod fault_injector;
 pub mod fit;

@@ -1,12 +1,12 @@
-//! The loop: samples keep arriving while the fit runs on a thread of its own.
+//! The loop: it receives samples while the fit runs on a thread of its own.
 //!
 //! ```text
 //! tick      nP ─────────────── nP + V ──── nP + D
 //! learner   cut, fit begins     scored,     (controller) takes effect
 //!                               published
 //! ```
-//! V = D − 1 samples after the cut score the snapshot; it has not seen them. In lock step every cut gives a snapshot, in order. In
-//! real time a cut that falls into a running fit is left out.
+//! V = D − 1 samples after the cut score the snapshot; it was not trained on them. In lock step
+//! every cut gives a snapshot, in order. In real time a cut during a running fit is skipped.
 
 mod fitter;
 
@@ -37,19 +37,19 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
 
-/// How long a wait lasts before stop signals are looked at.
+/// Longest wait between two checks of the stop signals.
 const PATIENCE: Duration = Duration::from_millis(20);
-/// Velocity that counts as one, as a share of its physical range.
+/// Velocity unit of the kernel inputs, as a share of the velocity's physical range.
 const VELOCITY_SHARE: f64 = 0.2;
-/// Slip that counts as one, as a share of the physical range of the velocity.
+/// Slip unit of the kernel inputs, as a share of the physical range of the velocity.
 const SLIP_SHARE: f64 = 0.1;
 
-/// Time after which a sample counts half \[s\].
+/// Age at which a sample has half its weight \[s\].
 const MEMORY_S: f64 = 5.0;
-/// Innovations that are never surprising, as a share of the largest believable residual.
+/// Innovations that are never surprising, as a share of the largest plausible residual.
 const NOISE_SHARE: f64 = 0.005;
 
-/// Why the learner ended before it was told to.
+/// Why the learner ended before a stop was requested.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// A port could not be opened.
@@ -64,12 +64,12 @@ pub enum RunError {
     /// A snapshot could not be made.
     #[error(transparent)]
     Snapshot(#[from] DecodeError),
-    /// The fitting thread has died.
-    #[error("the fitting thread has died")]
+    /// The fitting thread ended.
+    #[error("the fitting thread has ended unexpectedly")]
     Fitter,
 }
 
-/// Learns until it is told to stop.
+/// Learns until a stop is requested.
 ///
 /// # Errors
 /// [`RunError`].
@@ -81,7 +81,7 @@ pub fn run(settings: &Settings, ports: &Ports, stop: &Stop) -> Result<(), RunErr
     }
 }
 
-/// The same, of a residual over D inputs.
+/// The same for a residual over D inputs.
 fn run_over<const D: usize>(
     settings: &Settings,
     ports: &Ports,
@@ -119,7 +119,8 @@ fn fit_settings<const D: usize>(settings: &Settings) -> FitSettings<D> {
     }
 }
 
-/// How the dictionary chooses: information is measured by a kernel about as curved as friction is, in the units of the inputs.
+/// Selection of the dictionary. Its kernel has about the curvature of friction, in the units of the
+/// inputs.
 fn selection<const D: usize>(settings: &Settings, fit_settings: &FitSettings<D>) -> Selection<D> {
     Selection {
         capacity: settings.learner.points_max,
@@ -139,21 +140,21 @@ struct Learner<'a, const D: usize> {
     settings: &'a Settings,
     fingerprint: u64,
     fit_settings: FitSettings<D>,
-    /// What a person may change meanwhile.
+    /// Settings that can change during the run.
     tunable: TunableSettings,
     samples: Source<ResidualSample>,
     snapshots: Sink<ModelSnapshot>,
     pulse: Pulse,
     dictionary: Dictionary<D>,
-    /// Hyperparameters that the first fit begins with.
+    /// Hyperparameters at which the first fit begins.
     start: [Hyperparameters<D>; AXES],
     /// Samples since the last cut that is published, for scoring.
     recent: VecDeque<ResidualSample>,
     held_out: HeldOut,
-    /// The model published last, and the last tick that it was held against.
+    /// The last published model, and the last tick that it was judged on.
     judged: Option<(Learned<D>, u64)>,
     scratch: VarianceScratch,
-    /// Cuts under way, oldest first, and what came of the first.
+    /// Cuts under way, oldest first, and the result of the first.
     pending: VecDeque<u64>,
     finished: Option<Done<D>>,
     jobs: Sender<Job<D>>,
@@ -161,11 +162,12 @@ struct Learner<'a, const D: usize> {
     version: u64,
     /// (plant epoch, tick) of the newest sample.
     newest: Option<(u64, u64)>,
-    /// Number of the last cut: its tick is that times P.
+    /// Number of the last cut; its tick is this number times P.
     last_cut: u64,
-    /// The snapshot published or resumed last.
+    /// The last published or resumed snapshot.
     last: Option<ModelSnapshot>,
-    /// Whether what an earlier run has learnt is in the dictionary, and nothing has contradicted it yet.
+    /// Whether the data of an earlier run is in the dictionary, and this run has not contradicted
+    /// it.
     on_trial: bool,
     /// Whether the next fit begins from the initial hyperparameters.
     anew: bool,
@@ -217,7 +219,7 @@ impl<'a, const D: usize> Learner<'a, D> {
     }
 
     fn run(&mut self, stop: &Stop) -> Result<(), RunError> {
-        // The first wait opens the listener, so that nothing published after "ready" goes unheard.
+        // The first wait opens the listener, so that no message published after "ready" is missed.
         self.samples.wait(Duration::ZERO)?;
         self.pulse.phase(Phase::Ready);
         while !stop.requested() {
@@ -243,7 +245,7 @@ impl<'a, const D: usize> Learner<'a, D> {
         Ok(())
     }
 
-    /// Whether the oldest cut only waits for its fit.
+    /// Whether the oldest cut waits only for its fit.
     fn may_publish(&self) -> bool {
         let oldest = self.pending.front();
         self.finished.is_none()
@@ -261,7 +263,7 @@ impl<'a, const D: usize> Learner<'a, D> {
         if sample.fingerprint != self.fingerprint {
             self.pulse
                 .health()
-                .set_last_error("samples of another robot, period or input layout are left out");
+                .set_last_error("samples of another robot, period or input layout are ignored");
             return Ok(());
         }
         let tick = sample.stamp.tick;
@@ -283,7 +285,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             .iter()
             .zip(self.fit_settings.bound)
             .all(|(residual, bound)| residual.abs() <= bound);
-        // One number that is not finite would spoil every fit for as long as it stays in the data.
+        // One number that is not finite would spoil every fit while it is in the data set.
         let finite = sample
             .velocity
             .iter()
@@ -294,12 +296,9 @@ impl<'a, const D: usize> Learner<'a, D> {
             let input = self.settings.learner.layout.inputs(&snapshot::moment(sample));
             let outcome = self.dictionary.insert(Observation { input, target: sample.residual });
             if outcome == Outcome::Changed {
-                tracing::info!(
-                    tick,
-                    "the robot is not what it was: what was learnt before counts less"
-                );
+                tracing::info!(tick, "the robot has changed: older samples count less");
             }
-            // What is not believed does not judge a model either.
+            // A sample that is held back does not judge a model either.
             if outcome != Outcome::Held {
                 self.recent.push_back(*sample);
             }
@@ -343,7 +342,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             Ok(fitted) => self.publish(fitted, cut, epoch)?,
             Err(error) => {
                 tracing::warn!(cut, "no new model: {error}");
-                self.pulse.health().set_last_error("a fit has failed; the log says why");
+                self.pulse.health().set_last_error("a fit has failed; see the log");
                 self.publish_again(cut, epoch)?;
             }
         }
@@ -351,7 +350,8 @@ impl<'a, const D: usize> Learner<'a, D> {
         Ok(())
     }
 
-    /// Holds the model before against the samples that it has not been held against, and gives the noise that a new model is to have.
+    /// Judges the previous model on samples that it has not been judged on, and returns the noise
+    /// of the new model.
     fn hold_out(&mut self, until: u64, otherwise: &Velocity) -> Velocity {
         if let Some((learned, judged)) = &self.judged {
             for sample in self
@@ -373,11 +373,15 @@ impl<'a, const D: usize> Learner<'a, D> {
         self.held_out.noise(otherwise, &self.fit_settings.noise_floor())
     }
 
-    /// Lets go of what an earlier run has learnt, if this robot contradicts it. To doubt it would not be enough: far from what this run has
-    /// seen, where nobody else speaks, it would go on bending the model.
+    /// Drops the data of an earlier run if this robot contradicts it. More noise on that data would
+    /// not be enough: far from the samples of this run it would still bend the model.
     fn forget_if_contradicted(&mut self, tick: u64) {
         if self.on_trial && self.held_out.contradicted() {
-            tracing::info!(tick, covered = ?self.held_out.covered(), "the robot is not what the earlier run has learnt: that is forgotten");
+            tracing::info!(
+                tick,
+                covered = ?self.held_out.covered(),
+                "the robot contradicts the data of the earlier run: the data is dropped"
+            );
             self.dictionary.forget_restored();
             self.held_out = HeldOut::default();
             (self.on_trial, self.anew) = (false, true);
@@ -411,7 +415,7 @@ impl<'a, const D: usize> Learner<'a, D> {
         self.snapshots.send(bad.as_mut().unwrap_or(&mut snapshot))?;
         if let Err(error) = store::save(&store::file_of(self.settings), &snapshot) {
             tracing::warn!("{error}");
-            self.pulse.health().set_last_error("the snapshot could not be saved; the log says why");
+            self.pulse.health().set_last_error("the snapshot could not be saved; see the log");
         }
         let head = &snapshot.head;
         tracing::info!(
@@ -431,7 +435,8 @@ impl<'a, const D: usize> Learner<'a, D> {
         Ok(())
     }
 
-    /// A cut that gave no model: in lock step the controller waits for one, and gets the last one again, or one that knows nothing.
+    /// Handles a cut without a model. In lock step the controller waits for one: it gets the last
+    /// one again, or the prior.
     fn publish_again(&mut self, cut: u64, plant_epoch: u64) -> Result<(), RunError> {
         let Some(last) = &mut self.last else {
             if let Ok(nothing) = self.fit_settings.fit(&[], &self.start) {
@@ -451,8 +456,8 @@ impl<'a, const D: usize> Learner<'a, D> {
         Ok(())
     }
 
-    /// The first sample tells how far time has come. What had been learnt before goes out again: at once, and for every cut that has
-    /// been missed and whose model is still due.
+    /// Handles the first sample, which tells the present tick. Publishes the earlier model again:
+    /// at once, and for every missed cut whose model is still due.
     fn join(&mut self, sample: &ResidualSample) -> Result<(), RunError> {
         let (every_ticks, delay_ticks) =
             (self.tunable.every_ticks(), self.settings.learner.delay_ticks);
@@ -468,7 +473,7 @@ impl<'a, const D: usize> Learner<'a, D> {
         Ok(())
     }
 
-    /// Between two samples: what a person has changed acts from the next one on.
+    /// Between two samples: a changed setting acts from the next sample on.
     fn tune(&mut self) {
         if self.tunable.poll(self.newest) {
             self.last_cut = self.newest.map_or(0, |(_, tick)| tick / self.tunable.every_ticks());

@@ -1,4 +1,4 @@
-//! What a person may set of the learner.
+//! Settings of the learner.
 
 mod snapshot_fault;
 
@@ -10,61 +10,61 @@ use std::path::PathBuf;
 
 pub use snapshot_fault::{SnapshotFault, SnapshotFaultKind, SnapshotFaults};
 
-/// Most data points that a snapshot may carry.
+/// Largest number of data points in a snapshot.
 const POINTS_MAX: usize = 2_000;
 
-/// Everything the learner process is told.
+/// All settings of the learner process.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// What the launcher tells every process.
+    /// Settings that the launcher gives to every process.
     pub run: process::Run,
     /// The robot as believed.
     pub robot: Robot,
-    /// How to learn.
+    /// Settings of the learning.
     pub learner: LearnerSettings,
-    /// Which bad snapshots it sends on purpose.
+    /// Faults that it injects into its snapshots.
     #[serde(default, skip_serializing_if = "SnapshotFaults::is_empty")]
     pub snapshot_faults: SnapshotFaults,
 }
 
-/// What the Gaussian processes take for likely before they have seen anything.
+/// Kernel of the Gaussian processes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum KernelChoice {
-    /// A smooth function, of which a sample says nothing far away.
+    /// A smooth function, of which a sample reveals nothing far away.
     #[serde(rename = "squared-exponential")]
     SquaredExponential,
-    /// A wrong gain and an offset, and a smooth function beside them.
+    /// A wrong gain and an offset, plus a smooth function.
     #[serde(rename = "linear+squared-exponential")]
     LinearPlusSquaredExponential,
 }
 
-/// How to learn.
+/// Settings of the learning.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LearnerSettings {
-    /// What the Gaussian processes see.
+    /// Layout of the inputs of the Gaussian processes.
     pub layout: Layout,
-    /// What they take for likely.
+    /// Kernel of the Gaussian processes.
     pub kernel: KernelChoice,
-    /// P: ticks between two snapshots, at least.
+    /// P: smallest number of ticks between two snapshots.
     pub every_ticks: u64,
-    /// D: in lock step, ticks from the last sample learnt to taking effect.
+    /// D: in lock step, ticks from the last training sample until the snapshot takes effect.
     pub delay_ticks: u64,
     /// Size of the data set.
     pub points_max: usize,
     /// Budget of one fit, in evaluations of the likelihood per axis.
     pub evaluations_max: usize,
-    /// A snapshot to begin with, from an earlier run of the same robot.
+    /// A snapshot of an earlier run of the same robot to begin with.
     #[serde(default)]
     pub resume: Option<PathBuf>,
 }
 
 impl LearnerSettings {
-    /// Checks that such a learner can work.
+    /// Checks that the values are possible.
     ///
     /// # Errors
-    /// [`Impossible`] names the first setting that cannot be.
+    /// [`Impossible`] names the first impossible setting.
     pub fn check(&self) -> Result<(), Impossible> {
         let impossible =
             |key: &str, expected: String| Err(Impossible { key: key.into(), expected });
@@ -74,7 +74,7 @@ impl LearnerSettings {
         if !(2..=200).contains(&self.delay_ticks) {
             return impossible(
                 "delay_ticks",
-                "2 to 200 periods: one at least to score the snapshot on".into(),
+                "2 to 200 periods: at least one sample must score the snapshot".into(),
             );
         }
         if !(4..=POINTS_MAX).contains(&self.points_max) {

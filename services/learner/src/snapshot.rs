@@ -1,4 +1,4 @@
-//! What was fitted, scored on samples that it has not seen, and put into a message.
+//! Scores a fitted model on samples that it was not trained on, and writes its message.
 
 use crate::fit::FittedModel;
 use model::AXES;
@@ -6,28 +6,29 @@ use model::learned::{Moment, Residual};
 use protocol::frame::DecodeError;
 use protocol::message::{INPUTS_MAX, ModelSnapshot, ResidualSample, SnapshotHead};
 
-/// What a snapshot says of itself beside the model.
+/// Header fields of a snapshot that are independent of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Label {
     /// Version, from 1.
     pub version: u64,
     /// Fingerprint of main model and layout.
     pub fingerprint: u64,
-    /// Epoch of the plant it was learnt from.
+    /// Epoch of the plant that sent the samples.
     pub plant_epoch: u64,
-    /// Last tick that it has learnt from.
+    /// Tick of the last training sample.
     pub trained_tick: u64,
     /// In lock step: tick at which it takes effect; 0 is at once.
     pub effective_tick: u64,
 }
 
-/// The period that `sample` is of.
+/// The period of `sample`.
 pub fn moment(sample: &ResidualSample) -> Moment {
     let [_, _, heading] = sample.pose;
     Moment { velocity: sample.velocity, input: sample.input, before: sample.input_before, heading }
 }
 
-/// RMS one-step error of the fitted model and of the main model alone, per axis, over `samples`; zeros if there are none.
+/// RMS one-step error of the fitted model and of the main model alone, per axis, over `samples`;
+/// zeros if there are none.
 pub fn score<const D: usize>(
     fitted: &FittedModel<D>,
     samples: &[ResidualSample],
@@ -44,7 +45,8 @@ pub fn score<const D: usize>(
     (learned.map(|sum| (sum / count).sqrt()), main.map(|sum| (sum / count).sqrt()))
 }
 
-/// Puts a fitted model into a message, scored on `newer`: usable samples that it was not trained on.
+/// Writes the message of a fitted model, scored on `newer`: usable samples that it was not trained
+/// on.
 ///
 /// # Errors
 /// [`DecodeError`] if it has more points than a message can carry.

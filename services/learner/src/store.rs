@@ -1,4 +1,5 @@
-//! The last snapshot, kept in a file and resumed from it. The file holds the message as it was sent, checksum included.
+//! Saves the last snapshot to a file and resumes from it. The file holds the message as it was
+//! sent, checksum included.
 
 use crate::fit::FitSettings;
 use crate::settings::Settings;
@@ -11,61 +12,67 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// A snapshot file that cannot be written or resumed from.
+/// A snapshot file that cannot be written or resumed.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// The file system refused.
+    /// The file system reported an error.
     #[error("{file}: {source}")]
     File {
         /// The file.
         file: PathBuf,
-        /// Why.
+        /// The error.
         source: io::Error,
     },
-    /// The file is damaged, or no snapshot.
+    /// The file is damaged, or is not a snapshot.
     #[error("{file}: {source}")]
     Damaged {
         /// The file.
         file: PathBuf,
-        /// In which respect.
+        /// The error of the decoder.
         source: DecodeError,
     },
     /// It was learnt with another main model.
     #[error(
-        "{file}: fingerprint {got:#018x} where {expected:#018x} was expected: learnt for another robot, period or input layout"
+        "{file}: fingerprint = {got:#018x}: expected {expected:#018x}; \
+         the file was learnt for another robot, period or input layout"
     )]
     Foreign {
         /// The file.
         file: PathBuf,
-        /// Ours.
+        /// Fingerprint of this run.
         expected: u64,
-        /// The file's.
+        /// Fingerprint of the file.
         got: u64,
     },
 }
 
-/// Where this run's last snapshot is kept.
+/// File of this run's last snapshot.
 pub fn file_of(settings: &Settings) -> PathBuf {
     settings.run.folder.join("snapshot.bin")
 }
 
-/// The snapshot to begin with: this run's own after a restart, else the one that the settings name.
+/// The snapshot to begin with: that of this run after a restart, else the one in the settings.
 pub fn to_resume_from(settings: &Settings, fingerprint: u64) -> Option<ModelSnapshot> {
     let own = Some(file_of(settings)).filter(|file| settings.run.restarted && file.exists());
     let file = own.or_else(|| settings.learner.resume.clone())?;
     match load(&file, fingerprint) {
         Ok(snapshot) => {
-            tracing::info!(file = %file.display(), version = snapshot.head.version, points = snapshot.head.points, "resumed");
+            tracing::info!(
+                file = %file.display(),
+                version = snapshot.head.version,
+                points = snapshot.head.points,
+                "resumed"
+            );
             Some(snapshot)
         }
         Err(error) => {
-            tracing::warn!("{error}; beginning with nothing");
+            tracing::warn!("{error}; beginning without data");
             None
         }
     }
 }
 
-/// Writes `snapshot` to `file`, whole or not at all.
+/// Writes `snapshot` to `file` atomically.
 ///
 /// # Errors
 /// [`StoreError::File`].
@@ -83,7 +90,7 @@ pub fn save(file: &Path, snapshot: &ModelSnapshot) -> Result<(), StoreError> {
     whole().map_err(refused)
 }
 
-/// Reads the snapshot in `file`.
+/// Reads the snapshot from `file`.
 ///
 /// # Errors
 /// [`StoreError`] if it cannot be read, is damaged, or belongs to another main model.
@@ -102,8 +109,9 @@ pub fn load(file: &Path, fingerprint: u64) -> Result<ModelSnapshot, StoreError> 
     Ok(snapshot)
 }
 
-/// Puts the data of a snapshot back into `dictionary`, and gives back the hyperparameters to go on with: its own, if they are of the kernel and
-/// the units of `fit_settings`, and possible.
+/// Puts the data of a snapshot back into `dictionary`, and returns the hyperparameters for the next
+/// fit. They are those of the snapshot if it has the kernel and the units of `fit_settings`, and if they
+/// are possible.
 pub fn resume<const D: usize>(
     snapshot: &ModelSnapshot,
     fit_settings: &FitSettings<D>,
@@ -132,14 +140,14 @@ pub fn resume<const D: usize>(
             head.signal_variance[axis],
             head.noise_variance[axis],
         );
-        // A linear part is begun with or left out as it is asked for now, not as it was then.
+        // Whether there is a linear part depends on the present settings, not on the earlier ones.
         let linear_variance = match (first[axis].kernel.linear_variance, head.linear_variance[axis])
         {
             (asked, kept) if asked > 0.0 && kept > 0.0 => kept,
             (asked, _) => asked,
         };
         let kept = plain.with_linear(linear_variance);
-        // No fit could ever begin with what is no number, or not positive.
+        // No fit can begin at hyperparameters that are not positive and finite.
         if kept.check().is_ok() { kept } else { first[axis] }
     })
 }

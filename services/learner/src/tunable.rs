@@ -1,15 +1,15 @@
-//! The request of a person ▶ how often a model is made and for how long it is fitted, and an answer.
+//! Changes of settings ▶ interval of the models and budget of a fit, and a reply.
 
 use crate::settings::Settings;
 use process::requests::{Inbox, NotAsked, Outcome, Request, changed_before};
 use protocol::message::Participant;
 use settings::change::{Change, ChangeError, Rules, changed};
 
-/// What can be changed while the robot drives.
+/// Settings that may change while the robot drives.
 pub const RULES: Rules<'static> =
     Rules { tunable: &["learner.every_ticks", "learner.evaluations_max"], choices: &[] };
 
-/// Why a change is refused.
+/// Why a change is rejected.
 #[derive(Debug, thiserror::Error)]
 enum Refusal {
     #[error(transparent)]
@@ -18,19 +18,19 @@ enum Refusal {
     Change(#[from] ChangeError),
 }
 
-/// Takes requests up, one at a time, and holds what is set.
+/// Applies requested changes one at a time, and holds the settings in use.
 pub(crate) struct TunableSettings {
     inbox: Inbox,
     settings: Settings,
 }
 
 impl TunableSettings {
-    /// With what was set before in this run.
+    /// Begins with the changes made earlier in this run.
     pub(crate) fn open(settings: &Settings) -> Self {
         let told = match changed_before(settings, Participant::Learner, &RULES) {
             Ok((settings, _)) => settings,
             Err(error) => {
-                tracing::warn!("what was set before is forgotten: {error}");
+                tracing::warn!("the changes made earlier in this run are lost: {error}");
                 settings.clone()
             }
         };
@@ -47,8 +47,8 @@ impl TunableSettings {
         self.settings.learner.evaluations_max
     }
 
-    /// Takes up the next request, if there is one, and says whether anything has changed: from the sample after `newest` on, which is that of
-    /// (plant epoch, tick), or from the first.
+    /// Applies the next requested change, if there is one. Returns whether any setting has changed:
+    /// from the sample after `newest`, a (plant epoch, tick), or from the first sample.
     pub(crate) fn poll(&mut self, newest: Option<(u64, u64)>) -> bool {
         let Some(request) = self.inbox.take() else { return false };
         let (plant_epoch, taken_at_tick) = newest.unwrap_or_default();

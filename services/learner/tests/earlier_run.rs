@@ -1,4 +1,4 @@
-//! A learner that begins with what an earlier run has learnt.
+//! A learner that begins with the data of an earlier run.
 
 use learner::settings::{KernelChoice, LearnerSettings, SnapshotFaults};
 use learner::{Settings, run};
@@ -34,7 +34,7 @@ fn settings(folder: &Path, resume: Option<PathBuf>) -> Settings {
     }
 }
 
-/// What a robot with so much friction, of the sign of each velocity, tells at `tick`.
+/// Sample at `tick` of a robot with this friction, which has the sign of each velocity.
 fn sample(tick: u64, friction: f64) -> ResidualSample {
     let wave = |k: f64| (k * tick as f64).sin();
     let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
@@ -53,7 +53,7 @@ fn sample(tick: u64, friction: f64) -> ResidualSample {
     sample
 }
 
-/// How many points each model of a run of so many ticks has.
+/// Number of points of each model of a run.
 fn points(
     folder: &Path,
     resume: Option<PathBuf>,
@@ -74,7 +74,7 @@ fn points(
     let mut points = Vec::new();
     for tick in 0..ticks {
         samples.send(&mut sample(tick, friction))?;
-        // As a controller in lock step, which waits for what is due.
+        // Like a controller in lock step, which waits for a snapshot that is due.
         let due = tick >= EVERY_TICKS && (tick + 1) % EVERY_TICKS == DELAY_TICKS;
         while due && !learner.is_finished() && !snapshots.wait(Duration::from_millis(20))? {}
         while let Some(snapshot) = snapshots.next()? {
@@ -82,13 +82,13 @@ fn points(
         }
     }
     stop.request();
-    learner.join().map_err(|_| "the learner died")??;
+    learner.join().map_err(|_| "the learner panicked")??;
     Ok(points)
 }
 
 #[test]
-fn what_an_earlier_run_has_learnt_is_kept_until_the_robot_contradicts_it()
--> Result<(), Box<dyn Error>> {
+fn the_data_of_an_earlier_run_is_kept_until_the_robot_contradicts_it() -> Result<(), Box<dyn Error>>
+{
     let (earlier, same, other) = (tempfile::tempdir()?, tempfile::tempdir()?, tempfile::tempdir()?);
     let learnt = points(earlier.path(), None, 100, 0.05)?;
     let kept = *learnt.last().ok_or("nothing was learnt")?;

@@ -1,4 +1,4 @@
-//! A learner that is started again while the clock of lock step stands.
+//! A learner that restarts while the clock of lock step stands still.
 
 use learner::settings::{KernelChoice, LearnerSettings, SnapshotFaults};
 use learner::{Settings, run};
@@ -12,7 +12,8 @@ use std::error::Error;
 use std::thread;
 use std::time::Duration;
 
-/// Effective ticks of what a restarted learner with nothing to resume publishes when the first sample that it gets is of `tick`.
+/// Effective ticks of the snapshots that a restarted learner without data publishes, when its first
+/// sample has this tick.
 fn published_on_joining(
     tick: u64,
     every_ticks: u64,
@@ -64,13 +65,12 @@ fn published_on_joining(
         }
     }
     stop.request();
-    learner.join().map_err(|_| "the learner died")??;
+    learner.join().map_err(|_| "the learner panicked")??;
     Ok(effective)
 }
 
 #[test]
-fn every_model_that_is_still_due_comes_even_if_nothing_had_been_learnt()
--> Result<(), Box<dyn Error>> {
+fn every_model_that_is_still_due_is_published_even_without_data() -> Result<(), Box<dyn Error>> {
     assert_eq!(published_on_joining(12, 5, 3, 1)?, [13], "the cut at 10 is due at 13");
     assert_eq!(published_on_joining(16, 5, 8, 2)?, [18, 23], "the cuts at 10 and 15");
     Ok(())

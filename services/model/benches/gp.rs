@@ -1,5 +1,6 @@
-//! What a query costs the controller and a fit costs the learner, on the samples of the reference problem.
-#![expect(clippy::unwrap_used, reason = "a bench ends at the first surprise")]
+//! Time of a query in the controller and of a fit in the learner, on the samples of the reference
+//! problem.
+#![expect(clippy::unwrap_used, reason = "a bench ends at the first error")]
 
 #[path = "../tests/reference_problem/gp_data.rs"]
 mod gp_data;
@@ -81,7 +82,7 @@ fn learn(criterion: &mut Criterion) {
         bencher.iter(|| fit_all(black_box(&inputs), &targets, &[START; 3], &cold));
     });
 
-    // The window moves by ten samples; the search begins where the last one ended.
+    // The window moves by ten samples; the search begins at the previous optimum.
     let before = fit_all(&inputs[..100], &targets[..100], &[START; 3], &cold);
     let warm = FitOptions { max_evaluations: 12, ..FitOptions::default() };
     criterion.bench_function("refit with 12 evaluations, 3 outputs, 100 samples", |bencher| {

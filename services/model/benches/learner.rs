@@ -1,9 +1,9 @@
-//! What peers are measured on as well, one JSON line each: kernel terms, fits from the start to convergence, and samples that a full
-//! dictionary takes in.
+//! Figures that are also measured on peers, one JSON line each: time per kernel term, fits from the
+//! start to convergence, and samples inserted into a full dictionary.
 //!
 //! `taskset -c 1 cargo bench -p model --bench learner`
 #![expect(clippy::disallowed_methods, reason = "a bench has a clock")]
-#![expect(clippy::print_stdout, reason = "figures are what a bench is for")]
+#![expect(clippy::print_stdout, reason = "a bench prints its figures")]
 
 #[path = "../tests/reference_problem/gp_data.rs"]
 mod gp_data;
@@ -35,7 +35,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Mean and Jacobian of three outputs, asked where the samples are.
+/// Mean and Jacobian of three outputs, at the inputs of the samples.
 fn query(points: usize) -> Result<(), Box<dyn Error>> {
     let (inputs, targets) = gp_data::gp_data(points, 7);
     let posterior = Posterior::new(&inputs, &targets, &[TYPICAL; 3])?;
@@ -49,12 +49,17 @@ fn query(points: usize) -> Result<(), Box<dyn Error>> {
     }));
     println!(
         "{}",
-        json!({ "query": "mean and Jacobian", "M": points, "p50_us": micros, "ns_per_term": 1e3 * micros / (3 * points) as f64 })
+        json!({
+            "query": "mean and Jacobian",
+            "M": points,
+            "p50_us": micros,
+            "ns_per_term": 1e3 * micros / (3 * points) as f64,
+        })
     );
     Ok(())
 }
 
-/// Hyperparameters of three outputs, raw inputs, no priors, no restarts.
+/// Fits the hyperparameters of three outputs, raw inputs, no priors, no restarts.
 fn learn(points: usize) {
     let (inputs, targets) = gp_data::gp_data(points, 7);
     let options = FitOptions { max_iterations: 100, ..FitOptions::default() };
@@ -75,7 +80,7 @@ fn learn(points: usize) {
     );
 }
 
-/// Samples one by one into a dictionary that is full.
+/// Inserts samples one by one into a full dictionary.
 fn keep(kept: usize) -> Result<(), Box<dyn Error>> {
     let mut dictionary = Dictionary::new(Selection {
         capacity: kept,
@@ -103,7 +108,13 @@ fn keep(kept: usize) -> Result<(), Box<dyn Error>> {
     };
     println!(
         "{}",
-        json!({ "dictionary": "a sample into a full one", "n": kept, "p50_us": at(0.5)?, "p99_us": at(0.99)?, "samples": times.len() })
+        json!({
+            "dictionary": "a sample into a full one",
+            "n": kept,
+            "p50_us": at(0.5)?,
+            "p99_us": at(0.99)?,
+            "samples": times.len(),
+        })
     );
     Ok(())
 }

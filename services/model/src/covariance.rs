@@ -1,14 +1,17 @@
-//! How the uncertainty of single steps adds up along a prediction, under the feedback that will answer it.
+//! Covariance of the predicted state along a prediction, under a linear feedback.
 //!
 //! ```text
 //! Σ_{k+1} = (A + B K) Σ_k (A + B K)ᵀ + G diag(q) Gᵀ,   G = ∂x⁺/∂g
 //! ```
-//! q is the variance of one step's residual, noise included; K = ∂u/∂x is what a linear controller would do about a deviation. Without it
-//! Σ would grow as if nobody steered. Errors of different periods count as independent.
+//! q is the variance of one step's residual, observation noise included. K = ∂u/∂x is the gain of
+//! the linear controller that reacts to a deviation. Without K, Σ would grow like that of an
+//! uncontrolled robot. Errors of different periods count as independent.
 //!
-//! Zero-order: Σ belongs to the prediction that the step was linearised about, and does not follow the plan while it is improved.
+//! Zero-order: Σ belongs to the prediction at which the step was linearised. It is not updated
+//! while the plan is improved.
 //!
-//! Reference: Hewing, Kabzan & Zeilinger, *Cautious Model Predictive Control Using Gaussian Process Regression*, 2020.
+//! Reference: Hewing, Kabzan & Zeilinger, *Cautious Model Predictive Control Using Gaussian
+//! Process Regression*, 2020.
 
 use crate::Velocity;
 use crate::linearise::{Linearised, by_residual};
@@ -22,7 +25,8 @@ pub type Covariance = SMatrix<f64, 6, 6>;
 /// K = ∂u/∂x.
 pub type Feedback = SMatrix<f64, AXES, 6>;
 
-/// Σ one step on from the Σ of `state`, for a residual of variance `noise` \[(m/s)², (m/s)², (rad/s)²\]. Does not allocate.
+/// Σ one step after the Σ of `state`, for a residual of variance `noise`
+/// \[(m/s)², (m/s)², (rad/s)²\]. Does not allocate.
 pub fn propagate(
     before: &Covariance,
     main: &MainModel,
@@ -42,7 +46,8 @@ pub fn deviation(covariance: &Covariance, direction: &SMatrix<f64, 6, 1>) -> f64
     direction.dot(&(covariance * direction)).max(0.0).sqrt()
 }
 
-/// How many standard deviations above its mean a normal variable stays with probability `level` below: Φ⁻¹, to six digits; 0 for 0.5.
+/// Φ⁻¹(`level`), to six digits: the number of standard deviations above the mean below which a
+/// normal variable stays with probability `level`. 0 for 0.5.
 ///
 /// Reference: Wichura, algorithm AS 241, *Applied Statistics* 37, 1988.
 pub fn quantile(level: f64) -> f64 {
@@ -90,7 +95,8 @@ mod tests {
 
     #[test]
     fn variance_grows_as_calculated_by_hand_for_a_linear_system() {
-        // Straight ahead at heading 0, each axis of it is linear: v⁺ = A v + B u + g, x⁺ = x + T ((1 − w) v + w v⁺).
+        // Straight ahead at heading 0, the system of each axis is linear:
+        // v⁺ = A v + B u + g, x⁺ = x + T ((1 − w) v + w v⁺).
         let main = MainModel::new(&Robot::example(), 0.1);
         let belief = Belief {
             main: &main,
@@ -134,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_is_steered_strays_less_than_one_that_is_not() {
+    fn feedback_reduces_the_predicted_variance() {
         let main = MainModel::new(&Robot::example(), 0.1);
         let belief = Belief {
             main: &main,

@@ -3,12 +3,12 @@
 //! ```text
 //! δ = (n + w) T,  0 ≤ w < 1        acting in period k:  w c_{k−n−1} + (1 − w) c_{k−n}
 //! ```
-//! with c what the gate gave the wheels in each period.
+//! c is the output of the gate to the wheels in each period.
 
 use crate::Velocity;
 use serde::{Deserialize, Serialize};
 
-/// Longest dead time that is made up for \[periods\].
+/// Longest dead time that is compensated \[periods\].
 pub const DELAY_MAX: usize = 8;
 
 /// δ in periods, from 0 to [`DELAY_MAX`].
@@ -16,7 +16,7 @@ pub const DELAY_MAX: usize = 8;
 pub struct Delay(f64);
 
 impl Delay {
-    /// The nearest possible one to `periods`.
+    /// The valid dead time nearest to `periods`.
     pub fn of_periods(periods: f64) -> Self {
         Self(periods.max(0.0).min(DELAY_MAX as f64))
     }
@@ -26,12 +26,12 @@ impl Delay {
         self.0
     }
 
-    /// n: periods in which nothing can be changed any more.
+    /// n: number of periods that a new command cannot change any more.
     pub fn whole(self) -> usize {
         self.0 as usize
     }
 
-    /// w: share of the command before in what acts.
+    /// w: share of the previous command in the acting input.
     pub fn fraction(self) -> f64 {
         self.0.fract()
     }
@@ -45,12 +45,12 @@ pub struct Sent {
 }
 
 impl Sent {
-    /// As if `input` had always been sent.
+    /// A history in which `input` was always sent.
     pub fn always(input: Velocity) -> Self {
         Self { commands: [input; DELAY_MAX + 2] }
     }
 
-    /// One more period has ended, for which `command` was sent.
+    /// Appends the `command` of one more period.
     pub fn push(&mut self, command: Velocity) {
         self.commands.rotate_right(1);
         self.commands[0] = command;
@@ -61,13 +61,13 @@ impl Sent {
         self.commands[0]
     }
 
-    /// What acted in the period that has just ended.
+    /// Input that acted in the period that has just ended.
     pub fn acted(&self, delay: Delay) -> Velocity {
         self.mixed(delay.whole(), delay.fraction())
     }
 
-    /// What will act in the period that begins in `ahead` periods, for `ahead` < n: it is all under
-    /// way.
+    /// Input that will act in the period that begins `ahead` periods from now, for `ahead` < n. It
+    /// consists of commands that are already sent.
     pub fn under_way(&self, delay: Delay, ahead: usize) -> Velocity {
         self.mixed(delay.whole().saturating_sub(ahead + 1), delay.fraction())
     }
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_under_way_acts_in_the_order_in_which_it_was_sent() {
+    fn commands_under_way_act_in_the_order_in_which_they_were_sent() {
         let delay = Delay::of_periods(2.25);
         // Next period: c_{−2} and a quarter of the one before; then c_{−1}.
         let acting: Vec<f64> = (0..2).map(|ahead| counted().under_way(delay, ahead)[0]).collect();
@@ -102,10 +102,10 @@ mod tests {
     }
 
     #[test]
-    fn what_acted_is_the_command_of_a_dead_time_ago() {
+    fn the_acting_input_is_the_command_of_one_dead_time_ago() {
         assert_eq!(counted().acted(Delay::default())[0], 4.0);
         assert_eq!(counted().acted(Delay::of_periods(2.25))[0], 0.75 * 2.0 + 0.25 * 1.0);
-        // The longest one: nothing had been sent yet.
+        // The longest dead time: no command was sent that long ago.
         assert_eq!(counted().acted(Delay::of_periods(1e9))[0], 0.0);
     }
 }

@@ -1,8 +1,11 @@
 //! Dynamics of the base in its wheel speeds (eqs. 10–21, corrected).
 //!
-//! M ω̇ = p `K_T` i − f ω, with the inertia of eqs. 19 and 20. Corrections of the paper: M multiplies the wheels' angular
-//! *acceleration* (eqs. 18, 21); the torque p `K_T` i drives and friction opposes (eq. 16); the inertia that assumption 2 drops
-//! is kept, as eq. 10 has it. Rolling friction (eq. 14) and the Coriolis terms that eqs. 10–12 lose belong to the residual.
+//! M ω̇ = p `K_T` i − f ω, with the inertia of eqs. 19 and 20. Corrections of the paper:
+//! - M multiplies the wheels' angular *acceleration* (eqs. 18, 21).
+//! - The torque p `K_T` i drives and friction opposes (eq. 16).
+//! - The inertia that assumption 2 drops is kept, as in eq. 10.
+//!
+//! Rolling friction (eq. 14) and the Coriolis terms that eqs. 10–12 lose belong to the residual.
 //!
 //! The columns of J are eigenvectors of M, so the three body axes do not mix:
 //!
@@ -25,7 +28,8 @@ pub fn inertia(robot: &Robot) -> [[f64; 4]; 4] {
     [[c, -b, d, b], [-b, c, b, d], [d, b, c, -b], [b, d, -b, c]]
 }
 
-/// λ: eigenvalue of M along each column of J, the inertia that one axis shows to the motors \[kg m²\].
+/// λ: eigenvalue of M along each column of J \[kg m²\]. It is the inertia that one body axis shows
+/// to the motors.
 pub fn axis_inertia(robot: &Robot) -> Velocity {
     let radius = robot.geometry.wheel_radius_m;
     let lever = robot.geometry.lever_m();

@@ -1,7 +1,8 @@
-//! The robot's own dynamics in place of f + g: for a controller that shall know everything but the future, to compare others with.
+//! The robot's own dynamics in place of f + g, for the oracle of a comparison. The oracle knows
+//! everything but the future.
 //!
-//! Jacobians are finite differences, with the exact symmetry that a displacement of the start displaces the end: what the floor is like a
-//! little further on changes the prediction, not its slope.
+//! Jacobians are finite differences. One symmetry is exact: a displacement of the start displaces
+//! the end by as much. A different floor a little further on changes the prediction, not its slope.
 //!
 //! ```text
 //! ∂x⁺/∂p = (1, 0)      ∂x⁺/∂z ≈ (F(z + h) − F(z − h)) / 2h   for z = θ, v, u
@@ -15,16 +16,18 @@ use nalgebra::SMatrix;
 /// h \[rad, m/s, rad/s\].
 const STEP: f64 = 1e-3;
 
-/// Somebody who knows what the robot and its world would do.
+/// A model that knows what the robot and its world will do.
 pub trait Foresight: std::fmt::Debug + Send {
-    /// Takes the world as it is at the beginning of `tick`.
+    /// Copies the state of the world at the beginning of `tick`.
     fn look(&mut self, tick: u64);
 
-    /// The state one period after `state` under `input`; its heading goes on from that of `state`, without a leap.
+    /// The state one period after `state` under `input`. Its heading continues that of `state`,
+    /// without a jump of 2π.
     fn predict(&self, state: &State, input: &Velocity) -> State;
 }
 
-/// What is foreseen, moved by the disturbance that `belief` holds: whatever the foresight does not know of, a random force.
+/// The foreseen state, moved by the disturbance in `belief`. The disturbance covers what the
+/// foresight does not know, such as a random force.
 pub(crate) fn advance(
     belief: &Belief<'_>,
     foresight: &dyn Foresight,
@@ -106,7 +109,7 @@ mod tests {
     use crate::main_model::MainModel;
     use robot::Robot;
 
-    /// Foresees what the main model believes.
+    /// Predicts with the main model.
     #[derive(Debug)]
     struct Believer(MainModel);
 
@@ -126,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn to_foresee_what_is_believed_changes_nothing() {
+    fn foresight_of_the_main_model_predicts_like_the_main_model() {
         let main = MainModel::new(&Robot::example(), 0.1);
         let believer = Believer(main);
         let (state, input) = (

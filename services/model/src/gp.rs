@@ -1,11 +1,13 @@
-//! Gaussian-process regression of what the main model gets wrong: three outputs over shared inputs, each with its own kernel.
+//! Gaussian-process regression of the error of the main model: three outputs over shared inputs,
+//! each with its own kernel.
 //!
 //! ```text
-//! samples ─ normalisation ─▶ fit (likelihood, optimise) ─ hyperparameters ─▶ posterior ─▶ mean, gradient, variance
+//! samples ─ normalisation ─▶ fit (likelihood, optimise) ─ hyperparameters ─▶ posterior
+//! posterior ─▶ mean, gradient, variance
 //! ```
 //!
-//! All inputs below [`normalisation`] are already normalised. Everything is deterministic: budgets count evaluations, seeds are
-//! explicit, and sums have a fixed order.
+//! The modules below [`normalisation`] take normalised inputs. Everything is deterministic: budgets
+//! count evaluations, seeds are explicit, and sums have a fixed order.
 //!
 //! Reference: Rasmussen & Williams, *Gaussian Processes for Machine Learning*, 2006, ch. 2 and 5.
 //!
@@ -15,7 +17,8 @@
 //! use model::gp::posterior::Posterior;
 //!
 //! let inputs: Vec<[f64; 1]> = (0..20).map(|i| [f64::from(i) / 4.0]).collect();
-//! let targets: Vec<[f64; 3]> = inputs.iter().map(|x| [x[0].sin(), x[0].cos(), 0.1 * x[0]]).collect();
+//! let targets: Vec<[f64; 3]> =
+//!     inputs.iter().map(|x| [x[0].sin(), x[0].cos(), 0.1 * x[0]]).collect();
 //!
 //! let start = Hyperparameters::new([1.0], 1.0, 1e-2);
 //! let mut hyperparameters = [start; 3];

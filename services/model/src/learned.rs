@@ -1,14 +1,16 @@
-//! The learned residual as the controller uses it: layout of the inputs, normalisation (eq. 36), posterior, and a physical bound.
+//! The learned residual as the controller uses it: layout of the inputs, normalisation (eq. 36),
+//! posterior, and a physical bound.
 //!
-//! Predictions take the whole mean; linearisations only the slope of the kernel's linear part. The squared-exponential part is right where
-//! there is data, but its slope is steep where old and new data disagree, and a plan that follows such a slope leads astray.
+//! Predictions use the whole mean. Linearisations use only the slope of the kernel's linear part.
+//! The squared-exponential part is right where there is data. Its slope is steep where old and new
+//! data disagree, and a plan that follows such a slope is wrong.
 
 use crate::gp::normalisation::Normalisation;
 use crate::gp::posterior::{Posterior, VarianceScratch};
 use crate::{AXES, State, Velocity};
 use serde::{Deserialize, Serialize};
 
-/// Number of inputs of the Gaussian processes without history.
+/// Number of inputs of the Gaussian processes without history or heading.
 pub const INPUTS: usize = 6;
 
 /// Number of inputs with history.
@@ -42,15 +44,17 @@ impl Moment {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
-    /// (v, u): the paper's.
+    /// (v, u): that of the paper.
     VelocityInput,
-    /// (v, u − v): the slip between command and motion has an axis of its own, which suits a kernel with one length scale per axis.
+    /// (v, u − v): the slip between command and motion has axes of its own. This suits a kernel
+    /// with one length scale per axis.
     VelocitySlip,
-    /// (v, u − v, u₋ − v): with what the period before began and did not end, as motors that lag.
+    /// (v, u − v, u₋ − v): with the input of the previous period, for motors whose response lasts
+    /// longer than a period.
     VelocitySlipHistory,
-    /// (v, u − v, cos θ, sin θ): a force that is fixed in the world, as that of a sloping floor, is
-    /// linear in the last two. Not where wheels slip: then the heading moves with what is to be
-    /// foretold, and is taken for its cause.
+    /// (v, u − v, cos θ, sin θ): a force that is fixed in the world, such as that of a sloping
+    /// floor, is linear in the last two. Do not use it where wheels slip: there the heading varies
+    /// with the residual and is taken for its cause.
     VelocitySlipHeading,
 }
 
@@ -65,7 +69,7 @@ impl Layout {
         }
     }
 
-    /// How many inputs it has.
+    /// Number of inputs.
     pub const fn dimension(self) -> usize {
         match self {
             Self::VelocityInput | Self::VelocitySlip => INPUTS,
@@ -74,7 +78,8 @@ impl Layout {
         }
     }
 
-    /// The first D inputs of the Gaussian processes, not normalised; zero beyond [`dimension`](Self::dimension).
+    /// The first D inputs of the Gaussian processes, not normalised; zero beyond
+    /// [`dimension`](Self::dimension).
     pub fn inputs<const D: usize>(self, at: &Moment) -> [f64; D] {
         std::array::from_fn(|i| {
             let (part, axis) = (i / AXES, i % AXES);
@@ -124,21 +129,23 @@ pub trait Residual: std::fmt::Debug {
     fn response(&self, at: &Moment) -> Response;
 }
 
-/// One that knows how sure it is.
+/// A residual with a variance.
 pub trait Uncertain: Residual {
-    /// Variance of g, without the noise of an observation \[(m/s)², (m/s)², (rad/s)²\]. Does not allocate if the scratch is large enough.
+    /// Variance of g, without the noise of an observation \[(m/s)², (m/s)², (rad/s)²\]. Does not
+    /// allocate if the scratch is large enough.
     fn variance(&self, at: &Moment, scratch: &mut VarianceScratch) -> Velocity;
 
-    /// Variance of a sample that is new to it: that of g, and what samples are off beside.
+    /// Variance of a new sample \[(m/s)², (m/s)², (rad/s)²\]: that of g and that of the sample
+    /// about it.
     fn sample_variance(&self, at: &Moment, scratch: &mut VarianceScratch) -> Velocity;
 }
 
-/// One learned model of g over D inputs. Constant once made.
+/// One learned model of g over D inputs. Constant after construction.
 #[derive(Debug, Clone)]
 pub struct Learned<const D: usize> {
-    /// What the processes see.
+    /// Layout of the inputs.
     pub layout: Layout,
-    /// How it is scaled.
+    /// Scales of the inputs.
     pub normalisation: Normalisation<D>,
     /// Three Gaussian processes.
     pub posterior: Posterior<D>,
@@ -161,8 +168,8 @@ impl<const D: usize> Residual for Learned<D> {
         std::array::from_fn(|axis| mean[axis].clamp(-self.bound[axis], self.bound[axis]))
     }
 
-    /// O(n). The Jacobians are those of the kernel's linear part alone; where the bound holds g, it
-    /// does not vary. There is none by the heading: within a horizon the body turns by little.
+    /// O(n). The Jacobians are those of the kernel's linear part alone, and zero where the bound
+    /// limits g. There is no Jacobian by the heading: within a horizon the body turns by little.
     fn response(&self, at: &Moment) -> Response {
         let mut response = Response { mean: self.mean(at), ..Response::NONE };
         let slope = self.posterior.slope();
@@ -208,9 +215,9 @@ mod tests {
     use crate::gp::hyperparameters::Hyperparameters;
     use crate::gp::posterior::PosteriorError;
 
-    /// A sloping floor pulls along the world's x axis, the samples are of a quarter turn.
+    /// A floor slopes along the world's x axis. The samples come from headings of a quarter turn.
     #[test]
-    fn a_force_that_is_fixed_in_the_world_is_foretold_at_headings_never_seen()
+    fn a_force_that_is_fixed_in_the_world_is_predicted_at_new_headings()
     -> Result<(), PosteriorError> {
         let layout = Layout::VelocitySlipHeading;
         let at = |heading: f64| Moment { heading, ..Moment::default() };

@@ -1,23 +1,26 @@
-//! What we believe of the robot, and how we learn the rest. Pure: no clock, no thread, no input or output, no logging.
+//! The model of the robot, and how its error is learned. Pure: no clock, thread, input, output or
+//! logging.
 //!
-//! | module         | what it computes                                                               |
-//! |----------------|--------------------------------------------------------------------------------|
-//! | [`dynamics`]   | inertia and speed-loop stiffness of a mecanum base (eqs. 10–21)                |
-//! | [`main_model`] | f: the exact discretisation of the believed dynamics, one axis at a time       |
-//! | [`lqr`]        | the gain K of u = −K x^f (eq. 23) and its cost-to-go                            |
-//! | [`residual`]   | g: what was measured minus what f said (eqs. 27–29)                            |
-//! | [`runge_kutta`] | one period of the pose as most toolboxes have it                              |
-//! | [`gp`]         | Gaussian-process regression of g                                               |
-//! | [`learned`]    | g as the controller uses it: layout of the inputs, normalisation, bound        |
-//! | [`delay`]      | the dead time from a command to its response                                   |
-//! | [`response`]   | dead time, time constant and gain of this robot, found while it drives         |
-//! | [`observer`]   | what no model explains: plain observers and Kalman filters                    |
-//! | [`predict`]    | one step of f + g + d                                                          |
-//! | [`linearise`]  | its Jacobians                                                                  |
-//! | [`covariance`] | how the uncertainty of single steps adds up along a prediction                 |
-//! | [`foresight`]  | the robot's own dynamics in place of f + g                                     |
+//! | module          | what it computes                                                       |
+//! |-----------------|------------------------------------------------------------------------|
+//! | [`dynamics`]    | inertia and speed-loop stiffness of a mecanum base (eqs. 10–21)        |
+//! | [`main_model`]  | f: the exact discretisation of the believed dynamics, axis by axis     |
+//! | [`lqr`]         | the gain K of u = −K x^f (eq. 23) and its cost-to-go                   |
+//! | [`residual`]    | g: the measured velocity minus that of f (eqs. 27–29)                  |
+//! | [`runge_kutta`] | one period of the pose by the method of most toolboxes                 |
+//! | [`gp`]          | Gaussian-process regression of g                                       |
+//! | [`physics`]     | Bayesian linear model of g with physical features                      |
+//! | [`learned`]     | g as the controller uses it: layout of the inputs, normalisation, bound |
+//! | [`delay`]       | the dead time from a command to its response                           |
+//! | [`response`]    | dead time, time constant and gain, identified while driving            |
+//! | [`observer`]    | gains of the disturbance observers: plain and Kalman                   |
+//! | [`predict`]     | one step of f + g + d                                                  |
+//! | [`linearise`]   | its Jacobians                                                          |
+//! | [`covariance`]  | covariance of the state along a prediction                             |
+//! | [`foresight`]   | the robot's own dynamics in place of f + g                             |
 //!
-//! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. Wheels: front-right, front-left, rear-left, rear-right.
+//! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. Wheels: front-right,
+//! front-left, rear-left, rear-right.
 
 pub mod covariance;
 pub mod delay;
@@ -40,7 +43,8 @@ pub use robot::{AXES, Velocity};
 /// x, y and yaw in the world \[m, m, rad\].
 pub type Pose = [f64; 3];
 
-/// Pose in the world and velocity in the body: the state x of the controller; and what acted on its way there.
+/// The state x of the controller: pose in the world and velocity in the body; and the input that
+/// acted in the period before it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct State {
     /// Pose in the world.

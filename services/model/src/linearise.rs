@@ -1,13 +1,14 @@
-//! The Jacobians of one predicted step, with what the learned model gives of its own.
+//! The Jacobians of one predicted step, with those of the learned model.
 //!
-//! With W = w ∂v⁺/∂· + (1 − w) ∂v/∂· for the mean velocity v̄, and θ' = θ + T ω̄/2 for the mid-step heading:
+//! With W = w ∂v⁺/∂· + (1 − w) ∂v/∂· for the mean velocity v̄, and θ' = θ + T ω̄/2 for the mid-step
+//! heading:
 //!
 //! ```text
 //! ∂v⁺/∂v = A + ∂g/∂v          ∂p⁺/∂· = T R(θ') W_xy + T R'(θ') v̄ ∂θ'/∂·
 //! ∂v⁺/∂u = B + ∂g/∂u          ∂θ⁺/∂· = ∂θ/∂· + T W_ω
 //! ∂v⁺/∂u₋ = ∂g/∂u₋
 //! ```
-//! The pose of a main model with a [`Motion`] of its own varies as that says.
+//! A main model with a [`Motion`] of its own has the pose Jacobians of that motion.
 
 use crate::foresight;
 use crate::learned::Moment;
@@ -66,7 +67,7 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
     }
 }
 
-/// ∂x⁺/∂x of its parts; the pose goes on from where it was.
+/// ∂x⁺/∂x of its blocks; the pose goes on from where it was.
 fn of_state(
     pose_by_heading: &Vector3<f64>,
     pose_by_velocity: &Matrix3<f64>,
@@ -80,7 +81,7 @@ fn of_state(
     by_state
 }
 
-/// ∂x⁺ of its parts, by an input.
+/// ∂x⁺ by an input, of its blocks.
 fn of_input(pose: &Matrix3<f64>, velocity: &Matrix3<f64>) -> SMatrix<f64, 6, 3> {
     let mut by = SMatrix::<f64, 6, 3>::zeros();
     by.fixed_view_mut::<3, 3>(0, 0).copy_from(pose);
@@ -101,7 +102,7 @@ pub fn by_residual(main: &MainModel, state: &State, next: &State) -> SMatrix<f64
     )
 }
 
-/// The world displacement and turn per mean velocity, row by row, and the same per mid-step heading.
+/// World displacement and turn per mean velocity, row by row, and the same per mid-step heading.
 fn displacement(period: f64, state: &State, mean: &Velocity) -> (Matrix3<f64>, Vector3<f64>) {
     let (sin, cos) = (state.pose[2] + 0.5 * period * mean[2]).sin_cos();
     let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0) * period;
@@ -122,7 +123,8 @@ mod tests {
     use proptest::prelude::*;
     use robot::Robot;
 
-    /// A learned model of some residual, in any layout, with next to nothing but a linear part: the part that is differentiated.
+    /// A learned model of some residual, in any layout. It is almost linear, because only the
+    /// linear part is differentiated.
     fn learned<const D: usize>(layout: Layout) -> Result<Learned<D>, PosteriorError> {
         let repeated = |values: [f64; INPUTS]| std::array::from_fn(|i| values[i % INPUTS]);
         let normalisation = Normalisation {
@@ -159,20 +161,38 @@ mod tests {
         #[test]
         fn jacobians_match_finite_differences(
             pose in prop::array::uniform3(-3.0..3.0), velocity in prop::array::uniform3(-2.0..2.0),
-            input in prop::array::uniform3(-2.0..2.0), acted in prop::array::uniform3(-2.0..2.0), layout in 0..4_usize,
+            input in prop::array::uniform3(-2.0..2.0),
+            acted in prop::array::uniform3(-2.0..2.0),
+            layout in 0..4_usize,
             lagging in any::<bool>()
         ) {
-            let main = if lagging { MainModel::lagging(&[0.25, 0.3, 0.2], 0.1) } else { MainModel::new(&Robot::example(), 0.1) };
-            let (input_alone, slip) = (learned::<INPUTS>(Layout::VelocityInput), learned::<INPUTS>(Layout::VelocitySlip));
+            let main = if lagging {
+                MainModel::lagging(&[0.25, 0.3, 0.2], 0.1)
+            } else {
+                MainModel::new(&Robot::example(), 0.1)
+            };
+            let input_alone = learned::<INPUTS>(Layout::VelocityInput);
+            let slip = learned::<INPUTS>(Layout::VelocitySlip);
             let history = learned::<INPUTS_WITH_HISTORY>(Layout::VelocitySlipHistory);
             let heading = learned::<INPUTS_WITH_HEADING>(Layout::VelocitySlipHeading);
-            let (Ok(input_alone), Ok(slip), Ok(history), Ok(heading)) = (input_alone, slip, history, heading) else {
+            let (Ok(input_alone), Ok(slip), Ok(history), Ok(heading)) =
+                (input_alone, slip, history, heading)
+            else {
                 return Err(TestCaseError::fail("no posterior"));
             };
-            let learned: &dyn Residual = [&input_alone as &dyn Residual, &slip, &history, &heading][layout];
-            let belief = Belief { main: &main, learned: Some(learned), foresight: None, disturbance: [0.01, -0.02, 0.03], delay_fraction: 0.0 };
+            let learned: &dyn Residual =
+                [&input_alone as &dyn Residual, &slip, &history, &heading][layout];
+            let belief = Belief {
+                main: &main,
+                learned: Some(learned),
+                foresight: None,
+                disturbance: [0.01, -0.02, 0.03],
+                delay_fraction: 0.0,
+            };
             let at = |x: [f64; 6], [u, acted]: [[f64; 3]; 2]| {
-                belief.predict(&State { pose: [x[0], x[1], x[2]], velocity: [x[3], x[4], x[5]], acted }, &u).to_array()
+                let pose = [x[0], x[1], x[2]];
+                let velocity = [x[3], x[4], x[5]];
+                belief.predict(&State { pose, velocity, acted }, &u).to_array()
             };
             let state = State { pose, velocity, acted };
             let exact = linearise(&belief, &state, &input);
@@ -180,15 +200,18 @@ mod tests {
             let (step, by_residual) = (1e-5, by_residual(&main, &state, &exact.next));
             for axis in 0..3 {
                 let pushed = |by: f64| {
-                    let disturbance = std::array::from_fn(|other| belief.disturbance[other] + if other == axis { by } else { 0.0 });
+                    let disturbance = std::array::from_fn(|other| {
+                        belief.disturbance[other] + if other == axis { by } else { 0.0 }
+                    });
                     Belief { disturbance, ..belief }.predict(&state, &input).to_array()
                 };
                 let (ahead, behind) = (pushed(step), pushed(-step));
                 for row in 0..6 {
-                    prop_assert!(((ahead[row] - behind[row]) / (2.0 * step) - by_residual[(row, axis)]).abs() < 1e-8);
+                    let numeric = (ahead[row] - behind[row]) / (2.0 * step);
+                    prop_assert!((numeric - by_residual[(row, axis)]).abs() < 1e-8);
                 }
             }
-            // No Jacobian by the heading there.
+            // The heading has no Jacobian in that layout.
             for column in (0..12).filter(|&column| column != 2 || layout != 3) {
                 let moved = |by: f64| {
                     let (mut x, mut u) = (state.to_array(), [input, acted]);
@@ -203,7 +226,10 @@ mod tests {
                         6..9 => exact.by_input[(row, column - 6)],
                         _ => exact.by_acted[(row, column - 9)],
                     };
-                    prop_assert!((numeric - analytic).abs() < 1e-8, "row {} column {}: {} is not {}", row, column, analytic, numeric);
+                    prop_assert!(
+                        (numeric - analytic).abs() < 1e-8,
+                        "row {row} column {column}: {analytic} is not {numeric}"
+                    );
                 }
             }
         }

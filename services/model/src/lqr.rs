@@ -1,12 +1,14 @@
 //! The gain K of u = −K x^f (eq. 23), per axis, and its cost-to-go.
 //!
-//! About u = `u_ref` and with the velocity error taken in the reference frame, the tracking error of each axis is
+//! About u = `u_ref`, with the velocity error in the reference frame, the tracking error of each
+//! axis is
 //!
 //! ```text
 //! e = (position error, velocity error)     e⁺ = ⎡1  T(1−w+w A)⎤ e + ⎡T w B⎤ δu
 //!                                               ⎣0      A     ⎦     ⎣  B  ⎦
 //! ```
-//! K and P solve the discrete algebraic Riccati equation of the stage cost eᵀ diag(`q_p`, `q_v`) e + r δu².
+//! K and P solve the discrete algebraic Riccati equation of the stage cost
+//! eᵀ diag(`q_p`, `q_v`) e + r δu².
 //!
 //! Reference: Anderson & Moore, *Optimal Control: Linear Quadratic Methods*, 1990, ch. 2.
 
@@ -33,15 +35,16 @@ pub struct AxisGain {
     pub cost: [[f64; 2]; 2],
 }
 
-/// The iteration of the Riccati equation did not settle.
+/// The iteration of the Riccati equation did not converge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "the Riccati equation of axis {axis} did not settle in {iterations} iterations: are its weights greater than 0?"
+    "the Riccati equation of axis {axis} did not converge in {iterations} iterations; \
+     expected weights greater than 0"
 )]
 pub struct NoGain {
     /// 0 forward, 1 left, 2 yaw.
     pub axis: usize,
-    /// How often it was tried.
+    /// Number of iterations.
     pub iterations: usize,
 }
 
@@ -86,7 +89,7 @@ mod tests {
     const COST: AxisCost = AxisCost { position: 10.0, velocity: 2.0, input: 0.05 };
 
     #[test]
-    fn the_cost_to_go_is_what_the_gain_really_costs() -> Result<(), NoGain> {
+    fn the_cost_to_go_is_the_cost_of_the_closed_loop() -> Result<(), NoGain> {
         let model = MainModel::new(&Robot::example(), 0.1);
         let [forward, ..] = gains(&model, &[COST; 3])?;
         let (mut position, mut velocity, mut total) = (1.0, -0.5, 0.0);

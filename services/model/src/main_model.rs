@@ -1,4 +1,5 @@
-//! The main model f: the believed dynamics with the speed loop closed, discretised exactly (eqs. 21 and 23).
+//! The main model f: the believed dynamics with the speed loop closed, discretised exactly (eqs. 21
+//! and 23).
 //!
 //! With i = `k_p` (`u_m` − ω) the axes separate, each of first order:
 //!
@@ -18,18 +19,18 @@ pub struct MainModel {
     pub decay: Velocity,
     /// B per axis \[–\].
     pub gain: Velocity,
-    /// w per axis: share of the velocity at its end in the mean velocity of a period \[–\].
+    /// w per axis: weight of the end velocity in the mean velocity of a period \[–\].
     pub end_share: Velocity,
     /// T \[s\].
     pub period: f64,
-    /// How the pose follows.
+    /// How the pose follows from the velocity.
     pub motion: Motion,
 }
 
 /// How the pose of a period follows from its velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Motion {
-    /// By its mean velocity, what is learnt included, at its mid-step heading.
+    /// By the mean velocity at the mid-step heading, with the learned residual.
     MeanVelocity,
     /// By the main model alone.
     RungeKutta(RungeKutta),
@@ -45,7 +46,8 @@ impl MainModel {
         Self { decay, gain, end_share: decay.map(end_share), period, motion: Motion::MeanVelocity }
     }
 
-    /// A base of which nothing is known but that each axis follows its input with a time constant \[s\], discretised by Runge–Kutta.
+    /// A base whose axes follow their inputs with a `time_constant` \[s\] each, discretised by
+    /// Runge–Kutta. Nothing else is known of it.
     pub fn lagging(time_constant: &Velocity, period: f64) -> Self {
         let nodes = RungeKutta::new(time_constant, period);
         let gain = nodes.gain(time_constant);
@@ -59,7 +61,8 @@ impl MainModel {
         }
     }
 
-    /// Mean velocity of a period that began with `velocity` and ended with `next`, v̄ = (1 − w) v + w v⁺ \[m/s, m/s, rad/s\].
+    /// Mean velocity of a period that began with `velocity` and ended with `next`, v̄ = (1 − w) v +
+    /// w v⁺ \[m/s, m/s, rad/s\].
     pub fn mean_velocity(&self, velocity: &Velocity, next: &Velocity) -> Velocity {
         std::array::from_fn(|axis| {
             velocity[axis] + self.end_share[axis] * (next[axis] - velocity[axis])
@@ -73,7 +76,8 @@ impl MainModel {
         })
     }
 
-    /// Input that holds `velocity` against a constant residual \[m/s, m/s, rad/s\]: v = A v + B u + g.
+    /// Input that holds `velocity` against a constant residual \[m/s, m/s, rad/s\]: v = A v + B u +
+    /// g.
     pub fn holding_input(&self, velocity: &Velocity, residual: &Velocity) -> Velocity {
         std::array::from_fn(|axis| {
             ((1.0 - self.decay[axis]) * velocity[axis] - residual[axis]) / self.gain[axis]
@@ -81,18 +85,21 @@ impl MainModel {
     }
 }
 
-/// w of an axis that decays by A in a period. In between, the velocity follows an exponential, of which most is over soon:
+/// w of an axis that decays by A in a period. The velocity in between is an exponential, and most
+/// of its change comes early:
 ///
 /// ```text
-/// v̄ = φ v + (1 − φ) v_∞,   φ = (1 − A)/(−ln A),   v⁺ = A v + (1 − A) v_∞   ⇒   w = (1 − φ)/(1 − A)
+/// v̄ = φ v + (1 − φ) v_∞,   φ = (1 − A)/(−ln A),   v⁺ = A v + (1 − A) v_∞
+/// ⇒   w = (1 − φ)/(1 − A)
 /// ```
-/// ½ for a slow axis, 1 for one that answers at once.
+/// ½ for a slow axis, 1 for one that responds at once.
 fn end_share(decay: f64) -> f64 {
     let rate = -decay.ln();
     if rate < 1e-4 { 0.5 } else { (1.0 - (1.0 - decay) / rate) / (1.0 - decay) }
 }
 
-/// Names one main model and one layout of the learner's inputs: a residual of another is wrong, and refused.
+/// Identifies one main model and one layout of the learner's inputs. A learned model with another
+/// fingerprint is wrong, and rejected.
 ///
 /// FNV-1a over the numbers' bits and the layout's name.
 pub fn fingerprint(model: &MainModel, layout: &str) -> u64 {
@@ -140,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn the_holding_input_holds() {
+    fn the_holding_input_keeps_the_velocity_constant() {
         let model = MainModel::new(&Robot::example(), 0.1);
         let (velocity, residual) = ([2.7, -0.3, 0.4], [-0.05, 0.02, 0.01]);
         let next = model.next_velocity(&velocity, &model.holding_input(&velocity, &residual));

@@ -1,4 +1,4 @@
-//! Gains of disturbance observers: how much of an innovation goes to velocity, disturbance and slope.
+//! Gains of disturbance observers: the share of an innovation in velocity, disturbance and slope.
 //!
 //! ```text
 //! v⁺ = A v + B u + d    d⁺ = d + s    s⁺ = s + w    y = v + n     Var w = q Var n
@@ -9,9 +9,9 @@
 //! | `disturbance` | d: what is added to the main model in each period  | the same        |
 //! | `slope`       | s: change of d from one period to the next         | the same        |
 //!
-//! A plain observer takes the measured velocity for the true one and has no slope. The Kalman filter
-//! of the equations above assumes noise on the velocity and a disturbance that is a ramp; only the
-//! ratio q of the two variances matters to its stationary gain.
+//! A plain observer assumes that the measured velocity is exact, and has no slope. The Kalman
+//! filter of the equations above assumes noise on the velocity and a disturbance that is a ramp.
+//! Only the ratio q of the two variances matters to its stationary gain.
 //!
 //! Reference: Särkkä, *Bayesian Filtering and Smoothing*, 2013, section 4.3; Pannocchia, Rawlings,
 //! *Disturbance models for offset-free model-predictive control*, AIChE Journal 49, 2003.
@@ -55,21 +55,21 @@ impl ObserverGain {
     }
 }
 
-/// What an observer of one axis estimates. It follows a model whose one-step error is `left`, the
-/// measured residual without what the model predicts of it.
+/// Estimate of the observer of one axis. Its input `left` is the one-step error of the model: the
+/// measured residual without the part that the model predicts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Observer {
-    /// Measured velocity less the estimated one.
+    /// Measured velocity minus the estimated one.
     beyond: f64,
-    /// d of the period that comes next.
+    /// d of the next period.
     pub disturbance: f64,
     /// s.
     slope: f64,
 }
 
 impl Observer {
-    /// Updates the estimate with one period, |d| ≤ `bound`, and returns the innovation. A `left` that
-    /// is not finite changes nothing.
+    /// Updates the estimate with one period, |d| ≤ `bound`, and returns the innovation. A `left`
+    /// that is not finite changes nothing.
     pub fn update(&mut self, gain: &ObserverGain, decay: f64, left: f64, bound: f64) -> f64 {
         let innovation = decay * self.beyond + left - self.disturbance;
         if innovation.is_finite() {
@@ -81,7 +81,7 @@ impl Observer {
         innovation
     }
 
-    /// A period is missing: the measured velocity is taken for the true one, d for constant.
+    /// Continues after a missing period: takes the measured velocity for exact and d for constant.
     pub fn resume(&mut self) {
         (self.beyond, self.slope) = (0.0, 0.0);
     }
@@ -93,8 +93,8 @@ mod tests {
 
     const DECAY: f64 = 0.9;
 
-    /// The estimate after 2000 periods of which the main model misses `of(k)`, with noise `noise(k)` on
-    /// the measured velocity.
+    /// The estimate after 2000 periods in which the main model is wrong by `of(k)`, with noise
+    /// `noise(k)` on the measured velocity.
     fn observed(
         gain: &ObserverGain,
         of: impl Fn(usize) -> f64,
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disturbance_that_grows_steadily_is_followed_without_lag() {
+    fn a_disturbance_that_grows_linearly_is_estimated_without_lag() {
         let growing = |k| 1e-4 * k as f64;
         for ratio in [1.0, 1e-2, 1e-4] {
             let found = observed(&ObserverGain::kalman(DECAY, ratio), growing, |_| 0.0);
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_ratio_takes_out_noise_of_the_velocity() {
+    fn a_small_ratio_filters_noise_of_the_velocity() {
         let noise = |k: usize| 0.01 * (12.9898 * k as f64).sin();
         let gain = ObserverGain::kalman(DECAY, 1e-5);
         let found = observed(&gain, |_| 0.02, noise);
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_changes_nothing() {
+    fn an_error_that_is_not_finite_changes_nothing() {
         let gain = ObserverGain::kalman(DECAY, 1e-2);
         let mut observer = observed(&gain, |_| 0.02, |_| 0.0);
         let before = observer;

@@ -1,5 +1,5 @@
-//! What physics says a main model of each axis alone leaves out, with weights that are found while
-//! driving: a Bayesian linear model of the residual.
+//! Bayesian linear model of the residual, with features for the physics that the main model leaves
+//! out. The weights are identified while driving.
 //!
 //! ```text
 //! g_a = (1 − A_a) φ_aᵀ w_a + noise
@@ -13,17 +13,18 @@
 //! | two products of ω           | the turning frame (Coriolis), a centre of mass off the middle |
 //! | \|v\| v                       | drag                                                        |
 //!
-//! Yaw counts as the speed L ω. The weights of each axis wander about their prior, an
-//! Ornstein–Uhlenbeck process of time constant τ: what is contradicted or no longer seen is forgotten.
-//! Its posterior is that of a Kalman filter, exact but for R, the variance of a sample, which follows
+//! Yaw counts as the speed L ω. The weights of each axis vary about their prior as an
+//! Ornstein–Uhlenbeck process of time constant τ. Weights that new data contradict, or no longer
+//! excite, are forgotten. The posterior is that of a Kalman filter. It is exact except for R, the
+//! variance of a sample, which follows the innovations:
 //! the innovations:
 //!
 //! ```text
 //! w ← ρ w    P ← ρ² P + (1 − ρ²) P₀    ρ = e^{−T/τ}
 //! K = P φ/(φᵀ P φ + R)   w ← w + K e    P ← P − K φᵀ P    e = g − φᵀ w
 //! ```
-//! Reference: Rasmussen & Williams 2006, section 2.1; Särkkä, *Bayesian Filtering and Smoothing*, 2013,
-//! section 3.2.
+//! Reference: Rasmussen & Williams 2006, section 2.1; Särkkä, *Bayesian Filtering and Smoothing*,
+//! 2013, section 3.2.
 
 use crate::learned::{Moment, Residual, Response};
 use crate::main_model::MainModel;
@@ -45,13 +46,13 @@ const PRIOR: [f64; FEATURES] = [0.5, 0.5, 0.5, 0.3, 0.2, 0.2, 1.0, 1.0, 0.2];
 /// τ \[s\].
 const MEMORY_S: f64 = 20.0;
 
-/// v_s: speed of a wheel's rim at which its friction is about full \[m/s\].
+/// v_s: speed of a wheel's rim at which its friction is almost full \[m/s\].
 const FULL_MPS: f64 = 0.05;
 
 /// Smallest standard deviation of a sample \[m/s\].
 const NOISE_LEAST_MPS: f64 = 1e-4;
 
-/// At first \[m/s\].
+/// Initial standard deviation of a sample \[m/s\].
 const NOISE_FIRST_MPS: f64 = 0.01;
 
 type Features = SVector<f64, FEATURES>;
@@ -71,7 +72,7 @@ impl Axis {
         Self { weights: Features::zeros(), covariance: prior(), noise: NOISE_FIRST_MPS.powi(2) }
     }
 
-    /// Takes in a sample; `kept` is ρ, `share` that of a sample in R.
+    /// Updates the weights with a sample; `kept` is ρ, `share` the weight of the sample in R.
     fn update(&mut self, features: &Features, target: f64, kept: f64, share: f64) {
         self.weights *= kept;
         self.covariance = self.covariance * kept.powi(2) + prior() * (1.0 - kept.powi(2));
@@ -90,7 +91,7 @@ fn prior() -> SMatrix<f64, FEATURES, FEATURES> {
     SMatrix::from_diagonal(&Features::from(PRIOR.map(|deviation| deviation * deviation)))
 }
 
-/// What was found of one axis.
+/// Identified weights of one axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FoundAxis {
@@ -99,7 +100,7 @@ struct FoundAxis {
     noise: f64,
 }
 
-/// What was found in a drive, for a later one of the same robot to begin with.
+/// Identified weights of a drive. A later drive of the same robot can begin with them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FoundPhysics {
@@ -121,7 +122,7 @@ impl FoundPhysics {
 pub struct Physics {
     main: MainModel,
     geometry: Geometry,
-    /// Makes a yaw rate a speed \[–, –, m\].
+    /// Converts a yaw rate to a speed \[–, –, m\].
     scale: Velocity,
     axes: [Axis; AXES],
     /// ρ.
@@ -130,7 +131,7 @@ pub struct Physics {
 }
 
 impl Physics {
-    /// Knows nothing but `main`, of a robot of this geometry.
+    /// The prior, about `main`, for a robot of this geometry.
     pub fn new(main: &MainModel, geometry: &Geometry) -> Self {
         Self {
             main: *main,
@@ -142,7 +143,7 @@ impl Physics {
         }
     }
 
-    /// What was found so far.
+    /// The weights identified so far.
     pub fn found(&self) -> FoundPhysics {
         let axes = self.axes.map(|axis| FoundAxis {
             weights: axis.weights.into(),
@@ -152,8 +153,8 @@ impl Physics {
         FoundPhysics { taken: self.taken, axes }
     }
 
-    /// Goes on from what was `found` with the same main model. Returns false, and changes nothing, if
-    /// that is not finite.
+    /// Continues from weights that were `found` with the same main model. Returns false, and
+    /// changes nothing, if they are not finite.
     pub fn begin_with(&mut self, found: &FoundPhysics) -> bool {
         let is_usable = found.is_usable();
         if is_usable {
@@ -169,7 +170,7 @@ impl Physics {
         is_usable
     }
 
-    /// Takes in one period and its residual. Numbers that are none are passed over.
+    /// Updates the weights with one period and its residual. Ignores numbers that are not finite.
     pub fn update(&mut self, at: &Moment, residual: &Velocity) {
         let features = self.features(at);
         if !features.iter().all(|of| of.iter().all(|value| value.is_finite()))
@@ -225,7 +226,7 @@ impl Residual for Physics {
         std::array::from_fn(|axis| features[axis].dot(&self.axes[axis].weights) / self.scale[axis])
     }
 
-    /// The Jacobians are those of the features that are linear.
+    /// The Jacobians are those of the linear features.
     fn response(&self, at: &Moment) -> Response {
         let mut response = Response { mean: self.mean(at), ..Response::NONE };
         for axis in 0..AXES {
@@ -260,8 +261,8 @@ mod tests {
         Moment { velocity, input, before: input, ..Moment::default() }
     }
 
-    /// Root mean square of what is missed by `physics` of `truth` in the periods `from` to `to`, which
-    /// it learns from.
+    /// Root mean square of the prediction error of `physics` for `truth` in the periods `from` to
+    /// `to`. It learns from the same periods.
     fn missed(
         physics: &mut Physics,
         (from, to): (usize, usize),
@@ -283,7 +284,8 @@ mod tests {
         (squares.sum::<f64>() / 1000.0).sqrt()
     }
 
-    /// Half as heavy again, with Coulomb friction, drag, and the turning frame.
+    /// Residual of a robot that is 50 % heavier, with Coulomb friction, drag, and the turning
+    /// frame.
     fn heavy(at: &Moment) -> Velocity {
         let [x, y, rate] = at.velocity;
         let drag = |v: f64| 0.1 * v.abs() * v;
@@ -296,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn friction_drag_and_the_turning_frame_are_found() {
+    fn friction_drag_and_the_turning_frame_are_identified() {
         let mut physics = physics();
         let all = spread(heavy);
         missed(&mut physics, (0, 1000), heavy);
@@ -305,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_contradicted_is_forgotten() {
+    fn weights_that_new_data_contradict_are_forgotten() {
         let lighter = |at: &Moment| heavy(at).map(|value| -value);
         let mut physics = physics();
         missed(&mut physics, (0, 2000), heavy);
@@ -316,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn a_later_drive_goes_on_from_what_an_earlier_one_found() {
+    fn a_later_drive_continues_from_the_weights_of_an_earlier_one() {
         let (mut earlier, mut later) = (physics(), physics());
         missed(&mut earlier, (0, 500), heavy);
         assert!(later.begin_with(&earlier.found()));
@@ -333,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_none_are_passed_over() {
+    fn numbers_that_are_not_finite_are_ignored() {
         let mut physics = physics();
         physics.update(&Moment { input: [f64::NAN; 3], ..moment(1) }, &[0.0; 3]);
         physics.update(&moment(1), &[f64::INFINITY; 3]);
@@ -341,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn the_jacobians_are_the_slopes_of_what_is_linear() {
+    fn the_jacobians_are_the_slopes_of_the_linear_features() {
         let mut physics = physics();
         missed(&mut physics, (0, 500), |at| std::array::from_fn(|axis| 0.02 * at.input[axis]));
         let at = moment(700);

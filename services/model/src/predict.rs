@@ -6,8 +6,10 @@
 //! θ⁺ = θ + T ω̄
 //! p⁺ = p + T R(θ + T ω̄/2) v̄
 //! ```
-//! that is, unless the main model has a [`Motion`] of its own, the mean velocity of the period at its mid-step heading, with w of the main model. Unlike section 4.1 of the paper, which iterates the main model
-//! alone and adds g afterwards, g is fed back into the prediction, as its eq. 32 has it.
+//! This is the mean velocity of the period at its mid-step heading, with w of the main model. A
+//! main model with a [`Motion`] of its own moves the pose by that instead. Section 4.1 of the paper
+//! iterates the main model alone and adds g afterwards. Here g is fed back into the prediction, as
+//! in the paper's eq. 32.
 
 use crate::foresight::{self, Foresight};
 use crate::learned::{Moment, Residual, Response};
@@ -15,18 +17,18 @@ use crate::main_model::{MainModel, Motion};
 use crate::residual::residual;
 use crate::{AXES, State, Velocity};
 
-/// What is believed at one moment: main model, learned residual if there is one, and disturbance.
+/// The model of one tick: main model, learned residual if there is one, and disturbance.
 #[derive(Debug, Clone, Copy)]
 pub struct Belief<'a> {
     /// f.
     pub main: &'a MainModel,
     /// g.
     pub learned: Option<&'a dyn Residual>,
-    /// Somebody who knows better than f + g, and is asked in their place.
+    /// Prediction that replaces f + g, for the oracle.
     pub foresight: Option<&'a dyn Foresight>,
     /// d, per period \[m/s, m/s, rad/s\].
     pub disturbance: Velocity,
-    /// w: share of the command before in the input that acts.
+    /// w: share of the previous command in the acting input.
     pub delay_fraction: f64,
 }
 
@@ -46,7 +48,8 @@ impl Belief<'_> {
         }
     }
 
-    /// v⁺ of an input that has acted for long, and how each axis of it varies with its own input. Does not allocate.
+    /// v⁺ of an input that has acted for long, and the slope of each axis by its own input. Does
+    /// not allocate.
     pub fn velocity_and_gain(&self, state: &State, input: &Velocity) -> (Velocity, Velocity) {
         if let Some(foresight) = self.foresight {
             return foresight::velocity_and_gain(self, foresight, state, input);
@@ -66,7 +69,7 @@ impl Belief<'_> {
         )
     }
 
-    /// g with its Jacobians, of what was learnt.
+    /// The learned g with its Jacobians.
     pub(crate) fn response(&self, at: &Moment) -> Response {
         self.learned.map_or(Response::NONE, |learned| learned.response(at))
     }
@@ -87,7 +90,7 @@ impl Belief<'_> {
     }
 }
 
-/// The state one period later, for a residual that is already known.
+/// The state one period later, for a known residual.
 pub(crate) fn advance(
     belief: &Belief<'_>,
     state: &State,

@@ -1,13 +1,14 @@
-//! The residual g: what was measured minus what the main model said of the input that acted (eqs. 27–29).
+//! The residual g: the measured velocity minus that of the main model for the input that acted
+//! (eqs. 27–29).
 //!
-//! Eq. 28 of the paper subtracts A x + B K x^f, whose sign contradicts its own u = −K x^f (eq. 23); here the input is the one
-//! that was applied, whoever chose it.
+//! Eq. 28 of the paper subtracts A x + B K x^f. Its sign contradicts the paper's own u = −K x^f
+//! (eq. 23). Here the input is the one that was applied, independent of its source.
 
 use crate::Velocity;
 use crate::main_model::MainModel;
 use robot::Robot;
 
-/// Largest believable share of its physical range that the main model can be wrong by in one period.
+/// Largest plausible error of the main model in one period, as a share of its physical range.
 const SHARE: f64 = 0.25;
 
 /// g = v⁺ − (A v + B u) \[m/s, m/s, rad/s\], per period.
@@ -21,7 +22,7 @@ pub fn residual(
     std::array::from_fn(|axis| after[axis] - expected[axis])
 }
 
-/// Largest |g| that is believable of `robot`, per axis and period \[m/s, m/s, rad/s\].
+/// Largest plausible |g| of `robot`, per axis and period \[m/s, m/s, rad/s\].
 pub fn bound(model: &MainModel, robot: &Robot) -> Velocity {
     let limits = &robot.limits;
     let range = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];

@@ -1,25 +1,24 @@
-//! The response of this robot to its commands, found while it drives: dead time, and per axis a
-//! time constant, a gain and an offset.
+//! The response of this robot to its commands, identified while it drives: dead time, and per axis
+//! a time constant, a gain and an offset.
 //!
 //! ```text
-//! v⁺ = A v + B u_δ + c + t(v)        u_δ: what acted, for a dead time of δ
+//! v⁺ = A v + B u_δ + c + t(v)        u_δ: the acting input, for a dead time of δ
 //! t = φ T (ω v_y, −ω v_x, 0) or 0    φ = (1 − A_f)/(−ln A_f), A_f of the main model
 //! ```
-//! t is the turning frame: a body that goes on as it went has another velocity in a frame that turns.
-//! No parameter of it has to be found. Wheels that are held at their speed by an integral part do
-//! not let the body go on, and then there is no t. So A, B and c are found with t and without it,
-//! and t is believed while it explains the past better.
+//! t is the turning frame: in a frame that turns, a body of constant world velocity changes its
+//! body velocity. t has no unknown parameter. Wheels with an integral part in their speed loop hold
+//! the body velocity, and then there is no t. So A, B and c are identified with t and without it. t
+//! is used while it explains past samples better.
 //!
-//! A, B and c are found by recursive least squares on velocity and command alone, beginning with
-//! those of the main model, for several δ side by side:
+//! A, B and c come from recursive least squares on velocity and command alone. It begins with the
+//! values of the main model, and runs for several δ in parallel:
 //!
 //! ```text
 //! K = P φ / (μ + φᵀ P φ)   w ← w + K e   P ← (P − K φᵀ P)/μ     φ = (v, u_δ, 1),  e = v⁺ − wᵀ φ
 //! ```
-//! with a forgetting factor μ. Where nothing moves, forgetting alone would let P grow without end;
-//! it stops at what P was at the start. The δ whose errors were smallest is believed. A soft speed
-//! loop shows in A and B, a dead time in δ: each has its own place, so that neither is taken for the
-//! other.
+//! with a forgetting factor μ. During standstill, forgetting would let P grow without end, so it
+//! stops at the initial P. The δ with the smallest errors is selected. A soft speed loop shows in A
+//! and B, a dead time in δ. Each has its own parameter, so the estimator does not confuse them.
 //!
 //! Reference: Åström, Wittenmark, *Adaptive Control*, 2nd ed., section 2.2.
 
@@ -33,30 +32,30 @@ use serde::{Deserialize, Serialize};
 const DEAD_TIMES: [f64; 14] =
     [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0];
 
-/// Time over which samples and errors fade \[s\].
+/// Time constant with which samples and errors are forgotten \[s\].
 const MEMORY_S: f64 = 10.0;
 
-/// Another dead time is believed when it costs less than this share of what the present one costs;
-/// the turning frame when it costs less than this share of none.
+/// Another dead time is selected when its cost is below this share of the present one's cost. The
+/// turning frame is selected when its cost is below this share of the cost without it.
 const CONVINCING: f64 = 0.8;
 
-/// Difference of the costs from which on dead times can be told apart \[(m/s)²\].
+/// Smallest difference of the costs that distinguishes dead times \[(m/s)²\].
 const EVIDENCE: f64 = 1e-3;
 
-/// Periods before which nothing is believed: three unknowns per axis explain a few samples with any
-/// dead time.
+/// Periods before the first selection. Three unknowns per axis fit a few samples with any dead
+/// time.
 const PERIODS_LEAST: u32 = 10;
 
-/// Variance of A, B and c at the start, over the variance of a sample.
+/// Variance of A, B and c at the start, as a multiple of the variance of a sample.
 const PRIOR: [f64; 3] = [100.0, 100.0, 0.01];
 
 /// Largest trace of P.
 const TRACE_MAX: f64 = 300.0;
 
-/// Largest A that is believed: a robot that never follows cannot be controlled with it.
+/// Largest A that is used: a robot that never responds cannot be controlled with it.
 const DECAY_MAX: f64 = 0.995;
 
-/// Smallest B that is believed.
+/// Smallest B that is used.
 const GAIN_MIN: f64 = 0.005;
 
 /// Without the turning frame, and with it.
@@ -96,7 +95,7 @@ impl Fit {
         Self { weights: [[decay, gain, 0.0]; FRAMES], covariance }
     }
 
-    /// Takes in a sample; returns the errors of what was believed before.
+    /// Updates the weights with a sample; returns the errors of the previous weights.
     fn update(
         &mut self,
         features: &[f64; 3],
@@ -134,17 +133,17 @@ fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// One dead time that may be the true one.
+/// One hypothesis of the dead time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Hypothesis {
     delay: Delay,
     fits: [Fit; AXES],
-    /// Sum of the squared errors, faded: without t, and with it \[(m/s)²\].
+    /// Sum of the squared errors with forgetting: without t, and with it \[(m/s)²\].
     costs: [f64; FRAMES],
 }
 
 impl Hypothesis {
-    /// Whether t explains enough to be believed.
+    /// Whether t is used.
     fn turns(&self) -> bool {
         self.costs[1] < CONVINCING * self.costs[0]
     }
@@ -163,7 +162,7 @@ impl Hypothesis {
     }
 }
 
-/// What was found in a drive, for a later one of the same robot to begin with.
+/// Identified response of a drive. A later drive of the same robot can begin with it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FoundResponse {
@@ -173,7 +172,7 @@ pub struct FoundResponse {
 }
 
 impl FoundResponse {
-    /// Whether an estimator can begin with it: of the same dead times, and finite.
+    /// Whether an estimator can begin with it: it has the same dead times, and is finite.
     fn is_usable(&self) -> bool {
         let is_finite = |of: &Hypothesis| {
             let fits = of.fits.iter().flat_map(|fit| {
@@ -188,24 +187,24 @@ impl FoundResponse {
     }
 }
 
-/// Finds δ, A, B and c. Does not allocate.
+/// Identifies δ, A, B and c. Does not allocate.
 #[derive(Debug, Clone)]
 pub struct ResponseEstimator {
     main: MainModel,
     hypotheses: [Hypothesis; DEAD_TIMES.len()],
-    /// Index of the one that is believed.
+    /// Index of the selected hypothesis.
     believed: usize,
     forgetting: f64,
-    /// Makes a yaw rate comparable with a speed \[–, –, m\].
+    /// Converts a yaw rate to a speed \[–, –, m\].
     scale: Velocity,
     /// Velocity at the end of the last period.
     before: Option<Velocity>,
-    /// Periods taken in.
+    /// Number of periods used.
     taken: u32,
 }
 
 impl ResponseEstimator {
-    /// Believes `main` and no dead time, of a robot whose wheels are `lever_m` from its middle.
+    /// Begins with `main` and no dead time, for a robot whose wheels are `lever_m` from its centre.
     pub fn new(main: &MainModel, lever_m: f64) -> Self {
         let hypothesis = |periods| Hypothesis {
             delay: Delay::of_periods(periods),
@@ -223,14 +222,14 @@ impl ResponseEstimator {
         }
     }
 
-    /// What was found so far. Allocates.
+    /// The response identified so far. Allocates.
     pub fn found(&self) -> FoundResponse {
         let Self { believed, taken, hypotheses, .. } = self;
         FoundResponse { believed: *believed, taken: *taken, hypotheses: hypotheses.to_vec() }
     }
 
-    /// Goes on from what was `found` by an estimator of the same main model. Returns false, and
-    /// changes nothing, if that has other dead times or is not finite.
+    /// Continues from a response that was `found` by an estimator of the same main model. Returns
+    /// false, and changes nothing, if it has other dead times or is not finite.
     pub fn begin_with(&mut self, found: &FoundResponse) -> bool {
         let is_usable = found.is_usable();
         if is_usable {
@@ -245,7 +244,7 @@ impl ResponseEstimator {
         self.hypotheses[self.believed].delay
     }
 
-    /// A, B and c, with the δ that is believed.
+    /// A, B and c for the selected δ.
     pub fn response(&self) -> FirstOrderResponse {
         let believed = &self.hypotheses[self.believed];
         let axes = if believed.believable() {
@@ -261,8 +260,8 @@ impl ResponseEstimator {
         FirstOrderResponse { main: self.main, axes, turns: believed.turns() }
     }
 
-    /// Takes in the period that has just ended with velocity `after`; its command is the newest of
-    /// `sent`. Numbers that are none are passed over.
+    /// Updates the estimate with the period that has just ended with velocity `after`. Its command
+    /// is the newest of `sent`. Ignores numbers that are not finite.
     pub fn update(&mut self, sent: &Sent, after: &Velocity) {
         let known = after.iter().chain(&sent.last()).all(|value| value.is_finite());
         if !known {
@@ -316,7 +315,7 @@ pub struct FirstOrderResponse {
     main: MainModel,
     /// A, B and c per axis.
     pub axes: [FirstOrder; AXES],
-    /// Whether t is there.
+    /// Whether t is part of it.
     pub turns: bool,
 }
 
@@ -362,8 +361,8 @@ mod tests {
     use proptest::prelude::*;
     use robot::Robot;
 
-    /// What is found of a robot that follows commands of many frequencies, noise on what is
-    /// measured of it.
+    /// The identified response of a robot that follows commands of many frequencies, with noise on
+    /// its measured velocity.
     fn found(
         periods: f64,
         truth: [FirstOrder; AXES],
@@ -373,7 +372,7 @@ mod tests {
         found_turning(periods, truth, noise, count, 0.0)
     }
 
-    /// The same of one that keeps so much of the turning frame.
+    /// The same for a robot in which the given share of the turning frame acts.
     fn found_turning(
         periods: f64,
         truth: [FirstOrder; AXES],
@@ -405,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn an_estimator_goes_on_from_what_an_earlier_one_found() {
+    fn an_estimator_continues_from_the_response_of_an_earlier_one() {
         let earlier = found(2.5, soft(0.8), 1e-3, 600);
         let mut later = found(0.0, soft(0.5), 1e-3, 600);
         assert!(later.begin_with(&earlier.found()));
@@ -415,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_or_of_other_dead_times_is_not_gone_on_from() {
+    fn a_response_that_is_not_finite_or_of_other_dead_times_is_rejected() {
         let changes: [fn(&mut FoundResponse); 4] = [
             |found| found.hypotheses[3].fits[1].covariance[2][0] = f64::NAN,
             |found| found.hypotheses[3].costs[1] = f64::INFINITY,
@@ -438,7 +437,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn dead_time_and_time_constant_are_told_apart(
+        fn dead_time_and_time_constant_are_distinguished(
             which in 0..DEAD_TIMES.len(),
             decay in 0.3..0.95_f64,
         ) {
@@ -452,7 +451,7 @@ mod tests {
         }
 
         #[test]
-        fn a_dead_time_between_two_that_are_compared_is_found_to_a_step(
+        fn a_dead_time_between_two_hypotheses_is_found_within_one_step(
             periods in 0.0..6.9_f64,
         ) {
             let step = if periods < 1.5 { 0.25 } else if periods < 3.0 { 0.5 } else { 1.0 };
@@ -461,7 +460,7 @@ mod tests {
         }
 
         #[test]
-        fn noise_on_the_velocity_moves_it_little(which in 0..DEAD_TIMES.len()) {
+        fn noise_on_the_velocity_changes_the_response_little(which in 0..DEAD_TIMES.len()) {
             let estimator = found(DEAD_TIMES[which], soft(0.7), 0.01, 500);
             let error = estimator.delay().periods() - DEAD_TIMES[which];
             prop_assert!(error.abs() <= 0.5, "{error}");
@@ -469,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn who_stands_still_goes_on_believing_the_main_model() {
+    fn the_response_at_standstill_stays_that_of_the_main_model() {
         let main = MainModel::new(&Robot::example(), 0.02);
         let mut estimator = ResponseEstimator::new(&main, 0.5);
         for _ in 0..10_000 {
@@ -484,7 +483,7 @@ mod tests {
         assert!(estimator.response().mean(&at).iter().all(|value| value.abs() < 1e-8));
     }
 
-    /// That of the main model.
+    /// The response of the main model.
     fn as_believed() -> [FirstOrder; AXES] {
         let main = MainModel::new(&Robot::example(), 0.02);
         std::array::from_fn(|axis| FirstOrder {
@@ -495,7 +494,7 @@ mod tests {
     }
 
     #[test]
-    fn the_turning_frame_is_believed_of_a_body_that_goes_on_as_it_went() {
+    fn the_turning_frame_is_used_for_a_body_of_constant_world_velocity() {
         let response = found_turning(0.0, as_believed(), 0.001, 500, 1.0).response();
         assert!(response.turns);
         for (axis, truth) in response.axes.iter().zip(as_believed()) {
@@ -504,12 +503,12 @@ mod tests {
     }
 
     #[test]
-    fn no_turning_frame_is_believed_of_wheels_that_hold_their_speed() {
+    fn no_turning_frame_is_used_for_wheels_that_hold_their_speed() {
         assert!(!found_turning(0.0, as_believed(), 0.001, 500, 0.0).response().turns);
     }
 
     #[test]
-    fn numbers_that_are_none_are_passed_over() {
+    fn numbers_that_are_not_finite_are_ignored() {
         let before = found(2.0, soft(0.8), 0.0, 150);
         let mut after = before.clone();
         after.update(&Sent::always([f64::NAN; 3]), &[0.0; 3]);

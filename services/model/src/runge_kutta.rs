@@ -1,12 +1,14 @@
-//! One period of the pose by Runge–Kutta's fourth-order method, on the main model alone: the discretisation that most MPC toolboxes take.
+//! One period of the pose by the Runge–Kutta method of fourth order, on the main model alone. This
+//! is the discretisation of most MPC toolboxes.
 //!
-//! The velocity follows v̇ = (u − v)/τ, so that at each of the four nodes it is a mixture of v and u, and the heading there is on from θ:
+//! The velocity follows v̇ = (u − v)/τ. So at each of the four nodes it is a mixture of v and u,
+//! and the heading there starts from θ:
 //!
 //! ```text
 //! vᵢ = (1 − rᵢ) v + rᵢ u        r₁ = 0,  rᵢ = cᵢ (T/τ) (1 − rᵢ₋₁)        c = (0, ½, ½, 1)
 //! θᵢ = θ + cᵢ T ωᵢ₋₁            p⁺ = p + T Σ bᵢ R(θᵢ) vᵢ                  b = (⅙, ⅓, ⅓, ⅙)
 //! ```
-//! The residual does not move the pose of its own period, only the velocity at the end of it.
+//! The residual does not move the pose of its own period, only the velocity at its end.
 
 use crate::{AXES, Pose, State, Velocity};
 use nalgebra::{Matrix3, Vector3};
@@ -122,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_textbooks_method() {
+    fn the_pose_is_that_of_the_textbook_method() {
         let (time_constant, period) = ([0.25, 0.3, 0.2], 0.1);
         let state =
             State { pose: [0.3, -0.2, 0.7], velocity: [1.2, -0.4, 0.9], ..State::default() };

@@ -1,6 +1,7 @@
-//! What a bounded dictionary is worth on a stream as a robot gives it: long steady stretches, few excursions.
-#![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
-#![expect(clippy::print_stderr, reason = "the figures are what the bars are about")]
+//! Accuracy of a bounded dictionary on a stream like that of a robot: long steady stretches, few
+//! excursions.
+#![expect(clippy::unwrap_used, reason = "a test ends at the first error")]
+#![expect(clippy::print_stderr, reason = "the test prints the figures that it judges")]
 
 use model::gp::dictionary::{Dictionary, Observation, Selection};
 use model::gp::fit::{FitOptions, LogNormal, Priors, fit};
@@ -14,8 +15,8 @@ const CAPACITY: usize = 200;
 const STREAM: usize = 6_000;
 const NOISE: f64 = 0.003;
 
-/// A robot on wheels of no particular make: velocities follow inputs with a lag, and the model of it is wrong in gain, friction, drag and
-/// a bend of its speed curve.
+/// A generic wheeled robot. Velocities follow inputs with a lag. Its model is wrong in gain,
+/// friction, drag and the bend of its speed curve.
 struct Robot {
     velocity: [f64; 3],
     input: [f64; 3],
@@ -28,7 +29,7 @@ impl Robot {
         Self { velocity: [0.0; 3], input: [0.0; 3], until: 0, random: SplitMix64::new(seed) }
     }
 
-    /// One period: where it was, and what the model got wrong there.
+    /// One period: the input of the model, and its error there.
     fn step(&mut self) -> Observation<D> {
         if self.until == 0 {
             let excursion = self.random.uniform() < 0.5;
@@ -60,8 +61,8 @@ fn residual(input: &[f64; D]) -> [f64; 3] {
     ]
 }
 
-/// RMS error over `held_out` of a Gaussian process on `observations`, each with the scale of its noise; hyperparameters are fitted to
-/// 300 of them at most.
+/// RMS error over `held_out` of a Gaussian process on `observations`, each with the scale of its
+/// noise. Hyperparameters are fitted to at most 300 of them.
 fn error(observations: &[(Observation<D>, f64)], held_out: &[Observation<D>]) -> f64 {
     let start = Hyperparameters::new([2.0; D], 0.01, 1e-5).with_linear(0.01);
     let few: Vec<Observation<D>> = observations
@@ -106,7 +107,7 @@ fn dictionary() -> Dictionary<D> {
 }
 
 #[test]
-fn it_is_worth_as_much_as_two_thousand_points_and_more_than_the_newest_or_random_ones() {
+fn it_predicts_like_two_thousand_points_and_better_than_the_newest_or_random_ones() {
     for seed in 1..=3 {
         let (mut robot, mut set) = (Robot::new(seed), dictionary());
         let stream: Vec<Observation<D>> = (0..STREAM).map(|_| robot.step()).collect();
@@ -129,7 +130,8 @@ fn it_is_worth_as_much_as_two_thousand_points_and_more_than_the_newest_or_random
             &held_out,
         );
         let figures = format!(
-            "seed {seed}: dictionary {ours:.5}, 2000 points {full:.5}, newest {newest:.5}, random {drawn:.5}"
+            "seed {seed}: dictionary {ours:.5}, 2000 points {full:.5}, newest {newest:.5}, \
+             random {drawn:.5}"
         );
         eprintln!("{figures}");
         assert!(ours <= 1.10 * full, "{figures}");
@@ -139,8 +141,9 @@ fn it_is_worth_as_much_as_two_thousand_points_and_more_than_the_newest_or_random
 
 #[test]
 #[cfg(target_os = "linux")]
-#[expect(clippy::disallowed_methods, reason = "the system says how much memory there is in use")]
-#[ignore = "360 000 samples take a minute: cargo test --release -p model --test dictionary -- --ignored --nocapture"]
+#[expect(clippy::disallowed_methods, reason = "the system reports the memory in use")]
+#[ignore = "360 000 samples take a minute: \
+            cargo test --release -p model --test dictionary -- --ignored --nocapture"]
 fn memory_does_not_grow_in_ten_hours() {
     let resident_kib = || {
         let status = std::fs::read_to_string("/proc/self/status").unwrap();

@@ -1,6 +1,6 @@
-//! Laws of the posterior.
-#![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
-#![expect(clippy::float_cmp, reason = "what has nothing to add or subtract is exact")]
+//! Laws that the posterior obeys.
+#![expect(clippy::unwrap_used, reason = "a test ends at the first error")]
+#![expect(clippy::float_cmp, reason = "without a sum the result is exact")]
 
 use model::gp::data::DataError;
 use model::gp::hyperparameters::Hyperparameters;
@@ -59,11 +59,16 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn mean_and_variance_are_those_of_the_textbook(count in 1_usize..40, seed in any::<u64>(), x in query()) {
+    fn mean_and_variance_are_those_of_the_textbook(
+        count in 1_usize..40,
+        seed in any::<u64>(),
+        x in query(),
+    ) {
         let (inputs, targets) = samples(count, seed);
         let hyperparameters = with_linear(0.01);
         let posterior = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();
-        let (mean, variance) = (posterior.mean(&x), posterior.variance(&x, &mut VarianceScratch::new(count)));
+        let mean = posterior.mean(&x);
+        let variance = posterior.variance(&x, &mut VarianceScratch::new(count));
         for output in 0..3 {
             let of_one: Vec<f64> = targets.iter().map(|target| target[output]).collect();
             let expected = textbook(&inputs, &of_one, &hyperparameters[output], &x);
@@ -73,7 +78,11 @@ proptest! {
     }
 
     #[test]
-    fn gradient_matches_finite_differences(count in 0_usize..60, seed in any::<u64>(), x in query()) {
+    fn gradient_matches_finite_differences(
+        count in 0_usize..60,
+        seed in any::<u64>(),
+        x in query(),
+    ) {
         let (inputs, targets) = samples(count, seed);
         let posterior = Posterior::new(&inputs, &targets, &with_linear(0.01)).unwrap();
         let MeanAndGradient { mean, gradient } = posterior.mean_and_gradient(&x);
@@ -102,14 +111,18 @@ proptest! {
         let posterior = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();
         let mut scratch = VarianceScratch::new(count);
         for place in inputs.iter().chain([&x]) {
-            for (variance, of_one) in posterior.variance(place, &mut scratch).iter().zip(&hyperparameters) {
+            let variances = posterior.variance(place, &mut scratch);
+            for (variance, of_one) in variances.iter().zip(&hyperparameters) {
                 prop_assert!((0.0..=of_one.kernel.prior(place)).contains(variance));
             }
         }
     }
 
     #[test]
-    fn the_mean_interpolates_where_there_is_next_to_no_noise(count in 1_usize..30, seed in any::<u64>()) {
+    fn the_mean_interpolates_samples_of_almost_no_noise(
+        count in 1_usize..30,
+        seed in any::<u64>(),
+    ) {
         let (inputs, targets) = samples(count, seed);
         let posterior = Posterior::new(&inputs, &targets, &hyperparameters(1e-8)).unwrap();
         let mut scratch = VarianceScratch::new(count);
@@ -123,30 +136,33 @@ proptest! {
     }
 
     #[test]
-    fn without_samples_there_is_the_prior(x in query()) {
+    fn without_samples_the_posterior_is_the_prior(x in query()) {
         let hyperparameters = with_linear(0.1);
-        for posterior in [Posterior::new(&[], &[], &hyperparameters), Posterior::prior_only(&hyperparameters)] {
+        let of_no_samples = Posterior::new(&[], &[], &hyperparameters);
+        for posterior in [of_no_samples, Posterior::prior_only(&hyperparameters)] {
             let posterior = posterior.unwrap();
-            prop_assert_eq!(posterior.mean_and_gradient(&x), MeanAndGradient { mean: [0.0; 3], gradient: [[0.0; D]; 3] });
+            let zero = MeanAndGradient { mean: [0.0; 3], gradient: [[0.0; D]; 3] };
+            prop_assert_eq!(posterior.mean_and_gradient(&x), zero);
             let variance = posterior.variance(&x, &mut VarianceScratch::new(0));
             prop_assert_eq!(variance, hyperparameters.map(|of_one| of_one.kernel.prior(&x)));
         }
     }
 
     #[test]
-    fn a_plane_is_carried_beyond_the_data(seed in any::<u64>(), x in query()) {
+    fn a_plane_is_extrapolated_beyond_the_data(seed in any::<u64>(), x in query()) {
         let (inputs, _) = samples(20, seed);
         let plane = |x: &[f64; D]| 0.3 + 2.0 * x[0] - x[1] + 0.5 * x[2];
         let targets: Vec<[f64; 3]> = inputs.iter().map(|x| [plane(x); 3]).collect();
         let linear = Hyperparameters::new([1.0; D], 1e-6, 1e-8).with_linear(1.0);
         let posterior = Posterior::new(&inputs, &targets, &[linear; 3]).unwrap();
         let far = x.map(|value| 10.0 * value);
-        prop_assert!((posterior.mean(&far)[0] - plane(&far)).abs() < 0.05 * (1.0 + plane(&far).abs()));
+        let error = (posterior.mean(&far)[0] - plane(&far)).abs();
+        prop_assert!(error < 0.05 * (1.0 + plane(&far).abs()));
     }
 }
 
 #[test]
-fn far_from_all_samples_there_is_the_prior() {
+fn far_from_all_samples_the_posterior_is_the_prior() {
     let (inputs, targets) = samples(20, 1);
     let hyperparameters = hyperparameters(0.1);
     let posterior = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();
@@ -159,7 +175,7 @@ fn far_from_all_samples_there_is_the_prior() {
 }
 
 #[test]
-fn twins_among_the_inputs_cost_a_jitter_and_nothing_else() {
+fn duplicate_inputs_need_only_a_jitter() {
     let (mut inputs, mut targets) = samples(20, 2);
     for twin in 10..20 {
         inputs[twin] = inputs[twin - 10];
@@ -177,7 +193,7 @@ fn twins_among_the_inputs_cost_a_jitter_and_nothing_else() {
 
 #[test]
 fn rounding_does_not_make_a_variance_negative() {
-    // One sample without noise to speak of: σ² − ‖L⁻¹k‖² there is nothing but rounding, of either sign.
+    // One sample with almost no noise: σ² − ‖L⁻¹k‖² at the sample is only rounding, of either sign.
     let mut scratch = VarianceScratch::new(1);
     for prior in 1..100 {
         let certain = [Hyperparameters::new([1.0; D], f64::from(prior), 1e-20); 3];
@@ -189,7 +205,7 @@ fn rounding_does_not_make_a_variance_negative() {
 }
 
 #[test]
-fn honest_samples_need_no_jitter_and_their_weights_solve_the_system() {
+fn distinct_samples_need_no_jitter_and_their_weights_solve_the_system() {
     let (inputs, targets) = samples(30, 3);
     let hyperparameters = hyperparameters(0.01);
     let posterior = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();
@@ -210,14 +226,14 @@ fn honest_samples_need_no_jitter_and_their_weights_solve_the_system() {
 }
 
 #[test]
-fn a_query_that_is_not_a_number_has_no_number_for_an_answer() {
+fn a_query_with_nan_returns_nan() {
     let (inputs, targets) = samples(9, 3);
     let posterior = Posterior::new(&inputs, &targets, &hyperparameters(0.01)).unwrap();
     assert!(posterior.mean(&[0.0, f64::NAN, 0.0]).iter().all(|mean| mean.is_nan()));
 }
 
 #[test]
-fn too_small_a_scratch_grows() {
+fn a_scratch_that_is_too_small_grows() {
     let (inputs, targets) = samples(30, 3);
     let posterior = Posterior::new(&inputs, &targets, &hyperparameters(0.01)).unwrap();
     let x = [0.1, 0.2, 0.3];
@@ -226,7 +242,7 @@ fn too_small_a_scratch_grows() {
 }
 
 #[test]
-fn bad_samples_and_hyperparameters_are_refused_with_their_place() {
+fn bad_samples_and_hyperparameters_are_rejected_with_their_index() {
     let (inputs, mut targets) = samples(4, 3);
     let good = hyperparameters(0.1);
     assert_eq!(
@@ -243,7 +259,7 @@ fn bad_samples_and_hyperparameters_are_refused_with_their_place() {
 }
 
 #[test]
-fn a_posterior_can_be_handed_to_another_thread() {
+fn a_posterior_can_move_to_another_thread() {
     fn is_send<T: Send>() {}
     is_send::<Posterior<D>>();
 }

@@ -1,5 +1,6 @@
-//! The fit against the reference problem, which scipy's L-BFGS-B solved: raw inputs, no priors, no restarts.
-#![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+//! The fit against the reference problem, which scipy's L-BFGS-B solved: raw inputs, no priors, no
+//! restarts.
+#![expect(clippy::unwrap_used, reason = "a test ends at the first error")]
 
 #[path = "reference_problem/gp_data.rs"]
 mod gp_data;
@@ -15,7 +16,7 @@ fn output(targets: &[[f64; 3]], output: usize) -> Vec<f64> {
 }
 
 #[test]
-fn the_fit_is_as_likely_as_the_reference() {
+fn the_likelihood_of_the_fit_is_that_of_the_reference() {
     let (inputs, targets) = gp_data::gp_data(200, 7);
     for (index, reference) in [210.159, 154.971, 257.895].into_iter().enumerate() {
         let options = FitOptions { max_iterations: 100, ..FitOptions::default() };
@@ -29,7 +30,7 @@ fn the_fit_is_as_likely_as_the_reference() {
 }
 
 #[test]
-fn a_fit_has_the_same_bits_again() {
+fn a_repeated_fit_has_the_same_bits() {
     let (inputs, targets) = gp_data::gp_data(60, 7);
     let targets = output(&targets, 0);
     let once = fit(&inputs, &targets, &START, &FitOptions::default()).unwrap();

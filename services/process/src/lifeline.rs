@@ -1,10 +1,13 @@
-//! process ▶ launcher: that its loop turns, and how far it has come, on the socket that is its standard input.
+//! process ▶ launcher: heartbeat and phase, on the socket that is the standard input of the
+//! process.
 //!
-//! The same goes out as `Health` for everybody who wants to know. But who decides by it whether a process lives hears that from the process
-//! itself: on a network somebody else could keep it from being heard, or say it in its place.
+//! `Health` publishes the same to all subscribers. The launcher decides by the heartbeat whether a
+//! process is alive, so it receives it from the process itself. On a network, another peer could
+//! suppress or forge it.
 //!
-//! One byte, the code of its [`Phase`], is one heartbeat. The other way nothing is said, and the end is the launcher's death: end of file, or, if
-//! there was something that the launcher had not read, a connection that is reset.
+//! One byte, the code of its [`Phase`], is one heartbeat. The launcher sends nothing. The end of
+//! the line means that the launcher has ended: end of file, or a connection reset if the launcher
+//! had not read everything.
 
 use protocol::message::Phase;
 use rustix::net::{SendFlags, send};
@@ -13,21 +16,23 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How often a line is read at one time, by 64 heartbeats: who says more than anybody needs to keeps no launcher.
+/// Largest number of reads of a line at one time, of 64 heartbeats each. A process that sends more
+/// does not block the launcher.
 const READS_MOST: usize = 64;
 
 /// Whether the standard input of this process is such a line.
 static HELD: AtomicBool = AtomicBool::new(false);
 
-/// From now on the standard input of this process is a line to its launcher.
+/// Uses the standard input of this process as the line to its launcher.
 pub(crate) fn hold() {
     HELD.store(true, Ordering::Relaxed);
 }
 
-/// One heartbeat, if there is a launcher. Does not wait: one that has not listened for long misses it.
+/// Sends one heartbeat, if there is a launcher. Does not wait: if the socket buffer is full, the
+/// heartbeat is lost.
 pub(crate) fn beat(phase: u32) {
     if HELD.load(Ordering::Relaxed) {
-        // Who has another input, as a pipe, has no launcher that listens.
+        // Another kind of input, such as a pipe, has no launcher that reads.
         let _ = send(io::stdin(), &[phase as u8], SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
     }
 }
@@ -41,21 +46,22 @@ pub struct Lifeline {
 }
 
 impl Lifeline {
-    /// A line, and the standard input of the process that is to hold its other end.
+    /// Creates a line, and the standard input of the process at its other end.
     ///
     /// # Errors
-    /// What the system says.
+    /// Error of the operating system.
     pub fn new() -> io::Result<(Self, OwnedFd)> {
         let (line, other) = UnixStream::pair()?;
         line.set_nonblocking(true)?;
         Ok((Self { line, beats: 0, phase: Phase::Starting }, other.into()))
     }
 
-    /// Takes in what has been said by now. Does not wait.
+    /// Reads all heartbeats that have arrived. Does not wait.
     pub fn listen(&mut self) {
         let mut said = [0; 64];
         for _ in 0..READS_MOST {
-            // Nothing more to be heard, or nobody there any more: the system says how he ended.
+            // No more data, or the other end is closed: the exit status tells how the process
+            // ended.
             let Ok(count @ 1..) = self.line.read(&mut said) else { return };
             self.beats += count as u64;
             let last = said
@@ -67,12 +73,12 @@ impl Lifeline {
         }
     }
 
-    /// Heartbeats heard.
+    /// Number of received heartbeats.
     pub fn beats(&self) -> u64 {
         self.beats
     }
 
-    /// How far the process has come, by the last of them.
+    /// Phase of the process in the last heartbeat.
     pub fn phase(&self) -> Phase {
         self.phase
     }
@@ -85,7 +91,7 @@ mod tests {
     use std::io::Write;
 
     #[test]
-    fn each_byte_is_a_heartbeat_and_the_last_says_how_far_it_has_come() -> io::Result<()> {
+    fn each_byte_is_a_heartbeat_and_the_last_gives_the_phase() -> io::Result<()> {
         let (mut lifeline, other) = Lifeline::new()?;
         lifeline.listen();
         assert_eq!((lifeline.beats(), lifeline.phase()), (0, Phase::Starting));
@@ -98,7 +104,7 @@ mod tests {
         assert_eq!(
             (lifeline.beats(), lifeline.phase()),
             (102, Phase::Running),
-            "what is no phase says nothing of it"
+            "a byte that is not a phase changes no phase"
         );
         other.write_all(&[Phase::Running.code() as u8])?;
         drop(other);
@@ -106,13 +112,13 @@ mod tests {
         assert_eq!(
             (lifeline.beats(), lifeline.phase()),
             (103, Phase::Running),
-            "what was said before the end counts"
+            "heartbeats before the end count"
         );
         Ok(())
     }
 
     #[test]
-    fn who_writes_without_end_is_heard_a_bit_at_a_time() -> io::Result<()> {
+    fn an_endless_writer_is_read_in_limited_steps() -> io::Result<()> {
         let (mut lifeline, other) = Lifeline::new()?;
         UnixStream::from(other).write_all(&[Phase::Running.code() as u8; 3 * 64 * READS_MOST])?;
         for time in 1..=3 {
@@ -131,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_launcher_that_dies_with_heartbeats_unread_ends_its_processes_as_well() -> io::Result<()> {
+    fn a_launcher_that_ends_with_unread_heartbeats_ends_its_processes() -> io::Result<()> {
         let unread = || -> io::Result<UnixStream> {
             let (_lifeline, other) = Lifeline::new()?;
             let mut other = UnixStream::from(other);

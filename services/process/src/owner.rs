@@ -1,9 +1,10 @@
-//! Whose the files of a graph are.
+//! Ownership of the files of a graph.
 
 use rustix::fs::Mode;
 use rustix::process::umask;
 
-/// Files and folders that this process and those that it starts make from now on are their user's alone, unless they are given away.
+/// Makes all new files and directories of this process and its children private to their user,
+/// unless their mode is changed later.
 pub fn keep_to_user() {
     let _ = umask(Mode::RWXG | Mode::RWXO);
 }

@@ -1,4 +1,4 @@
-//! Who goes first when processors are short.
+//! Priority of threads.
 
 use rustix::process::setpriority_process;
 use thread_priority::unix::{
@@ -9,48 +9,55 @@ use thread_priority::{
     ThreadPriorityValue, ThreadSchedulePolicy,
 };
 
-/// Priority among the real-time threads of the machine, from 1 to 99: before everything that has none, behind what serves hardware.
+/// Priority among the real-time threads of the machine, from 1 to 99: above all threads without
+/// real-time priority, below those that serve hardware.
 pub const PRIORITY: u8 = 10;
 
-/// Of what watches all of them, beyond all that can be asked for.
+/// Priority of the stall monitor, above all priorities that settings allow.
 const PRIORITY_OF_WITNESS: u8 = 50;
 
-/// Real-time threads of the same priority take no turns: each runs until it waits.
+/// Real-time threads of the same priority do not share time slices: each runs until it waits.
 const FIFO: ThreadSchedulePolicy =
     ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
 
-/// The greatest niceness.
+/// Largest niceness.
 const LAST: i32 = 19;
 
-/// What the crate makes niceness 0 of.
+/// The crate's value for niceness 0.
 const NICE_0: u8 = 48;
 
-/// The calling thread, and every thread that it starts from now on, runs with `priority` before all that is no real-time thread (`SCHED_FIFO`).
+/// Gives the calling thread, and all threads that it starts later, the real-time priority
+/// `priority` (`SCHED_FIFO`), above all threads without one.
 ///
-/// For what a command waits for, in real time. A kernel that is built for throughput lets a busy thread finish its slice of some
-/// milliseconds first, on each of the five threads through which a state and its command pass on the network.
+/// It is for the threads on the path of a command, in real time. A kernel that is built for
+/// throughput lets a busy thread finish its slice of some milliseconds first. On the network, a
+/// state and its command pass through five threads, and each may wait for that.
 ///
-/// Where the system does not permit it, nothing changes: that is logged, since it explains late commands.
+/// Without permission nothing changes. That is logged, because it explains late commands.
 pub fn go_first(priority: u8) {
     match set(priority, FIFO) {
         Ok(()) => tracing::info!(priority, "runs as a real-time thread"),
         Err(error) => {
-            tracing::info!(%error, "runs among all others: a real-time priority is not permitted (see docs/how-to/real-time-priority.md)");
+            tracing::info!(
+                %error,
+                "runs without real-time priority: not permitted; \
+                 see docs/how-to/real-time-priority.md"
+            );
         }
     }
 }
 
-/// The calling thread goes behind those that go first, and before everything else, if that is permitted.
+/// Places the calling thread below the threads of [`go_first`] and above all others, if permitted.
 pub(crate) fn go_before_the_rest() {
     let _ = set(1, FIFO);
 }
 
-/// The calling thread goes before those that go first, if that is permitted.
+/// Places the calling thread above the threads of [`go_first`], if permitted.
 pub(crate) fn go_before_everything() {
     let _ = set(PRIORITY_OF_WITNESS, FIFO);
 }
 
-/// Whether a thread may go first here.
+/// Whether a thread may have the priority of [`go_first`] here.
 pub fn may_go_first() -> bool {
     is_permitted(PRIORITY)
 }
@@ -60,20 +67,21 @@ pub(crate) fn is_permitted(priority: u8) -> bool {
     std::thread::spawn(move || set(priority, FIFO).is_ok()).join().unwrap_or(false)
 }
 
-/// The calling thread, if it goes first, runs among all others again.
+/// Removes the real-time priority of the calling thread.
 pub fn step_back() {
     if thread_schedule_policy() != Ok(FIFO) {
         return;
     }
     if let Err(error) = set(NICE_0, ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other))
     {
-        tracing::warn!(%error, "a thread that nothing waits for stays a real-time thread");
+        tracing::warn!(%error, "a thread outside the control path keeps its real-time priority");
     }
 }
 
-/// The calling thread is served last of all that have no real-time priority: for work beside a graph that it must not disturb.
+/// Gives the calling thread the lowest priority of all threads without real-time priority: for work
+/// that must not disturb a graph.
 pub fn give_way() {
-    // On Linux a niceness is a thread's own. Whoever may not even step back stays where it is.
+    // On Linux a niceness belongs to a thread. If it cannot be set, the thread keeps its own.
     let _ = setpriority_process(None, LAST);
 }
 
@@ -94,7 +102,7 @@ mod tests {
     use std::thread;
 
     #[test]
-    fn who_gives_way_is_served_last_and_nobody_else_is() {
+    fn only_the_thread_that_gives_way_gets_the_largest_niceness() {
         let now = || getpriority_process(None).ok();
         let before = now();
         let given = thread::spawn(move || {
@@ -105,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_thread_that_goes_first_starts_goes_first_until_it_steps_back() {
+    fn a_started_thread_inherits_the_real_time_priority_until_it_steps_back() {
         let now = || (thread_schedule_policy().ok(), getpriority_process(None).ok());
         let before = now();
         let chain = thread::spawn(move || {
@@ -123,7 +131,7 @@ mod tests {
         assert_eq!(
             Some(first != before),
             permitted,
-            "where it is permitted, and only there, it goes first"
+            "it has real-time priority where that is permitted, and only there"
         );
     }
 }

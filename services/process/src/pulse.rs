@@ -1,4 +1,5 @@
-//! process → everyone: the heartbeat of one process, and by a line of its own → its launcher.
+//! process → all subscribers: the heartbeat of one process; and on a line of its own → its
+//! launcher.
 
 use crate::{Pace, lifeline};
 use bytemuck::Zeroable;
@@ -9,32 +10,32 @@ use protocol::topic::{OnTopic, Topic};
 use std::thread;
 use std::time::Duration;
 
-/// Heartbeats go out this far apart at least \[ns\].
+/// Shortest interval between two heartbeats \[ns\].
 const INTERVAL_NANOS: u64 = 100_000_000;
-/// Pauses before last words in real time, and before they are said again: a router lets go of what comes right behind something else of the
-/// same role.
+/// Pauses before the last heartbeat in real time, and before its repetitions. A router drops a
+/// message that follows another one of the same role immediately.
 const LAST_AFTER: [Duration; 3] =
     [Duration::from_millis(2), Duration::from_millis(20), Duration::from_millis(80)];
 
-/// Heartbeat and counters of this process: owns what it says of itself.
+/// Heartbeat and counters of this process: the content of its Health.
 ///
-/// Nobody has to listen: a Health that cannot be sent is counted and never an error.
+/// No subscriber is required. A Health that cannot be sent is counted, and is never an error.
 pub struct Pulse {
     health: Health,
     sink: Sink<Health>,
     last_nanos: u64,
     unsent: u64,
-    /// Said in earlier epochs.
+    /// Number sent in earlier epochs.
     before: u64,
-    /// State of the gate that was shown last, and why it had stopped.
+    /// Last state of the gate that was shown, and the reason of its stop.
     gate: Option<(GateState, Reason)>,
 }
 
 impl Pulse {
-    /// Opens the link. The phase is [`Phase::Starting`], and nothing is said yet.
+    /// Opens the link. The phase is [`Phase::Starting`], and nothing is sent yet.
     ///
     /// # Errors
-    /// [`OpenError`] if there is no place on the link.
+    /// [`OpenError`] if the link cannot be opened.
     pub fn new(ports: &Ports, participant: Participant) -> Result<Self, OpenError> {
         let mut health = Health::zeroed();
         health.participant = participant.code();
@@ -43,19 +44,19 @@ impl Pulse {
         Ok(Self { health, sink: ports.sink()?, last_nanos: 0, unsent: 0, before: 0, gate: None })
     }
 
-    /// The same, of a graph to which strangers can do this.
+    /// The same, for a graph that is exposed to unauthenticated peers in this way.
     #[must_use]
     pub fn exposed(mut self, exposure: Exposure) -> Self {
         self.health.exposure = exposure.code();
         self
     }
 
-    /// What will be said next time.
+    /// Content of the next heartbeat.
     pub fn health(&mut self) -> &mut Health {
         &mut self.health
     }
 
-    /// Changes the phase, and says so at once. Says nothing if it is the phase already.
+    /// Changes the phase, and sends it at once. Sends nothing if the phase is the same.
     pub fn phase(&mut self, phase: Phase) {
         if self.health.phase != phase.code() {
             self.health.phase = phase.code();
@@ -63,8 +64,8 @@ impl Pulse {
         }
     }
 
-    /// Shows as an error that the gate lets no command through, and takes it back when it does again.
-    /// Does not allocate.
+    /// Reports as an error that the gate accepts no command, and clears the error when it accepts
+    /// commands again. Does not allocate.
     pub fn show_gate(&mut self, state: GateState, stop: Reason) {
         let before = self.gate.replace((state, stop));
         if before == Some((state, stop)) {
@@ -78,7 +79,8 @@ impl Pulse {
         }
     }
 
-    /// Counts one more round of the loop, and says so if it is time. Does not allocate, wait or fail.
+    /// Counts one more iteration of the loop, and sends a heartbeat if it is due. Does not
+    /// allocate, wait or fail.
     pub fn beat(&mut self) {
         self.health.heartbeat += 1;
         if monotonic_nanos().saturating_sub(self.last_nanos) >= INTERVAL_NANOS {
@@ -86,7 +88,7 @@ impl Pulse {
         }
     }
 
-    /// Says it now.
+    /// Sends a heartbeat now.
     pub fn send_now(&mut self) {
         self.last_nanos = monotonic_nanos();
         lifeline::beat(self.health.phase);
@@ -97,8 +99,8 @@ impl Pulse {
         }
     }
 
-    /// Says in which phase this process ends, in real time again, and once more: nobody is there afterwards to repeat it, and others end by it. That
-    /// takes a tenth of a second.
+    /// Sends the phase in which this process ends. In real time it repeats that, because other
+    /// processes end by it and no later heartbeat follows. This takes a tenth of a second.
     pub fn last_words(&mut self, phase: Phase, pace: Pace) {
         self.health.phase = phase.code();
         let pauses: &[Duration] =
@@ -109,20 +111,20 @@ impl Pulse {
         }
     }
 
-    /// Speaks in another epoch from now on.
+    /// Publishes in another epoch from now on.
     pub fn set_epoch(&mut self, epoch: u64) {
         self.before = self.sink.sent();
         self.sink.set_epoch(epoch);
     }
 
-    /// Takes over what a writer has counted.
+    /// Copies the counters of a writer.
     pub fn count_sink<T: OnTopic>(&mut self, sink: &Sink<T>) {
         let index = T::TOPIC.index();
         self.health.sent[index] = sink.sent();
         self.health.dropped[index] = sink.dropped();
     }
 
-    /// Takes over what a reader of `topic` has counted.
+    /// Copies the counters of a reader of `topic`.
     pub fn count_source(&mut self, topic: Topic, tally: Tally) {
         let index = topic.index();
         self.health.received[index] = tally.received;
@@ -130,29 +132,29 @@ impl Pulse {
         self.health.refused[index] = tally.refused;
     }
 
-    /// Times that nobody could be told.
+    /// Number of heartbeats that could not be sent.
     pub fn unsent(&self) -> u64 {
         self.unsent
     }
 }
 
-/// Why no command drives, and what ends that.
+/// Why no command drives the robot, and the command that ends it.
 fn shut_text(state: GateState, stop: Reason) -> &'static str {
     match (state, stop) {
         (GateState::Disarmed, _) => "the gate is disarmed: `coxswain arm` lets the robot drive",
         (_, Reason::PositionError) => {
-            "stopped: position error above limits.tracking_error_m; `coxswain resume` lets it drive"
+            "stopped: position error above limits.tracking_error_m; run `coxswain resume`"
         }
         (_, Reason::HeadingError) => {
-            "stopped: heading error above limits.tracking_error_heading_rad; `coxswain resume` lets it drive"
+            "stopped: heading error above limits.tracking_error_heading_rad; run `coxswain resume`"
         }
         (_, Reason::BadState) => {
-            "stopped: the robot's own measurement is not finite; `coxswain resume` lets it drive"
+            "stopped: the robot's own measurement is not finite; run `coxswain resume`"
         }
         (_, Reason::EmergencyStop) => {
-            "stopped: emergency stop pressed; release it, then `coxswain resume` lets it drive"
+            "stopped: emergency stop pressed; release it, then run `coxswain resume`"
         }
-        _ => "stopped; `coxswain resume` lets the robot drive",
+        _ => "stopped; run `coxswain resume`",
     }
 }
 
@@ -172,11 +174,11 @@ mod tests {
     }
 
     #[test]
-    fn a_new_phase_is_said_at_once_and_only_once() -> Result<(), Box<dyn Error>> {
+    fn a_new_phase_is_sent_at_once_and_only_once() -> Result<(), Box<dyn Error>> {
         let (mut pulse, mut source) = pair()?;
         pulse.phase(Phase::Ready);
         pulse.phase(Phase::Ready);
-        let health = source.next()?.ok_or("nothing was said")?;
+        let health = source.next()?.ok_or("nothing was sent")?;
         assert_eq!(
             (health.participant(), health.phase()),
             (Some(Participant::Learner), Phase::Ready)
@@ -187,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn every_stop_has_a_text_that_fits_and_is_taken_back() -> Result<(), Box<dyn Error>> {
+    fn every_stop_has_a_text_that_fits_and_is_cleared() -> Result<(), Box<dyn Error>> {
         let (mut pulse, _source) = pair()?;
         for &reason in Reason::ALL {
             for state in [GateState::Stopped, GateState::Disarmed] {
@@ -206,12 +208,12 @@ mod tests {
     }
 
     #[test]
-    fn last_words_are_said_again_in_real_time() -> Result<(), Box<dyn Error>> {
+    fn the_last_heartbeat_is_repeated_in_real_time() -> Result<(), Box<dyn Error>> {
         for (pace, times) in [(Pace::RealTime, 3), (Pace::LockStep, 1)] {
             let (mut pulse, mut source) = pair()?;
             pulse.last_words(Phase::Finished, pace);
             for time in 0..times {
-                let health = source.next()?.ok_or_else(|| format!("said {time} times"))?;
+                let health = source.next()?.ok_or_else(|| format!("sent {time} times"))?;
                 assert_eq!(health.phase(), Phase::Finished);
             }
             assert!(source.next()?.is_none());
@@ -220,21 +222,21 @@ mod tests {
     }
 
     #[test]
-    fn a_fast_loop_does_not_talk_all_the_time() -> Result<(), Box<dyn Error>> {
+    fn a_fast_loop_sends_at_most_one_heartbeat_per_interval() -> Result<(), Box<dyn Error>> {
         let (mut pulse, mut source) = pair()?;
         let begin = monotonic_nanos();
         for _ in 0..1000 {
             pulse.beat();
         }
         let most = 1 + monotonic_nanos().saturating_sub(begin) / INTERVAL_NANOS;
-        let health = source.latest()?.ok_or("nothing was said")?;
+        let health = source.latest()?.ok_or("nothing was sent")?;
         assert!(source.tally().received <= most, "{} in {most} intervals", source.tally().received);
         assert!(health.heartbeat >= 1);
         Ok(())
     }
 
     #[test]
-    fn counters_land_at_their_topic() -> Result<(), Box<dyn Error>> {
+    fn counters_are_reported_with_their_topic() -> Result<(), Box<dyn Error>> {
         let (mut pulse, mut source) = pair()?;
         let ports =
             Ports::in_memory(&Exchange::new(false, Duration::from_secs(1)), Identity::new(4));
@@ -245,7 +247,7 @@ mod tests {
         pulse.count_sink(&commands);
         pulse.count_source(Topic::State, Tally { received: 9, lost: 2, refused: 1, stale: 0 });
         pulse.send_now();
-        let health = source.next()?.ok_or("nothing was said")?;
+        let health = source.next()?.ok_or("nothing was sent")?;
         assert_eq!(health.sent[Topic::Command.index()], 7);
         assert_eq!(health.sent[Topic::Health.index()], 1);
         let state = Topic::State.index();
@@ -254,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn what_gave_way_before_the_network_is_said() -> Result<(), Box<dyn Error>> {
+    fn messages_dropped_before_the_network_are_reported() -> Result<(), Box<dyn Error>> {
         let (mut pulse, mut source) = pair()?;
         let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
         let (carriers, connect) = (Carriers::all(Carrier::Network), router.endpoints().to_vec());
@@ -264,13 +266,13 @@ mod tests {
         for _ in 0..1000 {
             snapshot.push(&[0.0; 6], [0.0; 3], [0.0; 3])?;
         }
-        // A queue for eight of a hundred kilobytes is full sooner than the network has taken one.
+        // A queue for eight messages of 100 kB is full before the network has accepted one.
         while snapshots.dropped() == 0 {
             snapshots.send(&mut snapshot)?;
         }
         pulse.count_sink(&snapshots);
         pulse.send_now();
-        let health = source.next()?.ok_or("nothing was said")?;
+        let health = source.next()?.ok_or("nothing was sent")?;
         let index = Topic::Snapshot.index();
         assert_eq!(
             (health.sent[index], health.dropped[index]),

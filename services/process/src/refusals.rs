@@ -1,5 +1,8 @@
-//! Who or what is turned away → one line in the log for each reason, and then one every so often with how many there were: of strangers at the network
-//! and of messages without the right to them zenoh says so once for each, and of commands there are as many as somebody likes to send.
+//! Rejected peers and messages → one line in the log per reason, then a line with their number at
+//! most every 10 s.
+//!
+//! zenoh logs one line for each unauthenticated peer and for each message without permission. Their
+//! number, and that of commands, is up to the sender.
 
 mod rights;
 
@@ -14,27 +17,28 @@ use tracing_subscriber::EnvFilter;
 use tracing_subscriber::filter::{FilterExt, ParseError};
 use tracing_subscriber::layer::{Context, Filter};
 
-/// Pause between two lines for the same reason.
+/// Shortest time between two lines of the same reason.
 const PAUSE: Duration = Duration::from_secs(10);
 
-/// Reasons in words of others that are told apart.
+/// Largest number of distinct reasons in the words of others.
 const OTHERS_MAX: usize = 32;
 
-/// Where zenoh says, message by message, who may what.
+/// Target of zenoh's log for the permission of each message.
 const ACCESS: &str = "zenoh::net::routing::interceptor::access_control";
-/// Where it says whom it has no room for.
+/// Target for peers that it has no session for.
 const DOOR: &str = "zenoh_transport::unicast::manager";
-/// Where it says, among much else, what is too long to be taken in.
+/// Target for messages that are too long, among much else.
 const ARRIVALS: &str = "zenoh_transport::unicast::universal::rx";
-/// How it says that.
+/// Its text for a message that is too long.
 const TOO_LONG: &str = "Defragmentation buffer full";
-/// Where it says what comes too often.
+/// Target for messages above their rate limit.
 const RATES: &str = "zenoh::net::routing::interceptor::downsampling";
 
-/// What zenoh says behind a reason: other causes, where in its code, when a certificate was or will be good.
+/// Parts of zenoh's text after a reason: other causes, positions in its source code, validity times
+/// of a certificate.
 const ASIDES: [&str; 3] = [". Hint:", " at /", ": verification time"];
 
-/// Behind these words comes what a stranger has sent, of which there is as much as he likes.
+/// Texts of zenoh that precede data of an unauthenticated peer, of unlimited length.
 const BY_STRANGERS: [&str; 5] = [
     "received fatal alert",
     "received corrupt message",
@@ -44,15 +48,16 @@ const BY_STRANGERS: [&str; 5] = [
 ];
 
 static BOOK: Mutex<Book<Reason>> = Mutex::new(Book::new());
-/// Whether this process itself plays the stranger.
+/// Whether this process itself acts as the unauthenticated peer.
 static PLAYED: AtomicBool = AtomicBool::new(false);
 
-/// What goes into a log by `directives`: all but zenoh's words about who is turned away, which [`tell`] sums up. To whom others connect zenoh says more of
-/// that, at its lowest level.
+/// Filter of a log for `directives`. It removes zenoh's texts about rejected peers, which [`tell`]
+/// summarises. If this process accepts connections, zenoh reports more of them, at its lowest
+/// level.
 ///
 /// # Errors
 ///
-/// If `directives` are none.
+/// If `directives` are invalid.
 pub fn log_filter<S>(
     directives: &str,
     serves: bool,
@@ -65,27 +70,27 @@ pub fn log_filter<S>(
     Ok(EnvFilter::try_new(directives.to_owned() + &more)?.and(Refusals))
 }
 
-/// Why somebody is turned away.
+/// Why a peer or message is rejected.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 enum Reason {
-    /// In words of ours: no more of them than there are roles, kinds of messages and topics.
+    /// In our words: at most one per role, kind of message and topic.
     Ours(String),
-    /// In zenoh's, which depend on what a stranger sends.
+    /// In zenoh's words, which depend on the data of the peer.
     Others(String),
 }
 
-/// Reason → how often it was given, and when that was told last.
+/// Reason → number of rejections, and the time of its last line.
 #[derive(Debug, Default)]
 pub struct Book<R>(BTreeMap<R, Refused>);
 
 #[derive(Debug, Default)]
 struct Refused {
-    /// Since it was last told.
+    /// Number since its last line.
     untold: u64,
     told: Option<Instant>,
 }
 
-/// Takes zenoh's words about strangers out of a log, to be told by [`tell`].
+/// Removes zenoh's texts about rejected peers from a log; [`tell`] logs them.
 #[derive(Debug, Clone, Copy)]
 struct Refusals;
 
@@ -125,13 +130,14 @@ impl<S> Filter<S> for Refusals {
     }
 }
 
-/// Logs who has been turned away since it was last told, each reason at once and then every ten seconds at most. To be called again and again.
+/// Logs the rejections since the last line: each reason at once, and then at most every ten
+/// seconds. The process calls it periodically.
 pub fn tell(now: Instant) {
     let due = book().due(now);
     log(&due);
 }
 
-/// Logs who has not been told of yet, at the end.
+/// Logs the rejections without a line, at the end.
 pub fn tell_rest() {
     let rest = book().rest();
     log(&rest);
@@ -139,11 +145,11 @@ pub fn tell_rest() {
 
 fn log(reasons: &[(Reason, u64)]) {
     for (Reason::Ours(reason) | Reason::Others(reason), count) in reasons {
-        tracing::warn!(count, "turned away at the network: {reason}");
+        tracing::warn!(count, "rejected at the network: {reason}");
     }
 }
 
-/// Plays a stranger, of whom nothing is logged.
+/// Runs `play` as an unauthenticated peer, without logging its rejections.
 pub fn unlogged<T>(play: impl FnOnce() -> T) -> T {
     PLAYED.store(true, Ordering::Relaxed);
     let played = play();
@@ -164,21 +170,21 @@ fn is_refusal(metadata: &Metadata<'_>) -> bool {
     }
 }
 
-/// Whom there is no room for, if that is what zenoh says.
+/// The reason if zenoh has no session for a peer.
 fn no_room(message: &str) -> Option<String> {
     let full = message.starts_with("Max transports reached").then_some("no session is free");
     full.or_else(|| {
-        message.starts_with("Closing link for preventing").then_some("too many at the door at once")
+        message.starts_with("Closing link for preventing").then_some("too many pending connections")
     })
     .map(str::to_owned)
 }
 
-/// That a message was too long, if that is what zenoh says.
+/// The reason if a message was too long.
 fn too_long(message: &str) -> Option<String> {
-    message.starts_with(TOO_LONG).then(|| "a message is longer than any may be".to_owned())
+    message.starts_with(TOO_LONG).then(|| "a message exceeds the size limit".to_owned())
 }
 
-/// The same for all whom the same befalls.
+/// The part of the text that is the same for all peers with this reason.
 fn without_asides(message: &str) -> String {
     let short = ASIDES
         .iter()
@@ -188,24 +194,25 @@ fn without_asides(message: &str) -> String {
 }
 
 impl<R: Ord + Clone> Book<R> {
-    /// With nothing in it.
+    /// An empty book.
     pub const fn new() -> Self {
         Self(BTreeMap::new())
     }
 
-    /// One more for this reason.
+    /// Counts one rejection.
     pub fn note(&mut self, reason: R) {
         self.0.entry(reason).or_default().untold += 1;
     }
 
-    /// The reasons that are to be told now, with how many there were since they were told last: each at once, and then every ten seconds at most.
+    /// The reasons whose line is due, each with its number since the last line: at once, and then
+    /// at most every ten seconds.
     pub fn due(&mut self, now: Instant) -> Vec<(R, u64)> {
         self.take(now, |refused| {
             refused.told.is_none_or(|told| now.saturating_duration_since(told) >= PAUSE)
         })
     }
 
-    /// All that have not been told, whenever the last time was: at the end.
+    /// All reasons without a line, independent of the time of the last one: for the end.
     pub fn rest(&mut self) -> Vec<(R, u64)> {
         self.take(Instant::now(), |_| true)
     }
@@ -222,7 +229,7 @@ impl<R: Ord + Clone> Book<R> {
 }
 
 impl Book<Reason> {
-    /// One more for this reason. Beyond so many in words of others no more of those are told apart.
+    /// Counts one rejection. Beyond the limit, reasons in the words of others are counted as one.
     fn note_words(&mut self, reason: Reason) {
         let others = || self.0.keys().filter(|known| matches!(known, Reason::Others(_))).count();
         let is_known = matches!(reason, Reason::Ours(_)) || self.0.contains_key(&reason);
@@ -234,7 +241,8 @@ impl Book<Reason> {
     }
 }
 
-/// The text of an event, or, if it is only looked whether it begins with something, no more than tells that: zenoh has something to say of each message.
+/// Text of an event. If only its beginning is compared, no more is stored than the comparison
+/// needs: zenoh logs a text for each message.
 struct Message {
     only: &'static str,
     text: String,
@@ -252,7 +260,7 @@ impl Write for Message {
 impl Visit for Message {
     fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
         if field.name() == "message" {
-            // It ends where enough is known.
+            // It ends early when the comparison is decided.
             let _ = write!(self, "{value:?}");
         }
     }
@@ -264,7 +272,7 @@ mod tests {
     use protocol::topic::Topic;
 
     #[test]
-    fn a_flood_of_strangers_is_a_line_every_ten_seconds() {
+    fn a_flood_of_rejected_peers_is_one_line_every_ten_seconds() {
         let (mut book, begin) = (Book::new(), Instant::now());
         let mut told = Vec::new();
         for hundredth in 0..2_500 {
@@ -283,14 +291,14 @@ mod tests {
     }
 
     #[test]
-    fn strangers_cannot_make_the_log_remember_without_end() {
+    fn rejected_peers_cannot_exhaust_the_memory_of_the_log() {
         let mut book = Book::new();
         (0..1000).for_each(|number| book.note_words(Reason::Others(format!("reason {number}"))));
         assert_eq!(book.0.len(), OTHERS_MAX + 1);
     }
 
     #[test]
-    fn whoever_is_refused_whatever_else_before_is_named() {
+    fn every_rejected_role_is_named_after_any_number_of_other_reasons() {
         let mut book = Book::new();
         (0..1000).for_each(|number| book.note_words(Reason::Others(format!("reason {number}"))));
         let mut named = Vec::new();
@@ -307,7 +315,8 @@ mod tests {
             for topic in Topic::ALL {
                 let key = format!("coxswain-link/g/{}/data/x", topic.name());
                 let said = format!(
-                    "7d on lo+CertCommonName(watcher.pilot)+tls+7d is unauthorized to {kind} (ingress) on {key}"
+                    "7d on lo+CertCommonName(watcher.pilot)+tls+7d is unauthorized \
+                     to {kind} (ingress) on {key}"
                 );
                 if let Some(reason) = rights::refused(&said) {
                     book.note_words(Reason::Ours(reason));
@@ -323,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reason_is_told_without_what_zenoh_guesses_and_where_it_was_built() {
+    fn a_reason_is_logged_without_guesses_and_source_positions() {
         assert_eq!(
             without_asides("peer sent no certificates. Hint: increase it."),
             "peer sent no certificates"
@@ -339,7 +348,8 @@ mod tests {
         );
         assert_eq!(
             without_asides(
-                "certificate expired: verification time 9 (UNIX), but certificate is not valid after 8"
+                "certificate expired: verification time 9 (UNIX), \
+                 but certificate is not valid after 8"
             ),
             "certificate expired"
         );
@@ -351,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn of_what_arrives_no_more_is_read_than_tells_that_it_is_of_no_interest() {
+    fn of_an_uninteresting_message_only_the_beginning_is_stored() {
         let read = |text: &dyn Debug| {
             let mut message = Message { only: TOO_LONG, text: String::new() };
             let _ = write!(message, "{text:?}");
@@ -360,7 +370,7 @@ mod tests {
         let full = "Defragmentation buffer full: 65537 bytes. Capacity: 65536.";
         assert_eq!(
             too_long(&read(&format_args!("{full}"))).as_deref(),
-            Some("a message is longer than any may be")
+            Some("a message exceeds the size limit")
         );
         let frame = read(&format_args!("Received: {:?}", [0_u8; 1000]));
         assert_eq!((frame.as_str(), too_long(&frame)), ("Received: ", None));

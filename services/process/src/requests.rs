@@ -1,11 +1,13 @@
-//! A person ▶ a running process: changes to its settings, asked for and answered by files in the folder of the run.
+//! Operator ▶ a running process: changes of its settings and replies, as files in the run
+//! directory.
 //!
 //! ```text
 //! RUN/set/controller-000001.json           who requests what, since when     by `coxswain set`
-//! RUN/set/controller-000001.answer.json    applied from which tick on, or why not     by the process itself
+//! RUN/set/controller-000001.answer.json    from which tick, or why not       by the process
 //! ```
-//! A request is there whole or not at all, and requests are numbered without a gap: a process takes them up one after the other, and answers one
-//! before it looks at the next. Who has been started again first does what was applied before it, then what nobody has answered.
+//! A request file is written atomically, and requests are numbered without a gap. A process handles
+//! them in order, and replies to one before it reads the next. A restarted process first applies
+//! the earlier changes again, then handles the requests without a reply.
 
 mod answers;
 mod ask;
@@ -36,42 +38,42 @@ const TOLD_MAX: usize = 200;
 pub struct Request {
     /// Name of the person.
     pub who: String,
-    /// When it was asked for, since 1970 \[ns\].
+    /// Time of the request since 1970 \[ns\].
     pub asked_unix_nanos: u64,
-    /// The keys with their new values, as lines of TOML; of the plant an order, `arm` or `resume`.
+    /// Keys with their new values, as lines of TOML; for the plant an order, `arm` or `resume`.
     pub change: String,
 }
 
-/// What the process made of it.
+/// Outcome of a request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "outcome", rename_all = "kebab-case")]
 pub enum Outcome {
-    /// All of it is in use.
+    /// The whole change is in use.
     Applied {
         /// Epoch of the plant whose ticks these are.
         plant_epoch: u64,
-        /// The period in which the process took it up.
+        /// Tick at which the process read it.
         taken_at_tick: u64,
-        /// The period in which all that it needs had been checked and built.
+        /// Tick at which everything for it was checked and built.
         ready_at_tick: u64,
-        /// The first period for which all of it is in use; nothing of it was before.
+        /// First tick with the whole change in use; no part of it was in use before.
         acts_from_tick: u64,
     },
-    /// Nothing of it is in use.
+    /// No part of the change is in use.
     Refused {
         /// Why not.
         reason: String,
     },
 }
 
-/// Its answer.
+/// Reply of the process.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Answer {
     /// User id of the owner of the request's file.
     pub user: u32,
-    /// When it was answered, on the monotonic clock \[ns\].
+    /// Time of the reply on the monotonic clock \[ns\].
     pub answered_nanos: u64,
-    /// What came of it.
+    /// Outcome.
     #[serde(flatten)]
     pub outcome: Outcome,
 }
@@ -92,7 +94,8 @@ pub struct Settled {
 }
 
 impl Settled {
-    /// Request `number` of `role` in the folder of a run, if it has been answered. One that could not be read was refused unread.
+    /// Request `number` of `role` in a run directory, if it has a reply. An unreadable request was
+    /// rejected unread.
     pub fn read(folder: &Path, role: Participant, number: u64) -> Option<Self> {
         let answer: Answer =
             serde_json::from_slice(&fs::read(answer_file(folder, role, number)).ok()?).ok()?;
@@ -103,7 +106,7 @@ impl Settled {
     }
 }
 
-/// In one line, not longer than a person reads.
+/// In one line of limited length.
 impl Display for Settled {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let short = |text: &str| {
@@ -148,10 +151,10 @@ impl Request {
     }
 }
 
-/// Lets the processes of the run in `folder` be asked.
+/// Creates the directory of the requests for the processes of the run in `folder`.
 ///
 /// # Errors
-/// What the file system says.
+/// Error of the file system.
 pub fn welcome(folder: &Path) -> io::Result<()> {
     fs::create_dir_all(folder.join(FOLDER))
 }

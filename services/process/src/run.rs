@@ -1,4 +1,4 @@
-//! What the launcher tells every process.
+//! Settings that the launcher gives to every process.
 
 use crate::Scheduling;
 use crate::priority::{self, PRIORITY};
@@ -12,29 +12,30 @@ use tracing_subscriber::EnvFilter;
 /// Longest control period \[ns\]: 1000 s.
 const PERIOD_NANOS_MAX: u64 = 1_000_000_000_000;
 
-/// What the launcher tells every process: the table `[run]` of its settings.
+/// Settings that the launcher gives to every process: the table `[run]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Run {
-    /// Folder of the run: logs, record.
+    /// Run directory: logs, record.
     pub folder: PathBuf,
-    /// What is logged, as a filter of `tracing`: a level, or `module=level,…`.
+    /// Log filter of `tracing`: a level, or `module=level,…`.
     pub log: String,
-    /// Highest epoch that the launcher has seen or given out for this role. A process starts in a higher one.
+    /// Highest epoch that the launcher has seen or assigned for this role. A process starts in a
+    /// higher one.
     pub epoch_floor: u64,
-    /// Whether this role has run before in this run.
+    /// Whether this role has already run in this run.
     pub restarted: bool,
     /// Control period \[ns\].
     pub period_nanos: u64,
-    /// Whose time it is.
+    /// Source of the time.
     pub pace: Pace,
-    /// How the system is to treat it.
+    /// Processors, memory and priority of the process.
     #[serde(default)]
     pub scheduling: Scheduling,
-    /// What strangers on the network can do, because a person has let them.
+    /// Access of unauthenticated peers on the network that an operator has allowed.
     #[serde(default = "closed")]
     pub exposure: Exposure,
-    /// How the links of the graph run.
+    /// Links of the graph.
     pub links: Links,
 }
 
@@ -42,18 +43,19 @@ fn closed() -> Exposure {
     Exposure::Closed
 }
 
-/// Whose time it is.
+/// Source of the time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Pace {
-    /// The monotonic clock's.
+    /// The monotonic clock.
     RealTime,
-    /// The slowest participant's: the plant waits for the answer to each tick.
+    /// The slowest participant: the plant waits for the answer to each tick.
     LockStep,
 }
 
 impl Run {
-    /// Of the first start in a run whose files are in `folder`, in lock step if its links are.
+    /// Settings of the first start in a run whose files are in `folder`. It is in lock step if its
+    /// links are.
     pub fn new(folder: impl Into<PathBuf>, period_nanos: u64, links: Links) -> Self {
         Self {
             folder: folder.into(),
@@ -68,8 +70,10 @@ impl Run {
         }
     }
 
-    /// For a process that commands wait for, before it opens its ports: shared memory takes tens of milliseconds, for which it goes behind a loop that
-    /// runs already, and before everything else. But if there will be threads of the network it goes first, since they go as the one that opens them.
+    /// Sets the priority for opening the ports of a process on the control path. Shared memory
+    /// takes tens of milliseconds, so the process runs below a running control loop and above all
+    /// others. If the network has threads of its own, the process takes its full priority, because
+    /// they inherit it.
     pub fn go_first_to_open(&self) {
         if let Some(priority) = self.priority() {
             if self.has_threads() {
@@ -80,20 +84,20 @@ impl Run {
         }
     }
 
-    /// For the same, when all is open and built: goes first from now on.
+    /// The same when all ports are open: takes the full priority from now on.
     pub fn go_first_to_run(&self) {
         if let Some(priority) = self.priority().filter(|_| !self.has_threads()) {
             priority::go_first(priority);
         }
     }
 
-    /// Its real-time priority, if it is to have one.
+    /// Its real-time priority, if it gets one.
     fn priority(&self) -> Option<u8> {
         let asked = self.scheduling.real_time_priority.unwrap_or(PRIORITY);
         (self.pace == Pace::RealTime && asked > 0).then_some(asked)
     }
 
-    /// Whether ports come with threads.
+    /// Whether the ports have threads of their own.
     fn has_threads(&self) -> bool {
         self.links.carriers.uses(Carrier::Network)
     }
@@ -115,7 +119,7 @@ impl Check for Run {
         }
         self.scheduling.check().map_err(|impossible| impossible.under("scheduling"))?;
         if self.links.lock_step != (self.pace == Pace::LockStep) {
-            return Err(Impossible::new("links.lock_step", "true in lock step, and only there"));
+            return Err(Impossible::new("links.lock_step", "true in lock step, else false"));
         }
         let faults = &self.links.faults;
         let lock_step = if self.links.lock_step { faults.check_lock_step() } else { Ok(()) };

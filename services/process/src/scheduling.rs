@@ -1,4 +1,4 @@
-//! On which processors a process runs, whether its memory stays where it is, and how far it goes before others.
+//! Processors of a process, locking of its memory, and its real-time priority.
 
 use crate::priority;
 use rustix::mm::{MlockAllFlags, mlockall};
@@ -7,50 +7,54 @@ use rustix::thread::{CapabilitySet, CpuSet, capabilities, sched_getaffinity, sch
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 
-/// Highest priority that can be asked for: the system serves hardware from 50 on.
+/// Largest allowed priority: hardware interrupts have priorities from 50 on.
 const PRIORITY_MAX: u8 = 49;
 
-/// What a person may say about it. Where nothing is said, nothing is asked of the system but the priority of whom a command waits for.
+/// Settings of the scheduling. By default the system decides, except for the priority of processes
+/// on the control path.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scheduling {
-    /// The processors that it may run on, by the system's numbers; all if none is named.
+    /// Processors that it may run on, by the numbers of the system; all if the list is empty.
     pub processors: Vec<usize>,
-    /// Whether all its memory is brought in at the start, with what comes later, and never leaves.
+    /// Whether all its memory, present and later, is loaded and locked.
     pub lock_memory: bool,
-    /// In real time, of plant and controller: real-time priority (`SCHED_FIFO`), or 0 for none. If it is not given: 10, where that is permitted.
+    /// Real-time priority (`SCHED_FIFO`) of plant and controller in real time; 0 for none. If
+    /// absent: 10, where that is permitted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub real_time_priority: Option<u8>,
 }
 
-/// Why the system does not do what was asked for.
+/// Why the system does not apply the settings.
 #[derive(Debug, thiserror::Error)]
 pub enum SchedulingError {
-    /// There are no such processors, or it may not run there.
+    /// There are no such processors, or the process may not run on them.
     #[error(
-        "scheduling.processors = {asked:?}: expected some of {there:?}, on which it may run here"
+        "scheduling.processors = {asked:?}: expected some of {there:?}, which are allowed here"
     )]
     Processors {
-        /// Those that were asked for.
+        /// Processors of the settings.
         asked: Vec<usize>,
-        /// Those that it may use.
+        /// Allowed processors.
         there: Vec<usize>,
     },
     /// Memory cannot be locked.
     #[error(
-        "scheduling.lock_memory: not permitted, expected the capability CAP_IPC_LOCK, or no limit of locked memory (`ulimit -l unlimited`; it is {})",
+        "scheduling.lock_memory: not permitted, expected the capability CAP_IPC_LOCK, \
+         or no limit of locked memory (`ulimit -l unlimited`; it is {})",
         .limit_kibibytes.map_or("none".to_owned(), |limit| format!("{limit} KiB"))
     )]
     Memory {
-        /// The limit there is.
+        /// Present limit.
         limit_kibibytes: Option<u64>,
     },
-    /// It may not go before others.
+    /// A real-time priority is not permitted.
     #[error(
-        "scheduling.real_time_priority = {asked}: not permitted, expected the capability CAP_SYS_NICE, or a limit of at least that (`ulimit -r`)"
+        "scheduling.real_time_priority = {asked}: not permitted, expected the capability \
+         CAP_SYS_NICE, or a limit of at least that (`ulimit -r`)"
     )]
     Priority {
-        /// The priority that was asked for.
+        /// Priority of the settings.
         asked: u8,
     },
 }
@@ -74,11 +78,11 @@ impl Check for Scheduling {
 }
 
 impl Scheduling {
-    /// Has the system do it for the calling process, before it starts threads that work. A priority is only asked for here: it is taken by those whom a
-    /// command waits for, once they are.
+    /// Applies the settings to the calling process, before it starts threads that work. A priority
+    /// is only checked here. The threads on the control path take it later.
     ///
     /// # Errors
-    /// [`SchedulingError`] if the system does not.
+    /// [`SchedulingError`] if the system refuses.
     pub fn apply(&self) -> Result<(), SchedulingError> {
         self.stay_on_processors()?;
         if self.lock_memory {
@@ -108,7 +112,8 @@ impl Scheduling {
     }
 }
 
-/// Asks before: under a limit the system locks what there is, and later gives no more memory at all.
+/// Checks the limit first: under a limit the system locks the present memory, and later allocations
+/// fail.
 fn keep_memory() -> Result<(), SchedulingError> {
     let limit = getrlimit(Resource::Memlock).current;
     let may = limit.is_none()
@@ -127,7 +132,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn what_no_system_can_do_is_refused_by_name() {
+    fn the_error_names_a_setting_that_is_impossible_on_every_system() {
         let refused = |text: &str| {
             settings::parse::<Scheduling>(text, Path::new("s.toml"))
                 .err()

@@ -1,31 +1,31 @@
-//! The processor that a thread sits on.
+//! Pins a thread to its processor.
 
 use rustix::thread::{CpuSet, sched_getaffinity, sched_getcpu, sched_setaffinity};
 
-/// Holds the thread that made it on one processor for a while, so that the caches it has filled there are the ones it works from.
+/// Pins the thread that created it to one processor for a while, so that it keeps its warm caches.
 ///
-/// A thread that sleeps may wake up on another processor, where all that it needs is still far away. Where the system does not let a
-/// thread choose, nothing happens.
+/// A sleeping thread may wake up on another processor, with cold caches. If the system does not
+/// permit pinning, nothing happens.
 pub struct Seat {
-    /// The processors that the thread may use otherwise.
+    /// Processors that the thread may use when it is not pinned.
     allowed: Option<CpuSet>,
     held: bool,
 }
 
 impl Seat {
-    /// The calling thread's.
+    /// For the calling thread.
     pub fn new() -> Self {
         Self { allowed: sched_getaffinity(None).ok(), held: false }
     }
 
-    /// Holds the calling thread on the processor that it runs on now.
+    /// Pins the calling thread to its present processor.
     pub fn hold(&mut self) {
         let mut here = CpuSet::new();
         here.set(sched_getcpu());
         self.held = self.allowed.is_some() && sched_setaffinity(None, &here).is_ok();
     }
 
-    /// Lets it go wherever it was allowed to before.
+    /// Removes the pinning.
     pub fn release(&mut self) {
         if let (true, Some(allowed)) = (self.held, &self.allowed) {
             self.held = sched_setaffinity(None, allowed).is_err();

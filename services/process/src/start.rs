@@ -21,10 +21,10 @@ use tracing_subscriber::Layer;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// Pause between two looks at who was turned away.
+/// Interval between two logs of rejected peers.
 const TELLS_EVERY: Duration = Duration::from_secs(1);
 
-/// How long a process may take to end by itself after its launcher died.
+/// Longest time for a process to end by itself after its launcher has ended.
 const LAST_WORDS: Duration = Duration::from_secs(15);
 
 /// Exit code of a process whose body failed.
@@ -36,10 +36,11 @@ const REFUSED: u8 = 2;
 #[derive(Debug, Parser)]
 #[command(version, about = "One process of a graph. `coxswain launch` starts it; see there.")]
 struct Arguments {
-    /// TOML file with everything this process is told.
+    /// TOML file with all settings of this process.
     #[arg(long, value_name = "FILE")]
     settings: PathBuf,
-    /// End when the standard input ends, as it does when the launcher dies; if it is a socket, the launcher is told there that the loop turns.
+    /// Stop at the end of the standard input, which is the end of the launcher. If the input is a
+    /// socket, the process sends its heartbeat there.
     #[arg(long)]
     stop_with_stdin: bool,
 }
@@ -59,18 +60,18 @@ impl<S: Check + HasRun> Check for WithRun<S> {
 /// Reads and checks the settings of a process, the table `[run]` included.
 ///
 /// # Errors
-/// [`SettingsError`] says what is wrong first, and where.
+/// [`SettingsError`] reports the first error and its line.
 pub fn read_settings<S: DeserializeOwned + Check + HasRun>(
     file: &Path,
 ) -> Result<S, SettingsError> {
     settings::read(file).map(|WithRun(settings)| settings)
 }
 
-/// Main function of the process that plays `participant`: reads the settings that the arguments name, opens the log, lets signals ask for
-/// the end, and runs `body`.
+/// Main function of the process of role `participant`: reads the settings file of the arguments,
+/// opens the log, turns signals into stop requests, and runs `body`.
 ///
-/// Exit code 0 if `body` ended well, 1 if it failed, 2 if it was never started because the arguments or the settings are of no use. The error
-/// is logged, and said in one line on the standard error.
+/// Exit code 0 if `body` succeeded, 1 if it failed, 2 if the arguments or the settings are invalid
+/// and `body` did not run. The error is logged, and written in one line to the standard error.
 pub fn main<S>(
     participant: Participant,
     body: impl FnOnce(S, &Stop) -> anyhow::Result<()>,
@@ -80,7 +81,7 @@ where
 {
     let name = participant.text();
     if let Err(error) = threads::set() {
-        say(name, format_args!("the program cannot be started anew: {error}"));
+        say(name, format_args!("the program cannot restart itself: {error}"));
         return ExitCode::from(FAILED);
     }
     let matches = Arguments::command().name(name).get_matches();
@@ -121,7 +122,7 @@ where
     }
 }
 
-/// Opens the log and installs everything that may ask for the end.
+/// Opens the log and installs all sources of a stop request.
 fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow::Result<()> {
     keep_to_user();
     let path = run.folder.join(format!("{name}.log"));
@@ -144,19 +145,20 @@ fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow:
     thread::Builder::new()
         .name("refusals".into())
         .spawn(tell)
-        .context("who is turned away cannot be told")?;
+        .context("the thread that logs rejections cannot be started")?;
     stop.on_signals().context("signals cannot be caught")?;
     if stop_with_stdin {
-        // A stopped process would not see its input end: the launcher's death wakes it.
+        // A stopped (SIGSTOP) process would not see the end of its input: the signal wakes it.
         set_parent_process_death_signal(Some(Signal::CONT))
-            .context("the launcher's death cannot be watched")?;
+            .context("the signal for the launcher's end cannot be set")?;
         lifeline::hold();
         let stop = stop.clone();
         let watch = move || {
             stop.at_end_of(io::stdin().lock());
             thread::sleep(LAST_WORDS);
             tracing::error!(
-                "the launcher is gone and this process has not ended for {LAST_WORDS:?}: it ends now"
+                "the launcher has ended, and this process has not ended within {LAST_WORDS:?}: \
+                 it is terminated now"
             );
             std::process::exit(FAILED.into());
         };
@@ -168,7 +170,7 @@ fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow:
     Ok(())
 }
 
-/// Has a panic, of whichever thread, in the log too.
+/// Logs a panic of every thread.
 fn log_panics() {
     let default = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
@@ -177,7 +179,7 @@ fn log_panics() {
     }));
 }
 
-/// One line on the standard error. Nobody may be there to read it.
+/// Writes one line to the standard error, which may be closed.
 fn say(name: &str, what: impl Display) {
     let _ = writeln!(io::stderr().lock(), "{name}: {what}");
 }
@@ -229,7 +231,7 @@ carriers.default = "shared-memory"
     }
 
     #[test]
-    fn what_the_launcher_tells_is_checked_with_the_rest() {
+    fn the_table_run_is_checked_with_the_other_settings() {
         assert_eq!(refusal("", ""), None);
         let filter = "a level (error, warn, info, debug, trace) or a list of module=level";
         assert_eq!(
@@ -239,13 +241,20 @@ carriers.default = "shared-memory"
         assert_eq!(
             refusal("lock_step = true", "lock_step = false").as_deref(),
             Some(
-                "plant.toml:11: run.links.lock_step = false: expected true in lock step, and only there"
+                "plant.toml:11: run.links.lock_step = false: expected true in lock step, else false"
             )
         );
-        let late = "[[run.links.faults.fault]]\ntopic = \"state\"\nat = \"reader\"\nkind = \"delay\"\nmillis = 5\n";
+        let late = "[[run.links.faults.fault]]\ntopic = \"state\"\nat = \"reader\"\n\
+                    kind = \"delay\"\nmillis = 5\n";
         assert_eq!(
-            settings::parse::<WithRun<Plain>>(&format!("{GOOD}{late}"), Path::new("plant.toml")).err().map(|error| error.to_string()),
-            Some("plant.toml:19: run.links.faults.fault.0.millis = 5: expected messages instead: in lock step time does not count".into())
+            settings::parse::<WithRun<Plain>>(&format!("{GOOD}{late}"), Path::new("plant.toml"))
+                .err()
+                .map(|error| error.to_string()),
+            Some(
+                "plant.toml:19: run.links.faults.fault.0.millis = 5: \
+                 expected messages instead: in lock step time does not count"
+                    .into()
+            )
         );
         assert_eq!(
             refusal("100_000_000", "0").as_deref(),

@@ -1,4 +1,4 @@
-//! The request to end, and who may make it: a signal, the launcher's death, or the process itself.
+//! The stop request and its sources: a signal, the end of the launcher, or the process itself.
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::flag;
@@ -6,7 +6,7 @@ use std::io::{self, Read};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A shared request to end. Clones are the same request; it cannot be taken back.
+/// A shared stop request. Clones share the request; it cannot be withdrawn.
 ///
 /// ```
 /// let stop = process::Stop::new();
@@ -20,37 +20,38 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// Not yet requested.
+    /// No stop is requested yet.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Asks for the end.
+    /// Requests the stop.
     pub fn request(&self) {
         self.requested.store(true, Ordering::Release);
     }
 
-    /// Whether the end was asked for. Does not wait.
+    /// Whether a stop is requested. Does not wait.
     pub fn requested(&self) -> bool {
         self.requested.load(Ordering::Acquire)
     }
 
-    /// Lets SIGINT, SIGTERM and SIGHUP ask for the end from now on, instead of ending the process.
+    /// Turns SIGINT, SIGTERM and SIGHUP into stop requests; they do not end the process any more.
     ///
     /// # Errors
-    /// What the system says.
+    /// Error of the operating system.
     pub fn on_signals(&self) -> io::Result<()> {
         for signal in [SIGINT, SIGTERM, SIGHUP] {
             flag::register(signal, Arc::clone(&self.requested))?;
         }
-        // A file that may not grow any more is an error where it is written, as on a full disk, and nobody's end.
+        // A file beyond its size limit is then a write error, as on a full disk, and does not end
+        // the process.
         flag::register(SIGXFSZ, Arc::default())?;
         Ok(())
     }
 
-    /// Reads `input`, in which nothing is said, until it ends; then asks for the end.
+    /// Reads and ignores `input` until it ends; then requests the stop.
     pub(crate) fn at_end_of(&self, mut input: impl Read) {
-        // An input that cannot be read is as good as ended.
+        // An input that cannot be read counts as ended.
         let _ = io::copy(&mut input, &mut io::sink());
         self.request();
     }
@@ -61,14 +62,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_end_of_the_input_asks_for_the_end() {
+    fn the_end_of_the_input_requests_the_stop() {
         let stop = Stop::new();
-        stop.at_end_of(io::Cursor::new(b"nothing that counts"));
+        stop.at_end_of(io::Cursor::new(b"ignored"));
         assert!(stop.requested());
     }
 
     #[test]
-    fn a_signal_asks_for_the_end_and_does_not_kill() -> io::Result<()> {
+    fn a_signal_requests_the_stop_and_does_not_kill() -> io::Result<()> {
         let stop = Stop::new();
         stop.on_signals()?;
         assert!(!stop.requested());

@@ -1,4 +1,4 @@
-//! When the machine let nobody run.
+//! Detects stalls of the machine.
 
 use crate::Stop;
 use crate::priority;
@@ -7,32 +7,33 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-/// How often it looks at the clock.
+/// Interval between two checks of the clock.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// A look that is later than this was kept from happening \[ns\].
+/// A check that is later than this was stalled \[ns\].
 const LATE_NANOS: u64 = 2_000_000;
 
-/// A time in which a thread that goes before every process of a graph did not run on one of the processors.
+/// A time in which a thread above all processes of a graph did not run on one of the processors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Gap {
-    /// The last look before it, on the monotonic clock \[ns\].
+    /// Last check before it, on the monotonic clock \[ns\].
     pub from_nanos: u64,
-    /// The first look after it \[ns\].
+    /// First check after it \[ns\].
     pub to_nanos: u64,
 }
 
-/// Watches every processor that it may use for [`Gap`]s: time that somebody else on the machine has taken, or the machine's own host.
+/// Checks every allowed processor for [`Gap`]s: time that another process, or the host of a virtual
+/// machine, has taken.
 ///
-/// Its threads go before those of a graph, where that is permitted, so that no slowness of the graph's own makes a gap. Where it is not,
-/// everything that keeps a graph from running makes one.
+/// Its threads have a higher priority than those of a graph, if permitted, so that a slow graph
+/// causes no gap. Without permission, everything that stalls a graph causes one.
 pub struct Witness {
     stop: Stop,
     looking: Vec<JoinHandle<Vec<Gap>>>,
 }
 
 impl Witness {
-    /// Begins to watch.
+    /// Starts the checks.
     pub fn begin() -> Self {
         let stop = Stop::new();
         let allowed = sched_getaffinity(None).ok();
@@ -46,7 +47,7 @@ impl Witness {
         Self { stop, looking }
     }
 
-    /// Ends, and gives the gaps of all processors in the order of time.
+    /// Stops the checks, and returns the gaps of all processors in the order of time.
     pub fn end(self) -> Vec<Gap> {
         self.stop.request();
         let mut gaps: Vec<Gap> =
@@ -56,11 +57,11 @@ impl Witness {
     }
 }
 
-/// Looks at the clock on one processor until it is told to stop.
+/// Checks the clock on one processor until a stop is requested.
 fn look(processor: usize, stop: &Stop) -> Vec<Gap> {
     let mut one = CpuSet::new();
     one.set(processor);
-    // Where a thread may not choose, it watches wherever it runs.
+    // If the thread cannot be pinned, it checks the processor that it runs on.
     let _ = sched_setaffinity(None, &one);
     priority::go_before_everything();
     let mut gaps = Vec::new();
@@ -81,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaps_are_longer_than_what_is_late_and_in_the_order_of_time() {
+    fn gaps_exceed_the_late_limit_and_are_in_the_order_of_time() {
         let begin = monotonic_nanos();
         let witness = Witness::begin();
         thread::sleep(Duration::from_millis(300));

@@ -1,7 +1,7 @@
-//! What a person has changed while the robot drove ▶ the record, as channel `set`.
+//! Changes of settings during the run ▶ the record, as channel `set`.
 //!
-//! Every file of a record begins with all that has been answered before in its run, so that none needs the others to be understood: a
-//! request is known by its process and number.
+//! Every file of a record begins with all earlier replies of its run, so that each file is
+//! complete. A request is identified by its process and number.
 
 use crate::segment::RecordError;
 use crate::store::Store;
@@ -22,29 +22,29 @@ pub(crate) fn schema() -> Value {
         "title": KIND,
         "type": "object",
         "properties": {
-            "process": text("who was asked"),
-            "number": count("of the change, for each process apart"),
-            "who": text("name of the person"),
-            "user": count("user id of the person"),
-            "asked_unix_nanos": count("when it was asked for, since 1970 [ns]"),
-            "answered_nanos": count("when it was answered, on the monotonic clock [ns]"),
-            "change": text("the keys with their new values, as lines of TOML"),
+            "process": text("process that received the request"),
+            "number": count("number of the change, per process"),
+            "who": text("name of the user"),
+            "user": count("user id of the user"),
+            "asked_unix_nanos": count("time of the request since 1970 [ns]"),
+            "answered_nanos": count("time of the reply on the monotonic clock [ns]"),
+            "change": text("keys with their new values, as lines of TOML"),
             "outcome": text("applied or refused"),
-            "reason": text("why it was refused"),
+            "reason": text("why it was rejected"),
             "plant_epoch": count("epoch of the plant whose ticks these are"),
-            "taken_at_tick": count("the period in which it was taken up"),
-            "ready_at_tick": count("the period in which all that it needs had been checked and built"),
-            "acts_from_tick": count("the first period for which all of it is in use"),
+            "taken_at_tick": count("tick at which the process read it"),
+            "ready_at_tick": count("tick at which everything for it was checked and built"),
+            "acts_from_tick": count("first tick with the whole change in use"),
         },
     })
 }
 
-/// Looks for answers, and has them written.
+/// Reads new replies and writes them to the store.
 #[derive(Debug)]
 pub(crate) struct Changes {
     folder: PathBuf,
     answers: Answers,
-    /// Which file of the record they go into.
+    /// Number of the record's file that they go to.
     file: u64,
 }
 
@@ -53,7 +53,7 @@ impl Changes {
         Self { folder: folder.to_owned(), answers: Answers::all(folder), file: 1 }
     }
 
-    /// Writes what is new, if it is time to look for it.
+    /// Writes new replies, if a check is due.
     ///
     /// # Errors
     /// [`RecordError`] in lock step.
@@ -61,11 +61,11 @@ impl Changes {
         if self.file != store.files() {
             (self.file, self.answers) = (store.files(), Answers::all(&self.folder));
         }
-        // What does not get into this file comes with the next.
+        // A reply that does not get into this file comes with the next.
         self.answers.look().iter().try_for_each(|settled| store.write_change(settled))
     }
 
-    /// Writes what came last.
+    /// Writes the last replies.
     ///
     /// # Errors
     /// [`RecordError`] in lock step.
@@ -80,8 +80,7 @@ mod tests {
     use process::requests::{Answer, Outcome, Request, Settled};
 
     #[test]
-    fn everything_that_is_said_of_a_change_is_in_the_schema()
-    -> Result<(), Box<dyn std::error::Error>> {
+    fn every_field_of_a_change_is_in_the_schema() -> Result<(), Box<dyn std::error::Error>> {
         let request = Request { who: "ada".into(), asked_unix_nanos: 1, change: "a = 1".into() };
         let applied = Outcome::Applied {
             plant_epoch: 1,

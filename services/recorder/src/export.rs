@@ -1,8 +1,10 @@
 //! A record → one table (CSV) per topic.
 //!
-//! A row per message, in the order of the record; a column per number: arrays are taken apart as `field_0`, `field_1` …, rows of numbers as
-//! `field_0_0` …, and a name is followed by its unit as the record's schema has it, `pose_0 [m]`. Where a message has fewer numbers than
-//! another, or one that is not finite, the cell is empty. The record is read twice: once for its columns, once for its rows.
+//! One row per message, in the order of the record, and one column per number. Arrays become
+//! columns `field_0`, `field_1` …, and arrays of arrays `field_0_0` …. A column name has the unit
+//! of the record's schema, as `pose_0 [m]`. A cell is empty where a message has fewer numbers than
+//! another one, or a number that is not finite. The record is read twice: for the columns, then for
+//! the rows.
 
 mod columns;
 
@@ -15,29 +17,29 @@ use std::io;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-/// There are no tables.
+/// Why no tables were written.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// Nothing to read.
+    /// The record cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// Nothing to write.
-    #[error("{}: expected a record with at least one message; this has none", path.display())]
+    /// The record has no messages.
+    #[error("{}: expected a record with at least one message, found none", path.display())]
     NoMessages {
         /// The record.
         path: PathBuf,
     },
-    /// Not what a recorder writes.
+    /// A message that no recorder writes.
     #[error("message {number} of topic {:?}: expected a JSON object: {source}", topic.name())]
     NoObject {
         /// Its topic.
         topic: Topic,
-        /// Which of its messages, from 1.
+        /// Number of the message within its topic, from 1.
         number: u64,
-        /// What it is instead.
+        /// The parse error.
         source: serde_json::Error,
     },
-    /// Tables of two records would be mixed.
+    /// The folder is not empty: tables of two records would be mixed.
     #[error("{}: expected a new or empty folder", folder.display())]
     NotEmpty {
         /// The folder.
@@ -48,21 +50,22 @@ pub enum ExportError {
     Write {
         /// The folder or file.
         path: PathBuf,
-        /// Why not.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
 
-/// What was written.
+/// Result of an export.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Exported {
-    /// Each topic that has a table, and its rows.
+    /// Each topic with a table, and its number of rows.
     pub rows: Vec<(Topic, u64)>,
     /// Files of the record that end early.
     pub ended_early: Vec<PathBuf>,
 }
 
-/// Writes the tables of the record at `path`, a file or the folder of a run, into `folder`, which must be new or empty: all of them, or none.
+/// Writes the tables of the record at `path`, a file or a run directory, into `folder`, which must
+/// be new or empty. Writes all tables, or none.
 ///
 /// # Errors
 /// [`ExportError`].
@@ -107,7 +110,7 @@ pub fn write(path: &Path, folder: &Path) -> Result<Exported, ExportError> {
         rows.extend((table.messages > 0).then_some((topic, table.written)));
         table.close().map_err(failed)?;
     }
-    // In place of an empty folder, in one step.
+    // Replaces an empty folder in one step.
     fs::rename(half.path(), folder).map_err(failed)?;
     let _ = half.keep();
     Ok(Exported { rows, ended_early })
@@ -139,7 +142,7 @@ struct Table {
 }
 
 impl Table {
-    /// Makes room for what a message says.
+    /// Adds the columns that a message needs.
     fn look(&mut self, topic: Topic, schema: &[u8], json: &[u8]) -> Result<(), ExportError> {
         self.messages += 1;
         let number = self.messages;
@@ -150,7 +153,7 @@ impl Table {
         })
     }
 
-    /// Begins the file, if there is anything to write.
+    /// Creates the file, if there is anything to write.
     fn open(&mut self, path: &Path) -> Result<(), ExportError> {
         path.clone_into(&mut self.path);
         if self.messages > 0 {
@@ -164,7 +167,7 @@ impl Table {
         Ok(())
     }
 
-    /// Writes a message's row. What has come into the record since it was looked at is left out.
+    /// Writes the row of a message. Skips messages added to the record after the first pass.
     fn write(&mut self, topic: Topic, json: &[u8]) -> Result<(), ExportError> {
         let Some(writer) = self.writer.as_mut().filter(|_| self.written < self.messages) else {
             return Ok(());

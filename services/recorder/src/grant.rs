@@ -1,25 +1,25 @@
-//! state → Credit: how far the plant's clock may run ahead of the record.
+//! state → Credit: the tick up to which the plant's clock may run ahead of the record.
 
 use process::{Pace, Pulse};
 use protocol::message::{Credit, Participant, Stamp};
 use protocol::port::{OpenError, Ports, SendError, Sink};
 use std::time::{Duration, Instant};
 
-/// How far the plant may run ahead of what is written \[ticks\]. Below the depth of every topic with one message per tick, so that all that is
-/// said in the meantime has room.
+/// Largest lead of the plant over the record \[ticks\]. It is below the depth of every topic with
+/// one message per tick, so that all messages in between have room.
 pub(crate) const WINDOW_TICKS: u64 = 32;
 
-/// Taken in since the last grant before there is another \[ticks\]: a grant per tick would wake the plant for nothing.
+/// Number of ticks between two grants \[ticks\]. A grant per tick would wake the plant for nothing.
 const STRIDE_TICKS: u64 = WINDOW_TICKS / 4;
 
-/// A plant of which no state comes for so long may not have heard the last grant.
+/// Silence of the plant after which the last grant is sent again, since it may be lost.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// Grants the plant its clock, in lock step; in real time it grants nothing.
+/// Grants credit to the plant, in lock step; in real time it grants nothing.
 pub(crate) struct Grant {
     sink: Option<Sink<Credit>>,
     reach: Reach,
-    /// The last grant, and when it was said, or a state was heard.
+    /// The last grant, and the time of the last grant or state.
     last: Option<Credit>,
     heard: Instant,
 }
@@ -37,18 +37,19 @@ impl Grant {
         Ok(Self { sink, reach: Reach::default(), last: None, heard: Instant::now() })
     }
 
-    /// Notes that the plant of `epoch` has come to `tick`, and that its state is written.
+    /// Notes that the plant of `epoch` has reached `tick`, and that its state is written.
     pub(crate) fn note_state(&mut self, epoch: u64, tick: u64) {
         self.reach.note(epoch, tick);
         self.heard = Instant::now();
     }
 
-    /// Notes the same of a plant that only says how it is: it may be waiting for its credit.
+    /// Notes the same by a Health: a plant that sends nothing else may be waiting for its credit.
     pub(crate) fn note_health(&mut self, epoch: u64, tick: u64) {
         self.reach.note(epoch, tick);
     }
 
-    /// Grants more if enough has been written since the last time, or if that grant did not get through.
+    /// Grants more ticks if enough were written since the last grant, or if that grant could not be
+    /// sent.
     ///
     /// # Errors
     /// [`SendError`].
@@ -66,7 +67,8 @@ impl Grant {
         sent
     }
 
-    /// Hands the last grant to a plant that has joined since, and says it again when there has been no state for long.
+    /// Sends the last grant to a plant that has joined since, and repeats it after a silence of the
+    /// plant.
     ///
     /// # Errors
     /// [`SendError`].
@@ -82,7 +84,7 @@ impl Grant {
         }
     }
 
-    /// Says how many credits were sent.
+    /// Reports the number of credits sent.
     pub(crate) fn count(&self, pulse: &mut Pulse) {
         if let Some(sink) = &self.sink {
             pulse.count_sink(sink);
@@ -90,17 +92,17 @@ impl Grant {
     }
 }
 
-/// What is written, and what is granted.
+/// The last written tick, and the last grant.
 #[derive(Debug, Default)]
 struct Reach {
     epoch: u64,
     written_tick: u64,
-    /// `written_tick` at the last grant, none if this epoch has had none.
+    /// `written_tick` at the last grant; `None` if this epoch has had none.
     granted_at: Option<u64>,
 }
 
 impl Reach {
-    /// A new epoch begins at tick 0 again, and needs a grant of its own.
+    /// A new epoch begins at tick 0, and needs a grant of its own.
     fn note(&mut self, epoch: u64, tick: u64) {
         if epoch > self.epoch {
             *self = Self { epoch, written_tick: tick, granted_at: None };
@@ -125,8 +127,8 @@ mod tests {
     use protocol::topic::Topic;
 
     #[test]
-    fn whatever_is_said_within_a_grant_has_room() {
-        // In a period each writes one message, and the learner at most one snapshot in five.
+    fn all_messages_within_a_grant_have_room() {
+        // Each process writes one message per period, and the learner at most one snapshot in five.
         for topic in [Topic::State, Topic::Command, Topic::Residual, Topic::Plan, Topic::Truth] {
             assert!(topic.quality(true).depth as u64 > WINDOW_TICKS);
         }
@@ -153,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_epoch_of_the_plant_takes_back_what_the_old_one_was_granted() {
+    fn a_new_epoch_of_the_plant_revokes_the_grant_of_the_old_one() {
         let mut reach = Reach::default();
         reach.note(1, 200);
         assert_eq!(reach.due(), Some(200 + WINDOW_TICKS));

@@ -1,4 +1,4 @@
-//! every topic → the record.
+//! All topics → the record.
 
 use crate::grant::Grant;
 use crate::run::RecorderError;
@@ -13,9 +13,9 @@ use protocol::port::{OpenError, Ports, Since, Source};
 use protocol::topic::{OnTopic, Topic};
 use protocol::view::Viewable;
 
-/// A reader for each topic that is recorded.
+/// A reader for each recorded topic.
 pub(crate) struct Intake {
-    /// The recorder sleeps on this one: the others speak around each state.
+    /// The recorder sleeps on this topic: the others are published around each state.
     pub(crate) states: Source<PlantState>,
     truths: Source<Truth>,
     plans: Source<Plan>,
@@ -27,7 +27,7 @@ pub(crate) struct Intake {
 }
 
 impl Intake {
-    /// Opens all of them, for a robot with this control period \[ns\].
+    /// Opens all readers, for a robot with this control period \[ns\].
     ///
     /// # Errors
     /// [`OpenError`].
@@ -44,17 +44,18 @@ impl Intake {
         })
     }
 
-    /// Writes what waits, and notes how far the plant has come. Returns how many messages were written.
+    /// Writes the waiting messages, and notes the tick of the plant. Returns the number of messages
+    /// written.
     ///
     /// # Errors
-    /// [`RecorderError`] if a topic cannot be read or the file not be written.
+    /// [`RecorderError`] if a topic cannot be read or the file cannot be written.
     pub(crate) fn drain(
         &mut self,
         store: &mut Store,
         grant: &mut Grant,
     ) -> Result<usize, RecorderError> {
         let mut written = drain(&mut self.healths, store, |health, _| {
-            // A plant that starts has no state yet, but its clock wants credit.
+            // A plant that starts has no state yet, but its clock needs credit.
             if health.participant() == Some(Participant::Plant) && health.phase() != Phase::Finished
             {
                 grant.note_health(health.stamp.epoch, health.stamp.tick);
@@ -76,7 +77,7 @@ impl Intake {
         Ok(written)
     }
 
-    /// Tells what was counted on each topic.
+    /// Reports the counters of each topic.
     pub(crate) fn count(&self, pulse: &mut Pulse) {
         pulse.count_source(Topic::State, self.states.tally());
         pulse.count_source(Topic::Truth, self.truths.tally());
@@ -88,7 +89,8 @@ impl Intake {
     }
 }
 
-/// Writes what waits on one topic, at most as much as can wait at a time, so that a busy topic does not starve the others, and does `more` with each.
+/// Writes the waiting messages of one topic, and calls `more` with each. It writes at most as many
+/// as a queue holds, so that a busy topic does not starve the others.
 fn drain<T: Viewable>(
     source: &mut Source<T>,
     store: &mut Store,

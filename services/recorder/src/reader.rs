@@ -1,6 +1,6 @@
-//! MCAP files → messages, one after another, and what is said of the run at their head.
+//! MCAP files → messages in order, and the metadata of the run at their head.
 //!
-//! A file that was cut off by a kill -9 gives what is there.
+//! A file that was cut off by a kill -9 is read as far as it goes.
 
 use crate::segment;
 use mcap::io::MessageReader;
@@ -11,7 +11,8 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Longest part of a file that is taken for one: far beyond every chunk, and what a damaged length cannot make this process reserve.
+/// Largest record in a file \[bytes\]: far above every chunk, so that a damaged length does not
+/// make this process allocate its memory.
 const RECORD_BYTES_MAX: usize = 1 << 26;
 
 /// How a file ends.
@@ -19,34 +20,34 @@ const RECORD_BYTES_MAX: usize = 1 << 26;
 pub enum Ending {
     /// With its end mark.
     Whole,
-    /// Before it: cut off, damaged, or still being written.
+    /// Earlier: cut off, damaged, or still being written.
     Early,
-    /// It does not even begin as an MCAP file.
+    /// It is not an MCAP file.
     Foreign,
 }
 
-/// What is said of the run at the head of a file.
+/// Metadata of the run at the head of a file.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Head {
     /// Name of its graph.
     pub graph: String,
-    /// Whose time it is.
+    /// Source of the time: real time or lock step.
     pub pace: String,
-    /// Control period, if the file says one \[ns\].
+    /// Control period, if the file has one \[ns\].
     pub period_nanos: Option<u64>,
 }
 
-/// There is no record to read.
+/// Why there is no record to read.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
     /// A folder without a record.
-    #[error("{}: expected a record, or the folder of a run with record.mcap in it", path.display())]
+    #[error("{}: expected a record, or the folder of a run with record.mcap", path.display())]
     NoFiles {
         /// The folder.
         path: PathBuf,
     },
     /// A file of another kind.
-    #[error("{}: expected a record (MCAP); this is none", path.display())]
+    #[error("{}: expected a record (MCAP), found another kind of file", path.display())]
     NoRecord {
         /// The file.
         path: PathBuf,
@@ -56,12 +57,12 @@ pub enum SourceError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
 
-/// The files of the record at `path`: a file, or the folder of a run.
+/// The files of the record at `path`: a file, or a run directory.
 ///
 /// # Errors
 /// [`SourceError::NoFiles`] if it is a folder without a record.
@@ -73,10 +74,10 @@ pub fn files(path: &Path) -> Result<Vec<PathBuf>, SourceError> {
     if files.is_empty() { Err(SourceError::NoFiles { path: path.to_owned() }) } else { Ok(files) }
 }
 
-/// Hands each message of `files` to `take`, file after file. Returns those that end early.
+/// Passes each message of `files` to `take`, file by file. Returns the files that end early.
 ///
 /// # Errors
-/// [`SourceError`], or what `take` says.
+/// [`SourceError`], or the error of `take`.
 pub fn all_messages<E: From<SourceError>>(
     files: &[PathBuf],
     mut take: impl FnMut(&Message<'_>) -> Result<(), E>,
@@ -102,10 +103,11 @@ pub fn all_messages<E: From<SourceError>>(
     Ok(ended_early)
 }
 
-/// Hands each message of the file at `path` to `take`, in the order of the file, as far as it goes.
+/// Passes each message of the file at `path` to `take`, in the order of the file, as far as it can
+/// be read.
 ///
 /// # Errors
-/// If it cannot be opened, or `take` refuses.
+/// If it cannot be opened, or `take` fails.
 pub fn messages(
     path: &Path,
     mut take: impl FnMut(&Message<'_>) -> io::Result<()>,
@@ -124,7 +126,7 @@ pub fn messages(
     Ok(if ends_whole(&mut file)? { Ending::Whole } else { Ending::Early })
 }
 
-/// What the file at `path` says of its run; nothing where it does not say it.
+/// Metadata of the run in the file at `path`; empty where it has none.
 ///
 /// # Errors
 /// If it cannot be read.
@@ -144,7 +146,7 @@ pub fn head(path: &Path) -> io::Result<Head> {
                     return Ok(Head::of(&said));
                 }
             }
-            // It is said before the first message.
+            // The metadata comes before the first message.
             LinearReadEvent::Record { opcode: op::MESSAGE, .. } => break,
             LinearReadEvent::Record { .. } => {}
         }

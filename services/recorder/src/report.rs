@@ -1,11 +1,12 @@
-//! records → `report.html`: one page with the figures of the paper's section 6 and ours, that needs nothing else.
+//! records → `report.html`: one self-contained page with the figures of the paper's section 6 and
+//! ours.
 //!
 //! | module     | what it holds                                                                  |
 //! |------------|--------------------------------------------------------------------------------|
-//! | `record`   | the files of one run → what its figures need                                   |
-//! | `heard`    | recorded JSON → what they need of each message                                 |
-//! | `events`   | what happened, and when                                                        |
-//! | `coverage` | residuals against the interval that the learned model gave for them            |
+//! | `record`   | the files of one run → the data of its figures                                 |
+//! | `heard`    | recorded JSON → the data of the figures                                        |
+//! | `events`   | events and their times                                                         |
+//! | `coverage` | residuals against the interval of the learned model                            |
 //! | `tracking` | path and tracking errors (the paper's figures 3 and 4)                         |
 //! | `motion`   | velocities and wheel speeds (5 and 6)                                          |
 //! | `learning` | residual before and after, models, variance band                               |
@@ -13,12 +14,12 @@
 //! | `table`    | the summary table                                                              |
 //! | `figure`   | one figure: panels, legend, what is missing                                    |
 //! | `panel`    | axes, lines, bands and marks → SVG                                             |
-//! | `axis`     | numbers → places, with ticks                                                   |
-//! | `thin`     | many points → as many as can be seen                                           |
+//! | `axis`     | numbers → positions, with ticks                                                |
+//! | `thin`     | many points → as many as are visible                                           |
 //! | `page`     | figures and table → HTML                                                       |
 //!
-//! A record is read once, message by message; what is kept of each period is about half a kilobyte. The page has at most so many points per line as
-//! it has columns, whatever the length of the run.
+//! A record is read once, message by message. About half a kilobyte per period is kept. A line on
+//! the page has at most as many points as it has columns, independent of the length of the run.
 
 mod axis;
 mod coverage;
@@ -41,26 +42,33 @@ use record::Record;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// There is no report.
+/// Why there is no report.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// Nothing to read.
+    /// The record cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// Nothing to draw.
-    #[error("{}: expected a record with at least one message of topic \"state\"; this has none", path.display())]
+    /// The record has no states.
+    #[error(
+        "{}: expected a record with at least one message of topic \"state\", found none",
+        path.display()
+    )]
     NoStates {
         /// The record.
         path: PathBuf,
     },
-    /// Ticks without a period have no time.
-    #[error("{}: expected a record that says its control period (metadata \"coxswain\", \"period_nanos\", up to one hour)", path.display())]
+    /// The record has no control period, so its ticks have no time.
+    #[error(
+        "{}: expected a record with its control period \
+         (metadata \"coxswain\", \"period_nanos\", up to one hour)",
+        path.display()
+    )]
     NoPeriod {
         /// The file.
         path: PathBuf,
     },
-    /// The page would take a record's place.
-    #[error("{}: expected another file to write to: this is one of the records", path.display())]
+    /// The page would overwrite a record.
+    #[error("{}: expected another file to write to, not one of the records", path.display())]
     OverRecord {
         /// The file.
         path: PathBuf,
@@ -70,12 +78,12 @@ pub enum ReportError {
     Write {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
 
-/// Writes one page about `records`, files or folders of runs, to `out`: whole, or not at all.
+/// Writes one page about `records`, files or run directories, to `out` atomically.
 ///
 /// # Errors
 /// [`ReportError`].
@@ -106,12 +114,12 @@ fn read(records: &[PathBuf]) -> Result<Vec<Record>, ReportError> {
     Ok(named_apart(records.iter().map(|path| Record::read(path)).collect::<Result<Vec<_>, _>>()?))
 }
 
-/// Where the report of the record at `path` goes unless somebody says otherwise: beside it.
+/// Default path of the report of the record at `path`: beside it.
 pub fn beside(path: &Path) -> PathBuf {
     if path.is_dir() { path.join("report.html") } else { path.with_file_name("report.html") }
 }
 
-/// The same records, with names that tell several of them apart.
+/// The same records, with distinct names.
 fn named_apart(mut records: Vec<Record>) -> Vec<Record> {
     if records.len() > 1 {
         for index in 0..records.len() {

@@ -1,6 +1,6 @@
-//! MCAP files → rows: what the summary needs of a record, read back from its segments.
+//! MCAP files → rows: the data of the summary, read back from the segments of a record.
 //!
-//! A segment that was cut off by a kill -9 gives what is there.
+//! A segment that was cut off by a kill -9 is read as far as it goes.
 
 use crate::reader;
 use protocol::message::{Exposure, FallbackLevel, Plan, PlantState, Reason, Stamp, Truth};
@@ -11,7 +11,7 @@ use serde::de::{Deserializer, Error as _};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
-/// So many errors of processes are kept.
+/// Largest number of stored process errors.
 const TOLD_MAX: usize = 50;
 
 /// A segment cannot be opened.
@@ -20,7 +20,7 @@ const TOLD_MAX: usize = 50;
 pub struct ReadError {
     /// The file.
     pub path: PathBuf,
-    /// Why not.
+    /// Error of the operating system.
     pub source: std::io::Error,
 }
 
@@ -48,10 +48,10 @@ impl From<&Stamp> for Mark {
     }
 }
 
-/// What the plant said of the period that ended with this state.
+/// Report of the plant about the period that ended with this state.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct StateRow {
-    /// Who and when; the epoch is the plant's.
+    /// Stamp; the epoch is that of the plant.
     pub stamp: Mark,
     /// Epoch of the last accepted command, 0 before the first.
     pub accepted_epoch: u64,
@@ -69,10 +69,10 @@ pub struct StateRow {
     pub velocity: [f64; 3],
 }
 
-/// What was really the case at the start of a period.
+/// The true state at the start of a period.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct TruthRow {
-    /// Who and when; the epoch is the plant's.
+    /// Stamp; the epoch is that of the plant.
     pub stamp: Mark,
     /// x, y, yaw \[m, m, rad\].
     #[serde(deserialize_with = "numbers")]
@@ -82,44 +82,45 @@ pub struct TruthRow {
     pub velocity: [f64; 3],
 }
 
-/// What the controller was to reach at the start of a period, and what its answer cost.
+/// Reference of the controller at the start of a period, and the duration of its answer.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct PlanRow {
-    /// Who and when; the epoch is the controller's.
+    /// Stamp; the epoch is that of the controller.
     pub stamp: Mark,
     /// Epoch of the plant.
     pub plant_epoch: u64,
-    /// State received to command worked out \[ns\].
+    /// From the receipt of the state to the finished command \[ns\].
     pub tick_nanos: u64,
-    /// x, y, yaw, forward, left and yaw velocity of the reference at this tick \[m, rad, m/s, rad/s\].
+    /// x, y, yaw, forward, left and yaw velocity of the reference at this tick
+    /// \[m, m, rad, m/s, m/s, rad/s\].
     #[serde(deserialize_with = "first_row")]
     pub reference: [f64; 6],
 }
 
-/// How one process instance was.
+/// Health of one process instance.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct HealthRow {
-    /// Who and when.
+    /// Stamp.
     pub stamp: Mark,
     /// Its role.
     pub participant: String,
-    /// Time taken out of a simulator's clock \[ns\].
+    /// Time removed from the clock of a simulator \[ns\].
     pub stalled_nanos: u64,
     /// Model snapshots published or adopted.
     pub snapshots: u64,
-    /// What strangers could do; records of the first versions do not say.
+    /// Access of unauthenticated peers; records of the first versions have none.
     #[serde(default = "closed", deserialize_with = "exposure")]
     pub exposure: Exposure,
     /// Messages received, by topic.
     pub received: BTreeMap<String, u64>,
-    /// Messages lost on the way to it, by topic.
+    /// Messages lost on its links, by topic.
     pub lost: BTreeMap<String, u64>,
     /// Its last error, empty if all is well.
     #[serde(default)]
     pub last_error: String,
 }
 
-/// What the summary needs of a record.
+/// Data of the summary.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Rows {
     /// In the order of the record.
@@ -130,13 +131,13 @@ pub struct Rows {
     pub plans: Vec<PlanRow>,
     /// The last one of each process instance, by writer.
     pub healths: BTreeMap<u64, HealthRow>,
-    /// What each process has said that is wrong, in the order of the record, each once.
+    /// Errors of the processes in the order of the record, each once.
     pub told: Vec<String>,
-    /// Epochs from which commands came.
+    /// Epochs of the controllers that sent commands.
     pub controller_epochs: BTreeSet<u64>,
-    /// Messages that were sent before one that is in the record, and are not in it themselves, by topic.
+    /// Number of messages by topic that are not in the record, although a later one is.
     pub missing: BTreeMap<&'static str, u64>,
-    /// Files that the record is in.
+    /// Number of files of the record.
     pub segments: usize,
     /// Last sequence number by topic, writer and epoch.
     last: HashMap<(Topic, u64, u64), u64>,
@@ -148,7 +149,7 @@ struct Stamped {
 }
 
 impl Rows {
-    /// No rows, out of so many files.
+    /// No rows, of this number of files.
     pub fn of_segments(segments: usize) -> Self {
         Self { segments, ..Self::default() }
     }
@@ -156,7 +157,8 @@ impl Rows {
     /// Reads the files of one record, in the order in which they were written.
     ///
     /// # Errors
-    /// [`ReadError`] if one cannot be opened. A damaged one is no error: it is read as far as it goes.
+    /// [`ReadError`] if one cannot be opened. A damaged file is not an error: it is read as far as
+    /// it goes.
     pub fn read(segments: &[PathBuf]) -> Result<Self, ReadError> {
         let mut rows = Self::of_segments(segments.len());
         for path in segments {
@@ -165,7 +167,7 @@ impl Rows {
         Ok(rows)
     }
 
-    /// Adds a state that was heard, not read.
+    /// Adds a state that was received, not read.
     pub fn heard_state(&mut self, state: &PlantState) {
         self.states.push(StateRow {
             stamp: (&state.stamp).into(),
@@ -177,7 +179,7 @@ impl Rows {
         });
     }
 
-    /// Adds a truth that was heard, not read.
+    /// Adds a truth that was received, not read.
     pub fn heard_truth(&mut self, truth: &Truth) {
         self.truths.push(TruthRow {
             stamp: (&truth.stamp).into(),
@@ -186,7 +188,7 @@ impl Rows {
         });
     }
 
-    /// Adds a plan that was heard, not read.
+    /// Adds a plan that was received, not read.
     pub fn heard_plan(&mut self, plan: &Plan) {
         let [reference, ..] = plan.reference;
         self.plans.push(PlanRow {
@@ -200,14 +202,20 @@ impl Rows {
     fn read_segment(&mut self, path: &Path) -> std::io::Result<()> {
         reader::messages(path, |message| {
             if let Err(error) = self.add(&message.channel.topic, &message.data) {
-                tracing::warn!(path = %path.display(), topic = message.channel.topic, %error, "message passed over");
+                tracing::warn!(
+                    path = %path.display(),
+                    topic = message.channel.topic,
+                    %error,
+                    "message skipped"
+                );
             }
             Ok(())
         })
         .map(drop)
     }
 
-    /// Adds one recorded message, unless it is there already. A restarted recorder gets the last message of some topics once more.
+    /// Adds one recorded message, unless it is there already. A restarted recorder receives the
+    /// last message of some topics again.
     fn add(&mut self, topic: &str, json: &[u8]) -> Result<(), serde_json::Error> {
         let Some(topic) = Topic::ALL.into_iter().find(|known| known.name() == topic) else {
             return Ok(());
@@ -287,14 +295,14 @@ impl Rows {
         new
     }
 
-    /// Counts what is missing before this message. False if the message is not new.
+    /// Counts the messages missing before this one. False if the message is not new.
     pub(crate) fn count(&mut self, topic: Topic, stamp: Mark) -> bool {
         let last = self.last.entry((topic, stamp.writer, stamp.epoch)).or_default();
         if stamp.sequence <= *last {
             return false;
         }
         let missing = self.missing.entry(topic.name()).or_default();
-        // A stranger's stamps may say anything: a count stays at the largest number.
+        // Stamps of an unauthenticated peer may have any value: the count saturates.
         *missing = missing.saturating_add(stamp.sequence - *last - 1);
         *last = stamp.sequence;
         true

@@ -1,4 +1,4 @@
-//! every topic → one MCAP file → `summary.json`.
+//! All topics → one MCAP file → `summary.json`.
 
 use crate::changes::Changes;
 use crate::grant::Grant;
@@ -15,19 +15,20 @@ use std::error::Error;
 use std::iter::successors;
 use std::time::{Duration, Instant};
 
-/// Longest sleep: topics other than the state are looked at as often.
+/// Longest sleep, and so the interval of the topics other than the state.
 const PATIENCE: Duration = Duration::from_millis(20);
 
-/// Everything must have been silent for so long before the record is closed.
+/// Silence of all topics after which the record is closed.
 const SILENCE: Duration = Duration::from_millis(100);
 
-/// The record is closed this long after the request to stop even if the others go on talking.
+/// Longest time from the stop request to the end of the record, even if other processes still
+/// publish.
 const LAST_WORDS: Duration = Duration::from_secs(2);
 
-/// A run cannot be recorded.
+/// Why a run cannot be recorded.
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderError {
-    /// No place in the graph.
+    /// A port cannot be opened.
     #[error(transparent)]
     Open(#[from] OpenError),
     /// A topic cannot be read.
@@ -44,10 +45,10 @@ pub enum RecorderError {
     Summary(#[from] SummaryError),
 }
 
-/// Records until `stop` is requested and nobody says anything any more, then sums up the whole run.
+/// Records until `stop` is requested and all topics are silent, then summarises the whole run.
 ///
 /// # Errors
-/// [`RecorderError`]; the last Health says it too. What was written before stays.
+/// [`RecorderError`]; the last Health reports it too. Data that was already written stays.
 pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<Summary, RecorderError> {
     let mut pulse = Pulse::new(ports, Participant::Recorder)?.exposed(settings.run.exposure);
     let outcome = Segment::create(&settings.run).map_err(RecorderError::from).and_then(|segment| {
@@ -56,7 +57,7 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<Summary, R
     tell(&mut pulse, settings.run.pace, outcome)
 }
 
-/// Tells the others how it ended.
+/// Reports how the recording ended.
 fn tell(
     pulse: &mut Pulse,
     pace: Pace,
@@ -72,7 +73,7 @@ fn tell(
     outcome
 }
 
-/// The whole error in one line, its cause in front, since Health cuts long lines.
+/// The whole error in one line, beginning with its cause, because Health cuts long lines.
 fn cause_first(error: &(dyn Error + 'static)) -> String {
     let mut parts: Vec<String> =
         successors(Some(error), |&error| error.source()).map(ToString::to_string).collect();
@@ -80,12 +81,12 @@ fn cause_first(error: &(dyn Error + 'static)) -> String {
     parts.join(": ")
 }
 
-/// What one round through all topics came to.
+/// Result of one pass over all topics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Round {
-    /// Nothing waited.
+    /// No message was waiting.
     Idle,
-    /// Something was written.
+    /// At least one message was written.
     Wrote,
 }
 
@@ -114,7 +115,7 @@ impl<'a> Recorder<'a> {
         })
     }
 
-    /// Writes until the end, then ends the file and sums up all files of the run.
+    /// Writes until the end, then closes the file and summarises all files of the run.
     fn record(mut self, settings: &Settings, stop: &Stop) -> Result<Summary, RecorderError> {
         self.pulse.phase(Phase::Ready);
         self.write_until(stop)?;
@@ -138,7 +139,7 @@ impl<'a> Recorder<'a> {
             } else if woken {
                 self.pulse.phase(Phase::Running);
             } else if let Err(error) = self.grant.refresh() {
-                tracing::warn!(%error, "late joiners have no credit");
+                tracing::warn!(%error, "processes that joined late have no credit");
             }
             self.count();
             self.grant.count(self.pulse);
@@ -147,7 +148,7 @@ impl<'a> Recorder<'a> {
         Ok(())
     }
 
-    /// Writes the last words of the others, who were asked to stop before.
+    /// Writes the last messages of the other processes, which were stopped earlier.
     fn hear_out(&mut self) -> Result<(), RecorderError> {
         let requested = Instant::now();
         let mut heard = requested;
@@ -159,13 +160,13 @@ impl<'a> Recorder<'a> {
         }
         self.changes.write_last(&mut self.store)?;
         self.count();
-        // What was lost until the very end belongs into the record, and nothing is read any more.
+        // The losses up to the end belong into the record, and no topic is read any more.
         self.pulse.send_now();
         self.store.write(self.pulse.health())?;
         Ok(())
     }
 
-    /// Writes what waits, at most as many messages per topic as can wait at a time.
+    /// Writes the waiting messages, per topic at most as many as its queue holds.
     fn round(&mut self) -> Result<Round, RecorderError> {
         let written = self.intake.drain(&mut self.store, &mut self.grant)?;
         self.store.tend()?;
@@ -173,7 +174,7 @@ impl<'a> Recorder<'a> {
         Ok(if written == 0 { Round::Idle } else { Round::Wrote })
     }
 
-    /// What did not come, and what came and could not be written, is lost to the record.
+    /// Counts the messages that were lost on a link or could not be written.
     fn count(&mut self) {
         self.intake.count(self.pulse);
         for (lost, unwritten) in self.pulse.health().lost.iter_mut().zip(self.store.unwritten()) {
@@ -181,10 +182,11 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// A plant that does not take its credit in is for the launcher to find; the record goes on.
+    /// Grants credit. If the plant does not accept it, the launcher detects that; the record
+    /// continues.
     fn grant(&mut self) {
         if let Err(error) = self.grant.extend() {
-            tracing::warn!(%error, "the plant has not got its credit");
+            tracing::warn!(%error, "the credit could not be sent to the plant");
         }
     }
 }
@@ -203,8 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn in_lock_step_a_full_disk_is_told_to_the_others_before_the_end() -> Result<(), Box<dyn Error>>
-    {
+    fn in_lock_step_a_full_disk_is_reported_before_the_end() -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
         let settings = settings(folder.path(), Pace::LockStep);
         let ports =
@@ -230,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn in_real_time_what_has_no_room_on_the_disk_is_counted_and_the_rest_is_recorded_once_there_is_room_again()
+    fn in_real_time_messages_without_room_on_the_disk_are_counted_until_there_is_room_again()
     -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
         let settings = settings(folder.path(), Pace::RealTime);

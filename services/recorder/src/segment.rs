@@ -1,7 +1,9 @@
-//! messages → one MCAP file: chunks compressed with LZ4, a JSON Schema per topic, what viewers draw, the run's settings attached.
+//! Messages → one MCAP file: chunks compressed with LZ4, a JSON Schema per topic, channels for
+//! viewers, and the settings of the run as attachments.
 //!
-//! A run's first file is `record.mcap`; a recorder that is started again in the same run goes on in `record-2.mcap`, and so on. No file is ever
-//! written over. What was written more than 0.2 s ago is with the operating system and survives a kill -9.
+//! A run's first file is `record.mcap`. A recorder that restarts in the same run continues in
+//! `record-2.mcap`, and so on. No file is ever overwritten. Data older than 0.2 s is with the
+//! operating system and survives a kill -9.
 
 use crate::changes;
 use crate::visual::{Drawing, Shown};
@@ -24,24 +26,29 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// Longest time that a written message stays in this process \[ns\].
 const FLUSH_NANOS: u64 = 200_000_000;
 
-/// Most segments of one run.
+/// Largest number of segments of one run.
 const SEGMENTS_MAX: usize = 10_000;
 
-/// A record cannot be written.
+/// Why a record cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// Two runs in one folder could not be told apart. Another folder helps, or moving the old record away.
-    #[error("{} is the record of an earlier run and will not be written over", path.display())]
+    /// Two runs in one folder could not be distinguished. Use another folder, or move the old
+    /// record.
+    #[error(
+        "{} is the record of an earlier run and is not overwritten; \
+         use another folder, or move it",
+        path.display()
+    )]
     Exists {
         /// The file.
         path: PathBuf,
     },
-    /// The file cannot be made.
-    #[error("{} cannot be made", path.display())]
+    /// The file cannot be created.
+    #[error("{} cannot be created", path.display())]
     Create {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// Error of the operating system.
         source: io::Error,
     },
     /// A settings file cannot be attached.
@@ -49,15 +56,15 @@ pub enum RecordError {
     Settings {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// Most often a full disk.
+    /// A write failed, usually because the disk is full.
     #[error("{} cannot be written", path.display())]
     Write {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
@@ -66,27 +73,28 @@ pub enum RecordError {
 pub struct Segment {
     path: PathBuf,
     writer: Writer<BufWriter<File>>,
-    /// By topic; none for a topic that is not recorded.
+    /// Channel by topic; `None` for a topic that is not recorded.
     channels: [Option<u16>; TOPIC_COUNT],
-    /// Of what is drawn, and how often that was, in the order of [`Shown::ALL`].
+    /// Channel and number of messages of each drawing, in the order of [`Shown::ALL`].
     drawings: [(u16, u32); Shown::ALL.len()],
-    /// Of what a person has changed.
+    /// Channel of the changes of settings.
     changes: u16,
     json: Vec<u8>,
     flushed_nanos: u64,
-    /// The same file, to cut it off where it is whole.
+    /// The same file, to truncate it to its last complete state.
     file: File,
-    /// Its length then \[bytes\].
+    /// Length of that state \[bytes\].
     whole_bytes: u64,
-    /// Messages since then, by topic.
+    /// Number of messages since then, by topic.
     since: [u64; TOPIC_COUNT],
 }
 
 impl Segment {
-    /// Makes the next file of the run's record, with schemas and settings in it.
+    /// Creates the next file of the run's record, with schemas and settings.
     ///
     /// # Errors
-    /// [`RecordError`]; [`RecordError::Exists`] if the folder holds a record and the recorder is not a restarted one.
+    /// [`RecordError`]; [`RecordError::Exists`] if the folder holds a record and the recorder is
+    /// not a restarted one.
     pub fn create(run: &Run) -> Result<Self, RecordError> {
         let (number, path, file) = next_file(&run.folder, run.restarted)?;
         let attachments = settings_files(&run.folder)?;
@@ -101,7 +109,8 @@ impl Segment {
     /// Begins an MCAP file in `file`.
     fn over(path: PathBuf, file: File) -> Result<Self, McapError> {
         let kept = file.try_clone().map_err(McapError::Io)?;
-        // Without seeking, a chunk is put together in memory and written whole: a killed recorder leaves whole chunks.
+        // Without seeking, a chunk is built in memory and written at once: a killed recorder leaves
+        // complete chunks.
         let mut writer = WriteOptions::new()
             .compression(Some(Compression::Lz4))
             .profile("coxswain")
@@ -145,7 +154,7 @@ impl Segment {
         })
     }
 
-    /// Appends `message`, under the time at which it was sent.
+    /// Appends `message`, with the time at which it was sent.
     ///
     /// # Errors
     /// [`RecordError::Write`].
@@ -157,7 +166,7 @@ impl Segment {
         Ok(())
     }
 
-    /// Appends what is drawn, under the time of what it was drawn from.
+    /// Appends a drawing, with the time of its source.
     ///
     /// # Errors
     /// [`RecordError::Write`].
@@ -180,7 +189,7 @@ impl Segment {
         self.append_json(&header, drawing).map_err(|error| self.failed(error))
     }
 
-    /// Appends what a person has changed, or was refused, under the time of the answer.
+    /// Appends a change of settings, accepted or rejected, with the time of the reply.
     ///
     /// # Errors
     /// [`RecordError::Write`].
@@ -191,7 +200,7 @@ impl Segment {
         self.append_json(&header, settled).map_err(|error| self.failed(error))
     }
 
-    /// Hands to the operating system what has waited for 0.2 s.
+    /// Passes data that has waited for 0.2 s to the operating system.
     ///
     /// # Errors
     /// [`RecordError::Write`].
@@ -204,7 +213,7 @@ impl Segment {
         Ok(())
     }
 
-    /// Ends the file with its index, and brings it to the disk.
+    /// Closes the file with its index, and syncs it to the disk.
     ///
     /// # Errors
     /// [`RecordError::Write`].
@@ -225,7 +234,7 @@ impl Segment {
         attachments.iter().try_for_each(|attachment| self.writer.attach(attachment))
     }
 
-    /// Hands everything to the operating system.
+    /// Passes all data to the operating system.
     ///
     /// # Errors
     /// [`RecordError::Write`].
@@ -236,13 +245,14 @@ impl Segment {
         Ok(())
     }
 
-    /// Gives up a file that cannot be written: cuts it off where it was whole, and says how many messages of each topic are not in it.
+    /// Gives up a file that cannot be written: truncates it to its last complete state. Returns the
+    /// number of messages of each topic that are not in it.
     pub fn abandon(self) -> [u64; TOPIC_COUNT] {
         let Self { writer, file, whole_bytes, since, path, .. } = self;
-        // It tries to write what it still holds.
+        // Dropping it tries to write the remaining data.
         drop(writer);
         if let Err(error) = file.set_len(whole_bytes) {
-            tracing::warn!(%error, path = %path.display(), "the end of the file is torn");
+            tracing::warn!(%error, path = %path.display(), "the end of the file is incomplete");
         }
         since
     }
@@ -273,7 +283,7 @@ impl Segment {
     }
 }
 
-/// What the operating system said, if it was it.
+/// The error of the operating system, if it is the cause.
 fn cause(error: McapError) -> io::Error {
     match error {
         McapError::Io(error) => error,
@@ -324,7 +334,7 @@ fn add_channel<T: Viewable>(
     Ok(())
 }
 
-/// What a reader needs to know of the run, and of the clock of its stamps.
+/// Metadata of the run, and of the clock of its stamps.
 fn metadata(run: &Run, number: usize) -> Metadata {
     let unix_nanos =
         SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
@@ -348,7 +358,7 @@ fn metadata(run: &Run, number: usize) -> Metadata {
     }
 }
 
-/// The settings that the run was started with, `settings/*.toml` in its folder.
+/// The settings of the run's start, `settings/*.toml` in its folder.
 fn settings_files(folder: &Path) -> Result<Vec<Attachment<'static>>, RecordError> {
     let folder = folder.join("settings");
     let failed = |path: &Path, source| RecordError::Settings { path: path.to_owned(), source };
@@ -385,7 +395,7 @@ pub(crate) mod tests {
     use bytemuck::Zeroable;
     use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, memfd_create};
 
-    /// A segment on a disk that has filled up since it was made.
+    /// A segment on a disk that has become full since its creation.
     pub(crate) fn without_room() -> Result<Segment, Box<dyn std::error::Error>> {
         let disk = File::from(memfd_create("record", MemfdFlags::ALLOW_SEALING)?);
         let mut segment = Segment::over(PathBuf::from("full/record.mcap"), disk.try_clone()?)?;

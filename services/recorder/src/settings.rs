@@ -1,4 +1,4 @@
-//! What a person may set: nothing yet. The figures of the summary are defined once and for all.
+//! Settings of the recorder: none of its own. The figures of the summary are fixed.
 
 use process::{HasRun, Run};
 use serde::Deserialize;
@@ -7,7 +7,7 @@ use serde::Deserialize;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// What the launcher tells every process.
+    /// Settings that the launcher gives to every process.
     pub run: Run,
 }
 

@@ -1,4 +1,5 @@
-//! Where the record goes: into a file, or nowhere while there is no room, and then everything that comes is counted.
+//! Destination of the record: a file, or none while the disk is full; then the messages are
+//! counted.
 
 use crate::segment::{RecordError, Segment};
 use crate::visual::{Drawing, Shown};
@@ -10,19 +11,19 @@ use std::error::Error;
 use std::fs;
 use std::time::{Duration, Instant};
 
-/// How long a disk without room is left alone before another file is tried.
+/// Time after which another file is tried on a full disk.
 const RETRY: Duration = Duration::from_secs(1);
 
 /// The record of a run, file after file.
 pub(crate) struct Store {
     run: Run,
     segment: Option<Segment>,
-    /// How many there have been.
+    /// Number of files so far.
     files: u64,
-    /// Why there is none.
+    /// Why there is no file.
     closed: String,
     retry_at: Instant,
-    /// Messages that came and are in no file, by topic.
+    /// Messages that are in no file, by topic.
     unwritten: [u64; TOPIC_COUNT],
 }
 
@@ -42,7 +43,7 @@ impl Store {
     /// Appends `message`, or counts it.
     ///
     /// # Errors
-    /// [`RecordError`] in lock step, which loses nothing.
+    /// [`RecordError`] in lock step, which must lose no message.
     pub(crate) fn write<T: Viewable>(&mut self, message: &T) -> Result<(), RecordError> {
         let written = self.segment.as_mut().map(|segment| segment.write(message));
         if !matches!(written, Some(Ok(())))
@@ -53,7 +54,7 @@ impl Store {
         written.map_or(Ok(()), |written| self.survive(written))
     }
 
-    /// Appends what is drawn at `log_time` \[ns\], if there is a file.
+    /// Appends a drawing at `log_time` \[ns\], if there is a file.
     ///
     /// # Errors
     /// [`RecordError`] in lock step.
@@ -72,7 +73,7 @@ impl Store {
         Ok(())
     }
 
-    /// Appends what a person has changed, if there is a file.
+    /// Appends a change of settings, if there is a file.
     ///
     /// # Errors
     /// [`RecordError`] in lock step.
@@ -81,12 +82,12 @@ impl Store {
         self.survive(written)
     }
 
-    /// How many files there have been, the present one included.
+    /// Number of files so far, the present one included.
     pub(crate) fn files(&self) -> u64 {
         self.files
     }
 
-    /// Hands to the operating system what has waited, or looks whether there is room again.
+    /// Passes waiting data to the operating system, or checks whether there is room again.
     ///
     /// # Errors
     /// [`RecordError`] in lock step.
@@ -99,11 +100,14 @@ impl Store {
             self.retry_at = Instant::now() + RETRY;
             match Segment::create(&Run { restarted: true, ..self.run.clone() }) {
                 Ok(segment) => {
-                    tracing::warn!(unwritten = ?self.unwritten, "there is room again: the record goes on in another file");
+                    tracing::warn!(
+                        unwritten = ?self.unwritten,
+                        "there is room again: the record continues in another file"
+                    );
                     self.segment = Some(segment);
                     self.files += 1;
                 }
-                // What was begun of it holds nothing.
+                // The file that was just begun has no messages.
                 Err(RecordError::Write { path, .. }) => drop(fs::remove_file(path)),
                 Err(_) => {}
             }
@@ -116,12 +120,12 @@ impl Store {
         self.segment.is_none().then_some(self.closed.as_str())
     }
 
-    /// Messages that came and are in no file, by topic.
+    /// Messages that are in no file, by topic.
     pub(crate) fn unwritten(&self) -> [u64; TOPIC_COUNT] {
         self.unwritten
     }
 
-    /// Ends the last file. Says what is in none.
+    /// Closes the last file. Returns the messages that are in no file.
     ///
     /// # Errors
     /// [`RecordError`] in lock step.
@@ -136,7 +140,7 @@ impl Store {
         Ok(self.unwritten)
     }
 
-    /// In real time a file that cannot be written is given up.
+    /// In real time, gives up a file that cannot be written.
     fn survive(&mut self, written: Result<(), RecordError>) -> Result<(), RecordError> {
         let Err(error) = written else { return Ok(()) };
         if self.run.pace == Pace::LockStep {
@@ -144,7 +148,7 @@ impl Store {
         }
         self.closed =
             error.source().map_or_else(|| error.to_string(), |cause| format!("{cause}: {error}"));
-        tracing::error!("{}; what comes is counted until there is room again", self.closed);
+        tracing::error!("{}; messages are only counted until there is room again", self.closed);
         if let Some(segment) = self.segment.take() {
             for (unwritten, lost) in self.unwritten.iter_mut().zip(segment.abandon()) {
                 *unwritten += lost;

@@ -1,7 +1,8 @@
-//! rows → figures: what a run came to.
+//! Rows → figures: the summary of a run.
 //!
-//! Time is tick × period. Everything that is counted by ticks is over the last epoch of the plant: a restarted plant begins anew at the
-//! scenario's start, so that two epochs are two runs. Snapshots and losses are over the whole record. A figure without data is null.
+//! Time is tick × period. All figures by tick are over the last epoch of the plant: a restarted
+//! plant begins again at the scenario's start, so that two epochs are two runs. Snapshots and
+//! losses are over the whole record. A figure without data is null.
 
 mod figures;
 #[cfg(test)]
@@ -18,72 +19,75 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Within this distance of the reference the robot has arrived \[m\].
+/// Distance from the reference within which the robot has arrived \[m\].
 pub const ARRIVAL_BAND_M: f64 = 0.10;
 
-/// Within this distance of the reference speed the speed has settled \[m/s\].
+/// Difference from the reference speed within which the speed has settled \[m/s\].
 pub const SPEED_BAND_MPS: f64 = 0.07;
 
-/// The start that position and heading figures leave out \[ns\].
+/// Length of the start without position and heading figures \[ns\].
 const START_NANOS: u64 = 3_000_000_000;
 
-/// The end that the steady figure is taken from \[ns\].
+/// Length of the end with the steady figure \[ns\].
 const STEADY_NANOS: u64 = 10_000_000_000;
 
-/// Most stops that a summary lists.
+/// Largest number of listed stops.
 const STOPS_MAX: usize = 100;
 
-/// What a run came to, in the order of `summary.json`.
+/// Figures of a run, in the order of `summary.json`.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Summary {
-    /// First time after which the distance from the reference stays within [`ARRIVAL_BAND_M`] to the end \[s\].
+    /// First time after which the distance from the reference stays within [`ARRIVAL_BAND_M`] to
+    /// the end \[s\].
     pub arrival_s: Option<f64>,
-    /// First time after which the speed stays within [`SPEED_BAND_MPS`] of the reference speed to the end \[s\].
+    /// First time after which the speed stays within [`SPEED_BAND_MPS`] of the reference speed to
+    /// the end \[s\].
     pub speed_settle_s: Option<f64>,
     /// Largest difference of speed and reference speed in the last 10 s \[m/s\].
     pub steady_speed_error_mps: Option<f64>,
-    /// Whose motion these figures are about: "truth", or "measured" where the record has no truth.
+    /// Source of the motion in these figures: "truth", or "measured" where the record has no truth.
     pub figures_of: &'static str,
     /// Distance from the reference from 3 s on, RMS \[m\].
     pub position_rmse_m: Option<f64>,
     /// Largest distance from the reference from 3 s on \[m\].
     pub position_max_m: Option<f64>,
-    /// Difference of heading and reference heading from 3 s on, the short way round, RMS \[rad\].
+    /// Wrapped difference of heading and reference heading from 3 s on, RMS \[rad\].
     pub heading_rmse_rad: Option<f64>,
-    /// State received to command worked out, half of all ticks took no longer \[µs\].
+    /// Time from the receipt of the state to the finished command, median \[µs\].
     pub tick_p50_us: Option<f64>,
-    /// 99 of 100 ticks took no longer \[µs\].
+    /// 99th percentile of that time \[µs\].
     pub tick_p99_us: Option<f64>,
-    /// No tick took longer \[µs\].
+    /// Largest such time \[µs\].
     pub tick_max_us: Option<f64>,
     /// Periods from the first accepted command on.
     pub periods: u64,
-    /// Those of them in which the wheels did not get a controller's answer in time.
+    /// Those in which no answer of a controller reached the wheels in time.
     pub periods_missed: u64,
     /// Those periods by fallback level, as the plant reports.
     pub fallback_levels: FallbackLevels,
     /// When and why the gate stopped the robot, and when a person let it drive again.
     pub stops: Vec<StopFigure>,
-    /// Time that the machine kept a simulator from running and that its world stood still for \[s\].
+    /// Time for which the machine suspended a simulator and its world stood still \[s\].
     pub world_stalled_s: f64,
     /// Model snapshots published, by all instances of the learner.
     pub snapshots_published: u64,
     /// Model snapshots adopted, by all instances of the controller.
     pub snapshots_adopted: u64,
-    /// Messages lost, by topic and who lost them: `recorder` is what was sent and is not in the record, though something later is;
-    /// the others are what they reported in their health.
+    /// Messages lost, by topic and process. `recorder` counts messages that are not in the record
+    /// although a later one is. The others are the numbers in the processes' health.
     pub losses: BTreeMap<&'static str, BTreeMap<String, u64>>,
-    /// Messages that came and could not be written, most often because the disk was full, by topic; those without any are left out.
+    /// Messages that could not be written, usually because the disk was full, by topic; topics
+    /// without any are left out.
     pub unwritten: BTreeMap<&'static str, u64>,
-    /// How many epochs of the plant are in the record. Beyond 1, the figures are over the last one.
+    /// Number of epochs of the plant in the record. Above 1, the figures are over the last one.
     pub plant_epochs: usize,
-    /// From how many epochs of the controller commands came.
+    /// Number of epochs of the controllers that sent commands.
     pub controller_epochs: usize,
-    /// Files that the record is in: one more for each restart of the recorder.
+    /// Number of files of the record: one more for each restart of the recorder.
     pub segments: usize,
-    /// What processes have said that is wrong, each once.
+    /// Errors of the processes, each once.
     pub told: Vec<String>,
-    /// The most that strangers on the network could do, as any process has told.
+    /// Largest access of unauthenticated peers that any process reported.
     #[serde(serialize_with = "in_words")]
     pub exposure: Exposure,
 }
@@ -91,12 +95,12 @@ pub struct Summary {
 /// One stop of the gate.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct StopFigure {
-    /// When the first state told of it \[s\].
+    /// Time of the first state that reports it \[s\].
     pub at_s: f64,
-    /// Why.
+    /// Reason.
     #[serde(serialize_with = "reason_text")]
     pub reason: Reason,
-    /// When the gate was armed again, if it was \[s\].
+    /// Time at which the gate was armed again, if it was \[s\].
     pub resumed_s: Option<f64>,
 }
 
@@ -124,7 +128,7 @@ impl Serialize for FallbackLevels {
 }
 
 impl Summary {
-    /// The same, of a record that could not take in so many messages of each topic.
+    /// The same for a record without these messages of each topic, which could not be written.
     #[must_use]
     pub fn without(self, unwritten: [u64; TOPIC_COUNT]) -> Self {
         let named = Topic::ALL
@@ -133,7 +137,7 @@ impl Summary {
         Self { unwritten: named.filter(|(_, count)| *count > 0).collect(), ..self }
     }
 
-    /// Sums up a record of a run with this control period \[ns\].
+    /// Summarises the record of a run with this control period \[ns\].
     pub fn of(rows: &Rows, period_nanos: u64) -> Self {
         let epochs = plant_epochs(rows);
         let last = epochs.last().copied().unwrap_or(0);
@@ -185,7 +189,7 @@ impl Summary {
         }
     }
 
-    /// Writes `summary.json` into `folder`: whole, or not at all.
+    /// Writes `summary.json` into `folder` atomically.
     ///
     /// # Errors
     /// [`SummaryError`].
@@ -206,7 +210,7 @@ impl Summary {
 pub struct SummaryError {
     /// The file.
     pub path: PathBuf,
-    /// Why not.
+    /// Error of the operating system.
     pub source: io::Error,
 }
 
@@ -223,7 +227,8 @@ fn plant_epochs(rows: &Rows) -> Vec<u64> {
     epochs
 }
 
-/// Time since tick 0 \[ns\] and distance from the reference \[m\] at every tick of the plant's last epoch, in the order of time.
+/// Time since tick 0 \[ns\] and distance from the reference \[m\] at every tick of the plant's last
+/// epoch, in the order of time.
 pub fn distances(rows: &Rows, period_nanos: u64) -> Vec<(u64, f64)> {
     let last = plant_epochs(rows).last().copied().unwrap_or(0);
     deviations(rows, last, period_nanos)
@@ -232,13 +237,13 @@ pub fn distances(rows: &Rows, period_nanos: u64) -> Vec<(u64, f64)> {
         .collect()
 }
 
-/// Whether the record knows where the robot really was.
+/// Whether the record has the true position of the robot.
 fn has_truth(rows: &Rows, epoch: u64) -> bool {
     rows.truths.iter().any(|truth| truth.stamp.epoch == epoch)
 }
 
-/// Where the robot was against the reference, at every tick of an epoch that has both, in the order
-/// of time: really, or as measured in a record without truth.
+/// Deviation of the robot from the reference at every tick of an epoch that has both, in the order
+/// of time. It is that of the true position, or of the measured one in a record without truth.
 fn deviations(rows: &Rows, epoch: u64, period_nanos: u64) -> Vec<Deviation> {
     let plans = rows.plans.iter().filter(|plan| plan.plant_epoch == epoch);
     let plans: BTreeMap<u64, &PlanRow> = plans.map(|plan| (plan.stamp.tick, plan)).collect();
@@ -255,7 +260,7 @@ fn deviations(rows: &Rows, epoch: u64, period_nanos: u64) -> Vec<Deviation> {
     deviations
 }
 
-/// What each tick of an epoch took, in ascending order \[ns\].
+/// Duration of each tick of an epoch, in ascending order \[ns\].
 fn tick_times(rows: &Rows, epoch: u64) -> Vec<u64> {
     let plans = rows.plans.iter().filter(|plan| plan.plant_epoch == epoch);
     let mut times: Vec<u64> = plans.map(|plan| plan.tick_nanos).collect();
@@ -271,7 +276,7 @@ fn states(rows: &Rows, epoch: u64) -> Vec<&StateRow> {
     states
 }
 
-/// Stops of an epoch. So many stops that a reader loses count are cut off.
+/// Stops of an epoch, at most [`STOPS_MAX`].
 fn stops(rows: &Rows, epoch: u64, period_nanos: u64) -> Vec<StopFigure> {
     let mut stops: Vec<StopFigure> = Vec::new();
     let mut before = Reason::None;
@@ -295,7 +300,7 @@ fn stops(rows: &Rows, epoch: u64, period_nanos: u64) -> Vec<StopFigure> {
 
 /// Counts the periods of an epoch from the first accepted command on.
 ///
-/// The period in which that command came counts if the plant says that it acted in it, not if the plant still waited.
+/// The period of that command counts if the plant reports that the command acted in it.
 fn fallback_levels(rows: &Rows, epoch: u64) -> FallbackLevels {
     let mut fallback_levels = FallbackLevels::default();
     for state in states(rows, epoch).into_iter().skip_while(|state| {
@@ -327,7 +332,8 @@ fn stalled(rows: &Rows) -> f64 {
         / 1e9
 }
 
-/// Losses by topic and who lost them. Of those who reported, only those who read the topic.
+/// Losses by topic and process. Of the processes' reports, only those of readers of the topic
+/// count.
 fn losses(rows: &Rows) -> BTreeMap<&'static str, BTreeMap<String, u64>> {
     let recorder = Participant::Recorder.text();
     let mut losses: BTreeMap<&'static str, BTreeMap<String, u64>> = BTreeMap::new();

@@ -1,36 +1,38 @@
-//! states and plans → what public viewers draw: poses, path, horizon and scalars, in the standard visual types of Foxglove.
+//! States and plans → channels for public viewers, in the standard visual types of Foxglove: poses,
+//! path, horizon and scalars.
 //!
-//! | channel     | type                     | what it shows                                              | how often           |
-//! |-------------|--------------------------|------------------------------------------------------------|---------------------|
-//! | `tf`        | foxglove.FrameTransform  | where the robot's frame is in the world                    | each state          |
-//! | `pose`      | foxglove.PoseInFrame     | the measured pose                                          | each state          |
-//! | `path`      | foxglove.PosesInFrame    | the way that was driven, the last part of it               | once a second       |
-//! | `horizon`   | foxglove.PosesInFrame    | the poses that the plan predicts                           | ten times a second  |
-//! | `reference` | foxglove.PosesInFrame    | the poses that it shall reach                              | ten times a second  |
-//! | `tracking`  | coxswain.Tracking        | error, fallback level, model, cost and residual as plain numbers     | each plan           |
+//! | channel     | type                    | what it shows                       | how often     |
+//! |-------------|-------------------------|-------------------------------------|---------------|
+//! | `tf`        | foxglove.FrameTransform | the robot's frame in the world      | each state    |
+//! | `pose`      | foxglove.PoseInFrame    | the measured pose                   | each state    |
+//! | `path`      | foxglove.PosesInFrame   | the last part of the driven path    | each second   |
+//! | `horizon`   | foxglove.PosesInFrame   | the predicted poses of the plan     | 10 per second |
+//! | `reference` | foxglove.PosesInFrame   | the poses of the reference          | 10 per second |
+//! | `tracking`  | coxswain.Tracking       | error, level, model, cost, residual | each plan     |
 //!
-//! They are made from what is recorded, hold nothing that is not in it, and give way first: one that cannot be written is not counted.
+//! They are made from recorded messages, hold no other data, and have the lowest priority: a
+//! drawing that cannot be written is not counted.
 
 use protocol::message::{Plan, PlantState};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// The world's frame.
+/// Name of the world frame.
 const WORLD: &str = "world";
-/// The robot's.
+/// Name of the robot frame.
 const ROBOT: &str = "robot";
-/// Poses of a path are at least so far apart \[m\].
+/// Smallest distance between two poses of a path \[m\].
 const PATH_STEP: f64 = 0.1;
-/// Most poses of a path.
+/// Largest number of poses of a path.
 const PATH_MAX: usize = 200;
-/// From path to path \[ns\].
+/// Interval between two paths \[ns\].
 const PATH_EVERY: u64 = 1_000_000_000;
-/// From horizon to horizon \[ns\].
+/// Interval between two horizons \[ns\].
 const HORIZON_EVERY: u64 = 100_000_000;
-/// What is drawn is rounded to one part of so many, of a metre or of one.
+/// Drawings are rounded to this fraction of a metre or of 1.
 const GRAINS: f64 = 1e5;
 
-/// What a channel shows.
+/// Content of a channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shown {
     /// `tf`
@@ -137,24 +139,27 @@ fn tracking() -> Value {
         (
             "residual",
             number(
-                "velocity after the past period, measured minus predicted by the main model, length in the plane [m/s]",
+                "velocity after the past period, measured minus predicted by the main model, \
+                 length in the plane [m/s]",
             ),
         ),
         ("innovation", number("the same of the whole model [m/s]")),
         (
             "standard_deviation",
             number(
-                "of the learned residual at the measured state, larger one of forward and left [m/s]",
+                "of the learned residual at the measured state, \
+                 larger one of forward and left [m/s]",
             ),
         ),
         ("model_version", number("learned model in use, 0 is the main model alone")),
         (
             "fallback_level",
             number(
-                "on which the controller stands: 1 fresh plan, 2 shifted plan, 3 simple controller, and so on down",
+                "of the controller: 1 fresh plan, 2 shifted plan, 3 simple controller, \
+                 and so on down",
             ),
         ),
-        ("tick_micros", number("state received to command worked out [us]")),
+        ("tick_micros", number("from the receipt of the state to the finished command [us]")),
     ])
 }
 
@@ -208,11 +213,11 @@ fn rounded(value: f64) -> f64 {
     (value * GRAINS).round() / GRAINS
 }
 
-/// What is drawn at one time, ready to be written.
+/// A drawing of one time, ready to be written.
 #[derive(Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub(crate) enum Drawing {
-    /// Where a frame is.
+    /// Pose of a frame.
     Transform(FrameTransform),
     /// One pose.
     Pose(PoseInFrame),
@@ -260,7 +265,7 @@ pub(crate) struct Tracking {
     tick_micros: f64,
 }
 
-/// Remembers what drawing needs.
+/// State of the drawings.
 #[derive(Debug)]
 pub(crate) struct Easel {
     /// T \[ns\].
@@ -272,12 +277,12 @@ pub(crate) struct Easel {
 }
 
 impl Easel {
-    /// Nothing drawn yet of a robot with this control period \[ns\].
+    /// No drawings yet, for a robot with this control period \[ns\].
     pub(crate) fn new(period_nanos: u64) -> Self {
         Self { period_nanos, path: Vec::new(), plant_epoch: 0, path_at: None, horizon_at: None }
     }
 
-    /// What a state gives to see. Numbers that are none give nothing.
+    /// Drawings of a state. Numbers that are not finite give none.
     pub(crate) fn draw_state(&mut self, state: &PlantState) -> Vec<(Shown, Drawing)> {
         let [x, y, yaw] = state.pose;
         if !state.pose.iter().all(|value| value.is_finite()) {
@@ -311,7 +316,7 @@ impl Easel {
         drawn
     }
 
-    /// Another plant stands somewhere else: its path begins there.
+    /// Extends the path; a plant of another epoch begins a new one.
     fn lengthen_path(&mut self, plant_epoch: u64, pose: Pose) {
         if plant_epoch != self.plant_epoch {
             (self.plant_epoch, self.path, self.path_at) = (plant_epoch, Vec::new(), None);
@@ -327,7 +332,7 @@ impl Easel {
         }
     }
 
-    /// What a plan gives to see.
+    /// Drawings of a plan.
     pub(crate) fn draw_plan(&mut self, plan: &Plan) -> Vec<(Shown, Drawing)> {
         let rows = plan.horizon as usize + 1;
         let (predicted, reference) = (first(&plan.predicted, rows), first(&plan.reference, rows));
@@ -386,7 +391,8 @@ fn first<T>(rows: &[T], count: usize) -> &[T] {
     rows.get(..count).unwrap_or(rows)
 }
 
-/// Whether it is time again by the robot's own clock \[ns\], which is then counted from now on. A clock that went back is that of another plant.
+/// Whether a drawing is due by the robot's clock \[ns\], which then counts from now on. A clock
+/// that went back belongs to another plant.
 fn is_due(last: &mut Option<u64>, now: u64, every: u64) -> bool {
     let due = last.is_none_or(|last| now < last || now - last >= every);
     if due {
@@ -413,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_is_drawn_with_each_state_and_the_path_once_a_second_and_never_longer_than_it_may() {
+    fn a_pose_is_drawn_with_each_state_and_a_bounded_path_once_a_second() {
         let mut easel = Easel::new(20_000_000);
         let mut paths = Vec::new();
         for tick in 0..1000 {
@@ -439,7 +445,10 @@ mod tests {
         reborn.stamp.epoch = 2;
         let drawn = easel.draw_state(&reborn);
         assert!(
-            matches!(&drawn[..], [.., (Shown::Path, Drawing::Poses(path))] if path.poses.len() == 1),
+            matches!(
+                &drawn[..],
+                [.., (Shown::Path, Drawing::Poses(path))] if path.poses.len() == 1
+            ),
             "{drawn:?}"
         );
     }
@@ -469,7 +478,8 @@ mod tests {
             horizons += drawn.iter().filter(|(shown, _)| *shown == Shown::Horizon).count();
             assert!(
                 matches!(&drawn[0], (Shown::Tracking, Drawing::Tracking(tracking))
-                    if (tracking.position_error, tracking.speed, tracking.standard_deviation) == (5.0, 1.0, 0.2)
+                    if (tracking.position_error, tracking.speed, tracking.standard_deviation)
+                        == (5.0, 1.0, 0.2)
                         && (tracking.heading_error - (6.0 - TAU)).abs() < 1e-12),
                 "{drawn:?}"
             );

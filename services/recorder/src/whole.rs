@@ -1,14 +1,14 @@
-//! bytes → a file that is there whole, or not at all.
+//! Bytes → a file, atomically.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Writes `bytes` into the file at `path`, in place of what was there.
+/// Replaces the file at `path` by `bytes`.
 ///
 /// # Errors
-/// What the system says; then what was there is there still.
+/// Error of the operating system; the old file is then unchanged.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut half = OsString::from(path);
     half.push(".tmp");

@@ -1,4 +1,4 @@
-//! The recorder against a graph that only talks: everything that was said is in the record, or counted as lost.
+//! The recorder in a graph of publishers: every message is in the record, or counted as lost.
 
 #[path = "said/graph.rs"]
 mod graph;
@@ -22,7 +22,7 @@ use tempfile::TempDir;
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// How often a process says how it is.
+/// Interval of a process's health.
 const HEARTBEAT: Duration = Duration::from_millis(100);
 
 fn settings(folder: &Path, pace: Pace, restarted: bool) -> Settings {
@@ -74,7 +74,7 @@ fn stored(path: &Path) -> Result<BTreeMap<String, u64>, Box<dyn Error>> {
     Ok(counts)
 }
 
-/// Waits for the first health of the recorder: from then on it hears everything.
+/// Waits for the first health of the recorder: from then on it receives everything.
 fn wait_until_it_listens(
     ports: &Ports,
     exchange: &Exchange,
@@ -157,8 +157,7 @@ fn in_lock_step_the_plant_waits_for_the_record_and_nothing_is_lost() -> Result<(
 }
 
 #[test]
-fn a_plant_that_says_no_more_than_how_it_is_hears_its_credit_again_and_again()
--> Result<(), Box<dyn Error>> {
+fn a_plant_that_sends_only_health_receives_its_credit_again() -> Result<(), Box<dyn Error>> {
     const TOLD_AGAIN: u64 = 2;
     let folder = TempDir::new()?;
     let exchange = Exchange::new(true, PATIENCE);
@@ -174,7 +173,7 @@ fn a_plant_that_says_no_more_than_how_it_is_hears_its_credit_again_and_again()
         while credits.tally().stale < told_before + TOLD_AGAIN {
             if begin.elapsed() > PATIENCE {
                 return Err(
-                    format!("before tick {silent_from} the credit is not said again").into()
+                    format!("before tick {silent_from} the credit is not sent again").into()
                 );
             }
             healths.send(&mut Health {
@@ -190,7 +189,7 @@ fn a_plant_that_says_no_more_than_how_it_is_hears_its_credit_again_and_again()
 }
 
 #[test]
-fn what_was_sent_is_stored_or_lost() -> Result<(), Box<dyn Error>> {
+fn every_message_is_stored_or_counted_as_lost() -> Result<(), Box<dyn Error>> {
     const TICKS: u64 = 5000;
     let folder = TempDir::new()?;
     let exchange = Exchange::new(false, PATIENCE);
@@ -211,7 +210,8 @@ fn what_was_sent_is_stored_or_lost() -> Result<(), Box<dyn Error>> {
 }
 
 #[test]
-fn a_restarted_recorder_goes_on_in_a_new_file_and_sums_up_both() -> Result<(), Box<dyn Error>> {
+fn a_restarted_recorder_continues_in_a_new_file_and_summarises_both() -> Result<(), Box<dyn Error>>
+{
     let folder = TempDir::new()?;
     let (first, second) = (folder.path().join("record.mcap"), folder.path().join("record-2.mcap"));
     let exchange = Exchange::new(false, PATIENCE);
@@ -223,7 +223,7 @@ fn a_restarted_recorder_goes_on_in_a_new_file_and_sums_up_both() -> Result<(), B
         graph.tick(tick)?;
     }
     recording.stop()?;
-    // As a kill -9 leaves it: without index, and cut in the middle of a chunk.
+    // The state after a kill -9: without index, and cut in the middle of a chunk.
     let mut cut = fs::read(&first)?;
     cut.truncate(cut.len() * 2 / 3);
     fs::write(&first, &cut)?;
@@ -237,10 +237,10 @@ fn a_restarted_recorder_goes_on_in_a_new_file_and_sums_up_both() -> Result<(), B
     }
     let summary = recording.stop()?;
 
-    assert_eq!(fs::read(&first)?, cut, "the first file is as it was");
+    assert_eq!(fs::read(&first)?, cut, "the first file is unchanged");
     assert_eq!(segment::paths(folder.path()), [first, second.clone()]);
     assert_eq!((summary.segments, summary.plant_epochs), (2, 1));
-    // The last state of before came once more.
+    // The last earlier state came once more.
     assert_eq!(stored(&second)?["state"], 41);
     let lost = summary.losses["state"]["recorder"];
     assert!((9..49).contains(&lost), "those of the outage, and those cut off: {lost}");
@@ -249,7 +249,7 @@ fn a_restarted_recorder_goes_on_in_a_new_file_and_sums_up_both() -> Result<(), B
 }
 
 #[test]
-fn a_record_is_never_written_over() -> Result<(), Box<dyn Error>> {
+fn a_record_is_never_overwritten() -> Result<(), Box<dyn Error>> {
     let folder = TempDir::new()?;
     let exchange = Exchange::new(false, PATIENCE);
     Recording::start(&exchange, settings(folder.path(), Pace::RealTime, false)).stop()?;
@@ -265,7 +265,7 @@ fn a_record_is_never_written_over() -> Result<(), Box<dyn Error>> {
 }
 
 #[test]
-fn a_folder_that_is_not_there_is_named() {
+fn the_error_names_a_missing_folder() {
     let exchange = Exchange::new(false, PATIENCE);
     let ports = Ports::in_memory(&exchange, Identity::new(1));
     let outcome = recorder::run::run(

@@ -1,4 +1,4 @@
-//! What stands in the record: JSON that fits its schema.
+//! Content of the record: JSON that fits its schema.
 
 #[path = "said/graph.rs"]
 #[expect(dead_code, reason = "shared with the test of the recorder itself")]
@@ -12,7 +12,7 @@ fn json<T: Viewable>(message: &T) -> Value {
     serde_json::to_value(View(message)).unwrap_or_default()
 }
 
-/// Fails unless `value` is what `schema` says. Null stands for a number that is not finite.
+/// Fails unless `value` fits `schema`. Null stands for a number that is not finite.
 fn fits(value: &Value, schema: &Value, place: &str) {
     let words = schema["enum"].as_array();
     assert!(
@@ -55,7 +55,7 @@ fn every_message_fits_its_schema() {
 }
 
 #[test]
-fn every_field_says_what_it_means() {
+fn every_field_has_a_description() {
     for schema in [schema::<Plan>(), schema::<ModelSnapshot>(), schema::<Health>()] {
         let properties = schema["properties"].as_object();
         let silent = |(_, property): (&String, &Value)| {
@@ -66,7 +66,7 @@ fn every_field_says_what_it_means() {
 }
 
 #[test]
-fn arrays_end_where_they_end_to_count() {
+fn arrays_end_at_their_last_valid_entry() {
     let plan = json(&graph::plan(3));
     let rows = |key: &str| plan[key].as_array().map(Vec::len);
     assert_eq!(

@@ -2,11 +2,12 @@
 //!
 //! ```text
 //!     ⎡1  1  L⎤                ⎡ 1    1    1    1 ⎤
-//! J = ⎢1 −1 −L⎥    J⁺ = ¼ ·    ⎢ 1   −1    1   −1 ⎥    wheel speed = J v / r,   v = r J⁺ wheel speed
-//!     ⎢1  1 −L⎥                ⎣1/L −1/L −1/L  1/L⎦
+//! J = ⎢1 −1 −L⎥    J⁺ = ¼ ·    ⎢ 1   −1    1   −1 ⎥    wheel speed = J v / r
+//!     ⎢1  1 −L⎥                ⎣1/L −1/L −1/L  1/L⎦    v = r J⁺ wheel speed
 //!     ⎣1 −1  L⎦
 //! ```
-//! The paper's frame is x right, y forward: its (`v_x`, `v_y`) are our (−`v_y`, `v_x`). Its eq. 3 has all signs +; eq. 4 is right.
+//! The paper's frame is x right, y forward: its (`v_x`, `v_y`) are our (−`v_y`, `v_x`). All signs
+//! of its eq. 3 are +, which is wrong; its eq. 4 is right.
 
 use crate::Geometry;
 use crate::Velocity;
@@ -35,7 +36,8 @@ pub fn wheels_from_body(geometry: &Geometry, velocity: Velocity) -> [f64; 4] {
     })
 }
 
-/// Body velocity r J⁺ ω of four wheel speeds \[m/s, m/s, rad/s\]: the least-squares one if they contradict each other.
+/// Body velocity r J⁺ ω of four wheel speeds \[m/s, m/s, rad/s\]. If the wheel speeds contradict
+/// each other, it is the least-squares solution.
 pub fn body_from_wheels(geometry: &Geometry, wheels: [f64; 4]) -> Velocity {
     let mut sums = [0.0; 3];
     for (signs, wheel) in SIGNS.iter().zip(wheels) {
@@ -57,7 +59,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn wheels_and_back_is_the_same_velocity(velocity in prop::array::uniform3(-5.0..5.0)) {
+        fn wheel_speeds_convert_back_to_the_same_velocity(
+            velocity in prop::array::uniform3(-5.0..5.0)
+        ) {
             let back = body_from_wheels(&GEOMETRY, wheels_from_body(&GEOMETRY, velocity));
             for (a, b) in back.iter().zip(velocity) {
                 prop_assert!((a - b).abs() < 1e-12);
@@ -65,9 +69,18 @@ mod tests {
         }
 
         #[test]
-        fn equation_4_of_the_paper_comes_out_after_turning_the_frame(right in -3.0..3.0_f64, ahead in -3.0..3.0_f64, yaw in -3.0..3.0_f64) {
+        fn equation_4_of_the_paper_holds_in_the_rotated_frame(
+            right in -3.0..3.0_f64,
+            ahead in -3.0..3.0_f64,
+            yaw in -3.0..3.0_f64,
+        ) {
             let lever = GEOMETRY.lever_m();
-            let paper = [-right + ahead + yaw * lever, right + ahead - yaw * lever, -right + ahead - yaw * lever, right + ahead + yaw * lever];
+            let paper = [
+                -right + ahead + yaw * lever,
+                right + ahead - yaw * lever,
+                -right + ahead - yaw * lever,
+                right + ahead + yaw * lever,
+            ];
             let ours = wheels_from_body(&GEOMETRY, [ahead, -right, yaw]);
             for (a, b) in ours.iter().zip(paper) {
                 prop_assert!((a * GEOMETRY.wheel_radius_m - b).abs() < 1e-12);

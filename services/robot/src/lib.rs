@@ -1,8 +1,9 @@
-//! A mecanum base as it is believed to be: where its wheels are, how they turn, what it may do.
+//! The believed parameters of a mecanum base: wheel positions, kinematics and limits.
 //!
 //! | module         | what it holds                                                    |
 //! |----------------|------------------------------------------------------------------|
-//! | `robot`        | [`Robot`]: the content of a robot file, and which are possible    |
+//! | `robot`        | [`Robot`]: the content of a robot file, and its checks           |
+//! | `tracking_limit` | [`TrackingLimit`]: a number, `"none"` or the default           |
 //! | `geometry`     | [`Geometry`]: where the wheels are                               |
 //! | [`kinematics`] | wheel speeds from body velocity and back                         |
 //!
@@ -21,5 +22,5 @@ pub use tracking_limit::TrackingLimit;
 /// Velocity axes of the body: forward, left, yaw.
 pub const AXES: usize = 3;
 
-/// Forward, left and yaw: a body velocity \[m/s, m/s, rad/s\], or something per velocity axis.
+/// Forward, left and yaw: a body velocity \[m/s, m/s, rad/s\], or one number per velocity axis.
 pub type Velocity = [f64; AXES];

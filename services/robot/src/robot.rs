@@ -1,24 +1,25 @@
-//! One mecanum base: geometry, masses, motors and limits, as a robot file holds them.
+//! One mecanum base: geometry, masses, motors and limits, as in a robot file.
 
 use crate::{Geometry, TrackingLimit};
 use serde::{Deserialize, Serialize};
 
-/// Smallest parameter that has to be positive. With these two the main model of every robot is made of numbers.
+/// Smallest value of a positive parameter. Between this and [`LARGEST`] the main model of every
+/// robot is finite.
 const SMALLEST: f64 = 1e-9;
 /// Largest parameter.
 const LARGEST: f64 = 1e9;
 
-/// One robot: what a robot file holds.
+/// One robot: the content of a robot file.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Robot {
-    /// Where its wheels are.
+    /// Wheel radius and wheel positions.
     pub geometry: Geometry,
-    /// Its masses and frictions, as believed.
+    /// Masses and frictions, as believed.
     pub body: Body,
-    /// Its motors and their speed loop.
+    /// Motors and their speed loop.
     pub drive: Drive,
-    /// What it may be asked.
+    /// Limits of its inputs.
     pub limits: Limits,
 }
 
@@ -52,7 +53,7 @@ pub struct Drive {
     pub wheel_speed_limit_radps: f64,
 }
 
-/// What the robot may be asked, whatever its wheels could do.
+/// Limits of the inputs, independent of those of the wheels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
@@ -68,28 +69,29 @@ pub struct Limits {
     pub brake_mps2: f64,
     /// Yaw deceleration of the gate's braking ramp \[rad/s²\].
     pub yaw_brake_radps2: f64,
-    /// Distance from the reference above which the robot is stopped; by default
-    /// [`Robot::TRACKING_DIAGONALS`] wheel diagonals \[m\].
+    /// Distance from the reference above which the robot is stopped \[m\]; by default
+    /// [`Robot::TRACKING_DIAGONALS`] wheel diagonals.
     #[serde(default)]
     pub tracking_error_m: TrackingLimit,
-    /// Heading error above which the robot is stopped; by default
-    /// [`Robot::TRACKING_HEADING_RAD`] \[rad\].
+    /// Heading error above which the robot is stopped \[rad\]; by default
+    /// [`Robot::TRACKING_HEADING_RAD`].
     #[serde(default)]
     pub tracking_error_heading_rad: TrackingLimit,
 }
 
-/// A parameter that no robot has.
+/// A parameter that no robot can have.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{key}: expected {expected}")]
 pub struct Impossible {
     /// Dotted path of the parameter.
     pub key: &'static str,
-    /// What it must be.
+    /// Expected values.
     pub expected: &'static str,
 }
 
 impl Robot {
-    /// The robot of the paper's scenario, as `deploy/robots/mecanum.toml` describes it: for examples, tests and benches.
+    /// The robot of the paper's scenario, as in `deploy/robots/mecanum.toml`: for examples, tests
+    /// and benches.
     pub fn example() -> Self {
         Self {
             geometry: Geometry {
@@ -123,28 +125,29 @@ impl Robot {
         }
     }
 
-    /// Default of `limits.tracking_error_m`, in distances from wheel to opposite wheel,
-    /// 2 √(a² + b²).
+    /// Default of `limits.tracking_error_m`, in wheel diagonals 2 √(a² + b²) (distance from a wheel
+    /// to the opposite one).
     pub const TRACKING_DIAGONALS: f64 = 10.0;
     /// Default of `limits.tracking_error_heading_rad` \[rad\].
     pub const TRACKING_HEADING_RAD: f64 = 2.0;
 
-    /// Distance from the reference above which the robot is stopped, if there is such a limit \[m\].
+    /// Distance from the reference above which the robot is stopped \[m\], if there is such a
+    /// limit.
     pub fn tracking_error_m(&self) -> Option<f64> {
         let Geometry { half_wheelbase_m, half_track_m, .. } = self.geometry;
         let diagonal = 2.0 * half_wheelbase_m.hypot(half_track_m);
         self.limits.tracking_error_m.or(Self::TRACKING_DIAGONALS * diagonal)
     }
 
-    /// Heading error above which the robot is stopped, if there is such a limit \[rad\].
+    /// Heading error above which the robot is stopped \[rad\], if there is such a limit.
     pub fn tracking_error_heading_rad(&self) -> Option<f64> {
         self.limits.tracking_error_heading_rad.or(Self::TRACKING_HEADING_RAD)
     }
 
-    /// Checks that such a robot can exist.
+    /// Checks that the parameters are possible.
     ///
     /// # Errors
-    /// [`Impossible`] names the first parameter that cannot be.
+    /// [`Impossible`] names the first parameter that is impossible.
     pub fn check(&self) -> Result<(), Impossible> {
         let positive = [
             ("geometry.wheel_radius_m", self.geometry.wheel_radius_m),

@@ -1,18 +1,18 @@
-//! How far a robot may be from its reference before it is stopped.
+//! Largest distance of a robot from its reference before it is stopped.
 
 use serde::de::{Error, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt::{self, Formatter};
 
-/// A limit of the tracking error: a number, `"none"`, or left out for a default.
+/// A limit of the tracking error: a number, `"none"`, or absent for the default.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum TrackingLimit {
-    /// One that suits the size of the robot.
+    /// The default, which scales with the size of the robot.
     #[default]
     Default,
     /// No limit.
     Off,
-    /// This one \[m, or rad\].
+    /// This limit \[m, or rad\].
     At(f64),
 }
 

@@ -1,4 +1,4 @@
-//! A change to settings that are in use: a few keys, checked together with everything that stays as it is.
+//! A change to settings in use: a few keys, checked together with all keys that stay.
 //!
 //! ```
 //! # use serde::{Deserialize, Serialize};
@@ -15,16 +15,24 @@
 //! # struct Load { mass_kg: f64 }
 //! # impl Check for Crane {
 //! #     fn check(&self) -> Result<(), Impossible> {
-//! #         if self.load.mass_kg > 0.0 { Ok(()) } else { Err(Impossible::new("load.mass_kg", "a positive mass")) }
+//! #         if self.load.mass_kg > 0.0 { return Ok(()) }
+//! #         Err(Impossible::new("load.mass_kg", "a positive mass"))
 //! #     }
 //! # }
 //! let crane = Crane { load: Load { mass_kg: 3.0 }, height_m: 7.0 };
 //! let rules = Rules { tunable: &["load"], choices: &[] };
-//! let say = |line: &str| Change::parse(line).and_then(|change| changed(&crane, &[change], &rules)).map_err(|error| error.to_string());
+//! let apply = |line: &str| {
+//!     let change = Change::parse(line).map_err(|error| error.to_string())?;
+//!     changed(&crane, &[change], &rules).map_err(|error| error.to_string())
+//! };
 //!
-//! assert_eq!(say("load.mass_kg = 4.5").map(|crane| crane.load.mass_kg), Ok(4.5));
-//! assert_eq!(say("load.mass_kg = -1.0"), Err("load.mass_kg = -1.0: expected a positive mass".into()));
-//! assert_eq!(say("height_m = 8.0"), Err("height_m = 8.0: stays as it was at the start; expected a key below load".into()));
+//! assert_eq!(apply("load.mass_kg = 4.5").map(|crane| crane.load.mass_kg), Ok(4.5));
+//!
+//! let impossible = "load.mass_kg = -1.0: expected a positive mass";
+//! assert_eq!(apply("load.mass_kg = -1.0"), Err(impossible.into()));
+//!
+//! let fixed = "height_m = 8.0: cannot change during the run; expected a key below load";
+//! assert_eq!(apply("height_m = 8.0"), Err(fixed.into()));
 //! ```
 
 use crate::{Check, SettingsError, place, read};
@@ -33,22 +41,22 @@ use serde::de::DeserializeOwned;
 use std::path::Path;
 use toml::{Table, Value};
 
-/// Takes a key away, as if nobody had ever set it.
+/// Value that removes a key, so that its default applies.
 const NONE: &str = "none";
 
-/// Longest value that is quoted in full \[characters\].
+/// Longest quoted value \[characters\]; the rest is cut.
 const QUOTED_MAX: usize = 60;
 
-/// What may be changed.
+/// Rules for changes.
 #[derive(Debug, Clone, Copy)]
 pub struct Rules<'a> {
-    /// Dotted keys that may be changed, with everything below them.
+    /// Dotted keys that may change, with all keys below them.
     pub tunable: &'a [&'a str],
-    /// Tables that hold one of several kinds: another kind takes the place of the whole table.
+    /// Tables that hold one of several kinds. Another kind replaces the whole table.
     pub choices: &'a [&'a str],
 }
 
-/// A change that is refused. Displayed, it begins `key = value`.
+/// A rejected change. Its message begins with `key = value`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ChangeError {
     /// It is not TOML.
@@ -56,52 +64,56 @@ pub enum ChangeError {
     Syntax {
         /// The line.
         text: String,
-        /// What the parser said.
+        /// Message of the parser.
         expected: String,
     },
-    /// It changes nothing.
+    /// It contains no key.
     #[error("nothing is changed: expected at least one KEY = VALUE")]
     Empty,
-    /// A key that is fixed once and for all, or that nobody knows.
-    #[error("{key} = {value}: stays as it was at the start; expected a key below {}", tunable.join(", "))]
+    /// A key that is fixed during the run, or unknown.
+    #[error(
+        "{key} = {value}: cannot change during the run; expected a key below {}",
+        tunable.join(", ")
+    )]
     Fixed {
         /// Dotted path of the key.
         key: String,
-        /// The value that it was to have.
+        /// The rejected value.
         value: String,
-        /// What may be changed.
+        /// The keys that may change.
         tunable: Vec<String>,
     },
-    /// A key that no one reads.
+    /// A key that no setting has.
     #[error("{key} = {value}: unknown key, expected one of {}", known.join(", "))]
     UnknownKey {
         /// Dotted path of the key.
         key: String,
-        /// The value that it was to have.
+        /// The rejected value.
         value: String,
-        /// The keys that there are.
+        /// The known keys.
         known: Vec<String>,
     },
-    /// Something that has no default would be gone.
-    #[error("{key} is missing: expected it beside what is changed")]
+    /// The change removes a key without a default.
+    #[error("{key} is missing: it has no default; expected a value")]
     MissingKey {
         /// Dotted path of the key.
         key: String,
     },
-    /// A value of the wrong type, or an impossible one: beside the others, if it is none of those that are changed.
-    #[error("{key}{}: expected {expected}", value.as_ref().map(|value| format!(" = {value}")).unwrap_or_default())]
+    /// A value of the wrong type, or an impossible one. The key may be one that does not change,
+    /// but contradicts one that does.
+    #[error("{key}{}: expected {expected}", equals(value.as_ref()))]
     Value {
         /// Dotted path of the key.
         key: String,
-        /// Its value; none if it has none.
+        /// Its value, if it has one.
         value: Option<String>,
-        /// What it would have to be.
+        /// Expected value.
         expected: String,
     },
-    /// The settings themselves cannot be said in TOML.
-    #[error("the settings cannot be written: {reason}")]
+    /// The settings cannot be represented in TOML.
+    #[error("the settings have no TOML form: {reason}")]
     Unsayable {
-        /// What the writer said.
+        /// Message of the TOML writer.
         reason: String,
     },
 }
@@ -113,7 +125,7 @@ pub struct Change {
 }
 
 impl Change {
-    /// Reads lines of TOML. The value `"none"` takes a key away.
+    /// Reads lines of TOML. The value `"none"` removes a key.
     ///
     /// # Errors
     /// [`ChangeError::Syntax`] or [`ChangeError::Empty`].
@@ -127,14 +139,14 @@ impl Change {
         if change.entries().is_empty() { Err(ChangeError::Empty) } else { Ok(change) }
     }
 
-    /// What is changed: dotted keys and their new values, tables taken apart.
+    /// Dotted keys and their new values; tables are flattened.
     pub fn entries(&self) -> Vec<(String, &Value)> {
         let mut entries = Vec::new();
         leaves(&self.table, "", &mut entries);
         entries
     }
 
-    /// Whether only what is tunable is changed.
+    /// Checks that only tunable keys change.
     fn keeps_to(&self, rules: &Rules<'_>) -> Result<(), ChangeError> {
         let may = |key: &str| {
             rules.tunable.iter().any(|tunable| {
@@ -152,10 +164,10 @@ impl Change {
     }
 }
 
-/// `settings` with all of `changes`, one after the other: checked as a whole, and only that.
+/// `settings` with all of `changes`, in their order. Only the final settings are checked.
 ///
 /// # Errors
-/// [`ChangeError`] says what is wrong first.
+/// [`ChangeError`] reports the first error.
 pub fn changed<T: Serialize + DeserializeOwned + Check>(
     settings: &T,
     changes: &[Change],
@@ -172,7 +184,7 @@ pub fn changed<T: Serialize + DeserializeOwned + Check>(
 }
 
 impl From<SettingsError> for ChangeError {
-    /// The same without a file and a line.
+    /// The same error without a file and a line.
     fn from(error: SettingsError) -> Self {
         match error {
             SettingsError::Unreadable { reason, .. } => Self::Unsayable { reason },
@@ -202,7 +214,7 @@ fn leaves<'a>(table: &'a Table, prefix: &str, entries: &mut Vec<(String, &'a Val
     }
 }
 
-/// Puts `change` over what is there.
+/// Merges `change` into `table`.
 fn overlay(table: &mut Table, change: &Table, path: &str, rules: &Rules<'_>) {
     if rules.choices.contains(&path) && change.keys().any(|kind| !table.contains_key(kind)) {
         table.clear();
@@ -216,6 +228,10 @@ fn overlay(table: &mut Table, change: &Table, path: &str, rules: &Rules<'_>) {
             _ => drop(table.insert(key.clone(), value.clone())),
         }
     }
+}
+
+fn equals(value: Option<&String>) -> String {
+    value.map(|value| format!(" = {value}")).unwrap_or_default()
 }
 
 /// The value, shortened to one line.

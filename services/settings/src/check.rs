@@ -1,33 +1,34 @@
-//! Whether settings that read well are possible too.
+//! Whether the values of settings are possible.
 
-/// Settings that can be judged.
+/// Settings whose values can be checked.
 pub trait Check {
-    /// Whether there can be such a thing. Everything that reads is possible unless a type says otherwise.
+    /// Checks the values. By default, all values of the type are possible.
     ///
     /// # Errors
-    /// [`Impossible`] names the first setting that cannot be.
+    /// [`Impossible`] names the first impossible setting.
     fn check(&self) -> Result<(), Impossible> {
         Ok(())
     }
 }
 
-/// A setting that cannot be.
+/// An impossible setting.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{key}: expected {expected}")]
 pub struct Impossible {
-    /// Dotted path of the key, such as `truth.push.force_n` or, for an element of a list, `truth.motor_gain.2`.
+    /// Dotted path of the key, such as `truth.push.force_n` or, for an element of a list,
+    /// `truth.motor_gain.2`.
     pub key: String,
-    /// What it would have to be.
+    /// Expected value.
     pub expected: String,
 }
 
 impl Impossible {
-    /// `key` would have to be `expected`.
+    /// The error for a `key` whose value is not `expected`.
     pub fn new(key: impl Into<String>, expected: impl Into<String>) -> Self {
         Self { key: key.into(), expected: expected.into() }
     }
 
-    /// The same, seen from the table that `table` is in.
+    /// The same error, with the path prefixed by `table`.
     #[must_use]
     pub fn under(mut self, table: &str) -> Self {
         self.key.insert(0, '.');

@@ -1,16 +1,16 @@
-//! Why settings were refused: file, line, key, value, and what was expected.
+//! Why settings are rejected: file, line, key, value, and the expected value.
 
 use std::path::PathBuf;
 
-/// Settings that cannot be used. Displayed, it begins `file:line: key = value`.
+/// Settings that cannot be used. The message begins with `file:line: key = value`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SettingsError {
     /// The file cannot be read.
-    #[error("{}: expected a file of settings, but {reason}", file.display())]
+    #[error("{}: expected a settings file, but {reason}", file.display())]
     Unreadable {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Message of the operating system.
         reason: String,
     },
     /// It is not TOML.
@@ -22,11 +22,15 @@ pub enum SettingsError {
         line: usize,
         /// The line.
         text: String,
-        /// What the parser said.
+        /// Message of the parser.
         expected: String,
     },
-    /// A key that no one reads.
-    #[error("{}:{line}: {key} = {value}: unknown key, expected {}", file.display(), alternatives(known))]
+    /// A key that no setting has.
+    #[error(
+        "{}:{line}: {key} = {value}: unknown key, expected {}",
+        file.display(),
+        alternatives(known)
+    )]
     UnknownKey {
         /// The file.
         file: PathBuf,
@@ -36,10 +40,10 @@ pub enum SettingsError {
         key: String,
         /// Its value, as written.
         value: String,
-        /// The keys that there are.
+        /// The known keys.
         known: Vec<String>,
     },
-    /// A key that has no default is not there.
+    /// A key without a default is missing.
     #[error("{}:{line}: {key} is missing: expected it {}", file.display(), within(key))]
     MissingKey {
         /// The file.
@@ -50,30 +54,35 @@ pub enum SettingsError {
         key: String,
     },
     /// A value of the wrong type, or an impossible one.
-    #[error("{}{}: {key}{}: expected {expected}", file.display(), colon(*line), equals(value.as_ref()))]
+    #[error(
+        "{}{}: {key}{}: expected {expected}",
+        file.display(),
+        colon(*line),
+        equals(value.as_ref())
+    )]
     Value {
         /// The file.
         file: PathBuf,
-        /// Line, from 1; none if the value did not come from the file.
+        /// Line, from 1; `None` if the value did not come from the file.
         line: Option<usize>,
         /// Dotted path of the key.
         key: String,
-        /// Its value, as written; none if it is not in the file.
+        /// Its value, as written; `None` if it is not in the file.
         value: Option<String>,
-        /// What it would have to be.
+        /// Expected value.
         expected: String,
     },
 }
 
-/// Settings cannot be written.
+/// Settings that cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// TOML cannot say it.
+    /// TOML cannot represent them.
     #[error("{}: {reason}", file.display())]
     Unsayable {
         /// The file.
         file: PathBuf,
-        /// What the writer said.
+        /// Message of the TOML writer.
         reason: String,
     },
     /// The file cannot be written.
@@ -81,7 +90,7 @@ pub enum WriteError {
     Unwritable {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Message of the operating system.
         source: std::io::Error,
     },
 }
@@ -94,7 +103,7 @@ fn alternatives(known: &[String]) -> String {
     }
 }
 
-/// Where a missing key should be.
+/// Place where a missing key belongs.
 fn within(key: &str) -> String {
     key.rsplit_once('.')
         .map_or_else(|| "at the top of the file".into(), |(table, _)| format!("in [{table}]"))

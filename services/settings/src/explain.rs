@@ -1,17 +1,17 @@
-//! What serde says of a document, as one of our errors.
+//! The messages of serde as errors of this crate.
 
 use crate::place::Document;
 use crate::{Impossible, SettingsError};
 use std::path::Path;
 use toml::de::Error;
 
-/// A document that is TOML, but not of the type that was asked for.
+/// The error for a document that is TOML, but not of the requested type.
 pub(crate) fn refusal(document: &Document<'_>, file: &Path, error: &Error) -> SettingsError {
-    let said = error.message();
+    let message = error.message();
     let file = file.to_path_buf();
     let span = error.span();
     let entry = span.as_ref().and_then(|span| document.at(span));
-    if let Some(name) = said.strip_prefix("missing field ") {
+    if let Some(name) = message.strip_prefix("missing field ") {
         let name = unquote(name);
         let key = entry.map_or_else(|| name.to_owned(), |table| format!("{}.{name}", table.path));
         let line = entry.map_or(1, |table| document.line_of(table));
@@ -22,7 +22,7 @@ pub(crate) fn refusal(document: &Document<'_>, file: &Path, error: &Error) -> Se
         .or_else(|| span.map(|span| document.line(span.start)));
     let key = entry.map_or_else(|| "(the whole file)".to_owned(), |entry| entry.path.clone());
     let value = entry.map(|entry| document.quote(entry));
-    if let Some(known) = known_keys(said) {
+    if let Some(known) = known_keys(message) {
         return SettingsError::UnknownKey {
             file,
             line: line.unwrap_or(1),
@@ -31,10 +31,10 @@ pub(crate) fn refusal(document: &Document<'_>, file: &Path, error: &Error) -> Se
             known,
         };
     }
-    SettingsError::Value { file, line, key, value, expected: expected(said) }
+    SettingsError::Value { file, line, key, value, expected: expected(message) }
 }
 
-/// A document of the right type that cannot be.
+/// The error for a document of the right type with an impossible value.
 pub(crate) fn impossible(
     document: &Document<'_>,
     file: &Path,
@@ -52,10 +52,10 @@ pub(crate) fn impossible(
     }
 }
 
-/// What was expected, of serde's "invalid type: …, expected …" and the like.
-fn expected(said: &str) -> String {
-    let Some((before, expected)) = said.rsplit_once(", expected ") else {
-        return format!("something else: {said}");
+/// The expectation in serde's "invalid type: …, expected …" and similar messages.
+fn expected(message: &str) -> String {
+    let Some((before, expected)) = message.rsplit_once(", expected ") else {
+        return format!("something else: {message}");
     };
     if before.starts_with("unknown variant ") {
         let known = quoted(expected);
@@ -76,19 +76,20 @@ fn expected(said: &str) -> String {
     }
 }
 
-/// The keys that there are, if `said` is that there is another one: in serde's words, or in those of toml for the tables of an enum.
-fn known_keys(said: &str) -> Option<Vec<String>> {
-    if said.starts_with("unknown field ") {
+/// The known keys, if the message reports an unknown key: in serde's words, or in those of toml for
+/// the tables of an enum.
+fn known_keys(message: &str) -> Option<Vec<String>> {
+    if message.starts_with("unknown field ") {
         return Some(
-            said.split_once(", expected ").map(|(_, list)| quoted(list)).unwrap_or_default(),
+            message.split_once(", expected ").map(|(_, list)| quoted(list)).unwrap_or_default(),
         );
     }
     let (_, list) =
-        said.strip_prefix("unexpected keys in table: ")?.split_once(", available keys: ")?;
+        message.strip_prefix("unexpected keys in table: ")?.split_once(", available keys: ")?;
     Some(list.split(", ").map(str::to_owned).collect())
 }
 
-/// The words between back quotes.
+/// The words between backticks.
 fn quoted(list: &str) -> Vec<String> {
     list.split('`').skip(1).step_by(2).map(str::to_owned).collect()
 }

@@ -1,13 +1,13 @@
-//! What a person may set: TOML in, checked types out.
+//! Settings: TOML in, checked types out.
 //!
-//! | module    | what it holds                                                           |
-//! |-----------|-------------------------------------------------------------------------|
-//! | `check`   | [`Check`]: whether settings that read well are possible too             |
-//! | `read`    | file → text → table → type → checked type                               |
+//! | module     | what it holds                                                          |
+//! |------------|------------------------------------------------------------------------|
+//! | `check`    | [`Check`]: whether the values of settings are possible                 |
+//! | `read`     | file → text → table → type → checked type                              |
 //! | [`change`] | settings in use + a few keys → settings                                |
-//! | `explain` | what serde says of a document, as one of our errors                     |
-//! | `error`   | [`SettingsError`]: file, line, key, value, and what was expected        |
-//! | `place`   | dotted key ↔ place in the document                                      |
+//! | `explain`  | messages of serde → errors of this crate                               |
+//! | `error`    | [`SettingsError`]: file, line, key, value, and the expected value      |
+//! | `place`    | dotted key ↔ position in the document                                  |
 //!
 //! ```
 //! use serde::Deserialize;
@@ -22,13 +22,17 @@
 //!
 //! impl Check for Load {
 //!     fn check(&self) -> Result<(), Impossible> {
-//!         if self.mass_kg > 0.0 { Ok(()) } else { Err(Impossible::new("mass_kg", "a positive mass")) }
+//!         if self.mass_kg > 0.0 {
+//!             return Ok(());
+//!         }
+//!         Err(Impossible::new("mass_kg", "a positive mass"))
 //!     }
 //! }
 //!
-//! let refused = settings::parse::<Load>("# of the crate\nmass_kg = -3.0\n", Path::new("load.toml"));
-//! let told = refused.map_err(|error| error.to_string());
-//! assert_eq!(told.err().as_deref(), Some("load.toml:2: mass_kg = -3.0: expected a positive mass"));
+//! let refused = settings::parse::<Load>("# a crate\nmass_kg = -3.0\n", Path::new("load.toml"));
+//! let message = refused.map_err(|error| error.to_string()).err();
+//! let expected = "load.toml:2: mass_kg = -3.0: expected a positive mass";
+//! assert_eq!(message.as_deref(), Some(expected));
 //! ```
 
 pub mod change;

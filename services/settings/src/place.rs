@@ -1,13 +1,13 @@
-//! Dotted key ↔ place in the document.
+//! Dotted key ↔ position in the document.
 
 use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// Longest value that is quoted in full \[characters\].
+/// Longest quoted value \[characters\]; the rest is cut.
 const QUOTED_MAX: usize = 60;
 
-/// A TOML document, and where everything stands in it.
+/// A TOML document with the positions of its entries.
 pub(crate) struct Document<'i> {
     text: &'i str,
     entries: Vec<Entry>,
@@ -18,14 +18,14 @@ pub(crate) struct Document<'i> {
 pub(crate) struct Entry {
     /// Dotted path of the key; elements of a list count from 0.
     pub(crate) path: String,
-    /// Where the key stands; elements of a list have none.
+    /// Position of the key; elements of a list have none.
     key: Option<Range<usize>>,
-    /// Where the value stands.
+    /// Position of the value.
     value: Range<usize>,
 }
 
 impl<'i> Document<'i> {
-    /// Notes every entry of `root`, which was read from `text`.
+    /// Indexes every entry of `root`, which was parsed from `text`.
     pub(crate) fn new(text: &'i str, root: &DeTable<'_>) -> Self {
         let mut entries = Vec::new();
         visit_table(root, "", &mut entries);
@@ -37,7 +37,8 @@ impl<'i> Document<'i> {
         line(self.text.as_bytes(), offset)
     }
 
-    /// The entry that an error at `span` is about: whose key or value stands exactly there, else the innermost around it.
+    /// The entry that an error at `span` is about: the one whose key or value has exactly this
+    /// span, else the innermost one around it.
     pub(crate) fn at(&self, span: &Range<usize>) -> Option<&Entry> {
         let exactly = self.entries.iter().find(|entry| entry.key.as_ref() == Some(span));
         let exactly = exactly.or_else(|| self.entries.iter().rfind(|entry| entry.value == *span));
@@ -60,8 +61,8 @@ impl<'i> Document<'i> {
         self.line(entry.key.as_ref().unwrap_or(&entry.value).start)
     }
 
-    /// Line of the nearest table around `path` that is in the document, from 1: the first line of
-    /// the file if there is none.
+    /// First line of the nearest table around `path` that is in the document, from 1. It is the
+    /// first line of the file if there is no such table.
     pub(crate) fn line_around(&self, path: &str) -> usize {
         let Some((table, _)) = path.rsplit_once('.') else { return 1 };
         self.find(table).map_or_else(|| self.line_around(table), |entry| self.line_of(entry))

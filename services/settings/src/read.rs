@@ -12,7 +12,7 @@ use toml::de::{DeTable, Deserializer, Error};
 /// Reads and checks the settings in `file`.
 ///
 /// # Errors
-/// [`SettingsError`] says what is wrong first, and where.
+/// [`SettingsError`] reports the first error and its line.
 pub fn read<T: DeserializeOwned + Check>(file: &Path) -> Result<T, SettingsError> {
     let bytes = fs::read(file).map_err(|error| SettingsError::Unreadable {
         file: file.to_path_buf(),
@@ -23,10 +23,10 @@ pub fn read<T: DeserializeOwned + Check>(file: &Path) -> Result<T, SettingsError
     parse(text, file)
 }
 
-/// Reads and checks settings that were read from `file`, whose name only serves to say where something is wrong.
+/// Reads and checks settings that were read from `file`. Only error messages use the file name.
 ///
 /// # Errors
-/// [`SettingsError`] says what is wrong first, and where.
+/// [`SettingsError`] reports the first error and its line.
 pub fn parse<T: DeserializeOwned + Check>(text: &str, file: &Path) -> Result<T, SettingsError> {
     let root = DeTable::parse(text).map_err(|error| syntax(text, file, &error))?;
     let document = Document::new(text, root.get_ref());
@@ -36,10 +36,10 @@ pub fn parse<T: DeserializeOwned + Check>(text: &str, file: &Path) -> Result<T, 
     Ok(settings)
 }
 
-/// Writes settings so that [`read`] gives them back.
+/// Writes settings so that [`read`] returns the same ones.
 ///
 /// # Errors
-/// [`WriteError`] if TOML cannot say them or the file cannot be written.
+/// [`WriteError`] if TOML cannot represent them or the file cannot be written.
 pub fn write<T: Serialize>(file: &Path, settings: &T) -> Result<(), WriteError> {
     let text = toml::to_string(settings).map_err(|error| WriteError::Unsayable {
         file: file.to_path_buf(),

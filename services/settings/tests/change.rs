@@ -1,4 +1,5 @@
-//! A change is in use whole, or not at all; and whoever asked for it is told what was expected.
+//! A change applies as a whole or not at all. The error names the key, its value and the expected
+//! value.
 
 use serde::{Deserialize, Serialize};
 use settings::change::{Change, Rules, changed};
@@ -71,92 +72,102 @@ fn robot() -> Robot {
     }
 }
 
-fn say(lines: &str) -> Result<Robot, String> {
+fn apply(lines: &str) -> Result<Robot, String> {
     Change::parse(lines)
         .and_then(|change| changed(&robot(), &[change], &RULES))
         .map_err(|error| error.to_string())
 }
 
 #[test]
-fn what_is_said_is_changed_and_nothing_else() {
+fn a_change_affects_only_its_own_keys() {
     let expected = Robot {
         steps: 7,
         free_steps: 6,
         weights: Weights { position: 4.0, ..robot().weights },
         ..robot()
     };
-    assert_eq!(say("steps = 7\nfree_steps = 6\nweights.position = 4"), Ok(expected.clone()));
-    assert_eq!(say("[weights]\nposition = 4.0\n").map(|robot| robot.weights), Ok(expected.weights));
-    assert_eq!(say("weights = { position = 1.0 }"), Ok(robot()), "a table is merged, key by key");
+    assert_eq!(apply("steps = 7\nfree_steps = 6\nweights.position = 4"), Ok(expected.clone()));
+    assert_eq!(
+        apply("[weights]\nposition = 4.0\n").map(|robot| robot.weights),
+        Ok(expected.weights)
+    );
+    assert_eq!(apply("weights = { position = 1.0 }"), Ok(robot()), "a table is merged, key by key");
 }
 
 #[test]
-fn another_kind_of_path_takes_the_place_of_the_whole_and_the_same_kind_is_merged() {
+fn another_kind_of_path_replaces_the_table_and_the_same_kind_is_merged() {
     assert_eq!(
-        say("path.circle.radius = 2.0").map(|robot| robot.path),
+        apply("path.circle.radius = 2.0").map(|robot| robot.path),
         Ok(Route::Circle { radius: 2.0, speed: 0.3 })
     );
     assert_eq!(
-        say("path.line.speed = 0.5").map(|robot| robot.path),
+        apply("path.line.speed = 0.5").map(|robot| robot.path),
         Ok(Route::Line { speed: 0.5 })
     );
     assert_eq!(
-        say("heading = { fixed-rad = 0.5 }").map(|robot| robot.heading),
+        apply("heading = { fixed-rad = 0.5 }").map(|robot| robot.heading),
         Ok(Heading::FixedRad(0.5))
     );
-    let nothing_left = say("path.line.colour = 1");
+    let nothing_left = apply("path.line.colour = 1");
     assert!(
-        nothing_left.as_ref().is_err_and(|told| told.contains("path.line.colour = 1: unknown key")),
+        nothing_left
+            .as_ref()
+            .is_err_and(|message| message.contains("path.line.colour = 1: unknown key")),
         "{nothing_left:?}"
     );
 }
 
 #[test]
-fn a_limit_can_be_taken_away_and_what_is_needed_cannot() {
-    assert_eq!(say("limits.speed = \"none\"").map(|robot| robot.limits), Ok(Limits::default()));
-    assert_eq!(say("limits.width = \"none\""), Ok(robot()), "what is not there is gone already");
+fn an_optional_limit_can_be_removed_and_a_required_key_cannot() {
+    assert_eq!(apply("limits.speed = \"none\"").map(|robot| robot.limits), Ok(Limits::default()));
     assert_eq!(
-        say("weights.position = \"none\""),
-        Err("weights.position is missing: expected it beside what is changed".into())
+        apply("limits.width = \"none\""),
+        Ok(robot()),
+        "removing an absent key changes nothing"
+    );
+    assert_eq!(
+        apply("weights.position = \"none\""),
+        Err("weights.position is missing: it has no default; expected a value".into())
     );
 }
 
 #[test]
-fn every_refusal_names_the_key_with_its_value_and_what_was_expected() {
-    let told = |lines: &str| say(lines).err().unwrap_or_default();
-    assert_eq!(told("free_steps = 6"), "free_steps = 6: expected at most 5");
+fn every_error_names_the_key_its_value_and_the_expected_value() {
+    let message = |lines: &str| apply(lines).err().unwrap_or_default();
+    assert_eq!(message("free_steps = 6"), "free_steps = 6: expected at most 5");
     assert_eq!(
-        told("steps = 2"),
+        message("steps = 2"),
         "free_steps = 3: expected at most 2",
-        "the one that no longer goes with it"
+        "the unchanged key contradicts the changed one"
     );
     assert_eq!(
-        told("weights.position = 4.0\nfree_steps = 6"),
+        message("weights.position = 4.0\nfree_steps = 6"),
         "free_steps = 6: expected at most 5",
-        "the other half is good"
+        "the other key of the change is valid"
     );
     assert_eq!(
-        told("weights.position = \"much\""),
+        message("weights.position = \"much\""),
         "weights.position = \"much\": expected a number"
     );
     assert_eq!(
-        told("weights.length = 1"),
+        message("weights.length = 1"),
         "weights.length = 1: unknown key, expected one of position, heading"
     );
     assert_eq!(
-        told("name = \"b\""),
-        "name = \"b\": stays as it was at the start; expected a key below steps, free_steps, weights, path, heading, limits"
+        message("name = \"b\""),
+        "name = \"b\": cannot change during the run; \
+         expected a key below steps, free_steps, weights, path, heading, limits"
     );
     assert_eq!(
-        told("steps_of_mine = 1").split(';').next(),
-        Some("steps_of_mine = 1: stays as it was at the start")
+        message("steps_of_mine = 1").split(';').next(),
+        Some("steps_of_mine = 1: cannot change during the run")
     );
-    assert_eq!(told(""), "nothing is changed: expected at least one KEY = VALUE");
-    assert_eq!(told("# nothing"), "nothing is changed: expected at least one KEY = VALUE");
+    assert_eq!(message(""), "nothing is changed: expected at least one KEY = VALUE");
+    assert_eq!(message("# nothing"), "nothing is changed: expected at least one KEY = VALUE");
     assert!(
-        told("steps = 7\nsteps 8").starts_with("`steps 8` is not TOML: "),
+        message("steps = 7\nsteps 8").starts_with("`steps 8` is not TOML: "),
         "{}",
-        told("steps = 7\nsteps 8")
+        message("steps = 7\nsteps 8")
     );
 }
 

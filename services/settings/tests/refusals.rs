@@ -1,4 +1,4 @@
-//! Every refusal names file, line, key, value and what was expected.
+//! Every error names file, line, key, value and the expected value.
 
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError};
@@ -99,7 +99,7 @@ fn refusal_with(from: &str, to: &str) -> String {
 }
 
 #[test]
-fn good_settings_are_read_whole() {
+fn valid_settings_are_read_completely() {
     let scenario = settings::parse::<Scenario>(GOOD, Path::new("good.toml"));
     let expected = Scenario {
         seed: 7,
@@ -112,7 +112,7 @@ fn good_settings_are_read_whole() {
 }
 
 #[test]
-fn what_is_written_reads_back_the_same() -> Result<(), Box<dyn std::error::Error>> {
+fn written_settings_read_back_the_same() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("scenario.toml");
     let scenario: Scenario = settings::parse(GOOD, Path::new("good.toml"))?;
@@ -122,28 +122,29 @@ fn what_is_written_reads_back_the_same() -> Result<(), Box<dyn std::error::Error
 }
 
 #[test]
-fn a_missing_file_is_named() {
+fn the_error_names_a_missing_file() {
     let refused = settings::read::<Scenario>(Path::new("/nowhere/paper.toml"))
         .map_err(|error| error.to_string());
-    let told = "/nowhere/paper.toml: expected a file of settings, but No such file or directory (os error 2)";
-    assert_eq!(refused, Err(told.to_owned()));
+    let message =
+        "/nowhere/paper.toml: expected a settings file, but No such file or directory (os error 2)";
+    assert_eq!(refused, Err(message.to_owned()));
 }
 
 #[test]
-fn a_byte_that_is_no_text_is_shown_with_its_line() -> Result<(), Box<dyn std::error::Error>> {
+fn a_byte_that_is_not_utf_8_is_shown_with_its_line() -> Result<(), Box<dyn std::error::Error>> {
     let file = tempfile::NamedTempFile::new()?;
     std::fs::write(file.path(), b"seed = 7\n# \xff of the crate\n")?;
     let refused = settings::read::<Scenario>(file.path()).map_err(|error| error.to_string());
-    let told = format!(
+    let message = format!(
         "{}:2: `# \u{fffd} of the crate` is not TOML: expected text in UTF-8",
         file.path().display()
     );
-    assert_eq!(refused, Err(told));
+    assert_eq!(refused, Err(message));
     Ok(())
 }
 
 #[test]
-fn what_is_not_toml_is_shown_with_its_line() {
+fn a_line_that_is_not_toml_is_shown_with_its_number() {
     assert_eq!(
         refusal_with("mass_kg = 22", "mass_kg = = 22"),
         "deploy/paper.toml:5: `mass_kg = = 22` is not TOML: extra `=`, expected nothing"
@@ -155,7 +156,7 @@ fn what_is_not_toml_is_shown_with_its_line() {
 }
 
 #[test]
-fn an_unknown_key_is_named_with_those_that_are_known() {
+fn an_unknown_key_is_named_with_the_known_keys() {
     assert_eq!(
         refusal_with("mass_kg = 22", "mass_kg = 22\nmas_kg = 3.0"),
         "deploy/paper.toml:6: truth.mas_kg = 3.0: unknown key, expected one of mass_kg, motor_gain"
@@ -166,7 +167,8 @@ fn an_unknown_key_is_named_with_those_that_are_known() {
     );
     assert_eq!(
         refusal_with("[truth]", "[trooth]\n[truth]"),
-        "deploy/paper.toml:4: trooth = a table: unknown key, expected one of seed, pace, truth, path, pushes"
+        "deploy/paper.toml:4: trooth = a table: \
+         unknown key, expected one of seed, pace, truth, path, pushes"
     );
     assert_eq!(
         refusal_with("radius_m = 2.0", "radius_mm = 2.0"),
@@ -199,7 +201,7 @@ fn a_value_of_the_wrong_type_is_shown() {
 }
 
 #[test]
-fn an_unknown_alternative_is_named_with_those_that_are_known() {
+fn an_unknown_alternative_is_named_with_the_known_ones() {
     assert_eq!(
         refusal_with("path.circle", "path.cycle"),
         "deploy/paper.toml:8: path.cycle = a table: expected one of circle, line"
@@ -251,7 +253,7 @@ fn an_impossible_default_is_shown_with_the_line_of_its_table() {
 }
 
 #[test]
-fn an_error_can_be_told_apart_by_its_kind() {
+fn the_kind_of_an_error_is_its_variant() {
     let unknown = settings::parse::<Scenario>("sead = 7\n", Path::new("a.toml"));
     assert!(
         matches!(unknown, Err(SettingsError::UnknownKey { line: 1, key, .. }) if key == "sead")

@@ -1,4 +1,4 @@
-//! What is possible and what is refused.
+//! Which settings are possible and which are rejected.
 
 use super::*;
 use crate::truth::{Fault, Patch, Push, Wheel, WheelSlip};
@@ -8,12 +8,12 @@ fn refused(truth: &Truth) -> String {
 }
 
 #[test]
-fn the_plain_robot_is_possible() {
+fn the_default_robot_is_possible() {
     assert_eq!(Truth::default().check(), Ok(()));
 }
 
 #[test]
-fn an_impossible_setting_is_named_by_its_path() {
+fn the_error_names_the_path_of_an_impossible_setting() {
     let patch = Patch { from_m: [0.0; 2], to_m: [1.0; 2], friction_factor: 1.0, grip_factor: 0.5 };
     let push = Push { force_n: [0.0, f64::NAN], ..Push::default() };
     let fault = Fault { wheel: Wheel::RearLeft, gain: -1.0, at_s: 0.0, until_s: None };
@@ -38,7 +38,7 @@ fn an_impossible_setting_is_named_by_its_path() {
 }
 
 #[test]
-fn what_a_step_cannot_follow_is_refused() {
+fn a_rate_that_a_step_cannot_integrate_is_rejected() {
     let slip = WheelSlip { grip: 0.6, slip_speed_scale_mps: 1e-4 };
     let plain = Truth::default;
     let cases = [

@@ -52,7 +52,8 @@ fn the_columns_of_j_are_eigenvectors_of_m() {
 
 #[test]
 fn body_and_wheels_obey_the_papers_matrix() {
-    // J⁺(M ω̇ − τ − r J⁺ᵀF) = 0, with τ of the speed loop alone and F of the turning frame and drag.
+    // J⁺(M ω̇ − τ − r J⁺ᵀF) = 0, with τ of the speed loop alone and F of the turning frame and
+    // drag.
     let truth = Truth {
         wheel_viscous_friction_nms: 0.0,
         rolling_friction: 0.0,
@@ -112,11 +113,14 @@ fn a_load_beside_the_centre_obeys_newton_and_euler() {
         .zip(&Geometry::new(&truth).contacts_m)
         .map(|(load, place)| *load * place)
         .sum();
-    assert!((leaning - moment * GRAVITY).amax() < 1e-10, "the wheels hold the load where it lies");
+    assert!(
+        (leaning - moment * GRAVITY).amax() < 1e-10,
+        "the wheels support the load at its position"
+    );
 }
 
 #[test]
-fn breaking_away_takes_more_than_rolling_on() {
+fn breakaway_friction_is_larger_than_rolling_friction() {
     let truth = Truth { rolling_friction: 0.05, breakaway_factor: 2.0, ..Truth::default() };
     let plain = Truth { breakaway_factor: 1.0, ..truth.clone() };
     let given = conditions(&truth, Vector3::zeros());
@@ -133,7 +137,7 @@ fn breaking_away_takes_more_than_rolling_on() {
 }
 
 #[test]
-fn friction_drag_and_brake_only_take_energy_away() {
+fn friction_drag_and_brake_only_dissipate_energy() {
     for wheel_slip in [None, Some(WheelSlip { grip: 0.6, slip_speed_scale_mps: 0.05 })] {
         let truth = Truth {
             wheel_slip,
@@ -158,7 +162,7 @@ fn friction_drag_and_brake_only_take_energy_away() {
 }
 
 #[test]
-fn a_slope_pulls_down_whichever_way_the_robot_looks() {
+fn a_slope_pulls_downhill_at_every_heading() {
     let truth = Truth {
         slope: Some(crate::truth::Slope { angle_rad: 0.1, direction_rad: 1.0 }),
         ..Truth::default()
@@ -178,7 +182,7 @@ fn a_slope_pulls_down_whichever_way_the_robot_looks() {
 }
 
 #[test]
-fn only_the_wheels_on_a_patch_feel_it() {
+fn a_patch_affects_only_the_wheels_on_it() {
     let patch = crate::truth::Patch {
         from_m: [0.0, 0.0],
         to_m: [1.0, 1.0],

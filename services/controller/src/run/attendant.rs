@@ -76,7 +76,7 @@ fn write_events(handover: &Handover) {
             }
             Event::Adopted { version, tick } => tracing::info!(version, tick, "model adopted"),
             Event::FallbackLevel { tick, fallback_level, reason } => {
-                tracing::info!(tick, %fallback_level, %reason, "fallback level")
+                tracing::info!(tick, %fallback_level, %reason, "fallback level");
             }
             Event::Sensors { tick, fault: Some(fault) } => tracing::warn!(tick, "{}", fault.text()),
             Event::Sensors { tick, fault: None } => {

@@ -1,4 +1,4 @@
-//! The thread that fits, one data set after the other.
+//! The fitting thread, one data set after the other.
 
 use crate::fit::{FailedFit, FitSettings, FittedModel};
 use model::AXES;
@@ -9,7 +9,7 @@ use std::sync::mpsc::{Receiver, Sender};
 /// A data set to fit.
 pub(super) struct Job<const D: usize> {
     pub(super) cut: u64,
-    /// With the scale of its noise each.
+    /// Each with the scale of its noise.
     pub(super) observations: Vec<(Observation<D>, f64)>,
     /// Whether the fit begins from the initial hyperparameters, not where the last one ended.
     pub(super) anew: bool,
@@ -17,10 +17,10 @@ pub(super) struct Job<const D: usize> {
     pub(super) evaluations_max: usize,
 }
 
-/// What came of it.
+/// Result of a job.
 pub(super) type Done<const D: usize> = (u64, Result<FittedModel<D>, FailedFit>);
 
-/// Fits one job after the other, each from where the last one ended.
+/// Fits one job after the other. Each begins at the hyperparameters of the previous one.
 pub(super) fn fit_jobs<const D: usize>(
     mut fit_settings: FitSettings<D>,
     mut start: [Hyperparameters<D>; AXES],

@@ -1,60 +1,60 @@
-//! Bad snapshots on purpose: what the learner sends in their ticks is not what it has learnt.
+//! Faults of snapshots: in their ticks, the learner publishes other snapshots than it has learnt.
 
 use model::gp::split_mix::SplitMix64;
 use serde::{Deserialize, Serialize};
 use settings::Impossible;
 
-/// Which bad snapshots are sent. By default none, which costs nothing.
+/// The injected faults. By default none, at no cost.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SnapshotFaults {
     /// Seed of all random choices.
     #[serde(default)]
     pub seed: u64,
-    /// The faults. Of several that happen to a snapshot the first counts.
+    /// The faults. If several apply to a snapshot, the first counts.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub snapshot: Vec<SnapshotFault>,
 }
 
-/// One kind of bad snapshot, sent in place of good ones.
+/// One kind of bad snapshot, published in place of good ones.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SnapshotFault {
-    /// What is wrong with it.
+    /// Kind of the fault.
     pub kind: SnapshotFaultKind,
-    /// First tick, by the last sample that was learnt, that it happens in.
+    /// First tick of the fault, by the last training sample.
     #[serde(default)]
     pub from_tick: u64,
-    /// First tick that it does not happen in any more; to the end if not given.
+    /// First tick after the fault; absent is the end of the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until_tick: Option<u64>,
-    /// How likely it is for each snapshot, up to 1.
+    /// Probability for each snapshot, up to 1.
     #[serde(default = "certain")]
     pub probability: f64,
 }
 
-/// What is wrong with a snapshot. Whatever it is, it is well sealed.
+/// Kind of a bad snapshot. Its checksum is valid in every case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SnapshotFaultKind {
-    /// One of those before it, sent again as if it were new. The first two are never stale.
+    /// An earlier snapshot, published again as if it were new. The first two are never stale.
     Stale,
-    /// One of its numbers is not a number.
+    /// One of its numbers is NaN.
     Nan,
     /// Its points are all the same, and without noise: their covariance has no factor.
     Indefinite,
-    /// It has one input more.
+    /// It has one additional input.
     WrongSize,
     /// It was learnt for another robot.
     WrongFingerprint,
-    /// One of its hyperparameters is beyond anything that a residual can have.
+    /// One of its hyperparameters is impossible for any residual.
     Absurd,
-    /// Half of it is of another snapshot.
+    /// Half of it belongs to another snapshot.
     Torn,
 }
 
 impl SnapshotFaultKind {
-    /// Every one.
+    /// All kinds.
     pub const ALL: [Self; 7] = [
         Self::Stale,
         Self::Nan,
@@ -84,15 +84,15 @@ const fn certain() -> f64 {
 }
 
 impl SnapshotFaults {
-    /// Whether there are none.
+    /// Whether there are no faults.
     pub fn is_empty(&self) -> bool {
         self.snapshot.is_empty()
     }
 
-    /// Whether there can be such faults.
+    /// Checks that such faults are possible.
     ///
     /// # Errors
-    /// [`Impossible`] names the first setting that cannot be; faults count from 0.
+    /// [`Impossible`] names the first impossible setting; faults count from 0.
     pub fn check(&self) -> Result<(), Impossible> {
         if i64::try_from(self.seed).is_err() {
             return Err(Impossible::new(
@@ -110,14 +110,15 @@ impl SnapshotFaults {
             if fault.until_tick.is_some_and(|until| until <= fault.from_tick) {
                 return impossible(
                     "until_tick",
-                    format!("a tick after from_tick = {}, or nothing", fault.from_tick),
+                    format!("a tick after from_tick = {}, or no key", fault.from_tick),
                 );
             }
         }
         Ok(())
     }
 
-    /// What happens to the snapshot of `tick`, with random numbers of its own; the same for the same seed, tick and place in the list.
+    /// The fault of the snapshot of `tick`, with random numbers of its own. They depend only on
+    /// seed, tick and index in the list.
     pub fn strike(&self, tick: u64) -> Option<(SnapshotFaultKind, SplitMix64)> {
         self.snapshot.iter().zip(1_u64..).find_map(|(fault, place)| {
             let within =

@@ -18,7 +18,8 @@ use crate::gp::exponential::exponential;
 use crate::gp::kernel::one_plus_product;
 use crate::gp::vectorise::vectorise;
 
-/// Added to the diagonal when the plain covariance does not factorise, relative to its largest entry there: first this …
+/// Added to the diagonal when the plain covariance does not factorise, relative to its largest
+/// entry there: first this …
 const FIRST_JITTER: f64 = 1e-12;
 /// … then ten times more each time, up to this.
 const LARGEST_JITTER: f64 = 1e-4;
@@ -35,7 +36,7 @@ impl<const D: usize> ScaledInputs<D> {
         Self { columns: std::array::from_fn(|_| vec![0.0; samples]) }
     }
 
-    /// Takes `inputs` over, as many as at set-up. Does not allocate.
+    /// Copies `inputs`, as many as at construction. Does not allocate.
     pub(crate) fn scale(&mut self, inputs: &[[f64; D]], length_scale: &[f64; D]) {
         for (dimension, column) in self.columns.iter_mut().enumerate() {
             let rate = 1.0 / length_scale[dimension];
@@ -50,7 +51,8 @@ impl<const D: usize> ScaledInputs<D> {
         &self.columns
     }
 
-    /// Lower half of the squared-exponential part of K, the diagonal included. O(n² D); does not allocate.
+    /// Lower half of the squared-exponential part of K, the diagonal included. O(n² D); does not
+    /// allocate.
     pub(crate) fn local_covariance(&self, variance: f64, local: &mut Mat<f64>) {
         vectorise(
             Arch::new(),
@@ -61,7 +63,7 @@ impl<const D: usize> ScaledInputs<D> {
 
     #[expect(
         clippy::inline_always,
-        reason = "must be inlined to take on the vector features of its caller"
+        reason = "must be inlined to use the vector features of its caller"
     )]
     #[inline(always)]
     fn fill(&self, variance: f64, local: &mut Mat<f64>) {
@@ -82,7 +84,8 @@ impl<const D: usize> ScaledInputs<D> {
     }
 }
 
-/// Lower half of 1 + X Xᵀ, the diagonal included. It does not depend on any hyperparameter. O(n² D).
+/// Lower half of 1 + X Xᵀ, the diagonal included. It does not depend on any hyperparameter. O(n²
+/// D).
 pub(crate) fn gram<const D: usize>(inputs: &[[f64; D]]) -> Mat<f64> {
     Mat::from_fn(inputs.len(), inputs.len(), |row, column| {
         if row < column { 0.0 } else { one_plus_product(&inputs[row], &inputs[column]) }
@@ -116,10 +119,11 @@ pub(crate) fn factor_scratch(samples: usize) -> StackReq {
     llt::factor::cholesky_in_place_scratch::<f64>(samples, Par::Seq, faer::Spec::default())
 }
 
-/// Lower Cholesky factor of K + σₙ² diag(s) + jitter I, and the jitter, which is zero unless it was needed.
+/// Lower Cholesky factor of K + σₙ² diag(s) + jitter I, and the jitter. The jitter is zero unless
+/// it was needed.
 ///
-/// A pivot that is nothing but rounding counts as lost, so twins among the inputs are seen for what they are. O(n³/3); does not
-/// allocate, except where faer packs large blocks.
+/// A pivot at the level of rounding counts as lost, so that duplicate inputs are detected. O(n³/3);
+/// does not allocate, except where faer packs large blocks.
 pub(crate) fn factorise(
     covariance: &Mat<f64>,
     noise_variance: f64,
@@ -135,7 +139,7 @@ pub(crate) fn factorise(
         (0..samples).fold(0.0, |largest: f64, i| largest.max(covariance[(i, i)])) + noise_variance;
     let smallest_pivot = f64::EPSILON * samples as f64 * diagonal;
     let first_jitter = FIRST_JITTER * diagonal;
-    // Of an infinite diagonal, or of none, no jitter is ever the largest one.
+    // If the diagonal is infinite or zero, the loop below would never reach the largest jitter.
     if !(first_jitter.is_normal() && first_jitter > 0.0) {
         return Err(NotPositiveDefinite);
     }
@@ -191,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_diagonal_that_is_infinite_or_nothing_is_refused_at_once() {
+    fn a_diagonal_that_is_infinite_or_zero_is_rejected_at_once() {
         for value in [f64::INFINITY, f64::NAN, 0.0, 1e-310] {
             let covariance = Mat::from_fn(3, 3, |_, _| value);
             let mut memory = MemBuffer::new(factor_scratch(3));
@@ -235,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn twins_cost_a_jitter() {
+    fn duplicate_inputs_need_a_jitter() {
         let mut inputs = inputs(20);
         inputs[13] = inputs[4];
         let kernel = covariance(&inputs);
@@ -251,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn no_jitter_heals_what_is_not_a_number() {
+    fn no_jitter_makes_nan_positive_definite() {
         let kernel = Mat::from_fn(3, 3, |_, _| f64::NAN);
         let mut factor = Mat::zeros(3, 3);
         assert!(

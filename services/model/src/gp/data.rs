@@ -1,14 +1,14 @@
-//! What samples must be before anything is computed from them.
+//! Checks of samples before anything is computed from them.
 
-/// Why samples are unfit for regression.
+/// Why samples are not usable for regression.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum DataError {
-    /// One target belongs to one input.
+    /// The numbers of inputs and targets differ.
     #[error("{inputs} inputs but {targets} targets")]
     Lengths {
-        /// How many inputs.
+        /// Number of inputs.
         inputs: usize,
-        /// How many targets.
+        /// Number of targets.
         targets: usize,
     },
     /// An input holds NaN or an infinity.
@@ -18,15 +18,15 @@ pub enum DataError {
         sample: usize,
         /// Index of the input within it.
         dimension: usize,
-        /// What it is.
+        /// Its value.
         value: f64,
     },
-    /// Every sample has a noise of its own, or all the same.
+    /// The numbers of inputs and noise scales differ.
     #[error("{inputs} inputs but {noise_scales} noise scales")]
     NoiseScales {
-        /// How many inputs.
+        /// Number of inputs.
         inputs: usize,
-        /// How many noise scales.
+        /// Number of noise scales.
         noise_scales: usize,
     },
     /// A noise scale is not a positive number.
@@ -34,7 +34,7 @@ pub enum DataError {
     NoiseScale {
         /// Index of the sample.
         sample: usize,
-        /// What it is.
+        /// Its value.
         value: f64,
     },
     /// A target is NaN or an infinity.
@@ -44,12 +44,12 @@ pub enum DataError {
         sample: usize,
         /// Index of the output.
         output: usize,
-        /// What it is.
+        /// Its value.
         value: f64,
     },
 }
 
-/// Refuses samples of unequal number, or with a value that is not finite.
+/// Rejects samples of unequal number, or with a value that is not finite.
 pub(crate) fn check<const D: usize, const P: usize>(
     inputs: &[[f64; D]],
     targets: &[[f64; P]],
@@ -66,7 +66,8 @@ pub(crate) fn check<const D: usize, const P: usize>(
     Ok(())
 }
 
-/// Refuses noise scales of another number than the samples, or of which one is not a positive number.
+/// Rejects noise scales of another number than the samples, or with one that is not positive and
+/// finite.
 pub(crate) fn check_noise_scale(samples: usize, noise_scale: &[f64]) -> Result<(), DataError> {
     if noise_scale.len() != samples {
         return Err(DataError::NoiseScales { inputs: samples, noise_scales: noise_scale.len() });

@@ -1,21 +1,25 @@
-//! The bounded data set of the learner: it keeps what informs, forgets what is out of date, and admits no outlier.
+//! The bounded data set of the learner: it keeps informative samples, forgets outdated ones, and
+//! rejects outliers.
 //!
 //! | here              | in the equations                                      | size    |
 //! |-------------------|-------------------------------------------------------|---------|
 //! | `inverse`         | P = C⁻¹, C = K + σₙ² diag(s), of one selection kernel | `n` × `n` |
 //! | `noise_scale`     | s = 1 + age / τ + doubt: noise that grows with age    | `n`     |
 //!
-//! **Who gives way.** 1/Pᵢᵢ is the variance of sample i foretold by all others, noise included, so it tells ½ ln(1/(Pᵢᵢ sᵢ σₙ²)) that they do not.
-//! When the set is full, the one that tells least gives way: of twins the older, of a long steady stretch most, of an excursion nobody.
+//! **Which sample is dropped.** 1/Pᵢᵢ is the variance of sample i predicted from all others, noise
+//! included. So sample i adds the information ½ ln(1/(Pᵢᵢ sᵢ σₙ²)). When the set is full, the
+//! sample with the least information is dropped. Of two samples with the same input it is the older
+//! one. Of a long steady stretch most samples go, of an excursion none.
 //!
-//! **What is out of date.** Noise that grows like age is what a function that drifts by a random walk gives: the new outweighs the old where
-//! both speak, and the old is still heard where nothing new was seen. When the world has changed, as `surprise` judges, all
-//! that was known before is put into doubt at once.
+//! **Which sample is outdated.** Noise that grows linearly with age is that of a function that
+//! drifts as a random walk. Where old and new samples overlap, the new ones dominate; elsewhere the
+//! old ones still count. When `surprise` detects a change of the world, all older samples get a
+//! large noise at once.
 //!
 //! Age is counted in samples: the same samples give the same set, to the last bit.
 //!
-//! Reference: Csató & Opper, *Sparse on-line Gaussian processes*, Neural Computation 14, 2002; the leave-one-out variance is eq. 5.12 of
-//! Rasmussen & Williams 2006.
+//! Reference: Csató & Opper, *Sparse on-line Gaussian processes*, Neural Computation 14, 2002; the
+//! leave-one-out variance is eq. 5.12 of Rasmussen & Williams 2006.
 
 use faer::Mat;
 
@@ -24,61 +28,61 @@ use crate::gp::inverse::Inverse;
 use crate::gp::normalisation::Normalisation;
 use crate::gp::surprise::{Surprise, Verdict, WINDOW};
 
-/// s of a sample never grows beyond this by age alone: far from all others it is still worth having.
+/// Largest s of a sample by age alone. A sample far from all others is still useful then.
 const AGED_MAX: f64 = 50.0;
-/// What a change of the world adds to s of all that was seen before it.
+/// Added to s of all older samples when the world changes.
 const DOUBT: f64 = 100.0;
 
 /// One observation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation<const D: usize> {
-    /// Where it was made, not normalised.
+    /// Input of the observation, not normalised.
     pub input: [f64; D],
-    /// What was seen there, per output.
+    /// Observed value of each output.
     pub target: [f64; 3],
 }
 
-/// How a dictionary chooses.
+/// Selection of the samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Selection<const D: usize> {
-    /// Most observations that it keeps.
+    /// Largest number of observations.
     pub capacity: usize,
-    /// How inputs are scaled.
+    /// Scales of the inputs.
     pub normalisation: Normalisation<D>,
-    /// Kernel and noise by which information is measured; only their ratio counts.
+    /// Kernel and noise that measure the information; only their ratio counts.
     pub kernel: Hyperparameters<D>,
-    /// τ: samples after which an observation counts half.
+    /// τ: number of samples after which an observation has half its weight.
     pub memory_samples: f64,
     /// Innovations that are never surprising, per output, in output units.
     pub noise_floor: [f64; 3],
 }
 
-/// What became of a sample.
+/// Outcome of an insertion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// It is in.
+    /// The sample is in the set.
     Admitted,
-    /// It says exactly what the last one said, or what is no number.
+    /// The sample equals the last one to the bit, or is not finite.
     Refused,
-    /// It is surprising, and waits for its successors.
+    /// The sample is surprising, and is held back until later ones confirm it.
     Held,
-    /// It confirms those on hold: they are in, and all before them is in doubt.
+    /// The sample confirms those held back: they are in the set, and all older ones are doubted.
     Changed,
 }
 
-/// The observations that are kept, oldest first.
+/// The observations in the set, oldest first.
 #[derive(Debug, Clone)]
 pub struct Dictionary<const D: usize> {
     selection: Selection<D>,
     entries: Vec<Entry<D>>,
     inverse: Inverse,
     surprise: Surprise,
-    /// Surprising observations that wait, oldest first.
+    /// Surprising observations held back, oldest first.
     held: Vec<(u64, Observation<D>)>,
     last: Option<Observation<D>>,
-    /// Samples ever judged.
+    /// Number of samples judged so far.
     count: u64,
-    /// Changes of the inverse since it was worked out anew.
+    /// Updates of the inverse since it was last recomputed.
     changes: usize,
     covariances: Vec<f64>,
     solved: Vec<f64>,
@@ -89,15 +93,15 @@ struct Entry<const D: usize> {
     observation: Observation<D>,
     /// Normalised.
     input: [f64; D],
-    /// Value of the count when it was made.
+    /// Value of `count` when it was made.
     made: u64,
     doubt: f64,
-    /// s that the inverse holds.
+    /// s in the inverse.
     held_scale: f64,
 }
 
 impl<const D: usize> Dictionary<D> {
-    /// An empty one. Takes the memory for all that it will ever keep: O(n²).
+    /// An empty set. Allocates the memory for its whole capacity: O(n²).
     pub fn new(selection: Selection<D>) -> Self {
         let capacity = selection.capacity.max(1);
         Self {
@@ -114,12 +118,12 @@ impl<const D: usize> Dictionary<D> {
         }
     }
 
-    /// How many observations are kept.
+    /// Number of observations in the set.
     pub fn len(&self) -> usize {
         self.entries.len()
     }
 
-    /// Whether nothing is kept.
+    /// Whether the set is empty.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
@@ -129,7 +133,8 @@ impl<const D: usize> Dictionary<D> {
         self.entries.iter().map(|entry| (&entry.observation, self.noise_scale(entry)))
     }
 
-    /// Judges an observation, and takes it in if it is to be believed. O(n²), O(n³) once in n; does not allocate then.
+    /// Judges an observation, and inserts it if it is credible. O(n²), O(n³) once in n insertions;
+    /// does not allocate when full.
     pub fn insert(&mut self, observation: Observation<D>) -> Outcome {
         let finite =
             observation.input.iter().chain(&observation.target).all(|value| value.is_finite());
@@ -157,7 +162,7 @@ impl<const D: usize> Dictionary<D> {
         }
     }
 
-    /// The world has changed with the sample after `last`: what is older is in doubt, what is younger is not.
+    /// The world changed with the sample after `last`. Older samples are doubted, newer ones not.
     fn change(&mut self, last: u64) {
         for entry in &mut self.entries {
             entry.doubt = if entry.made > last { 0.0 } else { entry.doubt + DOUBT };
@@ -173,7 +178,8 @@ impl<const D: usize> Dictionary<D> {
         self.held.clear();
     }
 
-    /// Puts back an observation that was kept before, with the s that it had then. One that is not finite is left out.
+    /// Puts back an observation of an earlier set, with its s of then. Skips one that is not
+    /// finite.
     pub fn restore(&mut self, observation: Observation<D>, noise_scale: f64) {
         let numbers = observation.input.iter().chain(&observation.target).chain([&noise_scale]);
         if numbers.into_iter().all(|value| value.is_finite()) {
@@ -182,13 +188,14 @@ impl<const D: usize> Dictionary<D> {
         }
     }
 
-    /// Lets go of everything that was put back. O(n³) in what is left.
+    /// Drops all observations that were put back. O(n³) in the number that is left.
     pub fn forget_restored(&mut self) {
         self.entries.retain(|entry| entry.made > 0);
         self.work_out_anew();
     }
 
-    /// z of each output: the innovation of who was looked at, relative to what the uncertainty of the function at its place lets expect.
+    /// z of each output: the innovation of the observation that was looked at, relative to the
+    /// uncertainty of the function there.
     fn deviations(&self, observation: &Observation<D>, unexplained: f64) -> [f64; 3] {
         let noise_variance = self.selection.kernel.noise_variance;
         let expected = ((unexplained + noise_variance) / noise_variance).sqrt();
@@ -203,7 +210,8 @@ impl<const D: usize> Dictionary<D> {
         })
     }
 
-    /// P c of a sample goes to `solved`; gives what the others do not foretell of the function's variance at its place.
+    /// Writes P c of a sample to `solved`. Returns the variance of the function there that the
+    /// other samples do not explain.
     fn look_at(&mut self, observation: &Observation<D>) -> f64 {
         let input = self.selection.normalisation.apply(&observation.input);
         let kernel = &self.selection.kernel.kernel;
@@ -217,7 +225,7 @@ impl<const D: usize> Dictionary<D> {
         (kernel.prior(&input) - explained).max(0.0)
     }
 
-    /// Takes in a sample that was just looked at.
+    /// Inserts a sample that was just looked at.
     fn admit(&mut self, observation: Observation<D>, made: u64, doubt: f64, unexplained: f64) {
         let input = self.selection.normalisation.apply(&observation.input);
         let mut entry = Entry { observation, input, made, doubt, held_scale: 1.0 };
@@ -234,7 +242,7 @@ impl<const D: usize> Dictionary<D> {
         }
     }
 
-    /// The one with the largest Pᵢᵢ sᵢ tells least.
+    /// Drops the sample with the largest Pᵢᵢ sᵢ, which has the least information.
     fn forget_one(&mut self) {
         let told = self
             .inverse
@@ -248,13 +256,13 @@ impl<const D: usize> Dictionary<D> {
         }
     }
 
-    /// s: 1 when it was made.
+    /// s: 1 when the sample was made.
     fn noise_scale(&self, entry: &Entry<D>) -> f64 {
         let age = (self.count - entry.made) as f64;
         1.0 + (age / self.selection.memory_samples).min(AGED_MAX) + entry.doubt.min(DOUBT)
     }
 
-    /// The inverse with the present s, free of the rounding of many steps.
+    /// Recomputes the inverse with the present s, without the rounding of many updates.
     fn work_out_anew(&mut self) {
         self.changes = 0;
         for place in 0..self.entries.len() {
@@ -266,12 +274,14 @@ impl<const D: usize> Dictionary<D> {
             kernel.value(&a.input, &b.input)
                 + if i == j { noise_variance * a.held_scale } else { 0.0 }
         });
-        // Noise on the diagonal keeps it positive definite; if that ever fails, the maintained one serves on.
+        // Noise on the diagonal keeps it positive definite. If that ever fails, the updated inverse
+        // stays.
         let _ = self.inverse.recompute(&covariance);
         self.doubt_the_wild();
     }
 
-    /// Early samples got in when nothing was known. What all others foretell of sample i differs from it by αᵢ/Pᵢᵢ, α = P y.
+    /// Doubts early samples that were inserted before the noise was known. The prediction of sample
+    /// i from all others differs from it by αᵢ/Pᵢᵢ, α = P y.
     fn doubt_the_wild(&mut self) {
         let noise = self.selection.kernel.noise_variance.sqrt();
         let mut deviations = vec![[0.0; 3]; self.entries.len()];

@@ -1,8 +1,9 @@
 //! eˣ for x ≤ 0 without branches, so that a loop over it runs in vector registers.
 //!
-//! x = n ln 2 + r with |r| ≤ ½ ln 2; eˣ = 2ⁿ eʳ, eʳ by its Taylor polynomial of degree 11, whose remainder is below 1e-14.
-//! Multiplications and additions are kept apart (no fused ones) and nothing is summed across elements: the bits do not depend on
-//! the width of the registers, nor on the position in a slice.
+//! x = n ln 2 + r with |r| ≤ ½ ln 2; eˣ = 2ⁿ eʳ, eʳ by its Taylor polynomial of degree 11, whose
+//! remainder is below 1e-14. Multiplications and additions are separate (none fused), and nothing
+//! is summed across elements. So the bits do not depend on the width of the registers, nor on the
+//! position in a slice.
 
 const LOG2_E: f64 = std::f64::consts::LOG2_E;
 /// ln 2 in two parts; the first has enough trailing zeros that `n * LN_2_HIGH` is exact.
@@ -33,7 +34,7 @@ const COEFFICIENTS: [f64; 12] = [
 /// eˣ for x ≤ 0, to about 1e-15 relative (absolute where the result is subnormal); NaN stays NaN.
 #[expect(
     clippy::inline_always,
-    reason = "must be inlined to take on the vector features of its caller"
+    reason = "must be inlined to use the vector features of its caller"
 )]
 #[inline(always)]
 pub(crate) fn exponential(x: f64) -> f64 {
@@ -62,14 +63,14 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(20_000))]
         #[test]
-        fn agrees_with_the_library_over_its_whole_range(x in -745.0..=0.0_f64) {
+        fn agrees_with_the_standard_library_over_its_whole_range(x in -745.0..=0.0_f64) {
             let expected = x.exp();
             prop_assert!((exponential(x) - expected).abs() <= 1e-14 * expected + f64::from_bits(1));
         }
     }
 
     #[test]
-    fn ends_of_the_range() {
+    fn is_exact_at_the_ends_of_its_range() {
         assert_eq!(exponential(0.0).to_bits(), 1.0_f64.to_bits());
         assert_eq!(exponential(f64::NEG_INFINITY).to_bits(), 0);
         assert_eq!(exponential(-1e300).to_bits(), 0);

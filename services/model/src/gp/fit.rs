@@ -1,4 +1,5 @@
-//! Hyperparameters of one output from samples: the maximum of the log marginal likelihood, or of the posterior under priors.
+//! Fits the hyperparameters of one output to samples: the maximum of the log marginal likelihood,
+//! or of the posterior under priors.
 
 use nalgebra::DVector;
 
@@ -9,18 +10,19 @@ use crate::gp::likelihood::{Evaluation, Likelihood, LikelihoodError};
 use crate::gp::optimise::{Convergence, MinimiseError, MinimiseOptions, SearchBox, minimise};
 use crate::gp::split_mix::SplitMix64;
 
-/// How to fit.
+/// Options of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FitOptions<const D: usize> {
-    /// Box in which the hyperparameters stay.
+    /// Box of the hyperparameters.
     pub bounds: Bounds<D>,
-    /// What is known before the data; `None` is the plain marginal likelihood.
+    /// Priors of the hyperparameters; `None` is the plain marginal likelihood.
     pub priors: Option<Priors<D>>,
     /// Evaluations of the likelihood, O(n³) each, per start.
     pub max_evaluations: usize,
     /// Quasi-Newton steps per start.
     pub max_iterations: usize,
-    /// Further starts, drawn around the given one (within a factor of ten, inside the bounds); the best result counts.
+    /// Number of further starts, drawn around the given one (within a factor of ten, inside the
+    /// bounds). The best result counts.
     pub restarts: usize,
     /// Seed of the further starts.
     pub seed: u64,
@@ -40,7 +42,7 @@ impl<const D: usize> Default for FitOptions<D> {
     }
 }
 
-/// What is known of the hyperparameters before the data; where the data does not excite an input, this decides.
+/// Prior knowledge of the hyperparameters. It decides where the data does not excite an input.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Priors<const D: usize> {
     /// Of each length scale.
@@ -54,7 +56,7 @@ pub struct Priors<const D: usize> {
 }
 
 impl<const D: usize> Priors<D> {
-    /// Nothing is known.
+    /// No prior knowledge.
     pub const NONE: Self = Self {
         length_scale: [None; D],
         variance: None,
@@ -72,14 +74,14 @@ pub struct LogNormal {
     pub log_deviation: f64,
 }
 
-/// What a fit found.
+/// Result of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fitted<const D: usize> {
     /// The hyperparameters.
     pub hyperparameters: Hyperparameters<D>,
     /// Log marginal likelihood there, without the priors.
     pub log_likelihood: f64,
-    /// What had to be added to the noise variance to factorise the covariance there; normally zero.
+    /// Jitter: addition to the noise variance that the factorisation needed there; normally zero.
     pub jitter: f64,
     /// Evaluations used, over all starts.
     pub evaluations: usize,
@@ -87,7 +89,7 @@ pub struct Fitted<const D: usize> {
     pub converged: Convergence,
 }
 
-/// Why a fit found nothing.
+/// Why a fit failed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum FitError {
     /// The samples, or the start, are not usable.
@@ -101,7 +103,8 @@ pub enum FitError {
     Bounds(HyperparametersError),
     /// The priors are not usable.
     #[error(
-        "a prior has median {median} and deviation {log_deviation}; both must be positive and finite"
+        "a prior has median {median} and deviation {log_deviation}; \
+         both must be positive and finite"
     )]
     Prior {
         /// Its median.
@@ -114,18 +117,21 @@ pub enum FitError {
     Minimise(#[from] MinimiseError),
 }
 
-/// Hyperparameters move by at most this factor (as a logarithm) in one step; the likelihood is no quadratic further out.
+/// Largest factor (as a logarithm) by which hyperparameters move in one step. Further out the
+/// likelihood is not quadratic.
 const LARGEST_STEP: f64 = 3.0;
-/// Curvature of the log likelihood per sample, in a logarithm, before any was seen. (That in ln σₙ² is at most ½.)
+/// Curvature of the log likelihood per sample, in a logarithm, before any was measured. (That in ln
+/// σₙ² is at most ½.)
 const CURVATURE_PER_SAMPLE: f64 = 0.1;
-/// How far restarts are drawn from the given start, as a factor.
+/// Largest factor between a drawn start and the given start.
 const RESTART_SPREAD: f64 = 10.0;
 
-/// Fits the hyperparameters of one output to samples, from the point of the bounds nearest to `start`.
+/// Fits the hyperparameters of one output to samples, from the point of the bounds nearest to
+/// `start`.
 ///
-/// There is a linear part, and its variance is fitted, exactly if `start` has one.
+/// The kernel has a linear part, whose variance is fitted too, if and only if `start` has one.
 ///
-/// At most `max_evaluations` (1 + `restarts`) evaluations of O(n³); the memory for them is taken once.
+/// At most `max_evaluations` (1 + `restarts`) evaluations of O(n³). Their memory is allocated once.
 pub fn fit<const D: usize>(
     inputs: &[[f64; D]],
     targets: &[f64],
@@ -135,7 +141,7 @@ pub fn fit<const D: usize>(
     fit_likelihood(&mut Likelihood::new(inputs, targets)?, start, options)
 }
 
-/// The same of a likelihood that is at hand: of samples of which each has noise of its own.
+/// The same for a given likelihood, whose samples may have noise of their own.
 pub fn fit_likelihood<const D: usize>(
     likelihood: &mut Likelihood<'_, D>,
     start: &Hyperparameters<D>,
@@ -146,7 +152,7 @@ pub fn fit_likelihood<const D: usize>(
     let (mut cost, mut fitted) = search(likelihood, &first, options)?;
     let mut random = SplitMix64::new(options.seed);
     for _ in 0..options.restarts {
-        // The given start has to work; a drawn one that does not costs nothing but its evaluation.
+        // The given start has to work. A drawn start that fails costs only its evaluation.
         let drawn = options.draw_near(&first, &mut random);
         let Ok((other_cost, other)) = search(likelihood, &drawn, options) else {
             fitted.evaluations += 1;
@@ -161,7 +167,8 @@ pub fn fit_likelihood<const D: usize>(
     Ok(fitted)
 }
 
-/// The best point from one start, and its cost: minus the log likelihood, minus the log density of the priors.
+/// The best point from one start, and its cost: minus the log likelihood, minus the log density of
+/// the priors.
 fn search<const D: usize>(
     likelihood: &mut Likelihood<'_, D>,
     start: &LogHyperparameters<D>,
@@ -181,7 +188,7 @@ fn search<const D: usize>(
         let nowhere = (f64::INFINITY, DVector::zeros(point.len()));
         let Some(log) = LogHyperparameters::from_slice(point.as_slice()) else { return nowhere };
         let hyperparameters = log.exp();
-        // O(n³) is long: whoever else waits for the processor has it in between.
+        // O(n³) takes long: let other threads have the processor in between.
         std::thread::yield_now();
         let Evaluation { log_likelihood, gradient, jitter } =
             match likelihood.evaluate(&hyperparameters) {
@@ -312,7 +319,7 @@ fn vector<const D: usize>(values: &LogHyperparameters<D>) -> DVector<f64> {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+    #![expect(clippy::unwrap_used, reason = "a test ends at the first error")]
 
     use super::{Convergence, FitError, FitOptions, LogNormal, Priors, fit};
     use crate::gp::hyperparameters::Hyperparameters;
@@ -330,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_and_relevance_are_found() {
+    fn noise_and_length_scales_are_identified() {
         let (inputs, targets) = samples(100);
         let fitted = fit(&inputs, &targets, &START, &FitOptions::default()).unwrap();
         let Hyperparameters { kernel, noise_variance } = fitted.hyperparameters;
@@ -345,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn a_prior_keeps_the_length_scale_of_what_the_data_does_not_excite() {
+    fn a_prior_decides_the_length_scale_of_an_input_without_excitation() {
         let (mut inputs, targets) = samples(60);
         for input in &mut inputs {
             input[1] = 0.0;
@@ -358,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_linear_goes_to_the_linear_part() {
+    fn a_linear_function_is_fitted_by_the_linear_part() {
         let (inputs, _) = samples(60);
         let mut random = SplitMix64::new(8);
         let targets: Vec<f64> =
@@ -376,9 +383,9 @@ mod tests {
     }
 
     #[test]
-    fn restarts_never_make_it_worse_and_the_seed_decides_them() {
+    fn restarts_never_lower_the_likelihood_and_depend_on_the_seed_alone() {
         let (inputs, targets) = samples(40);
-        // From here the likelihood leads to "all is noise".
+        // From this start the likelihood leads to "everything is noise".
         let start = Hyperparameters::new([100.0; 2], 1.0, 10.0);
         let once = fit(&inputs, &targets, &start, &FitOptions::default()).unwrap();
         let options = FitOptions { restarts: 4, seed: 3, ..FitOptions::default() };
@@ -389,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn the_budget_is_kept_and_the_result_stays_in_the_bounds() {
+    fn the_evaluation_budget_and_the_bounds_are_kept() {
         let (inputs, targets) = samples(30);
         let mut options = FitOptions { max_evaluations: 5, ..FitOptions::default() };
         options.bounds.upper.kernel.length_scale = [1.2; 2];
@@ -401,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_fitted_says_why() {
+    fn a_fit_that_fails_reports_the_reason() {
         let (inputs, targets) = samples(10);
         let options = FitOptions::default();
         let message = |result: Result<_, FitError>| result.err().unwrap().to_string();

@@ -1,8 +1,9 @@
-//! The hyperparameters of one output, their logarithms (which the optimiser moves), and the box they stay in.
+//! The hyperparameters of one output, their logarithms (the variables of the optimiser), and their
+//! bounds.
 
 use crate::gp::kernel::Kernel;
 
-/// What the marginal likelihood decides for one output.
+/// Parameters of one output that maximise the marginal likelihood.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hyperparameters<const D: usize> {
     /// Covariance of the function.
@@ -11,7 +12,7 @@ pub struct Hyperparameters<const D: usize> {
     pub noise_variance: f64,
 }
 
-/// Why hyperparameters are none.
+/// Why hyperparameters are rejected.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum HyperparametersError {
     /// A length scale is not a positive number.
@@ -19,43 +20,45 @@ pub enum HyperparametersError {
     LengthScale {
         /// Index of the input.
         dimension: usize,
-        /// What it is.
+        /// Its value.
         value: f64,
     },
     /// The prior variance is not a positive number.
     #[error("the prior variance is {value}; it must be positive and finite")]
     Variance {
-        /// What it is.
+        /// Its value.
         value: f64,
     },
     /// The linear variance is neither zero nor a positive number.
     #[error("the linear variance is {value}; it must be zero or positive, and finite")]
     LinearVariance {
-        /// What it is.
+        /// Its value.
         value: f64,
     },
     /// The noise variance is not a positive number.
     #[error("the noise variance is {value}; it must be positive and finite")]
     NoiseVariance {
-        /// What it is.
+        /// Its value.
         value: f64,
     },
 }
 
 impl<const D: usize> Hyperparameters<D> {
-    /// Length scales in input units, prior variance σ² and noise variance σₙ² in squared output units; without a linear part.
+    /// Length scales in input units, prior variance σ² and noise variance σₙ² in squared output
+    /// units; without a linear part.
     pub const fn new(length_scale: [f64; D], variance: f64, noise_variance: f64) -> Self {
         Self { kernel: Kernel { variance, length_scale, linear_variance: 0.0 }, noise_variance }
     }
 
-    /// The same with a linear part of prior variance λ², in squared output units; zero is none.
+    /// The same with a linear part of prior variance λ², in squared output units. Zero means no
+    /// linear part.
     #[must_use]
     pub const fn with_linear(mut self, linear_variance: f64) -> Self {
         self.kernel.linear_variance = linear_variance;
         self
     }
 
-    /// Refuses what is not positive and finite; the linear variance may be zero.
+    /// Rejects values that are not positive and finite; the linear variance may be zero.
     pub fn check(&self) -> Result<(), HyperparametersError> {
         let good = |value: f64| value.is_finite() && value > 0.0;
         for (dimension, &value) in self.kernel.length_scale.iter().enumerate() {
@@ -89,7 +92,7 @@ impl<const D: usize> Hyperparameters<D> {
     }
 }
 
-/// Something per logarithm of a hyperparameter: its value, or a derivative with respect to it.
+/// One number per logarithm of a hyperparameter: its value, or a derivative with respect to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LogHyperparameters<const D: usize> {
     /// Of ln ℓ.
@@ -103,7 +106,7 @@ pub struct LogHyperparameters<const D: usize> {
 }
 
 impl<const D: usize> LogHyperparameters<D> {
-    /// Back from logarithms.
+    /// The hyperparameters of these logarithms.
     pub fn exp(&self) -> Hyperparameters<D> {
         Hyperparameters::new(
             self.length_scale.map(f64::exp),
@@ -113,7 +116,8 @@ impl<const D: usize> LogHyperparameters<D> {
         .with_linear(self.linear_variance.map_or(0.0, f64::exp))
     }
 
-    /// In the optimiser's order: length scales, variance, noise variance, and the linear variance if there is a linear part.
+    /// In the optimiser's order: length scales, variance, noise variance, and the linear variance
+    /// if there is a linear part.
     pub fn iter(&self) -> impl Iterator<Item = f64> + '_ {
         self.length_scale
             .iter()
@@ -135,7 +139,7 @@ impl<const D: usize> LogHyperparameters<D> {
     }
 }
 
-/// Box in which the hyperparameters stay.
+/// Box of the hyperparameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds<const D: usize> {
     /// Smallest allowed, inclusive.
@@ -145,7 +149,7 @@ pub struct Bounds<const D: usize> {
 }
 
 impl<const D: usize> Default for Bounds<D> {
-    /// 10⁻³ … 10³ for all, but the noise variance from 10⁻⁶.
+    /// 10⁻³ … 10³ for all, except the noise variance, which begins at 10⁻⁶.
     fn default() -> Self {
         Self {
             lower: Hyperparameters::new([1e-3; D], 1e-3, 1e-6).with_linear(1e-3),
@@ -155,7 +159,7 @@ impl<const D: usize> Default for Bounds<D> {
 }
 
 impl<const D: usize> Bounds<D> {
-    /// The nearest logarithms within the box; a kernel without a linear part stays one.
+    /// The nearest logarithms within the box. A kernel without a linear part stays without one.
     pub fn clamp(&self, log: &LogHyperparameters<D>) -> LogHyperparameters<D> {
         let (lower, upper) = (self.lower.ln(), self.upper.ln());
         LogHyperparameters {
@@ -177,7 +181,7 @@ mod tests {
     use super::{Bounds, Hyperparameters, HyperparametersError, LogHyperparameters};
 
     #[test]
-    fn logarithms_go_there_and_back_in_the_optimisers_order() {
+    fn logarithms_convert_back_in_the_order_of_the_optimiser() {
         let plain = Hyperparameters::new([1.0, 2.0, 3.0], 4.0, 5.0);
         for (here, count) in [(plain, 5), (plain.with_linear(6.0), 6)] {
             let there: Vec<f64> = here.ln().iter().collect();
@@ -192,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_positive_is_refused() {
+    fn hyperparameters_that_are_not_positive_are_rejected() {
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert!(matches!(
                 Hyperparameters::new([1.0, bad], 1.0, 1.0).check(),
@@ -212,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn clamp_ends_at_the_bounds() {
+    fn clamped_hyperparameters_lie_on_the_bounds() {
         let bounds = Bounds::<1>::default();
         let clamped = bounds.clamp(&Hyperparameters::new([1e9], 1e-9, 1.0).ln()).exp();
         assert!((clamped.kernel.length_scale[0] - 1e3).abs() < 1e-9);

@@ -1,4 +1,4 @@
-//! The inverse of a covariance whose samples come and go, kept up to date at O(n²) each.
+//! The inverse of a covariance, updated at O(n²) when a sample is inserted or removed.
 //!
 //! | here       | in the equations                       | size    |
 //! |------------|----------------------------------------|---------|
@@ -10,10 +10,11 @@
 //! in    P ← [P + P c cᵀP / s,  −P c / s;  −cᵀP / s,  1 / s]
 //! out   P ← Q − q qᵀ / p        of P = [Q, q; qᵀ, p]
 //! ```
-//! Rounding adds up over many steps; who owns the samples works the inverse out anew now and then.
+//! Rounding errors accumulate over many updates. The owner of the samples recomputes the inverse
+//! now and then.
 //!
-//! Reference: Golub & Van Loan, *Matrix Computations*, 4th ed., section 2.1.4; Csató & Opper, *Sparse on-line Gaussian processes*, Neural
-//! Computation 14, 2002, appendix C.
+//! Reference: Golub & Van Loan, *Matrix Computations*, 4th ed., section 2.1.4; Csató & Opper,
+//! *Sparse on-line Gaussian processes*, Neural Computation 14, 2002, appendix C.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
@@ -23,20 +24,20 @@ use faer::{Mat, Par};
 use crate::gp::covariance::{NotPositiveDefinite, factor_scratch, factorise};
 use crate::gp::vectorise::vectorise;
 
-/// P, with room for a fixed number of samples.
+/// P, with memory for a fixed number of samples.
 #[derive(Debug, Clone)]
 pub(crate) struct Inverse {
     size: usize,
     stride: usize,
     /// Row by row.
     values: Vec<f64>,
-    /// The row that is taken out.
+    /// The row that is removed.
     leaving: Vec<f64>,
     machine: Arch,
 }
 
 impl Inverse {
-    /// Of no samples, with room for `capacity`.
+    /// The inverse of no samples, with memory for `capacity`.
     pub(crate) fn new(capacity: usize) -> Self {
         Self {
             size: 0,
@@ -54,7 +55,8 @@ impl Inverse {
 
     /// P c. O(n²); does not allocate.
     ///
-    /// P is symmetric, so rows are its columns: their multiples are added up, in which nothing waits for the sum before.
+    /// P is symmetric, so its rows are its columns. Their multiples are added up, and no addition
+    /// waits for the one before.
     pub(crate) fn solve(&self, covariances: &[f64], solved: &mut [f64]) {
         solved.fill(0.0);
         vectorise(self.machine, || {
@@ -64,7 +66,7 @@ impl Inverse {
         });
     }
 
-    /// Takes in a sample behind the others: `solved` is P c and `left` is s > 0. O(n²); does not allocate.
+    /// Appends a sample: `solved` is P c and `left` is s > 0. O(n²); does not allocate.
     pub(crate) fn insert(&mut self, solved: &[f64], left: f64) {
         let size = self.size;
         vectorise(self.machine, || {
@@ -82,7 +84,7 @@ impl Inverse {
         self.size += 1;
     }
 
-    /// Takes out the sample at `place`; those behind it move up. O(n²); does not allocate.
+    /// Removes the sample at `place`; the later ones move up. O(n²); does not allocate.
     pub(crate) fn remove(&mut self, place: usize) {
         let (size, stride) = (self.size, self.stride);
         self.leaving[..size].copy_from_slice(&self.values[place * stride..place * stride + size]);
@@ -97,7 +99,7 @@ impl Inverse {
         self.size -= 1;
     }
 
-    /// The inverse of `covariance`, noise included, worked out anew. O(n³).
+    /// Recomputes the inverse of `covariance`, noise included. O(n³).
     pub(crate) fn recompute(&mut self, covariance: &Mat<f64>) -> Result<(), NotPositiveDefinite> {
         let size = covariance.ncols();
         let mut factor = Mat::zeros(size, size);
@@ -115,7 +117,7 @@ impl Inverse {
         self.size = size;
         for row in 0..size {
             for column in 0..=row {
-                // faer leaves the upper half alone.
+                // faer does not write the upper half.
                 self.values[row * self.stride + column] = inverse[(row, column)];
                 self.values[column * self.stride + row] = inverse[(row, column)];
             }
@@ -128,10 +130,10 @@ impl Inverse {
     }
 }
 
-/// Adds `share` times `row`, as far as that goes.
+/// Adds `share` times `row`, up to the shorter length.
 #[expect(
     clippy::inline_always,
-    reason = "must be inlined to take on the vector features of its caller"
+    reason = "must be inlined to use the vector features of its caller"
 )]
 #[inline(always)]
 fn add(to: &mut [f64], share: f64, row: &[f64]) {
@@ -146,7 +148,7 @@ mod tests {
     use faer::Mat;
     use proptest::prelude::*;
 
-    /// A covariance of places on a line, with noise.
+    /// Covariance of points on a line, with noise.
     fn covariance(places: &[f64]) -> Mat<f64> {
         Mat::from_fn(places.len(), places.len(), |i, j| {
             (-0.5 * (places[i] - places[j]).powi(2)).exp() + if i == j { 0.01 } else { 0.0 }
@@ -156,7 +158,9 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn the_maintained_inverse_is_the_recomputed_one(steps in prop::collection::vec((-3.0..3.0_f64, 0.0..1.0_f64), 1..120)) {
+        fn the_updated_inverse_equals_the_recomputed_one(
+            steps in prop::collection::vec((-3.0..3.0_f64, 0.0..1.0_f64), 1..120)
+        ) {
             let (mut maintained, mut anew) = (Inverse::new(12), Inverse::new(12));
             let mut places: Vec<f64> = Vec::new();
             for (place, choice) in steps {
@@ -165,7 +169,8 @@ mod tests {
                     places.remove(out);
                     maintained.remove(out);
                 }
-                let column: Vec<f64> = places.iter().map(|other| (-0.5 * (other - place).powi(2)).exp()).collect();
+                let covariance_with = |other: &f64| (-0.5 * (other - place).powi(2)).exp();
+                let column: Vec<f64> = places.iter().map(covariance_with).collect();
                 let mut solved = vec![0.0; places.len()];
                 maintained.solve(&column, &mut solved);
                 let left = 1.01 - column.iter().zip(&solved).map(|(a, b)| a * b).sum::<f64>();

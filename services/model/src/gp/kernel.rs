@@ -1,20 +1,23 @@
 //! The linear plus squared-exponential kernel with one length scale per input.
 //!
-//! Most of what a main model gets wrong is a wrong gain and an offset. The linear part takes these up from a handful of samples, and
-//! carries them beyond the data; the squared-exponential part keeps what is left over.
+//! Most of the error of a main model is a wrong gain and an offset. The linear part learns these
+//! from a handful of samples, and extrapolates them beyond the data. The squared-exponential part
+//! models the rest.
 //!
 //! Reference: Rasmussen & Williams 2006, sections 2.7, 4.2.2 and 5.1.
 
-/// Linear plus squared-exponential kernel, one length scale per input ("automatic relevance determination").
+/// Linear plus squared-exponential kernel, one length scale per input ("automatic relevance
+/// determination").
 ///
 /// k(a, b) = σ² exp(−½ Σᵢ ((aᵢ − bᵢ) / ℓᵢ)²) + λ² (1 + a·b)
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Kernel<const D: usize> {
     /// σ²: prior variance of the squared-exponential part, in squared output units.
     pub variance: f64,
-    /// ℓ: distance over which that part forgets, in (normalised) input units.
+    /// ℓ: distance over which that part decorrelates, in (normalised) input units.
     pub length_scale: [f64; D],
-    /// λ²: prior variance of the offset and of each slope, in squared output units; zero is the squared-exponential kernel alone.
+    /// λ²: prior variance of the offset and of each slope, in squared output units. Zero is the
+    /// squared-exponential kernel alone.
     pub linear_variance: f64,
 }
 
@@ -49,7 +52,7 @@ impl<const D: usize> Kernel<D> {
 /// 1 + a·b
 #[expect(
     clippy::inline_always,
-    reason = "must be inlined to take on the vector features of its caller"
+    reason = "must be inlined to use the vector features of its caller"
 )]
 #[inline(always)]
 pub(crate) fn one_plus_product<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
@@ -68,7 +71,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn is_symmetric_and_at_most_what_its_priors_allow(a in [-3.0..3.0, -3.0..3.0], b in [-3.0..3.0, -3.0..3.0]) {
+        fn is_symmetric_and_bounded_by_its_prior_variances(
+            a in [-3.0..3.0, -3.0..3.0],
+            b in [-3.0..3.0, -3.0..3.0],
+        ) {
             for kernel in KERNELS {
                 let value = kernel.value(&a, &b);
                 prop_assert!((value - kernel.value(&b, &a)).abs() < 1e-14);
@@ -77,7 +83,10 @@ mod tests {
         }
 
         #[test]
-        fn gradient_matches_finite_differences(a in [-3.0..3.0, -3.0..3.0], b in [-3.0..3.0, -3.0..3.0]) {
+        fn gradient_matches_finite_differences(
+            a in [-3.0..3.0, -3.0..3.0],
+            b in [-3.0..3.0, -3.0..3.0],
+        ) {
             for kernel in KERNELS {
                 let gradient = kernel.gradient(&a, &b);
                 for i in 0..2 {
@@ -91,7 +100,7 @@ mod tests {
         }
 
         #[test]
-        fn its_prior_is_its_value_at_one_place(x in [-3.0..3.0, -3.0..3.0]) {
+        fn its_prior_variance_is_its_value_at_equal_arguments(x in [-3.0..3.0, -3.0..3.0]) {
             for kernel in KERNELS {
                 prop_assert!((kernel.prior(&x) - kernel.value(&x, &x)).abs() < 1e-14);
             }

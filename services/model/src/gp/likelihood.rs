@@ -15,7 +15,8 @@
 //!
 //! ```text
 //! ∂/∂θ = −½ tr(W ∂C/∂θ)
-//! ∂/∂ ln ℓ_d = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ ((xᵢ_d − xⱼ_d) / ℓ_d)²,   ∂/∂ ln σ² = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ,   ∂/∂ ln σₙ² = −½ σₙ² Σᵢ Wᵢᵢ sᵢ
+//! ∂/∂ ln ℓ_d = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ ((xᵢ_d − xⱼ_d) / ℓ_d)²
+//! ∂/∂ ln σ² = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ,   ∂/∂ ln σₙ² = −½ σₙ² Σᵢ Wᵢᵢ sᵢ
 //! ∂/∂ ln λ² = −½ λ² Σᵢⱼ Wᵢⱼ Gᵢⱼ
 //! ```
 //!
@@ -34,10 +35,11 @@ use crate::gp::hyperparameters::{Hyperparameters, HyperparametersError, LogHyper
 use crate::gp::kernel::Kernel;
 use crate::gp::vectorise::vectorise;
 
-/// Partial sums kept side by side, so that the order of a sum is fixed and it still fills vector registers.
+/// Number of partial sums. They fix the order of a sum and fill vector registers.
 const LANES: usize = 8;
 
-/// Log marginal likelihood of the targets as a function of the hyperparameters, with the memory to compute it.
+/// Log marginal likelihood of the targets as a function of the hyperparameters, with the memory to
+/// compute it.
 pub struct Likelihood<'a, const D: usize> {
     inputs: &'a [[f64; D]],
     targets: &'a [f64],
@@ -61,14 +63,14 @@ pub struct Evaluation<const D: usize> {
     pub log_likelihood: f64,
     /// Its derivative with respect to the logarithm of each hyperparameter.
     pub gradient: LogHyperparameters<D>,
-    /// What had to be added to the noise variance to factorise the covariance; normally zero.
+    /// Jitter: addition to the noise variance that the factorisation needed; normally zero.
     pub jitter: f64,
 }
 
 /// Why there is no likelihood.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum LikelihoodError {
-    /// Nothing can be learnt from nothing.
+    /// A likelihood needs at least one sample.
     #[error("there are no samples")]
     NoSamples,
     /// The samples are not usable.
@@ -77,16 +79,20 @@ pub enum LikelihoodError {
     /// The hyperparameters are not usable.
     #[error(transparent)]
     Hyperparameters(#[from] HyperparametersError),
-    /// K + σₙ² I lost positive definiteness; more noise or fewer twins among the inputs help.
-    #[error("the covariance of {samples} samples is not positive definite, whatever the jitter")]
+    /// K + σₙ² I lost positive definiteness; more noise or fewer duplicate inputs help.
+    #[error(
+        "the covariance of {samples} samples is not positive definite, even with the largest \
+         jitter; use more noise or fewer duplicate inputs"
+    )]
     NotPositiveDefinite {
-        /// How many samples.
+        /// Number of samples.
         samples: usize,
     },
 }
 
 impl<'a, const D: usize> Likelihood<'a, D> {
-    /// Checks the samples and takes the memory: five `n` × `n` matrices and faer's scratch, of the same size.
+    /// Checks the samples and allocates the memory: five `n` × `n` matrices and faer's scratch, of
+    /// the same size.
     pub fn new(inputs: &'a [[f64; D]], targets: &'a [f64]) -> Result<Self, LikelihoodError> {
         data::check(inputs, targets.as_chunks::<1>().0)?;
         let samples = inputs.len();
@@ -111,19 +117,19 @@ impl<'a, const D: usize> Likelihood<'a, D> {
         })
     }
 
-    /// The same with noise of its own for each sample: σₙ² times its scale.
+    /// The same with one noise per sample: σₙ² times its scale.
     pub fn with_noise_scale(mut self, noise_scale: &[f64]) -> Result<Self, LikelihoodError> {
         data::check_noise_scale(self.inputs.len(), noise_scale)?;
         self.noise_scale.copy_from_slice(noise_scale);
         Ok(self)
     }
 
-    /// How many samples there are.
+    /// Number of samples.
     pub fn samples(&self) -> usize {
         self.inputs.len()
     }
 
-    /// Value and gradient. O(n³); in the memory taken at set-up.
+    /// Value and gradient. O(n³); uses the memory allocated at construction.
     pub fn evaluate(
         &mut self,
         hyperparameters: &Hyperparameters<D>,
@@ -171,10 +177,10 @@ impl<'a, const D: usize> Likelihood<'a, D> {
         Ok(Evaluation { log_likelihood, gradient, jitter })
     }
 
-    /// The sums of the module's head, over the lower half, column by column.
+    /// The sums of the module's doc, over the lower half, column by column.
     #[expect(
         clippy::inline_always,
-        reason = "must be inlined to take on the vector features of its caller"
+        reason = "must be inlined to use the vector features of its caller"
     )]
     #[inline(always)]
     fn gradient(&mut self, kernel: &Kernel<D>, noise_variance: f64) -> LogHyperparameters<D> {
@@ -210,7 +216,8 @@ impl<'a, const D: usize> Likelihood<'a, D> {
                 add_squares(sums, slopes, &column[below..], column[first]);
             }
         }
-        // Each pair below the diagonal counts twice, against the ½; on the diagonal S is σ² and the distance zero.
+        // Each pair below the diagonal counts twice, against the ½. On the diagonal S is σ² and the
+        // distance zero.
         let linear = || -kernel.linear_variance * (total(&linear_sums) + 0.5 * linear_trace);
         LogHyperparameters {
             length_scale: distance_sums.map(|sums| -total(&sums)),
@@ -224,7 +231,7 @@ impl<'a, const D: usize> Likelihood<'a, D> {
 /// sums += values, in lanes.
 #[expect(
     clippy::inline_always,
-    reason = "must be inlined to take on the vector features of its caller"
+    reason = "must be inlined to use the vector features of its caller"
 )]
 #[inline(always)]
 fn add(sums: &mut [f64; LANES], values: &[f64]) {
@@ -242,7 +249,7 @@ fn add(sums: &mut [f64; LANES], values: &[f64]) {
 /// sums += a b, in lanes.
 #[expect(
     clippy::inline_always,
-    reason = "must be inlined to take on the vector features of its caller"
+    reason = "must be inlined to use the vector features of its caller"
 )]
 #[inline(always)]
 fn add_products(sums: &mut [f64; LANES], a: &[f64], b: &[f64]) {
@@ -260,7 +267,7 @@ fn add_products(sums: &mut [f64; LANES], a: &[f64], b: &[f64]) {
 /// sums += factor (there − here)², in lanes.
 #[expect(
     clippy::inline_always,
-    reason = "must be inlined to take on the vector features of its caller"
+    reason = "must be inlined to use the vector features of its caller"
 )]
 #[inline(always)]
 fn add_squares(sums: &mut [f64; LANES], factors: &[f64], there: &[f64], here: f64) {
@@ -284,7 +291,7 @@ fn total(lanes: &[f64; LANES]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+    #![expect(clippy::unwrap_used, reason = "a test ends at the first error")]
 
     use super::{Likelihood, LikelihoodError};
     use crate::gp::hyperparameters::{Hyperparameters, LogHyperparameters};
@@ -311,7 +318,10 @@ mod tests {
         ) {
             let (inputs, targets) = samples(count, seed);
             let noise_scale: Vec<f64> = (0..count).map(|i| 1.0 + (i % 5) as f64).collect();
-            let mut likelihood = Likelihood::new(&inputs, &targets).unwrap().with_noise_scale(&noise_scale).unwrap();
+            let mut likelihood = Likelihood::new(&inputs, &targets)
+                .unwrap()
+                .with_noise_scale(&noise_scale)
+                .unwrap();
             let mut at = |log: &[f64]| {
                 likelihood.evaluate(&LogHyperparameters::from_slice(log).unwrap().exp()).unwrap()
             };
@@ -322,13 +332,17 @@ mod tests {
                 above[i] += 1e-5;
                 below[i] -= 1e-5;
                 let difference = (at(&above).log_likelihood - at(&below).log_likelihood) / 2e-5;
-                prop_assert!((gradient[i] - difference).abs() < 1e-5 * (1.0 + difference.abs()), "{i}: {} {difference}", gradient[i]);
+                prop_assert!(
+                    (gradient[i] - difference).abs() < 1e-5 * (1.0 + difference.abs()),
+                    "{i}: {} {difference}",
+                    gradient[i]
+                );
             }
         }
     }
 
     #[test]
-    fn of_one_sample_is_a_normal_density() {
+    fn the_likelihood_of_one_sample_is_a_normal_density() {
         let mut likelihood = Likelihood::new(&[[0.3, 0.4]], &[0.7]).unwrap();
         let evaluation = likelihood.evaluate(&Hyperparameters::new([1.0, 1.0], 1.5, 0.5)).unwrap();
         let expected = -0.5 * 0.49 / 2.0 - 0.5 * (2.0 * std::f64::consts::TAU).ln();
@@ -336,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn twins_are_survived_and_reported() {
+    fn duplicate_inputs_get_a_jitter_that_is_reported() {
         let (mut inputs, targets) = samples(20, 3);
         inputs[5] = inputs[11];
         let mut likelihood = Likelihood::new(&inputs, &targets).unwrap();
@@ -349,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_samples_are_refused_with_their_place() {
+    fn bad_samples_are_rejected_with_their_index() {
         let empty: [[f64; 2]; 0] = [];
         assert_eq!(Likelihood::new(&empty, &[]).err(), Some(LikelihoodError::NoSamples));
         let error = Likelihood::new(&[[0.0, 1.0]], &[1.0, 2.0]).err().unwrap();

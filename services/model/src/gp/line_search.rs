@@ -1,8 +1,10 @@
-//! A step along a ray that satisfies the strong Wolfe conditions, or the best on the way.
+//! A step along a ray that satisfies the strong Wolfe conditions, or the best step found.
 //!
-//! With φ(t) = f(x + t d): φ(t) ≤ φ(0) + c₁ t φ′(0) and |φ′(t)| ≤ c₂ |φ′(0)|, for 0 < t ≤ `longest`.
+//! With φ(t) = f(x + t d): φ(t) ≤ φ(0) + c₁ t φ′(0) and |φ′(t)| ≤ c₂ |φ′(0)|, for 0 < t ≤
+//! `longest`.
 //!
-//! Reference: Nocedal & Wright, *Numerical Optimization*, 2006, algorithms 3.5 and 3.6, here as one loop.
+//! Reference: Nocedal & Wright, *Numerical Optimization*, 2006, algorithms 3.5 and 3.6, here as one
+//! loop.
 
 /// c₁: sufficient decrease.
 const DECREASE: f64 = 1e-4;
@@ -18,7 +20,7 @@ pub(crate) struct Trial<P> {
     pub(crate) value: f64,
     /// φ′(t).
     pub(crate) slope: f64,
-    /// What the caller wants to keep of it.
+    /// Data of the caller for this step.
     pub(crate) point: P,
 }
 
@@ -30,8 +32,8 @@ impl<P> Trial<P> {
 
 /// Searches along `evaluate`, beginning with `first`, at most `evaluations` times.
 ///
-/// `start` is t = 0 with φ′(0) < 0. Returns the accepted trial, or the lowest that decreases sufficiently if no step satisfies both
-/// conditions within the budget; `None` if there is no such trial.
+/// `start` is t = 0 with φ′(0) < 0. Returns the accepted trial. If no step satisfies both
+/// conditions within the budget, returns the lowest trial that decreases sufficiently, or `None`.
 pub(crate) fn search<P>(
     start: &Trial<()>,
     first: f64,
@@ -39,7 +41,7 @@ pub(crate) fn search<P>(
     evaluations: usize,
     mut evaluate: impl FnMut(f64) -> Trial<P>,
 ) -> Option<Trial<P>> {
-    // The lowest trial so far, and the one on the other side of the valley.
+    // The lowest trial so far, and the one on the other side of the minimum.
     let mut low = Trial { step: 0.0, ..*start };
     let mut best: Option<P> = None;
     let mut high: Option<Trial<()>> = None;
@@ -76,7 +78,7 @@ pub(crate) fn search<P>(
     best.map(|point| Trial { step: low.step, value: low.value, slope: low.slope, point })
 }
 
-/// Minimum of the cubic through two trials, kept off their ends; the middle if there is none.
+/// Minimum of the cubic through two trials, kept away from their ends; the middle if there is none.
 fn inside(low: &Trial<()>, high: &Trial<()>) -> f64 {
     let width = high.step - low.step;
     if !high.is_finite() {
@@ -90,7 +92,7 @@ fn inside(low: &Trial<()>, high: &Trial<()>) -> f64 {
     low.step + fraction * width
 }
 
-/// Where the slope, continued linearly, reaches zero; one and a half to five steps away.
+/// The step at which the slope, extrapolated linearly, is zero; limited to 1.5 to 5 distances.
 fn beyond(before: &Trial<()>, now: &Trial<()>) -> f64 {
     let width = now.step - before.step;
     let secant = -now.slope * width / (now.slope - before.slope);
@@ -124,10 +126,20 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_step_is_a_strong_wolfe_step(minimum in 1e-3..1e3_f64, first in 1e-2..1e2_f64, skew in -0.9..0.9_f64) {
+        fn the_step_is_a_strong_wolfe_step(
+            minimum in 1e-3..1e3_f64,
+            first in 1e-2..1e2_f64,
+            skew in -0.9..0.9_f64,
+        ) {
             // A quartic valley with its minimum at `minimum`, tilted but still falling at zero.
-            let value = |t: f64| { let z = t / minimum - 1.0; z * z + skew * z * z * z / 3.0 + 0.25 * z.powi(4) };
-            let slope = |t: f64| { let z = t / minimum - 1.0; (2.0 * z + skew * z * z + z.powi(3)) / minimum };
+            let value = |t: f64| {
+                let z = t / minimum - 1.0;
+                z * z + skew * z * z * z / 3.0 + 0.25 * z.powi(4)
+            };
+            let slope = |t: f64| {
+                let z = t / minimum - 1.0;
+                (2.0 * z + skew * z * z + z.powi(3)) / minimum
+            };
             let found = run(first, f64::INFINITY, value, slope);
             let Some(found) = found else { return Err(TestCaseError::fail("nothing found")) };
             prop_assert!(found.value <= value(0.0) + DECREASE * found.step * slope(0.0));
@@ -136,13 +148,13 @@ mod tests {
     }
 
     #[test]
-    fn ends_at_the_longest_step_while_still_falling() {
+    fn a_function_that_still_falls_gives_the_longest_step() {
         let found = run(1.0, 3.0, |t| -t, |_| -1.0);
         assert!(found.is_some_and(|found| (found.step - 3.0).abs() < 1e-15));
     }
 
     #[test]
-    fn a_cliff_is_stepped_back_from() {
+    fn the_search_steps_back_from_values_that_are_not_finite() {
         let found = run(
             10.0,
             10.0,
@@ -153,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_found_where_everything_rises() {
+    fn a_function_that_only_rises_gives_no_step() {
         assert!(run(1.0, 10.0, |t| t, |_| -1.0).is_none());
     }
 }

@@ -1,14 +1,15 @@
-//! Inputs in units of what counts as one of them (eq. 36 of the paper).
+//! Inputs in units of a typical value (eq. 36 of the paper).
 //!
-//! The paper takes mean and spread from the data. Data recorded at constant speed has next to no spread, and a division by that turns sensor
-//! noise into huge inputs; and a scale that moves with the data changes what the hyperparameters mean. Scales fixed by physics do neither.
+//! The paper takes mean and spread from the data. Data recorded at constant speed has almost no
+//! spread, and a division by it turns sensor noise into huge inputs. A scale that moves with the
+//! data also changes the meaning of the hyperparameters. Scales fixed by physics avoid both.
 
 /// Affine map of every input to a range about one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Normalisation<const D: usize> {
-    /// What counts as zero of each input, in input units.
+    /// Zero of each normalised input, in input units.
     pub mean: [f64; D],
-    /// What counts as one of each input, in input units; positive.
+    /// Unit of each normalised input, in input units; positive.
     pub scale: [f64; D],
 }
 

@@ -7,18 +7,20 @@
 //! | `hessian`  | B, the BFGS approximation of ∇²f             | `n`×`n` |
 //! | `step`     | d = argmin gᵀd + ½ dᵀB d, x + d in the box   | `n`     |
 //!
-//! L-BFGS-B takes the same step from a B of limited memory, and needs a Cauchy point to guess which bounds hold. Hyperparameters
-//! are a dozen: B is kept whole, the step's quadratic programme is solved by a primal–dual active set, and fewer evaluations are
-//! needed. The step keeps x + t d in the box for t ≤ 1, and a strong-Wolfe search goes along it.
+//! L-BFGS-B takes the same step from a B of limited memory, and needs a Cauchy point to guess the
+//! active bounds. A fit has about a dozen hyperparameters, so B is stored in full. The quadratic
+//! program of the step is solved by a primal–dual active set, which needs fewer evaluations. The
+//! step keeps x + t d in the box for t ≤ 1, and a strong-Wolfe search follows it.
 //!
-//! Reference: Nocedal & Wright, *Numerical Optimization*, 2006, ch. 6 and 16.7; Hintermüller, Ito & Kunisch, *The primal-dual active
-//! set strategy as a semismooth Newton method*, SIAM J. Optim. 13, 2002.
+//! Reference: Nocedal & Wright, *Numerical Optimization*, 2006, ch. 6 and 16.7; Hintermüller, Ito &
+//! Kunisch, *The primal-dual active set strategy as a semismooth Newton method*, SIAM J. Optim. 13,
+//! 2002.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::gp::line_search::{self, Trial};
 
-/// Box in which a minimum is sought.
+/// Box that holds the minimum.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SearchBox {
     /// Smallest allowed of each variable; may be −∞.
@@ -27,20 +29,20 @@ pub struct SearchBox {
     pub upper: DVector<f64>,
 }
 
-/// When to stop, and how far to go at once.
+/// Limits of the search and of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MinimiseOptions {
     /// Evaluations of the function, the first included.
     pub max_evaluations: usize,
     /// Quasi-Newton steps.
     pub max_iterations: usize,
-    /// Done when no entry of the gradient that does not push against a bound is larger.
+    /// Stops when no entry of the gradient that does not push against a bound is larger.
     pub gradient_tolerance: f64,
-    /// Done when a step decreases f by less than this times max(|f|, 1).
+    /// Stops when a step decreases f by less than this times max(|f|, 1).
     pub decrease_tolerance: f64,
-    /// No variable moves further in one step.
+    /// Largest change of a variable in one step.
     pub largest_step: f64,
-    /// Curvature assumed before any was seen (the first step is also at most one unit long).
+    /// Curvature assumed before any was measured (the first step is also at most one unit long).
     pub first_curvature: f64,
 }
 
@@ -62,9 +64,9 @@ impl Default for MinimiseOptions {
 pub enum Convergence {
     /// The projected gradient is below its tolerance.
     Gradient,
-    /// The last step brought next to nothing.
+    /// The last step decreased f by less than its tolerance.
     Decrease,
-    /// No step along the descent direction decreases f further, as near to the minimum as rounding lets it.
+    /// No step along the descent direction decreases f further: the minimum within rounding.
     Stalled,
     /// Evaluations or iterations were used up; the best point so far is returned.
     Budget,
@@ -73,9 +75,9 @@ pub enum Convergence {
 /// The best point found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Minimum {
-    /// Where.
+    /// x.
     pub point: DVector<f64>,
-    /// f there.
+    /// f(x).
     pub value: f64,
     /// Evaluations used.
     pub evaluations: usize,
@@ -85,10 +87,10 @@ pub struct Minimum {
     pub convergence: Convergence,
 }
 
-/// Why a minimisation could not begin.
+/// Why a minimisation could not start.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum MinimiseError {
-    /// Start and bounds have as many entries as there are variables.
+    /// Start and bounds have different numbers of variables.
     #[error("{start} variables but {lower} lower and {upper} upper bounds")]
     Lengths {
         /// Entries of the start.
@@ -98,8 +100,8 @@ pub enum MinimiseError {
         /// Entries of the upper bound.
         upper: usize,
     },
-    /// A box must not be empty.
-    #[error("variable {variable} is to be at least {lower} and at most {upper}")]
+    /// The box is empty.
+    #[error("variable {variable} has lower bound {lower} above upper bound {upper}")]
     EmptyBox {
         /// Index of the variable.
         variable: usize,
@@ -111,14 +113,16 @@ pub enum MinimiseError {
     /// The function has no finite value or gradient at the start.
     #[error("the function is {value} at the start, or its gradient is not finite")]
     Start {
-        /// What it is.
+        /// Its value.
         value: f64,
     },
 }
 
-/// Minimises `objective`, which returns value and gradient, from the point of the box nearest to `start`.
+/// Minimises `objective`, which returns value and gradient, from the point of the box nearest to
+/// `start`.
 ///
-/// A value or slope that is not finite is stepped back from. Deterministic: same objective, same bits.
+/// The search steps back from a value or slope that is not finite. Deterministic: same objective,
+/// same bits.
 pub fn minimise(
     mut objective: impl FnMut(&DVector<f64>) -> (f64, DVector<f64>),
     start: &DVector<f64>,
@@ -232,13 +236,13 @@ impl SearchBox {
     }
 }
 
-/// B, and whether it has seen any curvature.
+/// B, and whether it holds any measured curvature.
 struct Hessian {
     matrix: DMatrix<f64>,
     is_fresh: bool,
 }
 
-/// Where a variable of the step is.
+/// Whether a variable of the step is at a bound.
 #[derive(Clone, Copy, PartialEq)]
 enum Place {
     Free,
@@ -283,7 +287,8 @@ impl Hessian {
             })
             .collect();
         let mut step = DVector::zeros(variables);
-        // Each round settles which bounds hold; it normally takes two or three, and the clamp below makes any number of them safe.
+        // Each round decides which bounds are active. It normally takes two or three rounds. The
+        // clamp below makes any number of them safe.
         for _ in 0..3 * variables + 3 {
             step = self.step_with(gradient, room, &places)?;
             let multipliers = gradient + &self.matrix * &step;
@@ -306,7 +311,7 @@ impl Hessian {
         (slope < 0.0).then_some((step, slope))
     }
 
-    /// The minimiser with the variables at a bound held there: the rows of the others of B d = −g.
+    /// The minimiser with the variables at a bound fixed: the rows of the others of B d = −g.
     fn step_with(
         &self,
         gradient: &DVector<f64>,
@@ -335,7 +340,7 @@ impl Hessian {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+    #![expect(clippy::unwrap_used, reason = "a test ends at the first error")]
 
     use super::{Convergence, MinimiseError, MinimiseOptions, SearchBox, minimise};
     use nalgebra::{DMatrix, DVector, dvector};
@@ -368,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn finds_the_minimum_of_rosenbrocks_valley_on_a_wall() {
+    fn finds_the_minimum_of_rosenbrocks_valley_on_a_bound() {
         // With x₀ ≤ ½ the minimum is at (½, ¼).
         let within = within(dvector![-2.0, -2.0], dvector![0.5, 2.0]);
         let minimum = minimise(rosenbrock, &dvector![-1.2, 1.0], &within, &TIGHT).unwrap();
@@ -377,7 +382,8 @@ mod tests {
 
     #[test]
     fn a_quadratic_with_its_minimum_outside_ends_on_the_right_face() {
-        // ½ (x − c)ᵀ A (x − c), c = (2, 2); on x₀ = 1 the other follows from A₁₀ (1 − 2) + A₁₁ (x₁ − 2) = 0.
+        // ½ (x − c)ᵀ A (x − c), c = (2, 2); on x₀ = 1 the other follows from
+        // A₁₀ (1 − 2) + A₁₁ (x₁ − 2) = 0.
         let matrix = DMatrix::from_row_slice(2, 2, &[3.0, 1.0, 1.0, 2.0]);
         let objective = |x: &DVector<f64>| {
             let gradient = &matrix * x.add_scalar(-2.0);
@@ -391,7 +397,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn convex_quadratics_end_where_the_gradient_only_pushes_outwards(
+        fn the_projected_gradient_vanishes_at_the_minimum_of_a_convex_quadratic(
             root in prop::collection::vec(-1.0..1.0_f64, 25),
             centre in prop::collection::vec(-3.0..3.0_f64, 5),
             start in prop::collection::vec(-2.0..2.0_f64, 5),
@@ -411,7 +417,7 @@ mod tests {
         }
 
         #[test]
-        fn the_budget_is_kept_and_no_step_goes_uphill(budget in 1_usize..40) {
+        fn the_budget_is_kept_and_no_step_increases_the_function(budget in 1_usize..40) {
             let within = within(dvector![-5.0, -5.0], dvector![5.0, 5.0]);
             let mut calls = 0;
             let options = MinimiseOptions { max_evaluations: budget, ..TIGHT };
@@ -438,7 +444,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_begin_says_why() {
+    fn a_minimisation_that_cannot_start_reports_the_reason() {
         let unit = within(dvector![0.0], dvector![1.0]);
         let options = MinimiseOptions::default();
         let bad = minimise(|x| (f64::NAN, x.clone()), &dvector![0.5], &unit, &options);

@@ -11,15 +11,17 @@
 //! mean = kᵀα,   variance = k(x, x) − ‖L⁻¹k‖²
 //! ```
 //!
-//! Of the mean, the linear part of the kernel collapses to a plane, worked out once; s is the squared-exponential part of k:
+//! The linear part of the kernel adds a plane to the mean, which is computed once. s is the
+//! squared-exponential part of k:
 //!
 //! ```text
-//! mean = Σᵢ αᵢ sᵢ + w·x + b,   w = λ² Σᵢ αᵢ Xᵢ,   b = λ² Σᵢ αᵢ,   ∂mean/∂x_d = −Σᵢ αᵢ sᵢ (x_d − Xᵢ_d) / ℓ_d² + w_d
+//! mean = Σᵢ αᵢ sᵢ + w·x + b,   w = λ² Σᵢ αᵢ Xᵢ,   b = λ² Σᵢ αᵢ
+//! ∂mean/∂x_d = −Σᵢ αᵢ sᵢ (x_d − Xᵢ_d) / ℓ_d² + w_d
 //! ```
 //!
-//! The variance is that of the function; an observation has σₙ² more. Samples are kept in blocks of eight, padded by samples of
-//! zero weight, so that a query runs in vector registers with its sums in a fixed order: the same bits on every call, and with
-//! registers of any width.
+//! The variance is that of the function; an observation has σₙ² more. Samples are stored in blocks
+//! of eight, padded by samples of zero weight. So a query runs in vector registers with its sums in
+//! a fixed order. It has the same bits on every call, and with registers of any width.
 //!
 //! Reference: Rasmussen & Williams 2006, eqs. 2.25, 2.26 and algorithm 2.1.
 
@@ -40,7 +42,7 @@ pub const OUTPUTS: usize = 3;
 /// Samples in a block.
 const LANES: usize = 8;
 
-/// What the samples say of three functions.
+/// Posterior of three functions.
 #[derive(Debug, Clone)]
 pub struct Posterior<const D: usize> {
     outputs: [Output<D>; OUTPUTS],
@@ -64,7 +66,7 @@ pub struct VarianceScratch {
     column: Vec<f64>,
 }
 
-/// Why samples gave no posterior.
+/// Why samples give no posterior.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PosteriorError {
     /// The samples are not usable.
@@ -75,17 +77,18 @@ pub enum PosteriorError {
     Hyperparameters {
         /// Index of the output.
         output: usize,
-        /// Which, and why.
+        /// The hyperparameter, and why.
         reason: HyperparametersError,
     },
-    /// K + σₙ² I lost positive definiteness; more noise or fewer twins among the inputs help.
+    /// K + σₙ² I lost positive definiteness; more noise or fewer duplicate inputs help.
     #[error(
-        "output {output}: the covariance of {samples} samples is not positive definite, whatever the jitter"
+        "output {output}: the covariance of {samples} samples is not positive definite, even with \
+         the largest jitter; use more noise or fewer duplicate inputs"
     )]
     NotPositiveDefinite {
         /// Index of the output.
         output: usize,
-        /// How many samples.
+        /// Number of samples.
         samples: usize,
     },
 }
@@ -96,12 +99,13 @@ struct Output<const D: usize> {
     /// 1 / ℓ
     rate: [f64; D],
     blocks: Vec<Block<D>>,
-    /// w, of the plane that the linear part amounts to.
+    /// w, of the plane of the linear part.
     slope: [f64; D],
     /// b, of that plane.
     offset: f64,
     weights: Vec<f64>,
-    /// Columns of L one after the other, each from its diagonal down; of the diagonal, the reciprocal.
+    /// Columns of L one after the other, each from its diagonal down. The diagonal holds
+    /// reciprocals.
     factor: Vec<f64>,
     jitter: f64,
 }
@@ -116,7 +120,8 @@ struct Block<const D: usize> {
 }
 
 impl<const D: usize> Posterior<D> {
-    /// Conditions three priors on samples. O(n³); keeps O(n²). No samples are legal: that is the prior.
+    /// Conditions three priors on samples. O(n³) time, O(n²) memory. Without samples, the posterior
+    /// is the prior.
     pub fn new(
         inputs: &[[f64; D]],
         targets: &[[f64; OUTPUTS]],
@@ -125,7 +130,7 @@ impl<const D: usize> Posterior<D> {
         Self::with_noise_scale(inputs, targets, &vec![1.0; inputs.len()], hyperparameters)
     }
 
-    /// The same with noise of its own for each sample: σₙ² times its scale.
+    /// The same with one noise per sample: σₙ² times its scale.
     pub fn with_noise_scale(
         inputs: &[[f64; D]],
         targets: &[[f64; OUTPUTS]],
@@ -164,22 +169,23 @@ impl<const D: usize> Posterior<D> {
         self.outputs.each_ref().map(|output| output.slope)
     }
 
-    /// How many samples it is conditioned on.
+    /// Number of samples.
     pub fn samples(&self) -> usize {
         self.samples
     }
 
-    /// Those of each output.
+    /// Hyperparameters of each output.
     pub fn hyperparameters(&self) -> [Hyperparameters<D>; OUTPUTS] {
         self.outputs.each_ref().map(|output| output.hyperparameters)
     }
 
-    /// α of each output, as long as there are samples.
+    /// α of each output, one entry per sample.
     pub fn weights(&self) -> [&[f64]; OUTPUTS] {
         self.outputs.each_ref().map(|output| output.weights.as_slice())
     }
 
-    /// What had to be added to the noise variance of each output to factorise its covariance; normally zero.
+    /// Jitter: addition to the noise variance of each output that the factorisation needed;
+    /// normally zero.
     pub fn jitter(&self) -> [f64; OUTPUTS] {
         self.outputs.each_ref().map(|output| output.jitter)
     }
@@ -199,7 +205,8 @@ impl<const D: usize> Posterior<D> {
         mean
     }
 
-    /// Mean of each output at `x`, and its gradient. O(n D); does not allocate. The mean has the bits of [`mean`](Self::mean).
+    /// Mean of each output at `x`, and its gradient. O(n D); does not allocate. The mean has the
+    /// bits of [`mean`](Self::mean).
     pub fn mean_and_gradient(&self, x: &[f64; D]) -> MeanAndGradient<D> {
         let mut answer = MeanAndGradient { mean: [0.0; OUTPUTS], gradient: [[0.0; D]; OUTPUTS] };
         vectorise(
@@ -240,7 +247,7 @@ impl<const D: usize> Posterior<D> {
 }
 
 impl VarianceScratch {
-    /// For posteriors of up to so many samples.
+    /// Memory for posteriors of up to `samples` samples.
     pub fn new(samples: usize) -> Self {
         Self { column: vec![0.0; samples.next_multiple_of(LANES)] }
     }
@@ -344,7 +351,7 @@ impl<const D: usize> Output<D> {
 
     #[expect(
         clippy::inline_always,
-        reason = "must be inlined to take on the vector features of its caller"
+        reason = "must be inlined to use the vector features of its caller"
     )]
     #[inline(always)]
     fn scaled(&self, x: &[f64; D]) -> [f64; D] {
@@ -354,7 +361,7 @@ impl<const D: usize> Output<D> {
     /// w·x + b
     #[expect(
         clippy::inline_always,
-        reason = "must be inlined to take on the vector features of its caller"
+        reason = "must be inlined to use the vector features of its caller"
     )]
     #[inline(always)]
     fn plane(&self, x: &[f64; D]) -> f64 {
@@ -363,7 +370,7 @@ impl<const D: usize> Output<D> {
 
     #[expect(
         clippy::inline_always,
-        reason = "must be inlined to take on the vector features of its caller"
+        reason = "must be inlined to use the vector features of its caller"
     )]
     #[inline(always)]
     fn mean(&self, x: &[f64; D]) -> f64 {
@@ -381,7 +388,7 @@ impl<const D: usize> Output<D> {
 
     #[expect(
         clippy::inline_always,
-        reason = "must be inlined to take on the vector features of its caller"
+        reason = "must be inlined to use the vector features of its caller"
     )]
     #[inline(always)]
     fn mean_and_gradient(&self, x: &[f64; D]) -> (f64, [f64; D]) {
@@ -407,7 +414,7 @@ impl<const D: usize> Output<D> {
 
     #[expect(
         clippy::inline_always,
-        reason = "must be inlined to take on the vector features of its caller"
+        reason = "must be inlined to use the vector features of its caller"
     )]
     #[inline(always)]
     fn variance(&self, x: &[f64; D], column: &mut [f64]) -> f64 {
@@ -425,7 +432,7 @@ impl<const D: usize> Output<D> {
                 }
             }
         }
-        // L⁻¹k by columns: once an entry is known, its share goes out of all below.
+        // L⁻¹k by columns: once an entry is known, its contribution is subtracted from all below.
         let mut explained = 0.0;
         let mut rest = &mut column[..self.weights.len()];
         let mut factor = self.factor.as_slice();
@@ -446,7 +453,7 @@ impl<const D: usize> Block<D> {
     /// 1 + (X/ℓ)·x of each sample.
     #[expect(
         clippy::inline_always,
-        reason = "must be inlined to take on the vector features of its caller"
+        reason = "must be inlined to use the vector features of its caller"
     )]
     #[inline(always)]
     fn one_plus_products(&self, x: &[f64; D]) -> [f64; LANES] {
@@ -462,7 +469,7 @@ impl<const D: usize> Block<D> {
     /// weight · exp(−½ ‖x − X‖²) of each sample, everything in length scales.
     #[expect(
         clippy::inline_always,
-        reason = "must be inlined to take on the vector features of its caller"
+        reason = "must be inlined to use the vector features of its caller"
     )]
     #[inline(always)]
     fn shares(&self, x: &[f64; D], weights: &[f64; LANES]) -> [f64; LANES] {
@@ -482,8 +489,8 @@ impl<const D: usize> Block<D> {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
-    #![expect(clippy::float_cmp, reason = "the same bits are the promise")]
+    #![expect(clippy::unwrap_used, reason = "a test ends at the first error")]
+    #![expect(clippy::float_cmp, reason = "the test promises the same bits")]
 
     use super::{Posterior, VarianceScratch};
     use crate::gp::hyperparameters::Hyperparameters;
@@ -491,7 +498,7 @@ mod tests {
     use faer::traits::pulp::Arch;
 
     #[test]
-    fn the_width_of_the_registers_does_not_change_a_bit() {
+    fn the_bits_do_not_depend_on_the_register_width() {
         let mut random = SplitMix64::new(11);
         let inputs: Vec<[f64; 4]> =
             (0..77).map(|_| std::array::from_fn(|_| random.normal())).collect();

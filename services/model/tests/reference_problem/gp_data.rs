@@ -1,4 +1,5 @@
-//! The samples of the reference problem: residual accelerations of a mecanum base, as its `gp_data(n, seed)` draws them.
+//! The samples of the reference problem: residual accelerations of a mecanum base, drawn like those
+//! of its `gp_data(n, seed)`.
 
 use model::gp::split_mix::SplitMix64;
 
@@ -15,7 +16,7 @@ pub(crate) fn residual([vx, vy, w]: [f64; 3], [ux, uy, uw]: [f64; 3]) -> [f64; 3
     ]
 }
 
-/// Inputs (v, u) and the three residuals, in the order of draws that every implementation shares.
+/// Inputs (v, u) and the three residuals, in the order of draws that all implementations share.
 pub(crate) fn gp_data(samples: usize, seed: u64) -> (Vec<[f64; 6]>, Vec<[f64; 3]>) {
     let mut random = SplitMix64::new(seed);
     let mut draw = || {

@@ -1,7 +1,9 @@
-//! zenoh's words about rights and rates, at its lowest level → who may not what, if somebody wanted it, and who wants it too often.
+//! zenoh's log texts about permissions and rates → the role, the operation and the topic of a
+//! rejected message.
 //!
-//! It says "… is authorized to Put (ingress) on key" or "unauthorized" of each message that arrives, "(egress)" of each that leaves; and calls the sender by certificate
-//! where it works that out, and by the name of its session alone where it knows already.
+//! At its lowest level, zenoh logs "… is authorized to Put (ingress) on key" or "unauthorized" for
+//! each message that arrives, and "(egress)" for each that leaves. It names the certificate of the
+//! sender when it evaluates a permission, and only the session when it uses a cached one.
 
 use protocol::access::Role;
 use protocol::topic::Topic;
@@ -9,35 +11,36 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// What zenoh says before it works out, once for a key, what of each kind of message is allowed there: nobody has sent any of them.
+/// Text of zenoh before it evaluates, once per key, the permission for each kind of message. No
+/// peer has sent any of these messages.
 const WORKED_OUT: &str = "ACL (ingress): caching permissions for `";
 
-/// Kinds of message that it then speaks of, one after the other.
+/// Number of kinds of messages in that evaluation.
 const KINDS: u8 = 9;
 
-/// What it says before what it knows already.
+/// Text of zenoh before a cached permission.
 const KNOWN: &str = "Using cached result: ";
 
-/// What it says before what comes too soon after another.
+/// Text of zenoh before a message above its rate limit.
 const DROPPED: &str = "Message dropped by the downsampling interceptor: ";
 
-/// Sessions whose certificates are remembered: more than a router lets in at a time.
+/// Largest number of sessions whose certificates are stored: more than a router accepts at a time.
 const GUESTS_MAX: usize = 256;
 
-/// Who has a certificate with which there is nothing to do here.
-const NO_ROLE: &str = "a certificate of no role here";
+/// Reason for a certificate without a role.
+const NO_ROLE: &str = "a certificate without a role in this graph";
 
-/// Name of a session → whose it is.
+/// Name of a session → its certificate.
 static GUESTS: Mutex<BTreeMap<String, String>> = Mutex::new(BTreeMap::new());
 
 thread_local! {
-    /// Of which key the next words about rights, and how many of them, are of messages that nobody has sent.
+    /// Key and number of the next permission texts that belong to no message.
     static UNSENT: RefCell<(String, u8)> = const { RefCell::new((String::new(), 0)) };
 }
 
-/// Who may not what, by what zenoh says.
+/// The rejection that zenoh's text reports, if it is one.
 pub(super) fn refused(message: &str) -> Option<String> {
-    // The session's name comes first, and has no space; a key, which its author chose, comes last.
+    // The session's name comes first and has no space. The key, which its sender chose, comes last.
     if let Some((session, _)) = message
         .split_once(' ')
         .filter(|(_, rest)| rest.starts_with("did not match any configured ACL subject"))
@@ -61,30 +64,31 @@ pub(super) fn refused(message: &str) -> Option<String> {
         who.strip_prefix(KNOWN)?.split(' ').next()?
     };
     let who = who.ends_with("un").then(|| guests().get(session).cloned())?;
-    Some(format!("{} may not {kind} on {}", who.as_deref().unwrap_or("somebody"), place(key)))
+    let who = who.as_deref().unwrap_or("an unknown session");
+    Some(format!("{who} may not {kind} on {}", place(key)))
 }
 
-/// Who says more than passes, and on what, by what zenoh says.
+/// The rejection by a rate limit that zenoh's text reports, if it is one.
 pub(super) fn too_often(message: &str) -> Option<String> {
     let (what, from) = message.strip_prefix(DROPPED)?.rsplit_once(") from:")?;
     let (_, key) = what.split_once('(')?;
-    // Here it calls the session by the first digits of its name.
+    // Here zenoh names the session by its first digits.
     let digits = from.rsplit('/').next()?.split(':').next()?;
     let guests = guests();
     let guest =
         guests.range(digits.to_owned()..).next().filter(|(session, _)| session.starts_with(digits));
     let (who, place) = (guest.map_or("somebody", |(_, who)| who), place(key));
-    // Rates are looked at before rights.
+    // zenoh checks rates before permissions.
     let role = who.split('.').next().and_then(Role::named);
     let may = role.is_none_or(|role| role.says().iter().any(|topic| topic.name() == place));
     Some(if may {
-        format!("{who} says more on {place} than anybody needs to")
+        format!("{who} publishes on {place} above the rate limit")
     } else {
         format!("{who} may not Put on {place}")
     })
 }
 
-/// Whether the word about `key` is of a message that nobody has sent.
+/// Whether the text about `key` belongs to no message.
 fn is_unsent(key: &str) -> bool {
     UNSENT.with_borrow_mut(|(of, left)| {
         let unsent = *left > 0 && of == key;
@@ -93,13 +97,13 @@ fn is_unsent(key: &str) -> bool {
     })
 }
 
-/// Notes whose session it is.
+/// Stores the certificate of a session.
 fn introduce(session: &str, who: &str) {
     let mut guests = guests();
     if guests.len() == GUESTS_MAX && !guests.contains_key(session) {
         guests.pop_first();
     }
-    // A session chooses its name, and may take that of one before.
+    // A session chooses its name, and may reuse that of an earlier one.
     guests.insert(session.to_owned(), who.to_owned());
 }
 
@@ -107,14 +111,14 @@ fn guests() -> MutexGuard<'static, BTreeMap<String, String>> {
     GUESTS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Whose certificate it is, of "Interface(lo)+CertCommonName(watcher.pilot)+…".
+/// Name of the certificate in "Interface(lo)+CertCommonName(watcher.pilot)+…".
 fn role(subject: &str) -> Option<&str> {
     let is_role =
         |name: &str| Role::ALL.iter().any(|role| name.split('.').next() == Some(role.name()));
     subject.split(['(', ')']).find(|name| name.contains('.') && is_role(name))
 }
 
-/// What a key is of, without what its author can choose.
+/// Topic of a key, without the parts that its sender can choose.
 fn place(key: &str) -> &'static str {
     let names = key.split('/').nth(2);
     Topic::ALL
@@ -129,10 +133,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_says_what_he_may_not_is_told_by_his_role_and_nothing_that_he_chose() {
-        let put = "7f on lo+CertCommonName(watcher.pilot)+tls+7f is unauthorized to Put (ingress) on coxswain-link/g/command/data/<b>";
+    fn a_forbidden_message_is_logged_by_role_without_text_of_the_sender() {
+        let put = "7f on lo+CertCommonName(watcher.pilot)+tls+7f is unauthorized \
+                   to Put (ingress) on coxswain-link/g/command/data/<b>";
         assert_eq!(refused(put).as_deref(), Some("watcher.pilot may not Put on command"));
-        let token = "8f on lo+CertCommonName(learner.pilot)+tls+8f is unauthorized to Declare/Undeclare Liveliness Token (ingress) on a/b";
+        let token = "8f on lo+CertCommonName(learner.pilot)+tls+8f is unauthorized \
+                     to Declare/Undeclare Liveliness Token (ingress) on a/b";
         assert_eq!(
             refused(token).as_deref(),
             Some("learner.pilot may not Declare/Undeclare Liveliness Token on another key")
@@ -141,35 +147,38 @@ mod tests {
         assert_eq!(refused(&put.replace("ingress", "egress")), None);
         assert_eq!(
             refused("9f did not match any configured ACL subject. Default").as_deref(),
-            Some("a certificate of no role here")
+            Some("a certificate without a role in this graph")
         );
         let forged = put.replace("<b>", "x did not match any configured ACL subject");
         assert_eq!(
             refused(&forged).as_deref(),
             Some("watcher.pilot may not Put on command"),
-            "whatever the key says"
+            "for every key"
         );
-        let query = "Using cached result: 9f is unauthorized to Query (ingress) on coxswain-link/g/command/join/1";
+        let query = "Using cached result: 9f is unauthorized \
+                     to Query (ingress) on coxswain-link/g/command/join/1";
         assert_eq!(
             refused(query).as_deref(),
-            Some("a certificate of no role here may not Query on command")
+            Some("a certificate without a role in this graph may not Query on command")
         );
         assert_eq!(
             refused(&query.replace("9f", "af")).as_deref(),
-            Some("somebody may not Query on command")
+            Some("an unknown session may not Query on command")
         );
     }
 
     #[test]
-    fn who_says_too_much_is_told_by_his_role_and_nothing_that_he_chose() {
-        let put = "6f01ab on lo+CertCommonName(learner.pilot)+tls+6f01ab is authorized to Put (ingress) on coxswain-link/g/health/data/<b>";
+    fn a_message_above_its_rate_is_logged_by_role_without_text_of_the_sender() {
+        let put = "6f01ab on lo+CertCommonName(learner.pilot)+tls+6f01ab is authorized \
+                   to Put (ingress) on coxswain-link/g/health/data/<b>";
         assert_eq!(refused(put), None);
         let often = |key: &str, session: &str| {
             too_often(&format!(
-                "Message dropped by the downsampling interceptor: Push(coxswain-link/g/{key}) from:south:0:client/{session}:3"
+                "Message dropped by the downsampling interceptor: \
+                 Push(coxswain-link/g/{key}) from:south:0:client/{session}:3"
             ))
         };
-        let told = Some("learner.pilot says more on health than anybody needs to");
+        let told = Some("learner.pilot publishes on health above the rate limit");
         assert_eq!(often("health/data/learner.1", "6f01").as_deref(), told);
         assert_eq!(
             often("health/data/robot.1) from:south:0:client/7f01:3", "6f01").as_deref(),
@@ -177,7 +186,7 @@ mod tests {
         );
         assert_eq!(
             often("command/data/x", "6e01").as_deref(),
-            Some("somebody says more on command than anybody needs to")
+            Some("an unknown session publishes on command above the rate limit")
         );
         assert_eq!(
             often("command/data/x", "6f01").as_deref(),
@@ -187,20 +196,22 @@ mod tests {
     }
 
     #[test]
-    fn rights_that_are_only_worked_out_are_refused_to_nobody() {
-        let put = "7e on lo+CertCommonName(watcher.pilot)+tls+7e is unauthorized to Put (ingress) on coxswain-link/g/state/data/1";
+    fn a_permission_that_zenoh_only_evaluates_is_no_rejection() {
+        let put = "7e on lo+CertCommonName(watcher.pilot)+tls+7e is unauthorized \
+                   to Put (ingress) on coxswain-link/g/state/data/1";
         assert_eq!(
             refused("ACL (ingress): caching permissions for `coxswain-link/g/state/data/1` ..."),
             None
         );
         assert_eq!((0..KINDS).find_map(|_| refused(put)), None);
-        let cached = "Using cached result: 7e is unauthorized to Put (ingress) on coxswain-link/g/state/data/1";
+        let cached = "Using cached result: 7e is unauthorized \
+                      to Put (ingress) on coxswain-link/g/state/data/1";
         assert_eq!(refused(cached).as_deref(), Some("watcher.pilot may not Put on state"));
         assert_eq!(refused(put).as_deref(), Some("watcher.pilot may not Put on state"));
         assert_eq!(
             refused("ACL (ingress): caching permissions for `a/b` ..."),
             None,
-            "of somebody of no role, nothing is said then"
+            "for a session without a role, zenoh logs no evaluation"
         );
         assert_eq!(refused(put).as_deref(), Some("watcher.pilot may not Put on state"));
     }

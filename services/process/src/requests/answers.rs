@@ -1,37 +1,37 @@
-//! What has been answered ▶ whoever only looks on.
+//! Replies of the processes ▶ observers.
 
 use super::{Settled, answered};
 use protocol::message::Participant;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How often it is looked for more.
+/// Shortest interval between two checks.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Who can be asked.
+/// Roles that accept requests.
 const ROLES: [Participant; 3] = [Participant::Controller, Participant::Learner, Participant::Plant];
 
-/// The answers of all processes of a run: those of each in order, each once.
+/// Reads the replies of all processes of a run: those of each process in order, each once.
 #[derive(Debug)]
 pub struct Answers {
     folder: PathBuf,
-    /// Of each role, how many have been read.
+    /// Number of replies read, per role.
     read: [u64; ROLES.len()],
     look_at: Instant,
 }
 
 impl Answers {
-    /// From the first of the run in `folder` on.
+    /// Reads from the first reply of the run in `folder` on.
     pub fn all(folder: &Path) -> Self {
         Self { folder: folder.to_owned(), read: Default::default(), look_at: Instant::now() }
     }
 
-    /// Those that are not there yet.
+    /// Reads only replies that do not exist yet.
     pub fn from_now_on(folder: &Path) -> Self {
         Self { read: ROLES.map(|role| answered(folder, role)), ..Self::all(folder) }
     }
 
-    /// What is new, not more often than ten times a second.
+    /// New replies, at most ten checks per second.
     pub fn look(&mut self) -> Vec<Settled> {
         let now = Instant::now();
         if now < self.look_at {
@@ -41,7 +41,7 @@ impl Answers {
         self.look_now()
     }
 
-    /// What is new at this moment.
+    /// New replies, without the limit.
     pub fn look_now(&mut self) -> Vec<Settled> {
         let mut new = Vec::new();
         for (role, read) in ROLES.into_iter().zip(&mut self.read) {

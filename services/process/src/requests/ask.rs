@@ -8,16 +8,16 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How often it is looked whether there is an answer.
+/// Interval between two checks for a reply.
 const LOOK: Duration = Duration::from_millis(2);
 
 /// A request could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {source}", path.display())]
 pub struct AskError {
-    /// What could not be used.
+    /// Path of the failed operation.
     pub path: PathBuf,
-    /// What the system said.
+    /// Error of the operating system.
     pub source: io::Error,
 }
 
@@ -30,7 +30,7 @@ pub struct Asked {
     pub number: u64,
 }
 
-/// Asks the process of `role` in the run in `folder`.
+/// Writes a request to the process of `role` in the run in `folder`.
 ///
 /// # Errors
 /// [`AskError`] if the folder cannot be written to, or is none of a run.
@@ -40,7 +40,7 @@ pub fn ask(folder: &Path, role: Participant, request: &Request) -> Result<Asked,
         let path = path.to_owned();
         move |source| AskError { path, source }
     };
-    // The process may be another user's.
+    // The process may belong to another user.
     let readable = Permissions::from_mode(0o644);
     let mut whole = tempfile::Builder::new()
         .prefix(".request-")
@@ -64,7 +64,7 @@ pub fn ask(folder: &Path, role: Participant, request: &Request) -> Result<Asked,
     }
 }
 
-/// The highest number that there is.
+/// Highest number in use.
 fn last(inside: &Path, role: Participant) -> io::Result<u64> {
     let number = |name: &str| {
         name.strip_prefix(role.text())?.strip_prefix('-')?.strip_suffix(".json")?.parse().ok()
@@ -77,12 +77,12 @@ fn last(inside: &Path, role: Participant) -> io::Result<u64> {
 }
 
 impl Asked {
-    /// The answer, if there is one by now.
+    /// The reply, if there is one.
     pub fn answer(&self) -> Option<Settled> {
         Settled::read(&self.folder, self.role, self.number)
     }
 
-    /// Waits for the answer, `patience` at most, as long as it `may` come.
+    /// Waits for the reply, at most `patience`, and only while it `may` come.
     pub fn wait(&self, patience: Duration, mut may: impl FnMut() -> bool) -> Option<Settled> {
         let begin = Instant::now();
         while begin.elapsed() < patience && may() {

@@ -13,15 +13,15 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Longest time between two looks.
+/// Shortest interval between two checks.
 const LOOK: Duration = Duration::from_millis(10);
 
 /// Why a request is refused before anybody has looked at what it says.
 #[derive(Debug, thiserror::Error)]
 pub enum NotAsked {
-    /// In lock step every run gives the same bits, whatever the clock says.
+    /// In lock step, the same settings must give the same bits at every speed of the clock.
     #[error(
-        "in lock step nothing can be changed while it runs: the same settings give the same bits"
+        "in lock step settings cannot change during the run: the same settings give the same bits"
     )]
     LockStep,
     /// Somebody wrote something else.
@@ -37,15 +37,15 @@ pub struct Inbox {
     pace: Pace,
     /// Whether the run takes requests at all.
     open: bool,
-    /// Number of the next one.
+    /// Number of the next request.
     next: u64,
-    /// Who owns the file of the one that was taken last.
+    /// User id of the owner of the last request's file.
     user: u32,
     look_at: Instant,
 }
 
 impl Inbox {
-    /// That of the process of `role` in a run, behind everything that has been answered.
+    /// Requests to the process of `role` in a run, after the last one with a reply.
     pub fn open(run: &Run, role: Participant) -> Self {
         let folder = run.folder.clone();
         let open = folder.join(FOLDER).is_dir();
@@ -58,8 +58,8 @@ impl Inbox {
         self.open
     }
 
-    /// The next request, if there is one; nothing but a look at one name if there is none, and not more often than every 10 ms.
-    /// It is to be [answered](Self::answer) before the next.
+    /// The next request, if there is one. Without one, it only checks for one file name, at most
+    /// every 10 ms. [Answer](Self::answer) the request before the next call.
     pub fn take(&mut self) -> Option<Result<Request, NotAsked>> {
         let now = Instant::now();
         if !self.open || now < self.look_at {
@@ -88,24 +88,26 @@ impl Inbox {
         let file = answer_file(&self.folder, self.role, number);
         let answer = Answer { user: self.user, answered_nanos: monotonic_nanos(), outcome };
         if let Err(error) = write(&file, &answer) {
-            tracing::warn!(%error, file = %file.display(), "the answer cannot be written");
+            tracing::warn!(%error, file = %file.display(), "the reply cannot be written");
         }
         self.next += 1;
         self.look_at = Instant::now();
     }
 }
 
-/// All of it, or nothing.
+/// Writes the file atomically.
 fn write(file: &Path, answer: &Answer) -> io::Result<()> {
     let half = file.with_extension("half");
     fs::write(&half, serde_json::to_vec(answer).map_err(io::Error::other)?)?;
     fs::rename(&half, file)
 }
 
-/// `settings` with everything that was applied before in this run, for a process that has been started again; and how much that was.
+/// `settings` with all changes applied earlier in this run, and their number: for a restarted
+/// process.
 ///
 /// # Errors
-/// [`ChangeError`] if what was applied does not go with what the process is told, which nobody should have changed meanwhile.
+/// [`ChangeError`] if a change contradicts the settings. That means that the settings were edited
+/// in between.
 pub fn changed_before<S>(
     settings: &S,
     role: Participant,
@@ -120,7 +122,7 @@ where
     let changes = applied
         .map(|settled| Change::parse(&settled.request.change))
         .collect::<Result<Vec<_>, _>>()?;
-    // Most have nothing to read again.
+    // Most runs have no changes.
     let settings =
         if changes.is_empty() { settings.clone() } else { changed(settings, &changes, rules)? };
     Ok((settings, changes.len()))

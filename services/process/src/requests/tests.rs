@@ -83,7 +83,7 @@ fn every_request_is_taken_once_and_in_order_and_its_answer_is_found_by_who_asked
 }
 
 #[test]
-fn who_is_started_again_has_what_was_applied_and_takes_up_what_nobody_has_answered()
+fn a_restarted_process_applies_the_earlier_changes_and_reads_the_open_requests()
 -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     welcome(folder.path())?;
@@ -106,8 +106,7 @@ fn who_is_started_again_has_what_was_applied_and_takes_up_what_nobody_has_answer
 }
 
 #[test]
-fn many_who_ask_at_once_get_a_number_each_without_a_gap() -> Result<(), Box<dyn std::error::Error>>
-{
+fn simultaneous_requests_get_consecutive_numbers() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     welcome(folder.path())?;
     let ask_often = || {
@@ -138,7 +137,7 @@ fn in_lock_step_and_of_what_is_not_a_request_the_answer_is_why_not()
     };
     let told = refusal(Participant::Controller, Pace::LockStep);
     assert!(
-        told.as_ref().is_some_and(|told| told.starts_with("in lock step nothing can be changed")),
+        told.as_ref().is_some_and(|told| told.starts_with("in lock step settings cannot change")),
         "{told:?}"
     );
     let told = refusal(Participant::Learner, Pace::RealTime);

@@ -1,10 +1,10 @@
-//! messages of one topic → the columns that hold all of them, and the cells of each.
+//! Messages of one topic → the columns for all of them, and the cells of each.
 
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 use serde_json::Value;
 use std::fmt;
 
-/// Columns of one topic, field after field in the order in which messages have them.
+/// Columns of one topic, field by field in the order of the messages.
 #[derive(Debug, Default)]
 pub(super) struct Columns {
     fields: Vec<Column>,
@@ -17,22 +17,22 @@ struct Column {
     shape: Shape,
 }
 
-/// What a field takes.
+/// Columns of a field.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Shape {
-    /// Nothing yet.
+    /// No columns yet.
     Nothing,
     One,
-    /// So many numbers at most.
+    /// Largest number of values.
     Numbers(usize),
-    /// So many rows of so many numbers at most.
+    /// Largest number of rows, and of values in a row.
     Rows(usize, usize),
-    /// A value for each of these.
+    /// One column for each of these names.
     Named(Vec<String>),
 }
 
 impl Columns {
-    /// Makes room for what the message says.
+    /// Adds the columns that a message needs.
     pub(super) fn look(&mut self, schema: &[u8], json: &[u8]) -> Result<(), serde_json::Error> {
         if self.schema.is_null() {
             // Without a schema there are no units.
@@ -89,7 +89,7 @@ impl Columns {
         header
     }
 
-    /// The cells of a message, as many as there are columns.
+    /// The cells of a message, one per column.
     pub(super) fn row(&self, json: &[u8]) -> Result<Vec<String>, serde_json::Error> {
         let Entries(entries) = serde_json::from_slice(json)?;
         let mut row = Vec::new();
@@ -139,18 +139,18 @@ impl Shape {
                     keys.push(key);
                 }
             }),
-            // No field of ours changes its kind.
+            // No field of our messages changes its kind.
             _ => {}
         }
     }
 }
 
-/// Row and place of each number of `rows` rows.
+/// Row and index of each number of `rows` rows.
 fn cells(rows: usize, count: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..rows).flat_map(move |row| (0..count).map(move |index| (row, index)))
 }
 
-/// What stands in brackets at the end of a field's description.
+/// The units in brackets at the end of a field's description.
 fn units(schema: &Value) -> Vec<&str> {
     let inside = schema["description"]
         .as_str()
@@ -159,7 +159,7 @@ fn units(schema: &Value) -> Vec<&str> {
     inside.map_or_else(Vec::new, |inside| inside.split(", ").collect())
 }
 
-/// A number in as many digits as bring it back; nothing for one that is not finite.
+/// A number with the digits that reproduce it exactly; empty if it is not finite.
 fn written(value: &Value) -> String {
     match value {
         Value::Null => String::new(),
@@ -168,7 +168,7 @@ fn written(value: &Value) -> String {
     }
 }
 
-/// A JSON object with its entries in their order.
+/// A JSON object with its entries in order.
 struct Entries(Vec<(String, Value)>);
 
 impl<'de> Deserialize<'de> for Entries {
@@ -203,10 +203,21 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn columns_hold_the_longest_message_and_bear_the_units_of_the_schema()
+    fn columns_fit_the_longest_message_and_have_the_units_of_the_schema()
     -> Result<(), serde_json::Error> {
-        let short = json!({"disturbance": [1.0, null, 3.0], "fallback_level": "simple controller", "variance": [[1, 2, 3]], "tick_nanos": 5}).to_string();
-        let long = json!({"disturbance": [1.0, 2.0, 0.1], "fallback_level": "a,b", "variance": [[1, 2, 3], [4, 5, 6]], "stamp": {"sent_nanos": u64::MAX}});
+        let short = json!({
+            "disturbance": [1.0, null, 3.0],
+            "fallback_level": "simple controller",
+            "variance": [[1, 2, 3]],
+            "tick_nanos": 5,
+        })
+        .to_string();
+        let long = json!({
+            "disturbance": [1.0, 2.0, 0.1],
+            "fallback_level": "a,b",
+            "variance": [[1, 2, 3], [4, 5, 6]],
+            "stamp": {"sent_nanos": u64::MAX},
+        });
         let long = long.to_string();
         let schema = view::schema::<Plan>().to_string();
         let mut columns = Columns::default();
@@ -239,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_object_is_refused() {
+    fn a_message_that_is_not_an_object_is_rejected() {
         assert!(Columns::default().look(b"", b"[1, 2]").is_err());
         assert!(Columns::default().look(b"", b"{\"a\":").is_err());
     }

@@ -1,9 +1,9 @@
-//! numbers → places along an axis, with ticks that a person would have chosen.
+//! Numbers → positions along an axis, with round ticks.
 
-/// Decades beyond which not each has a tick of its own.
+/// Number of decades above which not each has a tick of its own.
 const DECADES_MAX: f64 = 5.0;
 
-/// Smallest and largest of some numbers.
+/// Smallest and largest of a set of numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Extent {
     pub(super) low: f64,
@@ -11,17 +11,17 @@ pub(super) struct Extent {
 }
 
 impl Extent {
-    /// Of no number.
+    /// That of no numbers.
     pub(super) const NONE: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
-    /// Of these. Those that are not finite do not count.
+    /// That of `values`. Numbers that are not finite do not count.
     pub(super) fn of(values: impl IntoIterator<Item = f64>) -> Self {
         let mut extent = Self::NONE;
         extent.include(values);
         extent
     }
 
-    /// Takes these in, too.
+    /// Extends it to `values`.
     pub(super) fn include(&mut self, values: impl IntoIterator<Item = f64>) {
         for value in values.into_iter().filter(|value| value.is_finite()) {
             (self.low, self.high) = (self.low.min(value), self.high.max(value));
@@ -32,7 +32,7 @@ impl Extent {
         self.high - self.low
     }
 
-    /// The same with a margin, so that nothing lies on the edge; never empty.
+    /// The same with a margin, so that no point lies on the edge; never empty.
     pub(super) fn padded(&self) -> Self {
         if self.low > self.high || !self.length().is_finite() {
             return Self { low: 0.0, high: 1.0 };
@@ -48,7 +48,7 @@ impl Extent {
     }
 }
 
-/// How numbers lie along it.
+/// Scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Scale {
     Linear,
@@ -63,7 +63,7 @@ pub(super) struct Axis {
     scale: Scale,
 }
 
-/// A number on an axis, and how it is written.
+/// A number on an axis, and its label.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Tick {
     pub(super) value: f64,
@@ -71,12 +71,12 @@ pub(super) struct Tick {
 }
 
 impl Axis {
-    /// From the one end of `extent` to the other.
+    /// From one end of `extent` to the other.
     pub(super) fn linear(extent: Extent) -> Self {
         Self { extent, scale: Scale::Linear }
     }
 
-    /// The same, logarithmic: whole decades that hold `extent`, of which only what is above 0 counts. At most nine.
+    /// The same, logarithmic: whole decades around the positive part of `extent`. At most nine.
     pub(super) fn logarithmic(extent: Extent) -> Self {
         let high = if extent.high > 0.0 && extent.high.is_finite() {
             extent.high.log10().ceil().min(300.0)
@@ -95,12 +95,12 @@ impl Axis {
         }
     }
 
-    /// Where `value` lies: 0 at the low end, 1 at the high one, not a number if it lies nowhere.
+    /// Position of `value`: 0 at the low end, 1 at the high one, NaN if it has none.
     pub(super) fn share(&self, value: f64) -> f64 {
         let Extent { low, high } = self.extent;
         match self.scale {
             Scale::Linear => (value - low) / (high - low),
-            // What is 0 lies below every edge, and is drawn there.
+            // 0 lies below every edge, and is drawn at the lower one.
             Scale::Logarithmic => {
                 (value.max(f64::MIN_POSITIVE).log10() - low.log10()) / (high.log10() - low.log10())
             }
@@ -118,7 +118,7 @@ impl Axis {
     fn linear_ticks(&self, wanted: usize) -> Vec<Tick> {
         let Extent { low, high } = self.extent;
         let step = nice_step((high - low) / wanted.max(1) as f64);
-        // An end that is a tick is not lost to rounding.
+        // Rounding must not remove a tick at an end.
         let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
         let count = last - first;
         if !step.is_finite() || !(0.0..=2.0 * wanted as f64).contains(&count) {
@@ -161,7 +161,7 @@ fn label(value: f64, step: f64) -> String {
     }
     let decimals = (-(step.log10() + 1e-9).floor()).max(0.0) as usize;
     let text = format!("{value:.decimals$}");
-    // A minus before nothing but zeros says nothing.
+    // No minus sign before zeros.
     if text.bytes().any(|byte| (b'1'..=b'9').contains(&byte)) {
         text
     } else {
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_at_numbers_that_a_person_would_choose() {
+    fn ticks_are_at_round_numbers() {
         assert_eq!(labels(0.0, 25.0, 5), ["0", "5", "10", "15", "20", "25"]);
         assert_eq!(labels(-0.013, 0.021, 4), ["-0.01", "0.00", "0.01", "0.02"]);
         assert_eq!(labels(-1.1, 0.2, 4), ["-1.0", "-0.5", "0.0"]);
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn an_extent_that_no_tick_can_divide_is_told_by_its_ends() {
+    fn an_extent_without_a_round_tick_has_ticks_at_its_ends() {
         for (low, high) in [(1e300, 1.000_000_000_000_000_2e300), (-1e308, 1e308)] {
             let ticks = labels(low, high, 5);
             assert!((1..=11).contains(&ticks.len()), "{ticks:?}");
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_widens_nothing() {
+    fn numbers_that_are_not_finite_do_not_extend_an_axis() {
         let extent = Extent::of([1.0, f64::NAN, f64::INFINITY, 3.0]);
         assert_eq!(extent, Extent { low: 1.0, high: 3.0 });
         assert_eq!(Extent::NONE.padded(), Extent { low: 0.0, high: 1.0 });

@@ -1,23 +1,26 @@
-//! How much of what the robot really did lies in the learned model's 95 % interval, as far as a record can tell.
+//! Share of the measured residuals in the 95 % interval of the learned model, as far as a record
+//! shows it.
 //!
 //! ```text
-//! |residual − ĝ| ≤ 1.96 σ      σ² = variance of g + what samples are off beside      residual − ĝ = innovation + d
+//! |residual − ĝ| ≤ 1.96 σ      σ² = variance of g + variance of a sample
+//! residual − ĝ = innovation + d
 //! ```
-//! All of it is the controller's own word: of one tick the variance and the observer's d, of the next what there was. It is asked for only where
-//! the same learned model was in use on that axis at both, and where the period teaches something. The observer has no part in it.
+//! All figures come from the controller: the variance and the observer's d of one tick, and the
+//! residual of the next. A period counts only if it is usable, and if the same learned model was in
+//! use on that axis at both ticks. The observer has no part in the interval.
 
 use super::heard::PlanTick;
 use super::record::Record;
 
-/// Spread of a normal distribution that holds 95 %, in standard deviations.
+/// Half width of the 95 % interval of a normal distribution, in standard deviations.
 pub(super) const SPREAD: f64 = 1.96;
 
-/// A learned model against one period.
+/// A learned model compared with one period.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Check {
     /// The tick that ended the period.
     pub(super) tick: u64,
-    /// Residual less what the model had said of it.
+    /// Residual minus the mean of the learned model.
     pub(super) error: f64,
     /// σ.
     pub(super) deviation: f64,
@@ -29,7 +32,7 @@ impl Check {
     }
 }
 
-/// Share of periods in the interval, and of how many.
+/// Share of periods in the interval, and their number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Coverage {
     pub(super) share: f64,
@@ -63,7 +66,7 @@ pub(super) fn checks(record: &Record, axis: usize) -> Vec<Check> {
     checks.filter(|check| check.error.is_finite() && check.deviation.is_finite()).collect()
 }
 
-/// How many of `checks` were within; nothing if there are none.
+/// Share of `checks` in the interval; `None` if there are none.
 pub(super) fn coverage(checks: &[Check]) -> Option<Coverage> {
     let within = checks.iter().filter(|check| check.is_within()).count();
     (!checks.is_empty())

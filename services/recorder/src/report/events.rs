@@ -1,4 +1,4 @@
-//! gate, health and list of injected faults → what happened, and when.
+//! Gate, health and list of injected faults → events and their times.
 
 use super::heard::{GateWords, Health};
 use process::requests::{Outcome, Settled};
@@ -8,37 +8,37 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
-/// So many events are kept; more are only counted.
+/// Largest number of stored events; more are only counted.
 const EVENTS_MAX: usize = 500;
 
-/// The same thing within so many ticks is one event.
+/// Equal events within this number of ticks are one event.
 const SAME_WITHIN_TICKS: u64 = 20;
 
-/// One thing that happened, perhaps several times in a row.
+/// One event, perhaps several times in a row.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Event {
-    /// When it happened first.
+    /// First tick.
     pub(super) tick: u64,
-    /// And last.
+    /// Last tick.
     pub(super) until: u64,
-    /// What.
+    /// Description.
     pub(super) what: String,
-    /// How often.
+    /// Number of occurrences.
     pub(super) count: u64,
 }
 
-/// Notes them in the order of the record.
+/// Collects events in the order of the record.
 #[derive(Debug, Default)]
 pub(super) struct Log {
     events: Vec<Event>,
     more: u64,
     fallback_level: Option<FallbackLevel>,
     refused: Option<u64>,
-    /// By participant: its process instance and what it had counted.
+    /// By participant: its process instance and its last counters.
     roles: BTreeMap<String, Role>,
-    /// Changes by a person, by process and number.
+    /// Changes of settings, by process and number.
     changes: BTreeSet<(String, u64)>,
-    /// The last one that was heard of.
+    /// Tick of the last message.
     tick: u64,
 }
 
@@ -61,13 +61,13 @@ struct Injected {
 }
 
 impl Log {
-    /// Forgets the run of an earlier plant, but not who was there.
+    /// Drops the events of an earlier plant, but keeps the processes.
     pub(super) fn start_over(&mut self) {
         (self.events, self.more) = (Vec::new(), 0);
         (self.fallback_level, self.refused, self.tick) = (None, None, 0);
     }
 
-    /// Hears what the gate did in a period.
+    /// Reads what the gate did in a period.
     pub(super) fn hear_gate(&mut self, words: &GateWords) {
         self.tick = self.tick.max(words.tick);
         let reason =
@@ -79,11 +79,11 @@ impl Log {
         }
         let refused = self.refused.replace(words.refused);
         if refused.is_some_and(|before| words.refused > before) {
-            self.note(words.tick, format!("the gate refused a command{reason}"));
+            self.note(words.tick, format!("the gate rejected a command{reason}"));
         }
     }
 
-    /// Hears how a process is.
+    /// Reads the health of a process.
     pub(super) fn hear_health(&mut self, health: &Health) {
         let (tick, who, lost) = (self.tick, &health.participant, health.lost());
         let mut told = Vec::new();
@@ -93,18 +93,16 @@ impl Log {
             .or_insert_with(|| Role { writer: health.stamp.writer, ..Role::default() });
         if role.writer != health.stamp.writer {
             *role = Role { writer: health.stamp.writer, ..Role::default() };
-            told.push(format!("{who}: another process has taken its place"));
+            told.push(format!("{who}: replaced by another process"));
         }
         if health.models_left > role.models_left {
-            told.push(format!(
-                "{who}: left a model on an axis, where it had turned worse than none"
-            ));
+            told.push(format!("{who}: dropped a model on an axis, where it was worse than none"));
         }
         if health.snapshots_refused > role.snapshots_refused {
-            told.push(format!("{who}: refused a model"));
+            told.push(format!("{who}: rejected a model"));
         }
         if lost > role.lost {
-            told.push(format!("{who}: messages lost on the way to it"));
+            told.push(format!("{who}: lost messages on its links"));
         }
         if health.last_error != role.last_error && !health.last_error.is_empty() {
             told.push(format!("{who}: {}", health.last_error));
@@ -117,7 +115,7 @@ impl Log {
         }
     }
 
-    /// Hears what a person has changed, or was refused; what is said again is passed over, and what nobody understands.
+    /// Reads a change of settings, accepted or rejected. Skips repeated and unreadable ones.
     pub(super) fn hear_change(&mut self, json: &[u8]) {
         let Ok(settled) = serde_json::from_slice::<Settled>(json) else { return };
         if !self.changes.insert((settled.process.clone(), settled.number)) {
@@ -131,7 +129,8 @@ impl Log {
         self.note(tick, settled.to_string());
     }
 
-    /// Reads the list of faults that were injected into processes, if there is one in `folder`. `tick_at` finds the tick of a moment.
+    /// Reads the list of injected process faults, if there is one in `folder`. `tick_at` returns
+    /// the tick of a time.
     pub(super) fn read_injected(&mut self, folder: &Path, tick_at: impl Fn(u64) -> Option<u64>) {
         let list = fs::read_to_string(folder.join("injected.jsonl")).unwrap_or_default();
         for injected in list.lines().filter_map(|line| serde_json::from_str::<Injected>(line).ok())
@@ -160,7 +159,7 @@ impl Log {
         }
     }
 
-    /// In the order of time, and how many more there were.
+    /// The events in the order of time, and the number of further ones.
     pub(super) fn finish(mut self) -> (Vec<Event>, u64) {
         self.events.sort_by_key(|event| event.tick);
         (self.events, self.more)
@@ -176,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn what_happens_again_and_again_is_one_event_that_says_how_often() {
+    fn repeated_events_are_one_event_with_their_number() {
         let mut log = Log::default();
         for tick in 0..100 {
             log.hear_gate(&gate(tick, FallbackLevel::FreshPlan, tick));
@@ -189,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn leaving_fresh_plans_is_told_and_coming_back_is_not() {
+    fn leaving_fresh_plans_is_an_event_and_returning_is_not() {
         let mut log = Log::default();
         for (tick, fallback_level) in [
             (0, FallbackLevel::Waiting),

@@ -1,14 +1,14 @@
-//! One figure: panels, what their lines mean, and what is missing.
+//! One figure: panels, legend, and missing data.
 
 use super::axis::{Axis, Extent};
 use super::panel::Detail;
 use super::record::Record;
 use protocol::topic::Topic;
 
-/// Colours that records take in turn.
+/// Number of colours; records use them in turn.
 const COLOURS: usize = 6;
 
-/// How something looks.
+/// Style of a line or mark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Look {
     Line,
@@ -43,18 +43,18 @@ pub(super) struct Key {
 /// One figure.
 #[derive(Debug)]
 pub(super) struct Figure {
-    /// In the page's addresses, and `data-figure`.
+    /// Its anchor in the page, and `data-figure`.
     pub(super) id: &'static str,
     pub(super) title: &'static str,
-    /// Which figure of the paper shows the same.
+    /// Number of the paper's figure with the same content.
     pub(super) paper: Option<u32>,
     pub(super) about: String,
     pub(super) legend: Vec<Key>,
-    /// Across the whole page.
+    /// Whether it has the width of the page.
     pub(super) wide: bool,
-    /// SVG each.
+    /// One SVG each.
     pub(super) panels: Vec<String>,
-    /// What the figure does not show, and why.
+    /// Data that the figure does not show, and why.
     pub(super) missing: Vec<String>,
 }
 
@@ -65,11 +65,11 @@ impl Figure {
     }
 }
 
-/// All records, and what their figures have in common.
+/// All records, and the data that their figures share.
 pub(super) struct Records<'a> {
     each: &'a [Record],
     pub(super) detail: Detail,
-    /// Of all of them.
+    /// Time axis of all records.
     pub(super) time: Axis,
 }
 
@@ -84,7 +84,7 @@ impl<'a> Records<'a> {
         }
     }
 
-    /// Each with its colour.
+    /// Each record with its colour.
     pub(super) fn coloured(&self) -> impl Iterator<Item = (String, &'a Record)> + use<'a> {
         self.each.iter().enumerate().map(|(index, record)| (colour(index), record))
     }
@@ -93,12 +93,12 @@ impl<'a> Records<'a> {
         self.each
     }
 
-    /// Names of all of them, for those who hear the page read.
+    /// Names of all records, for screen readers.
     pub(super) fn names(&self) -> String {
         self.each.iter().map(|record| record.name.as_str()).collect::<Vec<_>>().join(", ")
     }
 
-    /// A key per record in which `drawn` holds.
+    /// A legend entry for each record in which `drawn` holds.
     pub(super) fn legend(
         &self,
         look: Look,
@@ -111,7 +111,7 @@ impl<'a> Records<'a> {
             .collect()
     }
 
-    /// A sentence for each record that has no message of `topic`.
+    /// A note for each record that has no message of `topic`.
     pub(super) fn without(&self, topic: Topic) -> Vec<String> {
         let without = self.each.iter().filter(|record| !record.topics.contains(&topic));
         without
@@ -127,7 +127,7 @@ pub(super) fn colour(index: usize) -> String {
     format!("r{}", index % COLOURS)
 }
 
-/// Farther apart than so, two ticks are not joined by a line \[s\].
+/// Largest distance of two ticks that a line joins \[s\].
 pub(super) fn gap(record: &Record) -> f64 {
     1.5 * record.period
 }

@@ -1,4 +1,4 @@
-//! recorded JSON → what the figures need of each message, beside the rows of the summary.
+//! Recorded JSON → the data of the figures, in addition to the rows of the summary.
 
 use crate::rows::{
     HealthRow, Mark, PlanRow, StateRow, closed, exposure, fallback_level, first_row, no_reason,
@@ -23,18 +23,18 @@ pub(super) struct State {
     velocity: [f64; 3],
     #[serde(deserialize_with = "four")]
     wheel_speed: [f64; 4],
-    /// Why the gate has stopped, if it has; records of versions below 5 do not tell.
+    /// Why the gate has stopped, if it has; records of versions below 5 have no reason.
     #[serde(default = "no_reason", deserialize_with = "reason")]
     stop: Reason,
 }
 
-/// As many numbers as there are, at most four; what is missing is NaN.
+/// At most four numbers; missing ones are NaN.
 fn four<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 4], D::Error> {
     let found = Vec::<Option<f64>>::deserialize(deserializer)?;
     Ok(std::array::from_fn(|wheel| found.get(wheel).copied().flatten().unwrap_or(f64::NAN)))
 }
 
-/// What was measured at one tick, and what the gate did in the period before.
+/// Measurements of one tick, and the gate's output in the period before.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StateTick {
     pub(super) tick: u64,
@@ -47,14 +47,14 @@ pub(super) struct StateTick {
     pub(super) fallback_level: FallbackLevel,
 }
 
-/// What the gate said of a period.
+/// Report of the gate about a period.
 #[derive(Debug)]
 pub(super) struct GateWords {
     pub(super) epoch: u64,
     pub(super) tick: u64,
     pub(super) fallback_level: FallbackLevel,
     pub(super) reason: String,
-    /// Commands refused so far.
+    /// Number of commands rejected so far.
     pub(super) refused: u64,
 }
 
@@ -100,11 +100,11 @@ pub(super) struct Plan {
     variance: [f64; 3],
 }
 
-/// What the controller believed at one tick.
+/// Model and plan of the controller at one tick.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct PlanTick {
     pub(super) tick: u64,
-    /// State received to command worked out \[ns\].
+    /// From the receipt of the state to the finished command \[ns\].
     pub(super) tick_nanos: u64,
     /// Version of the learned model in use; 0 is the main model alone.
     pub(super) version: u64,
@@ -116,7 +116,7 @@ pub(super) struct PlanTick {
     pub(super) residual: [f64; 3],
     /// The same of the whole model.
     pub(super) innovation: [f64; 3],
-    /// Part of it that the observer has said.
+    /// Part of it that the observer predicted.
     pub(super) disturbance: [f64; 3],
     /// Variance of the learned residual of the period that begins \[(m/s)², (m/s)², (rad/s)²\].
     pub(super) variance: [f64; 3],
@@ -162,7 +162,8 @@ pub(super) struct Sample {
 pub(super) struct Snapshot {
     pub(super) stamp: Mark,
     pub(super) version: u64,
-    /// Of a new sample beyond that of the function; records of the first versions have none.
+    /// Variance of a new sample beyond that of the function; records of the first versions have
+    /// none.
     #[serde(default)]
     pub(super) sample_variance: Option<[Option<f64>; 3]>,
 }
@@ -203,7 +204,7 @@ impl Health {
         }
     }
 
-    /// Messages lost on the way to it, on all topics.
+    /// Number of messages lost on its links, on all topics.
     pub(super) fn lost(&self) -> u64 {
         self.lost.values().copied().fold(0, u64::saturating_add)
     }

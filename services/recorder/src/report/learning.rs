@@ -1,4 +1,5 @@
-//! What learning came to: the residual before and after, the models over time, and whether they knew how sure to be.
+//! Figures of learning: the residual before and after, the models over time, and the coverage of
+//! their intervals.
 
 use super::axis::{Axis, Extent};
 use super::coverage::{Check, SPREAD, checks};
@@ -12,8 +13,9 @@ const AXES: [&str; 3] = ["forward [m/s]", "left [m/s]", "yaw rate [rad/s]"];
 
 /// One-step errors of the main model alone, and of the whole model.
 pub(super) fn residual(records: &Records<'_>) -> Figure {
-    let about = "How far the velocity at the end of each period was from what was predicted at its start: by the main model alone (the residual, faint), \
-                 and by the whole model that was in use, with what was learned and with the observer.";
+    let about = "Velocity at the end of each period minus the prediction at its start: \
+                 by the main model alone (the residual, faint), and by the whole model in use, \
+                 with learning and observer.";
     let mut figure = Figure::new("residual", "Residual before and after learning", about);
     figure.missing = records.without(Topic::Plan);
     for (axis, title) in AXES.into_iter().enumerate() {
@@ -41,9 +43,10 @@ pub(super) fn residual(records: &Records<'_>) -> Figure {
     figure
 }
 
-/// Which model was in use, and which had been published.
+/// The model in use, and the last published one.
 pub(super) fn versions(records: &Records<'_>) -> Figure {
-    let about = "Version of the learned model that the controller used (0: the main model alone), and of the last one that the learner had published (dashed).";
+    let about = "Version of the learned model in the controller (0: the main model alone), \
+                 and of the last one published by the learner (dashed).";
     let mut figure = Figure::new("versions", "Models over time", about);
     figure.missing = records.without(Topic::Plan);
     let (mut used, mut published) = (Vec::new(), Vec::new());
@@ -76,8 +79,9 @@ pub(super) fn versions(records: &Records<'_>) -> Figure {
 /// Errors of the learned models against the spread that they gave for them.
 pub(super) fn band(records: &Records<'_>) -> Figure {
     let about = format!(
-        "Residual less what the learned model said of it, and the ±{SPREAD} σ that it gave for that before the period began; dots where the residual lay outside. \
-         Periods in which the learned model was not in use on an axis, or was replaced, are left out. The table has the share within."
+        "Residual minus the mean of the learned model, and the model's ±{SPREAD} σ from before the \
+         period; dots where the residual lay outside. Periods are left out if the learned model \
+         was not in use on an axis, or was replaced. The table has the share inside."
     );
     let mut figure = Figure::new("band", "Variance band and its coverage", about);
     figure.missing = records.without(Topic::Plan);
@@ -86,12 +90,12 @@ pub(super) fn band(records: &Records<'_>) -> Figure {
             figure.missing.push(format!("{}: no learned model was in use", record.name));
         } else if record.usable.is_empty() {
             figure.missing.push(format!(
-                "{}: topic \"residual\" is not in this record, or no period of it teaches anything",
+                "{}: topic \"residual\" is not in this record, or no period of it is usable",
                 record.name
             ));
         } else if record.sample_variance.is_empty() {
             figure.missing.push(format!(
-                "{}: the noise of samples is not in this record: σ is that of the function alone",
+                "{}: this record has no noise of samples: σ is that of the function alone",
                 record.name
             ));
         }
@@ -102,7 +106,7 @@ pub(super) fn band(records: &Records<'_>) -> Figure {
         return figure;
     }
     for (title, by_record) in AXES.into_iter().zip(&by_axis) {
-        // The first models may know next to nothing; what they say is cut off.
+        // The first models may know almost nothing; their intervals are cut off.
         let largest = by_record.iter().flatten().map(|check| check.error.abs()).fold(0.0, f64::max);
         let usual = by_record
             .iter()
@@ -118,7 +122,7 @@ pub(super) fn band(records: &Records<'_>) -> Figure {
         );
         panel.level(0.0, "");
         for ((colour, record), checks) in records.coloured().zip(by_record) {
-            // Where a model replaces another, one period is left out: the band goes on.
+            // Where one model replaces another, one period is left out: the band continues.
             let gap = 2.0 * gap(record);
             panel.band(
                 &colour,
@@ -151,7 +155,8 @@ pub(super) fn band(records: &Records<'_>) -> Figure {
     figure
 }
 
-/// A line that keeps each number until the next one, and the last to the end of the record.
+/// A staircase line: each number holds until the next one, and the last one to the end of the
+/// record.
 fn stairs(record: &Record, numbers: impl Iterator<Item = (u64, u64)>) -> Vec<(f64, f64)> {
     let mut line: Vec<(f64, f64)> = Vec::new();
     for (tick, number) in numbers {

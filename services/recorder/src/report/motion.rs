@@ -1,4 +1,4 @@
-//! The paper's figures 5 and 6: how fast the robot was, and its wheels.
+//! The paper's figures 5 and 6: velocities of the robot and its wheels.
 
 use super::axis::{Axis, Extent};
 use super::figure::{Figure, Look, Records, gap};

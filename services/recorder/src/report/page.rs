@@ -1,4 +1,4 @@
-//! figures and table → one HTML file that needs nothing else.
+//! Figures and table → one self-contained HTML file.
 
 use super::figure::{Figure, Key, Records};
 use super::panel::escape;
@@ -9,10 +9,10 @@ use protocol::message::Exposure;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Colours, sizes and places of everything.
+/// Style sheet.
 const STYLE: &str = include_str!("page.css");
 
-/// So many events of a record are listed.
+/// Largest number of listed events per record.
 const EVENTS_LISTED: usize = 100;
 
 /// The whole page.
@@ -20,8 +20,10 @@ pub(super) fn page(records: &[Record]) -> String {
     let shared = Records::new(records);
     let names = escape(&shared.names());
     let mut html = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-         <meta name=\"color-scheme\" content=\"light dark\"><title>Coxswain: {names}</title><style>{STYLE}</style></head><body><main>\
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
+         <meta name=\"color-scheme\" content=\"light dark\">\
+         <title>Coxswain: {names}</title><style>{STYLE}</style></head><body><main>\
          <header><h1>{names}</h1>"
     );
     for record in records {
@@ -51,14 +53,15 @@ pub(super) fn page(records: &[Record]) -> String {
     }
     let _ = write!(
         html,
-        "<footer>coxswain {}. Paper: Wu, Tang, Xu 2023, doi 10.3390/jmse11050893, section 6.</footer>",
+        "<footer>coxswain {}. \
+         Paper: Wu, Tang, Xu 2023, doi 10.3390/jmse11050893, section 6.</footer>",
         env!("CARGO_PKG_VERSION")
     );
     html.push_str("</main></body></html>\n");
     html
 }
 
-/// What the record is, and what is wrong with it.
+/// Description of the record, and its defects.
 fn write_facts(html: &mut String, record: &Record) {
     let Record { head, summary, .. } = record;
     let mut facts =
@@ -94,21 +97,18 @@ fn write_facts(html: &mut String, record: &Record) {
     }
     if !record.ended_early.is_empty() {
         notes.push(format!(
-            "ends early, cut off or still being written, and is read as far as it goes: {}",
+            "ends early, cut off or still being written; read as far as it goes: {}",
             listed(&record.ended_early)
         ));
     }
     if summary.plant_epochs > 1 {
         notes.push(format!(
-            "the plant was started {} times: everything is about the last of them",
+            "the plant was started {} times: all figures are about the last start",
             summary.plant_epochs
         ));
     }
     if record.passed_over > 0 {
-        notes.push(format!(
-            "{} messages could not be read and were passed over",
-            record.passed_over
-        ));
+        notes.push(format!("{} messages could not be read and were skipped", record.passed_over));
     }
     for note in notes {
         let _ = write!(html, "<p class=\"note\">{}: {}</p>", escape(&record.name), escape(&note));
@@ -154,7 +154,7 @@ fn write_figure(html: &mut String, figure: &Figure) {
     html.push_str("</figure>");
 }
 
-/// What happened, in words.
+/// The list of events.
 fn write_events(html: &mut String, record: &Record) {
     let Record { name, events, events_more, .. } = record;
     if events.is_empty() {

@@ -1,34 +1,34 @@
-//! axes, lines, bands and marks → one SVG.
+//! Axes, lines, bands and marks → one SVG.
 //!
-//! Text stands in the units of the panel, lines in tenths of them, in an inner SVG that cuts off what is outside of the axes. Colours and
-//! widths are those of the page's style sheet.
+//! Text has the units of the panel, lines have tenths of them. Lines are in an inner SVG that clips
+//! them at the axes. Colours and widths come from the page's style sheet.
 
 use super::axis::Axis;
 use super::thin::{self, Columns, Place};
 use std::fmt::Write;
 
-/// Width of every panel \[units\]: that of a telephone.
+/// Width of every panel \[units\]: that of a mobile phone.
 pub(super) const WIDTH: f64 = 360.0;
 
-/// Room around the axes \[units\].
+/// Margins around the axes \[units\].
 const LEFT: f64 = 48.0;
 const RIGHT: f64 = 8.0;
 const TOP: f64 = 20.0;
 const BOTTOM: f64 = 30.0;
 
-/// Room for the names of lanes \[units\].
+/// Margin for the names of lanes \[units\].
 const LEFT_OF_LANES: f64 = 78.0;
 
-/// Width of a digit, at most \[units\].
+/// Largest width of a digit \[units\].
 const DIGIT: f64 = 6.6;
 
-/// Height of the axes unless a panel has reasons for another \[units\].
+/// Default height of the axes \[units\].
 pub(super) const HEIGHT: f64 = 130.0;
 
-/// Most points of a path in the plane.
+/// Largest number of points of a path in the plane.
 const PATH_POINTS_MAX: usize = 12_000;
 
-/// What is not told from the text around it by HTML.
+/// Escapes all characters with a meaning in HTML.
 pub(super) fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
@@ -46,17 +46,17 @@ pub(super) fn escape(text: &str) -> String {
     escaped
 }
 
-/// How fine lines are drawn.
+/// Resolution of lines.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Detail {
     /// Width of a column, which keeps its first, last, highest and lowest point \[tenths\].
     pub(super) column: i32,
-    /// Most points of one path in the plane.
+    /// Largest number of points of one path in the plane.
     pub(super) path_points: usize,
 }
 
 impl Detail {
-    /// As fine as so many records together may be, so that the page keeps its size.
+    /// Resolution for `count` records together, so that the size of the page stays the same.
     pub(super) fn for_records(count: usize) -> Self {
         let share = count.div_ceil(4).max(1);
         Self {
@@ -66,7 +66,7 @@ impl Detail {
     }
 }
 
-/// One pair of axes with what is drawn between them.
+/// One pair of axes with its drawing.
 #[derive(Debug)]
 pub(super) struct Panel {
     title: String,
@@ -76,14 +76,14 @@ pub(super) struct Panel {
     left: f64,
     height: f64,
     detail: Detail,
-    /// Names of lanes in place of ticks, from above.
+    /// Names of lanes in place of ticks, from the top.
     lanes: Vec<String>,
     inner: String,
     outer: String,
 }
 
 impl Panel {
-    /// Axes without anything. The title says what is drawn, with its unit.
+    /// Empty axes. The title names the quantity with its unit.
     pub(super) fn new(title: impl Into<String>, x: Axis, y: Axis, detail: Detail) -> Self {
         let (title, inner, outer) = (title.into(), String::new(), String::new());
         Self {
@@ -100,17 +100,17 @@ impl Panel {
         }
     }
 
-    /// The same with another name of the horizontal axis and another height of the axes.
+    /// The same with another label of the horizontal axis and another height of the axes.
     pub(super) fn shaped(self, x_label: &'static str, height: f64) -> Self {
         Self { x_label, height, ..self }
     }
 
-    /// The same with lanes, named from above, in place of a vertical axis.
+    /// The same with lanes, named from the top, in place of a vertical axis.
     pub(super) fn laned(self, lanes: Vec<String>, height: f64) -> Self {
         Self { lanes, height, left: LEFT_OF_LANES, ..self }
     }
 
-    /// Width of the axes of a panel that is not laned \[units\].
+    /// Width of the axes of a panel without lanes \[units\].
     pub(super) fn width_of_axes() -> f64 {
         WIDTH - LEFT - RIGHT
     }
@@ -126,7 +126,8 @@ impl Panel {
         )
     }
 
-    /// A line through `points` in the order of x. It is broken where a point is no number, or farther than `gap` from the one before.
+    /// A line through `points` in the order of x. It breaks where a point is not finite, or farther
+    /// than `gap` from the one before.
     pub(super) fn line(
         &mut self,
         class: &str,
@@ -160,7 +161,7 @@ impl Panel {
         self.path(&format!("line {class}"), &data);
     }
 
-    /// The area between −y and +y of `points`, broken as a line is.
+    /// The area between −y and +y of `points`, broken like a line.
     pub(super) fn band(
         &mut self,
         class: &str,
@@ -191,7 +192,7 @@ impl Panel {
         self.path(&format!("band {class}"), &data);
     }
 
-    /// A dot at each of `points`; of those in one place only one.
+    /// A dot at each of `points`; only one for points at the same place.
     pub(super) fn dots(&mut self, class: &str, points: impl IntoIterator<Item = (f64, f64)>) {
         let mut data = String::new();
         let mut columns = Columns::new(self.detail.column);
@@ -205,7 +206,7 @@ impl Panel {
         self.path(&format!("dots {class}"), &data);
     }
 
-    /// A line from side to side at `y`, with a word at its end if it lies within the axes.
+    /// A horizontal line at `y`, with a label at its end if it lies within the axes.
     pub(super) fn level(&mut self, y: f64, label: &str) {
         let share = self.y.share(y);
         if !(0.0..=1.0).contains(&share) {
@@ -231,7 +232,8 @@ impl Panel {
         }
     }
 
-    /// A bar for each stretch of x in `stretches`, `part` of `parts` of a lane's height. The narrowest can still be seen.
+    /// A bar for each stretch of x in `stretches`, `part` of `parts` of a lane's height. The
+    /// narrowest bar stays visible.
     pub(super) fn bars(
         &mut self,
         class: &str,
@@ -281,11 +283,12 @@ impl Panel {
         }
     }
 
-    /// The SVG. `title` says to a screen reader what is in it.
+    /// The SVG. `title` is the text for screen readers.
     pub(super) fn finish(self, title: &str) -> String {
         let (width, bottom) = (self.width(), TOP + self.height);
         let mut svg = format!(
-            "<svg role=\"img\" viewBox=\"0 0 {} {}\" xmlns=\"http://www.w3.org/2000/svg\"><title>{}</title>",
+            "<svg role=\"img\" viewBox=\"0 0 {} {}\" xmlns=\"http://www.w3.org/2000/svg\">\
+             <title>{}</title>",
             short(WIDTH),
             short(bottom + BOTTOM),
             escape(title)
@@ -295,7 +298,8 @@ impl Panel {
         self.write_grid(&mut svg);
         let _ = write!(
             svg,
-            "{}<svg x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" viewBox=\"0 0 {} {}\" preserveAspectRatio=\"none\">{}</svg>",
+            "{}<svg x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" viewBox=\"0 0 {} {}\" \
+             preserveAspectRatio=\"none\">{}</svg>",
             self.outer,
             short(self.left),
             short(TOP),
@@ -321,7 +325,7 @@ impl Panel {
         for tick in self.x.ticks(5) {
             let right = self.left + width * self.x.share(tick.value);
             let _ = write!(grid, "M{} {}V{}", short(right), short(TOP), short(bottom));
-            // The last one would be cut off at the edge.
+            // The last label would be cut off at the edge.
             let middle = short(right.min(WIDTH - 0.5 * DIGIT * tick.label.len() as f64));
             let _ = write!(
                 words,
@@ -363,7 +367,7 @@ impl Panel {
     }
 }
 
-/// One line of a path: its first place, and from there on the differences. A single place is a dot.
+/// One line of a path: its first place, then the differences. A single place is a dot.
 fn subpath(data: &mut String, places: &[Place]) {
     let [(right, down), rest @ ..] = places else { return };
     let _ = write!(data, "M{right} {down}");
@@ -406,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn words_of_a_record_are_text_and_never_markup() {
+    fn text_of_a_record_is_never_markup() {
         assert_eq!(
             escape("<script>alert('a' & \"b\")</script>\u{1b}"),
             "&lt;script&gt;alert(&#39;a&#39; &amp; &quot;b&quot;)&lt;/script&gt;\u{fffd}"
@@ -416,7 +420,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_number_of_an_axis_is_within_the_picture() -> Result<(), Box<dyn std::error::Error>>
+    fn the_last_number_of_an_axis_is_inside_the_picture() -> Result<(), Box<dyn std::error::Error>>
     {
         let axis = |high| Axis::linear(Extent { low: 0.0, high });
         let svg = Panel::new("height [m]", axis(3600.0), axis(1.0), Detail::for_records(1))
@@ -434,7 +438,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_goes_through_its_points_and_is_broken_where_there_are_none() {
+    fn a_line_joins_its_points_and_breaks_where_there_are_none() {
         let mut panel = panel();
         panel.line("r0", 2.0, [(0.0, 0.0), (1.0, 1.0), (2.0, f64::NAN), (3.0, 1.0), (9.0, 0.5)]);
         let svg = panel.finish("a test");
@@ -457,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn the_shortest_stretch_can_be_seen_and_stretches_that_touch_are_one() {
+    fn the_shortest_bar_is_visible_and_adjacent_bars_are_one() {
         let bars = |every: f64| {
             let mut panel = panel().laned(vec!["brake".into()], 20.0);
             panel.bars(

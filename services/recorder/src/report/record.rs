@@ -1,6 +1,7 @@
-//! the files of one run → what its figures and its column of the table need.
+//! The files of one run → the data of its figures and of its column of the table.
 //!
-//! Figures are over the last epoch of the plant, as the summary's are: a restarted plant begins anew at the scenario's start.
+//! Figures are over the last epoch of the plant, like those of the summary: a restarted plant
+//! begins again at the scenario's start.
 
 use super::ReportError;
 use super::events::{Event, Log};
@@ -15,13 +16,13 @@ use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// A longer period is none that anybody means \[ns\].
+/// Longest plausible period \[ns\].
 const PERIOD_NANOS_MAX: u64 = 3_600_000_000_000;
 
-/// What was published of a model.
+/// A published model.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Published {
-    /// When, as far as the record can tell.
+    /// Tick of the publication, as far as the record shows it.
     pub(super) tick: u64,
     pub(super) version: u64,
 }
@@ -29,13 +30,13 @@ pub(super) struct Published {
 /// One record.
 #[derive(Debug)]
 pub(super) struct Record {
-    /// What it is called in legends.
+    /// Its name in legends.
     pub(super) name: String,
     /// Its files.
     pub(super) files: Vec<PathBuf>,
-    /// Those of them that end early.
+    /// Those that end early.
     pub(super) ended_early: Vec<PathBuf>,
-    /// Messages that could not be read.
+    /// Number of messages that could not be read.
     pub(super) passed_over: u64,
     pub(super) head: Head,
     /// \[s\].
@@ -49,19 +50,19 @@ pub(super) struct Record {
     pub(super) truths: Vec<TruthRow>,
     /// By tick.
     pub(super) plans: Vec<PlanTick>,
-    /// Ticks whose past period teaches something, in their order.
+    /// Usable ticks in order: the learner can learn from the period before.
     pub(super) usable: Vec<u64>,
     /// In the order of the record.
     pub(super) published: Vec<Published>,
-    /// By version, where the record says it \[(m/s)², (m/s)², (rad/s)²\].
+    /// By version, where the record has it \[(m/s)², (m/s)², (rad/s)²\].
     pub(super) sample_variance: BTreeMap<u64, [f64; 3]>,
     pub(super) events: Vec<Event>,
-    /// Events beyond those.
+    /// Number of further events.
     pub(super) events_more: u64,
 }
 
 impl Record {
-    /// Reads the record at `path`: a file, or the folder of a run.
+    /// Reads the record at `path`: a file, or a run directory.
     pub(super) fn read(path: &Path) -> Result<Self, ReportError> {
         let files = reader::files(path)?;
         let mut reading = Reading { rows: Rows::of_segments(files.len()), ..Reading::default() };
@@ -87,7 +88,7 @@ impl Record {
         tick as f64 * self.period
     }
 
-    /// The period as a person writes it \[ms\].
+    /// The period in milliseconds, for display \[ms\].
     pub(super) fn period_millis(&self) -> f64 {
         (1e6 * self.period).round() / 1e3
     }
@@ -105,7 +106,8 @@ impl Record {
             .and_then(|index| self.plans.get(index))
     }
 
-    /// Where the robot was, tick by tick: really, or as it was measured where the record does not know better.
+    /// Position of the robot at each tick: the true one, or the measured one in a record without
+    /// truth.
     pub(super) fn motion(&self) -> Box<dyn Iterator<Item = (u64, [f64; 3], [f64; 3])> + '_> {
         if self.truths.is_empty() {
             Box::new(self.states.iter().map(|state| (state.tick, state.pose, state.velocity)))
@@ -120,7 +122,7 @@ impl Record {
     }
 }
 
-/// The folder's name for the record of a run, the file's own for any other.
+/// Name of the run directory for the record of a run, that of the file for any other.
 fn name_of(path: &Path) -> String {
     let absolute = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let stem =
@@ -133,7 +135,7 @@ fn name_of(path: &Path) -> String {
     folder.and_then(Path::file_name).map_or(stem, |name| name.to_string_lossy().into_owned())
 }
 
-/// What has been read so far.
+/// Data read so far.
 #[derive(Debug, Default)]
 struct Reading {
     rows: Rows,
@@ -161,7 +163,7 @@ struct Stamped {
 impl Reading {
     fn take(&mut self, message: &Message<'_>) {
         if message.channel.topic == changes::CHANNEL {
-            // Each file says again what was changed before it.
+            // Each file repeats the earlier changes.
             return self.log.hear_change(&message.data);
         }
         let Some(topic) =
@@ -174,7 +176,7 @@ impl Reading {
                 self.topics.insert(topic);
             }
             Err(error) => {
-                tracing::warn!(topic = topic.name(), %error, "message passed over");
+                tracing::warn!(topic = topic.name(), %error, "message skipped");
                 self.passed_over += 1;
             }
         }
@@ -235,7 +237,8 @@ impl Reading {
         Ok(())
     }
 
-    /// Whether a message of this epoch of the plant belongs to its last run; the first of a new one ends the run before.
+    /// Whether a message of this epoch of the plant belongs to its last run. The first message of a
+    /// new epoch ends the run before.
     fn belongs(&mut self, epoch: u64) -> bool {
         if epoch > self.epoch {
             self.epoch = epoch;
@@ -247,7 +250,7 @@ impl Reading {
         epoch == self.epoch
     }
 
-    /// In real time the machine's clock tells the tick at which a fault was injected.
+    /// In real time the machine's clock gives the tick at which a fault was injected.
     fn read_injected(&mut self, path: &Path, head: &Head, period_nanos: u64) {
         let folder = if path.is_dir() { Some(path) } else { path.parent() };
         let (Some((began, first)), Some(folder), "real-time") =

@@ -7,13 +7,14 @@ use super::record::Record;
 use protocol::message::FallbackLevel;
 use protocol::topic::Topic;
 
-/// Height of one record's bars in a lane, and of a lane without \[units\].
+/// Height of one record's bars in a lane, and of an empty lane \[units\].
 const BAR: f64 = 7.0;
 const LANE: f64 = 10.0;
 
-/// What each tick took.
+/// Duration of each tick.
 pub(super) fn ticks(records: &Records<'_>) -> Figure {
-    let about = "State received to command worked out. The deadline is the period that the command acts in.";
+    let about = "From the receipt of the state to the finished command. \
+                 The deadline is the period in which the command acts.";
     let mut figure = Figure::new("ticks", "Tick times against the deadline", about);
     figure.missing = records.without(Topic::Plan);
     let millis = |record: &Record| {
@@ -51,7 +52,8 @@ pub(super) fn ticks(records: &Records<'_>) -> Figure {
 
 /// What acted on the wheels, and when something happened.
 pub(super) fn fallback_levels(records: &Records<'_>) -> Figure {
-    let about = "Where the input of each period came from, the best first; what happened beside is marked, and listed below.";
+    let about = "Source of the input of each period, the best first. \
+                 Other events are marked, and listed below.";
     let mut figure = Figure::new("fallback_levels", "Fallback levels and faults", about);
     let seen = |fallback_level: FallbackLevel| {
         records

@@ -1,4 +1,5 @@
-//! records → the summary table: one column per record, each cell with its exact number beside the written one.
+//! Records → the summary table: one column per record, each cell with its exact number beside the
+//! displayed one.
 
 use super::coverage::{checks, coverage};
 use super::panel::escape;
@@ -8,7 +9,7 @@ use protocol::message::FallbackLevel;
 use serde_json::Value;
 use std::fmt::Write;
 
-/// Figures of `summary.json`: key, what it is called, decimals, unit, and what is written where there is none.
+/// Figures of `summary.json`: key, label, decimals, unit, and the text if there is none.
 const FIGURES: [(&str, &str, usize, &str, &str); 19] = [
     ("arrival_s", "arrival: within 0.10 m for good", 1, "s", "never"),
     ("speed_settle_s", "speed settled: within 0.07 m/s for good", 1, "s", "never"),
@@ -34,7 +35,7 @@ const FIGURES: [(&str, &str, usize, &str, &str); 19] = [
 /// Axes of the body.
 const AXES: [&str; 3] = ["forward", "left", "yaw rate"];
 
-/// A cell: its exact number or numbers, and how it is written.
+/// A cell: its exact number or numbers, and the displayed text.
 struct Cell {
     exact: String,
     written: String,
@@ -54,7 +55,7 @@ pub(super) fn table(records: &[Record]) -> String {
     for (key, title, decimals, unit, none) in FIGURES {
         let truths = records.iter().map(|record| record.truths.is_empty());
         let cells = summaries.iter().zip(truths).map(|(summary, blind)| {
-            // Without the truth nobody knows whether the robot has arrived.
+            // Without the truth it is unknown whether the robot has arrived.
             let none = if none == "never" && blind { "–" } else { none };
             figure(key, &summary[key], decimals, unit, none)
         });
@@ -72,7 +73,7 @@ pub(super) fn table(records: &[Record]) -> String {
     html
 }
 
-/// When and why the gate stopped the robot.
+/// Time and reason of each stop of the gate.
 fn stops(value: &Value) -> Cell {
     let stops: Vec<String> = value
         .as_array()
@@ -87,7 +88,7 @@ fn stops(value: &Value) -> Cell {
     Cell { exact: value.to_string(), written }
 }
 
-/// What learning came to, per axis.
+/// Figures of learning, per axis.
 fn learning_rows(html: &mut String, records: &[Record]) {
     let rows = [
         ("residual_rms", "one-step error of the main model, RMS"),
@@ -184,7 +185,7 @@ fn number(value: Option<f64>, decimals: usize, unit: &str, none: &str) -> Cell {
     }
 }
 
-/// Those that are not 0, each with its name.
+/// The counts that are not 0, each with its name.
 fn listed<'a>(counts: impl Iterator<Item = (&'a str, u64)>) -> String {
     let counted: Vec<String> = counts
         .filter(|(_, count)| *count > 0)

@@ -1,20 +1,21 @@
-//! many points → as many as can be seen. No peak disappears.
+//! Many points → as many as are visible. No peak disappears.
 
 use std::collections::HashSet;
 
-/// A place in a panel, in tenths of its units, right and down.
+/// A position in a panel, in tenths of its units, right and down.
 pub(super) type Place = (i32, i32);
 
-/// Farthest place that is drawn; what is beyond is outside of every panel anyway.
+/// Farthest position that is drawn; anything beyond is outside of every panel.
 const FARTHEST: f64 = 1e6;
 
-/// The nearest place, if there is one.
+/// The nearest position, if there is one.
 pub(super) fn place(right: f64, down: f64) -> Option<Place> {
     let near = |value: f64| value.clamp(-FARTHEST, FARTHEST).round() as i32;
     (right.is_finite() && !down.is_nan()).then(|| (near(right), near(down)))
 }
 
-/// What is left of the points of one column: the first, the highest, the lowest and the last, in their order.
+/// The points of one column that are kept: the first, the highest, the lowest and the last, in
+/// order.
 #[derive(Debug, Default)]
 struct Column {
     number: i32,
@@ -47,7 +48,8 @@ impl Column {
     }
 }
 
-/// A line, column by column; each column of `width` tenths keeps at most its first, highest, lowest and last point.
+/// A line, column by column. Each column of `width` tenths keeps at most its first, highest, lowest
+/// and last point.
 #[derive(Debug)]
 pub(super) struct Columns {
     width: i32,
@@ -69,7 +71,7 @@ impl Columns {
         self.column.take(point);
     }
 
-    /// The line so far; the next begins anew.
+    /// The line so far; the next one starts empty.
     pub(super) fn finish(&mut self) -> Vec<Place> {
         self.line.append(&mut self.column.points);
         let mut line = std::mem::take(&mut self.line);
@@ -78,8 +80,9 @@ impl Columns {
     }
 }
 
-/// A path in the plane as lines of at most `most` points altogether: of what leads again to where it has been, nothing is drawn. Where that
-/// is not enough, places are taken for the same that are farther and farther apart.
+/// A path in the plane as lines of at most `most` points together. Parts that repeat earlier
+/// positions are not drawn. If that is not enough, positions at larger and larger distances count
+/// as the same.
 pub(super) fn path(points: &[Place], most: usize) -> Vec<Vec<Place>> {
     if points.len() <= most {
         return vec![points.to_vec()];
@@ -150,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn laps_are_drawn_once_and_a_lap_that_goes_astray_is_seen() {
+    fn laps_are_drawn_once_and_a_different_lap_is_visible() {
         let lap = |radius: f64| {
             (0..600).map(move |step| (0.01 * f64::from(step), radius)).map(|(angle, radius)| {
                 place(radius * angle.cos(), radius * angle.sin()).unwrap_or_default()
@@ -160,11 +163,11 @@ mod tests {
         drop(points.splice(60_000..60_000, lap(700.0)));
         let lines = path(&points, 5000);
         assert!(lines.iter().map(Vec::len).sum::<usize>() <= 5000);
-        assert!(lines.iter().flatten().any(|&(right, _)| right == 700), "the lap that goes astray");
+        assert!(lines.iter().flatten().any(|&(right, _)| right == 700), "the different lap");
     }
 
     #[test]
-    fn what_is_nowhere_has_no_place() {
+    fn a_point_that_is_not_finite_has_no_position() {
         assert_eq!(place(f64::NAN, 1.0), None);
         assert_eq!(place(1.0, f64::NAN), None);
         assert_eq!(place(3.4, f64::INFINITY), Some((3, 1_000_000)));

@@ -1,4 +1,4 @@
-//! The paper's figures 3 and 4: where the robot was, and how far from its reference.
+//! The paper's figures 3 and 4: the path of the robot, and its distance from the reference.
 
 use super::axis::{Axis, Extent};
 use super::figure::{Figure, Key, Look, Records, gap};
@@ -8,7 +8,7 @@ use crate::summary::{ARRIVAL_BAND_M, SPEED_BAND_MPS};
 use protocol::topic::Topic;
 use std::f64::consts::{PI, TAU};
 
-/// Height of the plane: at least and at most \[units\].
+/// Smallest and largest height of the plane \[units\].
 const PLANE_HEIGHT: (f64, f64) = (90.0, 300.0);
 
 /// The path in the plane, with the reference.
@@ -16,7 +16,7 @@ pub(super) fn path(records: &Records<'_>) -> Figure {
     let mut figure = Figure::new(
         "path",
         "Path in the plane",
-        format!("Where the robot was{}.", measured(records)),
+        format!("Position of the robot{}.", measured(records)),
     );
     (figure.paper, figure.wide) = (Some(3), true);
     let (mut x, mut y) = (Extent::NONE, Extent::NONE);
@@ -37,7 +37,7 @@ pub(super) fn path(records: &Records<'_>) -> Figure {
     let (x, y, height) = same_scale(x.padded(), y.padded(), Panel::width_of_axes());
     let mut panel = Panel::new("y [m]", Axis::linear(x), Axis::linear(y), records.detail)
         .shaped("x [m]", height);
-    // References that are the same are drawn on each other.
+    // Equal references are drawn on top of each other.
     for record in records.all() {
         panel.track(
             "reference",
@@ -46,7 +46,7 @@ pub(super) fn path(records: &Records<'_>) -> Figure {
     }
     let last = records.all().len().saturating_sub(1);
     for (index, (colour, record)) in records.coloured().enumerate() {
-        // Paths that are nearly the same are still both seen: the upper one is thinner.
+        // If paths are almost the same, both stay visible: the upper one is thinner.
         let class = if index < last { format!("{colour} under") } else { colour };
         panel.track(&class, record.motion().map(|(_, pose, _)| (pose[0], pose[1])));
     }
@@ -60,7 +60,8 @@ pub(super) fn path(records: &Records<'_>) -> Figure {
 /// Position, heading and speed against the reference.
 pub(super) fn errors(records: &Records<'_>) -> Figure {
     let about = format!(
-        "What the robot did, less its reference{}. Thin lines: within {ARRIVAL_BAND_M:.2} m it has arrived, within {SPEED_BAND_MPS} m/s its speed has settled.",
+        "Motion of the robot minus its reference{}. Thin lines: the robot has arrived within \
+         {ARRIVAL_BAND_M:.2} m, its speed has settled within {SPEED_BAND_MPS} m/s.",
         measured(records)
     );
     let mut figure = Figure::new("errors", "Tracking errors", about);
@@ -72,7 +73,7 @@ pub(super) fn errors(records: &Records<'_>) -> Figure {
     }
     let extent =
         |all: &[Vec<(f64, f64)>]| Extent::of(all.iter().flatten().map(|&(_, value)| value));
-    // A record that begins on its reference would stretch the axis to nothing.
+    // The distance 0 of a record that begins on its reference would stretch the logarithmic axis.
     let shown = Extent { low: extent(&distance).low.max(1e-4), ..extent(&distance) };
     let panel = Panel::new(
         "distance [m], logarithmic",
@@ -105,7 +106,7 @@ pub(super) fn errors(records: &Records<'_>) -> Figure {
     figure
 }
 
-/// What the figures say where a record does not know the truth.
+/// Note for figures of records without truth.
 pub(super) fn measured(records: &Records<'_>) -> String {
     let names: Vec<&str> = records
         .all()
@@ -120,7 +121,7 @@ pub(super) fn measured(records: &Records<'_>) -> String {
     }
 }
 
-/// The dashed line, if there is one.
+/// Legend entry of the dashed line, if there is one.
 pub(super) fn reference_key(records: &Records<'_>) -> Option<Key> {
     let drawn = records.all().iter().any(|record| !record.plans.is_empty());
     drawn.then(|| Key {
@@ -146,10 +147,10 @@ fn drawn(
     panel.finish(&format!("{said}: {}", records.names()))
 }
 
-/// A part of the errors: its title, what is said of it, and which it is.
+/// A part of the errors: its title, its label, and its value.
 type Part = (&'static str, &'static str, fn(&Error) -> f64);
 
-/// How far the robot was from its reference.
+/// Error of the robot against its reference.
 struct Error {
     distance: f64,
     x: f64,
@@ -185,7 +186,7 @@ fn errors_of(records: &Records<'_>, part: impl Fn(&Error) -> f64) -> Vec<Vec<(f6
     records.all().iter().map(of).collect()
 }
 
-/// Extents that hold the given ones, with one scale for both, and the height that belongs to `width` \[units\].
+/// Extents around the given ones, with one scale for both, and the height for `width` \[units\].
 fn same_scale(x: Extent, y: Extent, width: f64) -> (Extent, Extent, f64) {
     let (least, most) = PLANE_HEIGHT;
     let height = (width * y.length() / x.length()).clamp(least, most);
@@ -202,7 +203,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_metre_is_as_long_across_as_along() {
+    fn a_metre_has_the_same_length_on_both_axes() {
         for (x, y) in [
             ((0.0, 66.0), (-20.0, 1.0)),
             ((-2.0, 2.0), (-1.0, 1.0)),
@@ -224,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heading_is_off_by_the_short_way_round() {
+    fn a_heading_error_is_wrapped() {
         let error = Error::of(&[1.0, 2.0, 3.1], &[3.0, 4.0, 0.0], &[1.0, 0.0, -3.1, 2.0, 0.0, 0.0]);
         assert!((error.heading - (6.2 - TAU)).abs() < 1e-12);
         assert_eq!((error.x, error.y, error.distance, error.speed), (0.0, 2.0, 2.0, 3.0));

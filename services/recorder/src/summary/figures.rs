@@ -1,16 +1,17 @@
-//! deviations → one number each. A deviation that is not finite is never within a band, and makes a mean or a largest value null.
+//! Deviations → one number each. A deviation that is not finite is never within a band. It makes a
+//! mean or a largest value null.
 
 use crate::rows::PlanRow;
 use std::f64::consts::{PI, TAU};
 
-/// How far the robot was from the reference at one tick; none is negative.
+/// Deviation of the robot from the reference at one tick; no number is negative.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Deviation {
     /// Time since the plant's tick 0 \[ns\].
     pub(super) nanos: u64,
     /// Distance \[m\].
     pub(super) position: f64,
-    /// Difference of headings, the short way round \[rad\].
+    /// Wrapped difference of the headings \[rad\].
     pub(super) heading: f64,
     /// Difference of speeds \[m/s\].
     pub(super) speed: f64,
@@ -33,7 +34,7 @@ impl Deviation {
     }
 }
 
-/// Deviations in the order of time, of which a part is looked at.
+/// Deviations in the order of time, for figures over a part of them.
 pub(super) struct Window<'a> {
     deviations: &'a [Deviation],
 }
@@ -55,7 +56,7 @@ impl<'a> Window<'a> {
     }
 }
 
-/// First time from which on `value` stays within `band` to the end \[s\].
+/// First time after which `value` stays within `band` to the end \[s\].
 pub(super) fn settled_at(
     deviations: &[Deviation],
     value: impl Fn(&Deviation) -> f64,
@@ -85,7 +86,7 @@ pub(crate) fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64>
     mean.is_finite().then(|| mean.sqrt())
 }
 
-/// The least of `ascending` that `percent` per cent of them do not exceed (nearest rank).
+/// The smallest of `ascending` that at least `percent` per cent do not exceed (nearest rank).
 pub(super) fn percentile(ascending: &[u64], percent: usize) -> Option<u64> {
     let rank = (ascending.len() * percent).div_ceil(100);
     ascending.get(rank.checked_sub(1)?).copied()

@@ -1,4 +1,5 @@
-//! Every figure on rows made by hand. The period is 0.1 s, the reference rests at the origin and asks for 2 m/s.
+//! Every figure on rows made by hand. The period is 0.1 s. The reference rests at the origin with a
+//! reference speed of 2 m/s.
 
 use super::*;
 use crate::rows::TruthRow;
@@ -9,7 +10,8 @@ fn mark(epoch: u64, tick: u64) -> Mark {
     Mark { writer: 1, epoch, sequence: tick + 1, tick }
 }
 
-/// A record of one epoch in which the robot was `errors(tick)` = (distance, heading, speed difference) off.
+/// A record of one epoch in which the robot deviated by `errors(tick)` = (distance, heading, speed
+/// difference).
 fn record(ticks: u64, errors: impl Fn(u64) -> (f64, f64, f64)) -> Rows {
     let mut rows = Rows::of_segments(1);
     add_epoch(&mut rows, 1, ticks, errors);
@@ -53,9 +55,9 @@ fn close(figure: Option<f64>, expected: f64) -> bool {
 #[test]
 fn arrival_is_the_first_time_after_which_the_error_stays_in_the_band() {
     let rows = record(250, |tick| (if tick < 14 || tick == 20 { 0.3 } else { 0.0999 }, 0.0, 0.0));
-    assert!(close(summary(&rows).arrival_s, 2.1), "the visit before tick 20 is no arrival");
+    assert!(close(summary(&rows).arrival_s, 2.1), "a visit before tick 20 is not the arrival");
     let rows = record(250, |_| (0.05, 0.0, 0.0));
-    assert_eq!(summary(&rows).arrival_s, Some(0.0), "there from the start");
+    assert_eq!(summary(&rows).arrival_s, Some(0.0), "arrived from the start");
 }
 
 #[test]
@@ -120,13 +122,13 @@ fn position_and_heading_figures_leave_out_the_first_three_seconds() {
 }
 
 #[test]
-fn headings_differ_by_the_short_way_round() {
+fn heading_differences_are_wrapped() {
     let rows = record(40, |_| (0.0, std::f64::consts::TAU - 0.01, 0.0));
     assert!(close(summary(&rows).heading_rmse_rad, 0.01));
 }
 
 #[test]
-fn a_number_that_is_not_finite_spoils_the_figures_that_it_enters_and_no_others() {
+fn a_number_that_is_not_finite_affects_only_its_own_figures() {
     for bad in [f64::NAN, f64::INFINITY] {
         let rows = record(250, |tick| (if tick == 200 { bad } else { 0.02 }, 0.0, 0.0));
         let spoilt = summary(&rows);
@@ -151,7 +153,7 @@ fn an_empty_record_has_no_figures() {
 }
 
 #[test]
-fn a_tick_without_plan_has_no_reference_to_be_measured_against() {
+fn a_tick_without_plan_has_no_deviation() {
     let mut rows = record(100, |tick| (if tick == 60 { 9.0 } else { 0.0 }, 0.0, 0.0));
     rows.plans.retain(|plan| plan.stamp.tick != 60);
     assert_eq!(summary(&rows).arrival_s, Some(0.0));
@@ -172,7 +174,8 @@ fn tick_times_are_nearest_ranks() {
 #[test]
 fn periods_count_from_the_first_accepted_command_on() {
     let mut rows = record(10, |_| (0.0, 0.0, 0.0));
-    // Nothing accepted up to tick 2; the plant still waited in the period in which the first command came.
+    // No command is accepted up to tick 2. The plant still waited in the period of the first
+    // command.
     for state in &mut rows.states[..3] {
         (state.accepted_epoch, state.fallback_level) = (0, FallbackLevel::Waiting);
     }
@@ -244,11 +247,11 @@ fn snapshots_and_losses_are_summed_over_the_instances_of_a_process() {
         BTreeMap::from([("controller".to_owned(), 3), ("recorder".to_owned(), 0)])
     );
     assert_eq!(figures.losses["plan"], BTreeMap::from([("recorder".to_owned(), 5)]));
-    assert!(figures.losses["credit"].is_empty(), "the recorder does not read what it says itself");
+    assert!(figures.losses["credit"].is_empty(), "the recorder does not read its own messages");
 }
 
 #[test]
-fn one_process_that_strangers_can_reach_exposes_the_whole_run() {
+fn one_process_that_peers_can_reach_exposes_the_whole_run() {
     let mut rows = record(10, |_| (0.0, 0.0, 0.0));
     assert_eq!(summary(&rows).exposure, Exposure::Closed);
     let exposed = |exposure| HealthRow { exposure, ..health(Participant::Gateway, 0, (0, 0)) };
@@ -326,7 +329,7 @@ fn a_count_that_would_be_too_large_stays_at_the_largest_number() {
 }
 
 #[test]
-fn without_truth_the_figures_are_of_what_was_measured_and_say_so() {
+fn without_truth_the_figures_are_measured_and_marked_so() {
     let mut rows = record(100, |_| (0.0, 0.0, 0.0));
     assert_eq!(summary(&rows).figures_of, "truth");
     assert!(close(summary(&rows).position_rmse_m, 0.0));
@@ -336,7 +339,7 @@ fn without_truth_the_figures_are_of_what_was_measured_and_say_so() {
 }
 
 #[test]
-fn what_processes_say_that_is_wrong_is_in_the_summary_once() {
+fn errors_of_processes_are_in_the_summary_once() {
     let mut rows = record(3, |_| (0.0, 0.0, 0.0));
     for (sequence, said) in (1..).zip(["", "too slow", "too slow", "", "too late", "too slow"]) {
         let of_controller = health(Participant::Controller, 0, (0, 0));

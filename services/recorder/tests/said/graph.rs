@@ -1,4 +1,4 @@
-//! A plant, a controller and a learner that only talk: every topic that is recorded, on one thread.
+//! A plant, a controller and a learner that only publish: every recorded topic, on one thread.
 
 use bytemuck::Zeroable;
 use protocol::message::{
@@ -7,7 +7,7 @@ use protocol::message::{
 };
 use protocol::port::{OpenError, Ports, SendError, Sink};
 
-/// A snapshot comes every so many ticks.
+/// Number of ticks between two snapshots.
 pub(crate) const SNAPSHOT_TICKS: u64 = 25;
 
 /// Horizon of the plans \[periods\].
@@ -25,7 +25,7 @@ pub(crate) struct Graph {
 }
 
 impl Graph {
-    /// Opens them.
+    /// Opens the writers.
     pub(crate) fn open(ports: &Ports) -> Result<Self, OpenError> {
         Ok(Self {
             states: ports.sink()?,
@@ -38,7 +38,8 @@ impl Graph {
         })
     }
 
-    /// Says what belongs to one tick: the robot is 0.5 m off up to tick 20, and exactly right from then on.
+    /// Publishes the messages of one tick. The robot is 0.5 m off up to tick 20, and exactly on the
+    /// reference from then on.
     pub(crate) fn tick(&mut self, tick: u64) -> Result<(), SendError> {
         self.states.send(&mut state(tick))?;
         self.truths.send(&mut truth(tick))?;
@@ -64,7 +65,7 @@ fn at(tick: u64) -> Stamp {
     Stamp { tick, ..Stamp::default() }
 }
 
-/// What the plant says.
+/// State of the plant.
 pub(crate) fn state(tick: u64) -> PlantState {
     let (accepted_epoch, fallback_level) =
         if tick == 0 { (0, FallbackLevel::Waiting) } else { (1, FallbackLevel::FreshPlan) };
@@ -77,7 +78,7 @@ pub(crate) fn state(tick: u64) -> PlantState {
     }
 }
 
-/// What is the case.
+/// True state.
 pub(crate) fn truth(tick: u64) -> Truth {
     let error = if tick < 20 { 0.5 } else { 0.0 };
     let pose = [tick as f64 * 0.27, error, 0.0];
@@ -90,7 +91,7 @@ pub(crate) fn truth(tick: u64) -> Truth {
     }
 }
 
-/// What the controller answers.
+/// Command of the controller.
 pub(crate) fn command(tick: u64) -> Command {
     Command {
         stamp: at(tick),
@@ -101,7 +102,7 @@ pub(crate) fn command(tick: u64) -> Command {
     }
 }
 
-/// What the controller intends.
+/// Plan of the controller.
 pub(crate) fn plan(tick: u64) -> Plan {
     let mut plan: Plan = Zeroable::zeroed();
     plan.stamp = at(tick);
@@ -119,7 +120,7 @@ pub(crate) fn plan(tick: u64) -> Plan {
     plan
 }
 
-/// What the learner learnt: two inputs, three data points.
+/// Snapshot of the learner: two inputs, three data points.
 pub(crate) fn snapshot(tick: u64) -> ModelSnapshot {
     let mut snapshot = ModelSnapshot::new(SnapshotHead {
         stamp: at(tick),
@@ -134,7 +135,7 @@ pub(crate) fn snapshot(tick: u64) -> ModelSnapshot {
     snapshot
 }
 
-/// How the controller is: it has lost one state for each ten ticks.
+/// Health of the controller: it has lost one state for each ten ticks.
 pub(crate) fn health(tick: u64) -> Health {
     let mut health: Health = Zeroable::zeroed();
     health.stamp = at(tick);

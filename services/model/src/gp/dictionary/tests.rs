@@ -17,7 +17,8 @@ fn at(x: f64, y: f64) -> Observation<1> {
     Observation { input: [x], target: [y; 3] }
 }
 
-/// A robot at work: mostly near zero, with a sine for a residual and noise of 0.01. Gives what became of each sample.
+/// Samples of a robot at work: mostly near zero, with a sine as residual and noise of 0.01. Returns
+/// the outcome of each sample.
 fn work(
     set: &mut Dictionary<1>,
     samples: usize,
@@ -31,7 +32,7 @@ fn work(
     (0..samples).map(|_| step()).collect()
 }
 
-/// Largest error of the set's own foretelling, over where it has worked.
+/// Largest error of the set's own prediction, over the inputs of the work.
 fn error(set: &mut Dictionary<1>, sign: f64) -> f64 {
     let places = (-20..=20).map(|i| 0.1 * f64::from(i));
     places
@@ -49,7 +50,7 @@ fn error(set: &mut Dictionary<1>, sign: f64) -> f64 {
 }
 
 #[test]
-fn its_inverse_is_the_one_worked_out_anew() {
+fn the_updated_inverse_equals_the_recomputed_one() {
     let mut set = dictionary(CAPACITY);
     work(&mut set, 1_000, 1.0, &mut SplitMix64::new(1));
     let mut anew = set.clone();
@@ -65,7 +66,7 @@ fn its_inverse_is_the_one_worked_out_anew() {
 }
 
 #[test]
-fn an_excursion_is_remembered_through_a_long_steady_stretch() {
+fn an_excursion_is_kept_through_a_long_steady_stretch() {
     let mut set = dictionary(CAPACITY);
     let mut random = SplitMix64::new(2);
     for place in 0..9 {
@@ -84,7 +85,7 @@ fn an_excursion_is_remembered_through_a_long_steady_stretch() {
 }
 
 #[test]
-fn of_twins_the_older_gives_way() {
+fn of_two_samples_with_the_same_input_the_older_is_dropped() {
     let mut set = dictionary(3);
     for observation in [at(0.0, 0.0), at(5.0, 0.5), at(5.0, 0.51), at(-5.0, -0.5)] {
         assert_eq!(set.insert(observation), Outcome::Admitted);
@@ -94,7 +95,7 @@ fn of_twins_the_older_gives_way() {
 }
 
 #[test]
-fn a_single_wild_sample_never_gets_in() {
+fn a_single_outlier_is_never_inserted() {
     let mut set = dictionary(CAPACITY);
     let mut random = SplitMix64::new(3);
     work(&mut set, 200, 1.0, &mut random);
@@ -104,7 +105,7 @@ fn a_single_wild_sample_never_gets_in() {
 }
 
 #[test]
-fn wild_and_flipped_samples_do_not_spoil_it() {
+fn outliers_and_flipped_samples_change_the_prediction_little() {
     for (share, tolerance) in [(0.1, 0.1), (0.3, 0.25)] {
         for seed in 0..5 {
             let mut set = dictionary(CAPACITY);
@@ -139,7 +140,7 @@ fn a_sample_stuck_for_long_counts_once() {
 }
 
 #[test]
-fn a_changed_world_is_soon_believed_and_known() {
+fn a_changed_world_is_soon_accepted_and_learned() {
     let mut set = dictionary(CAPACITY);
     let mut random = SplitMix64::new(5);
     work(&mut set, 500, 1.0, &mut random);
@@ -151,7 +152,7 @@ fn a_changed_world_is_soon_believed_and_known() {
 }
 
 #[test]
-fn what_is_no_number_never_gets_in() {
+fn a_sample_that_is_not_finite_is_never_inserted() {
     let mut set = dictionary(3);
     assert_eq!(set.insert(at(f64::NAN, 0.0)), Outcome::Refused);
     assert_eq!(set.insert(at(0.0, f64::INFINITY)), Outcome::Refused);
@@ -159,7 +160,7 @@ fn what_is_no_number_never_gets_in() {
 }
 
 #[test]
-fn what_was_kept_comes_back_as_old_as_it_was() {
+fn restored_samples_keep_their_age() {
     let mut set = dictionary(CAPACITY);
     work(&mut set, 100, 1.0, &mut SplitMix64::new(6));
     let mut again = dictionary(CAPACITY);
@@ -173,7 +174,7 @@ fn what_was_kept_comes_back_as_old_as_it_was() {
 }
 
 #[test]
-fn what_was_put_back_can_be_let_go_and_what_came_since_stays() {
+fn restored_samples_can_be_dropped_while_newer_ones_stay() {
     let (mut earlier, mut random) = (dictionary(CAPACITY), SplitMix64::new(7));
     work(&mut earlier, 100, 1.0, &mut random);
     let mut set = dictionary(CAPACITY);
