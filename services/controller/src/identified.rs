@@ -4,9 +4,10 @@ use crate::control::Controller;
 use crate::settings::{Identify, Method, Settings};
 use model::physics::FoundPhysics;
 use model::response::FoundResponse;
+use process::atomic_file;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError};
-use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Dead time, response and physics, of one main model.
@@ -93,10 +94,9 @@ pub fn save(controller: &Controller, settings: &Settings) {
         return;
     }
     let file = file_of(settings);
-    let beside = file.with_extension("tmp");
-    let written = settings::write(&beside, &controller.knowledge().identified())
-        .map_err(|error| error.to_string())
-        .and_then(|()| fs::rename(&beside, &file).map_err(|error| error.to_string()));
+    let written = atomic_file::replace(&file, |beside| {
+        settings::write(beside, &controller.knowledge().identified()).map_err(io::Error::other)
+    });
     if let Err(error) = written {
         tracing::warn!(file = %file.display(), "what was identified is not kept: {error}");
     }
@@ -107,6 +107,7 @@ mod tests {
     use super::*;
     use crate::control::tests::told;
     use std::error::Error;
+    use std::fs;
 
     #[test]
     fn a_controller_begins_with_the_file_that_another_wrote() -> Result<(), Box<dyn Error>> {

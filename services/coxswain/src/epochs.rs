@@ -1,13 +1,14 @@
 //! The highest epoch of each role, on disk, so that no restart ever speaks in an old one.
 
+use process::atomic_file;
 use protocol::message::Participant;
 use protocol::port::Identity;
 use serde::Deserialize;
 use settings::{Check, Impossible};
 use std::collections::BTreeMap;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use std::{fs, io};
 
 /// Highest epoch that still has a next one in TOML, whose numbers have a sign.
 const EPOCH_MAX: u64 = i64::MAX as u64 - 1;
@@ -109,9 +110,7 @@ impl Epochs {
 
     fn write(&self) -> io::Result<()> {
         let text = toml::to_string(&self.highest).map_err(io::Error::other)?;
-        let half = self.file.with_extension("toml.half");
-        fs::write(&half, text)?;
-        fs::rename(&half, &self.file)
+        atomic_file::write(&self.file, text.as_bytes())
     }
 }
 
@@ -124,6 +123,7 @@ fn too_great(role: Participant, epoch: u64) -> io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn every_start_begins_above_all_that_has_been() -> io::Result<()> {

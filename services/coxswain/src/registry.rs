@@ -9,6 +9,7 @@
 //! after a kill -9 of everything too.
 
 use crate::private::{self, NotPrivate};
+use process::atomic_file;
 use protocol::port::{Identity, Links, sweep};
 use serde::{Deserialize, Serialize};
 use std::ffi::{OsStr, OsString};
@@ -105,9 +106,7 @@ impl GraphEntry {
     /// # Errors
     /// What the file system says.
     pub fn note_run(&self, folder: &Path) -> io::Result<()> {
-        let half = self.root().join("run.half");
-        fs::write(&half, folder.as_os_str().as_bytes())?;
-        fs::rename(&half, self.root().join(RUN))
+        atomic_file::write(&self.root().join(RUN), folder.as_os_str().as_bytes())
     }
 
     /// Where the files of its run are, once there are any.
@@ -158,9 +157,8 @@ impl GraphEntry {
 
     /// Says who launched it: whole, or not at all.
     fn sign(&self, launcher: Launcher) -> io::Result<()> {
-        let half = self.base.join(format!("{}.half", self.id));
-        fs::write(&half, toml::to_string(&launcher).map_err(io::Error::other)?)?;
-        fs::rename(&half, self.launcher_file())
+        let text = toml::to_string(&launcher).map_err(io::Error::other)?;
+        atomic_file::write(&self.launcher_file(), text.as_bytes())
     }
 }
 

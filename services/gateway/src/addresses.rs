@@ -1,5 +1,6 @@
 //! Where those on the same machine find the endpoints and the live page: files beside the sockets of the graph's links.
 
+use process::atomic_file;
 use std::fs;
 use std::io;
 use std::net::SocketAddr;
@@ -36,9 +37,7 @@ pub fn note_page(root: &Path, address: SocketAddr) -> io::Result<()> {
 }
 
 fn write(root: &Path, name: &str, text: &str) -> io::Result<()> {
-    let half = root.join(format!("{name}.half"));
-    fs::write(&half, text)?;
-    fs::rename(&half, root.join(name))
+    atomic_file::write(&root.join(name), text.as_bytes())
 }
 
 #[cfg(test)]

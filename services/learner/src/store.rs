@@ -6,10 +6,11 @@ use crate::settings::Settings;
 use model::AXES;
 use model::gp::dictionary::{Dictionary, Observation};
 use model::gp::hyperparameters::Hyperparameters;
+use process::atomic_file;
 use protocol::frame::{self, DecodeError};
 use protocol::message::{Message, ModelSnapshot};
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// A snapshot file that cannot be written or resumed.
@@ -79,15 +80,8 @@ pub fn to_resume_from(settings: &Settings, fingerprint: u64) -> Option<ModelSnap
 pub fn save(file: &Path, snapshot: &ModelSnapshot) -> Result<(), StoreError> {
     let mut bytes = vec![0; snapshot.byte_len()];
     frame::encode(snapshot, &mut bytes);
-    let beside = file.with_extension("tmp");
-    let refused = |source| StoreError::File { file: file.to_owned(), source };
-    let whole = || {
-        let mut out = File::create(&beside)?;
-        out.write_all(&bytes)?;
-        out.sync_all()?;
-        fs::rename(&beside, file)
-    };
-    whole().map_err(refused)
+    atomic_file::write(file, &bytes)
+        .map_err(|source| StoreError::File { file: file.to_owned(), source })
 }
 
 /// Reads the snapshot from `file`.

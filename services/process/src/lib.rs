@@ -8,6 +8,7 @@
 //! | `lifeline`   | [`Lifeline`]: the same heartbeat, told to the launcher alone                      |
 //! | `pulse`      | [`Pulse`]: the heartbeat that goes out as `Health`                                |
 //! | `owner`      | [`keep_to_user`]: nobody else reads what this process makes                       |
+//! | [`atomic_file`] | files that a reader never sees in part                                        |
 //! | `priority`   | [`go_first`]: what a command waits for runs before everything else                |
 //! | `scheduling` | [`Scheduling`]: processors, locked memory and priority, as a person sets them     |
 //! | `witness`    | [`Witness`]: when the machine let nobody run                                      |
@@ -15,6 +16,7 @@
 //! | [`refusals`] | who and what is turned away at the network ▶ a few lines in the log               |
 //! | [`requests`] | a person ▶ a running process: changes to its settings                             |
 
+pub mod atomic_file;
 mod lifeline;
 mod owner;
 mod priority;

@@ -12,7 +12,6 @@
 //! | [`summary`]  | rows → the figures of `summary.json`                                    |
 //! | [`report`]   | records → one page with every figure                                    |
 //! | [`export`]   | a record → one table (CSV) per topic                                    |
-//! | `whole`      | bytes → a file, atomically                                              |
 //! | `grant`      | in lock step, the lead of the plant's clock over the record             |
 //! | `intake`     | a reader for each topic                                                 |
 //! | [`visual`]   | states and plans → channels for public viewers                          |
@@ -41,4 +40,3 @@ pub mod settings;
 mod store;
 pub mod summary;
 pub mod visual;
-mod whole;

@@ -37,7 +37,7 @@ mod thin;
 mod tracking;
 
 use crate::reader::SourceError;
-use crate::whole;
+use process::atomic_file;
 use record::Record;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -98,7 +98,7 @@ pub fn write(records: &[PathBuf], out: &Path) -> Result<(), ReportError> {
         return Err(ReportError::OverRecord { path: out.to_owned() });
     }
     let page = page::page(&records);
-    whole::write(out, page.as_bytes())
+    atomic_file::write(out, page.as_bytes())
         .map_err(|source| ReportError::Write { path: out.to_owned(), source })
 }
 

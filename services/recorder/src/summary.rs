@@ -9,9 +9,9 @@ mod figures;
 mod tests;
 
 use crate::rows::{HealthRow, Mark, PlanRow, Rows, StateRow};
-use crate::whole;
 pub(crate) use figures::root_mean_square;
 use figures::{Deviation, Window, largest, percentile, settled_at};
+use process::atomic_file;
 use protocol::message::{Exposure, FallbackLevel, Participant, Reason};
 use protocol::topic::{TOPIC_COUNT, Topic};
 use serde::ser::{Serialize, Serializer};
@@ -198,7 +198,7 @@ impl Summary {
         let write = || -> io::Result<()> {
             let mut json = serde_json::to_vec_pretty(self)?;
             json.push(b'\n');
-            whole::write(&path, &json)
+            atomic_file::write(&path, &json)
         };
         write().map_err(|source| SummaryError { path: path.clone(), source })
     }

@@ -1,14 +1,13 @@
 //! The process's own side: requests one after the other, and the answers.
 
 use super::{Answer, FOLDER, Outcome, Request, Settled, answer_file, answered, request_file};
-use crate::{HasRun, Pace, Run};
+use crate::{HasRun, Pace, Run, atomic_file};
 use protocol::clock::monotonic_nanos;
 use protocol::message::Participant;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use settings::Check;
 use settings::change::{Change, ChangeError, Rules, changed};
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -97,9 +96,7 @@ impl Inbox {
 
 /// Writes the file atomically.
 fn write(file: &Path, answer: &Answer) -> io::Result<()> {
-    let half = file.with_extension("half");
-    fs::write(&half, serde_json::to_vec(answer).map_err(io::Error::other)?)?;
-    fs::rename(&half, file)
+    atomic_file::write(file, &serde_json::to_vec(answer).map_err(io::Error::other)?)
 }
 
 /// `settings` with all changes applied earlier in this run, and their number: for a restarted
