@@ -24,6 +24,26 @@
 //! a fixed order. It has the same bits on every call, and with registers of any width.
 //!
 //! Reference: Rasmussen & Williams 2006, eqs. 2.25, 2.26 and algorithm 2.1.
+//!
+//! ```
+//! use model::gp::hyperparameters::Hyperparameters;
+//! use model::gp::posterior::{Posterior, VarianceScratch};
+//!
+//! // Eleven samples of three functions of one input.
+//! let inputs: Vec<[f64; 1]> = (0..=10).map(|i| [0.5 * f64::from(i)]).collect();
+//! let targets: Vec<[f64; 3]> = inputs.iter().map(|[x]| [x.sin(), x.cos(), 0.1 * x]).collect();
+//! let prior = Hyperparameters::new([1.0], 1.0, 1e-6); // length scale, variance, noise variance
+//! let posterior = Posterior::new(&inputs, &targets, &[prior; 3])?;
+//!
+//! let [sine, cosine, _] = posterior.mean(&[1.75]);
+//! assert!((sine - 1.75_f64.sin()).abs() < 1e-2 && (cosine - 1.75_f64.cos()).abs() < 1e-2);
+//!
+//! // The variance is small between the samples, and that of the prior far away from them.
+//! let mut scratch = VarianceScratch::new(posterior.samples());
+//! assert!(posterior.variance(&[1.75], &mut scratch)[0] < 1e-4);
+//! assert!((posterior.variance(&[50.0], &mut scratch)[0] - 1.0).abs() < 1e-9);
+//! # Ok::<(), model::gp::posterior::PosteriorError>(())
+//! ```
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
