@@ -77,7 +77,7 @@ pub(super) fn too_often(message: &str) -> Option<String> {
     let guests = guests();
     let guest =
         guests.range(digits.to_owned()..).next().filter(|(session, _)| session.starts_with(digits));
-    let (who, place) = (guest.map_or("somebody", |(_, who)| who), place(key));
+    let (who, place) = (guest.map_or("an unknown session", |(_, who)| who), place(key));
     // zenoh checks rates before permissions.
     let role = who.split('.').next().and_then(Role::named);
     let may = role.is_none_or(|role| role.says().iter().any(|topic| topic.name() == place));
