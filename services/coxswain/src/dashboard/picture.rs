@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_robot_is_not_lost_after_three_periods_of_silence() {
+    fn a_slow_robot_is_not_lost_within_three_periods_of_silence() {
         let begin = Instant::now();
         let mut picture = Picture::new("");
         picture.hear(Word { period_nanos: 1_000_000_000, ..specimen::state(1) }, begin);

@@ -1,17 +1,17 @@
 //! Record of a run with faults → reaction times, restart times, and violations.
 //!
-//! | figure         | what it is                                                                   |
-//! |----------------|------------------------------------------------------------------------------|
-//! | worst reaction | age of the oldest state, in periods, whose answer still acted on the wheels; |
-//! |                | from 3 on the gate must brake                                                |
-//! | worst restart  | from the end of a process to its successor in use: a fresh plan of new       |
-//! |                | epochs acted, a snapshot was published, or the process reported ready        |
+//! | figure         | what it is                                                                  |
+//! |----------------|-----------------------------------------------------------------------------|
+//! | worst reaction | age of the oldest state, in periods, whose answer still acted on the        |
+//! |                | wheels; from 3 on the gate must brake                                       |
+//! | worst restart  | from the end of a process to its successor in use: a fresh plan of new      |
+//! |                | epochs acted, a snapshot was published, or the process reported ready       |
 //!
-//! | restart of        | killed, at most | stopped for good, at most (first it must be found hung) |
-//! |-------------------|-----------------|---------------------------------------------------------|
-//! | plant, controller | 1 s             | 1 s in all                                              |
-//! | recorder, gateway | 1 s             | 1 s and [`hung_after`](Processes::hung_after), 2.5 s    |
-//! | learner           | 5 s             | 5 s and the same                                        |
+//! | restart of        | killed, at most | stopped for good, at most (first to be found hung)   |
+//! |-------------------|-----------------|------------------------------------------------------|
+//! | plant, controller | 1 s             | 1 s in all                                           |
+//! | recorder, gateway | 1 s             | 1 s and [`hung_after`](Processes::hung_after), 2.5 s |
+//! | learner           | 5 s             | 5 s and the same                                     |
 
 pub mod excuse;
 
