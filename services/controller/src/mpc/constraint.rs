@@ -146,9 +146,9 @@ impl Limits {
     }
 
     /// The acceleration that the main model does not explain, as the u − v that would cause it:
-    /// (g + d)/(1 − A), with g + d the difference between the prediction and the main model. A robot
-    /// that slips, or whose speed loop has an integral part, drives steadily at u ≠ v without much
-    /// current. The value belongs to the plan, and is constant while the program is solved.
+    /// (g + d)/(1 − A), with g + d the difference between the prediction and the main model. A
+    /// robot that slips, or whose speed loop has an integral part, drives steadily at u ≠ v without
+    /// much current. The value belongs to the plan, and is constant while the program is solved.
     fn unmodelled(&self, before: &Velocity, after: &State) -> Velocity {
         let expected = self.main.next_velocity(before, &after.acted);
         std::array::from_fn(|axis| {
