@@ -31,7 +31,7 @@ impl Ear {
         Self { done, thread }
     }
 
-    /// Ends the thread. What it forwards is not received any more.
+    /// Ends the thread. Its messages are not received any more.
     pub(super) fn end(self) {
         self.done.request();
         let begin = Instant::now();

@@ -112,8 +112,8 @@ pub struct Launch {
     pub faults: String,
     /// The participant that the faults end or stop. It must be in use again afterwards.
     pub restarts: Option<Participant>,
-    /// Ticks in which a link changes the numbers of a command and seals it as valid. What acts is
-    /// then not what the controller sent.
+    /// Ticks in which a link changes the numbers of a command and seals it as valid. The acting
+    /// command then differs from the one that the controller sent.
     pub misquoted: Vec<Range<u64>>,
     /// Ticks in which the controller gets an older state as the newest, from a stuck link or
     /// sensor.

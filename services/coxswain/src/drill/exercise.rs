@@ -258,7 +258,8 @@ fn little_shared_memory(
     Ok(measured)
 }
 
-/// Judges the wheels with the oracle. What a killed recorder had not yet written is no violation.
+/// Judges the wheels with the oracle. Messages that a killed recorder had not yet written cause no
+/// violation.
 pub(super) fn judge_wheels(record: &Record, limits: &Limits, measured: &mut Measured) {
     let violations = judge(record, limits)
         .into_iter()
@@ -274,7 +275,7 @@ pub(super) fn judge_tracking(
     launch: &Launch,
     measured: &mut Measured,
 ) -> Result<(), Trouble> {
-    // What acts after a link has changed it goes on until the brake.
+    // A changed command acts until the brake.
     let misled: Vec<_> = launch.misled.iter().chain(&launch.misquoted).map(acts_until).collect();
     let windows = Windows { misled: &misled, slippery: &launch.slippery };
     let Tracked { violations, share } =

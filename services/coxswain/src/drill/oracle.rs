@@ -117,7 +117,7 @@ pub enum Rule {
     Recovery,
     /// Sent = stored + lost.
     Count,
-    /// What acts was sent by the controller.
+    /// The acting command was sent by the controller.
     Said,
     /// Near the reference.
     Tracking,

@@ -250,7 +250,7 @@ impl Walk<'_> {
             return None;
         }
         let Some(before) = adjacent else {
-            // What happened while no recorder was running is unknown.
+            // The events while no recorder was running are unknown.
             self.phase = self.catch_up(look);
             return None;
         };

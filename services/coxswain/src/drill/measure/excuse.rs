@@ -6,8 +6,8 @@
 //!
 //! - The plant counts its missed periods in its Health, ten times a second. The periods that it
 //!   counts between two Healths, less the recorded missed periods, were missed unseen.
-//! - The plant's clock never runs fast. So the state of tick k came no earlier than (k − a) T after
-//!   that of an earlier tick a, and no later than (b − k) T before that of a later tick b.
+//! - The plant's clock never runs fast. So the state of tick k came at least (k − a) T after that
+//!   of an earlier tick a. It came at least (b − k) T before that of a later tick b.
 //!
 //! So between two Healths a gap excuses at most as many unseen periods as it overlaps. A gap of
 //! length L overlaps ⌈L/T⌉ + 1 periods at most, however uncertain their time is. Three missed

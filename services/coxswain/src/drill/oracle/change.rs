@@ -1,11 +1,14 @@
 //! Rules a and d, for two instants a period apart: how far the wheel command moves between them.
 //!
-//! Notation: w_k is the body velocity that is commanded at the end of the period before tick k. m_a
-//! is the gate's mean output in the period before tick a, as its state reports it. c is the change
-//! that the robot file permits in one period, rate × T. A controller that answers the state of tick
-//! a starts from m_a, because it knows nothing else of the gate: |input − m_a| ≤ c. Each entry of
-//! its tail is at most c from the one before. Entry i acts while the state is i periods old, with
-//! the input as entry 0. So
+//! Notation:
+//!
+//! - w_k: body velocity that is commanded at the end of the period before tick k
+//! - m_a: the gate's mean output in the period before tick a, as its state reports it
+//! - c: change that the robot file permits in one period, rate × T
+//!
+//! A controller that answers the state of tick a starts from m_a, because the state contains all
+//! that it knows of the gate: |input − m_a| ≤ c. Each entry of its tail is at most c from the one
+//! before. Entry i acts while the state is i periods old, with the input as entry 0. So
 //!
 //! | what acts at w_{k+1}                     | bound of abs(w_{k+1} − w_k), per axis    |
 //! |------------------------------------------|------------------------------------------|
@@ -20,8 +23,8 @@
 //! The same holds for each wheel, |Δω| ≤ Σ |J| bound / r. This also catches wheel commands that are
 //! no body velocity at all.
 //!
-//! Where a link changes the numbers of a command, the controller is not responsible for what acts.
-//! Then only the gate is judged: rule `Leap`, with the 2.2 changes of decision 22.
+//! If a link changes the numbers of a command, the controller is not responsible for the acting
+//! command. Then only the gate is judged: rule `Leap`, with the 2.2 changes of decision 22.
 
 use super::{Limits, Rule, Ticks, Violation};
 use crate::drill::record::Message;
