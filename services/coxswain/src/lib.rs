@@ -30,7 +30,7 @@
 //! | [`closing`]           | `summary.json` → the table at the end                                |
 //! | [`order`]             | `coxswain arm`, `coxswain resume`: an order to the plant of a run    |
 //! | [`set`]               | `coxswain set`: a change of settings while the robot drives          |
-//! | [`records`]           | `coxswain report`, `coxswain export`: reports and tables               |
+//! | [`records`]           | `coxswain report`, `coxswain export`: reports and tables             |
 //! | [`experiment`]        | comparison of controllers in scenarios                               |
 //! | [`without_learning`]  | the same run without learning, for comparison on the live page       |
 //! | [`in_process`]        | the whole graph in one process, in lock step                         |

@@ -49,7 +49,7 @@ impl ServiceManager {
     /// The service manager in the environment variables, for a launch with the loops of `roles`.
     ///
     /// # Errors
-    /// If it cannot be reached: it would wait in vain.
+    /// If the variables name one that cannot be reached: it would wait until its timeout.
     pub fn of_environment(roles: &[Participant]) -> io::Result<Self> {
         let [socket, patience, pid] = VARIABLES.map(env::var_os);
         let ours = pid.is_none_or(|pid| pid == OsStr::new(&std::process::id().to_string()));

@@ -2,8 +2,8 @@
 //! directory.
 //!
 //! ```text
-//! RUN/set/controller-000001.json           who requests what, since when     by `coxswain set`
-//! RUN/set/controller-000001.answer.json    from which tick, or why not       by the process
+//! RUN/set/controller-000001.json           user, change and time             by `coxswain set`
+//! RUN/set/controller-000001.answer.json    first tick, or the reason         by the process
 //! ```
 //! A request file is written atomically, and requests are numbered without a gap. A process handles
 //! them in order, and replies to one before it reads the next. A restarted process first applies
