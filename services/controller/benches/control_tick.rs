@@ -199,11 +199,11 @@ fn page_faults() -> Result<u64, Box<dyn Error>> {
 /// Checks that a million ticks, including the optimiser at its limits, cause no allocation and no
 /// page fault. Measures their times.
 fn million_ticks() -> Result<(), Box<dyn Error>> {
-    let mut told = settings();
-    told.duration_s = 1e-9 * (TICKS * told.run.period_nanos) as f64;
-    told.reference.path =
+    let mut settings = settings();
+    settings.duration_s = 1e-9 * (TICKS * settings.run.period_nanos) as f64;
+    settings.reference.path =
         controller::reference::PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 };
-    let mut controller = Controller::new(&told)?;
+    let mut controller = Controller::new(&settings)?;
     drop(controller.adopt(candidate(16)?));
     let handover = Handover::default();
     let mut measured: PlantState = bytemuck::Zeroable::zeroed();

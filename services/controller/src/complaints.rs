@@ -436,19 +436,19 @@ mod tests {
         let mut complaints = Complaints::new(&Robot::example(), PERIOD_S);
         let wheels = [false, true, true, false];
         let row = Some(Contradicted { wheels, carried: 0.4 });
-        let told: Vec<Complaint> =
+        let reported: Vec<Complaint> =
             (0..250).filter_map(|tick| complaints.look(&circle(tick, PERIOD_S), row)).collect();
-        assert_eq!(told, [Complaint::Row { wheels, carried: 0.4 }]);
-        assert!(told[0].to_string().contains("motor 2, 3:"), "{}", told[0]);
+        assert_eq!(reported, [Complaint::Row { wheels, carried: 0.4 }]);
+        assert!(reported[0].to_string().contains("motor 2, 3:"), "{}", reported[0]);
     }
 
     #[test]
     fn two_simultaneous_errors_are_each_reported_once() {
         let both = |tick| PlantState { refused: tick, ..circle(tick, 5.0 * PERIOD_S) };
-        let told = told(both);
+        let reported = told(both);
         assert!(
-            matches!(told[..], [Complaint::Refusals { .. }, Complaint::Period { .. }]),
-            "{told:?}"
+            matches!(reported[..], [Complaint::Refusals { .. }, Complaint::Period { .. }]),
+            "{reported:?}"
         );
     }
 

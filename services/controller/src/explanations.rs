@@ -262,16 +262,16 @@ impl Explanations {
     /// Result of `say` for the newest learned model, and for the last good one on axes that use it.
     fn of_learned(&mut self, say: impl Fn(&mut Candidate) -> Velocity) -> Velocity {
         let models = self.models();
-        let mut said = self.active.as_deref_mut().map_or([0.0; AXES], &say);
+        let mut result = self.active.as_deref_mut().map_or([0.0; AXES], &say);
         if models.contains(&Model::LastGood)
             && let Some(last_good) = &mut self.last_good
         {
             let instead = say(last_good);
             for axis in (0..AXES).filter(|&axis| models[axis] == Model::LastGood) {
-                said[axis] = instead[axis];
+                result[axis] = instead[axis];
             }
         }
-        said
+        result
     }
 
     /// The model in use, per axis.
@@ -324,9 +324,9 @@ impl Explanations {
         let (learned, last_good) = (mean(&self.active), mean(&self.last_good));
         let identified = self.response.mean(at);
         let physical = if self.choice.has_physics() {
-            let said = self.physics.mean(at);
+            let mean = self.physics.mean(at);
             self.physics.update(at, residual);
-            said
+            mean
         } else {
             [0.0; AXES]
         };
@@ -338,9 +338,9 @@ impl Explanations {
         let judged =
             (self.taken > lead + 1).then(|| self.past[(self.taken - 1 - lead) % KEPT].disturbance);
         for axis in 0..AXES {
-            let said =
+            let predictions =
                 [known[axis], identified[axis], physical[axis], learned[axis], last_good[axis]];
-            let left = said.map(|said| residual[axis] - said);
+            let left = predictions.map(|predicted| residual[axis] - predicted);
             if let Some(before) = &judged {
                 self.judge(axis, &left, &before[axis], lead);
             }
@@ -526,12 +526,12 @@ impl Residual for Explanations {
     fn response(&self, at: &Moment) -> Response {
         let models = self.models();
         let mut response = Response::NONE;
-        let mut take = |of: Model, said: Response| {
+        let mut take = |of: Model, of_model: Response| {
             for axis in (0..AXES).filter(|&axis| models[axis] == of) {
-                response.mean[axis] = said.mean[axis];
-                response.by_velocity[axis] = said.by_velocity[axis];
-                response.by_input[axis] = said.by_input[axis];
-                response.by_before[axis] = said.by_before[axis];
+                response.mean[axis] = of_model.mean[axis];
+                response.by_velocity[axis] = of_model.by_velocity[axis];
+                response.by_input[axis] = of_model.by_input[axis];
+                response.by_before[axis] = of_model.by_before[axis];
             }
         };
         if models.contains(&Model::Response) {

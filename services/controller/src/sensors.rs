@@ -346,9 +346,9 @@ mod tests {
                 (now, driven)
             }
         };
-        let said_of = said(&mut watch, 0..20, stuck_from(10));
-        assert_eq!(said_of[..13], [None; 13]);
-        assert_eq!(said_of[13..], [Some(SensorFault::Position); 7]);
+        let faults = said(&mut watch, 0..20, stuck_from(10));
+        assert_eq!(faults[..13], [None; 13]);
+        assert_eq!(faults[13..], [Some(SensorFault::Position); 7]);
         let (mut standing, _) = stuck_from(10)(20);
         standing.velocity = [0.0; 3];
         assert_eq!(
@@ -381,13 +381,13 @@ mod tests {
     #[test]
     fn a_robot_that_is_driven_hard_with_constant_readings_has_stuck_sensors() {
         let frozen = |tick| (state(tick, [1.0, 2.0, 3.0], [0.0; 3]), driven([2.0, 0.0, 0.0]));
-        let said_of = said(&mut watch(), 0..6, frozen);
-        assert_eq!((said_of[2], said_of[3]), (None, Some(SensorFault::Everything)));
+        let faults = said(&mut watch(), 0..6, frozen);
+        assert_eq!((faults[2], faults[3]), (None, Some(SensorFault::Everything)));
         // The acting input comes from the same stuck driver; the commands show the fault.
         let silent =
             |tick| (frozen(tick).0, Driven { acted: [0.0; 3], commanded: Some([2.0, 0.0, 0.0]) });
-        let said_of = said(&mut watch(), 0..20, silent);
-        assert_eq!(said_of.iter().position(Option::is_some), Some(COMMANDED_PERIODS as usize));
+        let faults = said(&mut watch(), 0..20, silent);
+        assert_eq!(faults.iter().position(Option::is_some), Some(COMMANDED_PERIODS as usize));
     }
 
     #[test]
@@ -418,9 +418,9 @@ mod tests {
             let input = if tick < 10 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
             (state(tick, [way(tick), after(tick), 0.0], [1.0, 0.0, 0.0]), driven(input))
         };
-        let said_of = said(&mut watch(), 0..30, left);
-        assert_eq!(said_of.iter().position(Option::is_some), Some(11), "{said_of:?}");
-        assert_eq!(said_of[11..], [Some(SensorFault::Velocity); 19]);
+        let faults = said(&mut watch(), 0..30, left);
+        assert_eq!(faults.iter().position(Option::is_some), Some(11), "{faults:?}");
+        assert_eq!(faults[11..], [Some(SensorFault::Velocity); 19]);
         let turning = |tick: u64| {
             let rate = if tick < 10 { 0.0 } else { 1.0 };
             (state(tick, [0.3, 0.0, after(tick)], [0.0; 3]), driven([0.0, 0.0, rate]))

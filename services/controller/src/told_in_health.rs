@@ -166,7 +166,7 @@ fn periods_in_which_the_optimiser_was_stopped_are_counted() -> Result<(), Box<dy
     // A period that is always long enough, with a very small share for the optimiser.
     (settings.run.period_nanos, settings.mpc.budget_share) = (100_000_000_000, 1e-12);
     settings.duration_s = 6000.0;
-    let said = beside_a_controller(&settings, |_, robot| {
+    let health = beside_a_controller(&settings, |_, robot| {
         for _ in 0..TICKS {
             robot.drive_on(0.0)?;
             assert_eq!(
@@ -176,7 +176,7 @@ fn periods_in_which_the_optimiser_was_stopped_are_counted() -> Result<(), Box<dy
         }
         Ok(())
     })?;
-    assert_eq!((said.deadlines_missed, said.deadlines_met), (TICKS, 0));
+    assert_eq!((health.deadlines_missed, health.deadlines_met), (TICKS, 0));
     Ok(())
 }
 
@@ -184,11 +184,11 @@ fn periods_in_which_the_optimiser_was_stopped_are_counted() -> Result<(), Box<dy
 fn a_stuck_sensor_is_named() -> Result<(), Box<dyn Error>> {
     let mut settings = told();
     settings.run.pace = Pace::RealTime;
-    let said = beside_a_controller(&settings, |_, robot| {
+    let health = beside_a_controller(&settings, |_, robot| {
         robot.position_stuck = true;
         robot.drive_until(0.0, |health| !health.last_error().is_empty())
     })?;
-    assert_eq!(said.last_error(), SensorFault::Position.text());
+    assert_eq!(health.last_error(), SensorFault::Position.text());
     Ok(())
 }
 
@@ -203,7 +203,7 @@ fn refused_snapshots_are_counted_and_the_last_good_one_stays() -> Result<(), Box
     let mut settings = told();
     settings.run.pace = Pace::RealTime;
     let fingerprint = Controller::expected(&settings).fingerprint;
-    let said = beside_a_controller(&settings, |ports, robot| {
+    let health = beside_a_controller(&settings, |ports, robot| {
         let mut snapshots = ports.sink::<ModelSnapshot>()?;
         snapshots.send(&mut snapshot(fingerprint)?)?;
         robot.drive_until(LEARNT, |health| health.model_version == 1)?;
@@ -217,7 +217,7 @@ fn refused_snapshots_are_counted_and_the_last_good_one_stays() -> Result<(), Box
         robot.drive_on(LEARNT)
     })?;
     assert_eq!(
-        (said.model_version, said.snapshots, said.snapshots_refused),
+        (health.model_version, health.snapshots, health.snapshots_refused),
         (1, 1, damages.len() as u64)
     );
     Ok(())

@@ -113,9 +113,9 @@ mod tests {
     fn an_error_counts_once_it_has_been_below_the_limit() {
         let mut judge = judge(TrackingLimit::At(1.0), TrackingLimit::Off);
         let (no, yes) = (Reason::None, Reason::PositionError);
-        let told =
+        let requested =
             requests(&mut judge, FallbackLevel::FreshPlan, &[2.0, 1.5, 0.9, 0.99, 1.01, 5.0, 0.5]);
-        assert_eq!(told, [no, no, no, no, yes, yes, no]);
+        assert_eq!(requested, [no, no, no, no, yes, yes, no]);
     }
 
     #[test]
@@ -127,8 +127,8 @@ mod tests {
         {
             assert_eq!(requests(&mut judge, fallback_level, &[0.1, 3.0]), [Reason::None; 2]);
             assert_eq!(requests(&mut judge, FallbackLevel::Simple, &[3.0, 2.0]), [Reason::None; 2]);
-            let told = requests(&mut judge, FallbackLevel::Simple, &[0.5, 2.0]);
-            assert_eq!(told, [Reason::None, Reason::PositionError]);
+            let requested = requests(&mut judge, FallbackLevel::Simple, &[0.5, 2.0]);
+            assert_eq!(requested, [Reason::None, Reason::PositionError]);
         }
     }
 
@@ -143,21 +143,21 @@ mod tests {
     #[test]
     fn heading_error_is_the_shortest_angle() {
         let mut judge = judge(TrackingLimit::Off, TrackingLimit::Default);
-        let mut told =
+        let mut requested =
             |yaw| judge.judge(&[0.0, 0.0, yaw], &[0.0, 0.0, 3.0], FallbackLevel::FreshPlan);
-        assert_eq!(told(-3.0), Reason::None);
-        assert_eq!(told(0.5), Reason::HeadingError);
-        assert_eq!(told(1.5), Reason::None);
+        assert_eq!(requested(-3.0), Reason::None);
+        assert_eq!(requested(0.5), Reason::HeadingError);
+        assert_eq!(requested(1.5), Reason::None);
     }
 
     #[test]
     fn neither_a_missing_limit_nor_nan_stops() {
         let mut none = judge(TrackingLimit::Off, TrackingLimit::Off);
-        let told = requests(&mut none, FallbackLevel::FreshPlan, &[0.0, 1e9]);
-        assert_eq!(told, [Reason::None; 2]);
+        let requested = requests(&mut none, FallbackLevel::FreshPlan, &[0.0, 1e9]);
+        assert_eq!(requested, [Reason::None; 2]);
         let mut limited = judge(TrackingLimit::At(1.0), TrackingLimit::Default);
-        let told =
+        let requested =
             requests(&mut limited, FallbackLevel::FreshPlan, &[0.0, f64::NAN, f64::INFINITY]);
-        assert_eq!(told, [Reason::None, Reason::None, Reason::PositionError]);
+        assert_eq!(requested, [Reason::None, Reason::None, Reason::PositionError]);
     }
 }
