@@ -1,4 +1,4 @@
-//! The gateway against a plant that only talks.
+//! The gateway with a plant that only publishes.
 
 use bytemuck::Zeroable;
 use gateway::addresses;
@@ -83,7 +83,7 @@ impl Fixture {
 }
 
 #[test]
-fn what_the_plant_says_is_shown() -> Outcome {
+fn states_of_the_plant_reach_the_watcher() -> Outcome {
     let folder = tempfile::tempdir()?;
     let fixture = Fixture::start(folder.path(), Rates::default())?;
     let endpoints = addresses::endpoints(folder.path());
@@ -110,7 +110,7 @@ fn what_the_plant_says_is_shown() -> Outcome {
 }
 
 #[test]
-fn a_gateway_that_comes_back_is_found_where_it_was() -> Outcome {
+fn a_restarted_gateway_has_the_same_addresses() -> Outcome {
     let folder = tempfile::tempdir()?;
     Fixture::start(folder.path(), Rates::default())?.end()?;
     let before = (addresses::endpoints(folder.path()), addresses::page(folder.path()));

@@ -1,4 +1,4 @@
-//! What an open page is told, from messages to JSON.
+//! Events of an open page, from messages to JSON.
 
 use super::Page;
 use crate::comparison::{self, Row};
@@ -96,7 +96,7 @@ fn length(value: &Value) -> usize {
 }
 
 #[test]
-fn who_comes_late_sees_the_path_so_far_and_then_what_is_new() -> Outcome {
+fn a_late_viewer_receives_the_path_so_far_and_then_the_news() -> Outcome {
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("without.csv");
     comparison::write(
@@ -143,7 +143,7 @@ fn who_comes_late_sees_the_path_so_far_and_then_what_is_new() -> Outcome {
 }
 
 #[test]
-fn another_life_of_the_plant_begins_a_new_path_and_what_happened_is_told() -> Outcome {
+fn another_epoch_of_the_plant_begins_a_new_path_and_events_are_reported() -> Outcome {
     let folder = tempfile::tempdir()?;
     let mut page = Page::open(&settings(folder.path(), None), None)?.ok_or("no page")?;
     let begin = Instant::now();
@@ -183,7 +183,7 @@ fn another_life_of_the_plant_begins_a_new_path_and_what_happened_is_told() -> Ou
 }
 
 #[test]
-fn a_page_that_is_off_is_not_served_and_one_that_cannot_be_served_says_where() -> Outcome {
+fn a_page_that_is_off_is_not_served_and_one_that_cannot_be_served_reports_its_address() -> Outcome {
     let folder = tempfile::tempdir()?;
     let mut settings = settings(folder.path(), None);
     let page = Page::open(&settings, None)?.ok_or("no page")?;
