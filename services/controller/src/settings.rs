@@ -26,7 +26,7 @@ pub struct Settings {
     pub run: process::Run,
     /// Length of the run that the reference must cover \[s\].
     pub duration_s: f64,
-    /// Where the reference begins.
+    /// Pose at which the reference begins (x, y, yaw) \[m, m, rad\].
     pub start: [f64; 3],
     /// The robot as believed.
     pub robot: Robot,

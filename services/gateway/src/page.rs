@@ -1,4 +1,4 @@
-//! messages → browsers: the live page, served at one address, and what it draws as it happens.
+//! messages → browsers: the live page, served at one address, and its events.
 //!
 //! | module    | what it holds                                                               |
 //! |-----------|-----------------------------------------------------------------------------|

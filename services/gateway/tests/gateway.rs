@@ -91,7 +91,7 @@ fn states_of_the_plant_reach_the_watcher() -> Outcome {
         Watcher::open(endpoints.first().ok_or("no endpoint was noted")?, Some("test"))?;
     let mut sink = fixture.ports.sink::<PlantState>()?;
     let begin = Instant::now();
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     for tick in 0.. {
         let mut state = PlantState::zeroed();
         state.stamp.tick = tick;
@@ -99,13 +99,13 @@ fn states_of_the_plant_reach_the_watcher() -> Outcome {
         if let Some(word) = watcher.next(SOON)?
             && let Heard::State(state) = word.said
         {
-            heard.push(state.stamp.tick);
+            received.push(state.stamp.tick);
         }
-        if heard.len() >= 5 || begin.elapsed() > PATIENCE {
+        if received.len() >= 5 || begin.elapsed() > PATIENCE {
             break;
         }
     }
-    assert!(heard.len() >= 5 && heard.is_sorted(), "{heard:?}");
+    assert!(received.len() >= 5 && received.is_sorted(), "{received:?}");
     fixture.end()
 }
 

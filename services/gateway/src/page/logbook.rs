@@ -141,9 +141,9 @@ impl Process {
             tell(Sort::Mended, "is heard again".to_owned());
         }
         self.silent = false;
-        let (phase, said) = (health.phase(), health.last_error());
-        if !said.is_empty() && (another || said != before.last_error()) {
-            tell(if phase == Phase::Degraded { Sort::Fault } else { Sort::Note }, said.to_owned());
+        let (phase, error) = (health.phase(), health.last_error());
+        if !error.is_empty() && (another || error != before.last_error()) {
+            tell(if phase == Phase::Degraded { Sort::Fault } else { Sort::Note }, error.to_owned());
         } else if phase != before.phase() && phase == Phase::Degraded {
             tell(Sort::Fault, "at work, with something missing".to_owned());
         } else if before.phase() == Phase::Degraded && phase == Phase::Running && !another {
@@ -214,9 +214,9 @@ mod tests {
         let begin = Instant::now();
         let after = |millis| begin + Duration::from_millis(millis);
         let mut process = Process::new(&health(1, Phase::Running, ""), begin);
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         let mut hear = |process: &mut Process, health: &Health, millis| {
-            process.take_in(health, after(millis), |sort, text| told.push((sort, text)));
+            process.take_in(health, after(millis), |sort, text| reported.push((sort, text)));
         };
         for millis in [100, 200] {
             hear(&mut process, &health(1, Phase::Degraded, "no disk"), millis);
@@ -233,7 +233,7 @@ mod tests {
             hear(&mut process, &again, millis);
         }
         assert_eq!(process.starts, 2);
-        let texts: Vec<&str> = told.iter().map(|(_, text)| text.as_str()).collect();
+        let texts: Vec<&str> = reported.iter().map(|(_, text)| text.as_str()).collect();
         let expected = [
             "no disk",
             "is well again",

@@ -168,14 +168,14 @@ fn another_epoch_of_the_plant_begins_a_new_path_and_events_are_reported() -> Out
     page.turn(begin + Duration::from_secs(2));
     let (_, hello) = tab.event()?;
     assert_eq!((length(&hello["states"]), hello["run"].as_str()), (1, Some("2-2")));
-    let said: Vec<&str> = hello["entries"]
+    let texts: Vec<&str> = hello["entries"]
         .as_array()
         .into_iter()
         .flatten()
         .filter_map(|entry| entry["text"].as_str())
         .collect();
     assert_eq!(
-        said,
+        texts,
         ["fresh plan → brake", "started again, as process 2", "brake → waiting", "is silent"]
     );
     assert_eq!(hello["processes"][0]["silent"], serde_json::json!(true));
@@ -188,10 +188,10 @@ fn a_page_that_is_off_is_not_served_and_one_that_cannot_be_served_reports_its_ad
     let mut settings = settings(folder.path(), None);
     let page = Page::open(&settings, None)?.ok_or("no page")?;
     settings.page.listen = page.address().to_string();
-    let told = Page::open(&settings, None).err().ok_or("two pages at one address")?.to_string();
+    let error = Page::open(&settings, None).err().ok_or("two pages at one address")?.to_string();
     assert!(
-        told.starts_with(&format!("the live page cannot be served at {}: ", page.address())),
-        "{told}"
+        error.starts_with(&format!("the live page cannot be served at {}: ", page.address())),
+        "{error}"
     );
     settings.page.listen = "off".into();
     assert!(Page::open(&settings, None)?.is_none());
