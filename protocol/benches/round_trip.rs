@@ -1,6 +1,7 @@
-//! A command, and a snapshot of 416 kB, there and back between two threads over every carrier: beside the bare library with as many bytes.
+//! Measures the round trip of a command, and of a snapshot of 416 kB, between two threads over
+//! every carrier. Each figure stands beside that of the bare library with as many bytes.
 //!
-//! The machine's state moves all figures; what counts is their ratio in one run.
+//! The machine's state moves all figures; only their ratio in one run counts.
 
 #[path = "round_trip/bare.rs"]
 mod bare;

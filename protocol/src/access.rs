@@ -1,20 +1,24 @@
-//! Who may say and hear what on the network, and the certificates by which it is known who somebody is.
+//! The topics that each role may publish and read on the network, and the certificates that
+//! authenticate a role.
 //!
-//! | role           | says                                            | hears                                                 |
-//! |----------------|-------------------------------------------------|-------------------------------------------------------|
-//! | `robot`        | state, truth, health                            | command, credit                                       |
-//! | `controller`   | command, residual, plan, health                 | state, snapshot                                       |
-//! | `learner`      | snapshot, health                                | residual                                              |
-//! | `recorder`     | credit, health                                  | state, command, residual, snapshot, plan, health, truth |
-//! | `gateway`      | health                                          | state, residual, snapshot, plan, health, truth        |
-//! | `watcher`      | –                                               | – (the gateway's telemetry alone)                     |
-//! | `robot-host`   | state, truth, credit, health                    | command, residual, snapshot, plan, health             |
-//! | `control-host` | command, residual, snapshot, plan, credit, health | state, residual, snapshot, plan, health, truth      |
+//! | role           | publishes                       | reads                                     |
+//! |----------------|---------------------------------|-------------------------------------------|
+//! | `robot`        | state, truth, health            | command, credit                           |
+//! | `controller`   | command, residual, plan, health | state, snapshot                           |
+//! | `learner`      | snapshot, health                | residual                                  |
+//! | `recorder`     | credit, health                  | all but credit                            |
+//! | `gateway`      | health                          | all but command and credit                |
+//! | `watcher`      | –                               | – (the gateway's telemetry alone)         |
+//! | `robot-host`   | state, truth, credit, health    | command, residual, snapshot, plan, health |
+//! | `control-host` | all but state and truth         | all but command and credit                |
 //!
-//! Who says a topic is its writer, with all that `WIRE.md` lets a writer do; who hears it, its reader. Everything else is refused where it
-//! arrives. The two hosts are the routers of launches, one on the robot's machine and one on the controller's: what passes between two
-//! machines passes in their names, so that the one never says a state, and the other never a command. A certificate names role and robot in
-//! its subject, as `controller.mecanum`; only hosts and gateways have one that others may connect to.
+//! A role that publishes a topic is its writer, and may do all that `WIRE.md` lets a writer do. A
+//! role that reads a topic is its reader. Everything else is refused where it arrives. The two
+//! hosts are the routers of launches, one on the robot's machine and one on the controller's.
+//! Traffic between two machines passes under the names of the hosts. So the host of the controller
+//! never publishes a state, and that of the robot never a command. A certificate names role and
+//! robot in its subject, as `controller.mecanum`. Only hosts and gateways have a certificate to
+//! which other processes may connect.
 
 mod certificate;
 mod credentials;

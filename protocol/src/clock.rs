@@ -4,7 +4,8 @@ use rustix::time::{ClockId, clock_gettime};
 
 /// Nanoseconds on this machine's monotonic clock \[ns\].
 ///
-/// All processes of one machine read the same clock. Two machines do not share it, so no decision compares stamps of two writers.
+/// All processes of one machine read the same clock. Two machines do not share it, so no decision
+/// compares the stamps of two writers.
 pub fn monotonic_nanos() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);
     let seconds = u64::try_from(now.tv_sec).unwrap_or(0);

@@ -1,25 +1,25 @@
-//! bytes ↔ message: version, kind, checksum and length are judged before a value is looked at.
+//! bytes ↔ message: version, kind, checksum and length are checked before a value is read.
 
 use crate::VERSION;
 use crate::message::{Message, Stamp, UnknownCode};
 
-/// Bytes that are not the message they were taken for.
+/// Bytes that are not the expected message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
-    /// Not even a stamp.
+    /// Shorter than a stamp.
     #[error("{got} bytes are too few for any message: a stamp alone has {expected}")]
     TooShort {
-        /// Bytes of a stamp.
+        /// Length of a stamp \[bytes\].
         expected: usize,
-        /// Bytes that came.
+        /// Length received \[bytes\].
         got: usize,
     },
-    /// A peer of another version.
+    /// The peer has another protocol version.
     #[error("protocol version {got} was received, this program speaks version {expected}")]
     Version {
-        /// Ours.
+        /// Version of this program.
         expected: u16,
-        /// Theirs.
+        /// Version of the peer.
         got: u16,
     },
     /// Another message than the topic carries.
@@ -29,7 +29,7 @@ pub enum DecodeError {
         message: &'static str,
         /// Its kind.
         expected: u16,
-        /// The kind that came.
+        /// The received kind.
         got: u16,
     },
     /// Damaged on the way.
@@ -37,9 +37,9 @@ pub enum DecodeError {
     Checksum {
         /// Message of the topic.
         message: &'static str,
-        /// Checksum of the bytes that came.
+        /// Checksum of the received bytes.
         expected: u32,
-        /// Checksum that they carry.
+        /// Checksum in the stamp.
         got: u32,
     },
     /// Truncated or too long.
@@ -47,17 +47,17 @@ pub enum DecodeError {
     Length {
         /// Message of the topic.
         message: &'static str,
-        /// Bytes that its header asks for.
+        /// Length given by its header \[bytes\].
         expected: usize,
-        /// Bytes that came.
+        /// Length received \[bytes\].
         got: usize,
     },
-    /// A body that does not hold what the message consists of.
+    /// A body without the fields of the message.
     #[error("{message} cannot be read: {reason}")]
     Body {
         /// Message of the topic.
         message: &'static str,
-        /// What is wrong with it.
+        /// The reason.
         reason: &'static str,
     },
     /// A code or count that does not exist.
@@ -67,14 +67,15 @@ pub enum DecodeError {
         message: &'static str,
         /// Its field.
         field: &'static str,
-        /// What it held.
+        /// The value received.
         value: u64,
     },
 }
 
 const CHECKSUM_BYTES: usize = size_of::<u32>();
 
-/// Writes `message` into `out`, which is [`Message::byte_len`] long, and seals it with its checksum. Does not allocate.
+/// Writes `message` into `out`, which is [`Message::byte_len`] long, and seals it with its
+/// checksum. Does not allocate.
 pub fn encode<T: Message>(message: &T, out: &mut [u8]) {
     message.write(out);
     if let Some((checksum, rest)) = out.split_at_mut_checked(CHECKSUM_BYTES) {
@@ -82,10 +83,11 @@ pub fn encode<T: Message>(message: &T, out: &mut [u8]) {
     }
 }
 
-/// Reads the message that `bytes` are said to be. Allocates only for a message of variable size, and no more than `bytes` is long.
+/// Reads the message in `bytes`. Allocates only for a message of variable size, and no more than
+/// `bytes` is long.
 ///
 /// # Errors
-/// [`DecodeError`] says in which respect they are not that message.
+/// [`DecodeError`] names the first check that failed.
 pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, DecodeError> {
     let stamp = peek(bytes)?;
     if stamp.version != VERSION {
@@ -101,7 +103,7 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, DecodeError> {
     T::read(bytes)
 }
 
-/// Reads the stamp alone, whatever the rest may be.
+/// Reads the stamp alone, without checking the rest.
 ///
 /// # Errors
 /// [`DecodeError::TooShort`].

@@ -1,4 +1,4 @@
-//! What is said between the processes of Coxswain, and how it travels.
+//! The messages between the processes of Coxswain, and the carriers that move them.
 //!
 //! | module      | what it holds                                                        |
 //! |-------------|----------------------------------------------------------------------|
@@ -27,5 +27,5 @@ pub mod topic;
 pub mod view;
 pub mod wire;
 
-/// Version of everything that is said. Peers of another version are refused.
+/// Version of all messages. Peers of another version are refused.
 pub const VERSION: u16 = 5;

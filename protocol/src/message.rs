@@ -1,6 +1,7 @@
 //! One file per message. Every message is plain data that begins with a [`Stamp`].
 //!
-//! Sizes are multiples of 8 bytes without padding, so that a message is written straight into loaned shared memory.
+//! Sizes are multiples of 8 bytes without padding, so that a message is written straight into
+//! loaned shared memory.
 
 mod codes;
 mod command;
@@ -32,7 +33,7 @@ use crate::wire;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// Something that is said: its name, its number, and its bytes.
+/// A kind of message: its name, its number, and its bytes.
 pub trait Message: Clone + Send + 'static {
     /// Name in logs, records and errors.
     const NAME: &'static str;
@@ -40,13 +41,14 @@ pub trait Message: Clone + Send + 'static {
     const KIND: u16;
     /// Longest possible message \[bytes\].
     const BYTES_MAX: usize;
-    /// Its fields that are made of numbers, by name.
+    /// Names of its fields that consist of numbers.
     const NUMBERS: &'static [&'static str];
 
-    /// Shows every field of [`NUMBERS`](Self::NUMBERS) to `visit`, by its name and as one row, in their order.
+    /// Passes every field of [`NUMBERS`](Self::NUMBERS) to `visit`, by its name and as one row, in
+    /// their order.
     fn visit_numbers(&mut self, visit: &mut dyn FnMut(&'static str, &mut [f64]));
 
-    /// Who said it, and when.
+    /// Writer and time of the message.
     fn stamp(&self) -> &Stamp;
 
     /// The stamp, for the sink that fills it in.
@@ -55,10 +57,11 @@ pub trait Message: Clone + Send + 'static {
     /// Length of this message \[bytes\], a multiple of 8.
     fn byte_len(&self) -> usize;
 
-    /// Writes the message into `out`, which is exactly [`byte_len`](Self::byte_len) long. Does not allocate.
+    /// Writes the message into `out`, which is exactly [`byte_len`](Self::byte_len) long. Does not
+    /// allocate.
     fn write(&self, out: &mut [u8]);
 
-    /// Reads a message from bytes whose version, kind and checksum are already known to be right.
+    /// Reads a message from bytes whose version, kind and checksum have been checked.
     ///
     /// # Errors
     /// [`DecodeError`] if the length or a value does not fit.
@@ -67,14 +70,16 @@ pub trait Message: Clone + Send + 'static {
     /// Appends the message's body as it is on the network. Does not allocate once `out` has grown.
     fn write_wire(&self, out: &mut Vec<u8>);
 
-    /// Reads the body of a message whose version, kind and checksum are already known to be right; they are not in the body.
+    /// Reads the body of a message whose version, kind and checksum have been checked. The body
+    /// does not contain them.
     ///
     /// # Errors
     /// [`DecodeError`] if the length or a value does not fit.
     fn read_wire(body: &[u8]) -> Result<Self, DecodeError>;
 }
 
-/// A message of fixed size, all of whose bytes are data: its memory is its encoding. On the network it is what it serialises.
+/// A message of fixed size, all of whose bytes are data: its memory is its encoding. On the network
+/// it is encoded with serde.
 pub trait Fixed: bytemuck::Pod + Send + Serialize + DeserializeOwned {
     /// See [`Message::NAME`].
     const NAME: &'static str;
@@ -94,10 +99,10 @@ pub trait Fixed: bytemuck::Pod + Send + Serialize + DeserializeOwned {
 
     /// Whether every coded field holds a known code and every count fits its array.
     ///
-    /// Numbers are not judged here: whether a velocity is sensible is for the receiver to say.
+    /// Numbers are not checked here: the receiver judges whether a velocity is plausible.
     ///
     /// # Errors
-    /// [`DecodeError::Value`] names the first field that does not.
+    /// [`DecodeError::Value`] names the first field that fails.
     fn check(&self) -> Result<(), DecodeError>;
 }
 
@@ -149,7 +154,8 @@ impl<T: Fixed> Message for T {
     }
 }
 
-/// Makes a struct a [`Fixed`] message, of which the listed fields are numbers; the closure-like last argument checks its coded fields.
+/// Makes a struct a [`Fixed`] message. The listed fields are its numbers; the closure-like last
+/// argument checks its coded fields.
 macro_rules! fixed_message {
     ($type:ident, $kind:expr, [$($number:ident),*], |$this:ident| $check:expr) => {
         impl $crate::message::Fixed for $type {
@@ -158,7 +164,10 @@ macro_rules! fixed_message {
             const NUMBERS: &'static [&'static str] = &[$(stringify!($number)),*];
 
             fn visit_numbers(&mut self, _visit: &mut dyn FnMut(&'static str, &mut [f64])) {
-                $(_visit(stringify!($number), bytemuck::cast_slice_mut(std::slice::from_mut(&mut self.$number)));)*
+                $(_visit(
+                    stringify!($number),
+                    bytemuck::cast_slice_mut(std::slice::from_mut(&mut self.$number)),
+                );)*
             }
 
             fn stamp(&self) -> &$crate::message::Stamp {

@@ -1,4 +1,4 @@
-//! How messages travel: [`Sink`] and [`Source`] over every carrier.
+//! Transport of messages: [`Sink`] and [`Source`] over every carrier.
 //!
 //! | file             | what it holds                                                             |
 //! |------------------|---------------------------------------------------------------------------|
@@ -64,10 +64,11 @@ use std::marker::PhantomData;
 use std::rc::Rc;
 use watched::{Audience, Watched};
 
-/// Longest first message that a shared-memory link reserves room for; longer ones make it grow \[bytes\].
+/// Longest first message that a shared-memory link reserves room for; longer ones make it grow
+/// \[bytes\].
 const RESERVED_BYTES_MAX: usize = 64 * 1024;
 
-/// Who writes: one process instance.
+/// The identity of a writer: one process instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
     /// Drawn at random when the process starts; never 0.
@@ -86,24 +87,25 @@ impl Identity {
     }
 }
 
-/// Opens the ports of one thread. Neither `Ports` nor what it opens can move to another thread: open them where they are used.
+/// Opens the ports of one thread. Neither `Ports` nor a port that it opens can move to another
+/// thread: open them where they are used.
 pub struct Ports {
     place: Place,
     identity: Identity,
-    /// What goes wrong on purpose, if anything does.
+    /// The faults to inject, if any.
     injection: Option<Injection>,
-    /// Keeps `Ports` out of other threads on every carrier, since it has to stay out of them on shared memory.
+    /// Keeps `Ports` on one thread over every carrier, because shared memory requires it.
     one_thread: PhantomData<Rc<()>>,
 }
 
-/// Links that stay as long as this does, whoever comes and goes.
+/// Links that exist as long as this value, while processes join and leave.
 pub struct HeldLinks(#[expect(dead_code, reason = "held, not used")] Vec<shared_memory::Held>);
 
 /// Where the ports meet.
 enum Place {
     /// In this process.
     Here(Exchange),
-    /// On this machine or beyond, each topic over the carrier that its links say.
+    /// On this machine or beyond. The links give the carrier of each topic.
     Graph {
         carriers: Carriers,
         lock_step: bool,
@@ -113,12 +115,14 @@ enum Place {
 }
 
 impl Ports {
-    /// Joins the graph that `links` names: its shared memory and its network, each if a topic runs over it.
+    /// Joins the graph that `links` names: its shared memory and its network, each if a topic runs
+    /// over it.
     ///
-    /// Nothing outside the graph's own prefix, root and endpoints is read or written, and no signal handler is installed.
+    /// Nothing outside the graph's own prefix, root and endpoints is read or written, and no signal
+    /// handler is installed.
     ///
     /// # Errors
-    /// [`OpenError`] if the name or the root cannot be used, or a carrier is not to be had.
+    /// [`OpenError`] if the name or the root cannot be used, or a carrier is not available.
     pub fn open(links: &Links, identity: Identity) -> Result<Self, OpenError> {
         links.check()?;
         let uses = |carrier| links.carriers.uses(carrier);
@@ -145,7 +149,8 @@ impl Ports {
         }
     }
 
-    /// Ports between the threads of one process, on which `faults` are injected. What [`Faults::check`] refuses may do nothing.
+    /// Ports between the threads of one process, on which `faults` are injected. A fault that
+    /// [`Faults::check`] refuses may have no effect.
     pub fn in_memory_with(exchange: &Exchange, identity: Identity, faults: &Faults) -> Self {
         Self {
             injection: Injection::new(faults, exchange.lock_step()),
@@ -153,15 +158,18 @@ impl Ports {
         }
     }
 
-    /// How often each of the faults has been injected so far on what these ports have opened, in the order of the settings.
+    /// How often each fault has been injected so far on the open ports, in the order of the
+    /// settings.
     pub fn injected(&self) -> Vec<u64> {
         self.injection.as_ref().map_or_else(Vec::new, Injection::injected)
     }
 
-    /// Makes every link of shared memory that there is not yet, and holds it until what is returned is dropped.
+    /// Makes every missing link of shared memory, and holds all of them until the returned value is
+    /// dropped.
     ///
-    /// A process that is killed just while it makes a link leaves one that nobody can open or make any more. So somebody who outlives the others
-    /// makes them all before anybody else comes.
+    /// A process that is killed while it makes a link leaves a link that no process can open or
+    /// make again. So a process that outlives the others makes all links before any other process
+    /// joins.
     ///
     /// # Errors
     /// [`OpenError`] if a link cannot be made, or exists with another message, version or quality.
@@ -186,7 +194,8 @@ impl Ports {
     /// Opens a writer of `T` on its topic.
     ///
     /// # Errors
-    /// [`OpenError`] if the link exists with another message, version or quality, or has no place for one more writer.
+    /// [`OpenError`] if the link exists with another message, version or quality, or has no place
+    /// for one more writer.
     pub fn sink<T: OnTopic>(&self) -> Result<Sink<T>, OpenError> {
         let outlet = self.outlet(T::TOPIC, Reservation::of::<T>())?;
         Ok(Sink::new(
@@ -205,7 +214,8 @@ impl Ports {
     /// Opens a reader of `T` on its topic.
     ///
     /// # Errors
-    /// [`OpenError`] if the link exists with another message, version or quality, or has no place for one more reader.
+    /// [`OpenError`] if the link exists with another message, version or quality, or has no place
+    /// for one more reader.
     pub fn source<T: OnTopic>(&self, since: Since) -> Result<Source<T>, OpenError> {
         let inlet = self.inlet(T::TOPIC, Audience::Members)?;
         Ok(Source::new(
@@ -221,7 +231,8 @@ impl Ports {
         ))
     }
 
-    /// Opens a reader of `T` for one who only looks on, and whom nobody waits for: the newest messages win, in lock step too.
+    /// Opens a reader of `T` for a watcher, which no writer waits for: the newest messages win, in
+    /// lock step too.
     ///
     /// # Errors
     /// As for [`source`](Self::source).
@@ -229,7 +240,7 @@ impl Ports {
         Ok(Source::new(self.inlet(T::TOPIC, Audience::Watchers)?, Since::Joining))
     }
 
-    /// Opens a writer of arbitrary bytes, to see what readers make of them.
+    /// Opens a writer of arbitrary bytes, to test how readers handle them.
     ///
     /// # Errors
     /// As for [`sink`](Self::sink).
@@ -288,9 +299,9 @@ fn not_joined(topic: Topic, carrier: Carrier) -> OpenError {
 /// What a link holds ready for each message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Reservation {
-    /// Room for the longest message there is, once and for all \[bytes\].
+    /// Room for the longest possible message, reserved once \[bytes\].
     Whole(usize),
-    /// [`RESERVED_BYTES_MAX`], doubled whenever a longer message comes.
+    /// [`RESERVED_BYTES_MAX`], doubled whenever a longer message is sent.
     Growing,
 }
 

@@ -1,6 +1,6 @@
-//! zenoh's errors, as far as they are of use to a person.
+//! zenoh's errors, reduced to the part that helps a person.
 
-/// What went wrong. zenoh also says where in its sources.
+/// The error alone. zenoh also reports the place in its sources.
 pub(crate) fn first_line(error: &zenoh::Error) -> String {
     let text = error.to_string();
     let text = text.lines().next().unwrap_or_default();

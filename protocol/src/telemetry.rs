@@ -1,19 +1,24 @@
-//! gateway → anyone: what the robot does, over zenoh, to be looked at and not touched.
+//! gateway → anyone: the robot's state over zenoh, read-only.
 //!
-//! | key                              | value                                                        |
-//! |----------------------------------|--------------------------------------------------------------|
-//! | `coxswain/<robot>/<topic>`       | the message, in the encoding of `WIRE.md`                    |
-//! | `coxswain/<robot>/<topic>/json`  | the same as one JSON object, see [`view`](crate::view)       |
+//! | key                             | value                                                  |
+//! |---------------------------------|--------------------------------------------------------|
+//! | `coxswain/<robot>/<topic>`      | the message, in the encoding of `WIRE.md`              |
+//! | `coxswain/<robot>/<topic>/json` | the same as one JSON object, see [`view`](crate::view) |
 //!
-//! Each value has an attachment of 8 bytes: the control period \[ns\], little-endian. Discovery is off: whoever wants to watch names an
-//! endpoint. The publishing session takes nothing in: what a stranger puts on any key is dropped where it arrives.
+//! Each value has an attachment of 8 bytes: the control period \[ns\], little-endian. Discovery is
+//! off: a watcher names an endpoint to connect to. The publishing session receives no data: a value
+//! that a peer puts on any key is dropped where it arrives.
 //!
 //! ```
 //! use protocol::message::{Message, PlantState};
 //! use protocol::telemetry::{Heard, Publisher, TelemetrySettings, Watcher};
 //! use std::time::Duration;
 //!
-//! let settings = TelemetrySettings { listen: vec!["tcp/127.0.0.1:0".into()], robot: "mecanum".into(), credentials: None };
+//! let settings = TelemetrySettings {
+//!     listen: vec!["tcp/127.0.0.1:0".into()],
+//!     robot: "mecanum".into(),
+//!     credentials: None,
+//! };
 //! let mut publisher = Publisher::open(&settings, 100_000_000)?;
 //! let mut watcher = Watcher::open(&publisher.endpoints()[0], Some("mecanum"))?;
 //!
@@ -44,13 +49,13 @@ use crate::message::Message;
 use crate::wire;
 use serde::{Deserialize, Serialize};
 
-/// Where a gateway listens if nobody says otherwise.
+/// Endpoint of a gateway without other settings.
 pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7448";
 
 /// Longest name of a robot \[bytes\].
 pub const ROBOT_NAME_MAX: usize = 32;
 
-/// How a robot can be watched.
+/// Settings of a robot's telemetry.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TelemetrySettings {
@@ -58,7 +63,8 @@ pub struct TelemetrySettings {
     pub listen: Vec<String>,
     /// Name of the robot in the keys: 1 to 32 of `a`–`z`, `0`–`9`, `_` and `-`.
     pub robot: String,
-    /// Certificate of the gateway: with it only watchers with one of the same robot and authority hear anything. The launcher says it.
+    /// Certificate of the gateway. With it, only watchers with a certificate of the same robot and
+    /// authority receive anything. The launcher sets it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub credentials: Option<Credentials>,
 }
@@ -90,10 +96,10 @@ impl TelemetrySettings {
     }
 }
 
-/// A robot cannot be watched, or not be shown.
+/// An error of the telemetry: on the gateway's side or on a watcher's.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TelemetryError {
-    /// It would not do as a part of a key.
+    /// The name cannot be a part of a key.
     #[error(
         "robot name {robot:?} must be 1 to {ROBOT_NAME_MAX} characters out of a-z, 0-9, _ and -"
     )]
@@ -101,12 +107,12 @@ pub enum TelemetryError {
         /// The name.
         robot: String,
     },
-    /// Not an endpoint at all.
+    /// The text is not an endpoint.
     #[error("endpoint {endpoint:?} is none, expected one like {DEFAULT_ENDPOINT}: {reason}")]
     Endpoint {
-        /// What was said.
+        /// The text.
         endpoint: String,
-        /// What is wrong with it.
+        /// The reason.
         reason: String,
     },
     /// Another process may listen there.
@@ -114,37 +120,37 @@ pub enum TelemetryError {
     Listen {
         /// The endpoints.
         endpoints: String,
-        /// What zenoh or the system said.
+        /// Error of zenoh or of the system.
         reason: String,
     },
-    /// The certificate is of no use.
+    /// The certificate cannot be used.
     #[error("{reason}")]
     Credentials {
-        /// What is wrong with it.
+        /// The reason.
         reason: String,
     },
-    /// Nobody answers.
+    /// No gateway answers.
     #[error("nothing to watch at {endpoint}: {reason}")]
     Connect {
         /// The endpoint.
         endpoint: String,
-        /// What zenoh said.
+        /// Error of zenoh.
         reason: String,
     },
     /// The session has failed.
     #[error("the telemetry session has failed: {reason}")]
     Session {
-        /// What zenoh said.
+        /// Error of zenoh.
         reason: String,
     },
 }
 
-/// The message as it travels to watchers.
+/// Encodes the message for watchers.
 fn encoded<T: Message>(message: &T, bytes: &mut Vec<u8>) {
     wire::encode(message, bytes);
 }
 
-/// The message that a watcher was sent.
+/// Decodes the message that a watcher received.
 fn decoded<T: Message>(bytes: &[u8]) -> Result<T, DecodeError> {
     wire::decode(bytes)
 }

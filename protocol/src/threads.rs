@@ -1,18 +1,23 @@
-//! The threads of zenoh: one reads and writes all links, and one makes them, whoever begins.
+//! The threads of zenoh: one reads and writes all links, and one makes them at either end.
 //!
-//! zenoh 1.10 lets one thread read a TLS connection while another writes it, which rustls does not allow
-//! ([zenoh issue 2557](https://github.com/eclipse-zenoh/zenoh/issues/2557)): a writer that comes at a bad moment finds the connection's state taken away, and
-//! the link ends, or the memory of the process is damaged. With one thread for both there is no such moment; and less is handed from thread to
-//! thread, so that a round trip through a router is shorter as well.
+//! zenoh 1.10 lets one thread read a TLS connection while another writes it, which rustls does not
+//! allow ([zenoh issue 2557](https://github.com/eclipse-zenoh/zenoh/issues/2557)). A writer that
+//! arrives at a bad moment finds the connection's state taken away. Then the link ends, or the
+//! memory of the process is damaged. With one thread for both there is no such moment. It also
+//! hands less from thread to thread, so that a round trip through a router is shorter.
 //!
-//! A link is to end when the certificate of its other end does. With one thread to make a link and another to watch for that, one that is made in the
-//! last second of a certificate may be looked for before it is there, and then never ends. zenoh would make a client's first link with the thread
-//! that opens the session, so clients are opened here.
+//! A link must end when the certificate of its other end expires. If one thread makes a link and
+//! another watches for the expiry, a link made in the last second of a certificate may be missed:
+//! the watch may look for it before it exists. Such a link never ends. zenoh would make a client's
+//! first link with the thread that opens the session, so clients are opened here.
 //!
-//! What is left: when a certificate ends, the thread that makes links flushes and closes a link that the other one may just be reading. And a callback of zenoh's must
-//! not wait for zenoh (close a session, ask it who is there): tokio would go on reading and writing elsewhere meanwhile.
+//! Two limits remain. When a certificate expires, the thread that makes links flushes and closes a
+//! link that the other thread may just be reading. And a callback of zenoh must not wait for zenoh
+//! (close a session, query its peers): tokio would continue to read and write on other threads
+//! meanwhile.
 //!
-//! zenoh learns of its threads from the environment alone, before the first session of a process.
+//! zenoh reads the setting of its threads from the environment alone, before the first session of a
+//! process.
 
 use std::env;
 use std::io;
@@ -27,19 +32,19 @@ use zenoh::{Config, Session, Wait};
 /// The variable that zenoh reads.
 pub const VARIABLE: &str = "ZENOH_RUNTIME";
 
-/// What it has to say: who reads is the one who writes, and who accepts the one who connects.
+/// Its value: one thread reads and writes, and one thread accepts and connects.
 pub const THREADS: &str = "(rx:(handover:tx),acc:(handover:net))";
 
-/// Whether they are so in this process.
+/// Whether the variable is set so in this process.
 pub fn are_set() -> bool {
     env::var_os(VARIABLE).is_some_and(|value| value == THREADS)
 }
 
-/// Sets them, for this process and all that it starts: unless they are, the program starts anew in its own place, with the same arguments. To be
-/// called first of all.
+/// Sets it for this process and all its children. Unless it is set already, the program restarts in
+/// place, with the same arguments. Call it first of all.
 ///
 /// # Errors
-/// What the system says if the program cannot be started anew.
+/// The system's error if the program cannot restart.
 pub fn set() -> io::Result<()> {
     if are_set() {
         return Ok(());
@@ -54,7 +59,8 @@ pub fn set() -> io::Result<()> {
     Err(anew.args(arguments).exec())
 }
 
-/// A client's session, whose first link is made by the thread that makes all others. It ends when it is dropped.
+/// A client's session. Its first link is made by the thread that makes all others. The session ends
+/// when this value is dropped.
 pub(crate) struct Client {
     session: Session,
     runtime: Runtime,
@@ -66,7 +72,7 @@ impl Client {
     pub(crate) fn open(config: Config) -> Result<Self, zenoh::Error> {
         let (tell, told) = channel();
         ZRuntime::Net.spawn(async move {
-            // Who has asked waits for the answer.
+            // The calling thread waits for the answer.
             let _ = tell.send(connect(config).await);
         });
         let (client, connected) =
@@ -74,7 +80,7 @@ impl Client {
         connected.map(|()| client)
     }
 
-    /// Ends it, also for those who still have it.
+    /// Ends the session, also for other holders of it.
     pub(crate) fn close(&self) -> Result<(), zenoh::Error> {
         if self.ended.swap(true, Ordering::Relaxed) {
             return Ok(());
@@ -84,7 +90,8 @@ impl Client {
     }
 }
 
-/// A client, and whether it is connected. One that is not has to end as well, which zenoh's thread must not wait for.
+/// A client, and whether it is connected. A client without a connection must be ended as well, and
+/// zenoh's thread must not wait for that.
 async fn connect(config: Config) -> Result<(Client, Result<(), zenoh::Error>), zenoh::Error> {
     let mut runtime = RuntimeBuilder::new(config).build().await?;
     let session = zenoh::session::init(runtime.clone().into()).wait()?;

@@ -1,4 +1,4 @@
-//! The one table of topics: what each carries, how often, how many messages may wait, and what happens when they are too many.
+//! The table of topics: message, rate, queue depth, and what happens when a queue is full.
 
 use crate::message::{
     Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Truth,
@@ -33,7 +33,7 @@ pub enum Topic {
 /// What happens when a reader does not keep up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
-    /// The oldest waiting message gives way; the writer never waits. The reader counts what it lost.
+    /// The oldest waiting message is dropped; the writer never waits. The reader counts its losses.
     NewestWins,
     /// The writer waits, for a bounded time, until there is room. For lock step.
     Lossless,
@@ -55,12 +55,13 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Whether something is said again to one reader: to one that comes late, or, where nothing may be lost, to one that comes back.
+    /// Whether messages are repeated to a single reader: to one that joins late or, on a lossless
+    /// link, to one that reconnects.
     pub const fn says_again(&self) -> bool {
         self.history > 0 || self.is_paced()
     }
 
-    /// Whether readers tell the writer what room there is.
+    /// Whether readers report their room to the writer.
     pub const fn is_paced(&self) -> bool {
         matches!(self.delivery, Delivery::Lossless)
     }
@@ -107,7 +108,7 @@ impl Topic {
         }
     }
 
-    /// Fields of its message that are made of numbers, by name.
+    /// Names of the number fields of its message.
     pub const fn numbers(self) -> &'static [&'static str] {
         match self {
             Self::State => <PlantState as Message>::NUMBERS,
@@ -144,7 +145,7 @@ impl Topic {
         Quality { depth, history, writers, readers, delivery }
     }
 
-    /// Quality of service for those who only look on, beside a link that is lossless for its own readers.
+    /// Quality of service for watchers, beside a link that is lossless for its own readers.
     pub const fn watched_quality(self) -> Quality {
         let Quality { writers, readers, .. } = self.quality(false);
         Quality {
@@ -157,7 +158,8 @@ impl Topic {
     }
 }
 
-/// What waits for one who only looks on at a lossless link: the newest message of each writer, and one that just came.
+/// Messages that wait for a watcher of a lossless link: the newest message of each writer, and one
+/// that has just arrived.
 const WATCHED_DEPTH: usize = 2;
 
 /// A message that has a topic of its own.

@@ -1,6 +1,7 @@
-//! message → JSON: each message's fields, named, described and taken out in one place, for records and for telemetry.
+//! message → JSON: names, descriptions and values of each message's fields in one place, for
+//! records and for telemetry.
 //!
-//! Arrays are written only as far as they count.
+//! Of an array only the entries that count are written.
 
 pub mod field;
 pub mod words;
@@ -14,11 +15,11 @@ use field::{Field, Shape};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use serde_json::Value;
 
-/// A message that can be shown.
+/// A message with a JSON view.
 pub trait Viewable: OnTopic {
     /// What the message is.
     const ABOUT: &'static str;
-    /// What it says, behind its stamp.
+    /// Its fields, behind its stamp.
     const FIELDS: &'static [Field];
 
     /// Appends one entry per field to `map`, in their order.
@@ -44,10 +45,13 @@ pub fn schema<T: Viewable>() -> Value {
 
 /// `key: shape, meaning => value` for each field.
 macro_rules! recorded {
-    ($message:ident, $about:literal, |$this:ident| { $($name:literal: $shape:expr, $meaning:literal => $value:expr;)+ }) => {
+    ($message:ident, $about:literal, |$this:ident| {
+        $($name:literal: $shape:expr, $meaning:literal => $value:expr;)+
+    }) => {
         impl Viewable for $message {
             const ABOUT: &'static str = $about;
-            const FIELDS: &'static [Field] = &[$(Field { name: $name, shape: $shape, about: $meaning }),+];
+            const FIELDS: &'static [Field] =
+                &[$(Field { name: $name, shape: $shape, about: $meaning }),+];
 
             fn entries<M: SerializeMap>(&self, map: &mut M) -> Result<(), M::Error> {
                 let $this = self;
@@ -59,126 +63,231 @@ macro_rules! recorded {
 }
 
 recorded!(PlantState, "plant → controller: what the sensors saw, and what the gate did.", |state| {
-    "pose": Shape::Numbers, "pose in the world (x, y, yaw), yaw not wrapped [m, m, rad]" => state.pose;
-    "velocity": Shape::Numbers, "body velocity (forward, left, yaw) [m/s, m/s, rad/s]" => state.velocity;
-    "wheel_speed": Shape::Numbers, "wheel speeds, in the order of the robot file; empty if they are not measured [rad/s]" => state.wheel_speed();
-    "current": Shape::Numbers, "motor currents, in the order of the wheels; empty if they are not measured [A]" => state.current();
-    "input": Shape::Numbers, "output of the gate, mean over the past period [m/s, m/s, rad/s]" => state.input;
-    "input_delay_s": Shape::Number, "dead time from the gate's output to the motors that the driver knows of [s]" => state.input_delay_s;
-    "controller_epoch": Shape::Integer, "highest controller epoch that the gate has seen" => state.controller_epoch;
-    "accepted_epoch": Shape::Integer, "epoch of the last accepted command, 0 before the first" => state.accepted_epoch;
-    "accepted_tick": Shape::Integer, "tick that the last accepted command answered" => state.accepted_tick;
+    "pose": Shape::Numbers, "pose in the world (x, y, yaw), yaw not wrapped [m, m, rad]"
+        => state.pose;
+    "velocity": Shape::Numbers, "body velocity (forward, left, yaw) [m/s, m/s, rad/s]"
+        => state.velocity;
+    "wheel_speed": Shape::Numbers,
+        "wheel speeds, in the order of the robot file; empty if they are not measured [rad/s]"
+        => state.wheel_speed();
+    "current": Shape::Numbers,
+        "motor currents, in the order of the wheels; empty if they are not measured [A]"
+        => state.current();
+    "input": Shape::Numbers, "output of the gate, mean over the past period [m/s, m/s, rad/s]"
+        => state.input;
+    "input_delay_s": Shape::Number,
+        "dead time from the gate's output to the motors that the driver knows of [s]"
+        => state.input_delay_s;
+    "controller_epoch": Shape::Integer, "highest controller epoch that the gate has seen"
+        => state.controller_epoch;
+    "accepted_epoch": Shape::Integer, "epoch of the last accepted command, 0 before the first"
+        => state.accepted_epoch;
+    "accepted_tick": Shape::Integer, "tick that the last accepted command answered"
+        => state.accepted_tick;
     "refused": Shape::Integer, "commands that the gate has refused so far" => state.refused;
-    "fallback_level": Shape::Word(words::fallback_levels), "fallback level of the past period" => words::of_fallback_level(state.fallback_level);
-    "reason": Shape::Word(words::reasons), "reason of that fallback level, or of the last refusal in the past period" => words::of_reason(state.reason);
+    "fallback_level": Shape::Word(words::fallback_levels), "fallback level of the past period"
+        => words::of_fallback_level(state.fallback_level);
+    "reason": Shape::Word(words::reasons),
+        "reason of that fallback level, or of the last refusal in the past period"
+        => words::of_reason(state.reason);
     "wheels": Shape::Integer, "wheels of the robot" => state.wheels;
     "estop": Shape::Integer, "1 while the robot's own emergency stop is pressed" => state.estop;
-    "gate": Shape::Word(words::gate_states), "state of the gate at the end of the past period" => state.gate().text();
-    "stop": Shape::Word(words::reasons), "why the gate has stopped, while it has" => words::of_reason(state.stop);
+    "gate": Shape::Word(words::gate_states), "state of the gate at the end of the past period"
+        => state.gate().text();
+    "stop": Shape::Word(words::reasons), "why the gate has stopped, while it has"
+        => words::of_reason(state.stop);
 });
 
-recorded!(Command, "controller → plant: what the wheels shall do now, and if nothing more is heard.", |command| {
-    "plant_epoch": Shape::Integer, "epoch of the plant whose state is answered" => command.plant_epoch;
-    "model_version": Shape::Integer, "version of the learned model in use, 0 is the main model alone" => command.model_version;
-    "input": Shape::Numbers, "body velocity for the period that the answered state began [m/s, m/s, rad/s]" => command.input;
-    "tail": Shape::Rows, "the plan's next inputs, one per period [m/s, m/s, rad/s]" => command.tail();
-    "fallback_level": Shape::Word(words::fallback_levels), "fallback level that the controller stands on" => command.fallback_level().text();
-    "stop": Shape::Word(words::reasons), "why the gate is asked to stop" => words::of_reason(command.stop);
+recorded!(
+    Command, "controller → plant: what the wheels shall do now, and if nothing more is heard.",
+|command| {
+    "plant_epoch": Shape::Integer, "epoch of the plant whose state is answered"
+        => command.plant_epoch;
+    "model_version": Shape::Integer,
+        "version of the learned model in use, 0 is the main model alone"
+        => command.model_version;
+    "input": Shape::Numbers,
+        "body velocity for the period that the answered state began [m/s, m/s, rad/s]"
+        => command.input;
+    "tail": Shape::Rows, "the plan's next inputs, one per period [m/s, m/s, rad/s]"
+        => command.tail();
+    "fallback_level": Shape::Word(words::fallback_levels),
+        "fallback level that the controller stands on"
+        => command.fallback_level().text();
+    "stop": Shape::Word(words::reasons), "why the gate is asked to stop"
+        => words::of_reason(command.stop);
 });
 
-recorded!(ResidualSample, "controller → learner: what the main model got wrong in one period.", |sample| {
+recorded!(
+    ResidualSample, "controller → learner: what the main model got wrong in one period.",
+|sample| {
     "plant_epoch": Shape::Integer, "epoch of the plant" => sample.plant_epoch;
-    "fingerprint": Shape::Integer, "fingerprint of the main model that the residual belongs to" => sample.fingerprint;
+    "fingerprint": Shape::Integer, "fingerprint of the main model that the residual belongs to"
+        => sample.fingerprint;
     "pose": Shape::Numbers, "pose at the start of the period [m, m, rad]" => sample.pose;
-    "velocity": Shape::Numbers, "body velocity at the start of the period [m/s, m/s, rad/s]" => sample.velocity;
-    "input": Shape::Numbers, "input that acted in the period, after the dead time that the controller has found [m/s, m/s, rad/s]" => sample.input;
-    "input_before": Shape::Numbers, "input that they got in the period before [m/s, m/s, rad/s]" => sample.input_before;
-    "residual": Shape::Numbers, "velocity at its end, measured minus predicted by the main model [m/s, m/s, rad/s]" => sample.residual;
+    "velocity": Shape::Numbers, "body velocity at the start of the period [m/s, m/s, rad/s]"
+        => sample.velocity;
+    "input": Shape::Numbers,
+        "input that acted in the period, after the dead time that the controller has found [m/s, \
+        m/s, rad/s]"
+        => sample.input;
+    "input_before": Shape::Numbers, "input that they got in the period before [m/s, m/s, rad/s]"
+        => sample.input_before;
+    "residual": Shape::Numbers,
+        "velocity at its end, measured minus predicted by the main model [m/s, m/s, rad/s]"
+        => sample.residual;
     "usable": Shape::Integer, "1 if the period teaches something" => sample.usable;
 });
 
 recorded!(ModelSnapshot, "learner → controller: a better model, without its weights.", |snapshot| {
     "version": Shape::Integer, "counts the snapshots of one robot, from 1" => snapshot.head.version;
-    "fingerprint": Shape::Integer, "fingerprint of robot parameters, period and input layout" => snapshot.head.fingerprint;
-    "effective_tick": Shape::Integer, "in lock step the tick at which it takes effect, 0: when it is ready" => snapshot.head.effective_tick;
-    "plant_epoch": Shape::Integer, "epoch of the plant that it was learnt from last" => snapshot.head.plant_epoch;
-    "score_samples": Shape::Integer, "samples that the scores are taken on, newer than any it was trained on" => snapshot.head.score_samples;
-    "input_mean": Shape::Numbers, "mean of each input, in its unit" => per_input(snapshot, &snapshot.head.input_mean);
-    "input_scale": Shape::Numbers, "scale of each input, in its unit" => per_input(snapshot, &snapshot.head.input_scale);
+    "fingerprint": Shape::Integer, "fingerprint of robot parameters, period and input layout"
+        => snapshot.head.fingerprint;
+    "effective_tick": Shape::Integer,
+        "in lock step the tick at which it takes effect, 0: when it is ready"
+        => snapshot.head.effective_tick;
+    "plant_epoch": Shape::Integer, "epoch of the plant that it was learnt from last"
+        => snapshot.head.plant_epoch;
+    "score_samples": Shape::Integer,
+        "samples that the scores are taken on, newer than any it was trained on"
+        => snapshot.head.score_samples;
+    "input_mean": Shape::Numbers, "mean of each input, in its unit"
+        => per_input(snapshot, &snapshot.head.input_mean);
+    "input_scale": Shape::Numbers, "scale of each input, in its unit"
+        => per_input(snapshot, &snapshot.head.input_scale);
     "length_scale": Shape::Rows, "length scale per velocity axis and normalised input"
         => snapshot.head.length_scale.each_ref().map(|axis| per_input(snapshot, axis));
-    "signal_variance": Shape::Numbers, "per velocity axis [(m/s)², (m/s)², (rad/s)²]" => snapshot.head.signal_variance;
-    "linear_variance": Shape::Numbers, "of the linear part of the kernel, per velocity axis [(m/s)², (m/s)², (rad/s)²]" => snapshot.head.linear_variance;
-    "noise_variance": Shape::Numbers, "per velocity axis [(m/s)², (m/s)², (rad/s)²]" => snapshot.head.noise_variance;
-    "sample_variance": Shape::Numbers, "of a new sample beyond that of the function, per velocity axis [(m/s)², (m/s)², (rad/s)²]" => snapshot.head.sample_variance;
-    "log_likelihood": Shape::Numbers, "log marginal likelihood per velocity axis" => snapshot.head.log_likelihood;
-    "jitter": Shape::Numbers, "diagonal added beyond the noise variance, per velocity axis" => snapshot.head.jitter;
-    "score_learned": Shape::Numbers, "RMS one-step error with this model [m/s, m/s, rad/s]" => snapshot.head.score_learned;
-    "score_main": Shape::Numbers, "RMS one-step error of the main model alone [m/s, m/s, rad/s]" => snapshot.head.score_main;
-    "inputs": Shape::Rows, "normalised inputs of each data point" => Points { snapshot, part: |row| row.input };
-    "targets": Shape::Rows, "residual of each data point [m/s, m/s, rad/s]" => Points { snapshot, part: |row| row.target };
+    "signal_variance": Shape::Numbers, "per velocity axis [(m/s)², (m/s)², (rad/s)²]"
+        => snapshot.head.signal_variance;
+    "linear_variance": Shape::Numbers,
+        "of the linear part of the kernel, per velocity axis [(m/s)², (m/s)², (rad/s)²]"
+        => snapshot.head.linear_variance;
+    "noise_variance": Shape::Numbers, "per velocity axis [(m/s)², (m/s)², (rad/s)²]"
+        => snapshot.head.noise_variance;
+    "sample_variance": Shape::Numbers,
+        "of a new sample beyond that of the function, per velocity axis [(m/s)², (m/s)², (rad/s)²]"
+        => snapshot.head.sample_variance;
+    "log_likelihood": Shape::Numbers, "log marginal likelihood per velocity axis"
+        => snapshot.head.log_likelihood;
+    "jitter": Shape::Numbers, "diagonal added beyond the noise variance, per velocity axis"
+        => snapshot.head.jitter;
+    "score_learned": Shape::Numbers, "RMS one-step error with this model [m/s, m/s, rad/s]"
+        => snapshot.head.score_learned;
+    "score_main": Shape::Numbers, "RMS one-step error of the main model alone [m/s, m/s, rad/s]"
+        => snapshot.head.score_main;
+    "inputs": Shape::Rows, "normalised inputs of each data point"
+        => Points { snapshot, part: |row| row.input };
+    "targets": Shape::Rows, "residual of each data point [m/s, m/s, rad/s]"
+        => Points { snapshot, part: |row| row.target };
 });
 
-recorded!(Plan, "controller → watchers: what it intends, what it believes, and what that cost.", |plan| {
+recorded!(
+    Plan, "controller → watchers: what it intends, what it believes, and what that cost.",
+|plan| {
     "plant_epoch": Shape::Integer, "epoch of the plant" => plan.plant_epoch;
-    "model_version": Shape::Integer, "version of the learned model in use, 0 is the main model alone" => plan.model_version;
+    "model_version": Shape::Integer,
+        "version of the learned model in use, 0 is the main model alone"
+        => plan.model_version;
     "horizon": Shape::Integer, "length of the horizon [periods]" => plan.horizon;
     "status": Shape::Word(words::statuses), "what the optimiser said" => plan.status().text();
     "iterations": Shape::Integer, "iterations of the optimiser" => plan.iterations;
-    "fallback_level": Shape::Word(words::fallback_levels), "fallback level that the controller stands on" => plan.fallback_level().text();
-    "learned_axes": Shape::Integer, "velocity axes on which the learned model is used: 1 forward, 2 left, 4 yaw, added up" => plan.learned_axes;
-    "delay_micros": Shape::Integer, "time from a command to the wheels, as the plan takes it [µs]" => plan.delay_micros;
+    "fallback_level": Shape::Word(words::fallback_levels),
+        "fallback level that the controller stands on"
+        => plan.fallback_level().text();
+    "learned_axes": Shape::Integer,
+        "velocity axes on which the learned model is used: 1 forward, 2 left, 4 yaw, added up"
+        => plan.learned_axes;
+    "delay_micros": Shape::Integer, "time from a command to the wheels, as the plan takes it [µs]"
+        => plan.delay_micros;
     "tick_nanos": Shape::Integer, "state received to command worked out [ns]" => plan.tick_nanos;
-    "linearise_nanos": Shape::Integer, "of it prediction and linearisation [ns]" => plan.linearise_nanos;
+    "linearise_nanos": Shape::Integer, "of it prediction and linearisation [ns]"
+        => plan.linearise_nanos;
     "solve_nanos": Shape::Integer, "of it the quadratic program [ns]" => plan.solve_nanos;
-    "disturbance": Shape::Numbers, "disturbance that the observer estimates, per period [m/s, m/s, rad/s]" => plan.disturbance;
-    "innovation": Shape::Numbers, "one-step error of the whole model in the past period [m/s, m/s, rad/s]" => plan.innovation;
-    "residual": Shape::Numbers, "the same of the main model alone [m/s, m/s, rad/s]" => plan.residual;
-    "predicted": Shape::Rows, "x, y, yaw, forward, left, yaw velocity from the measured state on [m, m, rad, m/s, m/s, rad/s]"
+    "disturbance": Shape::Numbers,
+        "disturbance that the observer estimates, per period [m/s, m/s, rad/s]"
+        => plan.disturbance;
+    "innovation": Shape::Numbers,
+        "one-step error of the whole model in the past period [m/s, m/s, rad/s]"
+        => plan.innovation;
+    "residual": Shape::Numbers, "the same of the main model alone [m/s, m/s, rad/s]"
+        => plan.residual;
+    "predicted": Shape::Rows,
+        "x, y, yaw, forward, left, yaw velocity from the measured state on [m, m, rad, m/s, m/s, \
+        rad/s]"
         => up_to(&plan.predicted, plan.horizon + 1);
-    "reference": Shape::Rows, "the same of the reference, velocity in its own heading [m, m, rad, m/s, m/s, rad/s]"
+    "reference": Shape::Rows,
+        "the same of the reference, velocity in its own heading [m, m, rad, m/s, m/s, rad/s]"
         => up_to(&plan.reference, plan.horizon + 1);
-    "variance": Shape::Rows, "of the learned residual at each predicted state [(m/s)², (m/s)², (rad/s)²]"
+    "variance": Shape::Rows,
+        "of the learned residual at each predicted state [(m/s)², (m/s)², (rad/s)²]"
         => up_to(&plan.variance, plan.horizon + 1);
     "input": Shape::Rows, "planned inputs [m/s, m/s, rad/s]" => up_to(&plan.input, plan.horizon);
 });
 
-recorded!(Health, "every process → launcher and watchers: how it is. Counters are since its start.", |health| {
-    "participant": Shape::Word(words::participants), "who reports" => health.participant().map_or("?", Participant::text);
+recorded!(
+    Health, "every process → launcher and watchers: how it is. Counters are since its start.",
+|health| {
+    "participant": Shape::Word(words::participants), "who reports"
+        => health.participant().map_or("?", Participant::text);
     "phase": Shape::Word(words::phases), "how far it has come" => health.phase().text();
     "pid": Shape::Integer, "process id" => health.pid;
-    "exposure": Shape::Word(words::exposures), "what strangers on the network can do" => health.exposure().text();
+    "exposure": Shape::Word(words::exposures), "what strangers on the network can do"
+        => health.exposure().text();
     "heartbeat": Shape::Integer, "rounds of its loop" => health.heartbeat;
     "deadlines_met": Shape::Integer, "periods served in time" => health.deadlines_met;
     "deadlines_missed": Shape::Integer, "periods not served in time" => health.deadlines_missed;
-    "stalled_nanos": Shape::Integer, "time that the machine kept the simulator from running, taken out of its clock [ns]" => health.stalled_nanos;
-    "model_version": Shape::Integer, "version of the learned model in use, or last published, 0 is none" => health.model_version;
-    "learned_axes": Shape::Integer, "velocity axes on which the controller uses it: 1 forward, 2 left, 4 yaw, added up" => health.learned_axes;
-    "models_left": Shape::Integer, "how often the controller has left a model on an axis, where it had turned worse than none" => health.models_left;
-    "snapshots": Shape::Integer, "model snapshots published (learner) or adopted (controller)" => health.snapshots;
+    "stalled_nanos": Shape::Integer,
+        "time that the machine kept the simulator from running, taken out of its clock [ns]"
+        => health.stalled_nanos;
+    "model_version": Shape::Integer,
+        "version of the learned model in use, or last published, 0 is none"
+        => health.model_version;
+    "learned_axes": Shape::Integer,
+        "velocity axes on which the controller uses it: 1 forward, 2 left, 4 yaw, added up"
+        => health.learned_axes;
+    "models_left": Shape::Integer,
+        "how often the controller has left a model on an axis, where it had turned worse than none"
+        => health.models_left;
+    "snapshots": Shape::Integer, "model snapshots published (learner) or adopted (controller)"
+        => health.snapshots;
     "snapshots_refused": Shape::Integer, "model snapshots refused" => health.snapshots_refused;
     "sent": Shape::ByTopic, "messages sent in the present epoch" => ByTopic(&health.sent);
     "received": Shape::ByTopic, "messages received" => ByTopic(&health.received);
     "lost": Shape::ByTopic, "messages lost on the way to it" => ByTopic(&health.lost);
     "refused": Shape::ByTopic, "messages refused as malformed" => ByTopic(&health.refused);
-    "dropped": Shape::ByTopic, "messages sent that gave way to newer ones in its own queue to the network" => ByTopic(&health.dropped);
+    "dropped": Shape::ByTopic,
+        "messages sent that gave way to newer ones in its own queue to the network"
+        => ByTopic(&health.dropped);
     "last_error": Shape::Text, "the last error, empty if all is well" => health.last_error();
 });
 
 recorded!(Truth, "plant-sim → recorder: what is really the case.", |truth| {
     "pose": Shape::Numbers, "true pose in the world (x, y, yaw) [m, m, rad]" => truth.pose;
-    "velocity": Shape::Numbers, "true body velocity (forward, left, yaw) [m/s, m/s, rad/s]" => truth.velocity;
-    "force": Shape::Numbers, "force and torque of the world beside the wheels, body frame [N, N, N m]" => truth.force;
-    "wheel_command": Shape::Numbers, "wheel speeds that the motors are commanded [rad/s]" => truth.wheel_command;
-    "wheel_peak": Shape::Numbers, "largest magnitude of each wheel's command in the past period [rad/s]" => truth.wheel_peak;
-    "acting_epoch": Shape::Integer, "epoch of the controller whose command acts, 0 if none does" => truth.acting_epoch;
+    "velocity": Shape::Numbers, "true body velocity (forward, left, yaw) [m/s, m/s, rad/s]"
+        => truth.velocity;
+    "force": Shape::Numbers,
+        "force and torque of the world beside the wheels, body frame [N, N, N m]"
+        => truth.force;
+    "wheel_command": Shape::Numbers, "wheel speeds that the motors are commanded [rad/s]"
+        => truth.wheel_command;
+    "wheel_peak": Shape::Numbers,
+        "largest magnitude of each wheel's command in the past period [rad/s]"
+        => truth.wheel_peak;
+    "acting_epoch": Shape::Integer, "epoch of the controller whose command acts, 0 if none does"
+        => truth.acting_epoch;
     "acting_writer": Shape::Integer, "writer of that command" => truth.acting_writer;
     "acting_tick": Shape::Integer, "tick that it answered" => truth.acting_tick;
-    "acting_age_nanos": Shape::Integer, "greatest age of an answered state whose command acted in the past period [ns]" => truth.acting_age_nanos;
-    "takeovers": Shape::Integer, "how often another controller took over in the past period" => truth.takeovers;
-    "takeovers_back": Shape::Integer, "how many of those went to a smaller epoch" => truth.takeovers_back;
-    "fallback_level": Shape::Word(words::fallback_levels), "fallback level of the past period" => words::of_fallback_level(truth.fallback_level);
-    "reason": Shape::Word(words::reasons), "reason of that fallback level" => words::of_reason(truth.reason);
+    "acting_age_nanos": Shape::Integer,
+        "greatest age of an answered state whose command acted in the past period [ns]"
+        => truth.acting_age_nanos;
+    "takeovers": Shape::Integer, "how often another controller took over in the past period"
+        => truth.takeovers;
+    "takeovers_back": Shape::Integer, "how many of those went to a smaller epoch"
+        => truth.takeovers_back;
+    "fallback_level": Shape::Word(words::fallback_levels), "fallback level of the past period"
+        => words::of_fallback_level(truth.fallback_level);
+    "reason": Shape::Word(words::reasons), "reason of that fallback level"
+        => words::of_reason(truth.reason);
 });
 
 /// The first `count` rows, or all there are.
@@ -186,7 +295,7 @@ fn up_to<T>(rows: &[T], count: u32) -> &[T] {
     rows.get(..count as usize).unwrap_or(rows)
 }
 
-/// The entries that count of an array with one place per possible input.
+/// The entries of an array over all possible inputs that count.
 fn per_input<'a>(snapshot: &ModelSnapshot, values: &'a [f64]) -> &'a [f64] {
     up_to(values, snapshot.head.inputs)
 }

@@ -1,11 +1,13 @@
-//! network bytes ↔ message: the encoding that a program in another language reads and writes, described in `WIRE.md`.
+//! network bytes ↔ message: the encoding that programs in other languages read and write, described
+//! in `WIRE.md`.
 //!
 //! ```text
 //! version u16 │ kind u16 │ checksum u32 │ body
 //! ```
 //!
-//! All little-endian. The checksum is the CRC-32C of the body. Of a message of fixed size the body is postcard, of a
-//! [`ModelSnapshot`](crate::message::ModelSnapshot) plain numbers. What a message does not use is not sent.
+//! All little-endian. The checksum is the CRC-32C of the body. The body of a message of fixed size
+//! is postcard, that of a [`ModelSnapshot`](crate::message::ModelSnapshot) plain numbers. Unused
+//! parts of a message are not sent.
 
 use crate::VERSION;
 use crate::frame::DecodeError;
@@ -14,7 +16,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::mem;
 
-/// What stands before the body of every message.
+/// The header before the body of every message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
     /// Protocol version of the sender.
@@ -30,10 +32,12 @@ pub const HEADER_BYTES: usize = 8;
 
 /// Longest message of any kind on the network \[bytes\].
 ///
-/// Only a snapshot comes near: it is as long as in memory but for its stamp and padding. Of all others no field grows to twice its size.
+/// Only a snapshot comes near: it is as long as in memory but for its stamp and padding. In all
+/// other messages no field grows to twice its size.
 pub const BYTES_MAX: usize = crate::message::ModelSnapshot::BYTES_MAX + HEADER_BYTES;
 
-/// Writes `message` into `out` in place of what it held, and gives the checksum. Does not allocate once `out` has grown.
+/// Writes `message` into `out`, replaces its contents, and returns the checksum. Does not allocate
+/// once `out` has grown.
 ///
 /// Version and kind are those of the message's stamp.
 pub fn encode<T: Message>(message: &T, out: &mut Vec<u8>) -> u32 {
@@ -49,10 +53,11 @@ pub fn encode<T: Message>(message: &T, out: &mut Vec<u8>) -> u32 {
     checksum
 }
 
-/// Reads the message that `bytes` are said to be. Allocates only for a message of variable size, and no more than `bytes` is long.
+/// Reads the message in `bytes`. Allocates only for a message of variable size, and no more than
+/// `bytes` is long.
 ///
 /// # Errors
-/// [`DecodeError`] says in which respect they are not that message.
+/// [`DecodeError`] names the first check that failed.
 pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, DecodeError> {
     let (header, body) = split(bytes)?;
     if header.version != VERSION {
@@ -72,7 +77,7 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, DecodeError> {
     Ok(message)
 }
 
-/// Reads the header alone, and gives the body.
+/// Reads the header alone, and returns the body.
 ///
 /// # Errors
 /// [`DecodeError::TooShort`].
@@ -105,7 +110,8 @@ pub(crate) fn write_postcard<T: Serialize>(body: &T, out: &mut Vec<u8>) {
     let start = out.len();
     match postcard::to_extend(body, mem::take(out)) {
         Ok(written) => *out = written,
-        // No message has a part that postcard cannot say; were there one, its header would stand alone and be refused.
+        // postcard can encode every part of every message. Were there another part, its header
+        // would stand alone and be refused.
         Err(_) => out.resize(start, 0),
     }
 }

@@ -53,7 +53,7 @@ every_carrier_keeps! {
     joining {
         a_late_joiner_gets_the_last_snapshot,
         a_late_joiner_counts_no_losses_from_before_its_time,
-        a_restarted_writer_is_heard_at_once,
+        a_restarted_writer_is_received_at_once,
         a_new_epoch_starts_at_sequence_one,
         a_restarted_reader_hears_what_comes_next,
         a_place_that_is_left_can_be_taken_again,
@@ -63,7 +63,7 @@ every_carrier_keeps! {
         another_version_is_refused_with_both_named,
         another_kind_is_refused_with_both_named,
         damaged_truncated_and_oversize_bytes_are_refused,
-        a_message_said_twice_is_heard_once,
+        a_message_sent_twice_is_received_once,
         a_snapshot_that_promises_more_points_than_it_has_is_refused,
     }
     waiting {

@@ -10,7 +10,7 @@ use std::thread;
 /// Ends the echo.
 const LAST: u64 = u64::MAX;
 
-/// Messages of so many words, of which so many can wait.
+/// Messages of `words` words; at most `depth` of them wait.
 pub(crate) fn measure(
     criterion: &mut Criterion,
     folder: &Path,

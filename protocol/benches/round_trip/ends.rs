@@ -1,4 +1,4 @@
-//! The ends of bare libraries, for whoever measures beside them.
+//! The ends of bare libraries, for measurements beside them.
 
 use super::Failure;
 use iceoryx2::port::listener::Listener;
@@ -20,7 +20,8 @@ pub(crate) fn client(endpoint: &str) -> Result<Session, Failure> {
         ("mode", "\"client\""),
         ("scouting/multicast/enabled", "false"),
         ("scouting/gossip/enabled", "false"),
-        // Room for all of a snapshot, as in the project's own sessions: the thread that answers is the one that would make room.
+        // Room for a whole snapshot, as in the project's own sessions: the answering thread also
+        // makes the room.
         ("transport/link/tx/queue/size/data", "16"),
     ];
     for (key, value) in settings {
@@ -40,7 +41,8 @@ pub(crate) struct End {
 }
 
 impl End {
-    /// In `folder`, with files in shared memory that begin with `prefix`; messages of so many words, of which so many can wait.
+    /// Opens an end in `folder`. Its files in shared memory begin with `prefix`. Messages have a
+    /// fixed number of words, and a fixed number of them can wait.
     pub(crate) fn open(
         folder: &Path,
         prefix: &str,
@@ -82,7 +84,7 @@ impl End {
         Ok(())
     }
 
-    /// What was said, if it was within `patience`.
+    /// The next message, if it arrives within `patience`.
     pub(crate) fn hear(&self, patience: Duration) -> Result<Option<u64>, Failure> {
         let end = Instant::now() + patience;
         loop {
@@ -93,13 +95,13 @@ impl End {
             if left.is_zero() {
                 return Ok(None);
             }
-            // It may wake up for a message that has been received already.
+            // The listener may wake up for a message that has been received already.
             self.listener.timed_wait(|_| {}, left)?;
         }
     }
 }
 
-/// Removes what is left in shared memory: one small file stays behind after a clean exit.
+/// Removes the remains in shared memory: one small file stays behind after a clean exit.
 pub(crate) fn sweep(prefix: &str) {
     let files = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
     for file in files.filter(|file| file.file_name().to_string_lossy().starts_with(prefix)) {

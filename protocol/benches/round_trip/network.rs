@@ -25,7 +25,7 @@ pub(crate) fn measure(
     };
     let _ears = here.declare_subscriber("bare/back").callback(note).wait()?;
     let payload = vec![1_u8; bytes];
-    // Until both subscriptions are known everywhere, messages go nowhere.
+    // Messages are lost until both subscriptions are known everywhere.
     while is_heard.recv_timeout(std::time::Duration::from_millis(100)).is_err() {
         here.put("bare/there", payload.clone()).wait()?;
     }

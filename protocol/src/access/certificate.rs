@@ -1,4 +1,5 @@
-//! What a certificate says: of which robot its holder plays which role, until when, and where it may be connected to.
+//! The contents of a certificate: role and robot of its holder, validity, and the addresses where
+//! the holder accepts connections.
 
 use super::Role;
 use std::net::IpAddr;
@@ -6,26 +7,26 @@ use x509_parser::extensions::GeneralName;
 use x509_parser::pem::parse_x509_pem;
 use x509_parser::prelude::X509Certificate;
 
-/// What counts of a certificate. That it is genuine is for TLS to judge.
+/// The parts of a certificate that the graph uses. TLS judges whether it is genuine.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Certificate {
-    /// Whom it is for.
+    /// Role of the holder.
     pub role: Role,
-    /// Of which robot.
+    /// Robot of the holder.
     pub robot: String,
-    /// From when it is valid: Unix time \[s\].
+    /// Start of its validity: Unix time \[s\].
     pub from_s: i64,
-    /// Until when: Unix time \[s\].
+    /// End of its validity: Unix time \[s\].
     pub until_s: i64,
-    /// Names and addresses where its holder may be connected to.
+    /// Names and addresses where its holder accepts connections.
     pub addresses: Vec<String>,
 }
 
 impl Certificate {
-    /// Reads the first certificate of a PEM file; else what is wrong with it.
+    /// Reads the first certificate of a PEM file. On failure it returns the reason.
     ///
     /// # Errors
-    /// A sentence.
+    /// A sentence with the reason.
     pub fn parse(pem: &[u8]) -> Result<Self, String> {
         let (_, pem) = parse_x509_pem(pem).map_err(|_| "it is no PEM file".to_owned())?;
         let certificate = pem.parse_x509().map_err(|_| "it holds no certificate".to_owned())?;
@@ -45,7 +46,7 @@ impl Certificate {
         Ok(Self { role, robot, from_s, until_s, addresses: addresses(&certificate) })
     }
 
-    /// Whether its holder may be connected to at `host`, a name or an address.
+    /// Whether the certificate is valid for a connection to `host`, a name or an address.
     pub fn covers(&self, host: &str) -> bool {
         let host = host.trim_start_matches('[').trim_end_matches(']');
         let ip = host.parse::<IpAddr>().ok();
@@ -56,10 +57,10 @@ impl Certificate {
     }
 }
 
-/// Until when the first certificate of a PEM file is valid, whoever it is of: Unix time \[s\].
+/// End of validity of the first certificate of a PEM file, of any holder: Unix time \[s\].
 ///
 /// # Errors
-/// A sentence.
+/// A sentence with the reason.
 pub fn valid_until(pem: &[u8]) -> Result<i64, String> {
     let (_, pem) = parse_x509_pem(pem).map_err(|_| "it is no PEM file".to_owned())?;
     let certificate = pem.parse_x509().map_err(|_| "it holds no certificate".to_owned())?;
@@ -87,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_certificate_is_told() {
+    fn an_invalid_certificate_is_refused_with_a_reason() {
         assert_eq!(Certificate::parse(b"hello"), Err("it is no PEM file".to_owned()));
         let empty = b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n";
         assert_eq!(Certificate::parse(empty), Err("it holds no certificate".to_owned()));

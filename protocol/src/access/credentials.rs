@@ -1,4 +1,4 @@
-//! Where a process finds its certificate, and whether it can be used.
+//! Where a process finds its certificate, and whether the certificate can be used.
 
 use super::writers::PERMISSIONS;
 use super::{Certificate, Changeable, Role, changeable, replaceable};
@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 pub const CERTIFICATE_FILE: &str = "certificate.pem";
 /// Its private key.
 pub const KEY_FILE: &str = "key.pem";
-/// The certificate of the authority that everybody in the graph has theirs from.
+/// The certificate of the authority that issued all certificates of the graph.
 pub const AUTHORITY_FILE: &str = "authority.pem";
 
-/// What others than the owner may do, in a mode.
+/// Permissions of all users but the owner, in a mode.
 const GROUP_AND_OTHERS: u32 = 0o077;
 
 /// Certificate and key of one role: a folder with three files.
@@ -33,12 +33,13 @@ pub enum AccessError {
     File {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// Somebody else could take the key.
+    /// Another user could read the key.
     #[error(
-        "{} has mode {mode:o} and can be read by others than its owner: expected mode 0600 (chmod 600), as `deploy/certificates` makes it",
+        "{} has mode {mode:o} and can be read by others than its owner: expected mode 0600 (chmod \
+        600), as `deploy/certificates` makes it",
         file.display()
     )]
     NotPrivate {
@@ -47,55 +48,60 @@ pub enum AccessError {
         /// Its permissions.
         mode: u32,
     },
-    /// Somebody else could write another authority or key into it.
+    /// Another user could write another authority or key into it.
     #[error(
-        "{0}: expected what is of this user or root and nobody else can write, as `deploy/certificates` makes it: folders of mode 700, files of 600"
+        "{0}: expected what is of this user or root and nobody else can write, as \
+        `deploy/certificates` makes it: folders of mode 700, files of 600"
     )]
     Changeable(Changeable),
-    /// Somebody else could put other certificates in its place.
+    /// Another user could put other certificates in its place.
     #[error("{}: expected to lie where others cannot replace it, but {above}", file.display())]
     Replaceable {
         /// The file.
         file: PathBuf,
-        /// What is above it.
+        /// The folder or file above it that another user can change.
         above: Changeable,
     },
-    /// Not what it should be.
+    /// The file is no usable certificate.
     #[error("{}: {reason}", file.display())]
     Certificate {
         /// The file.
         file: PathBuf,
-        /// What is wrong with it.
+        /// The reason.
         reason: String,
     },
-    /// It is for somebody else.
+    /// The certificate is for another role.
     #[error("{} is for the role {found}, expected one for {expected}", file.display())]
     Role {
         /// The file.
         file: PathBuf,
-        /// Whom it is for.
+        /// Role of the certificate.
         found: &'static str,
-        /// Whom it should be for.
+        /// The expected role.
         expected: &'static str,
     },
-    /// Its time is over, or has not come.
-    #[error("{} is {what}: `deploy/certificates` makes a new one; else look at this machine's clock", file.display())]
+    /// The certificate has expired, or is not valid yet.
+    #[error(
+        "{} is {what}: `deploy/certificates` makes a new one; else look at this machine's \
+        clock",
+        file.display()
+    )]
     Time {
         /// The file.
         file: PathBuf,
-        /// How far from now it is valid.
+        /// How long ago its validity ended, or how long until it begins.
         what: String,
     },
 }
 
-/// What the system says of `file`.
+/// The system's error about `file`.
 fn failed(file: &Path) -> impl FnOnce(io::Error) -> AccessError {
     let file = file.to_path_buf();
     move |source| AccessError::File { file, source }
 }
 
 impl Credentials {
-    /// Those in `folder`. Nothing is read yet.
+    /// The credentials in `folder`. Reads nothing yet.
     pub fn in_folder(folder: impl Into<PathBuf>) -> Self {
         Self { folder: folder.into() }
     }
@@ -110,8 +116,8 @@ impl Credentials {
         self.folder.join(name)
     }
 
-    /// What the certificate says. Fails if a file is missing or no certificate, if others can read the key, or if they could have put there what
-    /// is to be believed.
+    /// Reads the certificate. Fails if a file is missing or is no certificate, if other users can
+    /// read the key, or if other users could have replaced a file that is to be trusted.
     ///
     /// # Errors
     /// [`AccessError`].
@@ -129,7 +135,8 @@ impl Credentials {
             .map_err(|reason| AccessError::Certificate { file: certificate, reason })
     }
 
-    /// Fails if somebody beside this user and root could change `files`, their folder or the one that it is in, or replace any of them.
+    /// Fails if a user other than this one and root could change `files`, their folder or the
+    /// folder above it, or could replace any of them.
     fn check_writers(&self, files: [&PathBuf; 3]) -> Result<(), AccessError> {
         let folder = std::path::absolute(&self.folder).map_err(failed(&self.folder))?;
         for path in
@@ -147,7 +154,8 @@ impl Credentials {
         Ok(())
     }
 
-    /// The same, and fails unless it is for `role` and valid at `now_s`, Unix time \[s\].
+    /// As [`read`](Self::read); also fails unless the certificate is for `role` and valid at
+    /// `now_s`, Unix time \[s\].
     ///
     /// # Errors
     /// [`AccessError`].

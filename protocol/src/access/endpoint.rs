@@ -1,4 +1,4 @@
-//! Endpoints: which host they name.
+//! Endpoints: the hosts that they name.
 
 use std::net::IpAddr;
 
@@ -14,7 +14,8 @@ pub fn is_any(host: &str) -> bool {
     host.parse::<IpAddr>().is_ok_and(|ip| ip.is_unspecified())
 }
 
-/// Where the processes of this machine reach a router that listens at `endpoint`: an address that stands for all has no certificate.
+/// Endpoint by which the processes of this machine reach a router that listens at `endpoint`. No
+/// certificate covers an address that stands for all.
 pub fn from_here(endpoint: &str) -> String {
     let host = host_in(endpoint);
     if is_any(host) {

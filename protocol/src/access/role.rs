@@ -3,7 +3,7 @@
 use crate::message::Participant;
 use crate::topic::Topic;
 
-/// Whom a certificate says that its holder is.
+/// Role of a certificate's holder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Role {
     /// The robot's driver, or the simulator.
@@ -18,9 +18,9 @@ pub enum Role {
     Gateway,
     /// Looks on from anywhere.
     Watcher,
-    /// The launch on the robot's machine.
+    /// The launch on the robot's machine: its router.
     RobotHost,
-    /// The launch on the controller's machine.
+    /// The launch on the controller's machine: its router.
     ControlHost,
 }
 
@@ -56,22 +56,23 @@ impl Role {
         Self::ALL.into_iter().find(|role| role.name() == name)
     }
 
-    /// What a certificate for this role of `robot` says in its subject.
+    /// Subject of a certificate for this role of `robot`.
     pub fn subject(self, robot: &str) -> String {
         format!("{}.{robot}", self.name())
     }
 
-    /// Whether others connect to it.
+    /// Whether other processes connect to it.
     pub const fn serves(self) -> bool {
         matches!(self, Self::Gateway | Self::RobotHost | Self::ControlHost)
     }
 
-    /// Whether it is a launch's router, which passes on what the processes of its machine say.
+    /// Whether it is a launch's router, which forwards the messages of the processes on its
+    /// machine.
     pub const fn is_host(self) -> bool {
         matches!(self, Self::RobotHost | Self::ControlHost)
     }
 
-    /// Topics that it writes.
+    /// Topics that it publishes.
     pub const fn says(self) -> &'static [Topic] {
         use Topic::{Command, Credit, Health, Plan, Residual, Snapshot, State, Truth};
         match self {
@@ -86,7 +87,8 @@ impl Role {
         }
     }
 
-    /// Whose messages on `topic` it brings, which it says: its own and, of a host, those of the processes of its machine.
+    /// Roles whose messages on `topic` this role delivers, given that it publishes the topic. These
+    /// are its own and, for a host, those of the processes on its machine.
     pub fn brings(self, topic: Topic) -> Vec<Self> {
         let is_here = |role: &Self| {
             self.is_host()
@@ -99,7 +101,7 @@ impl Role {
             .collect()
     }
 
-    /// Whether roles that are no hosts share `topic`.
+    /// Whether several roles that are not hosts publish `topic`.
     pub(crate) fn share(topic: Topic) -> bool {
         Self::ALL.iter().filter(|role| !role.is_host() && role.says().contains(&topic)).count() > 1
     }
@@ -153,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_never_says_what_the_other_machine_says() {
+    fn a_host_never_publishes_the_topics_of_the_other_machine() {
         let [robot, control] = [Role::RobotHost, Role::ControlHost].map(Role::says);
         assert!(
             [Topic::State, Topic::Truth]
@@ -168,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_brings_what_its_own_machine_says_and_everybody_else_what_he_says_himself() {
+    fn a_host_delivers_the_messages_of_its_machine_and_any_other_role_its_own() {
         assert_eq!(Role::RobotHost.brings(Topic::State), [Role::Robot, Role::RobotHost]);
         assert_eq!(
             Role::RobotHost.brings(Topic::Health),
@@ -184,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn only_heartbeats_are_of_several_roles() {
+    fn only_heartbeats_are_published_by_several_roles() {
         let shared: Vec<Topic> =
             Topic::ALL.into_iter().filter(|topic| Role::share(*topic)).collect();
         assert_eq!(shared, [Topic::Health]);

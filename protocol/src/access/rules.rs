@@ -1,13 +1,14 @@
-//! Roles → zenoh's access control: who is not named may nothing, and whoever is named no more than its topics need.
+//! Roles → zenoh's access control: an unnamed peer is denied everything, and a named role is
+//! allowed only what its topics need.
 //!
-//! zenoh judges each message twice, where it arrives and where it leaves. A message is allowed if a rule of its sender's (or receiver's) role
-//! has a key expression that includes its own.
+//! zenoh judges each message twice: where it arrives and where it leaves. A message is allowed if a
+//! rule of its sender's (or receiver's) role has a key expression that includes the message's own.
 
 use super::Role;
 use crate::topic::{Quality, Topic};
 use serde_json::{Value, json};
 
-/// Keys of the tokens by which routers are known.
+/// Keys of the tokens that identify routers.
 const ROUTERS: &str = "coxswain-router/*";
 
 /// Every kind of message that zenoh's access control knows.
@@ -23,14 +24,14 @@ const ALL_MESSAGES: [&str; 9] = [
     "declare_liveliness_subscriber",
 ];
 
-/// Which way a message goes, as its router sees it.
+/// Direction of a message, as its router sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Flow {
     Ingress,
     Egress,
 }
 
-/// Reader to which a router's test of itself speaks, so that nobody else hears it.
+/// Reader that the self-test of a router addresses, so that no other reader receives the test.
 pub(crate) const TESTER: &str = "self-test";
 
 /// What one role may do.
@@ -42,7 +43,8 @@ impl Allowed {
         self.0.push((flow, message, key.into()));
     }
 
-    /// What a writer of the topic with this `base` does and is told. The names of writers begin with their roles, and no others pass.
+    /// Allows what a writer of the topic with this `base` sends and receives. The names of writers
+    /// begin with their roles; other names are refused.
     fn writer(&mut self, base: &str, roles: &[Role], quality: Quality) {
         use Flow::{Egress, Ingress};
         for role in roles {
@@ -64,7 +66,7 @@ impl Allowed {
         self.add(Egress, "query", format!("{base}/join/*"));
     }
 
-    /// What a reader of the topic with this `base` does and is told.
+    /// Allows what a reader of the topic with this `base` sends and receives.
     fn reader(&mut self, base: &str, quality: Quality) {
         use Flow::{Egress, Ingress};
         if quality.is_paced() {
@@ -82,7 +84,8 @@ impl Allowed {
         self.add(Egress, "liveliness_token", format!("{base}/**"));
     }
 
-    /// What routers tell each other beside that: who listens where, and that they are there.
+    /// Allows what routers exchange beside that: the readers behind each router, and that the
+    /// router is alive.
     fn host(&mut self, graph: &str, role: Role) {
         use Flow::{Egress, Ingress};
         self.add(Ingress, "liveliness_token", ROUTERS);
@@ -106,7 +109,7 @@ impl Allowed {
         }
     }
 
-    /// What a host's router says to itself when it tests itself, on the topic with this `base`.
+    /// Allows what a host's router sends to itself in its self-test, on the topic with this `base`.
     fn tester(&mut self, base: &str, role: Role) {
         use Flow::{Egress, Ingress};
         self.add(Ingress, "put", format!("{base}/history/{TESTER}/{}.$*", role.name()));
@@ -114,7 +117,7 @@ impl Allowed {
         self.add(Egress, "put", format!("{base}/history/{TESTER}/*"));
     }
 
-    /// One rule for each kind of message and way.
+    /// One rule for each kind of message and direction.
     fn rules(&self, role: &str) -> Vec<Value> {
         let mut rules = Vec::new();
         for (flow, name) in [(Flow::Ingress, "ingress"), (Flow::Egress, "egress")] {
@@ -129,7 +132,13 @@ impl Allowed {
                 keys.dedup();
                 if !keys.is_empty() {
                     let id = format!("{role} {name} {message}");
-                    rules.push(json!({ "id": id, "messages": [message], "flows": [name], "permission": "allow", "key_exprs": keys }));
+                    rules.push(json!({
+                        "id": id,
+                        "messages": [message],
+                        "flows": [name],
+                        "permission": "allow",
+                        "key_exprs": keys,
+                    }));
                 }
             }
         }
@@ -162,13 +171,20 @@ fn on_links(role: Role, graph: &str, lock_step: bool) -> Allowed {
     allowed
 }
 
-/// That `role` may nothing. Without a rule that says so zenoh would not say either whom it refuses what.
+/// Denies `role` everything. zenoh logs what it refuses to a role only if a rule names that role.
 fn nothing(role: &str) -> Value {
     let (id, flows) = (format!("{role} nothing"), ["ingress", "egress"]);
-    json!({ "id": id, "messages": ALL_MESSAGES, "flows": flows, "permission": "deny", "key_exprs": ["**"] })
+    json!({
+        "id": id,
+        "messages": ALL_MESSAGES,
+        "flows": flows,
+        "permission": "deny",
+        "key_exprs": ["**"],
+    })
 }
 
-/// Access control from what each role may do; who is no such role of `robot` may nothing.
+/// Access control from what each role may do. A peer whose role of `robot` is not among them is
+/// denied everything.
 fn control(robot: &str, roles: impl IntoIterator<Item = (Role, Allowed)>) -> Value {
     let (mut rules, mut subjects, mut policies) = (Vec::new(), Vec::new(), Vec::new());
     for (role, allowed) in roles {
@@ -177,11 +193,21 @@ fn control(robot: &str, roles: impl IntoIterator<Item = (Role, Allowed)>) -> Val
             own.push(nothing(role.name()));
         }
         let ids: Vec<Value> = own.iter().map(|rule| rule["id"].clone()).collect();
-        subjects.push(json!({ "id": role.name(), "link_protocols": ["tls"], "cert_common_names": [role.subject(robot)] }));
+        subjects.push(json!({
+            "id": role.name(),
+            "link_protocols": ["tls"],
+            "cert_common_names": [role.subject(robot)],
+        }));
         policies.push(json!({ "rules": ids, "subjects": [role.name()] }));
         rules.extend(own);
     }
-    json!({ "enabled": true, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies })
+    json!({
+        "enabled": true,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    })
 }
 
 /// For the router of the graph called `graph` on the network.
@@ -189,12 +215,13 @@ pub(crate) fn of_links(graph: &str, robot: &str, lock_step: bool) -> Value {
     control(robot, Role::ALL.map(|role| (role, on_links(role, graph, lock_step))))
 }
 
-/// For a client of such a router, which believes nobody else.
+/// For a client of such a router, which trusts no other peer.
 pub(crate) fn of_client(robot: &str) -> Value {
     control(robot, [Role::RobotHost, Role::ControlHost].map(|role| (role, everything())))
 }
 
-/// For the gateway of `robot`, as zenoh's `access_control`: watchers hear what it says, and nothing else passes.
+/// For the gateway of `robot`, as zenoh's `access_control`: watchers receive what it publishes, and
+/// nothing else passes.
 pub fn of_telemetry(robot: &str) -> Value {
     let mut allowed = Allowed::default();
     for key in ["coxswain/*/*", "coxswain/*/*/json"] {
@@ -210,7 +237,7 @@ pub fn of_telemetry(robot: &str) -> Value {
     control(robot, Role::ALL.map(of))
 }
 
-/// For a watcher, which believes the gateway of its robot alone.
+/// For a watcher, which trusts the gateway of its robot alone.
 pub(crate) fn of_watcher(robot: &str) -> Value {
     control(robot, [(Role::Gateway, everything())])
 }
@@ -224,13 +251,15 @@ fn everything() -> Allowed {
     allowed
 }
 
-/// Messages of one role that pass on one topic and link in real time \[1/s\], no two of them closer together than that: five times what the
-/// shortest period needs. What is said again to those who come counts apart.
+/// Messages of one role that pass on one topic and link in real time \[1/s\]. The gap between two
+/// of them is at least the inverse of this. It is five times what the shortest period needs.
+/// Repetitions for readers that join are counted apart.
 const PER_SECOND: u32 = 5_000;
-/// The same of snapshots, or pieces of them, each of which is as long as a message may be: 65 MB/s.
+/// The same for snapshots, or pieces of them, each of which has the length limit of a message: 65
+/// MB/s.
 const SNAPSHOTS_PER_SECOND: u32 = 1_000;
 
-/// How often who says what passes, as zenoh's `downsampling`.
+/// Rate limits per role and topic, as zenoh's `downsampling`.
 pub(crate) fn gaps(graph: &str) -> Value {
     let of = |role: Role| {
         role.says().iter().flat_map(move |topic| {
@@ -245,9 +274,10 @@ pub(crate) fn gaps(graph: &str) -> Value {
     json!([{ "id": "rates", "messages": ["put"], "flows": ["ingress"], "rules": rules }])
 }
 
-/// That what is said and asked goes on in real time as it does with us, as zenoh's `qos/network`, whatever its author wants: what is said with the
-/// `priority` of its topic, questions behind everything, and nothing is waited for. Else who floods one topic, in a hurry, keeps the others waiting, and who insists on being
-/// waited for ends the links of those who are slow.
+/// Fixes the quality of forwarded messages in real time, as zenoh's `qos/network`, whatever their
+/// sender requested. A publication gets the `priority` of its topic, queries go behind everything,
+/// and no sender is waited for. Without this, a sender that floods one topic as urgent delays all
+/// others. A sender that requests blocking would end the links of slow receivers.
 pub(crate) fn qualities(graph: &str, priority: fn(Topic) -> &'static str) -> Value {
     let said = |topic: Topic| {
         let base = base(graph, topic);
@@ -256,7 +286,11 @@ pub(crate) fn qualities(graph: &str, priority: fn(Topic) -> &'static str) -> Val
             "messages": ["put", "delete"],
             "flows": ["ingress"],
             "key_exprs": [format!("{base}/data/*"), format!("{base}/history/*/*")],
-            "overwrite": { "priority": priority(topic), "congestion_control": "drop", "express": false },
+            "overwrite": {
+                "priority": priority(topic),
+                "congestion_control": "drop",
+                "express": false,
+            },
         })
     };
     let asked = json!({

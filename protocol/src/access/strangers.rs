@@ -1,4 +1,5 @@
-//! Whether those are kept out who show no certificate: tried at an endpoint of our own, as one of them, before anything depends on it.
+//! Tests whether peers without a certificate are refused. Before anything depends on an endpoint of
+//! this process, the process tries to connect to it as such a peer.
 
 use super::{AUTHORITY_FILE, Credentials};
 use crate::reason::first_line;
@@ -7,42 +8,42 @@ use std::thread;
 use std::time::{Duration, Instant};
 use zenoh::{Config, Wait};
 
-/// How long one attempt may take \[ms\]. One that is refused ends far sooner.
+/// Longest time of one attempt \[ms\]. A refused attempt ends far sooner.
 pub(crate) const ATTEMPT_MILLIS: u64 = 2_000;
-/// Attempts, if they take so long.
+/// Number of attempts, if each takes that long.
 const ATTEMPTS: u32 = 3;
 
-/// A door of ours is not to be relied on.
+/// An endpoint of this process does not protect it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Breach {
-    /// Whoever likes gets in.
+    /// Any peer can connect without TLS.
     #[error("a stranger without TLS was let in at {endpoint}")]
     Plain {
-        /// Where.
+        /// The endpoint.
         endpoint: String,
     },
-    /// Certificates are not asked for.
+    /// The endpoint does not require certificates.
     #[error("a stranger without a certificate was let in at {endpoint}")]
     NoCertificate {
-        /// Where.
+        /// The endpoint.
         endpoint: String,
     },
-    /// Roles make no difference to what is said.
+    /// The access control does not restrict what roles publish.
     #[error(
         "the role {role} was heard at {endpoint} on the topic {topic}, which it must not write"
     )]
     WrongRole {
-        /// Where.
+        /// The endpoint.
         endpoint: String,
         /// The role that was tried.
         role: &'static str,
         /// The topic.
         topic: &'static str,
     },
-    /// Roles make no difference to who watches.
+    /// The access control does not restrict which roles watch.
     #[error("the role {role} hears at {endpoint} what watchers alone may hear")]
     NoWatcher {
-        /// Where.
+        /// The endpoint.
         endpoint: String,
         /// The role that was tried.
         role: &'static str,
@@ -50,24 +51,25 @@ pub enum Breach {
     /// A message of any length passes.
     #[error("a message of {bytes} bytes passed at {endpoint} where at most {most} do")]
     Oversize {
-        /// Where.
+        /// The endpoint.
         endpoint: String,
-        /// Of the message.
+        /// Length of the message that passed \[bytes\].
         bytes: usize,
-        /// That may pass.
+        /// Longest message that should pass \[bytes\].
         most: usize,
     },
-    /// It cannot be told.
+    /// The test gave no result.
     #[error("whether strangers are kept out at {endpoint} cannot be told: {reason}")]
     Unknown {
-        /// Where.
+        /// The endpoint.
         endpoint: String,
-        /// What went wrong.
+        /// The error.
         reason: String,
     },
 }
 
-/// Tries to get a session at `endpoint` without TLS, and over TLS without a certificate, believing the authority of `credentials`.
+/// Tries to get a session at `endpoint`: without TLS, and over TLS without a certificate. It trusts
+/// the authority of `credentials`.
 ///
 /// # Errors
 /// The first [`Breach`].
@@ -91,7 +93,7 @@ pub(crate) fn keeps_strangers_out(endpoint: &str, credentials: &Credentials) -> 
         });
         (plain, without)
     });
-    // Whoever lets everybody in does not answer TLS.
+    // An endpoint that accepts plain connections does not answer TLS.
     if plain == Ok(true) {
         return Err(Breach::Plain { endpoint: endpoint() });
     }
@@ -101,7 +103,7 @@ pub(crate) fn keeps_strangers_out(endpoint: &str, credentials: &Credentials) -> 
     plain.map(|_| ()).map_err(unknown)
 }
 
-/// The configuration of one who has read no documentation but zenoh's.
+/// The configuration of a peer that knows only zenoh's documentation.
 fn stranger(endpoint: &str, more: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
     let mut config = Config::default();
     let own = [
@@ -118,7 +120,7 @@ fn stranger(endpoint: &str, more: &[(&str, Value)]) -> Result<Config, zenoh::Err
     Ok(config)
 }
 
-/// Whether one with this configuration gets a session; why not, if that cannot be told.
+/// Whether a peer with this configuration gets a session; the error if the test gave no result.
 fn gets_in(config: &Config) -> Result<bool, String> {
     for _ in 0..ATTEMPTS {
         let begin = Instant::now();

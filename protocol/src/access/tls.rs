@@ -5,7 +5,8 @@ use crate::threads;
 use serde_json::{Value, json};
 use zenoh::Config;
 
-/// `config` over TLS alone: both ends show a certificate, the name of who is connected to is verified, and a link ends when a certificate does.
+/// `config` over TLS alone: both ends show a certificate, the name of the connected peer is
+/// verified, and a link ends when a certificate expires.
 ///
 /// # Errors
 /// If zenoh would read and write a link with two threads.
@@ -16,7 +17,11 @@ pub(crate) fn guarded(
 ) -> Result<Config, zenoh::Error> {
     if !threads::are_set() {
         let (variable, threads) = (threads::VARIABLE, threads::THREADS);
-        return Err(format!("TLS needs {variable}={threads} in the environment from the start: zenoh would damage its own memory").into());
+        return Err(format!(
+            "TLS needs {variable}={threads} in the environment from the start: zenoh would damage \
+            its own memory"
+        )
+        .into());
     }
     let file = |name| json!(credentials.file(name));
     let tls = [

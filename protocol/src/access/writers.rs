@@ -1,6 +1,7 @@
-//! A file or folder → who beside this user and root could change it, or put another in its place.
+//! A file or folder → the users other than this one and root that could change it or replace it.
 //!
-//! Whoever `/` belongs to counts as root: in a user namespace of its own, where root has another number, nothing else tells who that is.
+//! The owner of `/` counts as root. In a separate user namespace root has another number, and
+//! nothing else identifies it.
 
 use std::fs;
 use std::io;
@@ -11,23 +12,23 @@ use std::path::{Path, PathBuf};
 const GROUP_WRITES: u32 = 0o020;
 /// Others may write.
 const OTHERS_WRITE: u32 = 0o002;
-/// Nobody removes or renames what is another's.
+/// Only the owner of an entry can remove or rename it.
 const STICKY: u32 = 0o1000;
-/// What a mode says of permissions.
+/// Permission bits of a mode.
 pub(super) const PERMISSIONS: u32 = 0o7777;
 
-/// Something that somebody beside this user and root could change.
+/// A file or folder that a user other than this one and root could change.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Changeable {
-    /// Its owner could.
+    /// Its owner could change it.
     #[error("{} is of user {owner}", path.display())]
     Foreign {
         /// File or folder.
         path: PathBuf,
-        /// Whose it is.
+        /// User id of its owner.
         owner: u32,
     },
-    /// Its group, or all others, could.
+    /// Its group, or all users, could change it.
     #[error("{} has mode {mode:o}", path.display())]
     Open {
         /// File or folder.
@@ -37,10 +38,10 @@ pub enum Changeable {
     },
 }
 
-/// Whether somebody else could change what is at `path`.
+/// Whether another user could change the file or folder at `path`.
 ///
 /// # Errors
-/// What the file system says.
+/// The error of the file system.
 pub fn changeable(path: &Path) -> io::Result<Option<Changeable>> {
     let found = fs::metadata(path)?;
     if !is_trusted(found.uid())? {
@@ -51,13 +52,16 @@ pub fn changeable(path: &Path) -> io::Result<Option<Changeable>> {
         .then(|| Changeable::Open { path: path.to_owned(), mode: found.mode() & PERMISSIONS }))
 }
 
-/// What is above `path`, as it is written or as it leads through links, by which somebody else could put something else there.
+/// The file or folder above `path` through which another user could replace it. Checks the path as
+/// written and the path with links resolved.
 ///
-/// A folder where nobody renames what is another's will do, as `/tmp`; and one that the group can write in which its owner is alone. To root any owner will do: who
-/// runs programs as root in a folder of another user's, as in a container, trusts him already.
+/// A folder with the sticky bit, as `/tmp`, is accepted: there only the owner renames an entry. So
+/// is a folder writable by a group that has its owner as the only member. For root any owner is
+/// accepted: if root runs programs in a folder of another user, as in a container, it trusts that
+/// user already.
 ///
 /// # Errors
-/// What the file system says.
+/// The error of the file system.
 pub fn replaceable(path: &Path) -> io::Result<Option<Changeable>> {
     let (written, real) = (std::path::absolute(path)?, path.canonicalize()?);
     for above in written.ancestors().chain(real.ancestors()) {
@@ -66,7 +70,8 @@ pub fn replaceable(path: &Path) -> io::Result<Option<Changeable>> {
         if !is_trusted(owner)? && !rustix::process::geteuid().is_root() {
             return Ok(Some(Changeable::Foreign { path: above.to_owned(), owner }));
         }
-        // Of a link the mode says nothing, and what is there itself is not judged by who writes into it.
+        // The mode of a link means nothing, and the permissions of the target itself are not judged
+        // here.
         if found.is_symlink() || above == written || above == real || mode & STICKY != 0 {
             continue;
         }
@@ -84,7 +89,8 @@ fn is_trusted(owner: u32) -> io::Result<bool> {
         || owner == fs::metadata("/")?.uid())
 }
 
-/// Whether `owner` is the only one in `group`, by the files of this machine. Not if they do not tell.
+/// Whether `owner` is the only user in `group`, by the files of this machine. False if these files
+/// do not answer it.
 fn is_alone(owner: u32, group: u32) -> bool {
     let read = |file| fs::read_to_string(file).unwrap_or_default();
     is_alone_by(&read("/etc/passwd"), &read("/etc/group"), owner, group)
@@ -123,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn what_its_user_alone_can_write_nobody_changes_or_replaces() -> Outcome {
+    fn no_other_user_changes_or_replaces_a_private_file() -> Outcome {
         let home = tempfile::tempdir()?;
         let file = home.path().join("file");
         fs::write(&file, "")?;
@@ -182,9 +188,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_another_users_can_be_changed_by_him() -> Outcome {
+    fn a_file_of_another_user_can_be_changed_by_that_user() -> Outcome {
         if !rustix::process::geteuid().is_root() {
-            // Only root can give a file away.
+            // Only root can change the owner of a file.
             return Ok(());
         }
         let home = tempfile::tempdir()?;
@@ -205,8 +211,9 @@ mod tests {
     }
 
     #[test]
-    fn a_group_is_its_owners_own_only_if_nobody_else_is_known_to_be_in_it() {
-        let users = "root:x:0:0::/root:/bin/sh\nann:x:1000:1000::/home/ann:/bin/sh\nbob:x:1001:1001::/home/bob:/bin/sh\ncid:x:1002:50::/:/bin/sh";
+    fn a_group_is_private_only_if_its_owner_is_the_only_known_member() {
+        let users = "root:x:0:0::/root:/bin/sh\nann:x:1000:1000::/home/ann:/bin/sh\n\
+        bob:x:1001:1001::/home/bob:/bin/sh\ncid:x:1002:50::/:/bin/sh";
         let groups = "root:x:0:\nann:x:1000:\nbob:x:1001:bob,ann\nstaff:x:50:\nown:x:60:ann";
         let alone = |owner, group| is_alone_by(users, groups, owner, group);
         assert!(alone(1000, 1000) && alone(0, 0) && alone(1000, 60));

@@ -13,7 +13,9 @@ pub struct UnknownCode {
 }
 
 macro_rules! coded {
-    ($(#[$meta:meta])* $name:ident { $($(#[$doc:meta])* $variant:ident = $code:literal => $text:literal,)+ }) => {
+    ($(#[$meta:meta])* $name:ident {
+        $($(#[$doc:meta])* $variant:ident = $code:literal => $text:literal,)+
+    }) => {
         $(#[$meta])*
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
         #[serde(rename_all = "snake_case")]
@@ -28,7 +30,7 @@ macro_rules! coded {
                 self as u32
             }
 
-            /// A person's words for it.
+            /// Text for a person.
             pub const fn text(self) -> &'static str {
                 match self { $(Self::$variant => $text,)+ }
             }
@@ -54,7 +56,7 @@ macro_rules! coded {
 }
 
 coded! {
-    /// Where an input comes from: the order of last resort. A greater fallback level is a worse one.
+    /// Source of an input, in the order of last resort. A greater fallback level is worse.
     FallbackLevel {
         /// The gate has not yet seen a valid command: the wheels stand.
         Waiting = 0 => "waiting",
@@ -62,9 +64,9 @@ coded! {
         FreshPlan = 1 => "fresh plan",
         /// The previous plan, shifted by one period.
         ShiftedPlan = 2 => "shifted plan",
-        /// Of the controller without a plan: by the main model, and a feedback of the error.
+        /// The controller without a plan: input of the main model, with feedback of the error.
         Simple = 3 => "simple controller",
-        /// The tail that came with the last accepted command, played by the gate.
+        /// The stored tail of the last accepted command, played by the gate.
         StoredTail = 4 => "stored tail",
         /// A ramp to standstill, by the gate.
         Brake = 5 => "brake",
@@ -74,9 +76,10 @@ coded! {
 }
 
 coded! {
-    /// Why a fallback level was taken, why the gate refused the last command, or why it has stopped.
+    /// Why a fallback level was taken, why the gate refused the last command, or why it has
+    /// stopped.
     Reason {
-        /// Nothing to explain.
+        /// No reason to give.
         None = 0 => "-",
         /// No command has been accepted yet.
         NoCommandYet = 1 => "no command yet",
@@ -88,19 +91,19 @@ coded! {
         NotFinite = 4 => "not finite",
         /// An input was beyond what the wheels can do.
         OutOfBounds = 5 => "out of bounds",
-        /// An input was too far from the one before it.
+        /// An input was too far from the input before it.
         TooFast = 6 => "rate too high",
-        /// It answered a state of another epoch of the plant.
+        /// The command answered a state of another epoch of the plant.
         OldPlantEpoch = 7 => "old plant epoch",
-        /// It came from a controller that has been superseded.
+        /// The controller of the command has been superseded.
         OldEpoch = 8 => "old controller epoch",
         /// A second controller with the same epoch.
         SecondWriter = 9 => "second writer",
-        /// The state that it answered is too old.
+        /// The state that the command answered is too old.
         TooOld = 10 => "too old",
         /// Not newer than the command before it.
         NotNewer = 11 => "not newer",
-        /// It answers a tick that has not been yet.
+        /// The command answers a tick that has not begun yet.
         FromTheFuture = 12 => "from the future",
         /// The optimiser found no usable answer.
         SolverFailed = 13 => "solver failed",
@@ -108,7 +111,7 @@ coded! {
         BadState = 14 => "bad state",
         /// The controller was asked to stop.
         Stopping = 15 => "stopping",
-        /// Coming back from the brake: not enough good periods yet.
+        /// Leaving the brake: not enough good periods yet.
         Recovering = 16 => "recovering",
         /// The robot was farther from its reference than `limits.tracking_error_m`.
         PositionError = 17 => "position error",
@@ -161,7 +164,7 @@ coded! {
 }
 
 coded! {
-    /// How far a process has come.
+    /// Progress of a process from its start to its end.
     Phase {
         /// Opening its ports.
         Starting = 0 => "starting",
@@ -171,25 +174,26 @@ coded! {
         Running = 2 => "running",
         /// At work, with something missing.
         Degraded = 3 => "degraded",
-        /// Has finished what it was to do.
+        /// Its task is complete.
         Finished = 4 => "finished",
     }
 }
 
 coded! {
-    /// What strangers on the network can do to a graph, because a person has let them (`--insecure`). A greater one is worse.
+    /// What unauthenticated peers on the network can do to a graph, because a person has allowed it
+    /// (`--insecure`). A greater one is worse.
     Exposure {
-        /// Nothing, as far as who reports knows.
+        /// Nothing, as far as the reporting process knows.
         Closed = 0 => "closed",
-        /// See what the robot does.
+        /// Watch the robot.
         Watched = 1 => "strangers can watch",
-        /// Say what it shall do.
+        /// Command the robot.
         Driven = 2 => "strangers can drive",
     }
 }
 
 coded! {
-    /// What the optimiser said of its answer.
+    /// Result that the optimiser reports.
     SolverStatus {
         /// No problem was solved in this period.
         NotRun = 0 => "not run",

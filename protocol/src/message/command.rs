@@ -1,4 +1,4 @@
-//! controller → plant: what the wheels shall do now, and what they shall do if nothing more is heard.
+//! controller → plant: what the wheels do now, and what they do if no further command arrives.
 
 use super::sequence::Bounded;
 use super::{FallbackLevel, Reason, Stamp, check_count, fixed_message};
@@ -6,14 +6,16 @@ use crate::frame::{DecodeError, code};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// Longest tail \[periods\]. The gate brakes from 3 periods on, so a longer one would never be played.
+/// Longest tail \[periods\]. The gate brakes from 3 periods on, so a longer one would never be
+/// played.
 pub const TAIL_MAX: usize = 4;
 
-/// Answer to one [`PlantState`](super::PlantState). Its `stamp.epoch` is the controller's, its `stamp.tick` the tick that it answers.
+/// Answer to one [`PlantState`](super::PlantState). Its `stamp.epoch` is the controller's, its
+/// `stamp.tick` the tick that it answers.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Command {
-    /// Who answered, and when.
+    /// Writer and time.
     pub stamp: Stamp,
     /// Epoch of the plant whose state is answered.
     pub plant_epoch: u64,
@@ -21,11 +23,12 @@ pub struct Command {
     pub model_version: u64,
     /// Body velocity for the period that the answered state began \[m/s, m/s, rad/s\].
     pub input: [f64; 3],
-    /// The plan's next inputs, one per period, of which the first `tail_len` count \[m/s, m/s, rad/s\].
+    /// The plan's next inputs, one per period, of which the first `tail_len` count
+    /// \[m/s, m/s, rad/s\].
     pub tail: [[f64; 3]; TAIL_MAX],
     /// How many entries of `tail` count.
     pub tail_len: u32,
-    /// [`FallbackLevel`] that the controller stands on.
+    /// [`FallbackLevel`] of the controller.
     pub fallback_level: u32,
     /// [`Reason`] for which the gate is asked to stop and latch: a position or a heading error, or
     /// none.
@@ -40,7 +43,7 @@ impl Command {
         Reason::try_from(self.stop).unwrap_or(Reason::None)
     }
 
-    /// Fallback level that the controller stands on.
+    /// Fallback level of the controller.
     pub fn fallback_level(&self) -> FallbackLevel {
         FallbackLevel::try_from(self.fallback_level).unwrap_or(FallbackLevel::LatchedStop)
     }
@@ -64,7 +67,7 @@ fixed_message!(Command, 2, [input, tail], |command| {
     }
 });
 
-/// What of a command is serialised: of the tail only the inputs that count.
+/// The serialised part of a command: of the tail only the inputs that count.
 #[derive(Serialize)]
 #[serde(rename = "Command")]
 struct Said<'a> {

@@ -5,11 +5,11 @@ use crate::frame::code;
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
-/// Leave to run: the sender can take in everything that is said up to and including `through_tick`.
+/// Permission to run: the sender can receive everything up to and including `through_tick`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct Credit {
-    /// Who grants it, and when.
+    /// Writer and time.
     pub stamp: Stamp,
     /// Last tick that the plant may publish.
     pub through_tick: u64,

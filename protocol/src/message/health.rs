@@ -1,4 +1,4 @@
-//! every process → launcher, recorder, watchers: how it is.
+//! every process → launcher, recorder, watchers: its condition.
 
 use super::{Exposure, Participant, Phase, Stamp, check_count, fixed_message};
 use crate::frame::code;
@@ -11,11 +11,11 @@ use std::fmt;
 /// Longest text of [`Health::last_error`] \[bytes\].
 pub const ERROR_TEXT_MAX: usize = 120;
 
-/// Heartbeat and counters of one process instance. All counters are since its start.
+/// Heartbeat and counters of one process instance. All counters start with the instance.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Health {
-    /// Who, and when.
+    /// Writer and time.
     pub stamp: Stamp,
     /// [`Participant`] that reports.
     pub participant: u32,
@@ -25,29 +25,33 @@ pub struct Health {
     pub pid: u32,
     /// Bytes of `error_text` that count; 0 if all is well.
     pub error_len: u32,
-    /// What strangers on the network can do: an [`Exposure`].
+    /// What unauthenticated peers on the network can do: an [`Exposure`].
     pub exposure: u32,
     /// Zero.
     pub reserved: u32,
-    /// Rounds of its loop.
+    /// Iterations of its loop.
     pub heartbeat: u64,
     /// Periods that it served in time.
     pub deadlines_met: u64,
-    /// Periods that it did not: one by one, those that nothing answered, that were answered late, or in time but without what was wanted.
+    /// Periods that it did not serve in time, one by one: those without an answer, those with a
+    /// late answer, and those with an answer in time that lacked what was required.
     pub deadlines_missed: u64,
-    /// Time that the machine kept it from running and that it took out of its clock: of the simulator only \[ns\].
+    /// Time in which the machine kept the process from running, and which it took out of its clock;
+    /// only for the simulator \[ns\].
     pub stalled_nanos: u64,
     /// Version of the learned model in use, or last published; 0 is none.
     pub model_version: u64,
     /// Velocity axes on which the controller uses it: 1 forward, 2 left, 4 yaw, added up.
     pub learned_axes: u64,
-    /// How often the controller has left a model on an axis, where it had turned worse than none.
+    /// How often the controller has dropped a model on an axis, because it had become worse than
+    /// none.
     pub models_left: u64,
     /// Model snapshots published (learner) or adopted (controller).
     pub snapshots: u64,
     /// Model snapshots refused.
     pub snapshots_refused: u64,
-    /// Messages sent in the present epoch, by topic in the order of [`Topic::ALL`](crate::topic::Topic::ALL).
+    /// Messages sent in the present epoch, by topic in the order of
+    /// [`Topic::ALL`](crate::topic::Topic::ALL).
     pub sent: [u64; TOPIC_COUNT],
     /// Messages received, by topic.
     pub received: [u64; TOPIC_COUNT],
@@ -55,24 +59,24 @@ pub struct Health {
     pub lost: [u64; TOPIC_COUNT],
     /// Messages refused as malformed, by topic.
     pub refused: [u64; TOPIC_COUNT],
-    /// Messages sent that gave way to newer ones in its own queue to the network, by topic.
+    /// Messages sent and then dropped for newer ones in its own queue to the network, by topic.
     pub dropped: [u64; TOPIC_COUNT],
     /// The last error, UTF-8.
     pub error_text: [u8; ERROR_TEXT_MAX],
 }
 
 impl Health {
-    /// Who reports.
+    /// The reporting process.
     pub fn participant(&self) -> Option<Participant> {
         Participant::try_from(self.participant).ok()
     }
 
-    /// How far it has come.
+    /// Its phase.
     pub fn phase(&self) -> Phase {
         Phase::try_from(self.phase).unwrap_or(Phase::Degraded)
     }
 
-    /// What strangers on the network can do.
+    /// What unauthenticated peers on the network can do.
     pub fn exposure(&self) -> Exposure {
         Exposure::try_from(self.exposure).unwrap_or(Exposure::Driven)
     }
@@ -83,7 +87,7 @@ impl Health {
         std::str::from_utf8(text).unwrap_or("(not UTF-8)")
     }
 
-    /// Keeps `text` as the last error, cut to what fits.
+    /// Keeps `text` as the last error, truncated to the space available.
     pub fn set_last_error(&mut self, text: &str) {
         let mut end = text.len().min(ERROR_TEXT_MAX);
         while !text.is_char_boundary(end) {
@@ -104,7 +108,7 @@ fixed_message!(Health, 7, [], |health| {
     check_count("Health", "error_len", health.error_len, ERROR_TEXT_MAX)
 });
 
-/// What of a health is serialised: its error as a string.
+/// The serialised part of a health message: its error as a string.
 #[derive(Serialize)]
 #[serde(rename = "Health")]
 struct Said<'a> {

@@ -1,4 +1,4 @@
-//! learner → controller: a better model, whole.
+//! learner → controller: one complete learned model.
 
 use super::{Message, Stamp};
 use crate::frame::DecodeError;
@@ -15,25 +15,26 @@ const POINTS_MAX: usize = 16_384;
 /// Numbers of a data point beside its inputs: 3 targets, the noise scale, 3 weights.
 const ROW_REST: usize = 7;
 
-/// Everything of a snapshot but its data points.
+/// All fields of a snapshot but its data points.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct SnapshotHead {
-    /// Who learnt, and when; `tick` is the last one that it has learnt from.
+    /// Writer and time; `tick` is the last one that the model has learnt from.
     pub stamp: Stamp,
     /// Counts the snapshots of one robot, from 1, across restarts of the learner.
     pub version: u64,
-    /// Fingerprint of robot parameters, period and input layout. The residual of another main model is wrong.
+    /// Fingerprint of robot parameters, period and input layout. The residual of another main model
+    /// is wrong.
     pub fingerprint: u64,
     /// In lock step: tick at which it takes effect. 0: as soon as it is ready.
     pub effective_tick: u64,
-    /// Epoch of the plant that it was learnt from last.
+    /// Epoch of the plant that the model was last learnt from.
     pub plant_epoch: u64,
     /// Data points n.
     pub points: u32,
     /// Inputs D of the Gaussian processes.
     pub inputs: u32,
-    /// Samples that the scores below are taken on, all newer than any the snapshot was trained on.
+    /// Samples on which the scores below are computed, all newer than the training samples.
     pub score_samples: u32,
     /// Always zero; not sent over the network.
     #[serde(skip)]
@@ -46,15 +47,17 @@ pub struct SnapshotHead {
     pub length_scale: [[f64; INPUTS_MAX]; 3],
     /// σ², per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
     pub signal_variance: [f64; 3],
-    /// λ² of the offset and of each slope over the normalised inputs, per velocity axis \[(m/s)², (m/s)², (rad/s)²\]; 0: no linear part.
+    /// λ² of the offset and of each slope over the normalised inputs, per velocity axis
+    /// \[(m/s)², (m/s)², (rad/s)²\]; 0: no linear part.
     pub linear_variance: [f64; 3],
     /// σₙ², per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
     pub noise_variance: [f64; 3],
-    /// Variance of a new sample beyond that of the function, per velocity axis, from held-out errors \[(m/s)², (m/s)², (rad/s)²\].
+    /// Variance of a new sample beyond that of the function, per velocity axis, from held-out
+    /// errors \[(m/s)², (m/s)², (rad/s)²\].
     pub sample_variance: [f64; 3],
     /// Log marginal likelihood, per velocity axis.
     pub log_likelihood: [f64; 3],
-    /// Diagonal that had to be added beyond σₙ², per velocity axis.
+    /// Diagonal added beyond σₙ² to make the factorisation possible, per velocity axis.
     pub jitter: [f64; 3],
     /// RMS one-step error with this model on the score samples \[m/s, m/s, rad/s\].
     pub score_learned: [f64; 3],
@@ -69,16 +72,17 @@ pub struct SnapshotRow<'a> {
     pub input: &'a [f64],
     /// Residual per velocity axis \[m/s, m/s, rad/s\].
     pub target: &'a [f64],
-    /// Noise variance of this point over σₙ²: more for what is old.
+    /// Noise variance of this point over σₙ²: greater for old points.
     pub noise_scale: f64,
     /// α per velocity axis.
     pub weight: &'a [f64],
 }
 
-/// Data and hyperparameters of three Gaussian processes, without any factor: the receiver makes its own, and compares its α.
+/// Data and hyperparameters of three Gaussian processes, without any factor. The receiver makes its
+/// own factor, and compares its α.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelSnapshot {
-    /// Everything but the data points.
+    /// All fields but the data points.
     pub head: SnapshotHead,
     /// n rows of D inputs, 3 targets, the noise scale and 3 weights.
     values: Vec<f64>,
@@ -91,10 +95,12 @@ impl ModelSnapshot {
         Self { head, values: Vec::new() }
     }
 
-    /// Appends a data point whose noise variance is σₙ². `input` must have `head.inputs` entries, normalised.
+    /// Appends a data point whose noise variance is σₙ². `input` must have `head.inputs` entries,
+    /// normalised.
     ///
     /// # Errors
-    /// [`DecodeError::Length`] if it has not, or [`DecodeError::Value`] if the snapshot is full.
+    /// [`DecodeError::Length`] if it has another length, or [`DecodeError::Value`] if the snapshot
+    /// is full.
     pub fn push(
         &mut self,
         input: &[f64],
@@ -259,7 +265,8 @@ impl Message for ModelSnapshot {
     }
 }
 
-/// Length of the head on the network: all its numbers but version, kind and checksum of the stamp, and the padding \[bytes\].
+/// Length of the head on the network: all its numbers but version, kind and checksum of the stamp,
+/// and the padding \[bytes\].
 const HEAD_WIRE_BYTES: usize = size_of::<SnapshotHead>() - 8 - size_of::<u32>();
 
 /// One piece of a head.
@@ -311,7 +318,7 @@ impl SnapshotHead {
         }
     }
 
-    /// Length of the data points that the head promises \[bytes\].
+    /// Length of the data points, by the counts in the head \[bytes\].
     fn value_bytes(&self) -> Result<usize, DecodeError> {
         let bad = |field, value: u32| DecodeError::Value {
             message: ModelSnapshot::NAME,
@@ -328,7 +335,7 @@ impl SnapshotHead {
     }
 }
 
-/// The next bytes, of which there are enough.
+/// The next `N` bytes of `rest`, which has enough of them.
 fn taken<const N: usize>(rest: &mut &[u8]) -> [u8; N] {
     rest.split_off(..N).and_then(|bytes| bytes.try_into().ok()).unwrap_or([0; N])
 }

@@ -1,4 +1,4 @@
-//! controller → watchers: what it intends, what it believes, and what that cost.
+//! controller → watchers: the planned motion, the model's estimates, and the computing time.
 
 use super::sequence::Bounded;
 use super::{FallbackLevel, SolverStatus, Stamp, check_count, fixed_message};
@@ -10,11 +10,12 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 /// Longest horizon that a plan can carry \[periods\].
 pub const HORIZON_MAX: usize = 40;
 
-/// The plan behind one command, sent after it. Rows 0 to `horizon` of the horizon arrays count, `input` has one row fewer.
+/// The plan behind one command, sent after it. Rows 0 to `horizon` of the horizon arrays count;
+/// `input` has one row fewer.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Plan {
-    /// Who planned, and when; `tick` is the one that is answered.
+    /// Writer and time; `tick` is the one that is answered.
     pub stamp: Stamp,
     /// Epoch of the plant.
     pub plant_epoch: u64,
@@ -26,41 +27,44 @@ pub struct Plan {
     pub status: u32,
     /// Iterations of its solver.
     pub iterations: u32,
-    /// [`FallbackLevel`] that the controller stands on.
+    /// [`FallbackLevel`] of the controller.
     pub fallback_level: u32,
     /// Velocity axes on which the learned model is used: 1 forward, 2 left, 4 yaw, added up.
     pub learned_axes: u32,
-    /// Time from a command to the wheels, as the plan takes it \[µs\].
+    /// Time from a command to the wheels that the plan assumes \[µs\].
     pub delay_micros: u32,
-    /// State received to command worked out \[ns\].
+    /// Time from the receipt of the state to the finished command \[ns\].
     pub tick_nanos: u64,
-    /// Of it: prediction and linearisation, the Gaussian process included \[ns\].
+    /// Part of it for prediction and linearisation, the Gaussian process included \[ns\].
     pub linearise_nanos: u64,
-    /// Of it: the quadratic program \[ns\].
+    /// Part of it for the quadratic program \[ns\].
     pub solve_nanos: u64,
     /// Disturbance that the observer estimates, per period \[m/s, m/s, rad/s\].
     pub disturbance: [f64; 3],
-    /// One-step error of the whole model in the past period: measured minus predicted velocity \[m/s, m/s, rad/s\].
+    /// One-step error of the whole model in the past period: measured minus predicted velocity
+    /// \[m/s, m/s, rad/s\].
     pub innovation: [f64; 3],
     /// The same error of the main model alone: the residual \[m/s, m/s, rad/s\].
     pub residual: [f64; 3],
-    /// Predicted x, y, yaw, forward, left and yaw velocity, from the measured state on \[m, rad, m/s, rad/s\].
+    /// Predicted x, y, yaw, forward, left and yaw velocity, from the measured state on
+    /// \[m, rad, m/s, rad/s\].
     pub predicted: [[f64; 6]; HORIZON_MAX + 1],
     /// Reference of the same, velocity in the reference's own heading.
     pub reference: [[f64; 6]; HORIZON_MAX + 1],
-    /// Variance of the learned residual at each predicted state, per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
+    /// Variance of the learned residual at each predicted state, per velocity axis
+    /// \[(m/s)², (m/s)², (rad/s)²\].
     pub variance: [[f64; 3]; HORIZON_MAX + 1],
     /// Planned inputs \[m/s, m/s, rad/s\].
     pub input: [[f64; 3]; HORIZON_MAX],
 }
 
 impl Plan {
-    /// Fallback level that the controller stands on.
+    /// Fallback level of the controller.
     pub fn fallback_level(&self) -> FallbackLevel {
         FallbackLevel::try_from(self.fallback_level).unwrap_or(FallbackLevel::LatchedStop)
     }
 
-    /// What the optimiser said.
+    /// Result that the optimiser reports.
     pub fn status(&self) -> SolverStatus {
         SolverStatus::try_from(self.status).unwrap_or(SolverStatus::NumericalError)
     }
@@ -85,7 +89,8 @@ fixed_message!(
     }
 );
 
-/// What of a plan is serialised: of its rows only those that count. Their number says how long the horizon is.
+/// The serialised part of a plan: only the rows that count. Their number gives the length of the
+/// horizon.
 #[derive(Serialize)]
 #[serde(rename = "Plan")]
 struct Said<'a> {

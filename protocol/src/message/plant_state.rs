@@ -1,4 +1,4 @@
-//! plant → controller: what the sensors saw, and what the gate did.
+//! plant → controller: what the sensors measured, and what the gate did.
 
 use super::{FallbackLevel, GateState, Reason, Stamp, check_count, fixed_message};
 use crate::frame::code;
@@ -8,11 +8,12 @@ use serde::{Deserialize, Serialize};
 /// Most wheels that a robot can have.
 pub const WHEELS_MAX: usize = 8;
 
-/// Measured state, published once per control period, at its start. Its `stamp.epoch` is the plant's.
+/// Measured state, published once per control period, at its start. Its `stamp.epoch` is the
+/// plant's.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct PlantState {
-    /// Who measured, and when.
+    /// Writer and time.
     pub stamp: Stamp,
     /// Pose in the world (x, y, yaw) \[m, m, rad\]; yaw is not wrapped.
     pub pose: [f64; 3],
@@ -74,7 +75,8 @@ impl PlantState {
         Reason::try_from(self.stop).unwrap_or(Reason::Malformed)
     }
 
-    /// What to tell a person: why the gate has stopped, else why the past period was on its fallback level.
+    /// Reason to show to a person: why the gate has stopped, else why the past period was on its
+    /// fallback level.
     pub fn cause(&self) -> Reason {
         if self.stop == Reason::None.code() { self.reason() } else { self.stop() }
     }

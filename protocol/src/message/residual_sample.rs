@@ -4,11 +4,12 @@ use super::{Stamp, check_count, fixed_message};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
-/// One observation of the residual g (eq. 28), sent every tick so that the learner knows how far time has come.
+/// One observation of the residual g (eq. 28), sent every tick so that the learner knows the
+/// current tick.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct ResidualSample {
-    /// Who observed, and when; `tick` is the one that ended the period.
+    /// Writer and time; `tick` is the one that ended the period.
     pub stamp: Stamp,
     /// Epoch of the plant.
     pub plant_epoch: u64,
@@ -18,13 +19,14 @@ pub struct ResidualSample {
     pub pose: [f64; 3],
     /// Body velocity at the start of the period \[m/s, m/s, rad/s\].
     pub velocity: [f64; 3],
-    /// Input that the wheels really got in the period \[m/s, m/s, rad/s\].
+    /// Input that acted on the wheels in the period \[m/s, m/s, rad/s\].
     pub input: [f64; 3],
-    /// Input that they got in the period before \[m/s, m/s, rad/s\].
+    /// Input that acted in the period before \[m/s, m/s, rad/s\].
     pub input_before: [f64; 3],
-    /// Velocity at its end, measured minus predicted by the main model \[m/s, m/s, rad/s\].
+    /// Velocity at the end of the period, measured minus predicted by the main model
+    /// \[m/s, m/s, rad/s\].
     pub residual: [f64; 3],
-    /// 1 if the period teaches something, 0 if the gate chose its input or no period has passed.
+    /// 1 if the sample can be learnt from, 0 if the gate chose its input or no period has passed.
     pub usable: u32,
     /// Always zero; not sent over the network.
     #[serde(skip)]

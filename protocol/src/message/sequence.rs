@@ -5,7 +5,7 @@ use serde::{Deserialize, Deserializer};
 use std::fmt;
 use std::marker::PhantomData;
 
-/// Up to `MAX` items, read without allocating. What is not used is zero.
+/// Up to `MAX` items, read without allocating. Unused places are zero.
 pub(super) struct Bounded<T, const MAX: usize> {
     pub(super) items: [T; MAX],
     pub(super) len: usize,

@@ -1,9 +1,11 @@
-//! any → any: who said it, and when. The first 48 bytes of every message.
+//! any → any: writer and time of a message. The first 48 bytes of every message.
 
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
-/// Who said it, and when. The first three fields are in the header of a message on the network, not in its body. Filled in by the [`Sink`](crate::port::Sink) that sends the message, except for `tick`.
+/// Writer and time of a message. On the network the first three fields are in the header of the
+/// message, not in its body. The [`Sink`](crate::port::Sink) that sends the message fills in every
+/// field except `tick`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, Serialize, Deserialize)]
 pub struct Stamp {
@@ -24,6 +26,7 @@ pub struct Stamp {
     pub sequence: u64,
     /// Control period that the message is about.
     pub tick: u64,
-    /// Writer's monotonic clock when it was sent \[ns\]. Of one machine only: not to be compared across writers.
+    /// Writer's monotonic clock when the message was sent \[ns\]. It belongs to one machine: do not
+    /// compare it across writers.
     pub sent_nanos: u64,
 }

@@ -1,4 +1,4 @@
-//! plant-sim → recorder only: what is really the case. No controller may read it.
+//! plant-sim → recorder only: the true state. No controller may read it.
 
 use super::{FallbackLevel, Reason, Stamp, fixed_message};
 use crate::frame::code;
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct Truth {
-    /// Who knows, and when.
+    /// Writer and time.
     pub stamp: Stamp,
     /// True pose in the world (x, y, yaw) \[m, m, rad\].
     pub pose: [f64; 3],
@@ -19,7 +19,8 @@ pub struct Truth {
     pub force: [f64; 3],
     /// Wheel speeds that the motors are commanded at this moment \[rad/s\].
     pub wheel_command: [f64; 4],
-    /// Largest magnitude of each wheel's command in the past period; NaN if one was not finite \[rad/s\].
+    /// Largest magnitude of each wheel's command in the past period; NaN if one was not finite
+    /// \[rad/s\].
     pub wheel_peak: [f64; 4],
     /// Epoch of the controller whose command makes `wheel_command`; 0 if none does.
     pub acting_epoch: u64,
@@ -27,11 +28,13 @@ pub struct Truth {
     pub acting_writer: u64,
     /// Tick that it answered.
     pub acting_tick: u64,
-    /// Greatest age of an answered state whose command acted in the past period; 0 if none acted \[ns\].
+    /// Greatest age of an answered state whose command acted in the past period; 0 if none acted
+    /// \[ns\].
     pub acting_age_nanos: u64,
-    /// How often, in the past period, a command of another controller (epoch or writer) took over from the one that acted; none does on the brake.
+    /// How often, in the past period, a command of another controller (epoch or writer) replaced
+    /// the acting one. No command acts on the brake.
     pub takeovers: u32,
-    /// How many of those went to a smaller epoch.
+    /// How many of those replacements went to a smaller epoch.
     pub takeovers_back: u32,
     /// [`FallbackLevel`] of the past period.
     pub fallback_level: u32,

@@ -1,9 +1,10 @@
-//! What a carrier must do: move bytes from one outlet to every inlet of its topic. It knows nothing of messages.
+//! The interface of a carrier: it moves bytes from one outlet to every inlet of its topic. It does
+//! not know messages.
 
 use super::{ReceiveError, SendError};
 use std::time::Duration;
 
-/// How messages become bytes on a carrier.
+/// Encoding of messages on a carrier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     /// As in memory, see [`frame`](crate::frame). Lengths are multiples of 8 bytes.
@@ -12,9 +13,9 @@ pub(super) enum Encoding {
     Wire,
 }
 
-/// Where the bytes of one writer leave.
+/// Sends the bytes of one writer.
 pub(super) trait Outlet {
-    /// How messages become bytes here.
+    /// Encoding of messages here.
     fn encoding(&self) -> Encoding {
         Encoding::Words
     }
@@ -22,25 +23,27 @@ pub(super) trait Outlet {
     /// Lets `fill` write `length` bytes in place, then hands them to every reader.
     fn send(&mut self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<(), SendError>;
 
-    /// Hands the history to readers that have joined since the last call.
+    /// Sends the history to readers that have joined since the last call.
     fn refresh(&mut self) -> Result<(), SendError>;
 
-    /// Messages so far that left this process for nobody: they gave way in a queue of the outlet's own.
+    /// Number of messages that no reader received, because newer ones replaced them in a queue of
+    /// the outlet.
     fn dropped(&self) -> u64 {
         0
     }
 }
 
-/// Where the bytes for one reader arrive.
+/// Receives the bytes for one reader.
 pub(super) trait Inlet {
-    /// How bytes become messages here.
+    /// Encoding of messages here.
     fn encoding(&self) -> Encoding {
         Encoding::Words
     }
 
-    /// Shows `visit` the oldest waiting bytes; false if nothing waits.
+    /// Passes the oldest waiting bytes to `visit`; false if nothing waits.
     fn receive(&mut self, visit: &mut dyn FnMut(&[u8])) -> Result<bool, ReceiveError>;
 
-    /// Sleeps until something waits, which is true, or `timeout` is over or a signal came, which is false.
+    /// Sleeps until a message waits, which gives true. Gives false if `timeout` is over or a signal
+    /// came.
     fn wait(&mut self, timeout: Duration) -> Result<bool, ReceiveError>;
 }

@@ -1,4 +1,4 @@
-//! What can go wrong with a link: one enum per operation.
+//! Errors of links: one enum per operation.
 
 use crate::topic::{Delivery, Topic};
 use std::path::PathBuf;
@@ -7,14 +7,18 @@ use std::time::Duration;
 /// A port, or the graph that it belongs to, cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// The name would not tell graphs apart on every carrier.
+    /// The name does not keep graphs apart on every carrier.
     #[error("graph name {graph:?} must be 1 to 32 characters out of a-z, 0-9, _ and -")]
     GraphName {
         /// The name.
         graph: String,
     },
-    /// A shorter path helps.
-    #[error("root {} is {length} bytes long, at most {limit} are possible with graph name {graph:?}", root.display())]
+    /// The path is too long for a socket; a shorter path helps.
+    #[error(
+        "root {} is {length} bytes long, at most {limit} are possible with graph name \
+        {graph:?}",
+        root.display()
+    )]
     RootTooLong {
         /// Folder of the graph.
         root: PathBuf,
@@ -30,58 +34,67 @@ pub enum OpenError {
     Root {
         /// Folder of the graph.
         root: PathBuf,
-        /// Why not.
+        /// The reason.
         reason: String,
     },
-    /// Shared memory is nearly used up, by this graph or by somebody else.
-    #[error("{} has {free} bytes left, expected at least {least}: whoever joins a graph there would end others", folder.display())]
+    /// Shared memory is nearly used up, by this graph or by other processes.
+    #[error(
+        "{} has {free} bytes left, expected at least {least}: whoever joins a graph there \
+        would end others",
+        folder.display()
+    )]
     NoRoom {
-        /// Where shared memory lies.
+        /// Folder of shared memory.
         folder: PathBuf,
-        /// What is left \[bytes\].
+        /// Free room \[bytes\].
         free: u64,
-        /// What must be \[bytes\].
+        /// Least room required \[bytes\].
         least: u64,
     },
-    /// Shared memory or the network is not to be had at all.
+    /// Shared memory or the network is not available at all.
     #[error("graph {graph:?} cannot be joined: {reason}")]
     Join {
         /// Name of the graph.
         graph: String,
-        /// What the carrier said.
+        /// Error of the carrier.
         reason: String,
     },
-    /// The graph's meeting place on the network cannot be made.
+    /// The graph's router on the network cannot be opened.
     #[error("a router at {endpoints} cannot be opened: {reason}")]
     Router {
-        /// Where it was to listen.
+        /// Endpoints where it was to listen.
         endpoints: String,
-        /// What the carrier said.
+        /// Error of the carrier.
         reason: String,
     },
-    /// The other processes of the graph speak another message or another version on this topic.
+    /// The other processes of the graph use another message or another version on this topic.
     #[error(
-        "topic {} carries {found_message} in protocol version {found_version}, this program wants {message} in version {version}",
+        "topic {} carries {found_message} in protocol version {found_version}, this program wants \
+        {message} in version {version}",
         topic.name()
     )]
     Incompatible {
         /// The topic.
         topic: Topic,
-        /// Our message.
+        /// Message of this program.
         message: String,
-        /// Our protocol version.
+        /// Protocol version of this program.
         version: String,
-        /// Their message.
+        /// Message of the others.
         found_message: String,
-        /// Their protocol version.
+        /// Protocol version of the others.
         found_version: String,
     },
     /// All processes of a graph must agree on `lock_step`.
-    #[error("topic {} is not {delivery:?} for the others of the graph, as it is for this program: lock_step differs", topic.name())]
+    #[error(
+        "topic {} is not {delivery:?} for the others of the graph, as it is for this program: \
+        lock_step differs",
+        topic.name()
+    )]
     Delivery {
         /// The topic.
         topic: Topic,
-        /// What this program wants.
+        /// Delivery that this program expects.
         delivery: Delivery,
     },
     /// The other processes of the graph have another table of topics.
@@ -89,17 +102,17 @@ pub enum OpenError {
     Quality {
         /// The topic.
         topic: Topic,
-        /// What the carrier said.
+        /// Error of the carrier.
         reason: String,
     },
-    /// A process that has not been cleaned up may hold a place.
+    /// The topic has no place left. A dead process that has not been cleaned up may hold one.
     #[error("topic {} has no place for more than {limit} {role}", topic.name())]
     Full {
         /// The topic.
         topic: Topic,
         /// Writers or readers.
         role: &'static str,
-        /// How many there can be.
+        /// The limit.
         limit: usize,
     },
     /// The carrier failed.
@@ -107,23 +120,24 @@ pub enum OpenError {
     Carrier {
         /// The topic.
         topic: Topic,
-        /// What the carrier said.
+        /// Error of the carrier.
         reason: String,
     },
-    /// What dead processes left cannot be removed.
+    /// The remains of dead processes cannot be removed.
     #[error("remains of graph {graph:?} cannot be removed: {reason}")]
     Sweep {
         /// Name of the graph.
         graph: String,
-        /// What the carrier or the file system said.
+        /// Error of the carrier or the file system.
         reason: String,
     },
 }
 
-/// A message did not reach every reader. It keeps its sequence number, so that those that did not get it count a loss.
+/// A message did not reach every reader. It keeps its sequence number, so that a reader without it
+/// counts a loss.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum SendError {
-    /// A reader of a lossless link did not make room in time. The others have got the message.
+    /// A reader of a lossless link did not make room in time. The others have received the message.
     #[error("a reader of topic {} has made no room for {waited:?}", topic.name())]
     NoRoom {
         /// The topic.
@@ -134,7 +148,7 @@ pub enum SendError {
     /// The carrier failed.
     #[error("topic {} cannot be written: {reason}", topic.name())]
     Carrier {
-        /// The topic.
+        /// Operation of the carrier that failed.
         topic: Topic,
         /// What the carrier was doing.
         reason: &'static str,
@@ -149,7 +163,7 @@ pub enum ReceiveError {
     Carrier {
         /// The topic.
         topic: Topic,
-        /// What the carrier was doing.
+        /// Operation of the carrier that failed.
         reason: &'static str,
     },
 }

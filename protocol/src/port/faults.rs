@@ -1,5 +1,5 @@
-//! Faults on purpose: a carrier between [`Source`](super::Source) or [`Sink`](super::Sink) and the real one, which loses, delays and
-//! damages what passes, as settings say.
+//! Fault injection: a carrier between [`Source`](super::Source) or [`Sink`](super::Sink) and the
+//! real one. It loses, delays and damages messages as the settings specify.
 //!
 //! | file       | what it holds                                                      |
 //! |------------|--------------------------------------------------------------------|
@@ -9,12 +9,16 @@
 //! | `carrier`  | the inlet and the outlet around the real ones                      |
 //! | `random`   | the seeded generator that every fault has of its own               |
 //!
-//! Every decision depends on the seed, the rule, the link and the messages alone, never on a clock; only the release of what is held back
-//! for a time does. What a fault holds comes out at a reader while it waits, at a writer with the next message: delay at readers.
+//! Every decision depends on the seed, the rule, the link and the messages alone, never on a clock.
+//! Only the release of a message that is held back for a time depends on one. A reader releases
+//! held messages while it waits; a writer releases them with its next message. So delay messages at
+//! readers.
 //!
-//! On a lossless link, in lock step, nothing is ever gone: what a fault withholds comes after all once the reader has waited in vain for
-//! 100 ms, as if the carrier had sent it again, unless a later message has come meanwhile. Without that a single lost command would stop
-//! the clock for ever. Such faults must stand at the reader there, and be counted in messages instead of time.
+//! On a lossless link, in lock step, no message is lost for ever. A withheld message is delivered
+//! after the reader has waited in vain for 100 ms, as if the carrier had sent it again, unless a
+//! later message has arrived meanwhile. Without that, a single lost command would stop the clock
+//! for ever. Such faults must be injected at the reader there, and be counted in messages instead
+//! of time.
 
 mod anatomy;
 mod carrier;
@@ -33,21 +37,22 @@ use std::cell::Cell;
 use std::ops::Range;
 use std::rc::Rc;
 
-/// Most messages that one fault holds back or remembers: as many as wait on the deepest link.
+/// Most messages that one fault holds back or remembers: the depth of the deepest link.
 const HELD_MAX: usize = 256;
-/// Longest count of messages that can be asked for.
+/// Largest count of messages in a setting.
 const MESSAGES_MAX: u64 = 64;
-/// Longest delay that can be asked for \[ms\].
+/// Longest delay in a setting \[ms\].
 const MILLIS_MAX: u64 = 10_000;
 
-/// Which faults are injected, and where. By default none, which costs nothing.
+/// Which faults are injected, and where. By default there are none, at no cost.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Faults {
     /// Seed of all random choices.
     #[serde(default)]
     pub seed: u64,
-    /// The process that these settings are for; set by the launcher. Without it the faults of all others but the named ones apply.
+    /// The process that these settings are for; set by the launcher. Without it, faults that name
+    /// no process apply.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub process: Option<Participant>,
     /// The faults, in the order in which a message passes them.
@@ -68,28 +73,29 @@ pub struct Fault {
     pub participant: Option<Participant>,
     /// What happens to a message.
     pub kind: Kind,
-    /// First tick, by the message's stamp, that it happens to.
+    /// First tick, by the message's stamp, at which the fault applies.
     #[serde(default)]
     pub from_tick: u64,
-    /// First tick that it does not happen to any more; to the end if not given.
+    /// First tick at which the fault no longer applies; without it the fault applies to the end.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until_tick: Option<u64>,
-    /// How likely it is for each message, up to 1.
+    /// Probability for each message, up to 1.
     #[serde(default = "certain")]
     pub probability: f64,
-    /// Of `delay` and `jitter`: how long \[ms\].
+    /// For `delay` and `jitter`: the delay \[ms\].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub millis: Option<u64>,
-    /// Of `delay`, `jitter` and `reorder`: how many later messages pass before; of `replay`: how many messages ago.
+    /// For `delay`, `jitter` and `reorder`: how many later messages pass first. For `replay`: how
+    /// many messages ago the replayed one was.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub messages: Option<u64>,
-    /// Of `nan`, `flip` and `outlier`: the field.
+    /// For `nan`, `flip` and `outlier`: the field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub field: Option<String>,
-    /// Of `flip` and `outlier`: which number of the field, from 0; every one if not given.
+    /// For `flip` and `outlier`: which number of the field, from 0; every number if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub number: Option<usize>,
-    /// Of `outlier`: the most that a number is off, either way, in its own unit.
+    /// For `outlier`: the largest deviation of a number, either way, in its own unit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub amount: Option<f64>,
 }
@@ -102,9 +108,9 @@ fn certain() -> f64 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
-    /// Where it is written.
+    /// The end that writes.
     Writer,
-    /// Where it is read.
+    /// The end that reads.
     Reader,
 }
 
@@ -112,23 +118,24 @@ pub enum End {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// It never comes.
+    /// The message is lost.
     Drop,
-    /// The same bytes come again at once.
+    /// The same bytes arrive again at once.
     Duplicate,
-    /// It comes later, by a time or by so many later messages.
+    /// It arrives later, by a time or by a number of later messages.
     Delay,
-    /// It comes later by a random part of a time or of a number of later messages.
+    /// It arrives later by a random part of a time or of a number of later messages.
     Jitter,
-    /// It comes behind the next message, or behind so many.
+    /// It arrives behind the next message, or behind a number of messages.
     Reorder,
     /// One random bit is flipped.
     Corrupt,
     /// It is cut to a random shorter length, in whole words.
     Truncate,
-    /// A stuck sensor: the numbers of the first message of the window, under the present stamp, sealed as valid.
+    /// A stuck sensor: the message repeats the numbers of the first message of the window, with its
+    /// own stamp, sealed as valid.
     Freeze,
-    /// The bytes of an earlier message come again behind it.
+    /// The bytes of an earlier message arrive again behind it.
     Replay,
     /// One number of a field is not a number, sealed as valid.
     Nan,
@@ -160,12 +167,12 @@ impl Kind {
         }
     }
 
-    /// Whether it happens to the numbers of one field.
+    /// Whether it changes the numbers of one field.
     const fn alters_a_field(self) -> bool {
         matches!(self, Self::Nan | Self::Flip | Self::Outlier)
     }
 
-    /// Whether the message itself is missing where it should be, for a while or for good.
+    /// Whether the message is missing where it is expected, for a while or for good.
     const fn withholds(self) -> bool {
         matches!(
             self,
@@ -180,18 +187,18 @@ impl Kind {
     }
 }
 
-/// A fault that cannot be.
+/// A fault with settings that are not possible.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{key}: expected {expected}")]
 pub struct ImpossibleFault {
     /// Dotted path of the key; faults count from 0.
     pub key: String,
-    /// What it would have to be.
+    /// The expected value.
     pub expected: String,
 }
 
 impl Faults {
-    /// Whether there are none.
+    /// Whether there are no faults.
     pub fn is_empty(&self) -> bool {
         self.fault.is_empty()
     }
@@ -202,10 +209,10 @@ impl Faults {
         Self { process: Some(participant), ..self.clone() }
     }
 
-    /// Whether there can be such faults.
+    /// Checks whether such faults are possible.
     ///
     /// # Errors
-    /// [`ImpossibleFault`] names the first setting that cannot be.
+    /// [`ImpossibleFault`] names the first setting that is not possible.
     pub fn check(&self) -> Result<(), ImpossibleFault> {
         if i64::try_from(self.seed).is_err() {
             return Err(impossible(
@@ -216,10 +223,11 @@ impl Faults {
         self.each(Fault::check)
     }
 
-    /// Whether they can be in lock step, where time does not count and every message does.
+    /// Checks whether they are possible in lock step, where time does not count and every message
+    /// does.
     ///
     /// # Errors
-    /// [`ImpossibleFault`] names the first setting that cannot be.
+    /// [`ImpossibleFault`] names the first setting that is not possible.
     pub fn check_lock_step(&self) -> Result<(), ImpossibleFault> {
         self.each(Fault::check_lock_step)
     }
@@ -346,7 +354,7 @@ impl Fault {
         Ok(())
     }
 
-    /// Ticks that it happens to.
+    /// Ticks at which it applies.
     fn window(&self) -> Range<u64> {
         self.from_tick..self.until_tick.unwrap_or(u64::MAX)
     }
@@ -367,7 +375,7 @@ impl Injection {
         (!faults.is_empty()).then(|| Self { faults: Rc::new(faults.clone()), lock_step, injected })
     }
 
-    /// What lies on this end of `T`'s link; none if nothing does.
+    /// The faults at this end of `T`'s link; none if there are none.
     pub(super) fn chain<T: OnTopic>(&self, at: End, encoding: Encoding) -> Option<Chain> {
         let delivery = T::TOPIC.quality(self.lock_step).delivery;
         let applies = |fault: &Fault| {

@@ -1,4 +1,4 @@
-//! How the links of one graph run, as a setting.
+//! The links of one graph, as settings.
 
 use super::{Faults, OpenError};
 use crate::access::Credentials;
@@ -14,28 +14,33 @@ pub const GRAPH_NAME_MAX: usize = 32;
 /// Longest patience, so that deadlines can be computed without overflow.
 pub(super) const PATIENCE_MAX: Duration = Duration::from_hours(24);
 
-/// How the links of one graph run. Every process of the graph gets the same.
+/// The links of one graph. Every process of the graph gets the same settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Links {
-    /// Name of the graph: 1 to 32 of `a`–`z`, `0`–`9`, `_` and `-`. Two graphs of different names never hear each other.
+    /// Name of the graph: 1 to 32 of `a`–`z`, `0`–`9`, `_` and `-`. Two graphs of different names
+    /// never exchange messages.
     pub graph: String,
-    /// Whether the links that a run's result depends on lose nothing.
+    /// Whether the links that determine a run's result lose nothing.
     pub lock_step: bool,
-    /// Folder for the carrier's files and sockets, private to the graph; made if missing. Keep it short: the system allows a socket a path of
-    /// 107 bytes, of which 50 and the graph's name are taken.
+    /// Folder for the carrier's files and sockets, private to the graph; made if missing. Keep it
+    /// short: the system limits the path of a socket to 107 bytes, of which 50 and the graph's name
+    /// are taken.
     pub root: PathBuf,
     /// How long a lossless writer waits for room \[ms\].
     pub patience_millis: u64,
-    /// What each topic runs over.
+    /// Carrier of each topic.
     pub carriers: Carriers,
-    /// Endpoints where the network is joined, as `tcp/127.0.0.1:7447`: those of the graph's router. Empty if nothing runs over it.
+    /// Endpoints of the graph's router, where the network is joined, as `tcp/127.0.0.1:7447`. Empty
+    /// if no topic runs over the network.
     #[serde(default)]
     pub connect: Vec<String>,
-    /// Name of the graph on the network, of the same form, for launches that meet there; that of the graph unless it is said.
+    /// Name of the graph on the network, of the same form, for launches that share a network graph;
+    /// by default that of the graph.
     #[serde(default)]
     pub network_graph: Option<String>,
-    /// Certificate by which the others on the network know this process; without it nothing there is encrypted, and everybody is believed.
+    /// Certificate by which the others on the network authenticate this process. Without it no
+    /// traffic there is encrypted, and every peer is trusted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub credentials: Option<Credentials>,
     /// Faults that are injected on purpose; none by default.
@@ -43,7 +48,7 @@ pub struct Links {
     pub faults: Faults,
 }
 
-/// What a link runs over. In-process memory is not a setting: see [`Exchange`](super::Exchange).
+/// The carrier of a link. In-process memory is not a setting: see [`Exchange`](super::Exchange).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Carrier {
@@ -53,12 +58,12 @@ pub enum Carrier {
     Network,
 }
 
-/// What each topic runs over: `default`, and the exceptions by the topics' names.
+/// Carrier of each topic: `default`, and the exceptions by the topics' names.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Carriers {
-    /// What runs over nothing else.
+    /// Carrier of all topics without an exception.
     pub default: Carrier,
-    /// Topics that run over something else than the default, by name.
+    /// Topics with another carrier than the default, by name.
     #[serde(flatten)]
     pub exceptions: BTreeMap<String, Carrier>,
 }
@@ -69,7 +74,7 @@ impl Carriers {
         Self { default: carrier, exceptions: BTreeMap::new() }
     }
 
-    /// What `topic` runs over.
+    /// Carrier of `topic`.
     pub fn of(&self, topic: Topic) -> Carrier {
         self.exceptions.get(topic.name()).copied().unwrap_or(self.default)
     }
@@ -112,7 +117,7 @@ impl Links {
         self.network_graph.as_deref().unwrap_or(&self.graph)
     }
 
-    /// Fails unless the names of the graph can be used.
+    /// Fails unless the names of the graph are valid.
     pub(super) fn check(&self) -> Result<(), OpenError> {
         for name in [self.graph.as_str(), self.network_graph()] {
             if !is_graph_name(name) {

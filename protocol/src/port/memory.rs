@@ -1,7 +1,8 @@
 //! The carrier inside one process: every reader has a queue of its own.
 //!
-//! Buffers circulate between a queue and its reader, so that nothing is allocated once they have all been used. A lock is taken for every
-//! message: this carrier is for tests and experiments, not for a control loop.
+//! Buffers circulate between a queue and its reader, so that nothing is allocated once they have
+//! all been used. A lock is taken for every message: this carrier is for tests and experiments, not
+//! for a control loop.
 
 use super::carrier::{Inlet, Outlet};
 use super::links::PATIENCE_MAX;
@@ -11,7 +12,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The meeting place of the ports of one process; clones are the same place.
+/// The exchange between the ports of one process; clones are the same exchange.
 #[derive(Clone)]
 pub struct Exchange {
     shared: Arc<Shared>,
@@ -23,7 +24,7 @@ struct Shared {
     topics: [Mutex<Table>; TOPIC_COUNT],
 }
 
-/// Who is on one topic.
+/// Writers and readers of one topic.
 #[derive(Default)]
 struct Table {
     next_id: u64,
@@ -32,7 +33,7 @@ struct Table {
     writers: Vec<(u64, VecDeque<Vec<u8>>)>,
 }
 
-/// What waits for one reader.
+/// Messages that wait for one reader.
 struct Queue {
     quality: Quality,
     state: Mutex<QueueState>,
@@ -119,7 +120,7 @@ impl Table {
         self.next_id
     }
 
-    /// Keeps `bytes` for late joiners, in the buffer of what they replace.
+    /// Keeps `bytes` for late joiners, in the buffer of the message that they replace.
     fn remember(&mut self, writer: u64, bytes: &[u8], depth: usize) {
         if let Some((_, history)) = self.writers.iter_mut().find(|(id, _)| *id == writer) {
             let mut buffer = if history.len() < depth {
@@ -143,7 +144,8 @@ impl Queue {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Appends `bytes`. When full, waits until `deadline` if the link is lossless, and says whether there was room; else drops the oldest.
+    /// Appends `bytes`. On a full lossless link it waits until `deadline`, and returns whether
+    /// there was room; else it drops the oldest.
     fn push(&self, bytes: &[u8], deadline: Instant) -> bool {
         let quality = self.quality;
         let mut state = self.lock();
@@ -186,7 +188,8 @@ impl Outlet for MemoryOutlet {
         self.bytes.resize(length, 0);
         fill(&mut self.bytes);
         {
-            // History and readers in one go: who joins now finds the message in one of the two, never in both.
+            // History and readers are read under one lock: a reader that joins now finds the
+            // message in one of the two, never in both.
             let mut table = self.exchange.shared.table(self.topic);
             if self.quality.history > 0 {
                 table.remember(self.id, &self.bytes, self.quality.history);

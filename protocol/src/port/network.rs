@@ -1,8 +1,9 @@
 //! The carrier between machines, over zenoh.
 //!
-//! Every `Ports` is a zenoh client of the graph's router. No thread of the caller ever enters zenoh after a port is open: a writer's
-//! messages go through a bounded queue to a thread of its own, a reader's come through one from zenoh's threads. Keys, presence and room
-//! reports are described in `WIRE.md`.
+//! Every `Ports` is a zenoh client of the graph's router. No thread of the caller ever enters zenoh
+//! after a port is open: a writer's messages go through a bounded queue to a thread of its own, a
+//! reader's come through one from zenoh's threads. Keys, presence and room reports are described in
+//! `WIRE.md`.
 
 mod bell;
 mod config;

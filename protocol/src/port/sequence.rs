@@ -1,28 +1,29 @@
-//! Who was heard, up to where: what is lost, what is stale.
+//! The last message of each writer: finds lost and stale messages.
 
 use crate::message::Stamp;
 
-/// Most writers that are remembered at a time: twice as many as a topic can have at once, so that each can be replaced.
+/// Most writers that are remembered at a time: twice as many as a topic can have at once, so that
+/// each can be replaced.
 const WRITERS_MAX: usize = 32;
 
 /// From which message on losses count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Since {
-    /// The reader was there before the writers: counted from sequence 1.
+    /// The reader was open before the writers: losses count from sequence 1.
     First,
     /// A late joiner: counting begins with the first message seen of each writer.
     Joining,
 }
 
-/// What a stamp says about the messages before it.
+/// Result of a stamp, compared with the messages before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Place {
-    /// New, with so many lost before it.
+    /// New, with a number of messages lost before it.
     New {
         /// Messages between the last one and this one.
         lost: u64,
     },
-    /// Not newer than what the same writer has said before in the same epoch.
+    /// Not newer than an earlier message of the same writer in the same epoch.
     Stale,
 }
 
@@ -33,7 +34,7 @@ struct Heard {
     sequence: u64,
 }
 
-/// The writers of one topic, the one heard last in front. Does not allocate after it is made.
+/// The writers of one topic, the most recent first. Does not allocate after it is made.
 #[derive(Debug)]
 pub(super) struct Sequences {
     since: Since,
@@ -74,7 +75,7 @@ impl Sequences {
         Place::New { lost: stamp.sequence - last - 1 }
     }
 
-    /// Sequence number that came before the first message of a writer and epoch not heard before.
+    /// Sequence number before the first message of a new writer and epoch.
     fn start(&self, stamp: &Stamp) -> u64 {
         let new_epoch = self.heard.iter().any(|heard| heard.writer == stamp.writer);
         match self.since {
@@ -113,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_said_twice_or_late_is_stale() {
+    fn repeated_and_late_messages_are_stale() {
         let mut sequences = Sequences::new(Since::Joining);
         assert_eq!(sequences.place(&stamp(1, 1, 0)), Place::Stale, "sequences count from 1");
         assert_eq!(sequences.place(&stamp(1, 1, 5)), Place::New { lost: 0 });

@@ -1,8 +1,10 @@
 //! The carrier between the processes of one machine, over iceoryx2.
 //!
-//! Each topic is one publish-subscribe service, whose payload is a slice of words so that messages of fixed and of variable size take the same
-//! way, and one event service, which wakes the readers. Services carry the name of their message and the protocol version, so that programs of
-//! two versions refuse each other when they open a port, and not when they misread a robot.
+//! Each topic is two services. One is a publish-subscribe service, whose payload is a slice of
+//! words, so that messages of fixed and of variable size use the same path. The other is an event
+//! service, which wakes the readers. Services carry the name of their message and the protocol
+//! version. So programs of two versions refuse each other when they open a port, instead of
+//! misreading messages while the robot drives.
 
 mod alarm;
 mod closed;
@@ -31,13 +33,13 @@ use std::os::unix::ffi::OsStrExt;
 use std::rc::Rc;
 use std::time::Duration;
 
-/// Longest path of a socket: that of the system without its closing zero \[bytes\].
+/// Longest path of a socket: the system's limit without its closing zero \[bytes\].
 const SOCKET_PATH_MAX: usize = 107;
 
-/// What a socket's path has behind root and prefix: a separator, 39 digits and `.event` \[bytes\].
+/// Length of a socket's path behind root and prefix: a separator, 39 digits and `.event` \[bytes\].
 const SOCKET_NAME_MAX: usize = 1 + 39 + 6;
 
-/// How long a port waits for another thread or process that is removing the dead already.
+/// How long a port waits for another thread or process that already removes the dead members.
 const CLEANUP_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// This thread's membership in one graph.
@@ -48,7 +50,7 @@ pub(super) struct SharedMemory {
     patience: Duration,
 }
 
-/// The services of a topic, open.
+/// The open services of a topic.
 pub(super) struct Held {
     _messages: Messages,
     _events: Events,
@@ -109,12 +111,13 @@ impl SharedMemory {
     }
 }
 
-/// What all files of a graph in `/dev/shm` begin with. The dots keep graph `a` apart from graph `a_b`.
+/// Common prefix of all files of a graph in `/dev/shm`. The dots keep graph `a` apart from graph
+/// `a_b`.
 fn prefix(links: &Links) -> String {
     format!("cx.{}.", links.graph)
 }
 
-/// iceoryx2's configuration for one graph: its defaults, never a file of the user's.
+/// iceoryx2's configuration for one graph: its defaults, never a file of the user.
 fn config(links: &Links) -> Result<Config, OpenError> {
     links.check()?;
     let prefix = prefix(links);

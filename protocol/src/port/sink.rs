@@ -8,14 +8,15 @@ use std::marker::PhantomData;
 
 /// A writer of `T` on its topic.
 ///
-/// Keep it until its readers had time to look: on shared memory a reader connects to a writer when it next looks, and what a writer
-/// sent that is gone by then is never heard. A reader that has looked keeps what waits, even when the writer dies.
+/// Keep it until its readers have connected. On shared memory a reader connects to a writer at its
+/// next read. It never receives the messages of a writer that is gone by then. A connected reader
+/// keeps its waiting messages, even when the writer dies.
 pub struct Sink<T> {
     outlet: Box<dyn Outlet>,
     identity: Identity,
     sequence: u64,
     sent: u64,
-    /// The message as it is on the network; not used elsewhere.
+    /// The message as it is on the network; not used on other carriers.
     encoded: Vec<u8>,
     message: PhantomData<T>,
 }
@@ -27,11 +28,13 @@ impl<T: OnTopic> Sink<T> {
 
     /// Sends `message` to every reader, and fills in its stamp except for `tick`.
     ///
-    /// Never waits on a link where the newest wins; on a lossless one it waits for room, at most as long as the graph's patience.
-    /// On shared memory the message is written in place; iceoryx2 takes one piece of 48 bytes from the heap for the loan, and gives it back.
+    /// Never waits on a link where the newest wins. On a lossless link it waits for room, at most
+    /// as long as the graph's patience. On shared memory the message is written in place; iceoryx2
+    /// allocates one piece of 48 bytes for the loan, and frees it.
     ///
     /// # Errors
-    /// [`SendError`] if a reader did not get it. The sequence number is used up all the same, so that this reader counts a loss.
+    /// [`SendError`] if a reader did not receive it. The sequence number is used up all the same,
+    /// so that this reader counts a loss.
     pub fn send(&mut self, message: &mut T) -> Result<(), SendError> {
         self.sequence += 1;
         let stamp = message.stamp_mut();
@@ -47,7 +50,8 @@ impl<T: OnTopic> Sink<T> {
         sent
     }
 
-    /// Says `message` again, as [`send`](Self::send) has left it: the same bytes. Readers that have had it take it for stale.
+    /// Sends `message` again, as [`send`](Self::send) has left it: the same bytes. Readers that
+    /// have received it count it as stale.
     ///
     /// # Errors
     /// As for [`send`](Self::send).
@@ -55,7 +59,7 @@ impl<T: OnTopic> Sink<T> {
         self.transmit(message).1
     }
 
-    /// Hands a message to the carrier, whose checksum it gives.
+    /// Passes a message to the carrier. Returns its checksum too.
     fn transmit(&mut self, message: &T) -> (u32, Result<(), SendError>) {
         let mut checksum = 0;
         let sent = match self.outlet.encoding() {
@@ -71,7 +75,7 @@ impl<T: OnTopic> Sink<T> {
         (checksum, sent)
     }
 
-    /// Speaks in another epoch from now on. Its sequence numbers start at 1 again.
+    /// Changes the epoch of all further messages. Its sequence numbers start at 1 again.
     pub fn set_epoch(&mut self, epoch: u64) {
         self.identity.epoch = epoch;
         self.sequence = 0;
@@ -82,12 +86,14 @@ impl<T: OnTopic> Sink<T> {
         self.sent
     }
 
-    /// Messages that count as sent, and gave way to newer ones in the writer's own queue to the network.
+    /// Messages that count as sent, and were dropped for newer ones in the writer's own queue to
+    /// the network.
     pub fn dropped(&self) -> u64 {
         self.outlet.dropped()
     }
 
-    /// Hands the history to late joiners while there is nothing new to send. Without it they get it with the next message.
+    /// Sends the history to late joiners while there is no new message. Otherwise they get it with
+    /// the next message.
     ///
     /// # Errors
     /// [`SendError::Carrier`].
@@ -96,7 +102,7 @@ impl<T: OnTopic> Sink<T> {
     }
 }
 
-/// A writer of arbitrary bytes, which promises nothing about them: for tests of what readers do with garbage.
+/// A writer of arbitrary bytes without any check: for tests of how readers handle garbage.
 pub struct RawSink {
     outlet: Box<dyn Outlet>,
 }
@@ -106,7 +112,8 @@ impl RawSink {
         Self { outlet }
     }
 
-    /// Sends `bytes` as they are; where lengths are counted in words, behind them zeros up to a multiple of 8.
+    /// Sends `bytes` as they are. Where lengths are counted in words, zeros are appended up to a
+    /// multiple of 8.
     ///
     /// # Errors
     /// As for [`Sink::send`].

@@ -1,4 +1,4 @@
-//! carrier → message: decodes, drops what is stale, and counts.
+//! carrier → message: decodes, drops stale messages, and counts.
 
 use super::carrier::{Encoding, Inlet};
 use super::sequence::{Place, Sequences};
@@ -9,16 +9,17 @@ use crate::wire;
 use std::marker::PhantomData;
 use std::time::Duration;
 
-/// What a reader has counted since it was opened.
+/// Counters of a reader since it was opened.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Messages received and valid, those included that [`Source::latest`] passed over.
+    /// Messages received and valid, including those that [`Source::latest`] skipped.
     pub received: u64,
-    /// Messages that their writer sent and that never came, or came damaged: gaps in the sequence.
+    /// Messages that their writer sent and that never arrived, or arrived damaged: gaps in the
+    /// sequence.
     pub lost: u64,
     /// Bytes that were no valid message.
     pub refused: u64,
-    /// Messages that came again or too late.
+    /// Messages that arrived again or too late.
     pub stale: u64,
 }
 
@@ -42,9 +43,11 @@ impl<T: OnTopic> Source<T> {
         }
     }
 
-    /// Takes the oldest waiting message, if there is one. Never waits. Order holds among the messages of one writer.
+    /// Takes the oldest waiting message, if there is one. Never waits. The messages of one writer
+    /// keep their order.
     ///
-    /// What is no valid message is passed over, counted as `refused`, and kept as [`last_refusal`](Self::last_refusal).
+    /// Bytes that are no valid message are skipped, counted as `refused`, and their error is kept
+    /// as [`last_refusal`](Self::last_refusal).
     ///
     /// # Errors
     /// [`ReceiveError`] if the carrier fails.
@@ -73,9 +76,10 @@ impl<T: OnTopic> Source<T> {
         }
     }
 
-    /// Takes everything that waits and gives the newest: the last one, of the greatest epoch where there are several.
+    /// Takes all waiting messages and returns the newest: the last one, of the greatest epoch where
+    /// there are several.
     ///
-    /// Those passed over count as received, not as lost.
+    /// Skipped messages count as received, not as lost.
     ///
     /// # Errors
     /// [`ReceiveError`] if the carrier fails.
@@ -89,10 +93,11 @@ impl<T: OnTopic> Source<T> {
         Ok(newest)
     }
 
-    /// Sleeps until something waits, and says whether something does. True at once if it does already.
+    /// Sleeps until a message waits, and returns whether one does. True at once if one does
+    /// already.
     ///
-    /// A signal ends it early with false, so that a process can look at its flags. A timeout may be rounded up to whole milliseconds; one
-    /// of less than a millisecond is kept to 0.2 ms.
+    /// A signal ends it early with false, so that a process can check its flags. A timeout may be
+    /// rounded up to whole milliseconds; one of less than a millisecond is kept to 0.2 ms.
     ///
     /// # Errors
     /// [`ReceiveError`] if the carrier fails.
@@ -100,7 +105,7 @@ impl<T: OnTopic> Source<T> {
         self.inlet.wait(timeout)
     }
 
-    /// What has been counted so far.
+    /// The counters so far.
     pub fn tally(&self) -> Tally {
         self.tally
     }

@@ -1,18 +1,19 @@
-//! One writer of a lossless link, and those who only look on.
+//! One writer of a lossless link, and its watchers.
 //!
-//! In lock step a writer waits for its readers. One who only looks on shall not be waited for, and a link on shared memory is lossless
-//! for all of its readers or for none. So the writer has a second outlet, where the newest wins, beside the first.
+//! In lock step a writer waits for its readers. It must not wait for a watcher, and a link on
+//! shared memory is lossless for all of its readers or for none. So the writer has a second outlet
+//! beside the first, where the newest wins.
 
 use super::SendError;
 use super::carrier::Outlet;
 use crate::topic::{Delivery, Quality, Topic};
 
-/// Who reads.
+/// The readers of an outlet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Audience {
-    /// Those whom the result of a run depends on.
+    /// The readers that determine the result of a run.
     Members,
-    /// Those who only look on.
+    /// The readers that only watch.
     Watchers,
 }
 
@@ -31,7 +32,7 @@ impl Audience {
     }
 }
 
-/// Says everything twice: first to the members, then to the watchers.
+/// Sends each message twice: first to the members, then to the watchers.
 pub(super) struct Watched<O> {
     pub(super) members: O,
     pub(super) watchers: O,
@@ -40,7 +41,7 @@ pub(super) struct Watched<O> {
 impl<O: Outlet> Outlet for Watched<O> {
     fn send(&mut self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<(), SendError> {
         let sent = self.members.send(length, fill);
-        // That somebody could not look on is nobody's failure.
+        // A failure to reach a watcher is no failure of the link.
         let _ = self.watchers.send(length, fill);
         sent
     }

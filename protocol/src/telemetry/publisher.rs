@@ -11,7 +11,7 @@ use zenoh::{Session, Wait};
 
 type Outlet = zenoh::pubsub::Publisher<'static>;
 
-/// Shows what a robot does to whoever connects. Takes nothing in.
+/// Publishes what a robot does to every connected watcher. Receives no data.
 pub struct Publisher {
     /// Two for each topic: bytes, JSON.
     outlets: [(Outlet, Outlet); TOPIC_COUNT],
@@ -25,7 +25,7 @@ impl Publisher {
     /// Listens for watchers of the robot, whose control period is `period_nanos` \[ns\].
     ///
     /// # Errors
-    /// [`TelemetryError`] if the settings are not well-formed or an endpoint cannot be had.
+    /// [`TelemetryError`] if the settings are not well-formed or an endpoint is not available.
     pub fn open(settings: &TelemetrySettings, period_nanos: u64) -> Result<Self, TelemetryError> {
         settings.check()?;
         let (session, endpoints) = listen(settings)?;
@@ -54,12 +54,13 @@ impl Publisher {
         })
     }
 
-    /// Where it listens, with true ports.
+    /// The endpoints where it listens, with the actual ports.
     pub fn endpoints(&self) -> &[String] {
         &self.endpoints
     }
 
-    /// Shows one message to those who watch its topic. A watcher without room misses it. Nothing is encoded that nobody watches.
+    /// Publishes one message to the watchers of its topic. A watcher without room misses it. A
+    /// topic without watchers costs no encoding.
     ///
     /// # Errors
     /// [`TelemetryError::Session`].
@@ -79,7 +80,7 @@ impl Publisher {
         Ok(())
     }
 
-    /// Says goodbye to all watchers.
+    /// Closes the sessions of all watchers.
     ///
     /// # Errors
     /// [`TelemetryError::Session`].

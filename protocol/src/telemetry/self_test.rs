@@ -1,4 +1,4 @@
-//! Whether a gateway keeps out who is no watcher: tried by itself, before anybody relies on it.
+//! Self-test of a gateway: whether it refuses every peer that is no watcher, before it is used.
 
 use super::Publisher;
 use super::session::connect;
@@ -10,17 +10,18 @@ use std::thread;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
 
-/// How often something is said to one who must not hear it, who listens so long each time. One who may hears the first of them.
+/// How often a test value is published to a peer that must not receive it. The peer listens so long
+/// each time. A permitted peer receives the first of them.
 const TIMES: usize = 10;
 const LISTENS_FOR: Duration = Duration::from_millis(100);
-/// How long it tries to connect.
+/// How long the test tries to connect.
 const CONNECTS_WITHIN: Duration = Duration::from_secs(10);
 /// Pause between two attempts.
 const TRIES_AGAIN_AFTER: Duration = Duration::from_millis(50);
 
 impl Publisher {
-    /// Tries to watch, wherever it listens: over TCP, without a certificate, and in the role of `credentials`, which is no watcher's. Meanwhile
-    /// `word` is published.
+    /// Tries to watch at every endpoint of the gateway: over TCP, without a certificate, and in the
+    /// role of `credentials`, which is no watcher's. Meanwhile `word` is published.
     ///
     /// # Errors
     /// The first [`Breach`].
@@ -44,13 +45,14 @@ impl Publisher {
         let session = loop {
             match connect(&endpoint, Some(credentials)) {
                 Ok(session) => break session,
-                // After each stranger who knocks, nobody is let in for a tenth of a second.
+                // After each refused peer, the gateway accepts no connection for a tenth of a
+                // second.
                 Err(_) if Instant::now() < deadline => thread::sleep(TRIES_AGAIN_AFTER),
                 Err(error) => return Err(unknown(error.to_string())),
             }
         };
         let (tell, heard) = channel();
-        // Nobody listens any more once something has been heard.
+        // The subscription ends after the first value.
         let subscriber = session
             .declare_subscriber("coxswain/**")
             .callback(move |_| tell.send(()).unwrap_or_default());

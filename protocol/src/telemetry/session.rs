@@ -9,25 +9,28 @@ use std::net::TcpListener;
 use zenoh::config::EndPoint;
 use zenoh::{Config, Session, Wait};
 
-/// How long the other end may take to say who it is \[ms\].
+/// How long the other end may take to identify itself \[ms\].
 const OPEN_TIMEOUT_MILLIS: u64 = 3000;
 
-/// A session whose other end has been silent for so long is over \[ms\].
+/// A session ends after its other end has been silent for so long \[ms\].
 const LEASE_MILLIS: u64 = 2000;
 
-/// How long a value may wait for room on its way to one slow watcher before that watcher misses it \[µs\].
+/// How long a value may wait for room on its way to one slow watcher before that watcher misses it
+/// \[µs\].
 const WAIT_BEFORE_DROP_MICROS: u64 = 100;
 
-/// Longest message that a watcher takes in: more than a snapshot has, as bytes or as JSON \[bytes\].
+/// Longest message that a watcher accepts: more than a snapshot has, as bytes or as JSON \[bytes\].
 const HEARD_MAX_BYTES: u64 = 16 * 1024 * 1024;
 
-/// Longest message that a publishing session takes in, to which nothing is said but who wants to hear what \[bytes\].
+/// Longest message that a publishing session accepts; it receives only declarations of interest
+/// \[bytes\].
 const ASKED_MAX_BYTES: u64 = 64 * 1024;
 
 /// Most watchers at one time.
 const WATCHERS_MAX: usize = 64;
 
-/// Ports that are tried where any will do: another process may take one between the choice and its use.
+/// Number of ports tried when any port will do: another process may take one between the choice and
+/// its use.
 const PORT_ATTEMPTS: u32 = 8;
 
 /// Fails unless `endpoint` is well-formed.
@@ -39,7 +42,7 @@ pub(super) fn check_endpoint(endpoint: &str) -> Result<(), TelemetryError> {
         return Err(bad("only tcp and tls are spoken".to_owned()));
     }
     let address = parsed.address().to_string();
-    // Behind the address an endpoint could say that certificates need not be looked at.
+    // After the address, an endpoint could switch off the verification of certificates.
     if endpoint.contains(['?', '#']) {
         return Err(bad("nothing may follow host and port".to_owned()));
     }
@@ -54,7 +57,8 @@ pub(super) fn check_endpoint(endpoint: &str) -> Result<(), TelemetryError> {
     }
 }
 
-/// A session that others connect to, and the endpoints that it listens on, each with its true port.
+/// A session that accepts connections, and the endpoints where it listens, each with its actual
+/// port.
 pub(super) fn listen(
     settings: &TelemetrySettings,
 ) -> Result<(Session, Vec<String>), TelemetryError> {
@@ -73,7 +77,7 @@ pub(super) fn listen(
     }
 }
 
-/// The robot that a certificate is of.
+/// The robot that a certificate names.
 fn robot_of(credentials: &Credentials) -> Result<String, TelemetryError> {
     credentials
         .read()
@@ -107,7 +111,8 @@ fn open_listening(
         .wait()
         .map_err(failed);
     }
-    // What arrives here is declarations of interest. Everything that says something is dropped, so that no watcher hears it either.
+    // Only declarations of interest are needed here. Every message with data is dropped, so that no
+    // watcher receives it either.
     set(
         &mut config,
         "access_control",
@@ -116,7 +121,9 @@ fn open_listening(
             "default_permission": "allow",
             "rules": [{
                 "id": "look, do not touch",
-                "messages": ["put", "delete", "query", "reply", "declare_queryable", "liveliness_token"],
+                "messages": [
+                    "put", "delete", "query", "reply", "declare_queryable", "liveliness_token",
+                ],
                 "flows": ["ingress"],
                 "permission": "deny",
                 "key_exprs": ["**"],
@@ -128,7 +135,7 @@ fn open_listening(
     zenoh::open(config).wait().map_err(failed)
 }
 
-/// A session with the gateway at `endpoint`. Fails within seconds if nobody answers.
+/// A session with the gateway at `endpoint`. Fails within seconds if no gateway answers.
 pub(super) fn connect(
     endpoint: &str,
     credentials: Option<&Credentials>,
@@ -158,7 +165,7 @@ fn config(mode: &str) -> Result<Config, TelemetryError> {
         ("adminspace/enabled", json!(false)),
         ("scouting/multicast/enabled", json!(false)),
         ("scouting/gossip/enabled", json!(false)),
-        // Else opening takes this long, for others that might be found.
+        // Otherwise opening takes this long, to wait for peers that discovery might find.
         ("scouting/delay", json!(0)),
         ("transport/unicast/open_timeout", json!(OPEN_TIMEOUT_MILLIS)),
         ("transport/unicast/accept_timeout", json!(OPEN_TIMEOUT_MILLIS)),

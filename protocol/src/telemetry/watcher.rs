@@ -14,32 +14,32 @@ use zenoh::handlers::{RingChannel, RingChannelHandler};
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::Sample;
 
-/// Most values that wait to be looked at; the oldest give way.
+/// Most values that wait to be read; the oldest are dropped.
 const WAITING_MAX: usize = 64;
 
-/// What was heard.
+/// A received message.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Heard {
-    /// What the sensors saw, and what the gate did.
+    /// What the sensors measured, and what the gate did.
     State(Box<PlantState>),
-    /// What the controller intends.
+    /// The controller's plan.
     Plan(Box<Plan>),
-    /// How one process is.
+    /// The condition of one process.
     Health(Box<Health>),
 }
 
-/// What was heard, and of whom.
+/// A received message, and its robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Word {
     /// Name of the robot.
     pub robot: String,
-    /// Its control period \[ns\]; 0 if it was not told.
+    /// Its control period \[ns\]; 0 if it is not known.
     pub period_nanos: u64,
     /// The message.
     pub said: Heard,
 }
 
-/// Hears states, plans and health of the robots at one endpoint.
+/// Receives states, plans and health of the robots at one endpoint.
 pub struct Watcher {
     samples: Subscriber<RingChannelHandler<Sample>>,
     session: Client,
@@ -47,18 +47,19 @@ pub struct Watcher {
 }
 
 impl Watcher {
-    /// Connects to the gateway at `endpoint`; without a name it watches every robot there.
+    /// Connects to the gateway at `endpoint`. Without a name it watches every robot there.
     ///
     /// # Errors
-    /// [`TelemetryError`], within a few seconds, if nobody answers.
+    /// [`TelemetryError`], within a few seconds, if no gateway answers.
     pub fn open(endpoint: &str, robot: Option<&str>) -> Result<Self, TelemetryError> {
         Self::open_as(endpoint, robot, None)
     }
 
-    /// The same over TLS, if there is a certificate to show: that of a watcher, of the robot and authority of the gateway.
+    /// The same over TLS, if there is a certificate to show: that of a watcher, of the robot and
+    /// authority of the gateway.
     ///
     /// # Errors
-    /// As for [`open`](Self::open), also if the certificate cannot be read or is not believed.
+    /// As for [`open`](Self::open), also if the certificate cannot be read or is not trusted.
     pub fn open_as(
         endpoint: &str,
         robot: Option<&str>,
@@ -75,7 +76,8 @@ impl Watcher {
         Ok(Self { samples, session, refused: 0 })
     }
 
-    /// The next word, if one comes within `timeout`. What is no valid message is passed over and counted.
+    /// The next message, if one arrives within `timeout`. A value that is no valid message is
+    /// skipped and counted.
     ///
     /// # Errors
     /// [`TelemetryError::Session`] if the session has ended.
@@ -95,7 +97,7 @@ impl Watcher {
         }
     }
 
-    /// Whether the gateway is still at the other end.
+    /// Whether the gateway is still connected.
     pub fn is_connected(&self) -> bool {
         self.session.info().routers_zid().wait().next().is_some()
     }
@@ -106,7 +108,7 @@ impl Watcher {
     }
 }
 
-/// The word that a sample carries; none if it is on a topic that is not watched.
+/// The message in a sample; none if its topic is not watched.
 fn heard(sample: &Sample) -> Result<Option<Word>, DecodeError> {
     let key = sample.key_expr().as_str();
     let Some((robot, topic)) = key.strip_prefix("coxswain/").and_then(|rest| rest.split_once('/'))

@@ -1,4 +1,4 @@
-//! message → JSON: what a record says about one field, and the JSON Schema made of it.
+//! message → JSON: the description of one field in a record, and the JSON Schema made of it.
 
 use super::words::Words;
 use serde_json::{Map, Value, json};
@@ -8,13 +8,13 @@ use serde_json::{Map, Value, json};
 pub struct Field {
     /// Its key.
     pub name: &'static str,
-    /// What its value looks like.
+    /// The form of its value.
     pub shape: Shape,
-    /// What it means, with units.
+    /// Its meaning, with units.
     pub about: &'static str,
 }
 
-/// What a value looks like in JSON. A number that is not finite is written as null.
+/// The form of a value in JSON. A number that is not finite is written as null.
 #[derive(Debug, Clone, Copy)]
 pub enum Shape {
     /// A whole number.

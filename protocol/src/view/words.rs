@@ -1,4 +1,4 @@
-//! code ↔ word: a record shows coded fields in a person's words.
+//! code ↔ word: a record shows coded fields as words for a person.
 
 use crate::message::{
     Exposure, FallbackLevel, GateState, Participant, Phase, Reason, SolverStatus,
@@ -57,7 +57,8 @@ pub fn exposure(word: &str) -> Option<Exposure> {
     Exposure::ALL.iter().copied().find(|exposure| exposure.text() == word)
 }
 
-/// The word of a fallback level's code; "?" if it is of another version, which no valid message carries.
+/// The word of a fallback level's code; "?" for a code of another version, which no valid message
+/// carries.
 pub fn of_fallback_level(code: u32) -> &'static str {
     FallbackLevel::try_from(code).map_or("?", FallbackLevel::text)
 }

@@ -74,7 +74,7 @@ pub(crate) fn damaged_truncated_and_oversize_bytes_are_refused<F: Fixture>() -> 
     Ok(())
 }
 
-pub(crate) fn a_message_said_twice_is_heard_once<F: Fixture>() -> Outcome {
+pub(crate) fn a_message_sent_twice_is_received_once<F: Fixture>() -> Outcome {
     let graph = F::new(false)?;
     let ports = graph.ports(1)?;
     let mut source = ports.source::<Command>(Since::First)?;

@@ -52,7 +52,7 @@ pub(crate) fn a_late_joiner_counts_no_losses_from_before_its_time<F: Fixture>() 
     Ok(())
 }
 
-pub(crate) fn a_restarted_writer_is_heard_at_once<F: Fixture>() -> Outcome {
+pub(crate) fn a_restarted_writer_is_received_at_once<F: Fixture>() -> Outcome {
     let graph = F::new(false)?;
     let mut source = graph.ports(1)?.source::<Command>(Since::First)?;
     for epoch in 1..=8 {

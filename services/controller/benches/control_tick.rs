@@ -1,5 +1,7 @@
-//! One control tick of the paper's scenario: observe, answer, explain; with the main model alone and with a learned one of 120 points; and what
-//! makes a model of 200 points ready. Then a million ticks on a circle, pushed off it every forty, with what the heap and the system saw of them.
+//! One control tick of the paper's scenario: observe, answer, explain; with the main model alone
+//! and with a learned one of 120 points. Then the preparation of a model of 200 points. Then a
+//! million ticks on a circle, with a push off it every forty ticks, and their allocations and page
+//! faults.
 //!
 //! `cargo bench -p controller --bench control_tick`
 #![expect(clippy::print_stdout, reason = "figures are what a bench is for")]
@@ -25,10 +27,10 @@ use std::error::Error;
 use std::hint::black_box;
 
 const POINTS: usize = 120;
-/// What of a velocity a model may explain.
+/// Largest change of a velocity that a model may explain.
 const BOUND: [f64; AXES] = [0.5; AXES];
 const TICKS: u64 = 1_000_000;
-/// Of them, those that are not watched.
+/// Number of them that are not measured.
 const WARM_UP: u64 = 100;
 
 fn settings() -> Settings {
@@ -83,7 +85,8 @@ const NORMALISATION: Normalisation<INPUTS> =
     Normalisation { mean: [0.0; INPUTS], scale: [0.5; INPUTS] };
 const HYPERPARAMETERS: Hyperparameters<INPUTS> = Hyperparameters::new([4.0; INPUTS], 0.01, 1e-5);
 
-/// So many normalised inputs along a drive at the scenario's speed, and what the main model misses there.
+/// Normalised inputs along a drive at the scenario's speed, and the residuals of the main model
+/// there.
 fn data(points: usize) -> (Vec<[f64; INPUTS]>, Vec<[f64; AXES]>) {
     let wave = |i: usize, k: f64| (k * i as f64).sin();
     let inputs: Vec<[f64; INPUTS]> = (0..points)
@@ -104,7 +107,7 @@ fn data(points: usize) -> (Vec<[f64; INPUTS]>, Vec<[f64; AXES]>) {
     (inputs.iter().map(|input| NORMALISATION.apply(input)).collect(), targets)
 }
 
-/// A learned model of so many points.
+/// A learned model with this number of points.
 fn candidate(points: usize) -> Result<Box<Candidate>, PosteriorError> {
     let (inputs, targets) = data(points);
     let posterior = Posterior::new(&inputs, &targets, &[HYPERPARAMETERS; AXES])?;
@@ -124,7 +127,7 @@ fn candidate(points: usize) -> Result<Box<Candidate>, PosteriorError> {
     }))
 }
 
-/// The same as a learner sends it.
+/// The same in the form that a learner sends.
 fn snapshot(points: usize) -> Result<ModelSnapshot, Box<dyn Error>> {
     let mut head: SnapshotHead = bytemuck::Zeroable::zeroed();
     (head.version, head.inputs, head.input_scale) = (1, INPUTS as u32, [0.5; INPUTS_MAX]);
@@ -139,7 +142,8 @@ fn snapshot(points: usize) -> Result<ModelSnapshot, Box<dyn Error>> {
     Ok(snapshot)
 }
 
-/// From a snapshot to a model that the control thread may take: checked, and its posterior made anew. Done on a thread beside the control thread.
+/// From a snapshot to a model for the control thread: checked, with its posterior computed again.
+/// Runs on a thread beside the control thread.
 fn adoption() -> Result<(), Box<dyn Error>> {
     let expected = Expected { fingerprint: 0, layout: Layout::VelocitySlip, bound: BOUND };
     let snapshot = snapshot(200)?;
@@ -180,7 +184,7 @@ fn control_tick(criterion: &mut Criterion) {
 /// Page faults of this thread so far.
 fn page_faults() -> Result<u64, Box<dyn Error>> {
     let stat = std::fs::read_to_string("/proc/thread-self/stat")?;
-    // Behind the name: state, five numbers, flags, minor faults, those of children, major ones.
+    // After the name: state, five numbers, flags, minor faults, those of children, major ones.
     let behind_name = stat.rsplit_once(')').ok_or("no name in /proc/thread-self/stat")?.1;
     let fields: Vec<&str> = behind_name.split_whitespace().collect();
     let of = |place: usize| {
@@ -192,13 +196,14 @@ fn page_faults() -> Result<u64, Box<dyn Error>> {
     Ok(of(7)? + of(9)?)
 }
 
-/// Whether the heap stays as it is for a million ticks, the optimiser with its limits included, and no page is missing; and their times.
+/// Checks that a million ticks, including the optimiser at its limits, cause no allocation and no
+/// page fault. Measures their times.
 fn million_ticks() -> Result<(), Box<dyn Error>> {
-    let mut told = settings();
-    told.duration_s = 1e-9 * (TICKS * told.run.period_nanos) as f64;
-    told.reference.path =
+    let mut settings = settings();
+    settings.duration_s = 1e-9 * (TICKS * settings.run.period_nanos) as f64;
+    settings.reference.path =
         controller::reference::PathSettings::Circle { radius_m: 2.0, speed_mps: 1.5 };
-    let mut controller = Controller::new(&told)?;
+    let mut controller = Controller::new(&settings)?;
     drop(controller.adopt(candidate(16)?));
     let handover = Handover::default();
     let mut measured: PlantState = bytemuck::Zeroable::zeroed();
@@ -233,7 +238,8 @@ fn million_ticks() -> Result<(), Box<dyn Error>> {
     let micros = |share: f64| 1e-3 * times[(share * (TICKS - 1) as f64) as usize] as f64;
     let [p50, p99, p9999] = [0.5, 0.99, 0.9999].map(micros);
     println!(
-        r#"{{"ticks":{TICKS},"fresh_plans":{fresh},"allocations":{},"page_faults":{faults},"answer_p50_us":{p50},"answer_p99_us":{p99},"answer_p9999_us":{p9999}}}"#,
+        "{{\"ticks\":{TICKS},\"fresh_plans\":{fresh},\"allocations\":{},\"page_faults\":{faults},\
+         \"answer_p50_us\":{p50},\"answer_p99_us\":{p99},\"answer_p9999_us\":{p9999}}}",
         heap.count_total
     );
     if heap.count_total > 0 || faults > 0 {

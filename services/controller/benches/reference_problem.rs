@@ -1,7 +1,8 @@
 //! The problem that peers are measured on, over points of data and horizons: one JSON line each.
 //!
-//! `taskset -c 1 cargo bench -p controller --bench reference_problem`, with `M N` behind `--` for one of them alone,
-//! and `measured` for a prediction that is linearised about the measured state, which is the controller's default.
+//! `taskset -c 1 cargo bench -p controller --bench reference_problem` measures all of them. `M N`
+//! after `--` selects one of them alone. `measured` linearises the prediction about the measured
+//! state, which is the controller's default.
 #![expect(clippy::print_stdout, reason = "figures are what a bench is for")]
 
 #[path = "../tests/reference_problem/closed_loop.rs"]

@@ -1,11 +1,13 @@
-//! Model snapshots in: checked and prepared on a thread of their own, handed over through preallocated slots.
+//! Model snapshots in: checked and prepared on a thread of their own, handed over through
+//! preallocated slots.
 //!
 //! ```text
 //!                    ready ─────▶
-//!   attendant thread              control thread       nothing is freed, locked or waited for on the right
+//!   attendant thread              control thread       never frees, locks or waits
 //!                    ◀───── returned, events
 //! ```
-//! The attendant also writes the control thread's events to the log, and has what a person changes ready in the same way.
+//! The attendant also writes the control thread's events to the log, and prepares changes of the
+//! settings in the same way.
 
 mod examine;
 mod refusal;
@@ -23,7 +25,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 pub use examine::{Examiner, prepare};
 pub use refusal::Refusal;
 
-/// What this controller can use.
+/// Requirements of this controller on a snapshot.
 #[derive(Debug, Clone, Copy)]
 pub struct Expected {
     /// Fingerprint of its main model and layout.
@@ -49,19 +51,19 @@ pub struct Candidate {
     pub scratch: VarianceScratch,
 }
 
-/// What comes to the control thread.
+/// An arrival for the control thread.
 #[derive(Debug)]
 pub enum Arrival {
     /// A model to use.
     Candidate(Box<Candidate>),
-    /// There will be none for this tick.
+    /// No model for this tick.
     Refused {
         /// Tick at which it would have taken effect.
         effective_tick: u64,
     },
 }
 
-/// Something that the control thread wants written down.
+/// An event of the control thread for the log.
 #[derive(Debug, Clone, Copy)]
 pub enum Event {
     /// First state of a plant epoch.
@@ -87,35 +89,35 @@ pub enum Event {
         /// Why.
         reason: Reason,
     },
-    /// Something else is wrong with what is measured, or nothing any more.
+    /// Another fault of the measurements, or the end of a fault.
     Sensors {
         /// At this tick.
         tick: u64,
-        /// What.
+        /// The fault.
         fault: Option<SensorFault>,
     },
-    /// The gate is asked to stop.
+    /// The gate is requested to stop the robot.
     Stop {
         /// At this tick.
         tick: u64,
         /// Why.
         reason: Reason,
     },
-    /// Something is wrong with driver or robot file.
+    /// Driver or robot file has an error.
     Complaint {
         /// At this tick.
         tick: u64,
-        /// What.
+        /// The error.
         complaint: Complaint,
     },
-    /// The optimiser was stopped because its time was used up: a lower fallback level has answered.
+    /// The optimiser was stopped because its time was used up. A lower fallback level has answered.
     OutOfTime {
         /// The tick.
         tick: u64,
         /// Time that the answer took \[ns\].
         nanos: u64,
     },
-    /// A period was over before its answer was ready, or its state was never seen.
+    /// A period ended before its answer was ready, or its state was never received.
     Late {
         /// The tick.
         tick: u64,
@@ -126,25 +128,25 @@ pub enum Event {
 
 /// The slots between the two threads.
 pub struct Handover {
-    /// To the control thread.
+    /// Models for the control thread.
     pub ready: ArrayQueue<Arrival>,
     /// Models that are no longer in use, to be freed.
     pub returned: ArrayQueue<Box<Candidate>>,
-    /// What a person has changed: to the control thread, one at a time.
+    /// Changed settings for the control thread, one at a time.
     pub tuned: ArrayQueue<Box<Tuned>>,
-    /// The same once it is in use, with what was before, to be freed.
+    /// The same once they are in use, with the replaced parts, to be freed.
     pub exchanged: ArrayQueue<Box<Tuned>>,
     /// The tick of the newest answer.
     pub tick: AtomicU64,
-    /// To the log; when it is full the newest are dropped and counted.
+    /// Events for the log. When it is full, the newest events are dropped and counted.
     pub events: ArrayQueue<Event>,
     /// Events that were dropped.
     pub events_dropped: AtomicU64,
-    /// Snapshots refused.
+    /// Number of refused snapshots.
     pub refused: AtomicU64,
     /// The attendant has ended.
     pub attendant_gone: AtomicBool,
-    /// Snapshots received, lost and malformed on the way, as the attendant's source counted them.
+    /// Snapshots received, lost and malformed on the way, as counted by the attendant's source.
     pub snapshots: [AtomicU64; 3],
 }
 
@@ -166,7 +168,7 @@ impl Default for Handover {
 }
 
 impl Handover {
-    /// Notes an event. Does not allocate, lock or wait.
+    /// Records an event. Does not allocate, lock or wait.
     pub fn note(&self, event: Event) {
         if self.events.push(event).is_err() {
             self.events_dropped.fetch_add(1, Ordering::Relaxed);

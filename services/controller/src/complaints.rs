@@ -1,20 +1,20 @@
-//! What is wrong with driver or robot file, as far as states tell: what is silently driven badly
-//! otherwise.
+//! Errors of driver or robot file that show in the states. Without a report they would only show
+//! as bad driving.
 //!
-//! | complaint   | what shows it, over the last 2 s                                                |
-//! |-------------|---------------------------------------------------------------------------------|
-//! | `Refusals`  | the gate refused a command in more than half of the periods                     |
-//! | `Period`    | the pose moved further, or less far, than the velocity times the period         |
-//! | `Current`   | a motor was at its current limit in more than half of the periods                |
-//! | `Row`       | a motor carries far less than its limit while plans take it for bound            |
-//! | `NoEffect`  | the robot hardly moves as it is commanded to                                     |
-//! | `Simple`    | the simple controller drove, since plans did not hold the robot or there were none |
+//! | complaint   | evidence over the last 2 s                                              |
+//! |-------------|-------------------------------------------------------------------------|
+//! | `Refusals`  | the gate refused a command in more than half of the periods             |
+//! | `Period`    | the pose moved further, or less far, than velocity times period         |
+//! | `Current`   | a motor was at its current limit in more than half of the periods       |
+//! | `Row`       | a motor carries far less than its limit although plans take it for full |
+//! | `NoEffect`  | the robot hardly moves as commanded                                     |
+//! | `Simple`    | the simple controller drove: plans did not hold the robot, or were none |
 //!
 //! ```text
 //! ratio = Σ Δp·v̄ T / Σ (v̄ T)²        Δp: displacement of a period in the body's frame
 //! ```
-//! is 1 where the driver's period is T and its velocity is in metres per second. A robot that
-//! follows has Σ u·v / Σ u² near 1 as well, with u the commanded velocity and L ω for the yaw.
+//! is 1 if the driver's period is T and its velocity is in metres per second. For a robot that
+//! follows, Σ u·v / Σ u² is near 1 as well, with u the commanded velocity and L ω for the yaw.
 
 use crate::currents::Contradicted;
 use model::{Velocity, wrap};
@@ -22,43 +22,43 @@ use protocol::message::{ERROR_TEXT_MAX, FallbackLevel, PlantState, Reason};
 use robot::Robot;
 use std::fmt::{self, Display, Formatter, Write};
 
-/// Time over which periods fade \[s\].
+/// Time over which periods decay \[s\].
 const MEMORY_S: f64 = 2.0;
 
-/// Share of the periods from which on something is told.
+/// From this share of the periods on, a complaint is reported.
 const OFTEN: f64 = 0.5;
 
-/// Ratios that sensors may have that are not well calibrated.
+/// Ratios that badly calibrated sensors may have.
 const RATIOS: std::ops::Range<f64> = 0.6..1.6;
 
-/// Slower than this on average nothing is said of the ratio \[m/s\].
+/// Below this mean speed the ratio is not evaluated \[m/s\].
 const SPEED_LEAST: f64 = 0.2;
 
-/// A motor this close to its limit is at it.
+/// A motor this close to its limit counts as at its limit.
 const AT_LIMIT: f64 = 0.95;
 
-/// A robot that follows less than this share of its commands does not follow them.
+/// A robot that follows less than this share of its commands has no effect of them.
 const FOLLOWS_LEAST: f64 = 0.2;
 
-/// Of slower commands on average nothing is said of what they do \[m/s\].
+/// Below this mean command the effect is not evaluated \[m/s\].
 const COMMANDED_LEAST: f64 = 0.1;
 
-/// Share of the periods of the simple controller that is told.
+/// From this share of periods of the simple controller on, it is reported.
 const SIMPLE_LEAST: f64 = 0.1;
 
-/// Something that a person has to mend.
+/// An error that an operator must repair.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Complaint {
     /// The gate refuses commands.
     Refusals {
         /// In this share of the periods.
         share: f64,
-        /// Why the last one was.
+        /// Reason of the last refusal.
         reason: Reason,
     },
-    /// Pose and velocity do not belong together.
+    /// Pose and velocity do not match.
     Period {
-        /// How many times as far as the velocity says the pose moves.
+        /// Distance of the pose over the distance that the velocity gives.
         ratio: f64,
         /// T of this controller \[s\].
         period_s: f64,
@@ -70,16 +70,16 @@ pub enum Complaint {
         /// The robot file's limit \[A\].
         limit_a: f64,
     },
-    /// Plans take motors for bound that are not.
+    /// Plans take motors for full that are not.
     Row {
-        /// Whether each is one of them, in the robot file's order.
+        /// Whether each motor is one of them, in the robot file's order.
         wheels: [bool; 4],
-        /// What they carry at most, in shares of the limit.
+        /// Largest current that they carry, as a share of the limit.
         carried: f64,
     },
     /// Commands have no effect.
     NoEffect {
-        /// Share of the commanded velocity that the robot has.
+        /// Share of the commanded velocity that the robot reaches.
         share: f64,
     },
     /// The simple controller drives.
@@ -89,10 +89,10 @@ pub enum Complaint {
     },
 }
 
-/// What there is to complain of at one moment, the worst first.
+/// All present complaints, the worst first.
 type Complained = [Option<Complaint>; 6];
 
-/// Place of `Refusals` and of `Current` among them.
+/// Index of `Refusals` and of `Current` among them.
 const REFUSALS: usize = 0;
 const CURRENT: usize = 5;
 
@@ -114,12 +114,14 @@ impl Display for Complaint {
         match self {
             Self::Refusals { share, reason } => write!(
                 f,
-                "{:.0} % of the periods have refused commands ({reason}): driver and robot file differ",
+                "{:.0} % of the periods have refused commands ({reason}): driver and robot file \
+                 differ",
                 100.0 * share
             ),
             Self::Period { ratio, period_s } => write!(
                 f,
-                "the pose moves {ratio:.2} times as far as the velocity says: is the driver's period {:.1} ms?",
+                "the pose moves {ratio:.2} times as far as the velocity says: is the driver's \
+                 period {:.1} ms?",
                 1e3 * period_s
             ),
             Self::Current { share, limit_a } => write!(
@@ -129,25 +131,28 @@ impl Display for Complaint {
             ),
             Self::Row { wheels, carried } => write!(
                 f,
-                "plans leave out the current limit of motor {}: it is foretold, and {:.0} % of it measured",
+                "plans leave out the current limit of motor {}: it is foretold, and {:.0} % of it \
+                 measured",
                 Motors(*wheels),
                 100.0 * carried
             ),
             Self::NoEffect { share } => write!(
                 f,
-                "the robot has {:.0} % of the commanded velocity: is it held, or are its motors off?",
+                "the robot has {:.0} % of the commanded velocity: is it held, or are its motors \
+                 off?",
                 100.0 * share
             ),
             Self::Simple { share } => write!(
                 f,
-                "the simple controller drives in {:.0} % of the periods: plans fail, or track worse than it",
+                "the simple controller drives in {:.0} % of the periods: plans fail, or track \
+                 worse than it",
                 100.0 * share
             ),
         }
     }
 }
 
-/// What counts of a state.
+/// The evaluated part of a state.
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     epoch: u64,
@@ -159,7 +164,7 @@ struct Seen {
     is_simple: bool,
 }
 
-/// Looks at every state. Does not allocate.
+/// Evaluates every state. Does not allocate.
 #[derive(Debug, Clone)]
 pub struct Complaints {
     period_s: f64,
@@ -168,7 +173,7 @@ pub struct Complaints {
     fading: f64,
     /// The last state.
     before: Option<Seen>,
-    /// Sums over the past, faded: periods, those with a refusal, those with a motor at its limit.
+    /// Decayed sums over the past: periods, those with a refusal, those with a motor at its limit.
     periods: f64,
     refused: f64,
     at_limit: f64,
@@ -180,12 +185,12 @@ pub struct Complaints {
     commanded: f64,
     /// Periods of the simple controller.
     simple: f64,
-    /// Which are complained of, and have been told.
+    /// Complaints that have been reported and continue.
     told: [bool; 6],
 }
 
 impl Complaints {
-    /// None yet, of this robot with periods of `period_s` \[s\].
+    /// No complaints yet, for this robot with periods of `period_s` \[s\].
     pub fn new(robot: &Robot, period_s: f64) -> Self {
         Self {
             period_s,
@@ -205,9 +210,9 @@ impl Complaints {
         }
     }
 
-    /// Takes in the next state, and which limits of motors are contradicted, if any are. Gives each
-    /// complaint once when it begins, one at a time. A state with numbers that are none is passed
-    /// over.
+    /// Processes the next state, and the contradicted current limits, if there are any. Returns
+    /// each complaint once when it begins, one at a time. A state with numbers that are not finite
+    /// is skipped.
     pub fn look(&mut self, state: &PlantState, row: Option<Contradicted>) -> Option<Complaint> {
         let now = Seen {
             epoch: state.stamp.epoch,
@@ -249,12 +254,12 @@ impl Complaints {
     }
 
     fn complained(&self, reason: Reason, row: Option<Contradicted>) -> Complained {
-        // Less than a second says nothing.
+        // Less than a second is not evaluated.
         if self.periods * self.period_s < 0.4 * MEMORY_S {
             return [None; 6];
         }
         let share_of = |periods: f64| periods / self.periods;
-        // What is complained of goes on until it is clearly over.
+        // A complaint continues until it has clearly ended.
         let often = |of: usize| if self.told[of] { 0.5 * OFTEN } else { OFTEN };
         let refused = share_of(self.refused);
         let moves = share_of(self.said) > (SPEED_LEAST * self.period_s).powi(2);
@@ -288,7 +293,7 @@ fn motion(before: &Seen, after: &Seen, period: f64) -> (f64, f64) {
     (forward * expected[0] + left * expected[1], expected[0].powi(2) + expected[1].powi(2))
 }
 
-/// A sentence without an allocation, for a Health: what is too long is cut.
+/// A sentence for a Health, without allocation. A sentence that is too long is truncated.
 #[derive(Debug)]
 pub struct Sentence {
     bytes: [u8; Self::MAX],
@@ -298,15 +303,15 @@ pub struct Sentence {
 impl Sentence {
     const MAX: usize = ERROR_TEXT_MAX;
 
-    /// That of `complaint`.
+    /// The sentence of `complaint`.
     pub fn of(complaint: &Complaint) -> Self {
         let mut sentence = Self { bytes: [0; Self::MAX], length: 0 };
-        // Full is not an error.
+        // A full buffer is not an error.
         let _ = write!(sentence, "{complaint}");
         sentence
     }
 
-    /// As text.
+    /// The sentence as text.
     pub fn text(&self) -> &str {
         let written = self.bytes.get(..self.length).unwrap_or_default();
         std::str::from_utf8(written).unwrap_or_default()
@@ -328,7 +333,7 @@ mod tests {
 
     const PERIOD_S: f64 = 0.02;
 
-    /// What is complained of when 5 s of states say `of(tick)`, each as often as it begins.
+    /// The complaints after 5 s of states `of(tick)`. Each appears once per start.
     fn told(of: impl Fn(u64) -> PlantState) -> Vec<Complaint> {
         let mut complaints = Complaints::new(&Robot::example(), PERIOD_S);
         (0..250).filter_map(|tick| complaints.look(&of(tick), None)).collect()
@@ -346,9 +351,9 @@ mod tests {
     }
 
     #[test]
-    fn of_a_driver_that_is_as_it_should_be_nothing_is_said() {
+    fn a_driver_without_errors_has_no_complaints() {
         assert_eq!(told(|tick| circle(tick, PERIOD_S)), []);
-        // Neither of a robot that stands in noise.
+        // The same for a robot at rest with noise.
         assert_eq!(
             told(|tick| {
                 let mut state = circle(0, PERIOD_S);
@@ -361,17 +366,20 @@ mod tests {
     }
 
     #[test]
-    fn a_driver_with_another_period_is_told_once_with_the_ratio() {
+    fn a_driver_with_another_period_is_reported_once_with_the_ratio() {
         for (period, expected) in [(0.1, 5.0), (0.01, 0.5)] {
             let complaints = told(|tick| circle(tick, period));
             assert_eq!(complaints.len(), 1, "{complaints:?}");
-            let is_told = |complaint: &Complaint| matches!(complaint, Complaint::Period { ratio, .. } if (ratio - expected).abs() < 0.05 * expected);
+            let is_told = |complaint: &Complaint| {
+                matches!(complaint, Complaint::Period { ratio, .. }
+                    if (ratio - expected).abs() < 0.05 * expected)
+            };
             assert!(complaints.iter().all(is_told), "{complaints:?}");
         }
     }
 
     #[test]
-    fn commands_that_are_refused_again_and_again_are_told_with_the_reason() {
+    fn commands_that_are_refused_repeatedly_are_reported_with_the_reason() {
         let storm = |tick| PlantState {
             refused: tick,
             reason: Reason::OutOfBounds.code(),
@@ -383,12 +391,12 @@ mod tests {
             matches!(complaints[0], Complaint::Refusals { reason: Reason::OutOfBounds, .. }),
             "{complaints:?}"
         );
-        // A few are none.
+        // A few refusals are no complaint.
         assert_eq!(told(|tick| PlantState { refused: tick / 10, ..circle(tick, PERIOD_S) }), []);
     }
 
     #[test]
-    fn a_motor_that_stays_at_its_limit_is_told() {
+    fn a_motor_that_stays_at_its_limit_is_reported() {
         let limit = Robot::example().drive.current_limit_a;
         let complaints = told(|tick| PlantState {
             current: [0.0, -limit, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -400,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_stays_where_it_is_whatever_is_commanded_is_told_of() {
+    fn a_robot_that_does_not_move_as_commanded_is_reported() {
         let complaints = told(|tick| PlantState {
             velocity: [0.01, 0.0, 0.0],
             pose: [1e-4 * tick as f64, 0.0, 0.0],
@@ -413,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn periods_of_the_simple_controller_are_told() {
+    fn periods_of_the_simple_controller_are_reported() {
         let fallback_level =
             |tick| if tick % 5 == 0 { FallbackLevel::Simple } else { FallbackLevel::FreshPlan };
         let complaints = told(|tick| PlantState {
@@ -424,28 +432,28 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_that_its_motor_contradicts_is_told_once() {
+    fn a_limit_that_its_motor_contradicts_is_reported_once() {
         let mut complaints = Complaints::new(&Robot::example(), PERIOD_S);
         let wheels = [false, true, true, false];
         let row = Some(Contradicted { wheels, carried: 0.4 });
-        let told: Vec<Complaint> =
+        let reported: Vec<Complaint> =
             (0..250).filter_map(|tick| complaints.look(&circle(tick, PERIOD_S), row)).collect();
-        assert_eq!(told, [Complaint::Row { wheels, carried: 0.4 }]);
-        assert!(told[0].to_string().contains("motor 2, 3:"), "{}", told[0]);
+        assert_eq!(reported, [Complaint::Row { wheels, carried: 0.4 }]);
+        assert!(reported[0].to_string().contains("motor 2, 3:"), "{}", reported[0]);
     }
 
     #[test]
-    fn two_things_that_are_wrong_at_once_are_each_told_once() {
+    fn two_simultaneous_errors_are_each_reported_once() {
         let both = |tick| PlantState { refused: tick, ..circle(tick, 5.0 * PERIOD_S) };
-        let told = told(both);
+        let reported = told(both);
         assert!(
-            matches!(told[..], [Complaint::Refusals { .. }, Complaint::Period { .. }]),
-            "{told:?}"
+            matches!(reported[..], [Complaint::Refusals { .. }, Complaint::Period { .. }]),
+            "{reported:?}"
         );
     }
 
     #[test]
-    fn a_state_with_numbers_that_are_none_hides_nothing_that_comes_later() {
+    fn a_state_that_is_not_finite_does_not_hide_a_later_complaint() {
         let broken = |tick| {
             let mut state = circle(tick, 5.0 * PERIOD_S);
             if tick == 3 {
@@ -457,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn every_sentence_has_room_in_a_health() {
+    fn every_sentence_fits_into_a_health() {
         for complaint in [
             Complaint::Refusals { share: 1.0, reason: Reason::OutOfBounds },
             Complaint::Period { ratio: -1234.5678, period_s: 0.1 },

@@ -1,6 +1,7 @@
-//! One tick: take in what the last input did, answer the newest state, explain the answer.
+//! One tick: process the effect of the last input, answer the newest state, explain the answer.
 //!
-//! Between a state and its command nothing here allocates, locks, logs, blocks, or touches a file or socket.
+//! Between a state and its command nothing here allocates, locks, logs, blocks, or touches a file
+//! or socket.
 
 pub mod tuning;
 
@@ -30,39 +31,40 @@ use protocol::message::{
 };
 use tuning::Tuned;
 
-/// Iterations in a period of a controller with foresight, which is to be as good as can be and not as fast.
+/// Iterations per period of a controller with foresight. It is meant to be accurate, not fast.
 const FORESEEING_ITERATIONS: usize = 2;
 
-/// Why a controller could not be set up.
+/// The controller could not be set up.
 #[derive(Debug, thiserror::Error)]
 pub enum ControllerError {
-    /// Its optimiser.
+    /// The optimiser failed.
     #[error(transparent)]
     Mpc(#[from] MpcError),
-    /// Its reference.
+    /// The reference failed.
     #[error(transparent)]
     Reference(#[from] PointsError),
-    /// Only the simulator's own dynamics make an oracle.
+    /// An oracle needs the simulator's own dynamics.
     #[error(
-        "mpc.method = \"oracle\" needs the simulator's own dynamics, which `coxswain experiment` alone hands out"
+        "mpc.method = \"oracle\" needs the simulator's own dynamics, which `coxswain experiment` \
+         alone hands out"
     )]
     NoForesight,
 }
 
-/// The state before the present one, to see what the input in between did.
+/// The previous state, to find the effect of the input in between.
 #[derive(Debug, Clone, Copy)]
 struct Before {
     tick: u64,
     state: State,
 }
 
-/// What is commanded, and why.
+/// A command and its reason.
 #[derive(Debug, Clone, Copy)]
 struct Decision {
     fallback_level: FallbackLevel,
     reason: Reason,
     input: Velocity,
-    /// What the optimiser came to, if it was asked.
+    /// Result of the optimiser, if it ran.
     solved: Option<Solved>,
 }
 
@@ -71,47 +73,47 @@ pub struct Controller {
     knowledge: Knowledge,
     watch: Watch,
     tracking: TrackingJudge,
-    /// What the gate lets through.
+    /// Limits that the gate enforces.
     bounds: Bounds,
-    /// Time that an answer may take; `None` in lock step \[ns\].
+    /// Time budget of an answer; `None` in lock step \[ns\].
     budget_nanos: Option<u64>,
     mpc: Mpc,
     method: Method,
     fallback_choice: FallbackChoice,
-    /// Whether the plans hold the robot; `None` for a controller that is to have plans alone.
+    /// Judges whether the plans hold the robot; `None` for a controller that uses plans alone.
     loop_judge: Option<LoopJudge>,
     currents: Currents,
-    /// What the last plans foretold of the motors, newest first.
+    /// Motor currents that the last plans predicted, newest first.
     foretold: [Foretold; DELAY_MAX + 1],
     reference: Reference,
-    /// The reference at the present tick and as many after it as delay and horizon can need.
+    /// The reference at the present tick and at as many later ticks as delay and horizon can need.
     points: Vec<ReferencePoint>,
     fingerprint: u64,
     plant_epoch: Option<u64>,
     before: Option<Before>,
-    /// Tick that plan and targets are ready for.
+    /// Tick for which plan and targets are ready.
     prepared_for: Option<u64>,
-    /// The models that explained the residual then.
+    /// The models in use at that time.
     prepared_with: [Model; 3],
     /// Input of the last answer.
     commanded: Velocity,
     fallback_level: FallbackLevel,
-    /// Whether the optimiser had to be stopped in the last answer.
+    /// Whether the optimiser was stopped in the last answer.
     out_of_time: bool,
     command: Command,
     plan: Box<Plan>,
 }
 
 impl Controller {
-    /// Sets everything up. Allocates all that a run needs.
+    /// Sets up the controller. Allocates all memory that a run needs.
     ///
     /// # Errors
-    /// [`ControllerError`] if the weights, the solver or the reference refuse.
+    /// [`ControllerError`] if the weights, the solver or the reference are invalid.
     pub fn new(settings: &Settings) -> Result<Self, ControllerError> {
         Self::foreseeing(settings, None)
     }
 
-    /// The same with somebody who knows what the robot will do, whom [`Method::Oracle`] asks.
+    /// The same with a source of the true dynamics, which [`Method::Oracle`] uses.
     ///
     /// # Errors
     /// [`ControllerError`].
@@ -161,7 +163,7 @@ impl Controller {
         })
     }
 
-    /// What a snapshot must be for this controller to use it.
+    /// Requirements on a snapshot for this controller.
     pub fn expected(settings: &Settings) -> Expected {
         let main = MainModel::new(&settings.robot, settings.run.period_nanos as f64 * 1e-9);
         Expected {
@@ -176,23 +178,23 @@ impl Controller {
         self.knowledge.version()
     }
 
-    /// Puts a model in use, and gives back the one before, for somebody else to free.
+    /// Puts a model in use. Returns the one before, for another thread to free.
     pub fn adopt(&mut self, candidate: Box<Candidate>) -> Option<Box<Candidate>> {
         self.knowledge.adopt(candidate)
     }
 
-    /// What is believed now.
+    /// The current belief.
     pub fn knowledge(&self) -> &Knowledge {
         &self.knowledge
     }
 
-    /// Begins with what an earlier run identified. Returns false, and begins with nothing, if that
-    /// cannot be used.
+    /// Starts from the parameters that an earlier run identified. Returns false, and starts without
+    /// them, if they cannot be used.
     pub fn begin_with(&mut self, identified: &Identified) -> bool {
         self.knowledge.begin_with(identified)
     }
 
-    /// Takes in what the last input did, and says what there is to learn from it.
+    /// Processes the effect of the last input, and returns the sample for the learner.
     pub fn observe(
         &mut self,
         state: &PlantState,
@@ -233,11 +235,11 @@ impl Controller {
             sample.residual = self.knowledge.residual();
             sample.usable = u32::from(ours);
         } else if seen {
-            // An input that is no number was what had been commanded, for all one knows.
+            // An input that is not finite is replaced by the last command: the best estimate.
             let known = if input_known { state.input } else { self.knowledge.last_command() };
             self.knowledge.resume(&now, known);
         } else if state.input.iter().all(|value| value.is_finite()) {
-            // The next input starts from what acts, also where the sensors cannot be believed.
+            // The next input starts from the acting input, also when the sensors are not trusted.
             self.knowledge.drive_blind(state.input);
         }
         self.before =
@@ -245,7 +247,7 @@ impl Controller {
         sample
     }
 
-    /// Whether the robot is too far from its reference.
+    /// Judges whether the robot is too far from its reference.
     fn judge_tracking(&mut self, state: &PlantState, handover: &Handover) {
         let (tick, before) = (state.stamp.tick, self.tracking.request());
         let reference = self.reference.at(tick).pose;
@@ -255,7 +257,7 @@ impl Controller {
         }
     }
 
-    /// Whether what was done in the last period had the effect that was foretold.
+    /// Compares the effect of the last period's input with the prediction.
     fn watch_loop(&mut self, state: &PlantState) {
         let by_plans =
             matches!(state.fallback_level(), FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan);
@@ -286,17 +288,17 @@ impl Controller {
         }
     }
 
-    /// Whether the simple controller drives, since plans would not hold the robot.
+    /// Whether the simple controller drives because plans would not hold the robot.
     fn prefers_simple(&self) -> bool {
         self.loop_judge.as_ref().is_some_and(LoopJudge::prefers_simple)
     }
 
-    /// A limit on a motor's current that the motor contradicts, if there is one.
+    /// The limit on a motor's current that the measured current contradicts, if there is one.
     pub fn contradicted_limit(&self) -> Option<Contradicted> {
         self.currents.contradicted()
     }
 
-    /// Whether what was measured can be believed.
+    /// Whether the measurements are plausible.
     fn watch_sensors(&mut self, state: &PlantState, driven: &Driven, handover: &Handover) -> bool {
         let (before, fault) = (self.watch.fault(), self.watch.look(state, driven));
         if fault != before {
@@ -305,17 +307,18 @@ impl Controller {
         fault.is_none()
     }
 
-    /// What is wrong with the newest state, if anything is.
+    /// The fault of the newest state, if there is one.
     pub fn sensor_fault(&self) -> Option<SensorFault> {
         self.watch.fault()
     }
 
-    /// Whether the optimiser had to be stopped in the last answer, because its time was used up.
+    /// Whether the optimiser was stopped in the last answer because its time was used up.
     pub fn ran_out_of_time(&self) -> bool {
         self.out_of_time
     }
 
-    /// The answer to `state`, the newest that was [observed](Self::observe): on the highest fallback level whose command the gate would let through.
+    /// Answers `state`, the newest that was [observed](Self::observe). The answer has the highest
+    /// fallback level whose command the gate would accept.
     pub fn answer(&mut self, state: &PlantState, handover: &Handover) -> &mut Command {
         let tick = state.stamp.tick;
         self.mpc.take_turn(Turn {
@@ -359,7 +362,7 @@ impl Controller {
         &mut self.command
     }
 
-    /// What the gate will say of the command, as far as that can be known here.
+    /// The gate's decision on the command, as far as it can be predicted here.
     fn judged(&self, state: &PlantState) -> Result<(), Reason> {
         let acting = self.mpc.limits().clamp(&self.knowledge.last_command());
         let situation = Situation {
@@ -374,8 +377,8 @@ impl Controller {
         judge(&self.command, &situation, &self.bounds)
     }
 
-    /// A plan that the gate would refuse is forgotten, and the LQR answers; if that would be refused
-    /// too, the robot brakes.
+    /// Drops a plan that the gate would refuse, and answers with the LQR. If the gate would refuse
+    /// that too, the robot brakes.
     fn next_fallback_level(
         &mut self,
         from: FallbackLevel,
@@ -395,18 +398,19 @@ impl Controller {
         }
     }
 
-    /// To standstill, as fast as inputs may change.
+    /// Brakes to standstill, as fast as inputs may change.
     fn brake(&self, reason: Reason) -> Decision {
         let input = self.mpc.limits().reach(&[0.0; 3], &self.knowledge.last_command());
         Decision { fallback_level: FallbackLevel::Brake, reason, input, solved: None }
     }
 
-    /// The answer that was given last.
+    /// The last answer.
     pub fn last_answer(&self) -> &Command {
         &self.command
     }
 
-    /// Gets ready for `tick`, with what is known now: called after the answer before it has gone, or for a first state from `state`.
+    /// Prepares for `tick` with the current belief. Called after the previous answer has been sent,
+    /// or from `state` for a first state.
     fn prepare(&mut self, tick: u64, state: &State) {
         self.knowledge.look(tick);
         self.knowledge.settle_delay();
@@ -418,7 +422,7 @@ impl Controller {
         self.prepared_for = Some(tick);
     }
 
-    /// Works out what the plan, which begins at `tick`, is to reach, and what it may err.
+    /// Computes the targets and the expected errors of the plan that begins at `tick`.
     fn aim(&mut self, tick: u64) {
         for (slot, offset) in self.points.iter_mut().zip(0..) {
             *slot = self.reference.at(tick + offset);
@@ -428,7 +432,8 @@ impl Controller {
         self.mpc.expect_errors(under_way, |at| self.knowledge.step_variance(at));
     }
 
-    /// Gets ready for the tick after the one that was answered last: shifts the plan and works its targets out with the present model.
+    /// Prepares for the tick after the last answered one: shifts the plan and computes its targets
+    /// with the present model.
     pub fn prepare_next(&mut self) {
         if let (Some(before), Some(_)) = (self.before, self.prepared_for) {
             self.prepare(before.tick + 1, &before.state);
@@ -443,8 +448,9 @@ impl Controller {
         }
     }
 
-    /// Rehearses the next answer, shortly before its state is expected: it then finds everything at hand, whatever else the machine has
-    /// done meanwhile. Nothing that the answer depends on changes.
+    /// Rehearses the next answer, shortly before its state is expected. The answer then finds its
+    /// code and data in the caches, whatever else the machine has run meanwhile. Nothing that the
+    /// answer depends on changes.
     pub fn rehearse(&mut self) {
         if self.prepared_for.is_some() {
             self.mpc.rehearse(
@@ -455,7 +461,7 @@ impl Controller {
         }
     }
 
-    /// The plan behind the last answer, with what it took; called after the command has gone.
+    /// The plan behind the last answer, with its costs. Called after the command has been sent.
     pub fn explain(&mut self, tick_nanos: u64) -> &mut Plan {
         self.write_prediction();
         let plan = &mut self.plan;
@@ -517,7 +523,7 @@ impl Controller {
         Decision { fallback_level, reason, input, solved: Some(solved) }
     }
 
-    /// What to command without a plan: the LQR on the main model.
+    /// The command without a plan: the LQR on the main model.
     fn lqr(&self, measured: &State) -> Velocity {
         let begin = self.knowledge.ahead(measured);
         let point = planned(&self.points, &self.knowledge).first().copied().unwrap_or_default();
@@ -527,7 +533,7 @@ impl Controller {
         fallback::lqr(&self.mpc, &begin, &point, &main_target, &self.knowledge.last_command())
     }
 
-    /// What the simple controller commands, where plans do not hold the robot.
+    /// Command of the simple controller, for a robot that plans do not hold.
     fn simple(&self, measured: &State) -> Velocity {
         let point = self.points.first().copied().unwrap_or_default();
         let last = self.knowledge.last_command();
@@ -565,7 +571,8 @@ impl Controller {
         command.fallback_level = fallback_level.code();
         command.stop = self.tracking.request().code();
         command.input = input;
-        // Without a plan the input is held: the gate plays two periods of it at most before it brakes. Who brakes goes on braking.
+        // Without a plan the input is held: the gate plays at most two periods of it before it
+        // brakes. A robot that brakes continues to brake.
         let planned =
             matches!(fallback_level, FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan);
         let held = if fallback_level == FallbackLevel::Brake { [0.0; 3] } else { input };
@@ -576,7 +583,7 @@ impl Controller {
         for slot in &mut command.tail {
             let desired =
                 if planned { next.next().map_or(before, |stage| stage.input) } else { held };
-            // Beyond the free inputs the target may leap where the reference does; the wheels cannot.
+            // Beyond the free inputs the target may jump with the reference; the wheels cannot.
             before = limits.reach(&desired, &before);
             *slot = before;
         }
@@ -618,7 +625,7 @@ impl Controller {
     }
 }
 
-/// The part of `points` that can still be changed: from where what is under way ends.
+/// The part of `points` that can still be changed. It begins where the inputs under way end.
 fn planned<'a>(points: &'a [ReferencePoint], knowledge: &Knowledge) -> &'a [ReferencePoint] {
     points.get(knowledge.delay().whole()..).unwrap_or(points)
 }

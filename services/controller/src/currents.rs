@@ -1,51 +1,51 @@
-//! Whether motors carry the current that the limits on a plan foretell.
+//! Whether motors carry the current that the limits on a plan predict.
 //!
-//! A row of the program bounds |k_p J (u − v)/r| of a wheel by i_max, both as the robot file has
-//! them. Where that file is wrong, or the wheel slips, a row can bind while the motor carries far
-//! less. Such a row is dropped until the motor is at its limit indeed.
+//! A row of the program bounds |k_p J (u − v)/r| of a wheel by i_max, both from the robot file.
+//! Where that file is wrong, or the wheel slips, a row can be active while the motor carries far
+//! less current. Such a row is dropped until the motor is at its limit.
 
 use robot::Robot;
 
-/// A row whose current is foretold with this share of the limit binds, and a motor that carries it
-/// is at the limit.
+/// From this share of the limit on, a predicted current counts as an active row, and a measured
+/// current as a motor at its limit.
 const BINDS: f64 = 0.95;
-/// A motor that carries less than this share of what is foretold contradicts the row.
+/// A motor that carries less than this share of the predicted current contradicts the row.
 const CONTRADICTS: f64 = 0.7;
-/// One that carries more than this share of it agrees with the row.
+/// A motor that carries more than this share of the predicted current agrees with the row.
 const AGREES: f64 = 0.9;
-/// Of less than this share of the limit nothing is concluded.
+/// Below this share of the limit, a current is not evaluated.
 const TELLS: f64 = 0.3;
-/// Time over which periods fade \[s\].
+/// Time over which periods decay \[s\].
 const MEMORY_S: f64 = 0.5;
-/// The least of it \[periods\].
+/// Minimum of this time \[periods\].
 const PERIODS_LEAST: f64 = 10.0;
-/// Share of the periods from which on a row is dropped.
+/// From this share of the periods on, a row is dropped.
 const OFTEN: f64 = 0.6;
 
-/// Currents that a plan foretells of the motors in one period, in shares of their limit.
+/// Motor currents that a plan predicts for one period, as shares of their limit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Foretold {
-    /// At its start, which is what the rows bound.
+    /// At the start of the period; the rows bound these.
     pub start: [f64; 4],
-    /// At its end, which is when they are measured.
+    /// At the end of the period, when currents are measured.
     pub end: [f64; 4],
 }
 
 /// Rows that are dropped.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contradicted {
-    /// Whether that of each wheel is, in the robot file's order.
+    /// Whether the row of each wheel is dropped, in the robot file's order.
     pub wheels: [bool; 4],
-    /// What the motors of these rows carry at most, in shares of the limit.
+    /// Largest current that the motors of these rows carry, as a share of the limit.
     pub carried: f64,
 }
 
 /// One wheel's row.
 #[derive(Debug, Clone, Copy, Default)]
 struct Watched {
-    /// Share of the periods that contradict the row, faded.
+    /// Share of the periods that contradict the row, decayed.
     contradicts: f64,
-    /// Mean of the measured share, faded likewise.
+    /// Mean of the measured share, decayed likewise.
     carried: f64,
     dropped: bool,
 }
@@ -59,7 +59,7 @@ pub struct Currents {
 }
 
 impl Currents {
-    /// Those of `robot` in periods of `period` \[s\]: no row is dropped.
+    /// The rows of `robot` for periods of `period` \[s\]: no row is dropped.
     pub fn new(robot: &Robot, period: f64) -> Self {
         Self {
             fading: (period / MEMORY_S).min(1.0 / PERIODS_LEAST),
@@ -68,13 +68,13 @@ impl Currents {
         }
     }
 
-    /// Begins anew: no row is dropped.
+    /// Resets: no row is dropped.
     pub fn reset(&mut self) {
         self.wheels = [Watched::default(); 4];
     }
 
-    /// Takes in one period: what the plan foretold, and what was `measured` at its end \[A\]; of a
-    /// driver that measures no currents it is empty.
+    /// Processes one period: the predicted currents, and the currents `measured` at its end \[A\].
+    /// `measured` is empty for a driver without current measurement.
     pub fn look(&mut self, foretold: &Foretold, measured: &[f64]) {
         let wheels = self.wheels.iter_mut().zip(measured).enumerate();
         for (index, (wheel, amps)) in wheels.filter(|(_, (_, amps))| amps.is_finite()) {
@@ -96,7 +96,7 @@ impl Currents {
         self.wheels.map(|wheel| wheel.dropped)
     }
 
-    /// The rows that are dropped, if any are.
+    /// The dropped rows, if there are any.
     pub fn contradicted(&self) -> Option<Contradicted> {
         let dropped = self.wheels.iter().filter(|wheel| wheel.dropped);
         let carried = dropped.map(|wheel| wheel.carried).reduce(f64::max)?;
@@ -110,8 +110,8 @@ mod tests {
 
     const FULL: [f64; 4] = [1.0, 0.2, 0.2, 0.2];
 
-    /// After so many seconds in which plans foretold `start`, a third less at the end of each
-    /// period, and motors carried `shares` of their limit.
+    /// Runs for this number of seconds. Plans predict `start` and a third less at the end of each
+    /// period; motors carry `shares` of their limit.
     fn watched(seconds: f64, start: [f64; 4], shares: &[f64]) -> Currents {
         let robot = Robot::example();
         let amps: Vec<f64> =
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_that_binds_while_its_motor_carries_little_is_dropped_within_a_second() {
+    fn an_active_row_whose_motor_carries_little_is_dropped_within_a_second() {
         let currents = watched(1.0, FULL, &[0.33; 4]);
         assert_eq!(currents.dropped(), [true, false, false, false]);
         let contradicted = currents.contradicted().map(|rows| (rows.wheels, rows.carried < 0.4));
@@ -132,8 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_is_kept_where_the_motor_carries_what_is_foretold_or_nothing_binds_or_nothing_is_measured()
-     {
+    fn a_row_is_kept_if_the_motor_agrees_or_nothing_is_active_or_nothing_is_measured() {
         let as_foretold: &[f64] = &[0.6; 4];
         for (foretold, shares) in [(FULL, as_foretold), ([0.9; 4], &[0.33; 4]), (FULL, &[])] {
             let dropped = watched(5.0, foretold, shares).dropped();
@@ -151,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_current_that_is_no_number_says_nothing() {
+    fn a_current_that_is_not_finite_is_ignored() {
         let mut currents = watched(1.0, FULL, &[0.33; 4]);
         let before = currents.contradicted();
         currents.look(&Foretold { start: FULL, end: FULL }, &[f64::NAN; 4]);
@@ -159,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn of_another_robot_nothing_is_known() {
+    fn after_a_reset_no_row_is_dropped() {
         let mut currents = watched(1.0, FULL, &[0.33; 4]);
         currents.reset();
         assert_eq!(currents.dropped(), [false; 4]);

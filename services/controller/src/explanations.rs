@@ -1,31 +1,31 @@
-//! No harm: several explanations of the residual run side by side, and on each axis the one that
-//! foretells best is used.
+//! No harm: several explanations of the residual run side by side. On each axis, the one that
+//! predicts best is used.
 //!
-//! An explanation is a model and a disturbance observer beside it, plain of some gain ℓ or a Kalman
-//! filter of some ratio q ([`model::observer`]):
+//! An explanation is a model with a disturbance observer. The observer is plain with a gain ℓ, or a
+//! Kalman filter with a ratio q ([`model::observer`]):
 //!
 //! ```text
 //! left = g − ĝ(v, u)      plain: innovation = left − d      d ← d + ℓ innovation
 //! ```
-//! | model ĝ    | what it is                                                       |
-//! |------------|------------------------------------------------------------------|
-//! | `Main`     | 0: the main model alone, or what the oracle knows                |
-//! | `Response` | the first-order response that is identified while driving        |
-//! | `Physics`  | that, friction, drag and the turning frame, by least squares     |
-//! | `Learned`  | the Gaussian processes of the newest snapshot                    |
-//! | `LastGood` | those of the last proven snapshot that was in use when another one came |
+//! | model ĝ    | what it is                                                              |
+//! |------------|-------------------------------------------------------------------------|
+//! | `Main`     | 0: the main model alone, or the oracle's model                          |
+//! | `Response` | the first-order response that is identified while driving               |
+//! | `Physics`  | that, friction, drag and the turning frame, by least squares            |
+//! | `Learned`  | the Gaussian processes of the newest snapshot                           |
+//! | `LastGood` | those of the last proven snapshot that was in use at the next one's arrival |
 //!
-//! So a snapshot that is left gives way to the one before it, where that foretells clearly better
-//! than the main model does: its score counts three times.
+//! So an abandoned snapshot is replaced by the one before it, if that predicts clearly better than
+//! the main model: the weight of its score is three.
 //!
-//! A plan holds d over its horizon, and what is commanded now acts only after the dead time. So an
-//! explanation is judged by the d of a few periods ago, and by the part of its error that lasts:
+//! A plan holds d constant over its horizon, and a command acts only after the dead time. So an
+//! explanation is judged by the d of a few periods ago, and by the lasting part of its error:
 //!
 //! ```text
 //! e_k = left_k − d_{k−1−lead}      low-passed over 0.15 s      score: its mean square over 1 s
 //! ```
-//! Noise of a measured velocity is in two residuals with opposite signs, so that the low pass leaves
-//! little of it. All of it is asked before the sample can have been learnt from.
+//! Noise of a measured velocity enters two residuals with opposite signs, so that the low pass
+//! removes most of it. All errors are evaluated before the model can have learned from the sample.
 
 use crate::adopt::Candidate;
 use crate::settings::{Identify, Observers};
@@ -43,49 +43,50 @@ const GAINS: [f64; 7] = [0.0, 1.0, 0.5, 0.25, 0.12, 0.06, 0.03];
 /// q of the Kalman filters.
 const RATIOS: [f64; 5] = [1.0, 1e-1, 1e-2, 1e-3, 1e-4];
 
-/// Observers beside each model.
+/// Number of observers of each model.
 const OBSERVERS: usize = GAINS.len() + RATIOS.len();
 
-/// Explanations on each axis.
+/// Number of explanations on each axis.
 const COUNT: usize = Model::ALL.len() * OBSERVERS;
 
-/// Periods that are kept.
+/// Number of stored periods.
 const KEPT: usize = 24;
 
 /// Time constant of the low pass on errors \[s\].
 const LASTING_S: f64 = 0.15;
 
-/// Time over which scores fade \[s\].
+/// Time over which scores decay \[s\].
 const MEMORY_S: f64 = 1.0;
 
-/// From a state to the first effect of a plan's later inputs, beside the dead time \[s\].
+/// Time from a state to the first effect of a plan's later inputs, in addition to the dead time
+/// \[s\].
 const LEAD_S: f64 = 0.04;
 
-/// The same in periods, at most.
+/// Largest lead in periods.
 const LEAD_MAX: usize = KEPT - 1 - DELAY_MAX;
 
-/// Another explanation is taken when its score is below this share of the present one's.
+/// Another explanation is chosen when its score is below this share of the present one's.
 const BETTER: f64 = 0.9;
 
-/// What a score counts for, by model: one that can be wrong in more ways has to earn its place.
-/// A snapshot that has a successor has to be clearly better.
+/// Weight of a score, by model: a model with more ways to be wrong must predict better. A snapshot
+/// that has a successor must be clearly better.
 const WEIGHTS: [f64; Model::ALL.len()] = [1.0, 1.0, 1.0, 1.3, 3.0];
 
-/// Periods over which the spread of the innovations is taken.
+/// Periods over which the spread of the innovations is averaged.
 const SPREAD_PERIODS: f64 = 30.0;
 
-/// What explains a part of the residual.
+/// A model of a part of the residual.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Model {
-    /// Nothing: the main model alone.
+    /// No explanation: the main model alone.
     Main,
     /// The identified first-order response.
     Response,
-    /// What physics says that the main model leaves out, with weights that are found while driving.
+    /// Physical effects that the main model omits, with weights that are identified while driving.
     Physics,
-    /// What the learner has learnt.
+    /// The learned model.
     Learned,
-    /// What it had learnt before, and was in use.
+    /// The previous learned model, which was in use.
     LastGood,
 }
 
@@ -98,22 +99,22 @@ impl Model {
         self as usize * OBSERVERS
     }
 
-    /// Whether a learner has made it.
+    /// Whether it comes from a learner.
     pub const fn is_learned(self) -> bool {
         matches!(self, Self::Learned | Self::LastGood)
     }
 }
 
-/// Which explanations there are to choose from.
+/// The available explanations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Choice {
     /// Largest ℓ; with 0 there are no observers.
     pub observer_gain: f64,
-    /// Which observers there are.
+    /// The available observers.
     pub observers: Observers,
-    /// What is identified while driving, and so is an explanation.
+    /// Identified parameters, which are explanations too.
     pub identify: Identify,
-    /// Whether a learned model is used from the first one on, to see what that costs.
+    /// Whether a learned model is used from the first one on, to measure the cost.
     pub blind: bool,
 }
 
@@ -148,7 +149,7 @@ impl Axis {
     }
 }
 
-/// One period that is over.
+/// One past period.
 #[derive(Debug, Clone, Copy)]
 struct Past {
     at: Moment,
@@ -170,11 +171,11 @@ impl Default for Past {
 pub struct Explanations {
     /// The newest learned model.
     active: Option<Box<Candidate>>,
-    /// The last one before it that was in use when its successor came.
+    /// The last model before it that was in use when its successor arrived.
     last_good: Option<Box<Candidate>>,
     response: FirstOrderResponse,
     physics: Physics,
-    /// What physics is known to weigh at the start of a run.
+    /// Weights of the physical effects at the start of a run.
     first_physics: Physics,
     choice: Choice,
     /// Gain of every observer, per axis.
@@ -186,13 +187,13 @@ pub struct Explanations {
     axes: [Axis; AXES],
     /// The last periods, in a ring.
     past: Box<[Past]>,
-    /// Periods ever taken in.
+    /// Number of processed periods.
     taken: usize,
-    /// Of these, with a learned model.
+    /// Number of these with a learned model.
     with_learned: usize,
-    /// Of these, with the newest one.
+    /// Number of these with the newest one.
     with_newest: usize,
-    /// How often a learned model was left, over all axes.
+    /// Number of times that a learned model was abandoned, over all axes.
     left: u64,
     period: f64,
 }
@@ -215,7 +216,7 @@ fn gains(largest: f64, decay: f64) -> [ObserverGain; OBSERVERS] {
 }
 
 impl Explanations {
-    /// Those of `choice`, which know nothing yet.
+    /// The explanations of `choice`, without measurements yet.
     pub fn new(
         choice: Choice,
         main: &MainModel,
@@ -243,7 +244,7 @@ impl Explanations {
         }
     }
 
-    /// Version of the learned model: of the last good one where that alone is used, else of the
+    /// Version of the learned model: of the last good one if that alone is used, else of the
     /// newest; 0 is none.
     pub fn version(&self) -> u64 {
         let models = self.models();
@@ -252,25 +253,25 @@ impl Explanations {
         learned.as_ref().map_or(0, |learned| learned.version)
     }
 
-    /// Variance of what was learnt, per axis, by the model in use or else the newest; 0 where
-    /// there is none. O(n²) \[(m/s)², (m/s)², (rad/s)²\].
+    /// Variance of the learned residual, per axis, by the model in use or else the newest; 0
+    /// without a model. O(n²) \[(m/s)², (m/s)², (rad/s)²\].
     pub fn variance(&mut self, at: &Moment) -> Velocity {
         self.of_learned(|of| of.learned.variance(at, &mut of.scratch))
     }
 
-    /// What `say` says of the newest learned model, and of the last good one on axes that use it.
+    /// Result of `say` for the newest learned model, and for the last good one on axes that use it.
     fn of_learned(&mut self, say: impl Fn(&mut Candidate) -> Velocity) -> Velocity {
         let models = self.models();
-        let mut said = self.active.as_deref_mut().map_or([0.0; AXES], &say);
+        let mut result = self.active.as_deref_mut().map_or([0.0; AXES], &say);
         if models.contains(&Model::LastGood)
             && let Some(last_good) = &mut self.last_good
         {
             let instead = say(last_good);
             for axis in (0..AXES).filter(|&axis| models[axis] == Model::LastGood) {
-                said[axis] = instead[axis];
+                result[axis] = instead[axis];
             }
         }
-        said
+        result
     }
 
     /// The model in use, per axis.
@@ -278,7 +279,7 @@ impl Explanations {
         self.axes.map(|axis| model(axis.chosen))
     }
 
-    /// How often a learned model was left, over all axes.
+    /// Number of times that a learned model was abandoned, over all axes.
     pub fn left(&self) -> u64 {
         self.left
     }
@@ -288,13 +289,13 @@ impl Explanations {
         self.axes.map(|axis| axis.observer[axis.chosen].disturbance)
     }
 
-    /// Last one-step error of what is used, per axis \[m/s, m/s, rad/s\].
+    /// Last one-step error of the explanation in use, per axis \[m/s, m/s, rad/s\].
     pub fn innovation(&self) -> Velocity {
         self.axes.map(|axis| axis.innovation)
     }
 
-    /// Variance of the residual of one period, per axis: what the learned model says where it is
-    /// used, elsewhere what was missed of late. O(n²) \[(m/s)², (m/s)², (rad/s)²\].
+    /// Variance of the residual of one period, per axis: from the learned model if it is in use,
+    /// else from the recent innovations. O(n²) \[(m/s)², (m/s)², (rad/s)²\].
     pub fn step_variance(&mut self, at: &Moment) -> Velocity {
         let (models, mut variance) = (self.models(), self.axes.map(|axis| axis.spread));
         if models.iter().any(|model| model.is_learned()) {
@@ -306,9 +307,9 @@ impl Explanations {
         variance
     }
 
-    /// Updates scores and disturbances with one period, whose residual is `residual`. `known` is the
-    /// oracle's prediction of the residual, or zero. `response` is the newest identified response.
-    /// `under_way` is the dead time in whole periods.
+    /// Updates scores and disturbances with one period, whose residual is `residual`. `known` is
+    /// the oracle's prediction of the residual, or zero. `response` is the newest identified
+    /// response. `under_way` is the dead time in whole periods.
     pub fn update(
         &mut self,
         at: &Moment,
@@ -323,9 +324,9 @@ impl Explanations {
         let (learned, last_good) = (mean(&self.active), mean(&self.last_good));
         let identified = self.response.mean(at);
         let physical = if self.choice.has_physics() {
-            let said = self.physics.mean(at);
+            let mean = self.physics.mean(at);
             self.physics.update(at, residual);
-            said
+            mean
         } else {
             [0.0; AXES]
         };
@@ -337,9 +338,9 @@ impl Explanations {
         let judged =
             (self.taken > lead + 1).then(|| self.past[(self.taken - 1 - lead) % KEPT].disturbance);
         for axis in 0..AXES {
-            let said =
+            let predictions =
                 [known[axis], identified[axis], physical[axis], learned[axis], last_good[axis]];
-            let left = said.map(|said| residual[axis] - said);
+            let left = predictions.map(|predicted| residual[axis] - predicted);
             if let Some(before) = &judged {
                 self.judge(axis, &left, &before[axis], lead);
             }
@@ -349,7 +350,8 @@ impl Explanations {
         self.past[self.taken % KEPT] = Past { at: *at, learned, disturbance };
     }
 
-    /// Scores of one axis, for what each model left and the d of the time when that was foretold.
+    /// Updates the scores of one axis with each model's remaining residual, `left`, and the d at
+    /// the time of the prediction.
     fn judge(
         &mut self,
         axis: usize,
@@ -358,12 +360,12 @@ impl Explanations {
         lead: usize,
     ) {
         let pass = self.period / (self.period + LASTING_S);
-        // As long as there is less than that to remember: the plain mean.
+        // With a shorter past: the plain mean.
         let fading = (self.period / MEMORY_S).max(1.0 / (self.taken - lead) as f64);
         let record = &mut self.axes[axis];
         for (explanation, before) in before.iter().enumerate() {
             let error = left[explanation / OBSERVERS] - before;
-            // An answer that is no number is worse than any.
+            // A prediction that is not finite is worse than any other.
             let error = if error.is_finite() { error } else { 1e3 };
             let lasting = &mut record.lasting[explanation];
             *lasting += pass * (error - *lasting);
@@ -423,14 +425,14 @@ impl Explanations {
         known && !forced && at_hand
     }
 
-    /// Whether so many periods show what lasts.
+    /// Whether this number of periods shows lasting errors.
     fn is_long(&self, periods: usize) -> bool {
         periods as f64 * self.period > LASTING_S
     }
 
-    /// Adopts a learned model. Its disturbance estimates start from the mean residual that it leaves
-    /// in the last periods. If the one before was in use for long, that is now the last good one. Returns
-    /// the model that is needed no more, for another thread to free.
+    /// Adopts a learned model. Its disturbance estimates start from the mean residual that it
+    /// leaves in the last periods. If the previous model was in use for long, it becomes the last
+    /// good one. Returns the model that is no longer needed, for another thread to free.
     pub fn adopt(&mut self, candidate: Box<Candidate>) -> Option<Box<Candidate>> {
         let recent = ((LASTING_S / self.period).round() as usize).clamp(1, KEPT).min(self.taken);
         let mut shift = [0.0; AXES];
@@ -467,7 +469,7 @@ impl Explanations {
         before
     }
 
-    /// What is known of the newest learned model is from now on known of the last good one.
+    /// Moves the record of the newest learned model to the last good one.
     fn keep_learned(&mut self) {
         let (from, to) = (Model::Learned.first(), Model::LastGood.first());
         let kept = from..from + OBSERVERS;
@@ -479,24 +481,26 @@ impl Explanations {
         self.past.iter_mut().flat_map(|past| &mut past.disturbance).for_each(keep);
     }
 
-    /// What is known of physics, if it is an explanation.
+    /// Identified physical effects, if they are an explanation.
     pub fn found_physics(&self) -> Option<FoundPhysics> {
         self.choice.has_physics().then(|| self.physics.found())
     }
 
-    /// Begins, now and after each reset, with what an earlier run found. Returns false if it cannot.
+    /// Starts, now and after each reset, from the result of an earlier run. Returns false if that
+    /// is impossible.
     pub fn begin_with(&mut self, found: &FoundPhysics) -> bool {
         let is_usable = self.first_physics.begin_with(found);
         self.physics.clone_from(&self.first_physics);
         is_usable
     }
 
-    /// A period is missing: the next one begins with a measured velocity that is not compared.
+    /// Processes a missing period: the next one begins with a measured velocity that is not
+    /// compared.
     pub fn resume(&mut self) {
         self.axes.iter_mut().flat_map(|axis| &mut axis.observer).for_each(Observer::resume);
     }
 
-    /// Forgets all but the learned models.
+    /// Drops everything except the learned models.
     pub fn reset(&mut self, response: FirstOrderResponse) {
         self.response = response;
         self.physics.clone_from(&self.first_physics);
@@ -509,7 +513,7 @@ impl Explanations {
     }
 }
 
-/// The main model, with the quickest observer if there is one.
+/// The main model, with the fastest observer if there is one.
 fn first(choice: &Choice) -> usize {
     usize::from(choice.observer_gain > 0.0)
 }
@@ -522,12 +526,12 @@ impl Residual for Explanations {
     fn response(&self, at: &Moment) -> Response {
         let models = self.models();
         let mut response = Response::NONE;
-        let mut take = |of: Model, said: Response| {
+        let mut take = |of: Model, of_model: Response| {
             for axis in (0..AXES).filter(|&axis| models[axis] == of) {
-                response.mean[axis] = said.mean[axis];
-                response.by_velocity[axis] = said.by_velocity[axis];
-                response.by_input[axis] = said.by_input[axis];
-                response.by_before[axis] = said.by_before[axis];
+                response.mean[axis] = of_model.mean[axis];
+                response.by_velocity[axis] = of_model.by_velocity[axis];
+                response.by_input[axis] = of_model.by_input[axis];
+                response.by_before[axis] = of_model.by_before[axis];
             }
         };
         if models.contains(&Model::Response) {
@@ -579,7 +583,7 @@ mod tests {
         (wave - wave.floor() - 0.5) * 12.0_f64.sqrt()
     }
 
-    /// What is believed after `count` periods whose residual is `of(k)` on every axis.
+    /// The explanations after `count` periods whose residual is `of(k)` on every axis.
     fn after(choice: Choice, count: usize, of: impl Fn(usize) -> f64) -> Explanations {
         let mut explanations = explanations(choice);
         let response = explanations.response;
@@ -602,9 +606,9 @@ mod tests {
         }
     }
 
-    /// Noise of a measured velocity is in two residuals, with opposite signs.
+    /// Noise of a measured velocity enters two residuals, with opposite signs.
     #[test]
-    fn noise_of_the_velocity_is_not_passed_on() {
+    fn velocity_noise_is_filtered() {
         let decay = main().decay[0];
         let observed = after(WITH_OBSERVERS, 2000, |k| 0.01 * (noise(k + 1) - decay * noise(k)));
         for (gain, found) in used_gains(&observed).into_iter().zip(observed.disturbance()) {
@@ -614,7 +618,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disturbance_that_changes_quickly_is_followed_by_a_great_gain() {
+    fn a_disturbance_that_changes_quickly_is_followed_by_a_large_gain() {
         let observed =
             after(WITH_OBSERVERS, 2000, |k| 0.1 * (0.05 * k as f64).sin() + 1e-4 * noise(k));
         for gain in used_gains(&observed) {
@@ -623,7 +627,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disturbance_that_comes_at_once_is_answered_within_half_a_second() {
+    fn a_sudden_disturbance_is_compensated_within_half_a_second() {
         let push = |k| if k < 1000 { 0.0 } else { 0.1 };
         let observed = after(WITH_OBSERVERS, 1025, |k| push(k) + 0.01 * noise(k));
         for found in observed.disturbance() {
@@ -638,7 +642,7 @@ mod tests {
     }
 
     #[test]
-    fn one_absurd_sample_moves_it_no_further_than_physics_allow() {
+    fn one_absurd_sample_moves_the_disturbance_no_further_than_physics_allow() {
         let observed = after(WITH_OBSERVERS, 1, |_| 1000.0);
         assert_eq!(observed.disturbance(), [1.0; AXES]);
         let nonsense = after(WITH_OBSERVERS, 3, |k| if k == 1 { f64::NAN } else { 0.1 });
@@ -646,14 +650,14 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_responds_otherwise_is_foretold_by_its_response() {
+    fn a_robot_with_another_response_is_predicted_by_its_response() {
         let choice = Choice { identify: Identify::Response, ..WITH_OBSERVERS };
         let mut explanations = explanations(choice);
         let mut estimator = ResponseEstimator::new(&main(), 0.5);
         let (mut sent, mut velocity) = (Sent::default(), [0.0; AXES]);
         estimator.resume(&velocity);
         for k in 0..500 {
-            // A soft speed loop forward; the other axes are as believed.
+            // A soft speed loop forward; the other axes match the main model.
             let input: Velocity = std::array::from_fn(|axis| (0.2 * (k + axis) as f64).sin());
             sent.push(input);
             let mut next = main().next_velocity(&velocity, &input);
@@ -670,7 +674,7 @@ mod tests {
         assert!((explanations.mean(&at)[0] - expected).abs() < 1e-3);
     }
 
-    /// A learned model that says the same of everything.
+    /// A learned model with a constant residual.
     #[derive(Debug)]
     struct Says(f64);
 
@@ -704,8 +708,8 @@ mod tests {
         }
     }
 
-    /// Versions in use, and those handed back, as models come that say these residuals for 10 s each;
-    /// the true one is 0.1.
+    /// Versions in use and versions returned, while models with these residuals arrive every 10 s.
+    /// The true residual is 0.1.
     fn versions(says: &[f64]) -> Vec<(u64, Option<u64>)> {
         let mut explanations = explanations(Choice { observer_gain: 0.0, ..WITH_OBSERVERS });
         let response = explanations.response;
@@ -736,14 +740,14 @@ mod tests {
         };
         assert_eq!(drive(1, 0.1, 500), None);
         assert_eq!(drive(2, -0.5, 2), None);
-        // The second goes, and the first stays.
+        // The second model is returned, and the first one stays.
         assert_eq!(drive(3, -0.5, 500), Some(2));
         assert_eq!(explanations.version(), 1);
     }
 
     #[test]
-    fn a_model_that_is_left_gives_way_to_the_last_good_one() {
-        // A better one, three that are worse than none, and the best.
+    fn an_abandoned_model_is_replaced_by_the_last_good_one() {
+        // A better model, three that are worse than none, and the best one.
         let versions = versions(&[0.08, 0.09, -0.5, -0.6, -0.2, 0.1, 0.1]);
         let (first, second) = ([(1, None), (2, None)], [(2, Some(1)), (2, Some(3)), (2, Some(4))]);
         let expected = [&first[..], &second, &[(6, Some(5)), (7, Some(2))]].concat();

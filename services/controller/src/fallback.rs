@@ -1,6 +1,6 @@
-//! What to command when the optimiser has no answer: the previous plan shifted, then the LQR on the
-//! main model. Where plans do not hold the robot: feedforward and proportional feedback of the pose.
-//! Both are on the same level, that of the simple controller (decision 34).
+//! The command when the optimiser has no answer: the previous plan shifted, then the LQR on the
+//! main model. If plans do not hold the robot: feedforward and proportional feedback of the pose.
+//! The LQR and the feedback are on the same level, that of the simple controller (decision 34).
 
 use crate::mpc::{Mpc, Outcome, Status, TrackingError};
 use crate::reference::ReferencePoint;
@@ -8,13 +8,13 @@ use model::main_model::MainModel;
 use model::{AXES, Pose, State, Velocity, wrap};
 use protocol::message::FallbackLevel;
 
-/// Of the proportional feedback of the pose \[1/s\].
+/// Proportional feedback gain of the pose \[1/s\].
 pub const GAIN_PER_S: f64 = 2.0;
 
-/// How many periods in a row a shifted plan is believed.
+/// Largest number of consecutive periods with a shifted plan.
 const SHIFTS_MAX: u32 = 2;
 
-/// Input of the LQR on the main model, where there is no plan: `main_target` holds the reference
+/// Input of the LQR on the main model, for use without a plan: `main_target` holds the reference
 /// `point` by that model alone. Does not allocate.
 pub fn lqr(
     mpc: &Mpc,
@@ -27,9 +27,9 @@ pub fn lqr(
     mpc.limits().reach(&mpc.cost().lqr_input(&error, main_target), last_input)
 }
 
-/// The simple controller, which trusts nothing that was learnt: the input that holds the reference
-/// `point` by the main model, and more of it where the robot is behind. It keeps the bounds on heading
-/// and speed, as far as they can be kept without looking ahead. Does not allocate.
+/// The simple controller, which uses no learned model: the input that holds the reference `point`
+/// by the main model, plus feedback of the robot's position error. It keeps the bounds on heading
+/// and speed, as far as that is possible without prediction. Does not allocate.
 pub fn simple(
     mpc: &Mpc,
     main: &MainModel,
@@ -46,7 +46,7 @@ pub fn simple(
     mpc.limits().reach(&mpc.limits().slowed(&desired), last_input)
 }
 
-/// Chooses the fallback level, and remembers for how long the plan has not been renewed.
+/// Chooses the fallback level, and counts the periods since the plan was fresh.
 #[derive(Debug, Default)]
 pub struct FallbackChoice {
     /// Periods since the plan was fresh; `None` if there never was one.
@@ -54,13 +54,14 @@ pub struct FallbackChoice {
 }
 
 impl FallbackChoice {
-    /// Takes in that the optimiser came to `outcome` while somebody else drives: a plan that was
-    /// not renewed in such a period is not shifted later.
+    /// Records the `outcome` of the optimiser while another controller drives. A plan that was not
+    /// renewed in such a period is not shifted later.
     pub fn look(&mut self, outcome: Outcome) {
         self.shifts = outcome.usable().then_some(0);
     }
 
-    /// The fallback level and the input for this period; `None` where there is no plan. Does not allocate.
+    /// The fallback level and the input for this period; `None` if there is no plan. Does not
+    /// allocate.
     pub fn choose(
         &mut self,
         outcome: Outcome,
@@ -84,7 +85,7 @@ impl FallbackChoice {
         }
     }
 
-    /// Forgets the last plan.
+    /// Drops the last plan.
     pub fn reset(&mut self) {
         self.shifts = None;
     }

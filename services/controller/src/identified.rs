@@ -1,4 +1,4 @@
-//! What was identified of the robot, kept in a file at the end of a run, for a later one to begin with.
+//! Identified parameters of the robot: saved in a file at the end of a run, loaded by a later run.
 
 use crate::control::Controller;
 use crate::settings::{Identify, Method, Settings};
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Identified {
-    /// The main model that it is about, as sixteen hexadecimal digits.
+    /// Name of the main model, as sixteen hexadecimal digits.
     pub main_model: String,
     /// Dead time, time constant, gain and offset of each axis.
     pub response: FoundResponse,
@@ -34,28 +34,31 @@ pub fn name_of(fingerprint: u64) -> String {
     format!("{fingerprint:016x}")
 }
 
-/// Where a run keeps it.
+/// Path of the file of a run.
 pub fn file_of(settings: &Settings) -> PathBuf {
     settings.run.folder.join("identified.toml")
 }
 
-/// Why a file is not begun with.
+/// The file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum IdentifiedError {
     /// It cannot be read.
     #[error(transparent)]
     Read(#[from] SettingsError),
-    /// It is of another robot file or period.
-    #[error("{}: main_model = {got}: expected {expected}: identified for another robot file or period", file.display())]
+    /// It belongs to another robot file or period.
+    #[error(
+        "{}: main_model = {got}: expected {expected}: identified for another robot file or period",
+        file.display()
+    )]
     Foreign {
         /// The file.
         file: PathBuf,
-        /// Ours.
+        /// Main model of this controller.
         expected: String,
-        /// The file's.
+        /// Main model in the file.
         got: String,
     },
-    /// Its numbers are of another version, or not finite.
+    /// Its numbers belong to another version, or are not finite.
     #[error("{}: expected finite numbers for the dead times of this version", file.display())]
     Unusable {
         /// The file.
@@ -63,8 +66,9 @@ pub enum IdentifiedError {
     },
 }
 
-/// Lets `controller` begin with what this run itself identified before a restart, else with what the
-/// settings name. A file that cannot be used is logged, and the controller begins with nothing.
+/// Loads into `controller` the parameters that this run identified before a restart, else those
+/// that the settings name. A file that cannot be used is logged, and the controller starts without
+/// them.
 pub fn resume(controller: &mut Controller, settings: &Settings) {
     let own = Some(file_of(settings)).filter(|file| settings.run.restarted && file.exists());
     let Some(file) = own.or_else(|| settings.identified.clone()) else { return };
@@ -88,7 +92,8 @@ fn begin_with(controller: &mut Controller, file: &Path) -> Result<(), Identified
     }
 }
 
-/// Writes what `controller` identified, whole or not at all. A failure is logged.
+/// Writes the parameters that `controller` identified, as a whole or not at all. A failure is
+/// logged.
 pub fn save(controller: &Controller, settings: &Settings) {
     if settings.mpc.method != Method::Mpc || settings.mpc.identify == Identify::Off {
         return;
@@ -110,7 +115,7 @@ mod tests {
     use std::fs;
 
     #[test]
-    fn a_controller_begins_with_the_file_that_another_wrote() -> Result<(), Box<dyn Error>> {
+    fn a_controller_begins_with_the_file_of_another_controller() -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
         let mut settings = told();
         settings.run.folder = folder.path().to_owned();

@@ -1,8 +1,8 @@
-//! What is believed at one moment: main model, residual, disturbance, dead time, pose; and how that
-//! follows what is seen.
+//! The current belief (main model, residual, disturbance, dead time, pose) and its update by
+//! measurements.
 //!
-//! The residual is explained in several ways side by side ([`Explanations`]); per axis, the one that
-//! has foretold best is used.
+//! The residual is explained in several ways side by side ([`Explanations`]). Per axis, the
+//! explanation that has predicted best is used.
 
 use crate::adopt::Candidate;
 use crate::explanations::{Choice, Explanations, Model};
@@ -20,20 +20,20 @@ use model::response::ResponseEstimator;
 use model::{AXES, State, Velocity};
 use protocol::message::Plan;
 
-/// One period that is over.
+/// One past period.
 #[derive(Debug, Clone, Copy)]
 pub struct Period {
     /// Its tick.
     pub tick: u64,
-    /// State that was believed at its start.
+    /// Believed state at its start.
     pub before: State,
-    /// What the gate gave the wheels; the mean of the period.
+    /// The gate's output; the mean of the period.
     pub given: Velocity,
-    /// What was measured at its end.
+    /// Measurements at its end.
     pub after: Measured,
 }
 
-/// What the sensors say of one moment.
+/// Measurements of one moment.
 #[derive(Debug, Clone, Copy)]
 pub struct Measured {
     /// Pose in the world.
@@ -42,18 +42,18 @@ pub struct Measured {
     pub velocity: Velocity,
 }
 
-/// Everything that a prediction rests on. Does not allocate after set-up.
+/// Everything that a prediction depends on. Does not allocate after set-up.
 pub struct Knowledge {
     main: MainModel,
     method: Method,
     explanations: Explanations,
-    /// Somebody who knows better than all of them.
+    /// Source of the true dynamics, which replaces the models.
     foresight: Option<Box<dyn Foresight>>,
     /// g of the last period.
     residual: Velocity,
     setting: DelaySetting,
     response: ResponseEstimator,
-    /// What is known of the response at the start of a run.
+    /// The response at the start of a run.
     first_response: ResponseEstimator,
     sent: Sent,
     delay: Delay,
@@ -64,7 +64,7 @@ pub struct Knowledge {
 }
 
 impl Knowledge {
-    /// The main model, and nothing else yet; or whatever `foresight` knows.
+    /// The main model without measurements yet, or the model of `foresight`.
     pub fn new(
         settings: &Settings,
         main: MainModel,
@@ -101,7 +101,7 @@ impl Knowledge {
         }
     }
 
-    /// What was identified so far. Allocates.
+    /// The parameters identified so far. Allocates.
     pub fn identified(&self) -> Identified {
         Identified {
             main_model: self.main_model_name(),
@@ -110,8 +110,9 @@ impl Knowledge {
         }
     }
 
-    /// Begins, now and after each reset, with what an earlier run of the same robot identified.
-    /// Returns false, and begins with nothing, if it has other dead times or is not finite.
+    /// Starts, now and after each reset, from the parameters that an earlier run of the same robot
+    /// identified. Returns false, and starts without them, if they have other dead times or are not
+    /// finite.
     pub fn begin_with(&mut self, identified: &Identified) -> bool {
         let is_usable = self.first_response.begin_with(&identified.response)
             && (identified.physics.as_ref())
@@ -120,12 +121,12 @@ impl Knowledge {
         is_usable
     }
 
-    /// Name of the main model in a file of what was identified.
+    /// Name of the main model in a file of identified parameters.
     pub fn main_model_name(&self) -> String {
         identified::name_of(fingerprint(&self.main, ""))
     }
 
-    /// What predictions are made with.
+    /// The belief for predictions.
     pub fn belief(&self) -> Belief<'_> {
         let learned = match self.method {
             Method::Mpc => Some(&self.explanations as &dyn Residual),
@@ -140,12 +141,12 @@ impl Knowledge {
         }
     }
 
-    /// Whether nothing has to be learnt.
+    /// Whether there is a foresight, so that nothing must be learned.
     pub fn foresees(&self) -> bool {
         self.foresight.is_some()
     }
 
-    /// Lets the foresight, if there is one, take the world as it is at `tick`.
+    /// Lets the foresight, if there is one, read the world's state at `tick`.
     pub fn look(&mut self, tick: u64) {
         if let Some(foresight) = &mut self.foresight {
             foresight.look(tick);
@@ -167,7 +168,7 @@ impl Knowledge {
         self.explanations.disturbance()
     }
 
-    /// Last one-step error of the model that is used, per axis \[m/s, m/s, rad/s\].
+    /// Last one-step error of the explanation in use, per axis \[m/s, m/s, rad/s\].
     pub fn innovation(&self) -> Velocity {
         self.explanations.innovation()
     }
@@ -182,28 +183,28 @@ impl Knowledge {
         self.explanations.version()
     }
 
-    /// Axes on which a learned model is used: 1 forward, 2 left, 4 yaw, added up.
+    /// Axes on which a learned model is used: the sum of 1 forward, 2 left, 4 yaw.
     pub fn learned_axes(&self) -> u32 {
         let models = self.explanations.models();
         (0..AXES).map(|axis| u32::from(models[axis].is_learned()) << axis).sum()
     }
 
-    /// The model that explains the residual, per axis.
+    /// The model of the residual, per axis.
     pub fn models(&self) -> [Model; AXES] {
         self.explanations.models()
     }
 
-    /// How often a learned model was left on an axis, where it had turned worse than none.
+    /// Number of times that a learned model became worse than none on an axis, and was abandoned.
     pub fn models_left(&self) -> u64 {
         self.explanations.left()
     }
 
-    /// Time from a command to the wheels, as predictions take it.
+    /// Dead time from a command to the wheels, as used in predictions.
     pub fn delay(&self) -> Delay {
         self.delay
     }
 
-    /// From now on predictions take the delay as it is known by now.
+    /// From now on predictions use the present estimate of the delay.
     pub fn settle_delay(&mut self) {
         self.delay = match self.setting {
             DelaySetting::Estimated => self.response.delay(),
@@ -212,7 +213,8 @@ impl Knowledge {
         };
     }
 
-    /// The states from the measured one on, for as long as nothing that is commanded now acts, each with the input that acts in its period.
+    /// The states from the measured one on, until a new command can act. Each has the input that
+    /// acts in its period.
     pub fn under_way(&self, measured: &State) -> impl Iterator<Item = (State, Velocity)> {
         let mut state = *measured;
         (0..self.delay.whole()).map(move |ahead| {
@@ -222,19 +224,19 @@ impl Knowledge {
         })
     }
 
-    /// Where the robot will be when the next command begins to act.
+    /// State of the robot when the next command begins to act.
     pub fn ahead(&self, measured: &State) -> State {
         self.under_way(measured)
             .last()
             .map_or(*measured, |(state, acting)| self.belief().predict(&state, &acting))
     }
 
-    /// Puts a model in use, and gives back the one before, for somebody else to free.
+    /// Puts a model in use. Returns the one before, for another thread to free.
     pub fn adopt(&mut self, candidate: Box<Candidate>) -> Option<Box<Candidate>> {
         self.explanations.adopt(candidate)
     }
 
-    /// Takes in one period: what there was, against what each model said of it.
+    /// Processes one period: compares its measurements with each model's prediction.
     pub fn observe(&mut self, period: &Period) {
         let Period { tick, before, given, after } = period;
         self.sent.push(*given);
@@ -255,7 +257,7 @@ impl Knowledge {
         self.velocity = after.velocity;
     }
 
-    /// A period is missing: nothing is known but what is measured, and the input that acts.
+    /// Processes a missing period: only the measurements and the acting input are known.
     pub fn resume(&mut self, measured: &Measured, given: Velocity) {
         self.sent = Sent::always(given);
         self.acted = given;
@@ -265,18 +267,18 @@ impl Knowledge {
         self.velocity = measured.velocity;
     }
 
-    /// A period of which nothing can be believed but what the gate gave.
+    /// Processes a period in which only the gate's output can be trusted.
     pub fn drive_blind(&mut self, given: Velocity) {
         self.sent = Sent::always(given);
         self.acted = given;
     }
 
-    /// Where the robot is and how it moves, by all that was taken in.
+    /// Estimated pose and velocity, from all measurements.
     pub fn state(&self) -> State {
         State { pose: self.pose.estimate(), velocity: self.velocity, acted: self.acted }
     }
 
-    /// Forgets all but the learned model: another robot, or the same one put somewhere else.
+    /// Resets all but the learned model: another robot, or the same one moved to another place.
     pub fn reset(&mut self) {
         self.residual = [0.0; AXES];
         self.response.clone_from(&self.first_response);
@@ -288,7 +290,8 @@ impl Knowledge {
         self.explanations.step_variance(at)
     }
 
-    /// Writes the variance of the learned residual along a plan whose states and inputs are written; `acted` is the input before its first.
+    /// Writes the variance of the learned residual along a plan whose states and inputs are
+    /// written; `acted` is the input before its first one.
     pub fn write_variance(&mut self, plan: &mut Plan, acted: &Velocity) {
         let periods = plan.predicted.iter().zip(&plan.input).take(plan.horizon as usize);
         let mut before = *acted;

@@ -1,65 +1,66 @@
 //! Whether the plans hold the robot, or the simple controller would do better.
 //!
 //! One-step errors do not show it: in a loop that oscillates, a model that fits the oscillation
-//! foretells best. What shows it is the tracking error, against the one that the
-//! [simple controller](crate::fallback::simple) would have: its command is the reference's velocity
-//! and K times the error, so that it lags by the velocity that is lost on the way to the robot, over
-//! K. What oscillates is lost in one direction and then in the other, and does not count.
+//! predicts best. The tracking error shows it, compared with the error of the [simple
+//! controller](crate::fallback::simple). That controller commands the reference's velocity plus K
+//! times the error. So its error is the velocity that is lost between command and robot, over K. An
+//! oscillation is lost in one direction and then in the other, and does not count.
 //!
 //! ```text
 //! e² = |p − p_r|² + (L Δθ)²           E²: mean of e² over 0.5 s
 //! w = u_δ − v, of the yaw L times     E' = |mean of w over 1 s|/K
 //! ```
-//! with u_δ what the gate gave a dead time ago. Plans may cut corners, and bounds may ask for it: that
-//! is what m = 0.4 L + 0.2 s |v_r| is for. While E² > s² (ρ² E'² + m²) for 0.3 s, the simple
-//! controller drives: for 1 s, and for twice as long as the last time if plans fail again within
-//! 10 s. At first s = 1; whenever the simple controller did not make E smaller, s grows; once plans
-//! have held the robot for 10 s it is 1 again. Commands that chatter make m smaller. A robot that
-//! comes from farther away is judged once it is near, or goes away again.
+//! with u_δ the gate's output one dead time ago. Plans may cut corners, and bounds may require it;
+//! the margin m = 0.4 L + 0.2 s |v_r| allows for that. While E² > s² (ρ² E'² + m²) for 0.3 s, the
+//! simple controller drives: for 1 s, and for twice as long as the last time if plans fail again
+//! within 10 s. At first s = 1. Whenever the simple controller did not make E smaller, s grows.
+//! Once plans have held the robot for 10 s, s is 1 again. Commands that chatter make m smaller. A
+//! robot that comes from farther away is judged once it is near, or moves away again.
 
 use crate::fallback::GAIN_PER_S;
 use crate::reference::ReferencePoint;
 use model::{AXES, Pose, Velocity, wrap};
 
-/// ρ: by how much the plans may be worse.
+/// ρ: allowed ratio of the plans' error to the expected one.
 const RATIO: f64 = 1.5;
-/// s grows by this much after the simple controller was of no use, at most so often.
+/// Factor by which s grows after the simple controller did not help, and the largest s.
 const STRICTER: f64 = 2.0;
 const STRICTER_MOST: f64 = 16.0;
 
-/// m: of the lever arm L, and in the reference's time \[s\].
+/// m: as a share of the lever arm L, and as a time of the reference \[s\].
 const MARGIN: f64 = 0.4;
 const MARGIN_S: f64 = 0.2;
-/// What is left of it when commands chatter.
+/// Share of the margin that is left when commands chatter.
 const CHATTERING: f64 = 0.5;
-/// Until it is this near to the reference, a robot is on its way there, of the lever arm L,
+/// A robot is approaching the reference until it is this near, as a share of the lever arm L,
 const NEAR: f64 = 0.2;
-/// or until it is so many times as far as it has been.
+/// or until its distance is this multiple of its smallest distance.
 const AWAY: f64 = 3.0;
-/// One that moves so much further in a period than it can has been put there, of the lever arm L.
+/// A pose that moves in one period by this much more than the velocity explains has jumped: the
+/// robot was moved by hand. As a share of the lever arm L.
 const LEAPT: f64 = 0.4;
 
 /// Time over which e² is averaged \[s\].
 const ERROR_S: f64 = 0.5;
-/// The same of w and of chatter.
+/// Time over which w and chatter are averaged \[s\].
 const MEMORY_S: f64 = 1.0;
-/// So long plans are worse before the simple controller drives \[s\].
+/// Time for which plans must be worse before the simple controller drives \[s\].
 const PATIENCE_S: f64 = 0.3;
-/// So long it drives at first, and at most \[s\].
+/// Time for which it drives at first, and at most \[s\].
 const DRIVES_S: f64 = 1.0;
 const DRIVES_MOST_S: f64 = 16.0;
-/// Plans that fail within so long after their return fail again \[s\].
+/// Plans that fail within this time after their return fail again \[s\].
 const AGAIN_S: f64 = 10.0;
 
-/// Share of the alternating part of a command in its limit from which on it chatters.
+/// Share of a command's limit from which on its alternating part counts as chatter.
 const CHATTER: f64 = 0.05;
 
-/// One period that is over.
+/// One past period.
 #[derive(Debug, Clone, Copy)]
 pub struct Passed<'a> {
-    /// What the gate gave the wheels.
+    /// The gate's output.
     pub given: Velocity,
-    /// What acted in it, as far as the dead time is known.
+    /// The input that acted in it, as far as the dead time is known.
     pub acted: Velocity,
     /// Pose at its end.
     pub pose: Pose,
@@ -69,12 +70,12 @@ pub struct Passed<'a> {
     pub point: &'a ReferencePoint,
 }
 
-/// Who drives.
+/// The controller in charge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Driver {
-    /// The plans, for so long by now, of which they were worse so long in a row \[s\].
+    /// The plans, since this time; they were worse for this time without interruption \[s\].
     Plans { since_s: f64, worse_s: f64 },
-    /// The simple controller, for so long from now on; E² was `begun_with` when it began \[s, m²\].
+    /// The simple controller, for this remaining time; E² was `begun_with` when it began \[s, m²\].
     Simple { left_s: f64, begun_with: f64 },
 }
 
@@ -87,9 +88,9 @@ pub struct LoopJudge {
     lever: f64,
     /// Largest command \[m/s, m/s, rad/s\].
     limits: Velocity,
-    /// Of the robot, a period ago.
+    /// Pose of the robot one period ago.
     pose: Option<Pose>,
-    /// Smallest e² of a robot that is on its way to the reference; `None` once it has been there
+    /// Smallest e² of a robot that is approaching the reference; `None` once it has been there
     /// \[m²\].
     least: Option<f64>,
     /// E² \[m²\].
@@ -99,7 +100,7 @@ pub struct LoopJudge {
     /// Mean of w \[m/s, m/s, rad/s\].
     lost: Velocity,
     driver: Driver,
-    /// How long the simple controller drives the next time \[s\].
+    /// Time for which the simple controller drives the next time \[s\].
     drives_s: f64,
     /// s.
     stricter: f64,
@@ -110,7 +111,8 @@ pub struct LoopJudge {
 }
 
 impl LoopJudge {
-    /// Of a robot with this lever arm \[m\] and these largest commands, in periods of `period` \[s\].
+    /// For a robot with this lever arm \[m\] and these largest commands, in periods of `period`
+    /// \[s\].
     pub fn new(period: f64, lever: f64, limits: Velocity) -> Self {
         Self {
             period,
@@ -129,25 +131,25 @@ impl LoopJudge {
         }
     }
 
-    /// Whether the simple controller is to drive.
+    /// Whether the simple controller must drive.
     pub fn prefers_simple(&self) -> bool {
         matches!(self.driver, Driver::Simple { .. })
     }
 
-    /// Begins anew: somebody else has driven, or the reference is another one.
+    /// Resets: another controller has driven, or the reference has changed.
     pub fn reset(&mut self) {
         *self = Self::new(self.period, self.lever, self.limits);
     }
 
-    /// Passes over a period in which neither plans nor the simple controller acted, and which ended
-    /// with `pose`.
+    /// Skips a period in which neither plans nor the simple controller acted, and which ended with
+    /// `pose`.
     pub fn pass_over(&mut self, pose: &Pose) {
         if self.pose.is_some() {
             self.pose = Some(*pose);
         }
     }
 
-    /// Takes in a period in which a plan or the simple controller acted.
+    /// Processes a period in which a plan or the simple controller acted.
     pub fn look(&mut self, passed: &Passed<'_>) {
         if self.is_elsewhere(passed) {
             (self.pose, self.least, self.error) = (None, Some(f64::INFINITY), 0.0);
@@ -172,7 +174,7 @@ impl LoopJudge {
         self.decide();
     }
 
-    /// Whether the pose has leapt by clearly more than the velocity says.
+    /// Whether the pose has jumped by clearly more than the velocity explains.
     fn is_elsewhere(&self, passed: &Passed<'_>) -> bool {
         let [forward, left, rate] = passed.velocity.map(|velocity| 2.0 * self.period * velocity);
         let leapt = |before: Pose| {
@@ -195,7 +197,7 @@ impl LoopJudge {
         (forward.powi(2) + left.powi(2) + (self.lever * rate).powi(2)) / GAIN_PER_S.powi(2)
     }
 
-    /// Whether commands alternate from period to period.
+    /// Updates the mean square of the part of commands that alternates from period to period.
     fn listen(&mut self, given: &Velocity) {
         let [last, older] = self.before;
         let share = |axis: usize| {
@@ -256,13 +258,13 @@ mod tests {
     const DECAY: f64 = 0.8;
     const GAIN: f64 = 0.2;
 
-    /// A robot that follows its commands along x at once a reference of 1 m/s, watched.
+    /// A robot that follows its commands at once, along a reference of 1 m/s in x, and its judge.
     struct Watched {
         judge: LoopJudge,
         pose: Pose,
         velocity: Velocity,
         tick: usize,
-        /// What a slope adds to its velocity \[m/s\].
+        /// Velocity that a slope adds \[m/s\].
         pushed: Velocity,
     }
 
@@ -282,8 +284,8 @@ mod tests {
             [0, 1, 2].map(|axis| point.velocity[axis] + 2.0 * (point.pose[axis] - pose[axis]))
         }
 
-        /// Drives for `seconds` by the simple controller where it is preferred, and else by `plans`;
-        /// gives the seconds of the former.
+        /// Drives for `seconds` by the simple controller where it is preferred, and else by
+        /// `plans`. Returns the seconds of the simple controller.
         fn drive(&mut self, seconds: f64, plans: impl Fn(&Self) -> Velocity) -> f64 {
             let mut simple = 0.0;
             for _ in 0..(seconds / PERIOD).round() as usize {
@@ -331,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn plans_that_lead_away_give_way_within_a_second() {
+    fn plans_that_diverge_are_replaced_within_a_second() {
         let mut robot = Watched::new();
         robot.drive(5.0, good);
         robot.drive(1.0, bad);
@@ -339,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_is_put_elsewhere_is_on_its_way_and_no_plan_is_blamed() {
+    fn a_robot_that_is_moved_by_hand_is_approaching_and_no_plan_is_blamed() {
         let mut robot = Watched::new();
         robot.drive(5.0, good);
         robot.pose[1] += 0.8;
@@ -347,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn plans_that_are_good_again_drive_again() {
+    fn plans_that_recover_drive_again() {
         let mut robot = Watched::new();
         robot.drive(5.0, good);
         robot.drive(1.5, bad);
@@ -356,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn plans_that_fail_again_and_again_drive_ever_less() {
+    fn plans_that_fail_repeatedly_drive_less_and_less() {
         let mut robot = Watched::new();
         robot.drive(5.0, good);
         let shares: Vec<f64> = (0..4).map(|_| robot.drive(15.0, bad) / 15.0).collect();
@@ -364,10 +366,10 @@ mod tests {
     }
 
     #[test]
-    fn a_simple_controller_that_is_of_no_use_drives_ever_less_until_plans_have_held_for_10_s() {
+    fn a_simple_controller_that_does_not_help_drives_less_until_plans_have_held_for_10_s() {
         let mut robot = Watched::new();
         robot.drive(5.0, good);
-        // What is lost on the way to the robot does not show in what it measures.
+        // Loss between command and robot does not show in the robot's measurements.
         robot.judge.stricter = STRICTER_MOST;
         robot.judge.driver = Driver::Plans { since_s: 0.0, worse_s: 0.0 };
         assert_eq!(robot.drive(1.0, bad), 0.0);
@@ -378,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn a_period_that_is_passed_over_forgets_nothing() {
+    fn a_skipped_period_keeps_the_memory() {
         let mut robot = Watched::new();
         robot.drive(5.0, good);
         robot.drive(1.5, bad);
@@ -388,9 +390,9 @@ mod tests {
     }
 
     #[test]
-    fn commands_that_chatter_have_to_be_less_bad() {
+    fn commands_that_chatter_have_a_smaller_margin() {
         let (mut quiet, mut loud) = (Watched::new(), Watched::new());
-        // 220 mm ahead of the reference, of 320 that are allowed without chatter.
+        // 220 mm ahead of the reference; 320 mm are allowed without chatter.
         let ahead = |robot: &Watched, aside: f64| {
             let [x, y, yaw] = good(robot);
             [x + 0.44, y + if robot.tick.is_multiple_of(2) { aside } else { -aside }, yaw]

@@ -2,16 +2,19 @@
 //!
 //! ```text
 //! min  Σ_{k<N} |e(x_k)|²_Q + |u_k − t_k|²_R + |u_k − u_{k−1}|²_S  +  |e(x_N)|²_F  + ρ Σ s_k
-//! s.t. x_{k+1} = f(x_k, a_k) + g(x_k, a_k) + d,  a_k = (1 − w) u_k + w u_{k−1}      x_0 given, u_{−1} the last command
+//! s.t. x_{k+1} = f(x_k, a_k) + g(x_k, a_k) + d,  a_k = (1 − w) u_k + w u_{k−1}
 //!      |J u_k| ≤ r ω_max,  |u_k| ≤ u_max,  |u_k − u_{k−1}| ≤ T u̇_max
-//!      |k_p J (u_k − v_k + (g + d)/(1 − A))/r| ≤ i_max (1 + s_k),  |θ_k| ≤ θ_max (1 + s_k),  |v_k| ≤ v_max (1 + s_k),  s_k ≥ 0
-//!      −w_r (1 + s'_k) ≤ nᵀ(p_k − p_r) ≤ w_l (1 + s'_k),  s'_k ≥ 0        n: across the reference's course, to the left
+//!      |k_p J (u_k − v_k + (g + d)/(1 − A))/r| ≤ i_max (1 + s_k)
+//!      |θ_k| ≤ θ_max (1 + s_k),  |v_k| ≤ v_max (1 + s_k),  s_k ≥ 0
+//!      −w_r (1 + s'_k) ≤ nᵀ(p_k − p_r) ≤ w_l (1 + s'_k),  s'_k ≥ 0
+//! x_0 given, u_{−1} the last command      n: across the reference's course, to the left
 //! ```
-//! At a chance level, bounds on the state are drawn in by what the prediction may err (`tightening`).
+//! At a chance level, bounds on the state are tightened by the expected prediction error
+//! (`tightening`).
 //!
-//! The cost is on the deviation from the reference, and k counts along the prediction (eqs. 26 and 32 write x(k|k) and leave the
-//! reference out). One iteration: shift the last plan, predict with it, linearise, solve one convex
-//! quadratic program in stages, apply its first input.
+//! The cost is on the deviation from the reference, and k counts along the prediction. (Eqs. 26 and
+//! 32 write x(k|k) and omit the reference.) One iteration: shift the last plan, predict with it,
+//! linearise, solve one convex quadratic program in stages, apply its first input.
 //!
 //! | here        | in the equations                | size      |
 //! |-------------|---------------------------------|-----------|
@@ -54,7 +57,7 @@ use tightening::Tightening;
 pub use cost::{Cost, TrackingError};
 pub use solver::{Outcome, Status, Turn};
 
-/// Why a controller could not be built.
+/// The optimiser could not be built.
 #[derive(Debug, thiserror::Error)]
 pub enum MpcError {
     /// The weights give no LQR gain.
@@ -65,14 +68,14 @@ pub enum MpcError {
     Solver(#[from] SolverError),
 }
 
-/// How the tracking problem is written down.
+/// Form of the tracking problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Formulation {
-    /// As the module's head has it: e in the reference's frame, t holds the reference.
+    /// As in the module's head: e in the reference's frame, t holds the reference.
     #[default]
     Holding,
-    /// As most toolboxes have it, for comparisons with them: the differences between state and reference as they are, t the reference's
-    /// velocity.
+    /// As in most toolboxes, for comparisons with them: e is the plain difference between state and
+    /// reference, t the reference's velocity.
     Plain,
 }
 
@@ -87,18 +90,18 @@ pub struct Stage {
     pub target: Velocity,
 }
 
-/// What one iteration came to.
+/// Result of one iteration.
 #[derive(Debug, Clone, Copy)]
 pub struct Solved {
-    /// What the solver said, and whether its answer withstood the check.
+    /// Status of the solver, after the check of its answer.
     pub outcome: Outcome,
-    /// What was done of it before the state came.
+    /// Time spent before the state arrived.
     pub ahead: Spent,
-    /// What was done of it after the state had come.
+    /// Time spent after the state arrived.
     pub since: Spent,
 }
 
-/// Time.
+/// Time spent.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Spent {
     /// Prediction and linearisation \[ns\].
@@ -107,19 +110,19 @@ pub struct Spent {
     pub solve_nanos: u64,
 }
 
-/// What a program is written about: the present plan, predicted and linearised.
+/// The point about which a program is written: the present plan, predicted and linearised.
 #[derive(Clone, Copy)]
 struct Outlook<'a> {
     stages: &'a [Stage],
     terminal: &'a State,
     last_input: &'a Velocity,
-    /// From the first stage's on.
+    /// From the first stage on.
     reference: &'a [ReferencePoint],
     tightening: Option<&'a Tightening>,
 }
 
 impl Outlook<'_> {
-    /// State at the start of period `k`; behind the last one the terminal state.
+    /// State at the start of period `k`; after the last one the terminal state.
     fn state(&self, k: usize) -> &State {
         self.stages.get(k).map_or(self.terminal, |stage| &stage.state)
     }
@@ -137,38 +140,38 @@ pub struct Mpc {
     steps: Vec<Linearised>,
     /// The horizon's last state.
     terminal: State,
-    /// Whether these states are a plan's.
+    /// Whether these states belong to a plan.
     planned: bool,
     /// u − t of each free period.
     deviation: Vec<Velocity>,
-    /// Disturbance that the targets have been worked out for.
+    /// Disturbance for which the targets were computed.
     target_disturbance: Velocity,
     tightening: Option<Tightening>,
     program: QuadraticProgram,
-    /// ∂x⁺/∂g of each step, for a program that is made ready.
+    /// ∂x⁺/∂g of each step, for a program that is prepared.
     by_disturbance: Vec<SMatrix<f64, 6, 3>>,
-    /// What `program` was made ready for, before the state has come.
+    /// The state and belief for which `program` was prepared, before the state arrived.
     expectation: Option<Expectation>,
     solver: Solver,
     solution: Vec<f64>,
-    /// By how much states are moved.
+    /// Displacement of the states.
     moves: Vec<Vector>,
     turn: Turn,
 }
 
 impl Mpc {
-    /// Sets everything up for one robot, period and horizon.
+    /// Sets up the optimiser for one robot, period and horizon.
     ///
     /// # Errors
-    /// [`MpcError`] if the weights are ill-posed or the solver refuses.
+    /// [`MpcError`] if the weights are ill-posed or the solver refuses the problem.
     pub fn new(settings: &MpcSettings, robot: &Robot, main: &MainModel) -> Result<Self, MpcError> {
         Self::formulated(Formulation::Holding, settings, &InputLimits::of(robot, main.period), main)
     }
 
-    /// The same for a problem that is written down otherwise, or whose inputs are held to something else than a robot's limits.
+    /// The same for another formulation, or for input limits other than a robot's.
     ///
     /// # Errors
-    /// [`MpcError`] if the weights are ill-posed or the solver refuses.
+    /// [`MpcError`] if the weights are ill-posed or the solver refuses the problem.
     pub fn formulated(
         formulation: Formulation,
         settings: &MpcSettings,
@@ -216,24 +219,25 @@ impl Mpc {
         })
     }
 
-    /// Lets the solver go wrong on purpose from now on.
+    /// Injects these faults into the solver from now on.
     pub fn inject(&mut self, faults: SolverFaults) {
         self.solver.inject(faults);
     }
 
-    /// Says for which tick, and until when, the next iterations are. At first no fault happens, and no clock is asked.
+    /// Sets the tick and the deadline of the next iterations. At first no fault happens, and no
+    /// clock is read.
     pub fn take_turn(&mut self, turn: Turn) {
         self.turn = turn;
     }
 
-    /// Forgets the last plan.
+    /// Drops the last plan.
     pub fn reset(&mut self) {
         self.deviation.fill([0.0; 3]);
         self.stages.fill(Stage::default());
         (self.planned, self.expectation) = (false, None);
     }
 
-    /// Expects the robot to look where it looks in `state`, before there is a plan.
+    /// Expects the robot to have the heading of `state`, before there is a plan.
     pub fn begin_at(&mut self, state: &State) {
         for stage in &mut self.stages {
             stage.state = *state;
@@ -252,12 +256,12 @@ impl Mpc {
         &self.cost
     }
 
-    /// What the wheels can do.
+    /// Limits of wheels and state.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
 
-    /// From now on the current rows of these wheels bound nothing.
+    /// From now on the current rows of these wheels are inactive.
     pub fn drop_current_rows(&mut self, wheels: [bool; 4]) {
         if self.limits.dropped() != wheels {
             self.limits.drop_current_rows(wheels);
@@ -265,7 +269,7 @@ impl Mpc {
         }
     }
 
-    /// What the last plan foretells of each motor's current in its first period.
+    /// Motor currents that the last plan predicts for its first period.
     pub fn foretold_currents(&self) -> Foretold {
         let after = self.stages.get(1).map_or(&self.terminal, |stage| &stage.state);
         self.stages
@@ -278,20 +282,22 @@ impl Mpc {
         &self.stages
     }
 
-    /// The state that the last plan ends in.
+    /// The terminal state of the last plan.
     pub fn terminal(&self) -> &State {
         &self.terminal
     }
 
-    /// What can be done before the next state comes: moves the last plan on by one period ([`shift`](Self::shift)), and works its targets
-    /// out anew ([`aim`](Self::aim)). `reference` begins at the tick that comes next. Does not allocate.
+    /// Does the work that needs no new state: moves the last plan on by one period
+    /// ([`shift`](Self::shift)), and computes its targets ([`aim`](Self::aim)). `reference` begins
+    /// at the next tick. Does not allocate.
     pub fn prepare(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
         self.expectation = None;
         self.shift();
         self.aim(reference, belief);
     }
 
-    /// Works the targets of the plan out anew. `reference` begins where the plan does. Does not allocate.
+    /// Computes the targets of the plan. `reference` begins at the plan's first tick. Does not
+    /// allocate.
     pub fn aim(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
         for (stage, point) in self.stages.iter_mut().zip(reference) {
             stage.target = self.limits.clamp(&target::of(
@@ -305,8 +311,9 @@ impl Mpc {
         self.target_disturbance = belief.disturbance;
     }
 
-    /// Does one whole iteration on the state that the plan expects, and leaves the plan as it is: what the coming iteration needs, which
-    /// other work has pushed out of the processor's caches since the last one, is there again. Called after [`prepare`](Self::prepare).
+    /// Does one whole iteration on the expected state, and leaves the plan unchanged. Other work
+    /// may have evicted code and data from the processor's caches since the last iteration; the
+    /// rehearsal loads them again. Called after [`prepare`](Self::prepare).
     pub fn rehearse(
         &mut self,
         last_input: &Velocity,
@@ -326,8 +333,9 @@ impl Mpc {
         }
     }
 
-    /// Says what a step may err, before [`iterate`](Self::iterate): `noise` gives the variance of the residual of one period.
-    /// The state that the plan begins with is `under_way` periods ahead of the measured one. Does not allocate.
+    /// Sets the expected error of each step, before [`iterate`](Self::iterate): `noise` gives the
+    /// variance of the residual of one period. The first state of the plan is `under_way` periods
+    /// ahead of the measured one. Does not allocate.
     pub fn expect_errors(&mut self, under_way: usize, mut noise: impl FnMut(&Moment) -> Velocity) {
         let Some(tightening) = &mut self.tightening else { return };
         tightening.wait_for(under_way);
@@ -336,7 +344,8 @@ impl Mpc {
         }
     }
 
-    /// Moves the last plan on by one period, so that its second input becomes the first. Does not allocate.
+    /// Moves the last plan on by one period, so that its second input becomes the first. Does not
+    /// allocate.
     pub fn shift(&mut self) {
         self.deviation.rotate_left(1);
         if let [.., before, last] = self.deviation.as_mut_slice() {
@@ -348,12 +357,13 @@ impl Mpc {
         }
     }
 
-    /// One iteration from the measured `state`: predicts with the present plan, improves it, and predicts again to first order. Where a program
-    /// is ready that the state was [expected](Self::expect) for, only that is solved.
+    /// One iteration from the measured `state`: predicts with the present plan, improves it, and
+    /// predicts again to first order. If a program is ready for the [expected](Self::expect) state,
+    /// only that is solved.
     ///
-    /// [`prepare`](Self::prepare) has been called for the same `reference`, which holds the points of the present tick and the N after
-    /// it; `last_input` is what was commanded last.
-    /// If the outcome is not usable, the plan stays the shifted one.
+    /// [`prepare`](Self::prepare) has been called for the same `reference`, which holds the points
+    /// of the present tick and the N after it; `last_input` is the last command. If the outcome is
+    /// not usable, the plan stays the shifted one.
     pub fn iterate(
         &mut self,
         state: &State,
@@ -385,7 +395,8 @@ impl Mpc {
         Solved { outcome, ahead: Spent::default(), since }
     }
 
-    /// Input that holds `point` by the main model and a disturbance alone, for a robot that looks along `yaw`.
+    /// Input that holds `point` by the main model and a disturbance alone, for a robot with heading
+    /// `yaw`.
     pub fn main_target(
         &self,
         main: &MainModel,
@@ -438,7 +449,8 @@ impl Mpc {
         }
     }
 
-    /// The holding input is linear in the disturbance, which has been corrected since the targets were worked out.
+    /// The holding input is linear in the disturbance. The disturbance was corrected after the
+    /// targets were computed.
     fn corrected_target(&self, k: usize, belief: &Belief<'_>) -> Velocity {
         let target = self.stages.get(k).map_or([0.0; 3], |stage| stage.target);
         if self.formulation == Formulation::Plain {
@@ -480,7 +492,8 @@ impl Mpc {
         }
     }
 
-    /// Takes a usable solution into the plan, if it keeps the limits: inputs exactly, states to first order.
+    /// Applies a usable solution to the plan, if it keeps the limits: inputs exactly, states to
+    /// first order.
     fn take(&mut self, outcome: &mut Outcome) {
         if !outcome.usable() {
             return;
@@ -508,7 +521,7 @@ impl Mpc {
     }
 }
 
-/// Adds x of ξ to a state.
+/// Adds the x part of ξ to a state.
 fn move_by(state: &mut State, by: &Vector) {
     for axis in 0..3 {
         state.pose[axis] += by[axis];

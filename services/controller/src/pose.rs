@@ -1,19 +1,20 @@
-//! Where the robot is, by its measured poses and by what it has driven since.
+//! The robot's pose, from its measured poses and its motion since.
 //!
 //! ```text
-//! p̂⁻ = p̂ + T R(θ̂ + T ω̄/2) v̄      p̂ = p̂⁻ + k (p − p̂⁻)      v̄: mean measured velocity of the period
+//! p̂⁻ = p̂ + T R(θ̂ + T ω̄/2) v̄      p̂ = p̂⁻ + k (p − p̂⁻)
+//! v̄: mean measured velocity of the period
 //! ```
-//! How much of a measured pose is noise nobody says. Filters of several gains k run side by side;
-//! used is the one whose innovations p − p̂⁻ have had the least mean square over the last second, one for
-//! the position and one for the heading. A pose that leaps is followed at once by k = 1, which then
-//! foretells best.
+//! The noise of a measured pose is unknown. So filters of several gains k run side by side. The
+//! filter in use has the least mean square of its innovations p − p̂⁻ over the last second; it is
+//! chosen separately for the position and for the heading. A pose that jumps is followed at once by
+//! k = 1, which then predicts best.
 
 use model::{Pose, Velocity, wrap};
 
 /// k.
 const GAINS: [f64; 6] = [1.0, 0.5, 0.25, 0.12, 0.06, 0.03];
 
-/// Time over which costs fade \[s\].
+/// Time over which costs decay \[s\].
 const MEMORY_S: f64 = 1.0;
 
 /// Filters of several gains. Does not allocate.
@@ -29,7 +30,7 @@ pub struct PoseFilter {
 }
 
 impl PoseFilter {
-    /// One that is at the origin, for periods of `period` \[s\].
+    /// Filters at the origin, for periods of `period` \[s\].
     pub fn new(period: f64) -> Self {
         let zero = [[0.0; 3]; GAINS.len()];
         Self { period, estimates: zero, costs: zero, chosen: [0; 2], taken: 0 }
@@ -41,15 +42,14 @@ impl PoseFilter {
         [position[0], position[1], heading[2]]
     }
 
-    /// Goes on from a measured pose: what came before says nothing of it.
+    /// Continues from a measured pose, without memory of earlier poses.
     pub fn resume(&mut self, measured: &Pose) {
         self.estimates = [*measured; GAINS.len()];
         self.costs = [[0.0; 3]; GAINS.len()];
         (self.chosen, self.taken) = ([0; 2], 0);
     }
 
-    /// Takes in one period: its mean velocity in the body, and the pose that was measured at its
-    /// end.
+    /// Processes one period: its mean velocity in the body frame, and the pose measured at its end.
     pub fn update(&mut self, mean: &Velocity, measured: &Pose) {
         self.taken += 1;
         let fading = (self.period / MEMORY_S).max(1.0 / self.taken as f64);
@@ -77,8 +77,8 @@ impl PoseFilter {
 mod tests {
     use super::*;
 
-    /// Drives a circle, with errors of about `noise` on what is measured of it \[m, rad\]; returns the
-    /// root mean square error of the position of the last half, measured and estimated.
+    /// Drives a circle with measurement errors of about `noise` \[m, rad\]. Returns the root mean
+    /// square error of the position over the last half, measured and estimated.
     fn driven(noise: f64, slip: f64) -> (f64, f64) {
         let period = 0.02;
         let mut filter = PoseFilter::new(period);
@@ -105,19 +105,19 @@ mod tests {
     }
 
     #[test]
-    fn noise_on_the_pose_is_mostly_taken_out() {
+    fn most_of_the_pose_noise_is_removed() {
         let (measured, estimate) = driven(0.01, 0.0);
         assert!(estimate < 0.5 * measured, "{estimate} of {measured}");
     }
 
     #[test]
-    fn a_velocity_that_is_wrong_leads_no_further_astray_than_the_noise() {
+    fn a_wrong_velocity_adds_no_more_error_than_the_noise() {
         let (measured, estimate) = driven(0.001, 0.2);
         assert!(estimate < 1.5 * measured, "{estimate} of {measured}");
     }
 
     #[test]
-    fn a_pose_that_leaps_is_followed_at_once() {
+    fn a_pose_that_jumps_is_followed_at_once() {
         let mut filter = PoseFilter::new(0.02);
         for _ in 0..100 {
             filter.update(&[0.0; 3], &[0.0; 3]);
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heading_that_goes_round_is_not_taken_for_a_leap() {
+    fn a_heading_that_wraps_is_not_taken_for_a_jump() {
         let (_, estimate) = driven(0.0, 0.0);
         assert!(estimate < 1e-9, "{estimate}");
     }

@@ -1,7 +1,7 @@
-//! What the robot shall follow: a table of pose and velocity, one row per tick, made before the run.
+//! The reference trajectory: a table of pose and velocity, one row per tick, made before the run.
 //!
-//! Every row holds the pose in the world and the velocity in the reference's own heading. Behind the end of the table the robot
-//! shall stand at its last pose.
+//! Every row holds the pose in the world and the velocity in the reference's own heading. After the
+//! end of the table, the robot stands at the last pose.
 
 mod path;
 mod points;
@@ -15,28 +15,30 @@ use settings::Impossible;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
-/// Farthest place from the world's origin \[m\], and largest yaw \[rad\].
+/// Largest distance from the world's origin \[m\], and largest yaw \[rad\].
 pub const PLACE_MAX: f64 = 1e6;
 
-// What a path may be made of: wide enough for every robot, and such that no number on it is infinite.
+// Ranges of path parameters: wide enough for every robot, and such that every number on the path is
+// finite.
 const METRES: RangeInclusive<f64> = 1e-3..=PLACE_MAX;
 const METRES_PER_SECOND: RangeInclusive<f64> = 1e-3..=100.0;
 const METRES_PER_SECOND_SQUARED: RangeInclusive<f64> = 1e-3..=1e4;
 const SECONDS: RangeInclusive<f64> = 1e-3..=1e4;
 const SPEED_FACTORS: RangeInclusive<f64> = 1e-3..=1e3;
 
-/// What to follow.
+/// Settings of the reference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceSettings {
     /// The path over time.
     pub path: PathSettings,
-    /// Which way to look on it.
+    /// Heading along the path.
     pub heading: Heading,
-    /// Time in which the path's own clock comes up to speed, from a standstill \[s\]. With 0 the robot shall move from the first moment on.
+    /// Time in which the path's own clock accelerates from standstill to its full rate \[s\]. With
+    /// 0 the robot must move from the first tick on.
     #[serde(default)]
     pub ramp_s: f64,
-    /// How fast the path's own clock runs: less than 1 for a slower robot on the same path \[1\].
+    /// Rate of the path's own clock: less than 1 for a slower robot on the same path \[1\].
     #[serde(default = "unchanged")]
     pub speed_factor: f64,
 }
@@ -45,19 +47,19 @@ fn unchanged() -> f64 {
     1.0
 }
 
-/// Which way to look.
+/// Heading along the path.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Heading {
     /// Along the path.
     Tangent,
-    /// Always the same way \[rad\].
+    /// Always the same yaw \[rad\].
     FixedRad(f64),
-    /// As the path itself says: for points that carry a yaw, and point to point.
+    /// From the path itself: for points with a yaw, and point to point.
     Given,
 }
 
-/// A path over time. All begin at the world's origin, unless they say otherwise.
+/// A path over time. All begin at the world's origin, unless stated otherwise.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum PathSettings {
@@ -73,7 +75,7 @@ pub enum PathSettings {
         /// Speed along it \[m/s\].
         speed_mps: f64,
     },
-    /// A lying eight: x = ½ length sin(2π t/lap), y = ½ width sin(4π t/lap).
+    /// A horizontal figure eight: x = ½ length sin(2π t/lap), y = ½ width sin(4π t/lap).
     FigureEight {
         /// Its extent in x \[m\].
         length_m: f64,
@@ -89,7 +91,7 @@ pub enum PathSettings {
         /// Speed along it \[m/s\].
         speed_mps: f64,
     },
-    /// Straight ahead and to a stop, again and again.
+    /// Straight ahead to a stop, repeatedly.
     StopAndGo {
         /// Length of one stretch \[m\].
         stretch_m: f64,
@@ -100,7 +102,7 @@ pub enum PathSettings {
         /// Time at rest \[s\].
         pause_s: f64,
     },
-    /// In a straight line from the start to a pose, and stay.
+    /// In a straight line from the start to a pose, and stay there.
     PointToPoint {
         /// The pose (x, y, yaw) \[m, m, rad\].
         to: [f64; 3],
@@ -123,12 +125,12 @@ pub struct ReferencePoint {
     pub pose: Pose,
     /// Velocity in the reference's own heading.
     pub velocity: Velocity,
-    /// Direction of its motion in the world; at rest the direction before \[rad\].
+    /// Direction of motion in the world; at rest the previous direction \[rad\].
     pub course: f64,
 }
 
 impl ReferencePoint {
-    /// How far a position is to the left of the reference, across its course \[m\].
+    /// Distance of a position to the left of the reference, across its course \[m\].
     pub fn lateral(&self, pose: &Pose) -> f64 {
         let [x, y] = self.leftwards();
         x * (pose[0] - self.pose[0]) + y * (pose[1] - self.pose[1])
@@ -148,10 +150,10 @@ pub struct Reference {
 }
 
 impl ReferenceSettings {
-    /// Checks that such a path exists.
+    /// Checks that the path exists.
     ///
     /// # Errors
-    /// [`Impossible`] names the first setting that cannot be.
+    /// [`Impossible`] names the first impossible setting.
     pub fn check(&self) -> Result<(), Impossible> {
         self.path.check()?;
         if !(0.0..=*SECONDS.end()).contains(&self.ramp_s) {
@@ -240,13 +242,14 @@ impl PathSettings {
     }
 }
 
-/// Whether a robot can be there.
+/// Whether a robot can be at `pose`.
 pub fn is_place(pose: &Pose) -> bool {
     pose.iter().all(|value| value.abs() <= PLACE_MAX)
 }
 
 impl ReferenceSettings {
-    /// What the path's own clock shows at `time` \[s\], and how fast it runs: evenly faster during the ramp, then as it should.
+    /// Time on the path's own clock at `time` \[s\], and the clock's rate. The rate grows linearly
+    /// during the ramp, and is constant afterwards.
     fn path_time(&self, time: f64) -> (f64, f64) {
         if time < self.ramp_s {
             let factor = self.speed_factor;
@@ -401,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lateral_distance_is_across_the_course_and_to_the_left_also_at_rest()
+    fn the_lateral_distance_is_across_the_course_to_the_left_also_at_rest()
     -> Result<(), PointsError> {
         let path = PathSettings::PointToPoint {
             to: [0.0, 2.0, 0.0],
@@ -436,7 +439,7 @@ mod tests {
             .err()
             .map(|error| error.key)
         };
-        // Its speed, where it took longer than the run to step along it.
+        // A speed at which stepping along the path took longer than the run.
         assert_eq!(
             refused(PathSettings::PaperCurve { speed_mps: 1e300 }),
             Some("path.paper-curve.speed_mps".to_owned())
@@ -455,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn behind_its_end_the_robot_stands() -> Result<(), PointsError> {
+    fn after_its_end_the_robot_stands() -> Result<(), PointsError> {
         let settings = ReferenceSettings {
             path: PathSettings::Circle { radius_m: 1.0, speed_mps: 1.0 },
             heading: Heading::Tangent,

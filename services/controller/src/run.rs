@@ -23,18 +23,19 @@ use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
-/// How long a wait lasts before stop signals are looked at.
+/// Longest wait before stop signals are checked.
 const PATIENCE: Duration = Duration::from_millis(20);
 
-/// How far before the expected state the answer is rehearsed: so many times what the last answer took,
+/// Time between rehearsal and expected state, in multiples of the last answer's time,
 const REHEARSAL_TICKS: u64 = 4;
-/// and at least so long, since sleeping is exact to a millisecond \[ns\].
+/// and its minimum, since sleeping is exact to a millisecond \[ns\].
 const REHEARSAL_LEAST: u64 = 2_000_000;
 
-/// In lock step: a state that comes again so long after its answer has had none. Sooner it is an echo on the link \[ns\].
+/// In lock step: a state that repeats this long after its answer has not received it. A state that
+/// repeats sooner is an echo on the link \[ns\].
 const UNANSWERED_NANOS: u64 = 500_000_000;
 
-/// Why the controller ended before it was told to.
+/// The controller ended before it was stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// It could not be set up.
@@ -57,9 +58,10 @@ pub enum RunError {
         /// Highest epoch that the gate has accepted.
         theirs: u64,
     },
-    /// Nobody could ever take over from a controller that has the last epoch.
+    /// No controller could ever replace one that has the last epoch.
     #[error(
-        "epoch {highest} is the last one there is: no controller can take over from whoever has it; start the plant anew"
+        "epoch {highest} is the last one there is: no controller can take over from whoever has \
+         it; start the plant anew"
     )]
     NoEpochLeft {
         /// Highest epoch so far.
@@ -70,7 +72,7 @@ pub enum RunError {
     Attendant,
 }
 
-/// Answers states until it is told to stop. `connect` opens the ports of one thread.
+/// Answers states until `stop` is requested. `connect` opens the ports of one thread.
 ///
 /// # Errors
 /// [`RunError`].
@@ -82,7 +84,7 @@ pub fn run(
     run_foreseeing(settings, None, connect, stop)
 }
 
-/// The same with somebody who knows what the robot will do.
+/// The same with a source of the true dynamics.
 ///
 /// # Errors
 /// [`RunError`].
@@ -98,7 +100,8 @@ pub fn run_foreseeing(
     let done = Stop::new();
     let control_thread = thread::current();
     thread::scope(|scope| {
-        // Started first, so that it does not go first.
+        // Spawned before this thread raises its priority, so that the attendant does not inherit
+        // it.
         let attendant =
             scope.spawn(|| attend(settings, &connect, identity, &handover, &done, &control_thread));
         settings.run.go_first_to_open();
@@ -112,7 +115,7 @@ pub fn run_foreseeing(
     })
 }
 
-/// What the launcher has told, with what a person has changed since in this run.
+/// The launcher's settings, with the changes that this run has accepted since.
 fn told(settings: &Settings) -> Settings {
     match changed_before(settings, Participant::Controller, &RULES) {
         Ok((settings, 0)) => settings,
@@ -138,15 +141,15 @@ struct Loop<'a> {
     residuals: Sink<ResidualSample>,
     plans: Sink<Plan>,
     pulse: Pulse,
-    /// Our epoch, once the first state has told which are taken.
+    /// Our epoch, once the first state has reported the used ones.
     epoch: Option<u64>,
-    /// (plant epoch, tick) answered last.
+    /// (plant epoch, tick) of the last answer.
     answered: Option<(u64, u64)>,
-    /// When that was, on the monotonic clock \[ns\].
+    /// Time of that answer, on the monotonic clock \[ns\].
     answered_at: u64,
-    /// States that had come again by then or since.
+    /// Number of repeated states at the last check.
     repeated: u64,
-    /// When the next answer is to be rehearsed, on the monotonic clock \[ns\].
+    /// Time of the next rehearsal, on the monotonic clock \[ns\].
     rehearse_at: Option<u64>,
     /// Held from the rehearsal to the answer.
     seat: Seat,
@@ -182,7 +185,8 @@ impl<'a> Loop<'a> {
     }
 
     fn run(&mut self, stop: &Stop) -> Result<(), RunError> {
-        // The first wait opens the listener, so that nothing published after "ready" goes unheard.
+        // The first wait opens the listener, so that everything published after "ready" is
+        // received.
         self.states.wait(Duration::ZERO)?;
         self.settings.run.go_first_to_run();
         self.pulse.phase(Phase::Ready);
@@ -216,7 +220,7 @@ impl<'a> Loop<'a> {
         Ok(())
     }
 
-    /// Answers one state, then says what was learnt and planned, then takes in a new model.
+    /// Answers one state, publishes the residual and the plan, then adopts a new model.
     fn step(&mut self, state: &PlantState, stop: &Stop) -> Result<(), RunError> {
         let begin = monotonic_nanos();
         let (plant_epoch, tick) = (state.stamp.epoch, state.stamp.tick);
@@ -261,7 +265,8 @@ impl<'a> Loop<'a> {
         Ok(())
     }
 
-    /// A plant that says its last state again waits for an answer that was lost: it gets the same bytes. Whoever had them takes them for stale.
+    /// A plant that repeats its last state waits for a lost answer, and gets the same bytes. A
+    /// receiver that already has them drops them as stale.
     fn answer_again(&mut self) -> Result<(), RunError> {
         let repeated = std::mem::replace(&mut self.repeated, self.states.tally().stale);
         let waits =
@@ -272,8 +277,8 @@ impl<'a> Loop<'a> {
         Ok(())
     }
 
-    /// Real time: far enough ahead of the next state that the rehearsal is over when it comes. A tick that takes much of the period
-    /// leaves no room for one.
+    /// Real time: far enough ahead of the next state that the rehearsal is over when it arrives. If
+    /// a tick takes much of the period, there is no rehearsal.
     fn time_to_rehearse(&self, begin: u64, tick_nanos: u64) -> Option<u64> {
         let (period, ahead) =
             (self.settings.run.period_nanos, (REHEARSAL_TICKS * tick_nanos).max(REHEARSAL_LEAST));
@@ -281,8 +286,8 @@ impl<'a> Loop<'a> {
             .then_some(begin + period.saturating_sub(ahead))
     }
 
-    /// What the robot does not depend on: a message to learner or watchers that cannot be sent ends a run in lock step, which loses
-    /// nothing, but never a drive in real time.
+    /// Result of a send that the robot does not depend on: a message to the learner or to watchers.
+    /// A failure ends a run in lock step, which loses nothing, but never a drive in real time.
     fn beside_control(&mut self, sent: Result<(), SendError>) -> Result<(), RunError> {
         match (sent, self.settings.run.pace) {
             (Err(error), Pace::LockStep) => Err(error.into()),
@@ -296,7 +301,8 @@ impl<'a> Loop<'a> {
         }
     }
 
-    /// One more than every epoch that has been: of those the gate has seen, and of those the launcher has given out.
+    /// One more than the highest of all epochs: those that the gate has received, and those that
+    /// the launcher has assigned.
     fn claim_epoch(&mut self, state: &PlantState) -> Result<u64, RunError> {
         if let Some(epoch) = self.epoch {
             return Ok(epoch);
@@ -311,7 +317,8 @@ impl<'a> Loop<'a> {
         Ok(epoch)
     }
 
-    /// Without the attendant no model comes any more: in lock step that is the end, in real time the robot drives on with what it has.
+    /// Without the attendant no new model arrives. In lock step the run ends; in real time the
+    /// robot drives on with its present model.
     fn watch_attendant(&mut self) -> Result<(), RunError> {
         if !self.handover.attendant_gone.load(Ordering::Relaxed) {
             return Ok(());
@@ -341,13 +348,13 @@ impl<'a> Loop<'a> {
             self.handover.note(Event::OutOfTime { tick, nanos });
         }
         let health = self.pulse.health();
-        // A period whose optimiser had to be stopped has an answer, but not the one that was wanted.
+        // A period whose optimiser was stopped has an answer, but not a fresh plan.
         let missed = late || out_of_time;
         health.deadlines_missed += skipped + u64::from(missed);
         health.deadlines_met += u64::from(!missed);
     }
 
-    /// Real time: the newest model that is ready, if there is one.
+    /// Real time: adopts the newest model that is ready, if there is one.
     fn take_newest(&mut self, tick: u64) {
         while let Some(arrival) = self.handover.ready.pop() {
             if let Arrival::Candidate(candidate) = arrival {
@@ -356,17 +363,19 @@ impl<'a> Loop<'a> {
         }
     }
 
-    /// Puts in use what a person has changed, if it is ready. Between two ticks, and not shortly before a state is expected.
+    /// Puts changed settings in use, if they are ready. Called between two ticks, and not shortly
+    /// before a state is expected.
     fn tune(&mut self) {
         let Some(mut tuned) = self.handover.tuned.pop() else { return };
         self.controller.tune(&mut tuned, self.answered.map_or(0, |(_, tick)| tick + 1));
-        // The attendant has one under way at a time; should the slot be full, leaking one is better than freeing it here.
+        // The attendant has one change under way at a time. If the slot were full, a leak is better
+        // than freeing it here.
         if let Err(before) = self.handover.exchanged.push(tuned) {
             Box::leak(before);
         }
     }
 
-    /// Whether no state has come yet, or none for two periods.
+    /// Whether no state has arrived yet, or none for two periods.
     fn is_unemployed(&self) -> bool {
         self.answered.is_none()
             || monotonic_nanos() > self.answered_at + 2 * self.settings.run.period_nanos
@@ -395,7 +404,7 @@ impl<'a> Loop<'a> {
                 None => {
                     self.watch_attendant()?;
                     thread::park_timeout(PATIENCE);
-                    // A learner that has been restarted needs the last sample to know how far time has come.
+                    // A restarted learner needs the last sample to know the present tick.
                     self.residuals.refresh()?;
                     self.report();
                 }
@@ -408,7 +417,8 @@ impl<'a> Loop<'a> {
         self.handover.note(Event::Adopted { version: candidate.version, tick });
         self.pulse.health().snapshots += 1;
         if let Some(before) = self.controller.adopt(candidate) {
-            // The attendant empties the slots far more often than models come; should they be full, leaking one is better than freeing it here.
+            // The attendant empties the slots far more often than models arrive. If they were full,
+            // a leak is better than freeing the model here.
             if let Err(before) = self.handover.returned.push(before) {
                 Box::leak(before);
             }

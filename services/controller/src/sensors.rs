@@ -1,16 +1,18 @@
-//! Measurements that cannot be: no numbers, or numbers that stand still while the robot drives.
+//! Implausible measurements: not finite, or constant while the robot drives.
 //!
-//! | what stands still, bit for bit  | what says that it should not                                                        |
-//! |---------------------------------|-------------------------------------------------------------------------------------|
-//! | position                        | the measured velocity, which would have taken it 0.1 m away                          |
-//! | heading                         | the measured yaw rate, which would have turned it by 0.1 rad                         |
-//! | everything                      | the input, which makes more of a difference than the main model can be wrong by      |
-//! | velocity                        | an input that changed, and a position 0.1 m away from where this velocity leads      |
-//! | yaw rate                        | an input that changed, and a heading 0.1 rad away from where this rate leads         |
+//! | constant, bit for bit | evidence that it should change                                      |
+//! |-----------------------|---------------------------------------------------------------------|
+//! | position              | the measured velocity, which would have moved it by 0.1 m           |
+//! | heading               | the measured yaw rate, which would have turned it by 0.1 rad        |
+//! | everything            | the input, whose effect exceeds any error of the main model         |
+//! | velocity              | a changed input, and a position 0.1 m off this velocity's path      |
+//! | yaw rate              | a changed input, and a heading 0.1 rad off the one of this rate     |
 //!
-//! for 3 periods at least; a velocity, which may well be constant, for as many more as a command may be under way. A robot that stands, or creeps at a speed that a biased or noisy sensor may report of one that stands, is never
-//! suspected, however coarse its sensors are. What is stuck stays so until it moves again: the robot brakes, and then nothing but
-//! the sensor itself can tell that it is well.
+//! The evidence must last for at least 3 periods. A velocity may well be constant, so it must last
+//! for as many more periods as a command may be under way. A robot at rest is never suspected,
+//! however coarse its sensors are. The same holds for a robot that creeps at a speed that a biased
+//! or noisy sensor may report at rest. A stuck sensor counts as stuck until it moves again: the
+//! robot brakes, and then only the sensor itself can show that it works.
 
 use model::delay::DELAY_MAX;
 use model::main_model::MainModel;
@@ -18,61 +20,66 @@ use model::residual::residual;
 use model::{AXES, State, Velocity, wrap};
 use protocol::message::{PlantState, WHEELS_MAX};
 
-/// Periods without a change before anything is said to be stuck.
+/// Periods without a change before a sensor counts as stuck.
 const PERIODS: u32 = 3;
-/// The same by what was commanded: it may be under way for so long before it acts.
+/// The same for the commanded input: it may be under way for this long before it acts.
 const COMMANDED_PERIODS: u32 = PERIODS + DELAY_MAX as u32;
-/// Slower than this a robot may be standing, for all that its sensors can tell \[m/s\].
+/// At a lower measured speed the robot may be at rest \[m/s\].
 const SPEED: f64 = 0.2;
-/// The same of turning \[rad/s\].
+/// At a lower measured yaw rate the robot may not turn \[rad/s\].
 const RATE: f64 = 0.2;
-/// How far a robot must have gone whose position has not changed \[m\].
+/// Distance that the velocity must cover while the position is constant \[m\].
 const TRAVEL: f64 = 0.1;
-/// How far it must have turned if its heading has not \[rad\].
+/// Angle that the yaw rate must cover while the heading is constant \[rad\].
 const TURN: f64 = 0.1;
 
-/// What is wrong with what was measured.
+/// A fault of the measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SensorFault {
     /// Pose or velocity is not a number.
     NotFinite,
-    /// The position stands still although the velocity does not.
+    /// The position is constant although the velocity is not zero.
     Position,
-    /// The heading stands still although the yaw rate does not.
+    /// The heading is constant although the yaw rate is not zero.
     Heading,
-    /// Everything stands still although the robot is driven.
+    /// Everything is constant although the robot is driven.
     Everything,
-    /// The velocity stands still although the input does not, and the position goes elsewhere.
+    /// The velocity is constant although the input changes, and the position leaves its path.
     Velocity,
-    /// The yaw rate stands still although the input does not, and the heading goes elsewhere.
+    /// The yaw rate is constant although the input changes, and the heading leaves its path.
     YawRate,
 }
 
 impl SensorFault {
-    /// In a person's words, short enough for a [`Health`](protocol::message::Health).
+    /// Text for an operator, short enough for a [`Health`](protocol::message::Health).
     pub const fn text(self) -> &'static str {
         match self {
             Self::NotFinite => "the measured state is not a number: the robot brakes",
             Self::Position => {
-                "the position has not changed for periods although the robot drives: a stuck sensor, the robot brakes"
+                "the position has not changed for periods although the robot drives: a stuck \
+                 sensor, the robot brakes"
             }
             Self::Heading => {
-                "the heading has not changed for periods although the robot turns: a stuck sensor, the robot brakes"
+                "the heading has not changed for periods although the robot turns: a stuck \
+                 sensor, the robot brakes"
             }
             Self::Everything => {
-                "nothing measured has changed for periods although the robot is driven: stuck sensors, the robot brakes"
+                "nothing measured has changed for periods although the robot is driven: stuck \
+                 sensors, the robot brakes"
             }
             Self::Velocity => {
-                "the velocity has not changed for periods, and the robot is elsewhere than it leads: a stuck sensor, the robot brakes"
+                "the velocity has not changed for periods, and the robot is elsewhere than it \
+                 leads: a stuck sensor, the robot brakes"
             }
             Self::YawRate => {
-                "the yaw rate has not changed for periods, and the heading is not where it leads: a stuck sensor, the robot brakes"
+                "the yaw rate has not changed for periods, and the heading is not where it \
+                 leads: a stuck sensor, the robot brakes"
             }
         }
     }
 }
 
-/// What the sensors said of one tick.
+/// Measurements of one tick.
 #[derive(Debug, Clone, Copy)]
 struct Readings {
     tick: u64,
@@ -81,16 +88,17 @@ struct Readings {
     wheel_speed: [f64; WHEELS_MAX],
 }
 
-/// What has been done to the robot in the past period.
+/// Inputs of the past period.
 #[derive(Debug, Clone, Copy)]
 pub struct Driven {
-    /// The input that acted, as the driver says \[m/s, m/s, rad/s\].
+    /// The input that acted, as the driver reports \[m/s, m/s, rad/s\].
     pub acted: Velocity,
-    /// What was commanded, if the gate played it.
+    /// The command, if the gate played it.
     pub commanded: Option<Velocity>,
 }
 
-/// Something that may be stuck: for how long it has stood still against all likelihood, and how far it should have moved.
+/// A measurement that may be stuck: how long it has been constant although it should change, and
+/// how far it should have moved.
 #[derive(Debug, Clone, Copy, Default)]
 struct Still {
     periods: u32,
@@ -99,7 +107,8 @@ struct Still {
 }
 
 impl Still {
-    /// One more period. `by` is how far it should have moved in it, if that is beyond doubt.
+    /// Processes one more period. `by` is the distance that it should have moved, if there is no
+    /// doubt.
     fn update(&mut self, changed: bool, by: Option<[f64; 2]>, enough: impl Fn(u32, f64) -> bool) {
         match by {
             _ if changed => *self = Self::default(),
@@ -113,7 +122,8 @@ impl Still {
     }
 }
 
-/// A velocity that may be stuck: how far it has led astray since it last changed, and between which inputs.
+/// A velocity that may be stuck: the robot's distance from the path of this velocity since its last
+/// change, and the range of inputs.
 #[derive(Debug, Clone, Copy)]
 struct Frozen {
     periods: u32,
@@ -130,7 +140,8 @@ impl Frozen {
         stuck: false,
     };
 
-    /// One more period, in which `input` acted, and which ended away `from` where the velocity leads.
+    /// Processes one more period, in which `input` acted, and which ended at the distance `from`
+    /// off the velocity's path.
     fn update(&mut self, changed: bool, from: [f64; 2], input: [f64; 2], change: f64, far: f64) {
         if changed {
             *self = Self::NEVER;
@@ -149,24 +160,24 @@ impl Frozen {
     }
 }
 
-/// Watches what is measured, from period to period. Does not allocate.
+/// Watches the measurements from period to period. Does not allocate.
 #[derive(Debug)]
 pub struct Watch {
     main: MainModel,
-    /// Largest |g| that is believable.
+    /// Largest plausible |g|.
     bound: Velocity,
     last: Option<Readings>,
     finite: bool,
     position: Still,
     heading: Still,
-    /// By what acted, and by what was commanded.
+    /// Judged by the acting input, and by the commanded input.
     everything: [Still; 2],
     velocity: Frozen,
     yaw_rate: Frozen,
 }
 
 impl Watch {
-    /// One that has seen nothing yet. A residual beyond `bound` is not believed.
+    /// A watch without measurements yet. A residual beyond `bound` is implausible.
     pub fn new(main: MainModel, bound: Velocity) -> Self {
         let (still, frozen) = (Still::default(), Frozen::NEVER);
         let everything = [still; 2];
@@ -183,12 +194,12 @@ impl Watch {
         }
     }
 
-    /// Forgets everything: another robot, or the same one put somewhere else.
+    /// Resets: another robot, or the same one moved to another place.
     pub fn reset(&mut self) {
         *self = Self::new(self.main, self.bound);
     }
 
-    /// What is wrong now.
+    /// The present fault.
     pub fn fault(&self) -> Option<SensorFault> {
         let stuck = self.everything.iter().any(|still| still.stuck);
         [
@@ -203,7 +214,7 @@ impl Watch {
         .find_map(|(is_so, fault)| is_so.then_some(fault))
     }
 
-    /// Takes in what was measured at the end of a period in which the robot was `driven`.
+    /// Processes the measurements at the end of a period in which the robot was `driven`.
     pub fn look(&mut self, state: &PlantState, driven: &Driven) -> Option<SensorFault> {
         let now = Readings {
             tick: state.stamp.tick,
@@ -244,7 +255,7 @@ impl Watch {
         let frozen =
             |axes: std::ops::Range<usize>| same(&last.velocity[axes.clone()], &now.velocity[axes]);
         let [along, across, about] = driven.acted;
-        // A pose that stands still says nothing: the robot may stand.
+        // A constant pose is no evidence: the robot may be at rest.
         let astray = if moved {
             [now.pose[0] - x - travel[0], now.pose[1] - y - travel[1]]
         } else {
@@ -271,7 +282,7 @@ impl Watch {
         }
     }
 
-    /// Whether the velocity cannot have come about with this input, however wrong the main model is.
+    /// Whether this input cannot explain the velocity, however wrong the main model is.
     fn contradicts(&self, last: &Readings, now: &Readings, input: &Velocity) -> bool {
         let residual = residual(&self.main, &last.velocity, input, &now.velocity);
         residual.iter().zip(self.bound).any(|(value, bound)| value.abs() > bound)
@@ -307,7 +318,7 @@ mod tests {
         Driven { acted: input, commanded: Some(input) }
     }
 
-    /// What is said of each of so many periods.
+    /// The fault after each of these ticks.
     fn said(
         watch: &mut Watch,
         ticks: std::ops::Range<u64>,
@@ -326,8 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_that_stands_still_while_the_robot_drives_is_named_after_three_periods_until_it_moves_again()
-     {
+    fn a_constant_pose_of_a_driving_robot_is_named_after_three_periods_until_it_changes() {
         let mut watch = watch();
         let stuck_from = |first: u64| {
             move |tick: u64| {
@@ -336,9 +346,9 @@ mod tests {
                 (now, driven)
             }
         };
-        let said_of = said(&mut watch, 0..20, stuck_from(10));
-        assert_eq!(said_of[..13], [None; 13]);
-        assert_eq!(said_of[13..], [Some(SensorFault::Position); 7]);
+        let faults = said(&mut watch, 0..20, stuck_from(10));
+        assert_eq!(faults[..13], [None; 13]);
+        assert_eq!(faults[13..], [Some(SensorFault::Position); 7]);
         let (mut standing, _) = stuck_from(10)(20);
         standing.velocity = [0.0; 3];
         assert_eq!(
@@ -350,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heading_that_stands_still_while_the_robot_turns_is_named() {
+    fn a_constant_heading_of_a_turning_robot_is_named() {
         let turning = |tick: u64| {
             (
                 state(tick, [0.01 * tick as f64, 0.0, 1.0], [0.1, 0.0, -0.5]),
@@ -369,25 +379,25 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_is_driven_hard_and_whose_readings_never_change_has_stuck_sensors() {
+    fn a_robot_that_is_driven_hard_with_constant_readings_has_stuck_sensors() {
         let frozen = |tick| (state(tick, [1.0, 2.0, 3.0], [0.0; 3]), driven([2.0, 0.0, 0.0]));
-        let said_of = said(&mut watch(), 0..6, frozen);
-        assert_eq!((said_of[2], said_of[3]), (None, Some(SensorFault::Everything)));
-        // What acted is told by the same stuck driver: it is the commands that give it away.
+        let faults = said(&mut watch(), 0..6, frozen);
+        assert_eq!((faults[2], faults[3]), (None, Some(SensorFault::Everything)));
+        // The acting input comes from the same stuck driver; the commands show the fault.
         let silent =
             |tick| (frozen(tick).0, Driven { acted: [0.0; 3], commanded: Some([2.0, 0.0, 0.0]) });
-        let said_of = said(&mut watch(), 0..20, silent);
-        assert_eq!(said_of.iter().position(Option::is_some), Some(COMMANDED_PERIODS as usize));
+        let faults = said(&mut watch(), 0..20, silent);
+        assert_eq!(faults.iter().position(Option::is_some), Some(COMMANDED_PERIODS as usize));
     }
 
     #[test]
     fn a_robot_that_stands_holds_a_point_or_sticks_to_the_floor_is_never_suspected() {
         let mut watch = watch();
-        // Coarse and biased sensors, and an input that friction does not let through.
+        // Coarse and biased sensors, and an input that is too small to overcome friction.
         let standing =
             |tick| (state(tick, [1.0, 2.0, 3.0], [0.15, -0.05, 0.15]), driven([0.8, 0.3, -0.6]));
         assert!(said(&mut watch, 0..10_000, standing).iter().all(Option::is_none));
-        // A pose in steps of a centimetre, at a control period of a tenth of what it takes to cover one.
+        // A pose in steps of a centimetre, with ten control periods per step.
         let creeping = |tick: u64| {
             (
                 state(tick, [0.01 * (tick / 10) as f64, 0.0, 0.0], [0.19, 0.0, 0.0]),
@@ -399,18 +409,18 @@ mod tests {
     }
 
     #[test]
-    fn a_velocity_that_stands_still_while_the_input_changes_and_the_robot_goes_elsewhere_is_named()
-    {
-        // Ten periods ahead, then to the left, then turning; the velocity of the first ten stays in the readings.
+    fn a_constant_velocity_with_a_changing_input_and_a_wrong_position_is_named() {
+        // Ten periods ahead, then to the left, then turning. The velocity of the first ten stays in
+        // the readings.
         let way = |tick: u64| PERIOD * tick.min(10) as f64;
         let after = |tick: u64| PERIOD * tick.saturating_sub(10) as f64;
         let left = |tick: u64| {
             let input = if tick < 10 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
             (state(tick, [way(tick), after(tick), 0.0], [1.0, 0.0, 0.0]), driven(input))
         };
-        let said_of = said(&mut watch(), 0..30, left);
-        assert_eq!(said_of.iter().position(Option::is_some), Some(11), "{said_of:?}");
-        assert_eq!(said_of[11..], [Some(SensorFault::Velocity); 19]);
+        let faults = said(&mut watch(), 0..30, left);
+        assert_eq!(faults.iter().position(Option::is_some), Some(11), "{faults:?}");
+        assert_eq!(faults[11..], [Some(SensorFault::Velocity); 19]);
         let turning = |tick: u64| {
             let rate = if tick < 10 { 0.0 } else { 1.0 };
             (state(tick, [0.3, 0.0, after(tick)], [0.0; 3]), driven([0.0, 0.0, rate]))
@@ -423,9 +433,9 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_velocity_is_not_stuck_where_it_leads_to_or_where_the_input_is_constant() {
+    fn a_constant_velocity_that_fits_the_path_or_a_constant_input_is_not_stuck() {
         assert!(said(&mut watch(), 0..1000, driving).iter().all(Option::is_none));
-        // Wheels that slip, as coarse encoders see them: the robot is slower than they say.
+        // Slipping wheels with coarse encoders: the robot is slower than the encoders report.
         let slipping = |tick: u64| {
             (state(tick, [0.05 * tick as f64, 0.0, 0.0], [1.0, 0.0, 0.0]), driven([1.05, 0.0, 0.0]))
         };
@@ -433,7 +443,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_number_is_named_for_as_long_as_it_is_none() {
+    fn a_state_that_is_not_finite_is_named_until_it_is_finite() {
         let mut watch = watch();
         let (mut blind, driven) = driving(0);
         blind.velocity[1] = f64::NAN;

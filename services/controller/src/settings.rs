@@ -1,4 +1,4 @@
-//! What a person may set of the controller.
+//! Settings of the controller.
 
 mod solver_fault;
 
@@ -12,51 +12,52 @@ use std::path::PathBuf;
 
 pub use solver_fault::{SolverFault, SolverFaultKind, SolverFaults};
 
-/// Largest probability with which a bound can be asked to hold.
+/// Largest probability that a bound can be required to hold with.
 const CHANCE_LEVEL_MAX: f64 = 0.999_999;
 
-/// Longest run \[periods\]: what a scenario may ask for at its shortest period.
+/// Longest run \[periods\]: the longest scenario at its shortest period.
 const PERIODS_MAX: f64 = 1e7;
 
-/// Everything the controller process is told.
+/// All settings of the controller process.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// What the launcher tells every process.
+    /// Settings that every process gets from the launcher.
     pub run: process::Run,
     /// Length of the run that the reference must cover \[s\].
     pub duration_s: f64,
-    /// Where the reference begins.
+    /// Pose at which the reference begins (x, y, yaw) \[m, m, rad\].
     pub start: [f64; 3],
     /// The robot as believed.
     pub robot: Robot,
-    /// What to follow.
+    /// The reference trajectory.
     pub reference: ReferenceSettings,
-    /// How to follow it.
+    /// The optimiser and the fallback.
     pub mpc: MpcSettings,
-    /// How learned models come in.
+    /// Use of learned models.
     pub learned: LearnedSettings,
-    /// What an earlier run identified, to begin with.
+    /// Result of an earlier run's identification, to start from.
     #[serde(default)]
     pub identified: Option<PathBuf>,
-    /// What goes wrong in the optimiser on purpose.
+    /// Injected faults of the optimiser.
     #[serde(default, skip_serializing_if = "SolverFaults::is_empty")]
     pub solver_faults: SolverFaults,
 }
 
-/// How learned models come in.
+/// Use of learned models.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LearnedSettings {
     /// Whether there is a learner.
     pub enabled: bool,
-    /// What the Gaussian processes see.
+    /// Inputs of the Gaussian processes.
     pub layout: Layout,
     /// P: in lock step, ticks between two snapshots.
     pub every_ticks: u64,
-    /// D: in lock step, ticks from the last sample learnt to taking effect.
+    /// D: in lock step, ticks from the last learned sample to the effect of the model.
     pub delay_ticks: u64,
-    /// Whether the learner begins with a snapshot of an earlier run, which in lock step takes effect at tick D.
+    /// Whether the learner starts with a snapshot of an earlier run, which takes effect at tick D
+    /// in lock step.
     #[serde(default)]
     pub resumed: bool,
 }
@@ -67,41 +68,45 @@ pub struct LearnedSettings {
 pub struct MpcSettings {
     /// N \[periods\].
     pub horizon_steps: usize,
-    /// Inputs that are free; later ones keep the last one's distance from the target \[periods\].
+    /// Number of free inputs; later inputs keep the last one's distance from the target
+    /// \[periods\].
     pub control_horizon_steps: usize,
     /// Weights of the stage cost.
     pub weights: Weights,
     /// Bounds on the predicted state, soft.
     #[serde(default)]
     pub state_limits: StateLimits,
-    /// Largest ℓ of the disturbance observer, 0 to 1; a smaller one is used where it foretells better.
-    /// With 0 there is no observer.
+    /// Largest ℓ of the disturbance observer, 0 to 1; a smaller one is used where it predicts
+    /// better. With 0 there is no observer.
     pub observer_gain: f64,
-    /// Which observers estimate the disturbance.
+    /// Observers that estimate the disturbance.
     #[serde(default)]
     pub observers: Observers,
-    /// How answers are found.
+    /// Method that computes answers.
     #[serde(default)]
     pub method: Method,
-    /// What is done about the time that a command takes to the wheels.
+    /// Compensation of the dead time from command to wheels.
     #[serde(default)]
     pub delay: DelaySetting,
-    /// About what the prediction is linearised.
+    /// Point about which the prediction is linearised.
     #[serde(default)]
     pub linearise: Linearise,
-    /// Who solves the quadratic program.
+    /// Solver of the quadratic program.
     #[serde(default)]
     pub solver: SolverSetting,
-    /// What is identified of the robot while it drives, and used where that foretells better.
+    /// Parameters of the robot that are identified while it drives, and used where they predict
+    /// better.
     #[serde(default)]
     pub identify: Identify,
-    /// Whether, on each axis, a learned model is used only while it foretells better than what there is without it; else it is used
-    /// from the first one on, to see what that costs. Where the response is identified, plans that do not hold
-    /// the robot give way to the simple controller.
+    /// Whether a learned model is used, on each axis, only while it predicts better than the
+    /// alternative without it. With `false` it is used from the first one on, to measure the cost.
+    /// If the response is identified, plans that do not hold the robot are replaced by the simple
+    /// controller.
     #[serde(default = "yes")]
     pub no_harm: bool,
-    /// Share of the period that an answer may take in real time, from when its state is taken up: an optimiser that has not finished by then
-    /// is stopped, and a lower fallback level answers. In lock step its iterations alone are limited.
+    /// Share of the period that an answer may take in real time, from the receipt of its state. An
+    /// optimiser that has not finished by then is stopped, and a lower fallback level answers. In
+    /// lock step only its iterations are limited.
     #[serde(default = "half")]
     pub budget_share: f64,
 }
@@ -114,19 +119,19 @@ const fn half() -> f64 {
     0.5
 }
 
-/// Which observers estimate the disturbance, the part of the residual that no model explains. On each
-/// axis the one is used that predicts best.
+/// Observers that estimate the disturbance, which is the part of the residual that no model
+/// explains. On each axis the observer that predicts best is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Observers {
-    /// Plain ones of several gains.
+    /// Plain observers of several gains.
     #[default]
     Gains,
-    /// These, and Kalman filters of several ratios, for which the disturbance is a ramp.
+    /// The same, and Kalman filters of several ratios, which model the disturbance as a ramp.
     Kalman,
 }
 
-/// What least squares find while the robot drives, dead time apart.
+/// Parameters that least squares identify while the robot drives, except the dead time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Identify {
@@ -135,59 +140,63 @@ pub enum Identify {
     /// Time constant, gain and offset of each axis.
     #[default]
     Response,
-    /// These, and what physics says beside: friction, drag, the turning frame, axes that are coupled.
+    /// The same, and physical effects: friction, drag, the turning frame, coupled axes.
     Physics,
 }
 
-/// How answers are found. All but the first are what it is compared with.
+/// Method that computes answers. All but the first are for comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Model predictive control with the learned models that come.
+    /// Model predictive control with the learned models that arrive.
     #[default]
     Mpc,
-    /// The input that holds the reference by the main model, and a proportional feedback of the pose.
+    /// The input that holds the reference by the main model, and a proportional feedback of the
+    /// pose.
     FeedforwardP,
-    /// Model predictive control with the plant's own dynamics as model, which `coxswain experiment` hands out and nobody else.
+    /// Model predictive control with the plant's own dynamics as model. Only `coxswain experiment`
+    /// provides these dynamics.
     Oracle,
 }
 
-/// About what the prediction of each period is linearised.
+/// Point about which the prediction of each period is linearised.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Linearise {
     /// The prediction from the measured state.
     #[default]
     Measured,
-    /// The plan itself, before the state comes: from a state to its command only what the state changes is worked out.
+    /// The plan itself, before the state arrives. After the state has arrived, only its effect is
+    /// computed.
     Expected,
 }
 
-/// Who solves the quadratic program of each period.
+/// Solver of each period's quadratic program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SolverSetting {
-    /// A dual active-set method of our own; Clarabel where it has no answer.
+    /// Our own dual active-set method; Clarabel if it has no answer.
     #[default]
     ActiveSet,
     /// Clarabel alone.
     Clarabel,
 }
 
-/// What is done about the time that a command takes to the wheels.
+/// Compensation of the dead time from command to wheels.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DelaySetting {
-    /// It is found from what the gate gave the wheels and the velocity that followed, and made up for.
+    /// The dead time is identified from the gate's output and the velocity that followed, and
+    /// compensated.
     #[default]
     Estimated,
-    /// It is known, and made up for \[s\].
+    /// The dead time is known, and compensated \[s\].
     KnownS(f64),
-    /// Nothing.
+    /// No compensation.
     Ignored,
 }
 
-/// Weights of the stage cost. Position and planar velocity weigh the same in both directions.
+/// Weights of the stage cost. Position and planar velocity have the same weight in both directions.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Weights {
@@ -207,7 +216,7 @@ pub struct Weights {
     pub terminal_factor: f64,
 }
 
-/// Bounds on the predicted state. Violations cost, but never make the problem infeasible.
+/// Bounds on the predicted state. Violations are penalised, but never make the problem infeasible.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StateLimits {
@@ -217,20 +226,21 @@ pub struct StateLimits {
     pub speed_mps: Option<f64>,
     /// Largest |yaw rate| \[rad/s\].
     pub yaw_rate_radps: Option<f64>,
-    /// Farthest to the left of the reference, across its course \[m\].
+    /// Largest distance to the left of the reference, across its course \[m\].
     pub corridor_left_m: Option<f64>,
-    /// Farthest to the right of it \[m\].
+    /// Largest distance to the right of it \[m\].
     pub corridor_right_m: Option<f64>,
-    /// Probability with which each bound is to hold in each predicted period: bounds are drawn in by as many standard deviations of the
-    /// prediction as a normal distribution needs. 0.5, or nothing, looks at the mean alone.
+    /// Probability with which each bound is to hold in each predicted period. Bounds are tightened
+    /// by the number of standard deviations of the prediction that a normal distribution needs.
+    /// 0.5, or no value, uses the mean alone.
     pub chance_level: Option<f64>,
 }
 
 impl MpcSettings {
-    /// Checks that such a controller can be built.
+    /// Checks that the controller can be built.
     ///
     /// # Errors
-    /// [`Impossible`] names the first setting that cannot be.
+    /// [`Impossible`] names the first impossible setting.
     pub fn check(&self) -> Result<(), Impossible> {
         let impossible = |key: &str, expected: &str| {
             Err(Impossible { key: key.into(), expected: expected.into() })
@@ -325,7 +335,8 @@ impl Check for Settings {
             return Err(Impossible::new(
                 "duration_s",
                 format!(
-                    "more than 0 s, and at most {PERIODS_MAX} periods, which the reference has room for"
+                    "more than 0 s, and at most {PERIODS_MAX} periods, which the reference has \
+                     room for"
                 ),
             ));
         }

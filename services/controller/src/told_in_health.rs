@@ -1,4 +1,5 @@
-//! What the controller's Health tells of models left and refused, of stuck sensors and of periods missed: with the real loop, over memory.
+//! The controller's Health reports abandoned and refused models, stuck sensors and missed periods:
+//! tests with the real loop, over memory.
 
 use crate::control::Controller;
 use crate::control::tests::told;
@@ -21,13 +22,13 @@ use std::error::Error;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Far longer than anything here takes.
+/// Far longer than any step here takes.
 const GIVES_UP_AFTER: Duration = Duration::from_mins(1);
 
-/// What the model says of the forward axis, per forward velocity.
+/// The model's residual on the forward axis, per forward velocity.
 const LEARNT: f64 = 0.05;
 
-/// A snapshot that says g = 0.05 v forward, and nothing of the other axes.
+/// A snapshot with g = 0.05 v forward, and zero on the other axes.
 fn snapshot(fingerprint: u64) -> Result<ModelSnapshot, Box<dyn Error>> {
     let mut head = SnapshotHead::zeroed();
     (head.version, head.fingerprint, head.inputs) = (1, fingerprint, INPUTS as u32);
@@ -57,7 +58,7 @@ fn wave(i: u32, pace: f64) -> Velocity {
     [1.0, 2.0, 3.0].map(|k| (k * pace * f64::from(i)).sin())
 }
 
-/// A robot that drives to and fro, and what its controller says of itself.
+/// A robot that drives back and forth, and the last Health of its controller.
 struct Robotic {
     main: MainModel,
     states: Sink<PlantState>,
@@ -89,7 +90,7 @@ impl Robotic {
         })
     }
 
-    /// Drives, with a residual of `gain` v forward, until the controller says what is `expected` of it.
+    /// Drives, with a residual of `gain` v forward, until the controller's Health is as `expected`.
     fn drive_until(
         &mut self,
         gain: f64,
@@ -105,7 +106,7 @@ impl Robotic {
         Ok(())
     }
 
-    /// The same of its model: (axes in use, times left).
+    /// The same for its model: (axes in use, times abandoned).
     fn drive_until_model(&mut self, gain: f64, expected: (u64, u64)) -> Result<(), Box<dyn Error>> {
         self.drive_until(gain, |health| (health.learned_axes, health.models_left) == expected)
     }
@@ -132,7 +133,8 @@ impl Robotic {
     }
 }
 
-/// Runs a controller while `drive` is its robot, to the end of both; gives what the controller has said last of itself.
+/// Runs a controller while `drive` is its robot, until both end. Returns the controller's last
+/// Health.
 fn beside_a_controller(
     settings: &Settings,
     drive: impl FnOnce(&Ports, &mut Robotic) -> Result<(), Box<dyn Error>>,
@@ -157,15 +159,14 @@ fn beside_a_controller(
 }
 
 #[test]
-fn periods_whose_optimiser_had_to_be_stopped_are_counted_one_by_one() -> Result<(), Box<dyn Error>>
-{
+fn periods_in_which_the_optimiser_was_stopped_are_counted() -> Result<(), Box<dyn Error>> {
     const TICKS: u64 = 40;
     let mut settings = told();
     settings.run.pace = Pace::RealTime;
-    // A period that nothing takes, of which the optimiser has next to nothing.
+    // A period that is always long enough, with a very small share for the optimiser.
     (settings.run.period_nanos, settings.mpc.budget_share) = (100_000_000_000, 1e-12);
     settings.duration_s = 6000.0;
-    let said = beside_a_controller(&settings, |_, robot| {
+    let health = beside_a_controller(&settings, |_, robot| {
         for _ in 0..TICKS {
             robot.drive_on(0.0)?;
             assert_eq!(
@@ -175,7 +176,7 @@ fn periods_whose_optimiser_had_to_be_stopped_are_counted_one_by_one() -> Result<
         }
         Ok(())
     })?;
-    assert_eq!((said.deadlines_missed, said.deadlines_met), (TICKS, 0));
+    assert_eq!((health.deadlines_missed, health.deadlines_met), (TICKS, 0));
     Ok(())
 }
 
@@ -183,17 +184,16 @@ fn periods_whose_optimiser_had_to_be_stopped_are_counted_one_by_one() -> Result<
 fn a_stuck_sensor_is_named() -> Result<(), Box<dyn Error>> {
     let mut settings = told();
     settings.run.pace = Pace::RealTime;
-    let said = beside_a_controller(&settings, |_, robot| {
+    let health = beside_a_controller(&settings, |_, robot| {
         robot.position_stuck = true;
         robot.drive_until(0.0, |health| !health.last_error().is_empty())
     })?;
-    assert_eq!(said.last_error(), SensorFault::Position.text());
+    assert_eq!(health.last_error(), SensorFault::Position.text());
     Ok(())
 }
 
 #[test]
-fn snapshots_that_are_refused_are_counted_and_the_last_good_one_stays() -> Result<(), Box<dyn Error>>
-{
+fn refused_snapshots_are_counted_and_the_last_good_one_stays() -> Result<(), Box<dyn Error>> {
     let damages: [fn(&mut SnapshotHead); 4] = [
         |head| head.fingerprint ^= 1,
         |head| head.version = 0,
@@ -203,7 +203,7 @@ fn snapshots_that_are_refused_are_counted_and_the_last_good_one_stays() -> Resul
     let mut settings = told();
     settings.run.pace = Pace::RealTime;
     let fingerprint = Controller::expected(&settings).fingerprint;
-    let said = beside_a_controller(&settings, |ports, robot| {
+    let health = beside_a_controller(&settings, |ports, robot| {
         let mut snapshots = ports.sink::<ModelSnapshot>()?;
         snapshots.send(&mut snapshot(fingerprint)?)?;
         robot.drive_until(LEARNT, |health| health.model_version == 1)?;
@@ -217,18 +217,18 @@ fn snapshots_that_are_refused_are_counted_and_the_last_good_one_stays() -> Resul
         robot.drive_on(LEARNT)
     })?;
     assert_eq!(
-        (said.model_version, said.snapshots, said.snapshots_refused),
+        (health.model_version, health.snapshots, health.snapshots_refused),
         (1, 1, damages.len() as u64)
     );
     Ok(())
 }
 
 #[test]
-fn a_model_that_turns_worse_is_left_and_taken_again_and_health_says_so()
+fn a_model_that_becomes_worse_is_abandoned_and_used_again_and_health_reports_it()
 -> Result<(), Box<dyn Error>> {
     let mut settings = told();
     settings.run.pace = Pace::RealTime;
-    // Which would explain as much.
+    // The identified response would explain as much.
     settings.mpc.identify = Identify::Off;
     let fingerprint = Controller::expected(&settings).fingerprint;
     beside_a_controller(&settings, |ports, robot| {

@@ -1,14 +1,15 @@
-//! Tracking error → a request to stop: the robot is farther from its reference than a person allows.
+//! Tracking error → a request to stop: the robot is farther from its reference than the robot file
+//! allows.
 //!
 //! The judge counts an error only while the controller's own commands act, and only after the error
-//! has been below the limit since the last [reset](TrackingJudge::reset). So a robot that begins far
-//! away, or that was cut off, catches up without a stop.
+//! has been below the limit since the last [reset](TrackingJudge::reset). So a robot that begins
+//! far away, or that was cut off, catches up without a stop.
 
 use model::{Pose, wrap};
 use protocol::message::{FallbackLevel, Reason};
 use robot::Robot;
 
-/// One limit, and whether it counts already.
+/// One limit, and whether it already counts.
 #[derive(Debug, Clone, Copy)]
 struct Watched {
     /// `None` is no limit.
@@ -19,7 +20,7 @@ struct Watched {
 }
 
 impl Watched {
-    /// Whether `error` is a reason to stop. An error that is not a number is none.
+    /// Whether `error` is a reason to stop. NaN is not.
     fn exceeds(&mut self, error: f64) -> bool {
         let Some(limit) = self.limit else { return false };
         self.counts |= error < limit;
@@ -35,7 +36,7 @@ pub struct TrackingJudge {
 }
 
 impl TrackingJudge {
-    /// With the limits of `robot`.
+    /// A judge with the limits of `robot`.
     pub fn new(robot: &Robot) -> Self {
         let watch = |limit, reason| Watched { limit, reason, counts: false };
         Self {
@@ -47,7 +48,7 @@ impl TrackingJudge {
         }
     }
 
-    /// Begins anew: at a start, with another reference, after a brake.
+    /// Resets: at a start, with another reference, after a brake.
     pub fn reset(&mut self) {
         self.request = Reason::None;
         for watched in &mut self.watched {
@@ -55,7 +56,7 @@ impl TrackingJudge {
         }
     }
 
-    /// Judges the robot at `pose` that should be at `reference`, after a period on `fallback_level`.
+    /// Judges the robot at `pose` against `reference`, after a period on `fallback_level`.
     pub fn judge(
         &mut self,
         pose: &Pose,
@@ -79,7 +80,7 @@ impl TrackingJudge {
         self.request
     }
 
-    /// Why the gate is asked to stop; [`Reason::None`] if it is not.
+    /// Reason for a request to stop; [`Reason::None`] without a request.
     pub fn request(&self) -> Reason {
         self.request
     }
@@ -112,9 +113,9 @@ mod tests {
     fn an_error_counts_once_it_has_been_below_the_limit() {
         let mut judge = judge(TrackingLimit::At(1.0), TrackingLimit::Off);
         let (no, yes) = (Reason::None, Reason::PositionError);
-        let told =
+        let requested =
             requests(&mut judge, FallbackLevel::FreshPlan, &[2.0, 1.5, 0.9, 0.99, 1.01, 5.0, 0.5]);
-        assert_eq!(told, [no, no, no, no, yes, yes, no]);
+        assert_eq!(requested, [no, no, no, no, yes, yes, no]);
     }
 
     #[test]
@@ -126,13 +127,13 @@ mod tests {
         {
             assert_eq!(requests(&mut judge, fallback_level, &[0.1, 3.0]), [Reason::None; 2]);
             assert_eq!(requests(&mut judge, FallbackLevel::Simple, &[3.0, 2.0]), [Reason::None; 2]);
-            let told = requests(&mut judge, FallbackLevel::Simple, &[0.5, 2.0]);
-            assert_eq!(told, [Reason::None, Reason::PositionError]);
+            let requested = requests(&mut judge, FallbackLevel::Simple, &[0.5, 2.0]);
+            assert_eq!(requested, [Reason::None, Reason::PositionError]);
         }
     }
 
     #[test]
-    fn a_stored_tail_neither_counts_nor_forgets() {
+    fn a_stored_tail_neither_counts_nor_resets() {
         let mut judge = judge(TrackingLimit::At(1.0), TrackingLimit::Off);
         requests(&mut judge, FallbackLevel::FreshPlan, &[0.1]);
         assert_eq!(requests(&mut judge, FallbackLevel::StoredTail, &[2.0]), [Reason::None]);
@@ -140,23 +141,23 @@ mod tests {
     }
 
     #[test]
-    fn heading_is_judged_the_short_way_round() {
+    fn heading_error_is_the_shortest_angle() {
         let mut judge = judge(TrackingLimit::Off, TrackingLimit::Default);
-        let mut told =
+        let mut requested =
             |yaw| judge.judge(&[0.0, 0.0, yaw], &[0.0, 0.0, 3.0], FallbackLevel::FreshPlan);
-        assert_eq!(told(-3.0), Reason::None);
-        assert_eq!(told(0.5), Reason::HeadingError);
-        assert_eq!(told(1.5), Reason::None);
+        assert_eq!(requested(-3.0), Reason::None);
+        assert_eq!(requested(0.5), Reason::HeadingError);
+        assert_eq!(requested(1.5), Reason::None);
     }
 
     #[test]
-    fn neither_no_limit_nor_a_number_that_is_none_stops() {
+    fn neither_a_missing_limit_nor_nan_stops() {
         let mut none = judge(TrackingLimit::Off, TrackingLimit::Off);
-        let told = requests(&mut none, FallbackLevel::FreshPlan, &[0.0, 1e9]);
-        assert_eq!(told, [Reason::None; 2]);
+        let requested = requests(&mut none, FallbackLevel::FreshPlan, &[0.0, 1e9]);
+        assert_eq!(requested, [Reason::None; 2]);
         let mut limited = judge(TrackingLimit::At(1.0), TrackingLimit::Default);
-        let told =
+        let requested =
             requests(&mut limited, FallbackLevel::FreshPlan, &[0.0, f64::NAN, f64::INFINITY]);
-        assert_eq!(told, [Reason::None, Reason::None, Reason::PositionError]);
+        assert_eq!(requested, [Reason::None, Reason::None, Reason::PositionError]);
     }
 }

@@ -24,13 +24,14 @@ fn assert_close(ours: impl IntoIterator<Item = f64>, theirs: &[f64], tolerance: 
 }
 
 #[test]
-fn the_data_are_those_of_the_peers_bit_for_bit_where_no_library_of_functions_has_a_say() {
+fn the_data_equal_those_of_the_peers_bit_for_bit_except_for_library_functions() {
     let (inputs, targets) = gp_data::gp_data(500, 7);
     assert_eq!(
         hash(inputs.iter().flat_map(|input| [input[0], input[1], input[2]])),
         0xf92f_d289_6d4b_9fbf
     );
-    // Logarithm, sine, cosine and hyperbolic tangent may differ in the last bit from one C library to another.
+    // Logarithm, sine, cosine and hyperbolic tangent may differ in the last bit between C
+    // libraries.
     let theirs = [-2.153_650_281_494_109_6, 2.308_643_996_602_611, 1.039_544_649_208_15];
     assert_close(inputs[499][3..].iter().copied(), &theirs, 1e-15);
     assert_close(
@@ -45,7 +46,7 @@ fn the_data_are_those_of_the_peers_bit_for_bit_where_no_library_of_functions_has
 }
 
 #[test]
-fn the_processes_say_what_those_of_the_peers_say() -> Result<(), Box<dyn Error>> {
+fn the_processes_predict_the_same_as_those_of_the_peers() -> Result<(), Box<dyn Error>> {
     let at = Moment { velocity: [1.0, -0.5, 0.2], input: [1.2, -0.6, 0.1], ..Moment::default() };
     let ours = Processes::new(100)?.mean(&at).map(|change| change / PERIOD);
     assert_close(
@@ -57,7 +58,7 @@ fn the_processes_say_what_those_of_the_peers_say() -> Result<(), Box<dyn Error>>
 }
 
 #[test]
-fn the_closed_loop_is_that_of_three_independent_peers() -> Result<(), Box<dyn Error>> {
+fn the_closed_loop_equals_that_of_three_independent_peers() -> Result<(), Box<dyn Error>> {
     let figures = closed_loop::drive(100, 10, Linearise::Expected)?;
     assert!(
         (figures.rms_pos_err - 0.35788).abs() < 2e-4 && (figures.usum - 1091.717).abs() < 0.2,

@@ -1,4 +1,5 @@
-//! Options + graph + scenario + robot → what each process is told. Everything is read and checked here, and nothing is started or made.
+//! Options + graph + scenario + robot → settings of each process. Everything is read and checked
+//! here; nothing is started or created.
 
 use crate::certificates::present::Certificates;
 use crate::exposure::{Exposed, exposed};
@@ -21,21 +22,21 @@ use std::path::{Component, Path, PathBuf};
 /// A graph that can be launched.
 #[derive(Debug, Clone)]
 pub struct Assembly {
-    /// The graph, with what the command line has changed.
+    /// The graph, with the changes of the command line.
     pub graph: Graph,
-    /// The scenario, with what the command line has changed.
+    /// The scenario, with the changes of the command line.
     pub scenario: Scenario,
-    /// A person's name for the scenario: its file's, without the ending.
+    /// Name of the scenario: that of its file, without the extension.
     pub scenario_name: String,
-    /// The robot as believed.
+    /// The robot as the controller believes it to be.
     pub robot: Robot,
-    /// What is logged.
+    /// Log filter.
     pub log: String,
-    /// The certificates that it and its processes show, if there are any.
+    /// The certificates that the launch and its processes present, if there are any.
     pub certificates: Option<Certificates>,
-    /// Its addresses that others on the network can reach, with nothing to keep strangers out.
+    /// Its addresses that unauthenticated peers on the network can reach.
     pub exposed: Vec<Exposed>,
-    /// What goes wrong on purpose.
+    /// Faults to inject.
     pub faults: FaultsFile,
     /// File with the same run without learning, once there is one.
     pub without_learning: Option<PathBuf>,
@@ -52,7 +53,7 @@ impl Check for RobotFile {
     }
 }
 
-/// The recorder is told nothing but how the run is.
+/// Settings of the recorder: only those of the run.
 #[derive(Debug, Serialize)]
 struct RecorderSettings {
     run: Run,
@@ -62,7 +63,7 @@ impl Assembly {
     /// Reads and checks the files that `options` name.
     ///
     /// # Errors
-    /// [`SettingsError`] names the first thing that is wrong, and where.
+    /// [`SettingsError`] reports the first error and its place.
     pub fn read(options: &Options) -> Result<Self, SettingsError> {
         let mut graph: Graph = settings::read(&options.graph)?;
         let own_scenario = from(&options.graph, &graph.scenario);
@@ -89,7 +90,9 @@ impl Assembly {
         if let Some(endpoint) = &options.connect {
             graph.network.connect = vec![endpoint.clone()];
             if graph.network.graph.is_none() {
-                let expected = "a name, the same for all launches that meet: --connect leads to another launch".to_owned();
+                let expected = "a name, the same for all launches that meet: \
+                                --connect leads to another launch"
+                    .to_owned();
                 return Err(SettingsError::Value {
                     file: options.graph.clone(),
                     line: None,
@@ -114,13 +117,16 @@ impl Assembly {
                 line: None,
                 key: key.into(),
                 value: Some(format!("\"{endpoint}\"")),
-                expected: "certificates, as `deploy/certificates` makes them: [certificates] folder, or --certificates".into(),
+                expected: "certificates, as `deploy/certificates` makes them: \
+                           [certificates] folder, or --certificates"
+                    .into(),
             });
         }
         if let Some(Exposed { key, address }) = exposed.first().filter(|_| !options.insecure) {
-            let expected =
-                "an address of this machine alone, such as 127.0.0.1, certificates (deploy/certificates), or --insecure in words: nothing keeps strangers out there"
-                    .to_owned();
+            let expected = "an address of this machine alone, such as 127.0.0.1, \
+                 certificates (deploy/certificates), or --insecure in words: \
+                 nothing keeps strangers out there"
+                .to_owned();
             return Err(SettingsError::Value {
                 file: options.graph.clone(),
                 line: None,
@@ -169,17 +175,18 @@ impl Assembly {
         self.graph.links.uses(Carrier::Network)
     }
 
-    /// What strangers on the network can do.
+    /// Access of unauthenticated peers on the network.
     pub fn exposure(&self) -> Exposure {
         self.exposed.iter().map(Exposed::lets).max().unwrap_or(Exposure::Closed)
     }
 
-    /// Whether its learner takes part.
+    /// Whether its learner is enabled.
     pub fn learns(&self) -> bool {
         self.graph.processes.learner.enabled
     }
 
-    /// What the process of `role` shows on the network, if anything runs there and there are certificates.
+    /// Credentials of the process of `role` on the network; none if no link uses the network, or if
+    /// there are no certificates.
     pub fn credentials_of(&self, role: Participant) -> Option<Credentials> {
         self.certificates
             .as_ref()
@@ -187,7 +194,8 @@ impl Assembly {
             .map(|certificates| certificates.of(role.into()))
     }
 
-    /// How its links run, without faults: those of the graph called `id`, whose carriers keep their files in `root` and join the network at `router`.
+    /// Its links, without faults, for the graph with the id `id`. Their carriers store files in
+    /// `root` and connect to the network at `router`.
     pub fn links(&self, id: &str, root: &Path, router: &[String]) -> Links {
         Links {
             graph: id.to_owned(),
@@ -206,7 +214,7 @@ impl Assembly {
         }
     }
 
-    /// Writes everything that the process of `role` is told into `file`.
+    /// Writes all settings of the process of `role` into `file`.
     ///
     /// # Errors
     /// [`WriteError`].
@@ -225,9 +233,10 @@ impl Assembly {
         }
     }
 
-    /// What the plant is told.
+    /// Settings of the plant.
     pub fn plant(&self, run: Run) -> plant_sim::Settings {
-        // That they fit together was checked when they were read; a scenario that was changed since comes before faults.
+        // Both were checked together when they were read. If the scenario was changed since, its
+        // own faults take precedence.
         let truth = self.scenario.truth.as_ref();
         let truth = self.faults.in_world(truth).unwrap_or_else(|_| truth.cloned());
         plant_sim::Settings {
@@ -244,12 +253,12 @@ impl Assembly {
         }
     }
 
-    /// Delay that its links are known to have \[ms\].
+    /// Known delay of its links \[ms\].
     pub fn link_delay_millis(&self) -> u64 {
         if self.networked() { self.graph.network.delay_millis } else { 0 }
     }
 
-    /// What the controller is told.
+    /// Settings of the controller.
     pub fn controller(&self, run: Run) -> controller::Settings {
         let learner = &self.scenario.learner;
         controller::Settings {
@@ -271,7 +280,7 @@ impl Assembly {
         }
     }
 
-    /// What the gateway is told.
+    /// Settings of the gateway.
     pub fn gateway(&self, run: Run) -> gateway::settings::Settings {
         let Scenario { description, duration_s, mpc, .. } = &self.scenario;
         let limits = &mpc.state_limits;
@@ -291,7 +300,7 @@ impl Assembly {
         gateway::settings::Settings { run, telemetry, rates, page, about }
     }
 
-    /// What the learner is told.
+    /// Settings of the learner.
     pub fn learner(&self, run: Run) -> learner::Settings {
         let snapshot_faults = self.faults.of_snapshots();
         learner::Settings {
@@ -303,7 +312,7 @@ impl Assembly {
     }
 }
 
-/// The first endpoint that certificates are needed for, and where the graph file says it.
+/// The first endpoint that requires certificates, and its key in the graph file.
 fn over_tls(graph: &Graph) -> Option<(&'static str, &String)> {
     let lists = [
         ("network.listen", &graph.network.listen),
@@ -315,13 +324,13 @@ fn over_tls(graph: &Graph) -> Option<(&'static str, &String)> {
     })
 }
 
-/// The certificates in `folder`, if a launch of `graph` can use them.
+/// The certificates in `folder`, if they are valid for a launch of `graph`.
 fn certificates_in(
     folder: &Path,
     options: &Options,
     graph: &Graph,
 ) -> Result<Certificates, SettingsError> {
-    // What the processes are told holds wherever they run.
+    // The settings of the processes must be valid in every working directory.
     let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
     Certificates::check(&folder, graph).map_err(|error| SettingsError::Value {
         file: options.graph.clone(),
@@ -335,7 +344,7 @@ fn certificates_in(
 /// Reads and checks a robot file.
 ///
 /// # Errors
-/// [`SettingsError`] names the first thing that is wrong, and where.
+/// [`SettingsError`] reports the first error and its place.
 pub fn robot_of(file: &Path) -> Result<Robot, SettingsError> {
     settings::read(file).map(|RobotFile(robot)| robot)
 }
@@ -343,7 +352,7 @@ pub fn robot_of(file: &Path) -> Result<Robot, SettingsError> {
 /// Reads and checks a file of faults for a run of this pace.
 ///
 /// # Errors
-/// [`SettingsError`] names the first thing that is wrong, and where.
+/// [`SettingsError`] reports the first error and its place.
 pub fn faults_of(file: &Path, pace: Pace) -> Result<FaultsFile, SettingsError> {
     match pace {
         Pace::RealTime => settings::read(file),
@@ -351,7 +360,7 @@ pub fn faults_of(file: &Path, pace: Pace) -> Result<FaultsFile, SettingsError> {
     }
 }
 
-/// A path that is relative to `file`, as short as it can be told.
+/// A path relative to `file`, in its shortest form.
 fn from(file: &Path, path: &Path) -> PathBuf {
     let folder = file.parent().unwrap_or(Path::new(""));
     let mut short = folder.to_path_buf();
@@ -363,12 +372,12 @@ fn from(file: &Path, path: &Path) -> PathBuf {
         }
     }
     let whole = folder.join(path);
-    // Behind a symbolic link to a folder the short one may lead elsewhere.
+    // Behind a symbolic link to a directory the short path may lead to another place.
     if whole.exists() && !short.exists() { whole } else { short }
 }
 
-/// The scenario that was asked for, and a person's name for it: a file, or the name of one beside the graph's `own`, with variants as in
-/// `figure-eight+payload`.
+/// The requested scenario and its name. The request is a file, or the name of a scenario beside the
+/// graph's `own`, with variants as in `figure-eight+payload`.
 fn scenario_of(asked: Option<&Path>, own: &Path) -> Result<(Scenario, String), SettingsError> {
     let Some(asked) = asked else { return Ok((Scenario::read(own)?, name_of(own))) };
     if asked.extension().is_some() || asked.components().count() > 1 || asked.is_file() {
@@ -378,7 +387,7 @@ fn scenario_of(asked: Option<&Path>, own: &Path) -> Result<(Scenario, String), S
     Ok((Scenario::named(own.parent().unwrap_or(Path::new("")), &name, None, &[])?, name))
 }
 
-/// Its file's name without the ending.
+/// Name of its file without the extension.
 fn name_of(file: &Path) -> String {
     file.file_stem().map_or_else(|| "scenario".into(), |stem| stem.to_string_lossy().into_owned())
 }
@@ -396,7 +405,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_robot_of_the_examples_is_the_one_that_is_shipped() -> Result<(), SettingsError> {
+    fn the_robot_of_the_examples_is_the_one_of_the_repository() -> Result<(), SettingsError> {
         let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/graphs/local.toml");
         assert_eq!(Assembly::read(&Options::of_graph(&graph))?.robot, Robot::example());
         Ok(())
@@ -412,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scenario_is_asked_for_by_file_or_by_name_with_variants() -> Result<(), SettingsError> {
+    fn a_scenario_is_selected_by_file_or_by_name_with_variants() -> Result<(), SettingsError> {
         let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/scenarios/paper.toml");
         let name = |asked: Option<&Path>| scenario_of(asked, &own).map(|(_, name)| name);
         assert_eq!(name(None)?, "paper");
@@ -429,18 +438,18 @@ mod tests {
     }
 
     #[test]
-    fn a_path_in_a_graph_file_is_told_without_detours() {
-        let told = |file, path| from(Path::new(file), Path::new(path));
+    fn a_path_in_a_graph_file_is_shortened() {
+        let short = |file, path| from(Path::new(file), Path::new(path));
         assert_eq!(
-            told("deploy/graphs/g.toml", "../robots/r.toml"),
+            short("deploy/graphs/g.toml", "../robots/r.toml"),
             Path::new("deploy/robots/r.toml")
         );
-        assert_eq!(told("g.toml", "../r.toml"), Path::new("../r.toml"));
-        assert_eq!(told("g.toml", "/etc/r.toml"), Path::new("/etc/r.toml"));
+        assert_eq!(short("g.toml", "../r.toml"), Path::new("../r.toml"));
+        assert_eq!(short("g.toml", "/etc/r.toml"), Path::new("/etc/r.toml"));
     }
 
     #[test]
-    fn a_binary_that_is_not_built_is_named() -> std::io::Result<()> {
+    fn a_missing_binary_is_named_in_the_error() -> std::io::Result<()> {
         let folder = tempfile::tempdir()?;
         std::fs::write(folder.path().join("recorder"), "")?;
         let missing = missing_programs(

@@ -1,17 +1,18 @@
-//! When to start again what has died.
+//! When to restart a process that has ended.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Deaths older than this are forgiven.
+/// Failures older than this do not count.
 const WINDOW: Duration = Duration::from_mins(1);
 
-/// How patiently one process is started again.
+/// Limits of the restarts of one process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RestartPolicy {
-    /// Most restarts within a minute.
+    /// Largest number of restarts within a minute.
     pub per_minute: u32,
-    /// Wait before the second restart within a minute; the first has none, and each further one twice that of the one before.
+    /// Wait before the second restart within a minute. The first has no wait, and each further wait
+    /// is twice the one before.
     pub second: Duration,
     /// Longest wait.
     pub longest: Duration,
@@ -25,7 +26,7 @@ pub struct Restarts {
 }
 
 impl Restarts {
-    /// How long to wait before the restart after a death at `now`; none if there have been too many.
+    /// Wait before the restart after a failure at `now`; none if there were too many.
     pub fn after_death(&mut self, policy: &RestartPolicy, now: Instant) -> Option<Duration> {
         while self
             .within_window
@@ -43,13 +44,13 @@ impl Restarts {
         Some(delay(policy, before))
     }
 
-    /// How often in all.
+    /// Total number.
     pub fn total(&self) -> u64 {
         self.total
     }
 }
 
-/// Wait before a restart that so many others came `before`.
+/// Wait before a restart, if `before` others came before it within the minute.
 fn delay(policy: &RestartPolicy, before: u32) -> Duration {
     let Some(doublings) = before.checked_sub(1) else { return Duration::ZERO };
     let factor = 2_u32.checked_pow(doublings).unwrap_or(u32::MAX);
@@ -78,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn too_many_deaths_in_a_minute_are_the_end() {
+    fn too_many_failures_in_a_minute_end_the_restarts() {
         let mut restarts = Restarts::default();
         let now = Instant::now();
         for _ in 0..POLICY.per_minute {
@@ -89,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn a_minute_later_all_is_forgiven() {
+    fn failures_older_than_a_minute_do_not_count() {
         let mut restarts = Restarts::default();
         let now = Instant::now();
         for _ in 0..POLICY.per_minute {

@@ -1,9 +1,10 @@
-//! `coxswain certificates`: a private authority, and from it one short-lived certificate per role and robot.
+//! `coxswain certificates`: a private authority, and from it one short-lived certificate per role
+//! and robot.
 //!
-//! | module      | what it holds                                                         |
+//! | module      | contents                                                              |
 //! |-------------|-----------------------------------------------------------------------|
-//! | `issue`     | the authority and what it signs, as files                             |
-//! | `present`   | a folder of such files → what each process of a launch shows          |
+//! | `issue`     | the authority and the certificates that it signs, as files            |
+//! | `present`   | a directory of these files → credentials of each process of a launch  |
 
 pub mod issue;
 pub mod present;
@@ -18,36 +19,43 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 /// A day \[s\].
 const DAY_S: i64 = 86_400;
 
-/// How far the clock of another machine may be behind \[s\].
+/// Largest delay of another machine's clock \[s\].
 const CLOCK_SKEW_S: i64 = 300;
 
 /// Longest time that a certificate may be valid \[days\].
 const DAYS_MAX: i64 = 398;
 
-/// What to make.
+/// The certificates to create.
 #[derive(Debug, Clone, Args)]
 pub struct CertificatesOptions {
-    /// Name of the robot that they are for: 1 to 32 characters out of a-z, 0-9, _ and -.
+    /// Name of the robot in the certificates: 1 to 32 characters out of a-z, 0-9, _ and -.
     #[arg(long, value_name = "NAME")]
     pub robot: String,
     /// New folder for the certificates, with one folder in it per role.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Folder of the authority, made if there is none; by default the name of the other one and `-authority`. To be kept off the robot.
+    /// Folder of the authority, created if it does not exist; by default the name of the --out
+    /// folder and `-authority`. Keep it off the robot.
     #[arg(long, value_name = "DIR")]
     pub authority: Option<PathBuf>,
-    /// A name or address, beside those of the loopback, where the robot's or the controller's machine is connected to; may be said several times.
+    /// A name or address, in addition to the loopback's, at which the robot's or the controller's
+    /// machine is reachable; may be given several times.
     #[arg(long = "address", value_name = "HOST")]
     pub addresses: Vec<String>,
-    /// How long they are valid.
-    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(i64).range(1..=DAYS_MAX))]
+    /// Number of days for which they are valid.
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 30,
+        value_parser = clap::value_parser!(i64).range(1..=DAYS_MAX)
+    )]
     pub days: i64,
 }
 
-/// Makes what `options` say, and prints what it was.
+/// Creates the certificates of `options`, and prints the result.
 ///
 /// # Errors
-/// [`IssueError`]. Nothing is left half made.
+/// [`IssueError`]. No incomplete directory is left.
 pub fn run(options: &CertificatesOptions) -> Result<(), IssueError> {
     let now_s = unix_s(SystemTime::now());
     let authority = options.authority.clone().unwrap_or_else(|| beside(&options.out));

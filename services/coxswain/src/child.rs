@@ -1,4 +1,4 @@
-//! One process: start, signal, how it ended.
+//! One process: start, signal, exit status.
 
 use crate::role::program;
 use crate::service_manager::VARIABLES;
@@ -11,15 +11,15 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child as SystemChild, Command, ExitStatus};
 
-/// Lines of a log that are shown when a process died.
+/// Number of log lines that are shown when a process has ended.
 const LAST_LINES: usize = 5;
 
-/// A process that was started. It does not outlive this value.
+/// A started process. It does not outlive this value.
 #[derive(Debug)]
 pub struct Child {
     role: Participant,
     system: SystemChild,
-    /// Its standard input, which ends when the launcher dies.
+    /// The line that is its standard input, which ends when the launcher ends.
     lifeline: Lifeline,
 }
 
@@ -28,7 +28,8 @@ pub struct Child {
 pub struct Ending(ExitStatus);
 
 impl Child {
-    /// Starts the program of `role` out of `programs`, in a process group of its own so that a terminal's Ctrl-C reaches the launcher alone.
+    /// Starts the program of `role` from `programs`. It gets its own process group, so that Ctrl-C
+    /// in a terminal reaches only the launcher.
     ///
     /// # Errors
     /// If it cannot be started.
@@ -52,13 +53,14 @@ impl Child {
             .stdout(output.try_clone()?)
             .stderr(output)
             .process_group(0)
-            // Who runs out of memory while it prints a backtrace waits for itself, and never dies.
+            // A process that runs out of memory while it prints a backtrace waits for itself, and
+            // never ends.
             .env("RUST_BACKTRACE", "0")
             .spawn()?;
         Ok(Self { role, system, lifeline })
     }
 
-    /// Who it is.
+    /// Its role.
     pub fn role(&self) -> Participant {
         self.role
     }
@@ -68,12 +70,12 @@ impl Child {
         self.system.id()
     }
 
-    /// The same, as the system takes it.
+    /// The same, in the type of rustix.
     pub fn id(&self) -> Pid {
         Pid::from_child(&self.system)
     }
 
-    /// What it has said by now. Nobody else can speak in its place.
+    /// Its heartbeats so far. No other process can forge them.
     pub fn heard(&mut self) -> &Lifeline {
         self.lifeline.listen();
         &self.lifeline
@@ -82,7 +84,7 @@ impl Child {
     /// How it ended, if it has.
     ///
     /// # Errors
-    /// If the system does not say.
+    /// If the system does not report it.
     pub fn ended(&mut self) -> io::Result<Option<Ending>> {
         Ok(self.system.try_wait()?.map(Ending))
     }
@@ -90,36 +92,37 @@ impl Child {
     /// Waits until it has ended.
     ///
     /// # Errors
-    /// If the system does not say.
+    /// If the system does not report it.
     pub fn wait(&mut self) -> io::Result<Ending> {
         self.system.wait().map(Ending)
     }
 
-    /// Whether it was stopped by a signal or by who traces it, so that it does nothing at all.
+    /// Whether a signal or a debugger has stopped it, so that it does not run.
     pub fn is_stopped(&self) -> bool {
         let status = fs::read_to_string(format!("/proc/{}/stat", self.pid())).unwrap_or_default();
-        // The name before it is in brackets, and may hold anything.
+        // The name before it is in parentheses, and may contain any characters.
         status.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with(['T', 't']))
     }
 
-    /// Asks it to end. A stopped process is woken, else it would not hear.
+    /// Requests its end. A stopped process is continued, so that it receives the request.
     pub fn ask_to_end(&self) {
         self.signal(Signal::TERM);
         self.signal(Signal::CONT);
     }
 
-    /// Ends it at once.
+    /// Kills it.
     pub fn kill(&self) {
         self.signal(Signal::KILL);
     }
 
-    /// It has not been waited for, so the id is still its own; that it may have ended by itself makes no difference.
+    /// The process has not been reaped, so the id still belongs to it. It makes no difference if it
+    /// has ended already.
     fn signal(&self, signal: Signal) {
         let _ = kill_process(self.id(), signal);
     }
 }
 
-/// Nobody is left behind. To one who has ended already this does nothing.
+/// No process is left running. For a process that has ended this does nothing.
 impl Drop for Child {
     fn drop(&mut self) {
         let _ = self.system.kill();
@@ -128,17 +131,17 @@ impl Drop for Child {
 }
 
 impl Ending {
-    /// Whether it ended as it should: by itself, or by our request before it could take it in.
+    /// Whether it ended correctly: by itself, or by SIGTERM before it installed its handler.
     pub fn is_clean(self) -> bool {
         self.0.success() || self.0.signal() == Some(Signal::TERM.as_raw())
     }
 
-    /// Whether somebody killed it.
+    /// Whether it was killed (SIGKILL).
     pub fn is_kill(self) -> bool {
         self.0.signal() == Some(Signal::KILL.as_raw())
     }
 
-    /// Whether it has done what it was to do.
+    /// Whether its exit code is 0.
     pub fn is_success(self) -> bool {
         self.0.success()
     }
@@ -154,12 +157,12 @@ impl std::fmt::Display for Ending {
     }
 }
 
-/// Where the output of a process goes that is not its log.
+/// File for the output of a process apart from its log.
 pub fn output_file(run: &Path, role: Participant) -> PathBuf {
     run.join(format!("{}.out", role.text()))
 }
 
-/// What a process said last: the end of its log and of its output, one line each, indented.
+/// Last output of a process: the end of its log and of its output, one line each, indented.
 pub fn last_words(run: &Path, role: Participant) -> String {
     let files = [run.join(format!("{}.log", role.text())), output_file(run, role)];
     files
@@ -180,7 +183,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_ending_is_told_in_words() {
+    fn an_exit_status_is_described_in_words() {
         assert_eq!(Ending(ExitStatus::from_raw(2 << 8)).to_string(), "exit code 2");
         assert_eq!(Ending(ExitStatus::from_raw(9)).to_string(), "signal 9");
         assert!(

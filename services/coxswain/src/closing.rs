@@ -7,7 +7,7 @@ use std::fmt::{self, Display, Formatter};
 use std::path::Path;
 use std::{fs, io};
 
-/// What the table shows of the recorder's summary. What has no data is null there.
+/// The fields of the recorder's summary that the table shows. A field without data is null.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Closing {
     arrival_s: Option<f64>,
@@ -46,7 +46,7 @@ impl Closing {
     /// Reads the summary of the run in `folder`.
     ///
     /// # Errors
-    /// If it is not there or not whole.
+    /// If it does not exist or is incomplete.
     pub fn read(folder: &Path) -> io::Result<Self> {
         Ok(serde_json::from_slice(&fs::read(folder.join("summary.json"))?)?)
     }
@@ -101,7 +101,8 @@ impl Display for Closing {
         if self.world_stalled_s > 0.0 {
             writeln!(
                 f,
-                "  world stood still   {:.3} s, in which the machine kept the simulator from running",
+                "  world stood still   {:.3} s, \
+                 in which the machine kept the simulator from running",
                 self.world_stalled_s
             )?;
         }
@@ -147,10 +148,20 @@ mod tests {
     #[test]
     fn the_table_shows_the_summary() -> io::Result<()> {
         let folder = tempfile::tempdir()?;
-        let summary = r#"{"arrival_s": 1.3, "speed_settle_s": null, "steady_speed_error_mps": 0.0412, "position_rmse_m": 0.012,
-            "position_max_m": 0.0431, "heading_rmse_rad": null, "tick_p50_us": 212.4, "tick_p99_us": 400.0, "tick_max_us": 801.0,
-            "periods": 250, "periods_missed": 1, "fallback_levels": {"brake": 1, "fresh plan": 249, "simple controller": 0}, "world_stalled_s": 0.0, "snapshots_published": 5,
-            "snapshots_adopted": 4, "losses": {"plan": {"recorder": 2, "launcher": 1}, "state": {"recorder": 0}}, "exposure": "closed"}"#;
+        let summary = concat!(
+            r#"{"arrival_s": 1.3, "speed_settle_s": null, "#,
+            r#""steady_speed_error_mps": 0.0412, "position_rmse_m": 0.012,"#,
+            "\n            ",
+            r#""position_max_m": 0.0431, "heading_rmse_rad": null, "tick_p50_us": 212.4, "#,
+            r#""tick_p99_us": 400.0, "tick_max_us": 801.0,"#,
+            "\n            ",
+            r#""periods": 250, "periods_missed": 1, "fallback_levels": {"brake": 1, "#,
+            r#""fresh plan": 249, "simple controller": 0}, "world_stalled_s": 0.0, "#,
+            r#""snapshots_published": 5,"#,
+            "\n            ",
+            r#""snapshots_adopted": 4, "losses": {"plan": {"recorder": 2, "launcher": 1}, "#,
+            r#""state": {"recorder": 0}}, "exposure": "closed"}"#,
+        );
         fs::write(folder.path().join("summary.json"), summary)?;
         let expected = "  arrival             1.3 s
   speed settled       never
@@ -176,15 +187,16 @@ mod tests {
         let shown = Closing::read(folder.path())?.to_string();
         assert!(
             shown.contains(
-                "\n  STOPPED             position error at 3.2 s, resumed at 5.0 s\n  STOPPED             heading error at 9.0 s, to the end\n"
+                "\n  STOPPED             position error at 3.2 s, resumed at 5.0 s\
+                 \n  STOPPED             heading error at 9.0 s, to the end\n"
             ),
             "{shown}"
         );
-        let told =
+        let summary =
             summary.replace("\"exposure\"", "\"told\": [\"controller: slow\"], \"exposure\"");
-        let told = told
+        let summary = summary
             .replace("\"position_rmse_m\"", "\"figures_of\": \"measured\", \"position_rmse_m\"");
-        fs::write(folder.path().join("summary.json"), told)?;
+        fs::write(folder.path().join("summary.json"), summary)?;
         let shown = Closing::read(folder.path())?.to_string();
         assert!(shown.ends_with("\n  told                controller: slow"), "{shown}");
         assert!(shown.contains("0.043 m at most, as measured\n"), "{shown}");

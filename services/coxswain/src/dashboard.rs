@@ -2,15 +2,16 @@
 //!
 //! | module      | what it holds                                                 |
 //! |-------------|---------------------------------------------------------------|
-//! | [`picture`] | what was heard → what is shown                                |
+//! | [`picture`] | what was received → what is shown                             |
 //! | [`trail`]   | a bounded history                                             |
 //! | [`view`]    | keys → which picture, which part of the map; the list of keys |
 //! | [`look`]    | colours, or none                                              |
 //! | [`panel`]   | the picture → cells, one module per panel                     |
-//! | [`screen`]  | the terminal, taken and given back                            |
-//! | `ear`       | listens on a thread of its own                                |
+//! | [`screen`]  | takes the terminal and restores it                            |
+//! | `ear`       | the receive thread                                            |
 //!
-//! Keys are read on a thread of their own, too: the library that reads them never returns once the terminal has gone.
+//! Keys also have their own thread, because the library that reads them never returns once the
+//! terminal is closed.
 
 mod ear;
 pub mod look;
@@ -37,27 +38,29 @@ use std::thread;
 use std::time::{Duration, Instant};
 use view::{AfterKey, View};
 
-/// How often the picture is drawn. Keys are answered at once.
+/// Time between two pictures. Keys take effect at once.
 const FRAME: Duration = Duration::from_millis(100);
-/// Most events that wait to be looked at.
+/// Largest number of waiting events.
 const WAITING_MAX: usize = 256;
 
-/// What the loop hears of.
+/// An input of the loop.
 enum Event {
-    /// A robot or process said something.
+    /// A message of a robot or process.
     Said(Word),
-    /// It is watched here from now on.
+    /// The endpoint that is watched from now on.
     At(String),
-    /// A key was pressed, or the terminal has another size.
+    /// A pressed key, or a new size of the terminal.
     Terminal(event::Event),
     /// Keys cannot be read any more.
     Deaf(io::Error),
 }
 
-/// Shows what is received from `target` until a person or `stop` asks for the end, or the terminal has gone.
+/// Shows what `target` publishes until the user or `stop` requests the end, or the terminal is
+/// closed.
 ///
 /// # Errors
-/// [`WatchError`] if there is nothing to watch at the start, or the terminal cannot be used. It is as it was in either case.
+/// [`WatchError`] if there is nothing to watch at the start, or the terminal cannot be used. The
+/// terminal is restored in either case.
 pub fn run(target: WatchTarget, stop: &Stop) -> Result<(), WatchError> {
     let (watcher, endpoint) = target.open()?;
     let (events, heard) = mpsc::sync_channel(WAITING_MAX);
@@ -69,7 +72,7 @@ pub fn run(target: WatchTarget, stop: &Stop) -> Result<(), WatchError> {
     drop((screen, heard));
     ear.end();
     match shown {
-        // Nobody looks any more.
+        // The terminal is closed, so there is nothing to report to.
         Err(error) if has_gone(&error) => Ok(()),
         shown => shown.map_err(WatchError::Terminal),
     }
@@ -109,7 +112,7 @@ fn show(
     Ok(())
 }
 
-/// Passes on what is typed until nobody takes it in any more.
+/// Forwards key events until the receiver is dropped.
 fn read_keys(events: &SyncSender<Event>) {
     loop {
         let event = event::read();
@@ -120,7 +123,7 @@ fn read_keys(events: &SyncSender<Event>) {
     }
 }
 
-/// Whether the terminal is no more, or is a pipe that nobody reads.
+/// Whether the terminal is closed, or is a pipe without a reader.
 fn has_gone(error: &io::Error) -> bool {
     error.kind() == io::ErrorKind::BrokenPipe
         || error.raw_os_error() == Some(Errno::IO.raw_os_error())

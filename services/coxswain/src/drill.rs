@@ -1,22 +1,22 @@
-//! `coxswain drill`: faults in everything, on purpose and for real, and what came of them at the wheels.
+//! `coxswain drill`: injects real faults into every part, and judges their effect at the wheels.
 //!
-//! | file        | what it holds                                                    |
-//! |-------------|------------------------------------------------------------------|
-//! | `catalogue` | the exercises: which faults, in whom, and what must hold         |
-//! | `exercise`  | one exercise, done and judged                                    |
-//! | `rivals`    | two controllers of one robot                                     |
-//! | `launchers` | two launches of one robot                                        |
-//! | `partition` | two hosts whose cable is pulled                                  |
-//! | `ground`    | what all exercises share, and the twins without faults           |
-//! | `tracking`  | record → how far the robot was from its reference                |
-//! | `session`   | a graph that the drill launches                                  |
-//! | `hosts`     | two hosts and a cable                                            |
-//! | `damage`    | damaged messages at the readers of all topics and the gate       |
-//! | `record`    | what a run recorded                                              |
-//! | `oracle`    | record → what was unsafe                                         |
-//! | `refusals`  | what was injected ↔ what was refused                             |
-//! | `measure`   | record → reactions, ways back, and what else was violated        |
-//! | `table`     | rows → the table that is printed                                 |
+//! | file        | what it holds                                                     |
+//! |-------------|-------------------------------------------------------------------|
+//! | `catalogue` | the exercises: which faults, in which process, and what must hold |
+//! | `exercise`  | runs one exercise and judges it                                   |
+//! | `rivals`    | two controllers of one robot                                      |
+//! | `launchers` | two launches of one robot                                         |
+//! | `partition` | two hosts whose cable is pulled                                   |
+//! | `ground`    | what all exercises share, and the twin runs without faults        |
+//! | `tracking`  | record → how far the robot was from its reference                 |
+//! | `session`   | a graph that the drill launches                                   |
+//! | `hosts`     | two hosts and a cable                                             |
+//! | `damage`    | damaged messages for the readers of all topics and the gate       |
+//! | `record`    | what a run recorded                                               |
+//! | `oracle`    | record → what was unsafe                                          |
+//! | `refusals`  | what was injected ↔ what was rejected                             |
+//! | `measure`   | record → reaction times, restart times, and other violations      |
+//! | `table`     | rows → the table that is printed                                  |
 
 pub mod catalogue;
 pub mod damage;
@@ -55,113 +55,134 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Instant, SystemTime};
 
-/// What to do.
+/// Options of `coxswain drill`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DrillOptions {
-    /// A part of every exercise, in under a minute.
+    /// Run a short form of every exercise, in less than a minute.
     #[arg(long)]
     pub quick: bool,
-    /// Only exercises of this fault; may be said again.
+    /// Run only the exercises of this fault; may be repeated.
     #[arg(long = "fault", value_name = "NAME", value_parser = PossibleValuesParser::new(known()))]
     pub faults: Vec<String>,
-    /// Seed of phases, choices and damages: the same one does the same again.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=i64::MAX as u64))]
+    /// Seed of phases, choices and damage; the same seed repeats the same drill.
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 1,
+        value_parser = clap::value_parser!(u64).range(0..=i64::MAX as u64)
+    )]
     pub seed: u64,
-    /// One JSON row per exercise goes here.
+    /// Write one JSON row per exercise to this file.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Where everything of an exercise that found a violation is kept, in a folder of its own for each drill.
+    /// Keep all files of each exercise that found a violation here, one folder per drill.
     #[arg(long, value_name = "DIR", default_value = "runs/drill")]
     pub keep: PathBuf,
     /// Folder with robots and scenarios.
     #[arg(long, value_name = "DIR", default_value = "deploy")]
     pub deploy: PathBuf,
-    /// How many exercises at a time.
-    #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u64).range(1..=64))]
+    /// Number of exercises that run at the same time.
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 6,
+        value_parser = clap::value_parser!(u64).range(1..=64)
+    )]
     pub jobs: u64,
 }
 
-/// What one exercise came to.
+/// Result of one exercise.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// The fault's name.
+    /// Name of the fault.
     pub fault: &'static str,
-    /// To whom or on which link.
+    /// The process or the link that the fault affects.
     pub target: &'static str,
-    /// Over what.
+    /// Carrier of the links.
     pub carrier: Carrier,
-    /// Faults injected.
+    /// Number of injected faults.
     pub injections: u64,
-    /// How many promises were broken.
+    /// Number of violations.
     pub violations: usize,
-    /// Age of the oldest state whose answer acted \[T\].
+    /// Age of the oldest state whose answer acted on the wheels \[T\].
     pub worst_reaction_periods: Option<f64>,
-    /// From an end to a successor in use \[s\].
+    /// Longest time from the end of a process to its successor in use \[s\].
     pub worst_restart_s: Option<f64>,
-    /// Largest share of its bound that the distance from the reference had.
+    /// Largest distance from the reference, as a share of its bound.
     pub tracking_share: Option<f64>,
-    /// Seed that does the same again.
+    /// Seed that repeats this exercise.
     pub seed: u64,
-    /// Periods below a fresh plan in which the machine let nobody run.
+    /// Periods below a fresh plan in which the machine let no process run.
     pub excused_periods: usize,
-    /// Why it cannot be done on this machine.
+    /// Why the exercise cannot be done on this machine.
     pub impossible: Option<&'static str>,
-    /// What else was measured, a sentence each.
+    /// Other measurements, one sentence each.
     pub notes: Vec<String>,
-    /// What was violated.
+    /// The violations, as text.
     pub found: Vec<String>,
-    /// Where everything of it is kept; only if anything was violated.
+    /// Folder with all files of the exercise; only if there was a violation.
     pub kept: Option<PathBuf>,
 }
 
-/// The drill could not be done.
+/// Why the drill was not done.
 #[derive(Debug, thiserror::Error)]
 pub enum DrillError {
-    /// This fault has no part that is short, or none that is long.
-    #[error("--fault {name:?} is only in the {} drill: expected it {} --quick", if *quick { "whole" } else { "quick" }, if *quick { "without" } else { "with" })]
+    /// The quick drill, or the whole drill, has no exercise of this fault.
+    #[error(
+        "--fault {name:?} is only in the {} drill: expected it {} --quick",
+        if *quick { "whole" } else { "quick" },
+        if *quick { "without" } else { "with" }
+    )]
     Elsewhere {
-        /// What was asked for.
+        /// The requested fault.
         name: String,
-        /// Whether in the quick one.
+        /// Whether the fault is in the quick drill.
         quick: bool,
     },
-    /// The rows cannot be written where they should be.
+    /// The file for the rows cannot be created.
     #[error("--json {}: {source}", path.display())]
     Json {
-        /// Where.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
-    /// No robots and scenarios.
-    #[error("--deploy {}: expected the folder deploy of the sources, with robots/ and scenarios/", folder.display())]
+    /// The folder has no robots and scenarios.
+    #[error(
+        "--deploy {}: expected the folder deploy of the sources, with robots/ and scenarios/",
+        folder.display()
+    )]
     NoDeploy {
-        /// Where they were looked for.
+        /// The folder that was searched.
         folder: PathBuf,
     },
-    /// A binary that the drill starts is not there.
-    #[error("{} not found in {}: build it with `cargo build --release --workspace`", programs.join(", "), folder.display())]
+    /// A binary that the drill starts is missing.
+    #[error(
+        "{} not found in {}: build it with `cargo build --release --workspace`",
+        programs.join(", "),
+        folder.display()
+    )]
     MissingPrograms {
-        /// What is missing.
+        /// The missing programs.
         programs: Vec<&'static str>,
-        /// Where it should be.
+        /// The folder that was searched.
         folder: PathBuf,
     },
-    /// A file.
+    /// A file cannot be used.
     #[error("{}: {source}", path.display())]
     File {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
-    /// A signal.
+    /// A signal interrupted the drill.
     #[error("{INTERRUPTED}; what was done by then is in the rows")]
     Interrupted,
 }
 
 impl DrillError {
-    /// 2 if nothing was started because of what a person set, else 1.
+    /// 2 if a setting of the user prevented the start, else 1.
     pub fn exit_code(&self) -> ExitCode {
         match self {
             Self::Elsewhere { .. } | Self::Json { .. } | Self::NoDeploy { .. } => ExitCode::from(2),
@@ -170,10 +191,12 @@ impl DrillError {
     }
 }
 
-/// Does the exercises, shows progress, writes the rows and prints the table. Whether nothing was violated.
+/// Runs the exercises, shows progress, writes the rows and prints the table.
+///
+/// Returns whether no exercise found a violation.
 ///
 /// # Errors
-/// [`DrillError`]; nothing is done if a setting is impossible.
+/// [`DrillError`]; no exercise runs if a setting is impossible.
 pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
     let chosen = chosen(options)?;
     check(&options.deploy)?;
@@ -199,7 +222,7 @@ pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
                     let kept = kept.join(folder_name(index, exercise));
                     let row = (!stop.requested())
                         .then(|| do_one(exercise, ground, options.seed, &kept, stop));
-                    // What was cut short says nothing.
+                    // An interrupted exercise has no valid result.
                     let Some(row) = row.filter(|_| !stop.requested()) else { return };
                     if done.send((index, row)).is_err() {
                         return;
@@ -271,7 +294,7 @@ fn known() -> BTreeSet<&'static str> {
     all.map(|exercise| exercise.fault).collect()
 }
 
-/// Everything that an exercise needs is there.
+/// Checks that the files and programs of an exercise are present.
 fn check(deploy: &Path) -> Result<(), DrillError> {
     if !deploy.join("robots/mecanum.toml").is_file() || !deploy.join("scenarios").is_dir() {
         return Err(DrillError::NoDeploy { folder: deploy.to_path_buf() });

@@ -1,4 +1,4 @@
-//! The highest epoch of each role, on disk, so that no restart ever speaks in an old one.
+//! The highest epoch of each role, on disk, so that no restarted process uses an earlier epoch.
 
 use process::atomic_file;
 use protocol::message::Participant;
@@ -10,35 +10,37 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Highest epoch that still has a next one in TOML, whose numbers have a sign.
+/// Highest epoch that has a successor in TOML, whose integers are signed.
 const EPOCH_MAX: u64 = i64::MAX as u64 - 1;
 
-/// Highest epoch of each role that was given out or observed. Every change is on disk before it counts, as long as the disk takes it: a robot that
-/// drives does not end because of a full one, and its launcher knows them all the same.
+/// Highest assigned or observed epoch of each role. Every change is written to disk before it is
+/// used. If the disk is full, the robot drives on, and the launcher keeps the epochs in memory.
 #[derive(Debug)]
 pub struct Epochs {
     file: PathBuf,
-    /// Whether the file lacks the last of them.
+    /// Whether the file lacks the last changes.
     behind: bool,
-    /// What every role begins above.
+    /// Lower limit of the epochs of all roles.
     floor: u64,
     highest: BTreeMap<String, u64>,
 }
 
-/// So many low bits of an epoch that no run before has had are drawn at random. Together with the seconds of this century it is a number that
-/// every reader of JSON keeps exactly.
+/// Number of random low bits in an epoch that no earlier run has used. Together with the seconds of
+/// this century the epoch is a number that every JSON reader keeps exactly.
 const DRAWN_BITS: u32 = 21;
 
-/// An epoch that no run before has had: commands that answer a plant of another run answer none of this one, whoever has kept them.
+/// An epoch that no earlier run has used, so that a delayed command for the plant of another run is
+/// not valid in this one.
 ///
-/// The time alone could come again, on a machine that knows it only by what it had when it was switched off; so a part is drawn at random. It grows
-/// with the time, so that launches that meet go by the later one.
+/// The time alone is not unique: a machine without a clock may start with the time of its last
+/// shutdown. So a part is random. The epoch grows with the time, so that launches that meet use the
+/// later one.
 pub fn unheard_of(since_1970: Duration) -> u64 {
     let drawn = Identity::new(0).writer & ((1 << DRAWN_BITS) - 1);
     (since_1970.as_secs() << DRAWN_BITS | drawn).min(EPOCH_MAX)
 }
 
-/// What the file holds, by role.
+/// Contents of the file, by role.
 #[derive(Debug, Default, Deserialize)]
 #[serde(transparent)]
 struct EpochsFile(BTreeMap<String, u64>);
@@ -56,10 +58,10 @@ impl Check for EpochsFile {
 }
 
 impl Epochs {
-    /// Those kept in `file`; `floor` if there is no such file, or where it says less.
+    /// The epochs in `file`; `floor` if there is no such file, or where its values are lower.
     ///
     /// # Errors
-    /// If the file is there but cannot be read.
+    /// If the file exists but cannot be read.
     pub fn open(file: &Path, floor: u64) -> io::Result<Self> {
         let EpochsFile(highest) = if file.try_exists()? {
             settings::read(file).map_err(io::Error::other)?
@@ -69,7 +71,8 @@ impl Epochs {
         Ok(Self { file: file.to_path_buf(), behind: false, floor, highest })
     }
 
-    /// Highest epoch of `role` so far, above which an instance that starts now begins. The next one is taken as given out.
+    /// Highest epoch of `role` so far; a process that starts now uses a higher one. The next epoch
+    /// counts as assigned.
     ///
     /// # Errors
     /// If there is no next one.
@@ -80,7 +83,7 @@ impl Epochs {
         Ok(floor)
     }
 
-    /// Takes note of an epoch above which the next instance of `role` is to begin.
+    /// Records an epoch of `role`; its next process uses a higher one.
     ///
     /// # Errors
     /// If it has no next one.
@@ -102,7 +105,12 @@ impl Epochs {
         if let Err(error) = &written
             && !self.behind
         {
-            tracing::error!(%error, file = %self.file.display(), "epochs cannot be kept on disk: the next launch in this folder does not know of them");
+            tracing::error!(
+                %error,
+                file = %self.file.display(),
+                "epochs cannot be kept on disk: \
+                 the next launch in this folder does not know of them"
+            );
         }
         self.behind = written.is_err();
         Ok(())
@@ -116,7 +124,8 @@ impl Epochs {
 
 fn too_great(role: Participant, epoch: u64) -> io::Error {
     io::Error::other(format!(
-        "epoch {epoch} of the {role}: expected at most {EPOCH_MAX}, above which there is no next one to be kept"
+        "epoch {epoch} of the {role}: expected at most {EPOCH_MAX}, \
+         above which there is no next one to be kept"
     ))
 }
 
@@ -126,7 +135,7 @@ mod tests {
     use std::fs;
 
     #[test]
-    fn every_start_begins_above_all_that_has_been() -> io::Result<()> {
+    fn every_start_gets_an_epoch_above_all_earlier_ones() -> io::Result<()> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("epochs.toml");
         let mut epochs = Epochs::open(&file, 0)?;
@@ -144,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn an_epoch_of_the_same_second_is_another_and_one_of_a_later_second_is_greater() {
+    fn epochs_of_one_second_differ_and_those_of_a_later_second_are_greater() {
         let second = Duration::from_secs(1_795_250_000);
         let drawn: std::collections::BTreeSet<u64> = (0..50).map(|_| unheard_of(second)).collect();
         assert!(drawn.len() > 45, "{drawn:?}");
@@ -154,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_launch_begins_above_those_before_it() -> io::Result<()> {
+    fn a_launch_uses_epochs_above_those_of_earlier_launches() -> io::Result<()> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("epochs.toml");
         assert_eq!(Epochs::open(&file, 1_000)?.give(Participant::Plant)?, 1_000);
@@ -167,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn an_epoch_without_a_next_one_is_refused_with_its_line() -> io::Result<()> {
+    fn an_epoch_without_a_successor_is_rejected_with_its_line() -> io::Result<()> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("epochs.toml");
         fs::write(&file, "controller = 3\nplant = 9223372036854775807\n")?;
@@ -179,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn there_is_none_above_the_greatest_and_none_is_given_twice() -> io::Result<()> {
+    fn no_epoch_exceeds_the_largest_and_none_is_assigned_twice() -> io::Result<()> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("epochs.toml");
         let mut epochs = Epochs::open(&file, 0)?;
@@ -197,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_that_takes_nothing_ends_no_run() -> io::Result<()> {
+    fn a_full_disk_ends_no_run() -> io::Result<()> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("run/epochs.toml");
         let mut epochs = Epochs::open(&file, 0)?;

@@ -1,15 +1,15 @@
-//! `coxswain experiment`: controllers compared in scenarios, by the very code of the processes.
+//! `coxswain experiment`: compares controllers in scenarios, with the code of the real processes.
 //!
-//! | file        | what it holds                                                       |
-//! |-------------|---------------------------------------------------------------------|
-//! | `cases`     | the scenarios that are asked for, with all that each needs           |
-//! | `contender` | the controllers that are compared                                   |
-//! | `calibration` | how much lies in the learner's 95 % interval                      |
-//! | `figure`    | the figures of a row, and how they are told                         |
-//! | `oracle`    | the simulator's own dynamics as a controller's model                |
-//! | `trial`     | one closed loop, and the row that it gives                          |
-//! | `poison`    | what is made of a trial's messages on purpose                       |
-//! | `table`     | rows → the table that is printed                                    |
+//! | file          | what it holds                                             |
+//! |---------------|-----------------------------------------------------------|
+//! | `cases`       | the requested scenarios, with all that each needs         |
+//! | `contender`   | the controllers that are compared                         |
+//! | `calibration` | the share of samples in the learner's 95 % interval       |
+//! | `figure`      | the figures of a row, and how they are printed            |
+//! | `oracle`      | the simulator's own dynamics as a controller's model      |
+//! | `trial`       | one closed loop, and its row                              |
+//! | `poison`      | deliberate faults in a trial's messages                   |
+//! | `table`       | rows → the table that is printed                          |
 
 mod calibration;
 mod cases;
@@ -37,57 +37,66 @@ use trial::{Row, Start, TrialError};
 
 pub use cases::Belief;
 
-/// Compared where nothing else is asked for.
+/// Compared if no other scenarios are requested.
 const SCENARIOS: [&str; 3] = ["figure-eight", "square", "stop-and-go"];
 
-/// Seed of the run that a warm start has learnt in; no trial has it.
+/// Seed of the run in which a warm start has learned; no trial has it.
 const TEACHING_SEED: u64 = 1_000_003;
 
 /// What to compare.
 #[derive(Debug, Clone, clap::Args)]
 pub struct CompareOptions {
-    /// Scenarios: names, with variants as in figure-eight+payload; figure-eight+* is the scenario with each of its variants. In another world
-    /// robot+reference+condition, of which each may be *, and those at the end may be left out; all by default.
+    /// Scenarios: names, with variants as in figure-eight+payload; figure-eight+* is the scenario
+    /// with each of its variants. In another world: robot+reference+condition. Each part may be *,
+    /// and trailing parts may be omitted. The default is all.
     #[arg(long, value_delimiter = ',')]
     pub scenarios: Vec<String>,
-    /// Compare in another world, a folder of deploy/worlds, as mujoco.
+    /// Compare in another world: the name of a folder in deploy/worlds, as mujoco.
     #[arg(long, value_name = "NAME")]
     pub world: Option<String>,
-    /// Variants that come on top of every scenario, as noise.
+    /// Variants that are added to every scenario, as noise.
     #[arg(long, value_delimiter = ',', value_name = "NAME")]
     pub variants: Vec<String>,
-    /// Measure without noise: otherwise every scenario has that of the variant `noise`, as every one of the other world has.
+    /// Measure without noise. Otherwise every scenario has the noise of the variant `noise`; every
+    /// scenario of another world has noise.
     #[arg(long, conflicts_with = "world")]
     pub exact_sensors: bool,
-    /// Tell the controllers a number of the robot file wrongly, as body.mass_kg=2 for twice as much; may be said again.
+    /// Multiply a number of the robot file for the controllers only, as body.mass_kg=2 for a
+    /// doubled mass; may be repeated.
     #[arg(long = "believe", value_name = "KEY=FACTOR")]
     pub beliefs: Vec<Belief>,
-    /// Controllers to compare; all of them unless some are named.
+    /// Controllers to compare; all of them if none is named.
     #[arg(long, value_delimiter = ',')]
     pub controllers: Vec<Contender>,
-    /// How many seeds, from 1 on.
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    /// Number of seeds, from 1 on.
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 10,
+        value_parser = clap::value_parser!(u64).range(1..=1000)
+    )]
     pub seeds: u64,
-    /// What is known at the start: nothing, what an earlier run has learnt and identified, or what a run
-    /// of another variant has.
+    /// What is known at the start: nothing, what an earlier run has learned and identified, or what
+    /// a run of another variant has.
     #[arg(long, value_delimiter = ',', default_value = "cold")]
     pub start: Vec<Start>,
-    /// paper (T = 100 ms, N = 5) or a file of deploy/scenarios/profiles, as agile (T = 20 ms, N = 20).
+    /// paper (T = 100 ms, N = 5) or a file of deploy/scenarios/profiles, as agile (T = 20 ms, N =
+    /// 20).
     #[arg(long, default_value = "paper")]
     pub profile: String,
-    /// What goes wrong on purpose in every trial, but not where a warm or stale start was learnt.
+    /// A deliberate fault in every trial, but not in the runs that prepare a warm or stale start.
     #[arg(long)]
     pub poison: Option<Poison>,
-    /// Which figures to print, a table each.
+    /// Figures to print, one table each.
     #[arg(long, value_delimiter = ',', default_value = "position-rmse")]
     pub figures: Vec<Figure>,
-    /// Change every scenario by a line of TOML, as mpc.observer_gain=0.3; may be said again.
+    /// Change every scenario by a line of TOML, as mpc.observer_gain=0.3; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub changes: Vec<String>,
-    /// One JSON row per trial goes here.
+    /// Write one JSON row per trial to this file.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Less of everything, in under a minute: the three dynamic scenarios, 3 seeds, 12 s.
+    /// A short comparison, in less than a minute: the three dynamic scenarios, 3 seeds, 12 s.
     #[arg(long)]
     pub quick: bool,
     /// Graph file whose robot and scenarios are used.
@@ -95,46 +104,46 @@ pub struct CompareOptions {
     pub graph: PathBuf,
 }
 
-/// A comparison was not made.
+/// Why a comparison was not made.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
-    /// A file says something impossible.
+    /// A setting in a file is impossible.
     #[error(transparent)]
     Settings(#[from] SettingsError),
-    /// A file or folder.
+    /// A file or folder cannot be used.
     #[error("{}: {source}", path.display())]
     File {
-        /// Which.
+        /// Its path.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
-    /// A trial of a scenario that was not read.
+    /// The scenario of a trial was not read.
     #[error("there is no scenario {scenario}")]
     NoCase {
-        /// Which.
+        /// Name of the scenario.
         scenario: String,
     },
     /// No scenario is left.
     #[error("no scenario of the world {world} has a name like {asked}")]
     NothingToCompare {
-        /// Where they were looked for.
+        /// The world that was searched.
         world: String,
-        /// What was asked for.
+        /// The requested scenarios.
         asked: String,
     },
-    /// A trial.
+    /// A trial failed.
     #[error("{trial}: {source}")]
     Trial {
-        /// Which.
+        /// Name of the trial.
         trial: String,
-        /// What went wrong.
+        /// Its error.
         source: Box<TrialError>,
     },
 }
 
 impl ExperimentError {
-    /// 2 if nothing was started because of what a person set, else 1.
+    /// 2 if a setting of the user prevented the start, else 1.
     pub fn exit_code(&self) -> u8 {
         if matches!(self, Self::Settings(_)) { 2 } else { 1 }
     }
@@ -158,7 +167,7 @@ impl Trial {
 /// Runs every trial, shows progress, writes the rows and prints the table.
 ///
 /// # Errors
-/// [`ExperimentError`]; nothing is run if a setting is impossible.
+/// [`ExperimentError`]; no trial runs if a setting is impossible.
 pub fn compare(options: &CompareOptions) -> Result<(), ExperimentError> {
     let bench = Bench::new(options)?;
     let trials = bench.trials(options);
@@ -214,7 +223,7 @@ fn create(path: &Path) -> Result<(PathBuf, fs::File), ExperimentError> {
     Ok((path.to_path_buf(), file))
 }
 
-/// Removes the folder of the trials, however they end.
+/// Removes the folder of the trials in every case.
 struct Swept(PathBuf);
 
 impl Drop for Swept {
@@ -254,7 +263,7 @@ impl Bench {
         for scenario in self.cases.assemblies.keys().filter(|name| !only_taught.contains(name)) {
             for &start in &options.start {
                 for &contender in &contenders {
-                    // What remembers nothing starts the same way every time.
+                    // A contender without memory starts the same way every time.
                     if !contender.remembers() && options.start.first() != Some(&start) {
                         continue;
                     }
@@ -281,7 +290,8 @@ impl Bench {
         scenario.map(|scenario| (scenario.clone(), trial.contender))
     }
 
-    /// Runs `trials`, as many at a time as there are processors, and gives their folders and rows in the same order.
+    /// Runs `trials`, as many at a time as there are processors. Returns their folders and rows in
+    /// the same order.
     fn run_all(
         &self,
         trials: &[Trial],
@@ -323,7 +333,7 @@ impl Bench {
                     index,
                     result.inspect_err(|_| next.store(trials.len(), Ordering::Relaxed))?,
                 );
-                // In the order of the trials, whoever was faster.
+                // In the order of the trials, independent of their speed.
                 while let Some((_, row)) = done.get(&reported) {
                     each(row)?;
                     reported += 1;

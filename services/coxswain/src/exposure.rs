@@ -1,21 +1,23 @@
-//! Which addresses of a graph strangers on the network can reach: without certificates only those of this machine alone are used unasked.
+//! Addresses of a graph that unauthenticated peers on the network can reach. Without certificates
+//! only addresses of this machine are used, unless an option permits others.
 
 use crate::graph::Graph;
 use protocol::message::Exposure;
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 
-/// An address that is not of this machine alone.
+/// An address that other machines can reach.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exposed {
-    /// Where the graph file says it, as a dotted path.
+    /// Its key in the graph file, as a dotted path.
     pub key: String,
     /// The address.
     pub address: String,
 }
 
 impl Exposed {
-    /// What it lets strangers do: commands are taken where the links of the graph meet.
+    /// Access that it gives to unauthenticated peers: where the links of the graph meet, commands
+    /// are accepted.
     pub fn lets(&self) -> Exposure {
         if self.key.starts_with("network") { Exposure::Driven } else { Exposure::Watched }
     }
@@ -29,8 +31,8 @@ impl fmt::Display for Exposed {
     }
 }
 
-/// Every address that a graph listens at or connects to, that is not of this machine alone, and at which no certificate is asked for. The live
-/// page never asks for one.
+/// All addresses that a graph listens at or connects to, that other machines can reach, and that
+/// require no certificate. The live page never requires one.
 pub fn exposed(graph: &Graph, with_certificates: bool) -> Vec<Exposed> {
     let lists = [
         ("network.listen", &graph.network.listen),
@@ -52,7 +54,8 @@ pub fn exposed(graph: &Graph, with_certificates: bool) -> Vec<Exposed> {
     found
 }
 
-/// Whether an endpoint is an address of the loopback. What a name means is not asked: it may change.
+/// Whether an endpoint is an address of the loopback. Names are not resolved, because the result
+/// may change.
 fn is_here(endpoint: &str) -> bool {
     let Some((_, address)) = endpoint.split_once('/') else { return false };
     if let Ok(address) = address.parse::<SocketAddr>() {
@@ -73,7 +76,8 @@ mod tests {
 
     fn found(tables: &str, with_certificates: bool) -> Vec<String> {
         let text = format!(
-            "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\npace = \"real-time\"\n[links]\ndefault = \"network\"\n{tables}"
+            "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\npace = \"real-time\"\
+             \n[links]\ndefault = \"network\"\n{tables}"
         );
         let graph = settings::parse::<Graph>(&text, Path::new("g.toml"));
         let keys = |graph: Graph| {
@@ -83,21 +87,27 @@ mod tests {
     }
 
     #[test]
-    fn a_graph_that_says_nothing_is_not_to_be_reached() {
+    fn a_graph_with_only_loopback_addresses_is_not_reachable() {
         assert_eq!(of(""), Vec::<String>::new());
-        let here = "[network]\nlisten = [\"tcp/127.0.0.1:0\", \"tcp/[::1]:7447\", \"tcp/localhost:1\"]\n[page]\nlisten = \"127.9.9.9:80\"\n";
+        let here = "[network]\n\
+                    listen = [\"tcp/127.0.0.1:0\", \"tcp/[::1]:7447\", \"tcp/localhost:1\"]\
+         \n[page]\nlisten = \"127.9.9.9:80\"\n";
         assert_eq!(of(here), Vec::<String>::new());
     }
 
     #[test]
-    fn with_certificates_the_live_page_alone_is_open_to_strangers() {
-        let tables = "[network]\nlisten = [\"tcp/0.0.0.0:7447\"]\n[telemetry]\nlisten = [\"tls/10.0.0.1:1\"]\n[page]\nlisten = \"0.0.0.0:8080\"\n";
+    fn with_certificates_only_the_live_page_accepts_unauthenticated_peers() {
+        let tables = "[network]\nlisten = [\"tcp/0.0.0.0:7447\"]\
+         \n[telemetry]\nlisten = [\"tls/10.0.0.1:1\"]\
+         \n[page]\nlisten = \"0.0.0.0:8080\"\n";
         assert_eq!(found(tables, true), ["page.listen"]);
     }
 
     #[test]
-    fn whatever_is_not_of_this_machine_alone_is_named() {
-        let network = "[network]\ngraph = \"m\"\nlisten = [\"tcp/127.0.0.1:0\", \"tcp/0.0.0.0:7447\"]\nconnect = [\"tcp/10.0.0.2:7447\"]\n";
+    fn every_address_that_other_machines_can_reach_is_listed() {
+        let network = "[network]\ngraph = \"m\"\n\
+                       listen = [\"tcp/127.0.0.1:0\", \"tcp/0.0.0.0:7447\"]\
+         \nconnect = [\"tcp/10.0.0.2:7447\"]\n";
         assert_eq!(of(network), ["network.listen", "network.connect"]);
         assert_eq!(
             of("[telemetry]\nlisten = [\"tcp/[::]:7448\"]\n[page]\nlisten = \"0.0.0.0:8080\"\n"),

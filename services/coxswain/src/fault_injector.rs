@@ -1,4 +1,4 @@
-//! Does to processes what the file of faults says, and writes down when it did.
+//! Injects the faults of a file into processes, and records the times.
 
 use crate::faults::{ProcessFault, ProcessFaultKind};
 use crate::memory_filler::MemoryFiller;
@@ -14,37 +14,37 @@ use std::path::Path;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// Name of the list in the folder of a run, one JSON object a line.
+/// Name of the record in the run directory, one JSON object per line.
 pub const LIST: &str = "injected.jsonl";
 
-/// How exact it is, and how often it looks whether it shall end.
+/// Interval between two checks: precision of the times, and delay of the end.
 const LOOK: Duration = Duration::from_micros(200);
-/// Somebody who is not there is waited for so long: it is being started again.
+/// Longest wait for a process that does not run: it is being restarted.
 const ABSENT: Duration = Duration::from_secs(5);
 
-/// One fault that has been injected.
+/// One injected fault.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Injected {
-    /// What, by its name in the file of faults.
+    /// Its kind, by the name in the file of faults.
     pub kind: String,
-    /// To whom.
+    /// The affected role.
     pub participant: Option<Participant>,
     /// Its process.
     pub pid: Option<i32>,
-    /// When, on the monotonic clock of the machine \[ns\].
+    /// Time of the injection, on the monotonic clock \[ns\].
     pub nanos: u64,
-    /// For how long, if it passes \[ms\].
+    /// Duration, if it is limited \[ms\].
     pub millis: Option<u64>,
 }
 
-/// Does its work on a thread of its own until it is dropped.
+/// Injects faults on a thread of its own until it is dropped.
 #[derive(Debug)]
 pub struct FaultInjector {
     stop: Stop,
     thread: Option<JoinHandle<()>>,
 }
 
-/// One thing to do.
+/// One injection.
 #[derive(Debug, Clone, Copy)]
 struct Deed {
     at: Duration,
@@ -55,10 +55,11 @@ struct Deed {
 }
 
 impl FaultInjector {
-    /// Begins with `faults` now, which is when the robot begins to drive, and writes the list into the folder of the run.
+    /// Starts with `faults` now, which is when the robot begins to drive, and creates the record in
+    /// the run directory.
     ///
     /// # Errors
-    /// If the list cannot be made.
+    /// If the record cannot be created.
     pub fn begin(
         faults: &[ProcessFault],
         seed: u64,
@@ -133,11 +134,20 @@ impl Work {
         let victim = match struck {
             Some(Ok(victim)) => victim,
             Some(Err(error)) => {
-                tracing::error!(%participant, kind = deed.kind.name(), %error, "a fault could not be injected");
+                tracing::error!(
+                    %participant,
+                    kind = deed.kind.name(),
+                    %error,
+                    "a fault could not be injected"
+                );
                 return;
             }
             None => {
-                tracing::error!(%participant, kind = deed.kind.name(), "there was nobody to inject a fault into for {ABSENT:?}");
+                tracing::error!(
+                    %participant,
+                    kind = deed.kind.name(),
+                    "there was nobody to inject a fault into for {ABSENT:?}"
+                );
                 return;
             }
         };
@@ -151,7 +161,7 @@ impl Work {
         }
     }
 
-    /// The process that it was done to, if there is one that lives.
+    /// The affected process, if one runs.
     fn strike(&self, participant: Participant, deed: &Deed) -> Option<rustix::io::Result<Pid>> {
         let processes_by_role = self.processes_by_role.lock();
         let victim =
@@ -170,7 +180,7 @@ impl Work {
         Some(done.map(|()| victim))
     }
 
-    /// Leaves so much of it for a time.
+    /// Fills the shared memory up to a remainder, for a time.
     fn take_shared_memory(&mut self, deed: &Deed) {
         match MemoryFiller::taking_all_but(deed.bytes) {
             Ok(_memory_filler) => {
@@ -208,7 +218,12 @@ impl Work {
         if let Err(error) = line.and_then(|line| writeln!(self.list, "{line}")) {
             tracing::error!(%error, "an injected fault is not in the list");
         }
-        tracing::warn!(kind = injected.kind, participant = ?injected.participant, pid = ?injected.pid, "fault injected");
+        tracing::warn!(
+            kind = injected.kind,
+            participant = ?injected.participant,
+            pid = ?injected.pid,
+            "fault injected"
+        );
     }
 
     fn sleep_until(&self, at: Instant) {
@@ -222,7 +237,7 @@ impl Work {
     }
 }
 
-/// Whether a process is dead already, and only waits for its parent to take note.
+/// Whether a process is a zombie, which its parent has not reaped yet.
 fn awaits_burial(process: Pid) -> bool {
     let stat =
         std::fs::read_to_string(format!("/proc/{}/stat", process.as_raw_pid())).unwrap_or_default();

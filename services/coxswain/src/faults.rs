@@ -1,4 +1,5 @@
-//! The file of faults: what goes wrong on purpose, on the links, with the processes, in optimiser and learner, and with the robot itself.
+//! The file of faults: injections on the links, in the processes, in optimiser and learner, and in
+//! the robot itself.
 
 mod plant;
 
@@ -13,58 +14,59 @@ use std::time::Duration;
 
 pub use plant::{PlantFault, PlantFaultKind};
 
-/// Most times that one fault can be asked for.
+/// Largest number of repetitions of one fault.
 const TIMES_MAX: u32 = 100_000;
-/// Longest time that can be asked for \[s\].
+/// Longest time in a file of faults \[s\].
 const SECONDS_MAX: f64 = 1e5;
-/// The golden ratio's fraction: its multiples fall evenly over the period, however many there are.
+/// Fraction of the golden ratio: any number of its multiples is spread evenly over the period.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
-/// What a file of faults holds.
+/// Contents of a file of faults.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FaultsFile {
     /// Seed of all random choices.
     #[serde(default)]
     pub seed: u64,
-    /// Of messages, on the links.
+    /// Faults of messages, on the links.
     #[serde(default)]
     pub fault: Vec<Fault>,
-    /// Of processes.
+    /// Faults of processes.
     #[serde(default)]
     pub process: Vec<ProcessFault>,
-    /// Of the controller's optimiser.
+    /// Faults of the controller's optimiser.
     #[serde(default)]
     pub solver: Vec<SolverFault>,
-    /// Of what the learner sends.
+    /// Faults of the learner's snapshots.
     #[serde(default)]
     pub snapshot: Vec<SnapshotFault>,
-    /// Of the robot, and of the floor that it stands on.
+    /// Faults of the robot, and of the floor under it.
     #[serde(default)]
     pub plant: Vec<PlantFault>,
 }
 
-/// Something that happens to a process.
+/// A fault of a process.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProcessFault {
-    /// What.
+    /// Kind.
     pub kind: ProcessFaultKind,
-    /// To whom; of `hog` and `shared-memory` to nobody.
+    /// The affected role; absent for `hog` and `shared-memory`.
     #[serde(default)]
     pub participant: Option<Participant>,
-    /// When for the first time, counted from the first plan \[s\].
+    /// Time of the first injection after the first plan \[s\].
     pub from_s: f64,
-    /// How far apart, if it happens more than once \[s\]. Each one is put off by another part of the control period.
+    /// Interval between injections, if there are several \[s\]. Each one is delayed by another
+    /// fraction of the control period.
     #[serde(default)]
     pub every_s: Option<f64>,
-    /// How often.
+    /// Number of injections.
     #[serde(default = "once")]
     pub times: u32,
-    /// Of `stop`, `hog` and `shared-memory`: how long \[ms\].
+    /// For `stop`, `hog` and `shared-memory`: duration \[ms\].
     #[serde(default)]
     pub millis: Option<u64>,
-    /// Of `memory`, `disk` and `shared-memory`: how much of it there is left \[MiB\].
+    /// For `memory`, `disk` and `shared-memory`: the amount that is left \[MiB\].
     #[serde(default)]
     pub mebibytes: Option<u64>,
 }
@@ -73,7 +75,7 @@ fn once() -> u32 {
     1
 }
 
-/// What can happen to a process.
+/// Kinds of faults of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ProcessFaultKind {
@@ -81,13 +83,13 @@ pub enum ProcessFaultKind {
     Kill,
     /// SIGSTOP, and SIGCONT after a time.
     Stop,
-    /// Every processor of the machine is kept busy for a time.
+    /// All processors of the machine are kept busy for a time.
     Hog,
-    /// No more address space than so much.
+    /// Its address space is limited to this amount.
     Memory,
-    /// No file may grow beyond so much, as on a disk that is full.
+    /// The size of its files is limited to this amount, as on a full disk.
     Disk,
-    /// Somebody else takes all of the machine's shared memory but so much, for a time.
+    /// Another process takes all shared memory of the machine except this amount, for a time.
     SharedMemory,
 }
 
@@ -106,8 +108,8 @@ impl ProcessFaultKind {
 }
 
 impl ProcessFault {
-    /// When it happens, counted from the first plan, for a control period of `period`: swept over the phase of the period from a place
-    /// that `seed` chooses.
+    /// Times of the injections after the first plan, for a control period of `period`. They sweep
+    /// the phase of the period, from a start that depends on `seed`.
     pub fn times(&self, period: Duration, seed: u64) -> impl Iterator<Item = Duration> + use<> {
         let begin = (seed as f64 * GOLDEN).fract();
         let (from_s, every_s) = (self.from_s, self.every_s.unwrap_or(0.0));
@@ -154,23 +156,23 @@ impl ProcessFault {
 }
 
 impl FaultsFile {
-    /// What happens on the links.
+    /// Faults on the links.
     pub fn of_messages(&self) -> Faults {
         Faults { seed: self.seed, process: None, fault: self.fault.clone() }
     }
 
-    /// What happens to the controller's optimiser.
+    /// Faults of the controller's optimiser.
     pub fn of_solver(&self) -> SolverFaults {
         SolverFaults { seed: self.seed, solver: self.solver.clone() }
     }
 
-    /// What happens to the learner's snapshots.
+    /// Faults of the learner's snapshots.
     pub fn of_snapshots(&self) -> SnapshotFaults {
         SnapshotFaults { seed: self.seed, snapshot: self.snapshot.clone() }
     }
 
-    /// The world of `truth`, in which what happens to the robot happens beside what happens there
-    /// anyway. Where there is no simulator nothing can happen to the robot on purpose.
+    /// The world of `truth`, with the faults of the robot in addition to its own. Without a
+    /// simulator no fault of the robot can be injected.
     ///
     /// # Errors
     /// [`Impossible`] if both cannot be in one world.
@@ -197,7 +199,7 @@ impl FaultsFile {
         Ok(Some(world))
     }
 
-    /// How many there are.
+    /// Number of faults.
     pub fn count(&self) -> usize {
         self.fault.len()
             + self.process.len()
@@ -208,7 +210,7 @@ impl FaultsFile {
 }
 
 impl From<Faults> for FaultsFile {
-    /// Of messages alone.
+    /// Only faults of messages.
     fn from(faults: Faults) -> Self {
         Self { seed: faults.seed, fault: faults.fault, ..Self::default() }
     }
@@ -259,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_of_a_process_says_what_it_needs_and_nothing_else() {
+    fn a_fault_of_a_process_has_the_keys_of_its_kind_and_no_others() {
         let refused = |fault: &str| {
             refusal(&format!("[[process]]\nfrom_s = 1.0\n{fault}")).unwrap_or_default()
         };
@@ -293,12 +295,12 @@ mod tests {
         }
         assert!(
             refusal("[[process]]\nfrom_s = -1.0\nkind = \"kill\"\nparticipant = \"plant\"")
-                .is_some_and(|said| said.contains("from_s"))
+                .is_some_and(|text| text.contains("from_s"))
         );
     }
 
     #[test]
-    fn what_happens_often_is_swept_over_the_period() {
+    fn repeated_faults_sweep_the_phase_of_the_period() {
         let kills = ProcessFault {
             kind: ProcessFaultKind::Kill,
             participant: Some(Participant::Controller),

@@ -1,4 +1,4 @@
-//! All processes of a graph: start in order, restart what dies, end in order.
+//! All processes of a graph: start in order, restart after a failure, stop in order.
 
 use crate::assembly::Assembly;
 use crate::back_off::Restarts;
@@ -18,120 +18,122 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-/// How long a process may take to be ready.
+/// Longest time for a process to become ready.
 const READY_WITHIN: Duration = Duration::from_mins(1);
 
-/// A process cannot take part.
+/// Why a process cannot take part.
 #[derive(Debug, thiserror::Error)]
 pub enum FleetError {
     /// Its settings cannot be written.
     #[error(transparent)]
     Settings(#[from] WriteError),
-    /// It cannot be started, or the system does not say how it is.
+    /// It cannot be started, or the system does not report its state.
     #[error("{role}: {source}")]
     System {
-        /// Who.
+        /// Role of the process.
         role: Participant,
-        /// What the system said.
+        /// Error of the operating system.
         source: io::Error,
     },
     /// It ended before it was ready.
     #[error("{role} ended with {ending} before it was ready{last_words}")]
     NeverReady {
-        /// Who.
+        /// Role of the process.
         role: Participant,
-        /// How.
+        /// How it ended.
         ending: Ending,
         /// The end of its log.
         last_words: String,
     },
-    /// It lives, but does not get ready.
+    /// It runs, but does not become ready.
     #[error("{role} was not ready within {READY_WITHIN:?}{last_words}")]
     TooSlow {
-        /// Who.
+        /// Role of the process.
         role: Participant,
         /// The end of its log.
         last_words: String,
     },
-    /// It died more often than its restart policy allows.
+    /// It failed more often than its restart policy allows.
     #[error(
-        "{role} ended with {ending}, and {per_minute} restarts within a minute are the limit{last_words}"
+        "{role} ended with {ending}, \
+         and {per_minute} restarts within a minute are the limit{last_words}"
     )]
     TooManyDeaths {
-        /// Who.
+        /// Role of the process.
         role: Participant,
-        /// How.
+        /// How it ended.
         ending: Ending,
-        /// What the graph allows.
+        /// Limit of the graph.
         per_minute: u32,
         /// The end of its log.
         last_words: String,
     },
 }
 
-/// What was seen on a round.
+/// Result of one round of supervision.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Event {
-    /// The plant has done what it was to do.
+    /// The plant has finished.
     Finished,
-    /// Somebody died, and is started again after a wait.
+    /// A process ended, and is restarted after a wait.
     Died {
-        /// Who.
+        /// Role of the process.
         role: Participant,
-        /// How.
+        /// How it ended.
         ending: Ending,
-        /// How long it waits.
+        /// Time until the restart.
         wait: Duration,
     },
-    /// Somebody lives but has said nothing for too long, and was killed: what is dead is started again.
+    /// A process runs but has sent no heartbeat for too long, and was killed. It is then restarted
+    /// like any other that ended.
     Hung {
-        /// Who.
+        /// Role of the process.
         role: Participant,
-        /// For how long.
+        /// Time without a heartbeat.
         silence: Duration,
     },
-    /// Somebody's loop turns, but on the graph's links nobody hears of it.
+    /// The loop of a process runs, but its heartbeats do not arrive on the graph's links.
     Unheard {
-        /// Who.
+        /// Role of the process.
         role: Participant,
-        /// For so many heartbeats.
+        /// Number of lost heartbeats.
         beats: u64,
     },
-    /// Somebody died once too often whom the robot does not need, and stays down.
+    /// A process that the robot does not need has failed too often, and is not restarted.
     GivenUp {
-        /// Who.
+        /// Role of the process.
         role: Participant,
-        /// How.
+        /// How it ended.
         ending: Ending,
     },
-    /// Somebody who is to be started again could not be.
+    /// A process could not be restarted.
     NotStarted {
-        /// Who.
+        /// Role of the process.
         role: Participant,
-        /// Why.
+        /// Why not.
         trouble: String,
-        /// How long until it is tried anew; nothing, if the robot does without.
+        /// Time until the next attempt; none if the process is not required.
         wait: Option<Duration>,
     },
-    /// Somebody who had died was started again.
+    /// A process was restarted.
     Restarted {
-        /// Who.
+        /// Role of the process.
         role: Participant,
         /// Its epoch is greater than this.
         epoch_floor: u64,
     },
 }
 
-/// What stays the same during a run.
+/// Constants of a run.
 #[derive(Debug)]
 pub struct RunContext {
-    /// What each process is told.
+    /// Settings of each process.
     pub assembly: Assembly,
-    /// How its links run.
+    /// Its links.
     pub links: Links,
-    /// Folder of the binaries.
+    /// Directory of the binaries.
     pub programs: PathBuf,
-    /// Folder of the run.
+    /// Run directory.
     pub folder: PathBuf,
 }
 
@@ -142,11 +144,11 @@ pub struct Fleet<'a> {
     epochs: Epochs,
     members: BTreeMap<Participant, Member>,
     processes_by_role: ProcessesByRole,
-    /// When the round before was.
+    /// Time of the last round.
     tended: Option<Instant>,
 }
 
-/// One role, and who plays it.
+/// One role, and its process.
 #[derive(Debug, Default)]
 struct Member {
     restarts: Restarts,
@@ -160,17 +162,18 @@ enum State {
     #[default]
     Ended,
     Running(Child),
-    /// Dead, to be started again then.
+    /// Ended, with the time of its restart.
     Due(Instant),
 }
 
 impl<'a> Fleet<'a> {
-    /// Nobody yet.
+    /// No process runs yet.
     ///
     /// # Errors
     /// If the epochs of the run cannot be read.
     pub fn new(context: &'a RunContext) -> io::Result<Self> {
-        // A launch that meets others is not the first that they hear of: its epochs are above those of any launch before it.
+        // A launch that joins others uses epochs above those of any earlier launch, because the
+        // others may know those.
         let meets = context.links.network_graph.is_some();
         let since_1970 =
             SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
@@ -188,23 +191,24 @@ impl<'a> Fleet<'a> {
         })
     }
 
-    /// Who plays which role.
+    /// The process of each role.
     pub fn processes_by_role(&self) -> ProcessesByRole {
         self.processes_by_role.clone()
     }
 
-    /// How often somebody was started again.
+    /// Number of restarts of all processes.
     pub fn restarts(&self) -> u64 {
         self.members.values().map(|member| member.restarts.total()).sum()
     }
 
-    /// Process and heartbeats of who plays `role`, once there are any.
+    /// Process id and number of heartbeats of `role`; none before the first heartbeat.
     pub fn heartbeats(&mut self, role: Participant) -> Option<(u32, u64)> {
         let State::Running(child) = &mut self.members.get_mut(&role)?.state else { return None };
         Some((child.pid(), child.heard().beats())).filter(|(_, beats)| *beats > 0)
     }
 
-    /// Starts the process of `role`, with new settings above all epochs that have been. Gives the highest of those.
+    /// Starts the process of `role`, with new settings above all earlier epochs. Returns the
+    /// highest of those.
     ///
     /// # Errors
     /// [`FleetError`].
@@ -238,16 +242,16 @@ impl<'a> Fleet<'a> {
         Ok(epoch_floor)
     }
 
-    /// Whether the process of `role`, started at `since`, has said that it is ready.
+    /// Whether the process of `role`, started at `since`, has reported that it is ready.
     ///
     /// # Errors
-    /// [`FleetError`] if it has died, or does not get ready.
+    /// [`FleetError`] if it has ended, or does not become ready in time.
     pub fn is_ready(&mut self, role: Participant, since: Instant) -> Result<bool, FleetError> {
         let Some(member) = self.members.get_mut(&role) else { return Ok(false) };
         let State::Running(child) = &mut member.state else { return Ok(false) };
         if let Some(ending) = bury(&self.processes_by_role, child)? {
             member.state = State::Ended;
-            // One that ended by itself cannot; one that was killed may be able to.
+            // A process that failed by itself fails again. One that was killed may become ready.
             let policy = self.context.assembly.graph.processes.of(role).restart_policy();
             if ending.is_kill() && member.restarts.after_death(&policy, Instant::now()).is_some() {
                 tracing::warn!(%role, %ending, "ended before it was ready, and is started again");
@@ -276,10 +280,10 @@ impl<'a> Fleet<'a> {
         Ok(ready)
     }
 
-    /// Takes note of who died, and starts again whose wait is over.
+    /// Records the processes that have ended, and restarts those whose wait is over.
     ///
     /// # Errors
-    /// [`FleetError`] if the run cannot go on.
+    /// [`FleetError`] if the run cannot continue.
     pub fn tend(&mut self, view: &View, now: Instant) -> Result<Vec<Event>, FleetError> {
         let mut events = Vec::new();
         let round = self
@@ -290,7 +294,8 @@ impl<'a> Fleet<'a> {
         for (&role, member) in &mut self.members {
             let State::Running(child) = &mut member.state else { continue };
             let Some(ending) = bury(&self.processes_by_role, child)? else {
-                // In lock step whoever waits is silent, and its patience ends the run.
+                // In lock step a process that waits sends no heartbeat, and its own timeout ends
+                // the run.
                 let patience = self.context.assembly.graph.processes.hung_after(role);
                 let beats = child.heard().beats();
                 if real_time
@@ -313,7 +318,7 @@ impl<'a> Fleet<'a> {
             }
             let policy = self.context.assembly.graph.processes.of(role).restart_policy();
             let Some(wait) = member.restarts.after_death(&policy, now) else {
-                // In lock step the others wait for a learner and a recorder for ever.
+                // In lock step the other processes would wait forever for a learner or a recorder.
                 if role == Participant::Gateway || real_time && !is_needed(role) {
                     events.push(Event::GivenUp { role, ending });
                     continue;
@@ -329,7 +334,7 @@ impl<'a> Fleet<'a> {
             member.state = State::Due(now + wait);
             events.push(Event::Died { role, ending, wait });
         }
-        // A plant of another launch ends the run as well.
+        // The end of a plant in another launch ends the run too.
         let elsewhere = !self.members.contains_key(&Participant::Plant);
         if elsewhere
             && view.health(Participant::Plant).is_some_and(|health| health.phase == Phase::Finished)
@@ -346,7 +351,8 @@ impl<'a> Fleet<'a> {
         Ok(events)
     }
 
-    /// Somebody cannot be started again, on a full disk for instance: it is tried anew as if he had died, as often as that is allowed.
+    /// A process could not be restarted, for example on a full disk. The attempt counts as a
+    /// failure: it is repeated as often as the restart policy allows.
     fn postpone(
         &mut self,
         role: Participant,
@@ -364,15 +370,16 @@ impl<'a> Fleet<'a> {
         }
     }
 
-    /// Those whose wait is over.
+    /// Roles whose wait is over.
     fn due(&self, now: Instant) -> Vec<Participant> {
         let is_due = |member: &Member| matches!(member.state, State::Due(time) if time <= now);
         self.members.iter().filter(|(_, member)| is_due(member)).map(|(&role, _)| role).collect()
     }
 
-    /// Ends everybody in order, each row within `patience`, then by force. `hurry` says whether somebody wants it at once.
+    /// Stops all processes in order. Each group has the time `patience` to stop, then it is killed.
+    /// `hurry` returns whether an operator requests an immediate end.
     ///
-    /// Gives a sentence for each who did not end as it should.
+    /// Returns one sentence for each process that did not stop correctly.
     pub fn end(
         &mut self,
         patience: impl Fn(Participant) -> Duration,
@@ -426,7 +433,7 @@ fn bury(
     Ok(ending)
 }
 
-/// Where a process finds what it is told.
+/// Settings file of a process.
 pub fn settings_file(folder: &Path, role: Participant) -> PathBuf {
     folder.join("settings").join(format!("{}.toml", role.text()))
 }

@@ -1,37 +1,38 @@
-//! The folder of one run: settings, logs, record, summary.
+//! The run directory: settings, logs, record, summary.
 
 use crate::private::{self, NotPrivate};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 use std::{fs, io};
 
-/// Where runs go unless a person says otherwise.
+/// Default parent of run directories.
 const RUNS: &str = "runs";
 
-/// The folder of a run cannot be used.
+/// Why a run directory cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
-    /// It would mix two runs.
+    /// It is not empty, and would contain two runs.
     #[error("--out {}: expected a new or empty folder", folder.display())]
     NotEmpty {
-        /// The folder.
+        /// The directory.
         folder: PathBuf,
     },
-    /// Somebody else could read or change what the run keeps there.
+    /// Other users could read or change its contents.
     #[error("{0}; or name another folder with --out")]
     NotPrivate(#[from] NotPrivate),
-    /// It cannot be made.
+    /// It cannot be created.
     #[error("the folder {} cannot be made: {source}", folder.display())]
     Unusable {
-        /// The folder.
+        /// The directory.
         folder: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
 
-/// Makes the folder of a run: `out`, which must be new, or empty and of this user alone, or one of its own that names time, scenario and graph.
-/// Absolute. Nobody else can enter it.
+/// Creates the run directory and returns its absolute path. `out` must be new, or empty and private
+/// to this user. Without `out` the name contains time, scenario and graph. No other user can enter
+/// it.
 ///
 /// # Errors
 /// [`FolderError`].
@@ -43,7 +44,8 @@ pub fn create(out: Option<&Path>, scenario: &str, id: &str) -> Result<PathBuf, F
     let unusable = |source| FolderError::Unusable { folder: folder.clone(), source };
     check(&folder)?;
     private::make(&folder)?;
-    // Of two that begin at the same moment, both find it empty, and one makes this.
+    // Two launches that start at the same time both find the directory empty. Only one creates
+    // this.
     fs::create_dir(folder.join("settings")).map_err(|source| match source.kind() {
         io::ErrorKind::AlreadyExists => FolderError::NotEmpty { folder: folder.clone() },
         _ => unusable(source),
@@ -51,10 +53,10 @@ pub fn create(out: Option<&Path>, scenario: &str, id: &str) -> Result<PathBuf, F
     folder.canonicalize().map_err(unusable)
 }
 
-/// Whether a run may go into `folder`. Makes nothing.
+/// Checks that a run may use `folder`. Creates nothing.
 ///
 /// # Errors
-/// [`FolderError`] if it is there and not empty, or not of this user alone.
+/// [`FolderError`] if it exists and is not empty, or not private to this user.
 pub fn check(folder: &Path) -> Result<(), FolderError> {
     if fs::symlink_metadata(folder).is_err_and(|error| error.kind() == io::ErrorKind::NotFound) {
         return Ok(());
@@ -80,9 +82,10 @@ pub(crate) fn utc(time: SystemTime) -> String {
     )
 }
 
-/// Year, month and day of the Gregorian calendar, so many days after 1970-01-01.
+/// Year, month and day of the Gregorian calendar, `days` days after 1970-01-01.
 ///
-/// Reference: Hinnant, *chrono-compatible low-level date algorithms*, `civil_from_days`: years begin in March, so that the leap day is last.
+/// Reference: Hinnant, *chrono-compatible low-level date algorithms*, `civil_from_days`: years
+/// begin in March, so that the leap day is last.
 fn civil_date(days: u64) -> (u64, u64, u64) {
     let since_0000_03 = days + 719_468;
     let era = since_0000_03 / 146_097;
@@ -102,7 +105,7 @@ mod tests {
     use std::time::Duration;
 
     #[test]
-    fn a_time_is_that_of_the_calendar() {
+    fn a_time_is_formatted_by_the_gregorian_calendar() {
         let at = |seconds| utc(SystemTime::UNIX_EPOCH + Duration::from_secs(seconds));
         assert_eq!(at(0), "19700101T000000Z");
         assert_eq!(at(951_782_399), "20000228T235959Z");
@@ -111,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn of_many_runs_that_begin_at_the_same_moment_one_gets_the_folder()
+    fn only_one_of_several_simultaneous_runs_gets_the_directory()
     -> Result<(), Box<dyn std::error::Error>> {
         for _ in 0..20 {
             let parent = tempfile::tempdir()?;

@@ -15,40 +15,41 @@ use settings::{Check, Impossible};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// What a graph file holds.
+/// Contents of a graph file.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Graph {
-    /// A person's name for it.
+    /// Name of the graph.
     pub name: String,
     /// Robot file, relative to the graph file.
     pub robot: PathBuf,
     /// Scenario file, relative to the graph file.
     pub scenario: PathBuf,
-    /// Whose time it is.
+    /// Source of the time.
     pub pace: Pace,
-    /// Whether the gate of its plant starts armed; else the wheels stand until `coxswain arm`.
+    /// Whether the gate of its plant starts armed. If not, the wheels do not move until `coxswain
+    /// arm`.
     #[serde(default = "armed")]
     pub armed: bool,
-    /// In lock step: how long a writer waits for a reader that makes no room, before it gives up \[ms\].
+    /// In lock step: time after which a writer gives up if a reader frees no space \[ms\].
     #[serde(default = "lock_step_patience_millis")]
     pub lock_step_patience_millis: u64,
-    /// What each link runs over: `default`, or the name of a topic.
+    /// Carrier of each link: key `default`, or the name of a topic.
     pub links: Carriers,
-    /// How it takes part in the network, for the links that run over it.
+    /// Network settings, for the links that run over the network.
     #[serde(default)]
     pub network: Network,
-    /// Where the certificates are by which its processes know each other on the network; without it nothing there is encrypted, and addresses
-    /// of this machine alone are used.
+    /// Where the certificates are that authenticate its processes on the network. Without them
+    /// nothing on the network is encrypted, and only addresses of this machine are used.
     #[serde(default)]
     pub certificates: Option<CertificatesTable>,
-    /// Where the gateway listens for watchers, and how the robot is called.
+    /// Where the gateway listens for watchers, and the name of the robot.
     #[serde(default)]
     pub telemetry: TelemetrySettings,
-    /// How often the gateway shows each topic \[Hz\].
+    /// Rate at which the gateway publishes each topic \[Hz\].
     #[serde(default)]
     pub rates: Rates,
-    /// Where the gateway serves the live page; without this table it serves none.
+    /// Where the gateway serves the live page. Without this table it serves none.
     #[serde(default)]
     pub page: PageSettings,
     /// Its processes.
@@ -56,17 +57,19 @@ pub struct Graph {
     pub processes: Processes,
 }
 
-/// How a launch takes part in the network: its processes join its own router, and the routers of launches that meet join each other.
+/// Network settings of a launch: its processes connect to its own router, and the routers of
+/// launches that meet connect to each other.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Network {
-    /// Endpoints where the router listens. Port 0 is any that is free.
+    /// Endpoints where the router listens. Port 0 is any free port.
     pub listen: Vec<String>,
-    /// Endpoints of the routers of other launches, which are tried until they answer.
+    /// Endpoints of the routers of other launches. The router retries them until they reply.
     pub connect: Vec<String>,
-    /// Name under which launches meet. Without it a launch keeps to itself.
+    /// Name under which launches meet. Without it a launch connects to no other.
     pub graph: Option<String>,
-    /// How much older than 1.5 periods the state of a command may be because of the way that both go \[ms\].
+    /// Age, in addition to 1.5 periods, that the state of a command may have because of the delay
+    /// of the network in both directions \[ms\].
     pub delay_millis: u64,
 }
 
@@ -113,7 +116,8 @@ impl Network {
     }
 }
 
-/// Whether `text` names a protocol, a host and a port, and nothing else: behind them it could say that certificates need not be looked at.
+/// Whether `text` consists of a protocol, a host and a port, and nothing else. Further text could
+/// switch off the check of certificates.
 pub fn is_endpoint(text: &str) -> bool {
     let parts = text
         .split_once('/')
@@ -132,11 +136,11 @@ fn lock_step_patience_millis() -> u64 {
     10_000
 }
 
-/// Silence of whom the robot needs \[ms\]: four heartbeats.
+/// Time without a heartbeat for processes that the robot needs \[ms\]: four heartbeats.
 const NEEDED_HUNG_AFTER_MILLIS: u64 = 400;
-/// Two heartbeats may be late \[ms\].
+/// Shortest such time \[ms\]: two heartbeats may be late.
 const HUNG_AFTER_LEAST_MILLIS: u64 = 300;
-/// Silence of others \[ms\].
+/// Time without a heartbeat for other processes \[ms\].
 const HUNG_AFTER_MILLIS: u64 = 2500;
 
 /// Whether the robot cannot be driven without `role`.
@@ -144,7 +148,7 @@ pub fn is_needed(role: Participant) -> bool {
     matches!(role, Participant::Plant | Participant::Controller)
 }
 
-/// How each process is treated.
+/// Settings of each process.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Processes {
@@ -156,7 +160,8 @@ pub struct Processes {
     pub learner: Treatment,
     /// Writes the record.
     pub recorder: Treatment,
-    /// Shows the robot to watchers; of all processes the only one that is not started unless the graph says so.
+    /// Publishes telemetry for watchers. The only process that is not started unless the graph
+    /// enables it.
     pub gateway: Treatment,
 }
 
@@ -174,21 +179,24 @@ impl Default for Processes {
     }
 }
 
-/// How one process is treated.
+/// Settings of one process.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Treatment {
-    /// Whether it is started at all.
+    /// Whether it is started.
     pub enabled: bool,
-    /// Most restarts within a minute; one more death ends the run of whom the robot needs, and leaves it without others.
+    /// Largest number of restarts within a minute. One more failure ends the run if the robot needs
+    /// the process. Otherwise the run continues without it.
     pub restarts_per_minute: u32,
-    /// Wait before the second restart within a minute, doubled with each further one \[ms\]. The first has no wait.
+    /// Wait before the second restart within a minute, doubled for each further one \[ms\]. The
+    /// first restart has no wait.
     pub back_off_millis: u64,
     /// Longest wait before a restart \[ms\].
     pub back_off_max_millis: u64,
-    /// In real time: silence after which it is taken to hang, and is killed \[ms\]. By default 400 of whom the robot needs, and 2500 of others.
+    /// In real time: time without a heartbeat after which the process counts as hung and is killed
+    /// \[ms\]. By default 400 for processes that the robot needs, and 2500 for others.
     pub hung_after_millis: Option<u64>,
-    /// How the system is to treat it.
+    /// Scheduling settings for the operating system.
     pub scheduling: Scheduling,
 }
 
@@ -206,7 +214,7 @@ impl Default for Treatment {
 }
 
 impl Treatment {
-    /// When it is started again.
+    /// When it is restarted.
     pub fn restart_policy(&self) -> RestartPolicy {
         RestartPolicy {
             per_minute: self.restarts_per_minute,
@@ -217,13 +225,13 @@ impl Treatment {
 }
 
 impl Processes {
-    /// Silence after which the process of `role` is taken to hang.
+    /// Time without a heartbeat after which the process of `role` counts as hung.
     pub fn hung_after(&self, role: Participant) -> Duration {
         let default = if is_needed(role) { NEEDED_HUNG_AFTER_MILLIS } else { HUNG_AFTER_MILLIS };
         Duration::from_millis(self.of(role).hung_after_millis.unwrap_or(default))
     }
 
-    /// How `role` is treated.
+    /// Settings of `role`.
     pub fn of(&self, role: Participant) -> &Treatment {
         match role {
             Participant::Plant => &self.plant,
@@ -279,14 +287,16 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    const GOOD: &str = "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\npace = \"real-time\"\n[links]\ndefault = \"shared-memory\"\n";
+    const GOOD: &str = "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\n\
+                        pace = \"real-time\"\
+     \n[links]\ndefault = \"shared-memory\"\n";
 
     fn refusal(text: &str) -> Option<String> {
         settings::parse::<Graph>(text, Path::new("g.toml")).err().map(|error| error.to_string())
     }
 
     #[test]
-    fn a_graph_need_not_say_how_each_process_is_treated() {
+    fn settings_of_processes_are_optional_in_a_graph() {
         assert_eq!(refusal(GOOD), None);
         assert_eq!(
             refusal(&format!(
@@ -297,33 +307,35 @@ mod tests {
     }
 
     #[test]
-    fn a_link_that_is_no_topic_is_refused() {
+    fn a_link_that_is_not_a_topic_is_rejected() {
         let topics = "state, command, residual, snapshot, plan, health, truth, credit";
         assert_eq!(
             refusal(&format!("{GOOD}stat = \"shared-memory\"\n")),
             Some(format!(
-                "g.toml:7: links.stat = \"shared-memory\": expected default or a topic for the name of a link: {topics}"
+                "g.toml:7: links.stat = \"shared-memory\": \
+                 expected default or a topic for the name of a link: {topics}"
             ))
         );
     }
 
     #[test]
-    fn an_endpoint_or_a_meeting_that_cannot_be_is_refused() {
+    fn invalid_endpoints_and_network_settings_are_rejected() {
         let refused =
             |network: &str| refusal(&format!("{GOOD}[network]\n{network}\n")).unwrap_or_default();
         assert_eq!(
             refused(
-                "listen = [\"tcp/0.0.0.0:7447\"]\nconnect = [\"tcp/10.0.0.2:7447\"]\ngraph = \"mecanum\"\ndelay_millis = 5"
+                "listen = [\"tcp/0.0.0.0:7447\"]\nconnect = [\"tcp/10.0.0.2:7447\"]\
+                 \ngraph = \"mecanum\"\ndelay_millis = 5"
             ),
             ""
         );
         for endpoint in
             ["7447", "tcp/7447", "udp/127.0.0.1:7447", "tcp/127.0.0.1:70000", "tcp/:7447"]
         {
-            let said = refused(&format!("listen = [\"{endpoint}\"]"));
+            let text = refused(&format!("listen = [\"{endpoint}\"]"));
             assert!(
-                said.contains("g.toml:8: network.listen") && said.contains("tcp/127.0.0.1:7447"),
-                "{said}"
+                text.contains("g.toml:8: network.listen") && text.contains("tcp/127.0.0.1:7447"),
+                "{text}"
             );
         }
         assert!(
@@ -339,22 +351,23 @@ mod tests {
     }
 
     #[test]
-    fn a_page_at_no_address_is_refused() {
+    fn a_page_without_a_valid_address_is_rejected() {
         assert_eq!(refusal(&format!("{GOOD}[page]\nlisten = \"off\"\n")), None);
         assert!(
             refusal(&format!("{GOOD}[page]\n"))
-                .is_some_and(|told| told.contains("page.listen is missing"))
+                .is_some_and(|text| text.contains("page.listen is missing"))
         );
         assert_eq!(
             refusal(&format!("{GOOD}[page]\nlisten = \"8080\"\n")).as_deref(),
             Some(
-                "g.toml:8: page.listen = \"8080\": expected an address and a port such as 127.0.0.1:8080, or off"
+                "g.toml:8: page.listen = \"8080\": \
+                 expected an address and a port such as 127.0.0.1:8080, or off"
             )
         );
     }
 
     #[test]
-    fn a_priority_for_whom_no_command_waits_is_refused() {
+    fn a_priority_for_a_process_off_the_control_path_is_rejected() {
         let refused = |role: &str, keys: &str| {
             refusal(&format!("{GOOD}[processes.{role}.scheduling]\n{keys}\n")).unwrap_or_default()
         };
@@ -362,12 +375,12 @@ mod tests {
             refused("controller", "processors = [1]\nlock_memory = true\nreal_time_priority = 20"),
             ""
         );
-        let said = refused("learner", "real_time_priority = 20");
+        let text = refused("learner", "real_time_priority = 20");
         assert!(
-            said.contains(
+            text.contains(
                 "g.toml:8: processes.learner.scheduling.real_time_priority = 20: expected nothing"
             ),
-            "{said}"
+            "{text}"
         );
         assert!(
             refused("plant", "real_time_priority = 99")
@@ -376,11 +389,12 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_process_is_refused() {
+    fn an_unknown_process_is_rejected() {
         assert_eq!(
             refusal(&format!("{GOOD}[processes.lerner]\n")).as_deref(),
             Some(
-                "g.toml:7: processes.lerner = a table: unknown key, expected one of plant, controller, learner, recorder, gateway"
+                "g.toml:7: processes.lerner = a table: unknown key, \
+                 expected one of plant, controller, learner, recorder, gateway"
             )
         );
     }

@@ -1,6 +1,8 @@
-//! The whole graph in one process, over memory, in lock step: the very code of the processes, each on a thread of its own.
+//! The whole graph in one process, over memory, in lock step: the same code as in the processes,
+//! each on a thread of its own.
 //!
-//! It gives the bits of the processes, without their start-up. Files go to the same places of a run's folder.
+//! Its results are the same bits as those of the processes, without their start-up time. Files go
+//! to the same places of the run directory.
 
 use crate::assembly::Assembly;
 use crate::experiment::oracle::Oracle;
@@ -15,27 +17,27 @@ use std::path::Path;
 use std::thread::{self, ScopedJoinHandle};
 use std::time::Duration;
 
-/// How long a writer waits for a reader that does not read.
+/// Longest wait of a writer for a reader that does not read.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// How often the ends of the threads are looked for.
+/// Interval between two checks whether a thread has ended.
 const ROUND: Duration = Duration::from_millis(1);
 
-/// The graph did not come to its end.
+/// Why the graph did not finish.
 #[derive(Debug, thiserror::Error)]
 pub enum InProcessError {
-    /// The plant.
+    /// Error of the plant.
     #[error("plant: {0}")]
     Plant(#[from] driver::RunError),
-    /// The controller.
+    /// Error of the controller.
     #[error("controller: {0}")]
     Controller(#[from] controller::run::RunError),
-    /// The learner.
+    /// Error of the learner.
     #[error("learner: {0}")]
     Learner(#[from] learner::run::RunError),
-    /// The recorder.
+    /// Error of the recorder.
     #[error("recorder: {0}")]
     Recorder(#[from] recorder::run::RecorderError),
-    /// A port.
+    /// Error of a port.
     #[error(transparent)]
     Open(#[from] OpenError),
     /// A thread ended with a panic.
@@ -43,7 +45,8 @@ pub enum InProcessError {
     Died(&'static str),
 }
 
-/// Runs `assembly` to its end in lock step, records it, and sums it up. `folder` must exist and be empty.
+/// Runs `assembly` to its end in lock step, records it, and returns the summary. `folder` must
+/// exist and be empty.
 ///
 /// # Errors
 /// [`InProcessError`].
@@ -54,8 +57,9 @@ pub fn run(assembly: &Assembly, folder: &Path) -> Result<Summary, InProcessError
     .map_err(InProcessError::from)
 }
 
-/// Runs `assembly` to its end in lock step, while `witness` listens on a thread of its own: it plays the part of the recorder, says by its
-/// health when it is ready, and ends when it is asked to. Gives what the witness gives.
+/// Runs `assembly` to its end in lock step, while `witness` receives on a thread of its own. The
+/// witness replaces the recorder: it reports by its Health that it is ready, and stops on request.
+/// Returns the result of the witness.
 ///
 /// # Errors
 /// [`InProcessError`].
@@ -67,7 +71,7 @@ pub fn drive<W: Send>(
     let exchange = Exchange::new(true, PATIENCE);
     let mut links = assembly.links("in-process", folder, &[]);
     links.lock_step = true;
-    let told = Run {
+    let run = Run {
         log: assembly.log.clone(),
         ..Run::new(folder, assembly.scenario.period_nanos(), links)
     };
@@ -80,12 +84,12 @@ pub fn drive<W: Send>(
         Ready { healths: Ports::in_memory(&exchange, identity()).source(Since::First)? };
     thread::scope(|scope| {
         let recorder = {
-            let (told, stop) = (told.clone(), record.clone());
-            scope.spawn(move || witness(&ports(Participant::Recorder, identity()), &told, &stop))
+            let (run, stop) = (run.clone(), record.clone());
+            scope.spawn(move || witness(&ports(Participant::Recorder, identity()), &run, &stop))
         };
         ready.wait_for(Participant::Recorder, || recorder.is_finished());
         let learner = assembly.learns().then(|| {
-            let (settings, stop) = (assembly.learner(told.clone()), others.clone());
+            let (settings, stop) = (assembly.learner(run.clone()), others.clone());
             scope.spawn(move || {
                 learner::run::run(&settings, &ports(Participant::Learner, identity()), &stop)
             })
@@ -95,7 +99,7 @@ pub fn drive<W: Send>(
         }
         let controller = {
             let (settings, foresight, stop) =
-                (assembly.controller(told.clone()), foresight(assembly), others.clone());
+                (assembly.controller(run.clone()), foresight(assembly), others.clone());
             let connect = move |identity| Ok(ports(Participant::Controller, identity));
             scope.spawn(move || {
                 controller::run::run_foreseeing(&settings, foresight, connect, &stop)
@@ -103,7 +107,7 @@ pub fn drive<W: Send>(
         };
         ready.wait_for(Participant::Controller, || controller.is_finished());
         let plant = {
-            let (settings, stop) = (assembly.plant(told.clone()), others.clone());
+            let (settings, stop) = (assembly.plant(run.clone()), others.clone());
             let identity = identity();
             scope.spawn(move || {
                 plant_sim::run(&settings, &ports(Participant::Plant, identity), identity, &stop)
@@ -121,7 +125,7 @@ pub fn drive<W: Send>(
         let plant = plant.join();
         let controller = controller.join();
         let learner = learner.map(ScopedJoinHandle::join);
-        // All threads are asked to end before the first error is returned.
+        // All threads are requested to stop before the first error is returned.
         record.request();
         let witnessed = recorder.join().map_err(|_| InProcessError::Died("recorder"))?;
         controller.map_err(|_| InProcessError::Died("controller"))??;
@@ -133,20 +137,20 @@ pub fn drive<W: Send>(
     })
 }
 
-/// For a controller that is an oracle, what it knows.
+/// Future knowledge, for a controller that is an oracle.
 fn foresight(assembly: &Assembly) -> Option<Box<dyn Foresight>> {
     let Scenario { truth, mpc, .. } = &assembly.scenario;
     let truth = truth.as_ref().filter(|_| mpc.method == Method::Oracle)?;
     Some(Box::new(Oracle::new(truth, assembly.scenario.period_nanos())))
 }
 
-/// Knows who is ready.
+/// Receives which participants are ready.
 struct Ready {
     healths: Source<Health>,
 }
 
 impl Ready {
-    /// Waits until `participant` says that it is ready, or has ended.
+    /// Waits until `participant` reports that it is ready, or has ended.
     fn wait_for(&mut self, participant: Participant, ended: impl Fn() -> bool) {
         while !ended() {
             while let Ok(Some(health)) = self.healths.next() {

@@ -1,7 +1,8 @@
-//! One run from reading to sweeping.
+//! One run, from reading its files to removing its remains.
 //!
-//! Everything is read and checked before anything is made. Whatever happens from then on, the same way leads out: the robot first, the
-//! recorder last, then the graph is swept.
+//! Everything is read and checked before any file or process is created. From then on every run
+//! ends in the same order: first the robot, last the recorder, then the graph is removed from the
+//! machine.
 
 use crate::assembly::{Assembly, missing_programs};
 use crate::closing::Closing;
@@ -37,56 +38,60 @@ use tracing_subscriber::Layer;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// How often the launcher looks after its processes.
+/// Interval between two rounds of supervision.
 const ROUND: Duration = Duration::from_millis(20);
-/// How often shared memory that the processes have made since is claimed.
+/// Interval between two claims of shared memory that the processes have created since.
 const CLAIMS_EVERY: Duration = Duration::from_millis(200);
-/// How long a process may take to end when asked to.
+/// Longest time for a process to stop after the request.
 const ENDS_WITHIN: Duration = Duration::from_secs(5);
-/// How long the recorder may take, which has to read the whole record.
+/// Longest time for the recorder to stop: it reads the whole record.
 const RECORDER_ENDS_WITHIN: Duration = Duration::from_mins(2);
 
-/// A graph was not launched, or its run did not end well.
+/// Why a graph was not launched, or its run did not end correctly.
 #[derive(Debug, thiserror::Error)]
 pub enum LaunchError {
-    /// A file says something impossible.
+    /// A file contains an invalid value.
     #[error(transparent)]
     Settings(#[from] SettingsError),
-    /// The folder of the run cannot be used.
+    /// The run directory cannot be used.
     #[error(transparent)]
     Folder(#[from] FolderError),
-    /// Not everything has been built.
-    #[error("{} not found in {}: build with `cargo build --release --workspace --bins`", programs.join(", "), folder.display())]
+    /// Some binaries are not built.
+    #[error(
+        "{} not found in {}: build with `cargo build --release --workspace --bins`",
+        programs.join(", "),
+        folder.display()
+    )]
     MissingPrograms {
-        /// What is missing.
+        /// The missing binaries.
         programs: Vec<&'static str>,
-        /// Where it should be.
+        /// Directory where they are expected.
         folder: PathBuf,
     },
-    /// No place for the graph on this machine.
+    /// The graph cannot be registered on this machine.
     #[error(transparent)]
     Registry(#[from] RegistryError),
-    /// The launcher itself cannot join.
+    /// The launcher cannot open its own ports.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// Strangers would be let in.
+    /// The network would accept unauthenticated peers.
     #[error("nothing was started: {0}")]
     Breach(#[from] Breach),
     /// A process failed.
     #[error(transparent)]
     Fleet(#[from] FleetError),
-    /// The run was recorded or ended otherwise than it should.
+    /// The run was not recorded correctly, or did not end correctly.
     #[error("{}", complaints.join("\n"))]
     Ending {
-        /// One sentence each.
+        /// One sentence per error.
         complaints: Vec<String>,
     },
-    /// The system refuses.
+    /// Error of the operating system.
     #[error("{what}: {source}")]
     System {
-        /// What was tried.
+        /// The operation that failed.
         what: &'static str,
-        /// What the system said.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
@@ -94,14 +99,14 @@ pub enum LaunchError {
 /// Why a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// The plant has done what it was to do.
+    /// The plant has finished.
     Finished,
-    /// Somebody asked for it, by this signal.
+    /// This signal requested the end.
     Signal(i32),
 }
 
 impl Outcome {
-    /// 0, or 128 and the signal, as shells do.
+    /// 0, or 128 plus the signal's number, as in shells.
     pub fn exit_code(self) -> ExitCode {
         match self {
             Self::Finished => ExitCode::SUCCESS,
@@ -113,7 +118,7 @@ impl Outcome {
 }
 
 impl LaunchError {
-    /// 2 if nothing was started because of what a person set, else 1.
+    /// 2 if nothing was started because of an invalid setting, else 1.
     pub fn exit_code(&self) -> ExitCode {
         match self {
             Self::Settings(_)
@@ -125,10 +130,10 @@ impl LaunchError {
     }
 }
 
-/// Launches a graph, looks after it, and ends it.
+/// Launches a graph, supervises it, and stops it.
 ///
 /// # Errors
-/// [`LaunchError`]. Nothing is left running or in shared memory then either.
+/// [`LaunchError`]. No process is then left running, and nothing is left in shared memory.
 pub fn run(options: &Options) -> Result<Outcome, LaunchError> {
     keep_to_user();
     let assembly = Assembly::read(options)?;
@@ -162,7 +167,8 @@ pub fn run(options: &Options) -> Result<Outcome, LaunchError> {
     outcome
 }
 
-/// Whoever launches: asks by signals, and is told on the terminal, and as a service manager in its own way.
+/// Connections to the operator: signals request the end; the terminal shows messages; a service
+/// manager receives the state in its own protocol.
 #[derive(Debug)]
 struct Person {
     signals: Signals,
@@ -171,20 +177,20 @@ struct Person {
 }
 
 impl Person {
-    /// The signal by which the end was asked for since the last look.
+    /// The signal that has requested the end since the last call.
     fn asks_to_end(&mut self) -> Option<i32> {
         self.signals.pending().next()
     }
 }
 
-/// How a run ended, and who did not end as it should.
+/// How a run ended, with one sentence for each process that did not stop correctly.
 #[derive(Debug)]
 struct Ended {
     outcome: Result<Outcome, LaunchError>,
     complaints: Vec<String>,
 }
 
-/// The run, from its folder to its last process, in a place that exists.
+/// The run, from creating its directory to its last process, for a registered graph.
 fn run_at(
     entry: &GraphEntry,
     mut assembly: Assembly,
@@ -205,7 +211,7 @@ fn run_at(
     for exposed in &assembly.exposed {
         person.terminal.say(format_args!("INSECURE: {exposed}"));
     }
-    // Before there is a log: it is that of the run itself.
+    // Before the log is opened: the log belongs to the run itself.
     if without_learning::is_wanted(&assembly) {
         match without_learning::run(&assembly, &folder) {
             Ok(file) => assembly.without_learning = Some(file),
@@ -218,10 +224,15 @@ fn run_at(
     for exposed in &assembly.exposed {
         tracing::warn!("insecure: {exposed}");
     }
-    tracing::info!(graph = entry.id(), scenario = %assembly.scenario_name, learner = assembly.learns(), "launching");
+    tracing::info!(
+        graph = entry.id(),
+        scenario = %assembly.scenario_name,
+        learner = assembly.learns(),
+        "launching"
+    );
     let router = assembly.networked().then(|| open_router(&assembly, entry.id())).transpose()?;
     if let Some(router) = router.as_ref().filter(|_| assembly.certificates.is_some()) {
-        // Nothing has been started yet: the robot stays where it is.
+        // No process has been started yet, so the robot cannot move.
         refusals::unlogged(|| router.self_test())?;
         tracing::info!("strangers are kept out of the network");
     }
@@ -233,7 +244,7 @@ fn run_at(
     let endpoints = router.as_ref().map(Router::own_endpoints).unwrap_or_default();
     let links = assembly.links(entry.id(), &entry.root(), endpoints);
     let context = RunContext { assembly, links, programs, folder };
-    // From here on it can be asked for changes.
+    // From here on the run accepts requests to change its settings.
     requests::welcome(&context.folder).and_then(|()| entry.note_run(&context.folder)).map_err(
         |source| {
             let what = "the place for changes while it runs";
@@ -246,7 +257,8 @@ fn run_at(
     if complaints.is_empty() { Ok(outcome) } else { Err(LaunchError::Ending { complaints }) }
 }
 
-/// What is open without certificates: nobody is asked who he is, but nobody is heard either who is not on this machine.
+/// Access without certificates: peers are not authenticated, but only processes on this machine can
+/// connect.
 fn within_reach(assembly: &Assembly) -> Option<&'static str> {
     if assembly.networked() {
         Some("network: this machine alone (no certificates); each of its users can drive the robot")
@@ -257,7 +269,8 @@ fn within_reach(assembly: &Assembly) -> Option<&'static str> {
     }
 }
 
-/// A router whose threads go first in real time, since states and commands pass through it; what this process starts does not.
+/// A router whose threads have real-time priority in real time, because states and commands pass
+/// through it. Processes that the launcher starts do not inherit that priority.
 fn open_router(assembly: &Assembly, id: &str) -> Result<Router, OpenError> {
     let open = || {
         if assembly.graph.pace == Pace::RealTime {
@@ -276,7 +289,7 @@ fn open_router(assembly: &Assembly, id: &str) -> Result<Router, OpenError> {
     thread::scope(|scope| scope.spawn(open).join()).unwrap_or_else(|panic| resume_unwind(panic))
 }
 
-/// Starts, looks after, and ends the processes.
+/// Starts, supervises, and stops the processes.
 fn run_processes(context: &RunContext, person: &mut Person) -> Result<Ended, LaunchError> {
     let mut fleet = Fleet::new(context)
         .map_err(|source| LaunchError::System { what: "the epochs of the run", source })?;
@@ -306,14 +319,16 @@ fn run_processes(context: &RunContext, person: &mut Person) -> Result<Ended, Lau
     Ok(Ended { outcome, complaints })
 }
 
-/// Starts everybody, each when the one before is ready. An outcome only if the run is over before it began.
+/// Starts all processes, each after the one before is ready. Returns an outcome only if the run
+/// ends before the robot drives.
 fn start(
     fleet: &mut Fleet<'_>,
     context: &RunContext,
     person: &mut Person,
 ) -> Result<Option<Outcome>, LaunchError> {
-    // A gateway only looks on: in real time it starts beside the others, and is waited for when the robot drives; with certificates before, since
-    // it is ready when it has found strangers kept out.
+    // A gateway only reads. In real time it starts in parallel to the others, and the launcher
+    // waits for it while the robot drives. With certificates the launcher waits for it before that:
+    // a gateway is ready only after its test that unauthenticated peers are rejected.
     let real_time = context.assembly.graph.pace == Pace::RealTime;
     let (beside, mut order): (Vec<_>, Vec<_>) =
         context.assembly.roles().partition(|&role| real_time && role == Participant::Gateway);
@@ -326,7 +341,7 @@ fn start(
             .position(|&role| role == last)
             .filter(|_| context.assembly.certificates.is_some())
     };
-    // Where the robot is on another machine, it does not move without a controller.
+    // If the robot is on another machine, it does not move without a controller.
     let place = place_of(Participant::Plant)
         .or_else(|| place_of(Participant::Controller))
         .unwrap_or(order.len());
@@ -342,13 +357,13 @@ fn start(
             }
             thread::sleep(ROUND / 4);
         }
-        // The robot starts last: where memory is short, it has not moved.
+        // The robot starts last: if memory is short, it has not moved.
         claim(&context.links)?;
     }
     Ok(None)
 }
 
-/// Says how the run can be watched, if it can.
+/// Prints how the run can be watched, if it can.
 fn invite(context: &RunContext, terminal: &mut Terminal) {
     if let Some(address) = gateway::addresses::page(&context.links.root) {
         terminal.say(format_args!("live page: http://{address}/"));
@@ -366,7 +381,8 @@ fn invite(context: &RunContext, terminal: &mut Terminal) {
     }
 }
 
-/// Restarts what dies and shows how it goes, until the plant has finished or somebody asks for the end.
+/// Restarts processes that end and shows the progress, until the plant has finished or the end is
+/// requested.
 fn look_after(
     fleet: &mut Fleet<'_>,
     context: &RunContext,
@@ -379,7 +395,7 @@ fn look_after(
     let mut fault_injector = None;
     let mut claimed = Instant::now();
     let mut short = false;
-    let mut told = 0;
+    let mut reported = 0;
     let mut half_made = HalfMade::new(&context.links);
     loop {
         half_made.remove();
@@ -413,10 +429,10 @@ fn look_after(
                 outcome => short = outcome.is_err(),
             }
         }
-        for complaint in view.complaints().iter().skip(told) {
+        for complaint in view.complaints().iter().skip(reported) {
             person.terminal.say(format_args!("controller: {complaint}"));
         }
-        told = view.complaints().len();
+        reported = view.complaints().len();
         for event in fleet.tend(&view, now)? {
             match event {
                 Event::Finished => return Ok(Outcome::Finished),
@@ -435,8 +451,15 @@ fn look_after(
                     ));
                 }
                 Event::Unheard { role, beats } => {
-                    tracing::error!(%role, beats, "runs, but nobody hears its heartbeats on the graph's links");
-                    person.terminal.say(format_args!("{role} runs, but on the graph's links nobody has heard its last {beats} heartbeats"));
+                    tracing::error!(
+                        %role,
+                        beats,
+                        "runs, but nobody hears its heartbeats on the graph's links"
+                    );
+                    person.terminal.say(format_args!(
+                        "{role} runs, but on the graph's links nobody has heard \
+                         its last {beats} heartbeats"
+                    ));
                 }
                 Event::GivenUp { role, ending } => {
                     tracing::error!(%role, %ending, "given up");
@@ -468,7 +491,7 @@ fn look_after(
     }
 }
 
-/// What the run came to, and where everything is.
+/// Prints the results of the run, and where its files are.
 fn conclude(context: &RunContext, terminal: &mut Terminal) {
     // Ends the live line.
     terminal.say(format_args!("record: {}", context.folder.display()));
@@ -500,7 +523,7 @@ fn heading(assembly: &Assembly) -> String {
     )
 }
 
-/// Binaries lie beside each other.
+/// All binaries are in the same directory.
 fn programs_folder() -> Result<PathBuf, LaunchError> {
     let own = env::current_exe()
         .map_err(|source| LaunchError::System { what: "the launcher's own place", source })?;
@@ -516,7 +539,7 @@ fn open_log(folder: &Path, filter: &str) -> Result<(), LaunchError> {
         .map_err(failed)?;
     let filter =
         refusals::log_filter(filter, true).map_err(|error| failed(io::Error::other(error)))?;
-    // A second run in one process, as in a test, keeps to the log of the first.
+    // If a process makes a second run, as a test does, it keeps the log of the first.
     let lines = tracing_subscriber::fmt::layer().with_ansi(false).with_writer(Mutex::new(file));
     let _ = tracing_subscriber::registry().with(lines.with_filter(filter)).try_init();
     Ok(())

@@ -1,40 +1,40 @@
-//! The person's command: launch a graph of processes, watch it, and end it.
+//! The command line: launch a graph of processes, watch it, and stop it.
 //!
-//! | module                | what it holds                                                                      |
-//! |-----------------------|------------------------------------------------------------------------------------|
-//! | [`options`]           | what a person may say on the command line                                          |
-//! | [`graph`]             | the graph file                                                                     |
-//! | [`scenario`]          | the scenario file                                                                  |
-//! | [`exposure`]          | which addresses of a graph others on the network can reach                         |
-//! | [`certificates`]      | `coxswain certificates`: who everybody is on the network                           |
-//! | [`assembly`]          | options + graph + scenario + robot → what each process is told. Nothing is started |
-//! | [`role`]              | which processes there are, and in which order they start and end                   |
-//! | [`folder`]            | the folder of one run                                                              |
-//! | [`private`]           | folders of this user that nobody else can enter                                    |
-//! | [`registry`]          | where a graph lives on this machine, and what dead launchers left behind           |
-//! | [`epochs`]            | the highest epoch of each role, on disk                                            |
-//! | [`back_off`]          | when to start again what has died                                                  |
-//! | [`child`]             | one process: start, signal, how it ended                                           |
-//! | [`watch_command`]     | `coxswain watch`: telemetry → one line per period, or                              |
-//! | [`dashboard`]         | the view on a terminal                                                             |
-//! | [`watch`]             | `Health` and `Plan` → what the launcher knows                                      |
-//! | [`drill`]             | `coxswain drill`: faults in everything, on purpose                                 |
-//! | [`faults`]            | the file of faults: what goes wrong on purpose                                     |
-//! | [`fault_injector`]    | does it to the processes, and writes down when                                     |
-//! | [`processes_by_role`] | who plays which role at this moment                                                |
-//! | `silence`             | who says nothing for too long                                                      |
-//! | [`fleet`]             | all processes: start in order, restart, end in order                               |
-//! | [`launch`]            | one run from reading to sweeping                                                   |
-//! | [`service_manager`]   | tells the one that started the launch, if one did, that its loop turns             |
-//! | [`progress`]          | the live line                                                                      |
-//! | [`closing`]           | `summary.json` → the table at the end                                              |
-//! | [`order`]             | `coxswain arm`, `coxswain resume`: an order to the plant of a run                  |
-//! | [`set`]               | `coxswain set`: a change to the settings of a robot that drives                    |
-//! | [`records`]           | `coxswain report`, `coxswain export`: what is made from records                    |
-//! | [`experiment`]        | controllers compared in scenarios                                                  |
-//! | [`without_learning`]  | the same run without learning, for the live page to show beside it                 |
-//! | [`in_process`]        | the whole graph in one process, in lock step                                       |
-//! | [`terminal`]          | everything that is printed                                                         |
+//! | module                | contents                                                             |
+//! |-----------------------|----------------------------------------------------------------------|
+//! | [`options`]           | options of the command line                                          |
+//! | [`graph`]             | the graph file                                                       |
+//! | [`scenario`]          | the scenario file                                                    |
+//! | [`exposure`]          | addresses of a graph that other machines on the network can reach    |
+//! | [`certificates`]      | `coxswain certificates`: identities on the network                   |
+//! | [`assembly`]          | options + graph + scenario + robot → settings of each process        |
+//! | [`role`]              | the processes, and the order in which they start and stop            |
+//! | [`folder`]            | the run directory                                                    |
+//! | [`private`]           | directories that only this user can enter                            |
+//! | [`registry`]          | graphs on this machine, and the remains of launchers that have ended |
+//! | [`epochs`]            | the highest epoch of each role, on disk                              |
+//! | [`back_off`]          | when to restart a process that has ended                             |
+//! | [`child`]             | one process: start, signal, exit status                              |
+//! | [`watch_command`]     | `coxswain watch`: telemetry → lines, or the terminal view            |
+//! | [`dashboard`]         | the terminal view                                                    |
+//! | [`watch`]             | `Health` and `Plan` → state that the launcher uses                   |
+//! | [`drill`]             | `coxswain drill`: fault injection into every part                    |
+//! | [`faults`]            | the file of the faults to inject                                     |
+//! | [`fault_injector`]    | injects faults into the processes, and records the times             |
+//! | [`processes_by_role`] | the present process of each role                                     |
+//! | `silence`             | detects missing heartbeats                                           |
+//! | [`fleet`]             | all processes: start in order, restart, stop in order                |
+//! | [`launch`]            | one run, from reading its files to removing its remains              |
+//! | [`service_manager`]   | reports to the service manager that the loop runs                    |
+//! | [`progress`]          | the live line                                                        |
+//! | [`closing`]           | `summary.json` → the table at the end                                |
+//! | [`order`]             | `coxswain arm`, `coxswain resume`: an order to the plant of a run    |
+//! | [`set`]               | `coxswain set`: a change of settings while the robot drives          |
+//! | [`records`]           | `coxswain report`, `coxswain export`: reports and tables             |
+//! | [`experiment`]        | comparison of controllers in scenarios                               |
+//! | [`without_learning`]  | the same run without learning, for comparison on the live page       |
+//! | [`in_process`]        | the whole graph in one process, in lock step                         |
+//! | [`terminal`]          | all printed output                                                   |
 
 pub mod assembly;
 pub mod back_off;

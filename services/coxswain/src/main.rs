@@ -1,4 +1,4 @@
-//! The person's command.
+//! The command `coxswain`.
 
 use clap::{Parser, Subcommand};
 use coxswain::certificates::{self, CertificatesOptions};
@@ -30,51 +30,66 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Start the processes of a graph, look after them, and end them.
+    /// Start the processes of a graph, supervise them, and stop them.
     ///
-    /// Exit code 0 if the run has come to its end, 128 and the signal's number if it was ended by one, 2 if something that was set is
-    /// impossible and nothing was started, 1 if anything failed.
+    /// Exit code 0 if the run has finished, 128 plus the signal's number if a signal ended it. Exit
+    /// code 2 if a setting is invalid and nothing was started, 1 if anything failed.
     Launch(Options),
-    /// Show what a running robot does, from anywhere. Takes no part: nothing that it does reaches the robot.
+    /// Show the state of a running robot, from any machine. It only reads and does not affect the
+    /// robot.
     ///
-    /// Exit code 0 if it was ended by a key or signal or its output was closed, 2 if what was said cannot be, 1 if there is nothing to watch.
+    /// Exit code 0 if a key, a signal or closed output ended it, 2 if an option is invalid, 1 if
+    /// there is nothing to watch.
     Watch(WatchOptions),
-    /// Make a private authority and one short-lived certificate per role, for links that leave the machine.
+    /// Create a private authority and one short-lived certificate per role, for links that leave
+    /// the machine.
     ///
-    /// Exit code 0 if they are made, 2 if what was said cannot be or something is there already, 1 if the file system refuses.
+    /// Exit code 0 if they were created, 2 if an option is invalid or a file exists already, 1 if
+    /// the file system reports an error.
     Certificates(CertificatesOptions),
-    /// Inject faults into everything, for real, and print what came of them at the wheels.
+    /// Inject real faults into every part, and print their effects at the wheels.
     ///
-    /// Exit code 0 if no promise was broken, 1 if one was or the drill could not be done, 2 if what was said cannot be.
+    /// Exit code 0 if every promise held, 1 if one was broken or the drill failed, 2 if an option
+    /// is invalid.
     Drill(DrillOptions),
-    /// Offer damaged messages to decoders and gate, and print what came of it and of this process's memory: a part of the drill.
+    /// Offer damaged messages to decoders and gate, and print the results and this process's
+    /// memory: a part of the drill.
     #[command(hide = true)]
     Offer(OfferOptions),
-    /// Change settings of a robot that drives, on its own machine: all that is said together is in use from one tick on, or nothing is.
+    /// Change settings while the robot drives, on its own machine. All changes of one command take
+    /// effect at the same tick, or none does.
     ///
-    /// mpc.weights, mpc.state_limits, mpc.horizon_steps, mpc.control_horizon_steps, mpc.budget_share, mpc.solver, reference,
-    /// learner.every_ticks, learner.evaluations_max. The record says who changed what and when.
+    /// Keys: mpc.weights, mpc.state_limits, mpc.horizon_steps, mpc.control_horizon_steps,
+    /// mpc.budget_share, mpc.solver, reference, learner.every_ticks, learner.evaluations_max. The
+    /// record contains each change with its user and time.
     ///
-    /// Exit code 0 if it is in use, 2 if it was refused, 1 if there is nobody to ask.
+    /// Exit code 0 if the change is in use, 2 if it was rejected, 1 if there is no process to
+    /// change.
     Set(SetOptions),
-    /// Let a robot that the gate has stopped drive again, on its own machine. Look at the robot first.
+    /// Let a robot that the gate has stopped drive again, on its own machine. Look at the robot
+    /// first.
     ///
-    /// A stop is latched: it outlasts a restarted controller and ends only by this order. The launch, the live page and `coxswain watch` show
-    /// its reason. The record says who resumed and when.
+    /// A stop is latched: it outlasts a restarted controller and ends only by this order. The
+    /// launch, the live page and `coxswain watch` show its reason. The record contains the user and
+    /// the time of the order.
     ///
-    /// Exit code 0 if the gate is armed, 2 if the plant refuses, as one that has not stopped does, 1 if there is no run that could obey.
+    /// Exit code 0 if the gate is armed, 2 if the plant rejects the order, 1 if there is no run to
+    /// order. The plant rejects the order if it has not stopped.
     Resume(OrderOptions),
-    /// Arm the gate of a plant that started disarmed (`armed = false` in the graph file), on its own machine.
+    /// Arm the gate of a plant that started disarmed (`armed = false` in the graph file), on its
+    /// own machine.
     ///
-    /// Exit code 0 if the gate is armed, 2 if the plant refuses, 1 if there is no run that could obey.
+    /// Exit code 0 if the gate is armed, 2 if the plant rejects the order, 1 if there is no run to
+    /// order.
     Arm(OrderOptions),
-    /// Make one page with every figure of a run, or of several in the same figures.
+    /// Create one page with all figures of a run, or of several runs in the same figures.
     ///
     /// Exit code 2 if there is no record to read, 1 if the page cannot be written.
     Report(ReportOptions),
     /// Write a record as tables: one CSV file per topic.
     ///
-    /// Exit code 2 if there is no record to read or the folder is not empty, 1 if a table cannot be written.
+    /// Exit code 2 if there is no record to read or the folder is not empty, 1 if a table cannot be
+    /// written.
     Export(ExportOptions),
     /// Compare controllers in closed loops, in lock step and in one process.
     #[command(subcommand)]
@@ -83,7 +98,8 @@ enum Command {
 
 #[derive(Debug, Subcommand)]
 enum Experiment {
-    /// Every controller in every scenario, for several seeds: a table, and a JSON row per trial.
+    /// Run every controller in every scenario, for several seeds: a table, and one JSON row per
+    /// trial.
     Compare(CompareOptions),
 }
 
@@ -182,9 +198,10 @@ fn launch(options: &Options) -> ExitCode {
     }
 }
 
-/// Asks this process to end when its standard input ends, as a signal would.
+/// Requests the end of this process, as a signal does, when its standard input ends.
 fn end_with_stdin() -> io::Result<()> {
-    // One that is stopped would not see its input end: the death of whoever started it wakes it.
+    // A stopped (SIGSTOP) process would not see the end of its input: the signal at its parent's
+    // end wakes it.
     set_parent_process_death_signal(Some(Signal::CONT))?;
     let watch = || {
         let _ = io::copy(&mut io::stdin().lock(), &mut io::sink());

@@ -1,35 +1,42 @@
-//! All of the machine's shared memory but some, taken for as long as it is held.
+//! Fills the shared memory of the machine, except for a remainder, as long as the value exists.
 
 use rustix::fs::{FallocateFlags, OFlags, fallocate, statvfs};
 use std::fs::File;
 use std::io;
 use std::os::unix::fs::OpenOptionsExt;
 
-/// Where POSIX shared memory lies on Linux.
+/// Place of POSIX shared memory on Linux.
 const FOLDER: &str = "/dev/shm";
-/// More of it is the memory of a whole machine, whose other users would starve \[bytes\].
+/// Largest size to fill \[bytes\]. A larger one is the memory of a whole machine, which other users
+/// need.
 const LARGEST: u64 = 1 << 30;
 
-/// Why it was not taken.
+/// Why the memory was not filled.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum MemoryFillerError {
-    /// It would hurt others.
-    #[error("{FOLDER} has {} MiB, expected at most {}: the machine needs it. Make a small one: `unshare --mount`, then mount a tmpfs there", size >> 20, LARGEST >> 20)]
+    /// Other users would run out of memory.
+    #[error(
+        "{FOLDER} has {} MiB, expected at most {}: the machine needs it. \
+         Make a small one: `unshare --mount`, then mount a tmpfs there",
+        size >> 20,
+        LARGEST >> 20
+    )]
     TooLarge {
-        /// Of all of it \[bytes\].
+        /// Total size \[bytes\].
         size: u64,
     },
-    /// The file system refuses.
+    /// Error of the file system.
     #[error("{FOLDER}: {0}")]
     File(#[from] io::Error),
 }
 
-/// A file in shared memory that fills it, without a name, so that it goes when this is dropped or its process ends, however that happens.
+/// A large file in shared memory without a name. The system removes it when this value is dropped
+/// or its process ends for any reason.
 #[derive(Debug)]
 pub(crate) struct MemoryFiller(#[expect(dead_code, reason = "held, not used")] File);
 
 impl MemoryFiller {
-    /// Takes what there is but for `left` bytes.
+    /// Fills the free memory except for `left` bytes.
     ///
     /// # Errors
     /// [`MemoryFillerError`].
@@ -39,7 +46,7 @@ impl MemoryFiller {
         if size > LARGEST {
             return Err(MemoryFillerError::TooLarge { size });
         }
-        // Nobody else can have laid a link there, or a file of that name.
+        // No other process can have created a link or a file with this name.
         let file = File::options()
             .write(true)
             .custom_flags(OFlags::TMPFILE.bits().cast_signed())

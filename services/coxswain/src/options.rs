@@ -1,4 +1,4 @@
-//! What a person may say on the command line.
+//! Options of the command line.
 
 use crate::graph::is_endpoint;
 use crate::scenario::DURATION_MAX_S;
@@ -7,10 +7,10 @@ use process::Pace;
 use std::path::{Path, PathBuf};
 use tracing_subscriber::EnvFilter;
 
-/// What to launch, and what to change of it.
+/// What to launch, and changes to it.
 #[derive(Debug, Clone, Args)]
 pub struct Options {
-    /// Graph file: which processes, which links, which robot and scenario.
+    /// Graph file: processes, links, robot and scenario.
     pub graph: PathBuf,
     /// Another scenario: a file, or the name of one beside the graph's own.
     #[arg(long, value_name = "FILE|NAME")]
@@ -18,47 +18,54 @@ pub struct Options {
     /// Another robot file.
     #[arg(long, value_name = "FILE")]
     pub robot: Option<PathBuf>,
-    /// Another length of the run.
+    /// Another duration of the run.
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub duration: Option<f64>,
-    /// Whose time it is: real-time, or lock-step as fast as the machine can.
+    /// Source of the time: real-time, or lock-step as fast as the machine can.
     #[arg(long, value_name = "PACE", value_parser = pace)]
     pub pace: Option<Pace>,
-    /// Whether the learner takes part: on or off.
+    /// Whether the learner runs: on or off.
     #[arg(long, value_name = "on|off", value_parser = switch)]
     pub learner: Option<bool>,
-    /// Where the launch's router listens instead, for the links that run over the network.
+    /// Where the launch's router listens for the links over the network, instead of the graph
+    /// file's endpoints.
     #[arg(long, value_name = "ENDPOINT", value_parser = endpoint)]
     pub listen: Option<String>,
-    /// The router of the launch to meet, instead of those of the graph file.
+    /// The router of the launch to connect to, instead of those of the graph file.
     #[arg(long, value_name = "ENDPOINT", value_parser = endpoint)]
     pub connect: Option<String>,
-    /// Folder of the run, new or empty; by default one of its own under runs/.
+    /// Run directory, new or empty; by default a new one under runs/.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// What is logged: error, warn, info, debug, trace, or a list of module=level.
+    /// Log filter: error, warn, info, debug, trace, or a list of module=level.
     #[arg(long, value_name = "LEVEL", default_value = "info", value_parser = filter)]
     pub log: String,
     /// Another seed of noise and random forces.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=i64::MAX as u64))]
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = clap::value_parser!(u64).range(0..=i64::MAX as u64)
+    )]
     pub seed: Option<u64>,
-    /// Folder of certificates, as deploy/certificates makes it, instead of that of the graph file: what passes over the network is encrypted, and
-    /// only who shows a certificate takes part, each in its own role.
+    /// Folder of certificates, as deploy/certificates creates it, instead of that of the graph
+    /// file. All data on the network is then encrypted, and only peers with a certificate are
+    /// accepted, each in its own role.
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
-    /// Use addresses that others on the network can reach, although nothing keeps strangers out: whoever reaches them can watch and drive the robot.
+    /// Use addresses that others on the network can reach, without authentication: every peer that
+    /// reaches them can watch and drive the robot.
     #[arg(long)]
     pub insecure: bool,
-    /// Faults to inject on the links, as deploy/faults/example.toml shows them.
+    /// Faults to inject, in the format of deploy/faults/example.toml.
     #[arg(long, value_name = "FILE")]
     pub faults: Option<PathBuf>,
-    /// End when the standard input ends, as it does when whoever launched it dies.
+    /// Stop when the standard input ends, as it does when the parent process ends.
     #[arg(long, hide = true)]
     pub stop_with_stdin: bool,
 }
 
 impl Options {
-    /// A graph as its files say, with nothing changed.
+    /// A graph as in its files, without changes.
     pub fn of_graph(graph: &Path) -> Self {
         Self {
             graph: graph.to_owned(),
@@ -124,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_time_that_can_pass_is_a_duration() {
+    fn only_a_positive_finite_time_is_a_duration() {
         assert_eq!(seconds("2.5"), Ok(2.5));
         for text in ["0", "-1", "nan", "inf", "1e300", "soon"] {
             assert!(seconds(text).is_err(), "{text}");

@@ -1,73 +1,82 @@
-//! Folders of this user that nobody else can enter.
+//! Directories that only this user can enter.
 //!
-//! Whoever could write there could drive the robot, or have a file written over that is none of the run's. A folder that is not as it must be
-//! is refused and not mended: somebody has made it so, and may have been in it already.
+//! Another user with write access could drive the robot, or cause a file outside the run to be
+//! overwritten. A directory with wrong permissions is rejected and not corrected, because another
+//! process may have entered it already.
 
 use protocol::access::{Changeable, replaceable};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
-/// What others than the owner may do, in a mode.
+/// Mode bits of the permissions of group and others.
 const GROUP_AND_OTHERS: u32 = 0o077;
-/// What a mode says of permissions.
+/// Mode bits of all permissions.
 const PERMISSIONS: u32 = 0o7777;
 
-/// A folder is not this user's alone.
+/// Why a directory is not private to this user.
 #[derive(Debug, thiserror::Error)]
 pub enum NotPrivate {
-    /// It leads where somebody else may have chosen, or is no folder.
-    #[error("{}: expected a folder, this is {}", folder.display(), if *link { "a symbolic link" } else { "none" })]
+    /// It is a link, whose target another user may have chosen, or not a directory.
+    #[error(
+        "{}: expected a folder, this is {}",
+        folder.display(),
+        if *link { "a symbolic link" } else { "none" }
+    )]
     NoFolder {
-        /// What was found.
+        /// The path.
         folder: PathBuf,
         /// Whether it is a symbolic link.
         link: bool,
     },
-    /// Another user's.
+    /// It belongs to another user.
     #[error("{}: expected a folder of user {user}, this is one of user {owner}", folder.display())]
     Foreign {
-        /// The folder.
+        /// The directory.
         folder: PathBuf,
-        /// Whose it is.
+        /// User id of its owner.
         owner: u32,
-        /// Who launches.
+        /// User id of this process.
         user: u32,
     },
-    /// Others can read or change what is in it.
-    #[error("{0}: expected a folder that nobody else can enter, mode 700, this has mode {mode:o}: `chmod 700 {0}` if all in it is yours", folder.display())]
+    /// Other users can read or change its contents.
+    #[error(
+        "{0}: expected a folder that nobody else can enter, mode 700, this has mode {mode:o}: \
+         `chmod 700 {0}` if all in it is yours",
+        folder.display()
+    )]
     Open {
-        /// The folder.
+        /// The directory.
         folder: PathBuf,
         /// Its permissions.
         mode: u32,
     },
-    /// Others can put another folder in its place.
+    /// Other users can replace it by another directory.
     #[error("{}: expected to lie where others cannot replace it, but {above}", folder.display())]
     Replaceable {
-        /// The folder.
+        /// The directory.
         folder: PathBuf,
-        /// What it lies in, however far above.
+        /// A parent directory, at any level, that others can change.
         above: Changeable,
     },
-    /// The file system refuses.
+    /// Error of the file system.
     #[error("{}: {source}", folder.display())]
     FileSystem {
-        /// What could not be used.
+        /// File or directory of the error.
         folder: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
 
-/// Makes `folder`, and what it lies in, for this user alone; or finds that it is so already.
+/// Creates `folder` and its parents for this user only, or checks that `folder` is already private.
 ///
 /// # Errors
 /// [`NotPrivate`].
 pub fn make(folder: &Path) -> Result<(), NotPrivate> {
     let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(folder);
     match made {
-        // What is there is judged below.
+        // What exists is checked below.
         Err(error)
             if !matches!(
                 error.kind(),
@@ -80,12 +89,12 @@ pub fn make(folder: &Path) -> Result<(), NotPrivate> {
     }
 }
 
-/// Whether `folder` is a folder of this user that nobody else can enter, or replace by another.
+/// Checks that `folder` is a directory of this user that no other user can enter or replace.
 ///
 /// # Errors
 /// [`NotPrivate`].
 pub fn check(folder: &Path) -> Result<(), NotPrivate> {
-    // A slash at the end would lead through a link.
+    // A slash at the end would follow a symbolic link.
     let folder: PathBuf = folder.components().collect();
     let failed = |source| NotPrivate::FileSystem { folder: folder.clone(), source };
     let found = fs::symlink_metadata(&folder).map_err(failed)?;
@@ -111,15 +120,15 @@ mod tests {
     use std::error::Error;
     use std::os::unix::fs::{PermissionsExt, chown, symlink};
 
-    /// What is said of a folder in `parent` that `prepare` has made.
+    /// Error text for a directory in `parent` that `prepare` has created.
     fn said(
         parent: &Path,
         prepare: impl FnOnce(&Path) -> io::Result<()>,
     ) -> Result<String, Box<dyn Error>> {
         let folder = parent.join("folder");
         prepare(&folder)?;
-        let said = make(&folder).err().map_or_else(String::new, |error| error.to_string());
-        Ok(said.replace(&folder.display().to_string(), "FOLDER"))
+        let text = make(&folder).err().map_or_else(String::new, |error| error.to_string());
+        Ok(text.replace(&folder.display().to_string(), "FOLDER"))
     }
 
     fn with_mode(folder: &Path, mode: u32) -> io::Result<()> {
@@ -128,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_made_nobody_else_can_enter_nor_what_it_lies_in() -> Result<(), Box<dyn Error>> {
+    fn a_created_directory_and_its_parents_are_private() -> Result<(), Box<dyn Error>> {
         let parent = tempfile::tempdir()?;
         make(&parent.path().join("deep/deeper"))?;
         for made in ["deep", "deep/deeper"] {
@@ -143,14 +152,14 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_others_can_enter_is_refused_with_its_mode() -> Result<(), Box<dyn Error>> {
+    fn a_directory_that_others_can_enter_is_rejected_with_its_mode() -> Result<(), Box<dyn Error>> {
         for mode in [0o755, 0o770, 0o707, 0o720, 0o702, 0o701, 0o1777] {
             let parent = tempfile::tempdir()?;
-            let said = said(parent.path(), |folder| with_mode(folder, mode))?;
+            let refused = said(parent.path(), |folder| with_mode(folder, mode))?;
             let expected =
                 "FOLDER: expected a folder that nobody else can enter, mode 700, this has mode";
             assert_eq!(
-                said,
+                refused,
                 format!("{expected} {mode:o}: `chmod 700 FOLDER` if all in it is yours")
             );
         }
@@ -158,12 +167,12 @@ mod tests {
     }
 
     #[test]
-    fn a_link_is_refused_wherever_it_leads_and_so_is_a_file() -> Result<(), Box<dyn Error>> {
+    fn links_and_files_are_rejected() -> Result<(), Box<dyn Error>> {
         let (own, parent) = (tempfile::tempdir()?, tempfile::tempdir()?);
         let linked = said(parent.path(), |folder| symlink(own.path(), folder))?;
         assert_eq!(linked, "FOLDER: expected a folder, this is a symbolic link");
         let slash = check(&parent.path().join("folder/")).map_err(|error| error.to_string());
-        assert!(slash.is_err_and(|said| said.ends_with("this is a symbolic link")));
+        assert!(slash.is_err_and(|text| text.ends_with("this is a symbolic link")));
         let parent = tempfile::tempdir()?;
         assert_eq!(
             said(parent.path(), |folder| fs::write(folder, ""))?,
@@ -173,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_others_can_replace_is_refused() -> Result<(), Box<dyn Error>> {
+    fn a_directory_that_others_can_replace_is_rejected() -> Result<(), Box<dyn Error>> {
         let parent = tempfile::tempdir()?;
         fs::set_permissions(parent.path(), fs::Permissions::from_mode(0o777))?;
         let refused = said(parent.path(), |folder| with_mode(folder, 0o700))?;
@@ -187,8 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_is_refused_whose_way_others_can_replace_however_far_above()
-    -> Result<(), Box<dyn Error>> {
+    fn a_directory_below_a_replaceable_parent_is_rejected() -> Result<(), Box<dyn Error>> {
         let home = tempfile::tempdir()?;
         let (open, parent) = (home.path().join("open"), home.path().join("open/deep/deeper"));
         make(&parent)?;
@@ -199,7 +207,8 @@ mod tests {
             assert_eq!(
                 refused,
                 format!(
-                    "FOLDER: expected to lie where others cannot replace it, but {} has mode {mode:o}",
+                    "FOLDER: expected to lie where others cannot replace it, \
+                     but {} has mode {mode:o}",
                     open.display()
                 )
             );
@@ -208,17 +217,18 @@ mod tests {
     }
 
     #[test]
-    fn another_users_folder_is_refused() -> Result<(), Box<dyn Error>> {
+    fn a_directory_of_another_user_is_rejected() -> Result<(), Box<dyn Error>> {
         if !rustix::process::geteuid().is_root() {
-            // Only root can give a folder away; but every user has met one of root's.
+            // Only root can give a directory to another user. Every user can test with one of
+            // root's.
             assert!(matches!(check(Path::new("/usr")), Err(NotPrivate::Foreign { owner: 0, .. })));
             return Ok(());
         }
         let parent = tempfile::tempdir()?;
-        let said = said(parent.path(), |folder| {
+        let refused = said(parent.path(), |folder| {
             with_mode(folder, 0o700).and_then(|()| chown(folder, Some(65_534), None))
         })?;
-        assert_eq!(said, "FOLDER: expected a folder of user 0, this is one of user 65534");
+        assert_eq!(refused, "FOLDER: expected a folder of user 0, this is one of user 65534");
         Ok(())
     }
 }

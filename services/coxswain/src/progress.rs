@@ -1,4 +1,4 @@
-//! The live line: simulated time, position error, model, tick time, and what is unusual.
+//! The live line: simulated time, position error, model, tick time, and unusual states.
 
 use crate::watch::PlanView;
 use protocol::message::FallbackLevel;
@@ -29,7 +29,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_line_says_what_is_unusual_only_when_it_is() {
+    fn the_line_shows_unusual_states_only_when_present() {
         let mut plan = PlanView {
             tick: 123,
             position_error: 0.0432,
@@ -46,7 +46,8 @@ mod tests {
         let line = line(&plan, 100_000_000, 25.0, 2);
         assert_eq!(
             line,
-            "  12.3 of 25.0 s   error  0.043 m   main model   tick   412 µs   simple controller   restarts 2"
+            "  12.3 of 25.0 s   error  0.043 m   main model   \
+             tick   412 µs   simple controller   restarts 2"
         );
     }
 }

@@ -1,4 +1,4 @@
-//! `coxswain report`, `coxswain export`: what is made from records.
+//! `coxswain report`, `coxswain export`: reports and tables from records.
 
 use crate::terminal::{self, Terminal};
 use clap::Args;
@@ -6,10 +6,10 @@ use recorder::export::{self, ExportError};
 use recorder::report::{self, ReportError};
 use std::path::PathBuf;
 
-/// Which records, and where the page goes.
+/// The records, and the file of the page.
 #[derive(Debug, Clone, Args)]
 pub struct ReportOptions {
-    /// Records, or folders of runs; several are drawn in the same figures.
+    /// Records, or run directories; several are drawn in the same figures.
     #[arg(required = true, value_name = "RUN")]
     pub records: Vec<PathBuf>,
     /// The page; by default report.html beside the first record.
@@ -17,10 +17,10 @@ pub struct ReportOptions {
     pub out: Option<PathBuf>,
 }
 
-/// Which record, and where the tables go.
+/// The record, and the directory of the tables.
 #[derive(Debug, Clone, Args)]
 pub struct ExportOptions {
-    /// A record, or the folder of a run.
+    /// A record, or a run directory.
     #[arg(value_name = "RUN")]
     pub record: PathBuf,
     /// Folder of the tables, new or empty.
@@ -28,19 +28,19 @@ pub struct ExportOptions {
     pub csv: PathBuf,
 }
 
-/// Nothing was made.
+/// Why nothing was created.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordsError {
-    /// No page.
+    /// The page was not created.
     #[error(transparent)]
     Report(#[from] ReportError),
-    /// No tables.
+    /// The tables were not created.
     #[error(transparent)]
     Export(#[from] ExportError),
 }
 
 impl RecordsError {
-    /// 1 if the system did not let it be written, 2 if what was said cannot be.
+    /// 1 if the system reports a write error, 2 if an option is invalid.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Report(ReportError::Write { .. }) | Self::Export(ExportError::Write { .. }) => 1,
@@ -49,7 +49,7 @@ impl RecordsError {
     }
 }
 
-/// Makes the page, and prints where it is.
+/// Creates the page, and prints its path.
 ///
 /// # Errors
 /// [`RecordsError`].
@@ -61,7 +61,7 @@ pub fn report(options: &ReportOptions) -> Result<(), RecordsError> {
     Ok(())
 }
 
-/// Writes the tables, and prints each with its rows.
+/// Writes the tables, and prints each with its number of rows.
 ///
 /// # Errors
 /// [`RecordsError`].

@@ -1,12 +1,14 @@
-//! Registry of the running graphs on this machine, and what dead launchers left behind.
+//! Registry of the running graphs on this machine, and removal of the files of launchers that have
+//! ended.
 //!
 //! ```text
-//! <temporary folder>/coxswain-<user id>/     of this user alone
-//!     <graph id>.toml                        who launched it: process id and the time when that process started
-//!     <graph id>/                            files and sockets of its links; `run` names the folder of the run
+//! <temporary folder>/coxswain-<user id>/ for this user only
+//!     <graph id>.toml                    its launcher: process id and start time of that process
+//!     <graph id>/                        files and sockets of its links; `run`: its run directory
 //! ```
-//! A process id comes again, the pair with its start time does not. A graph whose launcher is gone is stale: the next launcher sweeps it,
-//! after a kill -9 of everything too.
+//! The system reuses a process id, but not together with the same start time. A graph whose
+//! launcher has ended is stale. The next launcher removes it, even if SIGKILL ended all processes
+//! of that graph.
 
 use crate::private::{self, NotPrivate};
 use process::atomic_file;
@@ -19,34 +21,34 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use std::{env, fs, thread};
 
-/// How long members of a graph whose launcher is gone may take to die.
+/// Longest time for the processes of a graph to end after its launcher has ended.
 const DYING: Duration = Duration::from_millis(500);
 
-/// A graph cannot be registered.
+/// Why a graph cannot be registered.
 #[derive(Debug, thiserror::Error)]
 pub enum RegistryError {
-    /// Somebody else could read or change what is said there.
+    /// Another user could read or change the registry.
     #[error("{0}; remove it, or set TMPDIR")]
     NotPrivate(#[from] NotPrivate),
-    /// The file system refuses.
+    /// Error of the file system.
     #[error("{}: {source}", path.display())]
     FileSystem {
-        /// What could not be used.
+        /// File or directory of the error.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
 
-/// The file that names the folder of the run.
+/// The file with the path of the run directory.
 const RUN: &str = "run";
 
-/// Who launched a graph.
+/// Launcher of a graph.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Launcher {
     pid: u32,
-    /// When the process started, in clock ticks since the machine did.
+    /// Start time of the process, in clock ticks since the machine started.
     start_ticks: u64,
 }
 
@@ -57,7 +59,7 @@ pub struct GraphEntry {
     id: String,
 }
 
-/// The folder of all graphs of this user.
+/// The directory of all graphs of this user.
 pub fn base() -> PathBuf {
     env::temp_dir().join(format!("coxswain-{}", rustix::process::getuid().as_raw()))
 }
@@ -73,7 +75,8 @@ impl GraphEntry {
             path: "/proc/self/stat".into(),
             source,
         })?;
-        // Whoever leaves last removes the base, perhaps between our two steps.
+        // The launcher that removes the last graph removes the base, perhaps between these two
+        // steps.
         let mut attempts_left = 5;
         loop {
             private::make(base)?;
@@ -96,30 +99,30 @@ impl GraphEntry {
         &self.id
     }
 
-    /// Folder for files and sockets of its links.
+    /// Directory for files and sockets of its links.
     pub fn root(&self) -> PathBuf {
         self.base.join(&self.id)
     }
 
-    /// Says where the files of its run are, for who looks for them.
+    /// Stores the path of its run directory for other commands.
     ///
     /// # Errors
-    /// What the file system says.
+    /// Error of the file system.
     pub fn note_run(&self, folder: &Path) -> io::Result<()> {
         atomic_file::write(&self.root().join(RUN), folder.as_os_str().as_bytes())
     }
 
-    /// Where the files of its run are, once there are any.
+    /// Its run directory, once there is one.
     pub fn run_folder(&self) -> Option<PathBuf> {
         fs::read(self.root().join(RUN)).ok().map(|bytes| PathBuf::from(OsString::from_vec(bytes)))
     }
 
-    /// Whether its launcher lives.
+    /// Whether its launcher runs.
     pub fn is_living(&self) -> bool {
         Launcher::of(&self.launcher_file()).is_some_and(Launcher::lives)
     }
 
-    /// Removes everything that is left of the graph, unless somebody still lives there.
+    /// Removes everything that is left of the graph, unless a process still uses it.
     ///
     /// # Errors
     /// A sentence.
@@ -141,12 +144,12 @@ impl GraphEntry {
         };
         gone(fs::remove_dir_all(self.root()))?;
         gone(fs::remove_file(self.launcher_file()))?;
-        // Stays while other graphs are there.
+        // Fails while other graphs are there.
         let _ = fs::remove_dir(&self.base);
         Ok(())
     }
 
-    /// For sweeping, the name and the root are all that counts.
+    /// To remove a graph, only its name and root are needed.
     fn links(&self) -> Links {
         Links::on_this_machine(self.id.clone(), self.root(), false, 0)
     }
@@ -155,19 +158,20 @@ impl GraphEntry {
         self.base.join(format!("{}.toml", self.id))
     }
 
-    /// Says who launched it: whole, or not at all.
+    /// Writes the launcher's entry atomically.
     fn sign(&self, launcher: Launcher) -> io::Result<()> {
         let text = toml::to_string(&launcher).map_err(io::Error::other)?;
         atomic_file::write(&self.launcher_file(), text.as_bytes())
     }
 }
 
-/// Sweeps the graphs below `base` whose launcher is gone. Says how many were removed, and what could not be.
+/// Removes the graphs below `base` whose launcher has ended. Returns the number of removed graphs,
+/// and an error text for each of the others.
 pub fn sweep_stale(base: &Path) -> (usize, Vec<String>) {
     let mut removed = 0;
     let mut complaints = Vec::new();
     for entry in stale(base) {
-        // Who has been killed may take a moment to die.
+        // A killed process may take a moment to end.
         let begin = Instant::now();
         let mut cleared = entry.clear();
         while cleared.is_err() && begin.elapsed() < DYING {
@@ -182,17 +186,17 @@ pub fn sweep_stale(base: &Path) -> (usize, Vec<String>) {
     (removed, complaints)
 }
 
-/// The graphs below `base` whose launcher lives.
+/// The graphs below `base` whose launcher runs.
 pub fn living(base: &Path) -> Vec<GraphEntry> {
     signed(base, Launcher::lives)
 }
 
-/// The graphs below `base` whose launcher is gone.
+/// The graphs below `base` whose launcher has ended.
 fn stale(base: &Path) -> Vec<GraphEntry> {
     signed(base, |launcher| !launcher.lives())
 }
 
-/// The graphs below `base` with a launcher as wanted.
+/// The graphs below `base` whose launcher satisfies `wanted`.
 fn signed(base: &Path, wanted: impl Fn(Launcher) -> bool) -> Vec<GraphEntry> {
     let entries = fs::read_dir(base).into_iter().flatten().flatten();
     let files = entries
@@ -210,7 +214,7 @@ impl Launcher {
         Ok(Self { pid, start_ticks })
     }
 
-    /// Whoever has signed `file`, if it is a signature.
+    /// The launcher in `file`, if the file is valid.
     fn of(file: &Path) -> Option<Self> {
         toml::from_str(&fs::read_to_string(file).ok()?).ok()
     }
@@ -220,12 +224,14 @@ impl Launcher {
     }
 }
 
-/// When a process started, in clock ticks since the machine did; none if it is not there or only waits for its parent to take note.
+/// Start time of a process, in clock ticks since the machine started; none if there is no such
+/// process, or if it is a zombie.
 fn start_ticks(pid: u32) -> Option<u64> {
     parse_stat(&fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)
 }
 
-/// Field 22 of `/proc/<pid>/stat`. The name, field 2 in parentheses, may hold anything, more parentheses included.
+/// Field 22 of `/proc/<pid>/stat`. The name, field 2 in parentheses, may contain any characters,
+/// also parentheses.
 fn parse_stat(stat: &str) -> Option<u64> {
     let (_, after_name) = stat.rsplit_once(')')?;
     let mut fields = after_name.split_ascii_whitespace();
@@ -250,7 +256,7 @@ mod tests {
     use std::os::unix::fs::PermissionsExt;
 
     #[test]
-    fn the_start_time_is_found_behind_any_name() {
+    fn the_start_time_is_found_after_any_name() {
         let rest = "S 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 4242 20 21";
         assert_eq!(parse_stat(&format!("77 (a) b) {rest}")), Some(4242));
         assert_eq!(parse_stat(&format!("77 (dead) {}", rest.replacen('S', "Z", 1))), None);
@@ -258,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_process_lives_only_with_its_own_start_time() -> io::Result<()> {
+    fn a_process_id_with_another_start_time_is_another_process() -> io::Result<()> {
         let this = Launcher::this()?;
         assert!(this.lives());
         assert!(
@@ -272,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn only_graphs_of_dead_launchers_are_stale() -> Result<(), Box<dyn std::error::Error>> {
+    fn only_graphs_of_ended_launchers_are_stale() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let base = folder.path().join("base");
         let living = GraphEntry::register(&base)?;
@@ -288,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_leaves_last_leaves_nothing() -> Result<(), Box<dyn std::error::Error>> {
+    fn the_last_removed_graph_leaves_no_files() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let base = folder.path().join("base");
         let (first, second) = (GraphEntry::register(&base)?, GraphEntry::register(&base)?);

@@ -1,8 +1,8 @@
-//! Which processes there are, and in which order they start and end.
+//! The processes, and the order in which they start and stop.
 
 use protocol::message::Participant;
 
-/// Who listens starts before who talks, so that nothing is missed.
+/// Subscribers start before publishers, so that no message is missed.
 pub const START_ORDER: [Participant; 5] = [
     Participant::Recorder,
     Participant::Gateway,
@@ -11,14 +11,15 @@ pub const START_ORDER: [Participant; 5] = [
     Participant::Plant,
 ];
 
-/// The robot comes to rest first; the recorder sees the others go. Those of one row end together.
+/// The robot comes to rest first. The recorder records the end of the others. The processes of one
+/// group stop together.
 pub const END_ORDER: [&[Participant]; 3] = [
     &[Participant::Plant],
     &[Participant::Controller, Participant::Learner, Participant::Gateway],
     &[Participant::Recorder],
 ];
 
-/// Name of the binary that plays `role`.
+/// Name of the binary of `role`.
 pub const fn program(role: Participant) -> &'static str {
     match role {
         Participant::Plant => "plant-sim",
@@ -31,7 +32,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_started_is_ended() {
+    fn every_started_role_is_stopped() {
         let mut ended: Vec<Participant> = END_ORDER.concat();
         ended.sort_unstable();
         let mut started = START_ORDER.to_vec();
@@ -40,7 +41,7 @@ mod tests {
     }
 
     #[test]
-    fn the_plant_starts_last_and_the_recorder_ends_last() {
+    fn the_plant_starts_last_and_the_recorder_stops_last() {
         assert_eq!(START_ORDER.last(), Some(&Participant::Plant));
         assert_eq!(END_ORDER.concat().last(), Some(&Participant::Recorder));
     }

@@ -1,4 +1,4 @@
-//! The scenario file: what the robot shall follow, how it is controlled, and what is really the case.
+//! The scenario file: reference, control settings, and the true world of the simulator.
 
 use controller::reference::{PLACE_MAX, Reference, ReferenceSettings, is_place};
 use controller::settings::MpcSettings;
@@ -14,39 +14,40 @@ use std::path::{Path, PathBuf};
 /// Longest run \[s\].
 pub const DURATION_MAX_S: f64 = 1e4;
 
-/// What a scenario file holds.
+/// Contents of a scenario file.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
-    /// In one sentence.
+    /// Description in one sentence.
     pub description: String,
     /// Control period T \[ms\].
     pub period_millis: f64,
-    /// Length of the run \[s\].
+    /// Duration of the run \[s\].
     pub duration_s: f64,
     /// Seed of noise and random forces.
     pub seed: u64,
-    /// Where and how the robot starts.
+    /// Initial state of the robot.
     pub start: Start,
-    /// What to follow.
+    /// Reference to follow.
     pub reference: ReferenceSettings,
-    /// How to follow it.
+    /// Settings of the controller.
     pub mpc: MpcSettings,
-    /// How to learn.
+    /// Settings of the learner.
     pub learner: LearnerSettings,
-    /// What an earlier run of the same robot identified, to begin with: `identified.toml` of its folder.
+    /// Parameters that an earlier run of the same robot identified, as initial values:
+    /// `identified.toml` of its run directory.
     #[serde(default)]
     pub identified: Option<PathBuf>,
-    /// What is really the case in the simulator, which the controller does not know.
+    /// The true world of the simulator, which the controller does not know.
     #[serde(default)]
     pub truth: Option<Truth>,
-    /// A world that is another program, in place of the simulator. Its file is relative to the
-    /// scenario's; which settings there are is its own affair.
+    /// A world that is another program, instead of the simulator. Its file is relative to the
+    /// scenario's. The program defines its own settings.
     #[serde(default)]
     pub world: Option<Program>,
 }
 
-/// Where profiles are: those of a world are the ones of our own scenarios.
+/// Directory of the profiles. A world uses those of our own scenarios.
 fn profiles(folder: &Path) -> PathBuf {
     let own = folder.join("profiles");
     if own.is_dir() { own } else { folder.join("../../scenarios/profiles") }
@@ -60,12 +61,12 @@ impl Scenario {
 }
 
 impl Scenario {
-    /// Reads the scenario that is called `name` in `folder`: `figure-eight`, or
-    /// `figure-eight+payload+noise` with variants out of `folder/variants`, changed by a profile if
-    /// one is named, and last by `changes`, each a line of TOML.
+    /// Reads the scenario with the name `name` in `folder`: `figure-eight`, or
+    /// `figure-eight+payload+noise` with variants from `folder/variants`. A profile, if given,
+    /// changes it next, and last `changes`, each a line of TOML.
     ///
     /// # Errors
-    /// [`SettingsError`] names the first thing that is wrong.
+    /// [`SettingsError`] reports the first error.
     pub fn named(
         folder: &Path,
         name: &str,
@@ -75,15 +76,15 @@ impl Scenario {
         if !name.contains('+') && profile.is_none() && changes.is_empty() {
             return Self::read(&folder.join(name).with_extension("toml"));
         }
-        // Lines are those of the merged text, which is in no file; the keys say where to look.
+        // Line numbers refer to the merged text, which is in no file; the keys show the place.
         let merged = Self::merged(folder, name, profile, changes)?;
         Ok(settings::parse::<Self>(&merged, &folder.join(name))?.located_in(folder))
     }
 
-    /// Reads a scenario file. Of `figure-eight+payload.toml`, which is no file, the parts are.
+    /// Reads a scenario file. `figure-eight+payload.toml` is not a file itself, but its parts are.
     ///
     /// # Errors
-    /// [`SettingsError`] names the first thing that is wrong.
+    /// [`SettingsError`] reports the first error.
     pub fn read(file: &Path) -> Result<Self, SettingsError> {
         let folder = file.parent().unwrap_or(Path::new(""));
         let stem = file.file_stem().map(|stem| stem.to_string_lossy());
@@ -93,7 +94,7 @@ impl Scenario {
         }
     }
 
-    /// The same with paths that were relative to `folder`.
+    /// The same with its paths, which are relative to `folder`, resolved.
     fn located_in(mut self, folder: &Path) -> Self {
         if let Some(world) = &mut self.world {
             world.program = folder.join(&world.program);
@@ -142,7 +143,7 @@ fn table(file: &Path) -> Result<toml::Table, SettingsError> {
     settings::read::<Overlay>(file).map(|Overlay(table)| table)
 }
 
-/// A part of a scenario, not to be checked by itself.
+/// A part of a scenario, which is not checked by itself.
 #[derive(Deserialize)]
 #[serde(transparent)]
 struct Overlay(toml::Table);
@@ -153,7 +154,7 @@ impl Check for Overlay {
     }
 }
 
-/// Puts the values of `over` into `table`; tables are merged, everything else is replaced.
+/// Copies the values of `over` into `table`; tables are merged, all other values are replaced.
 fn merge(table: &mut toml::Table, over: toml::Table) {
     for (key, value) in over {
         match (table.get_mut(&key), value) {
@@ -188,7 +189,7 @@ impl Check for Scenario {
             }
         }
         self.reference.check().map_err(|impossible| impossible.under("reference"))?;
-        // Only a file of points can fail here; which file and why is in the error.
+        // Only a file of points can fail here; the error names the file and the cause.
         Reference::new(&self.reference, &self.start.pose, self.period_millis * 1e-3, 0).map_err(
             |error| {
                 Impossible::new(
@@ -229,8 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn every_scenario_with_every_variant_in_every_profile_is_possible() -> Result<(), SettingsError>
-    {
+    fn every_scenario_with_every_variant_in_every_profile_is_valid() -> Result<(), SettingsError> {
         for base in [
             "paper",
             "circle",
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_changed_by_hand_is_checked_like_a_file() -> Result<(), SettingsError> {
+    fn changes_of_the_command_line_are_checked_like_a_file() -> Result<(), SettingsError> {
         let named = |change: &str| {
             Scenario::named(&folder(), "figure-eight+soft", Some("agile"), &[change.to_owned()])
         };
@@ -283,29 +283,29 @@ mod tests {
     }
 
     #[test]
-    fn a_chance_level_that_is_no_probability_is_refused_with_file_line_and_key()
+    fn a_chance_level_that_is_no_probability_is_rejected_with_file_line_and_key()
     -> Result<(), std::io::Error> {
         let text = fs::read_to_string(folder().join("corridor.toml"))?;
         for wrong in ["0.3", "1.0", "95.5", "nan"] {
             let text = text.replace("chance_level = 0.955", &format!("chance_level = {wrong}"));
             let line =
                 text.lines().take_while(|line| !line.starts_with("chance_level")).count() + 1;
-            let told = settings::parse::<Scenario>(&text, Path::new("corridor.toml"))
+            let refused = settings::parse::<Scenario>(&text, Path::new("corridor.toml"))
                 .err()
                 .map(|error| error.to_string());
             let expected = format!(
                 "corridor.toml:{line}: mpc.state_limits.chance_level = {wrong}: expected 0.5"
             );
             assert!(
-                told.as_ref().is_some_and(|told| told.starts_with(&expected)),
-                "{told:?} does not begin with {expected}"
+                refused.as_ref().is_some_and(|refused| refused.starts_with(&expected)),
+                "{refused:?} does not begin with {expected}"
             );
         }
         Ok(())
     }
 
     #[test]
-    fn what_is_not_there_is_named() {
+    fn a_missing_scenario_or_variant_is_named_in_the_error() {
         for name in ["figure-nine", "figure-eight+tornado"] {
             let refused = Scenario::named(&folder(), name, None, &[])
                 .err()

@@ -1,14 +1,16 @@
-//! launcher → service manager: that the graph is ready, that its loop turns, that it ends. The protocol of `sd_notify(3)`.
+//! launcher → service manager: the graph is ready, its loop runs, it stops. The protocol of
+//! `sd_notify(3)`.
 //!
-//! | said           | when                                                                                                     |
-//! |----------------|----------------------------------------------------------------------------------------------------------|
-//! | `READY=1`      | every process of the launch is ready                                                                     |
-//! | `WATCHDOG=1`   | four times per `WATCHDOG_USEC`, if since the last time the loops of plant and controller, as far as they  |
-//! |                | belong to this launch, have each turned at least once                                                    |
-//! | `STOPPING=1`   | the processes are asked to end                                                                           |
+//! | message      | when                                                                         |
+//! |--------------|------------------------------------------------------------------------------|
+//! | `READY=1`    | every process of the launch is ready                                         |
+//! | `WATCHDOG=1` | four times per `WATCHDOG_USEC`, if the loops of plant and controller, as far |
+//! |              | as they belong to this launch, have each run since the last message          |
+//! | `STOPPING=1` | the processes are requested to stop                                          |
 //!
-//! A loop's own thread tells the launcher its heartbeats: who hangs is silent, and what is silent feeds no watchdog. All of it happens on the
-//! launcher's thread, and nobody is waited for: what the service manager does not take is not said.
+//! The thread of a loop sends the heartbeats to the launcher. A process that hangs sends none, so
+//! the launcher does not reset the watchdog. All this runs on the launcher's thread and does not
+//! wait: a message that the service manager does not accept is dropped.
 
 use protocol::message::Participant;
 use std::collections::BTreeMap;
@@ -20,33 +22,34 @@ use std::os::unix::ffi::OsStrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
 
-/// Where the service manager listens, how long it waits for the watchdog to be fed, and by which process. Not handed on to processes of the graph.
+/// Socket of the service manager, timeout of its watchdog, and process that resets the watchdog.
+/// Processes of the graph do not inherit them.
 pub const VARIABLES: [&str; 3] = ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"];
 
-/// The watchdog is fed so often while it waits.
+/// Number of resets of the watchdog within its timeout.
 const FEEDS: u32 = 4;
 
-/// Whoever has started this launch and wants to know how it is; most often nobody.
+/// The service manager that has started this launch, if there is one.
 #[derive(Debug, Default)]
 pub struct ServiceManager {
     socket: Option<UnixDatagram>,
     watchdog: Option<Watchdog>,
 }
 
-/// When the watchdog is fed, and by whom.
+/// When the watchdog is reset, and which loops it depends on.
 #[derive(Debug)]
 struct Watchdog {
     every: Duration,
     next: Option<Instant>,
-    /// Whose loops must turn, and how far each had come when it was fed last.
+    /// Loops that must run, with the process and its heartbeats at the last reset.
     loops: BTreeMap<Participant, Option<(u32, u64)>>,
 }
 
 impl ServiceManager {
-    /// The one that the environment names, of a launch whose loops are those of `roles`.
+    /// The service manager in the environment variables, for a launch with the loops of `roles`.
     ///
     /// # Errors
-    /// If it names one that cannot be reached: it would wait in vain.
+    /// If the variables name one that cannot be reached: it would wait until its timeout.
     pub fn of_environment(roles: &[Participant]) -> io::Result<Self> {
         let [socket, patience, pid] = VARIABLES.map(env::var_os);
         let ours = pid.is_none_or(|pid| pid == OsStr::new(&std::process::id().to_string()));
@@ -79,14 +82,15 @@ impl ServiceManager {
         self.say("READY=1");
     }
 
-    /// Feeds the watchdog at `now`, if it is time and the loops have turned, of which `heard` says the process and its heartbeats.
+    /// Resets the watchdog at `now`, if it is due and the loops have run. `heard` returns a role's
+    /// process and its heartbeats.
     pub fn feed(&mut self, heard: impl FnMut(Participant) -> Option<(u32, u64)>, now: Instant) {
         if self.watchdog.as_mut().is_some_and(|watchdog| watchdog.is_fed(heard, now)) {
             self.say("WATCHDOG=1");
         }
     }
 
-    /// The processes are asked to end.
+    /// The processes are requested to stop.
     pub fn stopping(&self) {
         self.say("STOPPING=1");
     }
@@ -100,7 +104,8 @@ impl ServiceManager {
 }
 
 impl Watchdog {
-    /// Fed by the loops that drive the robot; where there is none of them, by all that there are.
+    /// Depends on the loops that drive the robot. A launch without them depends on all its
+    /// processes.
     fn new(every: Duration, roles: &[Participant]) -> Self {
         let drives =
             |role: &Participant| matches!(role, Participant::Plant | Participant::Controller);
@@ -110,7 +115,7 @@ impl Watchdog {
         Self { every, next: None, loops }
     }
 
-    /// Whether it is time, and every loop has turned since it was so last.
+    /// Whether a reset is due, and every loop has run since the last one.
     fn is_fed(
         &mut self,
         heard: impl FnMut(Participant) -> Option<(u32, u64)>,
@@ -137,7 +142,7 @@ mod tests {
     const EVERY: Duration = Duration::from_secs(1);
 
     #[test]
-    fn the_watchdog_is_fed_by_every_loop_that_drives_and_by_none_that_stands_still() {
+    fn the_watchdog_is_reset_only_while_every_driving_loop_runs() {
         let mut watchdog = Watchdog::new(EVERY, Participant::ALL);
         let begin = Instant::now();
         let mut fed = |seconds: u32, plant, controller: Option<(u32, u64)>| {
@@ -159,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_launch_without_a_loop_that_drives_is_watched_by_what_it_has() {
+    fn a_launch_without_a_driving_loop_depends_on_its_other_processes() {
         let mut watchdog = Watchdog::new(EVERY, &[Participant::Recorder, Participant::Gateway]);
         let now = Instant::now();
         assert!(!watchdog.is_fed(|role| (role == Participant::Recorder).then_some((1, 1)), now));
@@ -167,8 +172,8 @@ mod tests {
     }
 
     #[test]
-    fn it_is_reached_by_path_and_by_abstract_name_and_one_that_is_not_there_is_an_error()
-    -> io::Result<()> {
+    fn it_is_reached_by_path_and_abstract_name_and_a_missing_socket_is_an_error() -> io::Result<()>
+    {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("notify");
         let name = format!("coxswain-test-{}", std::process::id());
@@ -181,27 +186,27 @@ mod tests {
         ] {
             ServiceManager::reach(Some(socket), Some("4000000".into()), &[Participant::Plant])?
                 .ready();
-            let mut said = [0; 64];
-            let length = listener.recv(&mut said)?;
-            assert_eq!(said.get(..length), Some(&b"READY=1"[..]));
+            let mut message = [0; 64];
+            let length = listener.recv(&mut message)?;
+            assert_eq!(message.get(..length), Some(&b"READY=1"[..]));
         }
         assert!(
             ServiceManager::reach(Some(folder.path().join("nobody").into()), None, &[]).is_err()
         );
         assert!(
             ServiceManager::reach(None, Some("1".into()), &[])
-                .is_ok_and(|nobody| nobody.socket.is_none())
+                .is_ok_and(|manager| manager.socket.is_none())
         );
         Ok(())
     }
 
     #[test]
-    fn a_service_manager_that_takes_nothing_holds_nobody_up() -> io::Result<()> {
+    fn a_service_manager_that_does_not_read_blocks_no_launch() -> io::Result<()> {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("notify");
         let _deaf = UnixDatagram::bind(&path)?;
         let manager = ServiceManager::reach(Some(path.into()), None, &[])?;
-        // Far more than its queue holds: who waited would wait for ever.
+        // Far more than its queue holds: a sender that waits would wait forever.
         (0..10_000).for_each(|_| manager.ready());
         Ok(())
     }

@@ -1,7 +1,7 @@
-//! `coxswain set`: a change to the settings of a robot that drives.
+//! `coxswain set`: a change of settings while the robot drives.
 //!
-//! What is to be changed is said as on a command line, and asked of the process that it belongs to; whether it can be, that process alone
-//! decides, and says ([`process::requests`]).
+//! The command line names the changes. The request goes to the process with these settings. Only
+//! that process decides whether the change is possible, and replies ([`process::requests`]).
 
 use crate::fleet::settings_file;
 use crate::registry::{self, GraphEntry};
@@ -15,82 +15,84 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use toml::Value;
 
-/// How long an answer may take. A process that is started again meanwhile answers when it is back.
+/// Longest time until the reply. A process that is restarted in the meantime replies after its
+/// start.
 const PATIENCE: Duration = Duration::from_secs(15);
 
-/// What to change, and of which run.
+/// The changes, and the run that they are for.
 #[derive(Debug, Clone, Args)]
 pub struct SetOptions {
-    /// Dotted keys as in the scenario file, with their new values: one change, of which everything is applied or nothing.
+    /// Dotted keys as in the scenario file, with their new values: one change, which is applied as
+    /// a whole or not at all.
     ///
-    /// `none` takes a limit away. A word needs no quotes; anything else is written as in the file.
+    /// `none` removes a limit. A word needs no quotes; any other value is written as in the file.
     #[arg(required = true, value_name = "KEY=VALUE")]
     pub changes: Vec<String>,
-    /// The folder of the run; by default that of the launch that runs on this machine.
+    /// The run directory; by default that of the launch that runs on this machine.
     #[arg(long, value_name = "DIR")]
     pub run: Option<PathBuf>,
 }
 
-/// Nothing was set.
+/// Why nothing was set.
 #[derive(Debug, thiserror::Error)]
 pub enum SetError {
-    /// No key, or no value.
+    /// The key or the value is missing.
     #[error("{said:?}: expected KEY=VALUE, as in mpc.weights.position=20")]
     NoPair {
-        /// What was said.
+        /// The argument.
         said: String,
     },
-    /// It cannot be understood.
+    /// The change cannot be parsed.
     #[error(transparent)]
     Change(#[from] ChangeError),
-    /// Two processes would have to change at once.
+    /// Two processes would have to change at the same time.
     #[error("learner.* and other keys belong to different processes: set them one after the other")]
     TwoProcesses,
-    /// There is no launch.
+    /// No launch runs.
     #[error("no launch runs on this machine")]
     NothingRuns,
-    /// There are several launches.
+    /// Several launches run.
     #[error("several launches run on this machine; say which: {}", alternatives(runs))]
     SeveralRun {
-        /// Their folders.
+        /// Their run directories.
         runs: Vec<PathBuf>,
     },
-    /// There is no such launch.
+    /// No launch runs in this directory.
     #[error("--run {}: no launch runs there", run.display())]
     NotRunning {
-        /// What was said.
+        /// The directory of the argument.
         run: PathBuf,
     },
-    /// The process is not one of this launch.
+    /// The process is not part of this launch.
     #[error("this launch has no {role}: it takes orders on the machine where it runs")]
     Elsewhere {
-        /// Who.
+        /// Role of the process.
         role: Participant,
     },
     /// The request could not be written.
     #[error(transparent)]
     Ask(#[from] AskError),
-    /// The process looked at it, and did not do it.
+    /// The process rejected the change.
     #[error("the {role} refuses: {reason}")]
     Refused {
-        /// Who.
+        /// Role of the process.
         role: Participant,
-        /// Why.
+        /// Why not.
         reason: String,
     },
-    /// The launch has ended meanwhile.
+    /// The launch ended before a reply.
     #[error("the launch has ended, and nothing was changed")]
     Ended,
-    /// Nobody said anything.
+    /// The process sent no reply in time.
     #[error("the {role} has not answered for {PATIENCE:?}; it takes the change up when it is back")]
     NoAnswer {
-        /// Who.
+        /// Role of the process.
         role: Participant,
     },
 }
 
 impl SetError {
-    /// 2 if what a person said cannot be, else 1.
+    /// 2 if an argument is invalid, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::NothingRuns
@@ -103,10 +105,11 @@ impl SetError {
     }
 }
 
-/// Sets what `options` say in the launch that they name, with the graphs of this machine in `base`, and prints from when on it acts.
+/// Sets the values of `options` in the launch that they name. The graphs of this machine are in
+/// `base`. Prints the first tick with the new values.
 ///
 /// # Errors
-/// [`SetError`]; nothing of it is in use then.
+/// [`SetError`]; no part of the change is in use then.
 pub fn run(options: &SetOptions, base: &Path) -> Result<(), SetError> {
     let (lines, role) = understand(&options.changes)?;
     let settled = set(options.run.as_deref(), base, role, &lines)?;
@@ -119,10 +122,11 @@ pub fn run(options: &SetOptions, base: &Path) -> Result<(), SetError> {
     Ok(())
 }
 
-/// Asks the process of `role` for `lines`, and waits for its answer. What it did is in it.
+/// Requests the change `lines` from the process of `role`, and waits for the reply. Returns the
+/// request with its reply.
 ///
 /// # Errors
-/// [`SetError`]; nothing of it is in use then.
+/// [`SetError`]; no part of the change is in use then.
 pub fn set(
     run: Option<&Path>,
     base: &Path,
@@ -147,12 +151,12 @@ pub fn set(
     }
 }
 
-/// What was said on the command line, as lines of TOML, and whose keys these are.
+/// The arguments of the command line as lines of TOML, and the process with these keys.
 ///
 /// # Errors
-/// [`SetError`] if it cannot be understood.
-pub fn understand(said: &[String]) -> Result<(String, Participant), SetError> {
-    let lines = said.iter().map(|said| line(said)).collect::<Result<String, _>>()?;
+/// [`SetError`] if an argument is invalid.
+pub fn understand(arguments: &[String]) -> Result<(String, Participant), SetError> {
+    let lines = arguments.iter().map(|argument| line(argument)).collect::<Result<String, _>>()?;
     let change = Change::parse(&lines)?;
     let of_learner: Vec<bool> =
         change.entries().iter().map(|(key, _)| key.starts_with("learner.")).collect();
@@ -163,13 +167,15 @@ pub fn understand(said: &[String]) -> Result<(String, Participant), SetError> {
     }
 }
 
-/// `key=value` as a line of TOML: a value that is none is a word that lacks its quotes.
-fn line(said: &str) -> Result<String, SetError> {
-    let no_pair = || SetError::NoPair { said: said.to_owned() };
-    let (key, value) =
-        said.split_once('=').map(|(key, value)| (key.trim(), value.trim())).ok_or_else(no_pair)?;
-    // One change has one line.
-    if key.is_empty() || value.is_empty() || said.contains('\n') {
+/// `key=value` as a line of TOML. A value that is not valid TOML is a word without quotes.
+fn line(argument: &str) -> Result<String, SetError> {
+    let no_pair = || SetError::NoPair { said: argument.to_owned() };
+    let (key, value) = argument
+        .split_once('=')
+        .map(|(key, value)| (key.trim(), value.trim()))
+        .ok_or_else(no_pair)?;
+    // One change is one line.
+    if key.is_empty() || value.is_empty() || argument.contains('\n') {
         return Err(no_pair());
     }
     let is_toml = format!("value = {value}").parse::<toml::Table>().is_ok();
@@ -178,7 +184,7 @@ fn line(said: &str) -> Result<String, SetError> {
     Ok(format!("{key} = {value}\n"))
 }
 
-/// The launch that is meant, and the folder of its run.
+/// The selected launch, and its run directory.
 fn launch(run: Option<&Path>, base: &Path) -> Result<(GraphEntry, PathBuf), SetError> {
     let mut running: Vec<(GraphEntry, PathBuf)> = registry::living(base)
         .into_iter()
@@ -205,7 +211,7 @@ fn alternatives(runs: &[PathBuf]) -> String {
     runs.iter().map(|run| format!("--run {}", run.display())).collect::<Vec<_>>().join(", or ")
 }
 
-/// The person's name, as the system has it.
+/// Name of the user, from the environment.
 fn who() -> String {
     let named = ["SUDO_USER", "USER", "LOGNAME"]
         .into_iter()
@@ -217,13 +223,13 @@ fn who() -> String {
 mod tests {
     use super::*;
 
-    fn understood(said: &[&str]) -> Result<(String, Participant), String> {
-        understand(&said.iter().map(|&said| said.to_owned()).collect::<Vec<_>>())
+    fn understood(arguments: &[&str]) -> Result<(String, Participant), String> {
+        understand(&arguments.iter().map(|&argument| argument.to_owned()).collect::<Vec<_>>())
             .map_err(|error| error.to_string())
     }
 
     #[test]
-    fn what_is_said_becomes_toml_and_goes_to_whom_it_belongs() {
+    fn arguments_become_toml_for_the_process_with_these_keys() {
         assert_eq!(
             understood(&["mpc.weights.position=20", "mpc.solver = clarabel"]),
             Ok((
@@ -246,10 +252,13 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_understood_is_named() {
-        let refused = |said: &[&str], part: &str| {
-            let told = understood(said);
-            assert!(told.as_ref().is_err_and(|told| told.contains(part)), "{said:?}: {told:?}");
+    fn an_invalid_argument_is_named_in_the_error() {
+        let refused = |arguments: &[&str], part: &str| {
+            let result = understood(arguments);
+            assert!(
+                result.as_ref().is_err_and(|error| error.contains(part)),
+                "{arguments:?}: {result:?}"
+            );
         };
         refused(&["mpc.solver"], "\"mpc.solver\": expected KEY=VALUE");
         refused(&["=3"], "expected KEY=VALUE");
@@ -264,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_runs_nothing_is_set() -> Result<(), Box<dyn std::error::Error>> {
+    fn without_a_running_launch_nothing_is_set() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let say = |run| {
             set(run, folder.path(), Participant::Controller, "a = 1")

@@ -1,26 +1,28 @@
-//! Who says nothing for too long, and whom nobody hears.
+//! Detects processes without heartbeats, and heartbeats that do not arrive on the links.
 
 use std::time::Duration;
 
-/// How long one that is started again may say nothing.
+/// Longest time without a heartbeat for a process that is restarted.
 const STARTS_WITHIN: Duration = Duration::from_secs(10);
 
-/// Most that one round counts as silence.
+/// Largest contribution of one round to the time without a heartbeat.
 const ROUND_MOST: Duration = Duration::from_millis(40);
 
-/// How long somebody has said nothing, in rounds of the launcher: one that is kept from running itself accuses nobody.
+/// Time without a heartbeat of one process, in rounds of the launcher. A launcher that did not run
+/// itself does not count that time.
 #[derive(Debug, Default)]
 pub(crate) struct Silence {
-    /// Heartbeats heard by now.
+    /// Number of heartbeats so far.
     beats: u64,
     lasted: Duration,
-    /// It was killed for it, and dies as soon as the system lets it.
+    /// Whether it was killed for this, and has not ended yet.
     punished: bool,
 }
 
 impl Silence {
-    /// How long it lasts, once that is longer than `patience`: once, since nobody is killed twice. Before the first word it may last as long as
-    /// a start may take, but not of one that is `stopped`: that does not start.
+    /// Time without a heartbeat, once it is longer than `patience`. Returned only once, so that no
+    /// process is killed twice. Before the first heartbeat the limit is the time of a start. For a
+    /// `stopped` process the limit stays `patience`, because it does not start.
     pub(crate) fn broken_by(
         &mut self,
         beats: u64,
@@ -41,23 +43,26 @@ impl Silence {
     }
 }
 
-/// So many heartbeats in a row that nobody hears are too many: those of ten seconds.
+/// Limit of heartbeats in sequence without a received one: those of ten seconds.
 const UNHEARD_MOST: u64 = 100;
 
-/// How long somebody whose loop turns has not been heard on the graph's links: each heartbeat goes out there as well, as a Health.
+/// Number of heartbeats of a running loop that did not arrive on the graph's links. The process
+/// publishes each heartbeat there as well, as a Health.
 #[derive(Debug, Default)]
 pub(crate) struct Unheard {
-    /// Health of its role heard by now, of whichever process.
+    /// Number of received Health messages of its role, from any process.
     heard: u64,
-    /// Heartbeats by now.
+    /// Number of heartbeats so far.
     beats: u64,
-    /// Rounds since it was heard in which there was a heartbeat: a launcher that was away finds many at once, before it has heard anything.
+    /// Rounds with a heartbeat since the last Health. A launcher that did not run finds many
+    /// heartbeats at once, before it has received any Health.
     rounds: u64,
     told: bool,
 }
 
 impl Unheard {
-    /// How many heartbeats in a row nobody heard, once that are too many: once, until it is heard again.
+    /// Number of heartbeats in sequence that did not arrive, once it is above the limit. Returned
+    /// only once, until the next Health arrives.
     pub(crate) fn since(&mut self, beats: u64, heard: u64) -> Option<u64> {
         if heard != self.heard {
             *self = Self { heard, beats, ..Self::default() };
@@ -75,16 +80,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_turns_but_is_not_heard_is_told_of_once() {
-        let told = |heard: &dyn Fn(u64) -> u64| {
+    fn a_running_loop_without_received_heartbeats_is_reported_once() {
+        let reported = |heard: &dyn Fn(u64) -> u64| {
             let mut unheard = Unheard::default();
             (1..=1_000).filter_map(|beats| unheard.since(beats, heard(beats))).collect::<Vec<_>>()
         };
-        assert!(told(&|beats| beats).is_empty());
-        assert!(told(&|beats| beats / 100).is_empty(), "one in a hundred is enough");
-        assert_eq!(told(&|_| 0), [101]);
-        assert_eq!(told(&|beats| beats.min(500)), [101]);
-        assert_eq!(told(&|beats| beats / 500), [101, 101], "each time anew");
+        assert!(reported(&|beats| beats).is_empty());
+        assert!(reported(&|beats| beats / 100).is_empty(), "one in a hundred is enough");
+        assert_eq!(reported(&|_| 0), [101]);
+        assert_eq!(reported(&|beats| beats.min(500)), [101]);
+        assert_eq!(reported(&|beats| beats / 500), [101, 101], "each time anew");
         let mut away = Unheard::default();
         assert_eq!(
             (away.since(50, 50), away.since(500, 50), away.since(501, 499)),
@@ -96,13 +101,13 @@ mod tests {
     const ROUND: Duration = Duration::from_millis(20);
     const PATIENCE: Duration = Duration::from_millis(400);
 
-    /// Rounds until the silence is broken, if it is within 20 s.
+    /// Rounds until the process counts as silent, if that is within 20 s.
     fn rounds(silence: &mut Silence, beats: u64, stopped: bool) -> Option<u32> {
         (1..1000).find(|_| silence.broken_by(beats, ROUND, PATIENCE, || stopped).is_some())
     }
 
     #[test]
-    fn one_that_starts_may_be_silent_for_longer_unless_it_is_stopped() {
+    fn a_starting_process_has_a_longer_limit_unless_it_is_stopped() {
         assert_eq!(rounds(&mut Silence::default(), 0, false), Some(501));
         assert_eq!(rounds(&mut Silence::default(), 0, true), Some(21));
         let mut silence = Silence::default();
@@ -111,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_killed_twice_for_one_silence() {
+    fn no_process_is_killed_twice_for_one_silence() {
         let mut silence = Silence::default();
         assert_eq!(rounds(&mut silence, 0, true), Some(21));
         assert_eq!(rounds(&mut silence, 0, true), None, "the system takes its time to let it die");

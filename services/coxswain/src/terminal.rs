@@ -1,14 +1,15 @@
-//! Everything that is printed: messages and the live line on the standard error, results on the standard output.
+//! All printed output: messages and the live line on the standard error, results on the standard
+//! output.
 //!
-//! Nobody may be there to read it, so what cannot be printed is left out.
+//! The output may be closed, so errors of printing are ignored.
 
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
-/// How often the live line changes on a terminal.
+/// Interval between updates of the live line on a terminal.
 const REWRITE: Duration = Duration::from_millis(100);
-/// How often it is said where lines cannot be rewritten.
+/// Interval where lines cannot be rewritten.
 const REPEAT: Duration = Duration::from_secs(5);
 
 /// Clears from the cursor to the end of the line.
@@ -18,7 +19,7 @@ const CLEAR: &str = "\x1b[K";
 #[derive(Debug)]
 pub struct Terminal {
     rewrites: bool,
-    /// The live line stands there, without a line end behind it.
+    /// Whether the live line is printed, without a line end after it.
     live: bool,
     next: Option<Instant>,
 }
@@ -29,17 +30,17 @@ impl Terminal {
         Self { rewrites: io::stderr().is_terminal(), live: false, next: None }
     }
 
-    /// One line that stays.
+    /// Prints one line that stays.
     pub fn say(&mut self, what: impl Display) {
         let clear = if self.live { format!("\r{CLEAR}") } else { String::new() };
         self.live = false;
         let _ = writeln!(io::stderr().lock(), "{clear}{what}");
     }
 
-    /// The live line as of `now`, if it is time for it.
+    /// Prints the live line at `now`, if it is due.
     pub fn progress(&mut self, now: Instant, line: impl FnOnce() -> Option<String>) {
         let interval = if self.rewrites { REWRITE } else { REPEAT };
-        // The first is said at once on a terminal, elsewhere after an interval.
+        // On a terminal the first one is printed at once, elsewhere after an interval.
         let next = *self.next.get_or_insert(if self.rewrites { now } else { now + interval });
         if now < next {
             return;

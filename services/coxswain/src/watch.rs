@@ -1,7 +1,7 @@
-//! `Health` and `Plan` → what the launcher knows.
+//! `Health` and `Plan` → state that the launcher uses.
 //!
-//! A thread of its own does nothing but listen, so that a slow terminal never makes the controller wait: in lock step the link of the plans
-//! loses nothing.
+//! A thread of its own only receives, so that a slow terminal never delays the controller: in lock
+//! step the link of the plans loses nothing.
 
 use process::Stop;
 use protocol::message::{FallbackLevel, Health, Participant, Phase, Plan};
@@ -12,33 +12,33 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-/// Longest sleep: how often the health and the request to end are looked at.
+/// Longest sleep: interval between checks of the health and of the stop request.
 const PATIENCE: Duration = Duration::from_millis(20);
 
-/// So many complaints of the controller are told.
+/// Largest number of errors of the controller that are reported.
 const COMPLAINTS_MAX: usize = 20;
 
-/// What was heard last.
+/// Last received messages.
 #[derive(Debug, Clone, Default)]
 pub struct View {
     health: BTreeMap<Participant, HealthView>,
     plan: Option<PlanView>,
-    /// What the controller has said that is wrong, each once until it was well again.
+    /// Errors that the controller has reported, each once until its Health had no error.
     complaints: Vec<String>,
-    /// Whether its last Health had nothing wrong: what was wrong before is told again.
+    /// Whether its last Health had no error: an earlier error is then reported again.
     well: bool,
 }
 
-/// What counts of a Health.
+/// The used part of a Health.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HealthView {
-    /// How many have been heard of that role.
+    /// Number of received Health messages of that role.
     pub heard: u64,
-    /// How far it has come, by the last of them.
+    /// Phase in the last of them.
     pub phase: Phase,
 }
 
-/// What counts of a Plan.
+/// The used part of a Plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanView {
     /// Tick that it answers.
@@ -47,13 +47,13 @@ pub struct PlanView {
     pub position_error: f64,
     /// Version of the learned model in use; 0 is the main model alone.
     pub model_version: u64,
-    /// State received to command worked out \[ns\].
+    /// Time from receiving the state to the computed command \[ns\].
     pub tick_nanos: u64,
-    /// Fallback level that the controller stands on.
+    /// Fallback level of the controller.
     pub fallback_level: FallbackLevel,
 }
 
-/// Listens until it is dropped.
+/// Receives until it is dropped.
 #[derive(Debug)]
 pub struct Watch {
     view: Arc<Mutex<View>>,
@@ -72,22 +72,22 @@ impl View {
         self.plan
     }
 
-    /// What the controller has said that is wrong, each once, in the order in which it said so.
+    /// Errors that the controller has reported, each once, in the order of their reports.
     pub fn complaints(&self) -> &[String] {
         &self.complaints
     }
 
-    /// Hears a Health.
+    /// Records a Health.
     pub fn take_in(&mut self, health: &Health) {
         if let Some(role) = health.participant() {
             let heard = self.health(role).map_or(0, |before| before.heard) + 1;
             self.health.insert(role, HealthView { heard, phase: health.phase() });
-            let said = health.last_error();
+            let error = health.last_error();
             if role == Participant::Controller {
-                let was_well = std::mem::replace(&mut self.well, said.is_empty());
-                let is_new = was_well || !self.complaints.iter().any(|before| before == said);
-                if !said.is_empty() && is_new && self.complaints.len() < COMPLAINTS_MAX {
-                    self.complaints.push(said.to_owned());
+                let was_well = std::mem::replace(&mut self.well, error.is_empty());
+                let is_new = was_well || !self.complaints.iter().any(|before| before == error);
+                if !error.is_empty() && is_new && self.complaints.len() < COMPLAINTS_MAX {
+                    self.complaints.push(error.to_owned());
                 }
             }
         }
@@ -107,10 +107,10 @@ impl From<&Plan> for PlanView {
 }
 
 impl Watch {
-    /// Joins the graph and listens from now on.
+    /// Opens the graph's links and receives from now on.
     ///
     /// # Errors
-    /// [`OpenError`] if the graph cannot be joined.
+    /// [`OpenError`] if the links cannot be opened.
     pub fn open(links: &Links) -> Result<Self, OpenError> {
         let (view, done) = (Arc::new(Mutex::new(View::default())), Stop::new());
         let (opened, outcome) = mpsc::channel();
@@ -132,7 +132,7 @@ impl Watch {
         Ok(watch)
     }
 
-    /// What was heard last.
+    /// Last received messages.
     pub fn view(&self) -> View {
         lock(&self.view).clone()
     }
@@ -148,11 +148,11 @@ impl Drop for Watch {
     }
 }
 
-/// The listening thread's ports.
+/// Ports of the receiving thread.
 struct Ears {
     health: Source<Health>,
     plans: Source<Plan>,
-    /// No process that may be killed is ever the one that makes a link.
+    /// The launcher creates the links, so that no process that may be killed is their creator.
     _links: HeldLinks,
 }
 
@@ -167,16 +167,16 @@ impl Ears {
     }
 
     fn listen(mut self, opened: &Sender<Result<(), OpenError>>, view: &Mutex<View>, done: &Stop) {
-        // The first wait opens the listener: only then nothing goes unheard.
+        // The first wait opens the listener: only from then on no message is lost.
         let first = self.plans.wait(Duration::ZERO);
         if opened.send(Ok(())).is_err() {
             return;
         }
-        let mut heard = first.and_then(|_| self.round(view));
-        while heard.is_ok() && !done.requested() {
-            heard = self.round(view);
+        let mut result = first.and_then(|_| self.round(view));
+        while result.is_ok() && !done.requested() {
+            result = self.round(view);
         }
-        if let Err(error) = heard {
+        if let Err(error) = result {
             tracing::error!(%error, "the processes can no longer be watched");
         }
     }
@@ -193,7 +193,7 @@ impl Ears {
     }
 }
 
-/// A view is whole even if its holder panicked: it is only ever replaced part by part.
+/// A view is consistent even if its holder panicked, because each part is replaced as a whole.
 fn lock(view: &Mutex<View>) -> MutexGuard<'_, View> {
     view.lock().unwrap_or_else(PoisonError::into_inner)
 }

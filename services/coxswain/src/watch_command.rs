@@ -1,6 +1,6 @@
-//! `coxswain watch`: telemetry → the view on a terminal, or one line per period.
+//! `coxswain watch`: telemetry → the terminal view, or one line per period.
 //!
-//! Of the lines: the robot may go and come back: that is said once each time, on the standard error.
+//! With lines, each loss and each return of the robot is reported once, on the standard error.
 
 use crate::terminal::Terminal;
 use crate::{dashboard, registry};
@@ -14,54 +14,57 @@ use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How often the request to end is looked at.
+/// Interval between checks of the stop request.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// Silence after which the robot counts as gone, unless its period is longer.
+/// Time without a message after which the robot counts as lost, unless its period is longer.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// Wait before the next attempt to reach a robot that is gone.
+/// Wait before the next attempt to connect to a lost robot.
 pub(crate) const RETRY: Duration = Duration::from_millis(200);
 
 /// What to watch.
 #[derive(Debug, Clone, Args)]
 pub struct WatchOptions {
-    /// Where a gateway listens, as tcp/127.0.0.1:7448; by default that of the graph that runs on this machine.
+    /// Endpoint of a gateway, as tcp/127.0.0.1:7448; by default that of the graph that runs on this
+    /// machine.
     pub endpoint: Option<String>,
     /// Only the robot of this name.
     #[arg(long, value_name = "NAME")]
     pub robot: Option<String>,
-    /// Folder of certificates with that of a watcher, for a robot that shows itself to nobody else.
+    /// Folder of certificates with a watcher's certificate, for a robot that requires one.
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
-    /// Print one line per period, for scripts, in place of the view on a terminal.
+    /// Print one line per period, for scripts, instead of the view on a terminal.
     #[arg(long)]
     pub plain: bool,
 }
 
-/// There is nothing to watch.
+/// Why there is nothing to watch.
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
-    /// What was said cannot be, or nobody answers there.
+    /// An option is invalid, or no gateway replies.
     #[error(transparent)]
     Telemetry(#[from] TelemetryError),
-    /// No endpoint was named, and none is to be found.
+    /// No endpoint was given, and no gateway runs on this machine.
     #[error(
-        "no graph with a gateway runs on this machine; name an endpoint, as in `coxswain watch tcp/192.168.0.7:7448 --plain`"
+        "no graph with a gateway runs on this machine; \
+         name an endpoint, as in `coxswain watch tcp/192.168.0.7:7448 --plain`"
     )]
     NothingRuns,
-    /// No endpoint was named, and more than one is to be found.
+    /// No endpoint was given, and several gateways run on this machine.
     #[error("several graphs run on this machine; name one of {}", endpoints.join(", "))]
     SeveralRun {
-        /// Where they can be watched.
+        /// Their endpoints.
         endpoints: Vec<String>,
     },
-    /// The view would go into a file or a pipe, or to a terminal that cannot show it.
+    /// The output is a file or a pipe, or a terminal that cannot show the view.
     #[error(
-        "the output is no terminal that could show the view; `coxswain watch --plain` prints one line per period"
+        "the output is no terminal that could show the view; \
+         `coxswain watch --plain` prints one line per period"
     )]
     NoTerminal,
-    /// The terminal cannot be taken, drawn on or listened to.
+    /// Reading from the terminal, writing to it or changing its mode failed.
     #[error(
         "the terminal cannot be used: {0}; `coxswain watch --plain` prints one line per period"
     )]
@@ -72,7 +75,7 @@ pub enum WatchError {
 }
 
 impl WatchError {
-    /// 2 if what a person said cannot be, else 1.
+    /// 2 if an option is invalid, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Telemetry(
@@ -87,7 +90,7 @@ impl WatchError {
     }
 }
 
-/// What is to be watched: an endpoint, or whatever graph runs on this machine.
+/// The target: an endpoint, or any graph that runs on this machine.
 #[derive(Debug, Clone)]
 pub struct WatchTarget {
     endpoint: Option<String>,
@@ -97,7 +100,7 @@ pub struct WatchTarget {
 }
 
 impl WatchTarget {
-    /// What `options` say, with the graphs of this machine in `base`.
+    /// The target of `options`, with the graphs of this machine in `base`.
     pub fn new(options: &WatchOptions, base: &Path) -> Self {
         let credentials = options
             .certificates
@@ -111,7 +114,7 @@ impl WatchTarget {
         }
     }
 
-    /// Reaches it; with the endpoint that it was found at.
+    /// Connects to it; returns its endpoint too.
     ///
     /// # Errors
     /// [`WatchError`] if there is nothing to watch.
@@ -124,10 +127,11 @@ impl WatchTarget {
     }
 }
 
-/// Shows what is heard on the terminal, or prints it as lines, until `stop` is requested or nobody looks any more.
+/// Shows the received telemetry on the terminal, or prints it as lines, until `stop` is requested
+/// or the output is closed.
 ///
 /// # Errors
-/// [`WatchError`] if there is nothing to watch at the start. A robot that goes later is waited for.
+/// [`WatchError`] if there is nothing to watch at the start. Later it waits for a lost robot.
 pub fn run(
     options: &WatchOptions,
     base: &Path,
@@ -144,7 +148,7 @@ pub fn run(
     dashboard::run(target, stop)
 }
 
-/// Prints what is heard on `out`.
+/// Prints the received telemetry on `out`.
 fn print(
     target: &WatchTarget,
     out: &mut impl Write,
@@ -155,7 +159,7 @@ fn print(
     let mut lines = Lines::default();
     let mut contact = Contact::new(Instant::now());
     while !stop.requested() {
-        // A session that has failed is opened again below.
+        // A failed session is opened again below.
         if let Ok(Some(word)) = watcher.next(PATIENCE) {
             if contact.heard(Instant::now(), &word) {
                 terminal.say(format_args!("the robot {} at {endpoint} is back", word.robot));
@@ -198,7 +202,7 @@ fn find(base: &Path) -> Result<String, WatchError> {
     }
 }
 
-/// Whether the robot is there.
+/// State of the connection to the robot.
 #[derive(Debug)]
 struct Contact {
     last: Instant,
@@ -211,7 +215,7 @@ impl Contact {
         Self { last: now, silence: SILENCE, lost: false }
     }
 
-    /// Takes note of a word about the robot itself; whether it was gone before.
+    /// Records a message about the robot itself. Returns whether the robot was lost before.
     fn heard(&mut self, now: Instant, word: &Word) -> bool {
         if !matches!(word.said, Heard::State(_)) {
             return false;
@@ -221,15 +225,15 @@ impl Contact {
         std::mem::take(&mut self.lost)
     }
 
-    /// Whether it has gone since the last look.
+    /// Whether it was lost since the last call.
     fn is_lost(&mut self, now: Instant) -> bool {
         let lost = now.saturating_duration_since(self.last) > self.silence;
         !std::mem::replace(&mut self.lost, lost) && lost
     }
 }
 
-/// States and plans → lines. A line waits for the plan that answers its state, at most until the next state. Where strangers can do something,
-/// every line says so.
+/// States and plans → lines. A line waits for the plan that answers its state, at most until the
+/// next state. If unauthenticated peers have access, every line contains that.
 #[derive(Debug, Default)]
 struct Lines {
     waiting: Option<(PlantState, f64)>,
@@ -237,7 +241,7 @@ struct Lines {
 }
 
 impl Lines {
-    /// The line that is complete now, if one is.
+    /// The line that is complete now, if there is one.
     fn take_in(&mut self, word: Word) -> Option<String> {
         let line = self.line_of(word)?;
         let exposed =
@@ -271,7 +275,7 @@ impl Lines {
     }
 }
 
-/// One period: what was measured, what acted before, and how it was answered.
+/// One period: the measurement, the fallback level before it, and the answer.
 fn line(state: &PlantState, seconds: f64, plan: Option<&Plan>) -> String {
     let [x, y, yaw] = state.pose;
     let measured = format!(
@@ -332,10 +336,12 @@ mod tests {
         let mut lines = Lines::default();
         assert_eq!(lines.take_in(word(Heard::State(Box::new(state(12))))), None);
         assert_eq!(lines.take_in(word(plan(11))), None, "the answer to another state");
-        let answered = "tick     12      1.20 s  x    0.000  y    0.000  yaw   0.000  error  0.000 m  fresh plan    model    7  tick time    412 us";
+        let answered = "tick     12      1.20 s  x    0.000  y    0.000  yaw   0.000  \
+         error  0.000 m  fresh plan    model    7  tick time    412 us";
         assert_eq!(lines.take_in(word(plan(12))).as_deref(), Some(answered));
         assert_eq!(lines.take_in(word(Heard::State(Box::new(state(13))))), None);
-        let unanswered = "tick     13      1.30 s  x    0.000  y    0.000  yaw   0.000  error      -    fresh plan    model    -  tick time      -";
+        let unanswered = "tick     13      1.30 s  x    0.000  y    0.000  yaw   0.000  \
+         error      -    fresh plan    model    -  tick time      -";
         assert_eq!(
             lines.take_in(word(Heard::State(Box::new(state(14))))).as_deref(),
             Some(unanswered)
@@ -343,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn every_line_says_what_strangers_can_do_once_a_process_has() {
+    fn every_line_shows_the_exposure_once_a_process_has_reported_it() {
         let mut lines = Lines::default();
         let health = |who: Participant, exposure: Exposure| {
             let mut health: Box<protocol::message::Health> = Box::new(bytemuck::Zeroable::zeroed());
@@ -375,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn loss_and_return_are_told_once() {
+    fn loss_and_return_are_reported_once() {
         let begin = Instant::now();
         let after = |seconds| begin + Duration::from_secs(seconds);
         let mut contact = Contact::new(begin);
@@ -387,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_have_to_be_asked_for() {
+    fn lines_are_printed_only_on_request() {
         assert!(
             Arguments::try_parse_from(["watch"]).is_ok_and(|arguments| !arguments.options.plain)
         );
@@ -398,7 +404,8 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_runs_an_endpoint_is_asked_for() -> Result<(), Box<dyn std::error::Error>> {
+    fn without_exactly_one_running_gateway_an_endpoint_is_required()
+    -> Result<(), Box<dyn std::error::Error>> {
         let base = tempfile::tempdir()?;
         assert!(matches!(find(base.path()), Err(WatchError::NothingRuns)));
         let entry = registry::GraphEntry::register(&base.path().join("b"))?;
@@ -410,9 +417,10 @@ mod tests {
         assert_eq!(find(&base.path().join("b"))?, "tcp/127.0.0.1:1");
         let other = registry::GraphEntry::register(&base.path().join("b"))?;
         gateway::addresses::note(&other.root(), &["tcp/127.0.0.1:2".to_owned()])?;
-        assert!(
-            matches!(find(&base.path().join("b")), Err(WatchError::SeveralRun { endpoints }) if endpoints.len() == 2)
-        );
+        assert!(matches!(
+            find(&base.path().join("b")),
+            Err(WatchError::SeveralRun { endpoints }) if endpoints.len() == 2
+        ));
         entry.remove()?;
         other.remove()?;
         Ok(())

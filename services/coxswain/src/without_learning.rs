@@ -1,4 +1,5 @@
-//! The same run without learning, for the live page to show beside the one with it: in lock step and in this process, before the run begins.
+//! The same run without learning, for comparison on the live page: in lock step and in this
+//! process, before the run begins.
 
 use crate::assembly::Assembly;
 use crate::faults::FaultsFile;
@@ -11,38 +12,38 @@ use protocol::port::{OpenError, Ports, ReceiveError, Since, Source};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// How much of the run is compared at most \[s\].
+/// Longest compared part of the run \[s\].
 const LONGEST_S: f64 = 30.0;
-/// The same in periods: about a second of work.
+/// The same in periods: about a second of computation.
 const PERIODS_MAX: f64 = 1500.0;
-/// How long the witness sleeps before it looks whether it is to end.
+/// Interval between checks of the stop request by the witness.
 const PATIENCE: Duration = Duration::from_millis(5);
-/// Its name in the folder of the run.
+/// Name of its file in the run directory.
 const FILE: &str = "without-learning.csv";
 
-/// There is nothing to compare with.
+/// Why there is no comparison.
 #[derive(Debug, thiserror::Error)]
 pub enum WithoutLearningError {
-    /// The loop.
+    /// The loop failed.
     #[error(transparent)]
     Loop(#[from] InProcessError),
-    /// The witness could not listen.
+    /// The witness could not open its links.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// The witness did not hear.
+    /// The witness could not receive.
     #[error(transparent)]
     Receive(#[from] ReceiveError),
-    /// Its file.
+    /// Its file cannot be written.
     #[error("{}: {source}", file.display())]
     File {
-        /// Which.
+        /// The file.
         file: PathBuf,
-        /// What was said of it.
+        /// Cause.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
 }
 
-/// Whether somebody will look at a run that learns, in a world that can be had twice.
+/// Whether the live page is on, the run learns, and its world can be simulated twice.
 pub fn is_wanted(assembly: &Assembly) -> bool {
     let is_shown = matches!(assembly.graph.page.address(), Ok(Some(_)));
     let needed =
@@ -51,7 +52,8 @@ pub fn is_wanted(assembly: &Assembly) -> bool {
     is_shown && enabled && assembly.graph.pace == Pace::RealTime
 }
 
-/// Runs `assembly` without its learner and its faults, and writes what came of it into `folder`. Gives the file.
+/// Runs `assembly` without its learner and its faults, and writes the result into `folder`. Returns
+/// the file.
 ///
 /// # Errors
 /// [`WithoutLearningError`].
@@ -74,7 +76,7 @@ pub fn run(assembly: &Assembly, folder: &Path) -> Result<PathBuf, WithoutLearnin
     Ok(file)
 }
 
-/// Listens in the recorder's place, and keeps where the robot was.
+/// Receives instead of the recorder, and stores the positions of the robot.
 fn witness(ports: &Ports, stop: &Stop) -> Result<Vec<Row>, WithoutLearningError> {
     let mut pulse = Pulse::new(ports, Participant::Recorder)?;
     let mut plans: Source<Plan> = ports.source(Since::First)?;
@@ -105,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn the_paper_without_learning_keeps_an_offset_and_every_period_is_told()
+    fn the_paper_without_learning_keeps_an_offset_and_every_period_is_recorded()
     -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let mut assembly = local()?;
@@ -121,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_run_that_learns_in_real_time_and_is_shown_is_compared()
+    fn only_a_real_time_run_with_learning_and_live_page_is_compared()
     -> Result<(), settings::SettingsError> {
         let wanted_with = |change: fn(&mut Assembly)| {
             let mut assembly = local()?;

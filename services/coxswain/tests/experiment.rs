@@ -1,5 +1,8 @@
-//! Promises of a comparison: the same seed gives the same bits, whoever runs beside it; what was learnt is worth something at the start; a chance
-//! level keeps the robot in its corridor.
+//! Promises of a comparison:
+//!
+//! - The same seed gives the same bits, independent of concurrent trials.
+//! - A start with learned results is better.
+//! - A chance level keeps the robot in its corridor.
 
 use controller::settings::Identify;
 use coxswain::assembly::Assembly;
@@ -36,7 +39,7 @@ fn run(
     folder: &Path,
 ) -> Result<Row, Box<dyn Error>> {
     let row = trial::run(assembly, folder, ("figure-eight", "paper", contender, start))?;
-    // What a tick took is the machine's doing.
+    // The tick times depend on the machine.
     Ok(Row { tick_p50_us: None, tick_p99_us: None, ..row })
 }
 
@@ -63,7 +66,7 @@ fn the_same_seed_gives_the_same_figures_alone_and_beside_others() -> Outcome {
 }
 
 #[test]
-fn a_robot_that_has_learnt_before_begins_better() -> Outcome {
+fn a_robot_that_has_learned_before_starts_better() -> Outcome {
     let contender = Contender::GprMpcObserver;
     let school = tempfile::tempdir()?;
     run(&assembly("figure-eight", contender, 1)?, contender, Start::Cold, school.path())?;
@@ -97,7 +100,7 @@ fn a_response_that_was_identified_before_is_used_from_the_start() -> Outcome {
 }
 
 #[test]
-fn an_oracle_is_better_than_whoever_has_to_guess() -> Outcome {
+fn an_oracle_is_better_than_contenders_without_the_true_model() -> Outcome {
     let rmse = |contender| -> Result<f64, Box<dyn Error>> {
         let assembly = assembly("figure-eight+weak-motor", contender, 1)?;
         let row = run(&assembly, contender, Start::Cold, tempfile::tempdir()?.path())?;
@@ -120,9 +123,9 @@ fn a_model_that_is_wrong_on_one_axis_is_not_used_there_and_does_no_harm() -> Out
     let lied_to = |contender, no_harm| -> Result<Row, Box<dyn Error>> {
         let mut assembly = assembly("figure-eight", contender, 1)?;
         assembly.scenario.mpc.no_harm = no_harm;
-        // Which would explain as much as the learned model.
+        // The identified response would explain as much as the learned model.
         assembly.scenario.mpc.identify = Identify::Off;
-        // Long enough for a model that has to be clearly better before it is used.
+        // Long enough for a model that must be clearly better before it is used.
         assembly.scenario.duration_s = 25.0;
         assembly.faults = Poison::SidewaysFlips.faults(1, 0.1).into();
         run(&assembly, contender, Start::Cold, tempfile::tempdir()?.path())

@@ -1,4 +1,4 @@
-//! Processes are started, restarted and ended as promised, whoever they are: here they are shell scripts.
+//! Processes are started, restarted and ended as promised. Here the processes are shell scripts.
 
 use coxswain::assembly::Assembly;
 use coxswain::fleet::{Event, Fleet, FleetError, RunContext, settings_file};
@@ -17,11 +17,14 @@ use tempfile::TempDir;
 
 type Outcome = Result<(), Box<dyn Error>>;
 
-/// Plays its role until it is told to end, then says so.
-const OBEDIENT: &str = "trap 'echo $0 >> \"$(dirname \"$0\")/ended\"; exit 0' TERM; echo up >> \"$0.up\"; while :; do sleep 0.01; done";
-/// Does not hear, and says that it is ready as often as it is given a word.
-const SPEAKS: &str = "trap '' TERM; echo up >> \"$0.up\"; while :; do [ -e \"$0.word\" ] && printf '\\001' >&0 && rm \"$0.word\"; sleep 0.01; done";
-/// Does not hear.
+/// Runs until it receives SIGTERM, then notes its end in a file.
+const OBEDIENT: &str = "trap 'echo $0 >> \"$(dirname \"$0\")/ended\"; exit 0' TERM; \
+                        echo up >> \"$0.up\"; while :; do sleep 0.01; done";
+/// Ignores SIGTERM, and sends one heartbeat for each word file.
+const SPEAKS: &str = "trap '' TERM; echo up >> \"$0.up\"; while :; do \
+                      [ -e \"$0.word\" ] && printf '\\001' >&0 && rm \"$0.word\"; \
+                      sleep 0.01; done";
+/// Ignores SIGTERM.
 const DEAF: &str = "trap '' TERM; echo up >> \"$0.up\"; while :; do sleep 0.01; done";
 
 fn options() -> Options {
@@ -29,7 +32,8 @@ fn options() -> Options {
     Options { duration: Some(2.0), seed: Some(9), ..Options::of_graph(&graph) }
 }
 
-/// One test at a time: a process that another test just forks could hold a script open for writing, which then cannot be run.
+/// One test at a time. Otherwise a process that another test forks could hold a script open for
+/// writing, and the script could not be run.
 static SCRIPTS: Mutex<()> = Mutex::new(());
 
 struct Fixture {
@@ -38,7 +42,7 @@ struct Fixture {
     _alone: MutexGuard<'static, ()>,
 }
 
-/// A context whose programs are all `script`, but that of `other.0`, which is `other.1`.
+/// A context whose programs are all `script`, except that of `other.0`, which is `other.1`.
 fn fixture(script: &str, other: (Participant, &str)) -> Result<Fixture, Box<dyn Error>> {
     let alone = SCRIPTS.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir()?;
@@ -73,7 +77,7 @@ fn start_all(fleet: &mut Fleet<'_>, context: &RunContext) -> Outcome {
     Ok(())
 }
 
-/// Tends until something happens.
+/// Tends the fleet until there is an event.
 fn next_events(fleet: &mut Fleet<'_>) -> Result<Vec<Event>, FleetError> {
     loop {
         let events = fleet.tend(&View::default(), Instant::now())?;
@@ -107,7 +111,7 @@ fn the_plant_ends_first_and_the_recorder_last() -> Outcome {
 }
 
 #[test]
-fn who_does_not_hear_is_killed_and_the_others_still_end_in_order() -> Outcome {
+fn a_process_that_ignores_sigterm_is_killed_and_the_others_end_in_order() -> Outcome {
     let Fixture { context, .. } = &fixture(OBEDIENT, (Participant::Controller, DEAF))?;
     let mut fleet = Fleet::new(context)?;
     start_all(&mut fleet, context)?;
@@ -120,18 +124,21 @@ fn who_does_not_hear_is_killed_and_the_others_still_end_in_order() -> Outcome {
     };
     let complaints = fleet.end(patience, || false);
     assert!(
-        matches!(&complaints[..], [only] if only.starts_with("controller") && only.ends_with("was killed")),
+        matches!(
+            &complaints[..],
+            [only] if only.starts_with("controller") && only.ends_with("was killed")
+        ),
         "{complaints:?}"
     );
     let mut order = ended(context);
-    // Those of one row end in any order.
+    // Processes of one row end in any order.
     order.get_mut(1..3).ok_or("too few have ended")?.sort();
     assert_eq!(order, ["plant-sim", "gateway", "learner", "recorder"]);
     Ok(())
 }
 
 #[test]
-fn somebody_in_a_hurry_does_not_wait() -> Outcome {
+fn an_urgent_end_does_not_wait_for_the_processes() -> Outcome {
     let Fixture { context, .. } = &fixture(DEAF, (Participant::Plant, DEAF))?;
     let mut fleet = Fleet::new(context)?;
     start_all(&mut fleet, context)?;
@@ -140,7 +147,7 @@ fn somebody_in_a_hurry_does_not_wait() -> Outcome {
 }
 
 #[test]
-fn what_dies_is_started_again_at_once_in_a_higher_epoch() -> Outcome {
+fn a_process_that_dies_is_restarted_at_once_in_a_higher_epoch() -> Outcome {
     let Fixture { context, .. } = &fixture(OBEDIENT, (Participant::Learner, "exit 7"))?;
     let mut fleet = Fleet::new(context)?;
     assert_eq!(fleet.start(Participant::Learner)?, 0);
@@ -153,16 +160,16 @@ fn what_dies_is_started_again_at_once_in_a_higher_epoch() -> Outcome {
         (Participant::Learner, "exit code 7".into(), Duration::ZERO)
     );
     assert_eq!(*again, Event::Restarted { role: Participant::Learner, epoch_floor: 1 });
-    let told: learner::Settings =
+    let received: learner::Settings =
         settings::read(&settings_file(&context.folder, Participant::Learner))?;
-    assert!(told.run.restarted);
-    assert_eq!(told.run.epoch_floor, 1);
+    assert!(received.run.restarted);
+    assert_eq!(received.run.epoch_floor, 1);
     fleet.end(|_| Duration::from_mins(1), || false);
     Ok(())
 }
 
 #[test]
-fn what_dies_over_and_over_ends_the_run_with_its_last_words() -> Outcome {
+fn a_process_that_dies_repeatedly_ends_the_run_with_its_last_output() -> Outcome {
     let Fixture { context, .. } =
         &mut fixture(OBEDIENT, (Participant::Controller, "echo out of memory; exit 7"))?;
     context.assembly.graph.processes.controller.restarts_per_minute = 2;
@@ -184,7 +191,7 @@ fn what_dies_over_and_over_ends_the_run_with_its_last_words() -> Outcome {
     Ok(())
 }
 
-/// Lets `role` die until it is given up.
+/// Lets `role` die until the fleet gives it up.
 fn give_up(role: Participant, pace: Pace) -> Result<Option<String>, Box<dyn Error>> {
     let Fixture { context, .. } = &mut fixture(OBEDIENT, (role, "exit 7"))?;
     let processes = &mut context.assembly.graph.processes;
@@ -208,8 +215,7 @@ fn give_up(role: Participant, pace: Pace) -> Result<Option<String>, Box<dyn Erro
 }
 
 #[test]
-fn whom_the_robot_does_not_need_is_given_up_when_it_dies_over_and_over_and_the_run_goes_on()
--> Outcome {
+fn a_process_that_the_robot_does_not_need_is_given_up_and_the_run_goes_on() -> Outcome {
     let expected = Some("exit code 7".to_owned());
     assert_eq!(give_up(Participant::Gateway, Pace::LockStep)?, expected);
     assert_eq!(give_up(Participant::Learner, Pace::RealTime)?, expected);
@@ -222,8 +228,7 @@ fn whom_the_robot_does_not_need_is_given_up_when_it_dies_over_and_over_and_the_r
 }
 
 #[test]
-fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_launcher_that_was_away()
--> Outcome {
+fn a_silent_process_is_restarted_unless_the_launcher_was_stopped() -> Outcome {
     let Fixture { context, .. } = &fixture(SPEAKS, (Participant::Plant, DEAF))?;
     let mut fleet = Fleet::new(context)?;
     fleet.start(Participant::Controller)?;
@@ -254,7 +259,7 @@ fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_l
         [],
         "the launcher was stopped for a minute, not the controller"
     );
-    // That counts as a short one, and so much had passed since the last word.
+    // The pause counts as a short round; this time had passed since the last heartbeat.
     let passed = Duration::from_millis(40) + round * 14;
     let mut rounds = 0;
     let silence = loop {
@@ -284,7 +289,7 @@ fn who_is_silent_too_long_is_killed_and_started_again_but_not_on_the_word_of_a_l
 }
 
 #[test]
-fn a_plant_that_is_done_ends_the_run_and_one_that_fails_does_not() -> Outcome {
+fn a_plant_that_finishes_ends_the_run_and_one_that_fails_does_not() -> Outcome {
     for (script, finished) in [("exit 0", true), ("exit 1", false)] {
         let Fixture { context, .. } = &fixture(OBEDIENT, (Participant::Plant, script))?;
         let mut fleet = Fleet::new(context)?;
@@ -300,23 +305,23 @@ fn a_plant_that_is_done_ends_the_run_and_one_that_fails_does_not() -> Outcome {
 }
 
 #[test]
-fn death_before_readiness_is_told_with_its_last_words() -> Outcome {
+fn a_death_before_readiness_is_reported_with_the_last_output() -> Outcome {
     let Fixture { context, .. } =
         &fixture(OBEDIENT, (Participant::Recorder, "echo disk full >&2; exit 1"))?;
     let mut fleet = Fleet::new(context)?;
     fleet.start(Participant::Recorder)?;
-    let told = loop {
+    let error = loop {
         match fleet.is_ready(Participant::Recorder, Instant::now()) {
             Ok(_) => std::thread::sleep(Duration::from_millis(5)),
             Err(error) => break error.to_string(),
         }
     };
-    assert_eq!(told, "recorder ended with exit code 1 before it was ready\n    disk full");
+    assert_eq!(error, "recorder ended with exit code 1 before it was ready\n    disk full");
     Ok(())
 }
 
 #[test]
-fn every_process_can_read_what_it_is_told() -> Outcome {
+fn every_process_can_read_its_settings() -> Outcome {
     let Fixture { context, .. } = &fixture(OBEDIENT, (Participant::Plant, OBEDIENT))?;
     let mut fleet = Fleet::new(context)?;
     start_all(&mut fleet, context)?;

@@ -1,4 +1,5 @@
-//! Where those on the same machine find the endpoints and the live page: files beside the sockets of the graph's links.
+//! Addresses of the endpoints and the live page for processes on this machine: files beside the
+//! sockets of the graph's links.
 
 use process::atomic_file;
 use std::fs;
@@ -15,23 +16,23 @@ pub fn endpoints(root: &Path) -> Vec<String> {
     text.lines().map(str::to_owned).collect()
 }
 
-/// Says where the gateway of the graph in `root` listens: all of it, or nothing.
+/// Writes the endpoints of the gateway of the graph in `root`: all of them, or nothing.
 ///
 /// # Errors
-/// What the file system says.
+/// Errors of the file system.
 pub fn note(root: &Path, endpoints: &[String]) -> io::Result<()> {
     write(root, TELEMETRY, &endpoints.join("\n"))
 }
 
-/// Where the gateway of the graph in `root` serves the live page, if it does.
+/// Address of the live page of the graph in `root`, if its gateway serves one.
 pub fn page(root: &Path) -> Option<SocketAddr> {
     fs::read_to_string(root.join(PAGE)).ok()?.parse().ok()
 }
 
-/// Says where the gateway of the graph in `root` serves the live page.
+/// Writes the address of the live page of the graph in `root`.
 ///
 /// # Errors
-/// What the file system says.
+/// Errors of the file system.
 pub fn note_page(root: &Path, address: SocketAddr) -> io::Result<()> {
     write(root, PAGE, &address.to_string())
 }
@@ -45,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_noted_is_found() -> io::Result<()> {
+    fn written_addresses_are_read_back() -> io::Result<()> {
         let root = tempfile::tempdir()?;
         assert_eq!(endpoints(root.path()), Vec::<String>::new());
         let noted = ["tcp/127.0.0.1:1".to_owned(), "tcp/127.0.0.1:2".to_owned()];

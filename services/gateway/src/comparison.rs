@@ -10,7 +10,7 @@
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Most periods that are kept: beyond them there is nothing to compare with.
+/// Largest number of stored periods; later ones are not compared.
 pub const PERIODS_MAX: usize = 30_000;
 
 /// One period without learning.
@@ -29,7 +29,7 @@ pub struct Row {
 /// Writes a run without learning.
 ///
 /// # Errors
-/// What the file system says.
+/// Errors of the file system.
 pub fn write(file: &Path, rows: &[Row]) -> Result<(), csv::Error> {
     let mut writer = csv::Writer::from_path(file)?;
     rows.iter().try_for_each(|row| writer.serialize(row))?;
@@ -39,15 +39,15 @@ pub fn write(file: &Path, rows: &[Row]) -> Result<(), csv::Error> {
 /// Reads a run without learning.
 ///
 /// # Errors
-/// If it cannot be read, or a row is not of four numbers.
+/// The file cannot be read, or a row does not have four numbers.
 pub fn read(file: &Path) -> Result<Vec<Row>, csv::Error> {
     csv::Reader::from_path(file)?.into_deserialize().take(PERIODS_MAX).collect()
 }
 
-/// How far both runs have been off so far.
+/// RMS errors of both runs so far.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Standing {
-    /// First period that was compared: later than the run's if the gateway came later.
+    /// First compared period. It is later than the run's first one if the gateway started later.
     since: u64,
     /// RMS position error of this run over the periods that both have \[m\].
     with: f64,
@@ -66,7 +66,7 @@ pub(crate) struct Comparison {
 }
 
 impl Comparison {
-    /// Beside `rows`, in the order of their ticks.
+    /// A comparison with `rows`, in the order of their ticks.
     pub(crate) fn new(mut rows: Vec<Row>) -> Self {
         rows.sort_unstable_by_key(|row| row.tick);
         Self { rows, ..Self::default() }
@@ -76,12 +76,12 @@ impl Comparison {
         &self.rows
     }
 
-    /// Another run begins.
+    /// Restarts the comparison for another run.
     pub(crate) fn start_again(&mut self) {
         (self.periods, self.sum, self.sum_without) = (0, 0.0, 0.0);
     }
 
-    /// Takes in the position error of this run at `tick`.
+    /// Processes the position error of this run at `tick`.
     pub(crate) fn take_in(&mut self, tick: u64, error: f64) {
         if let Ok(index) = self.rows.binary_search_by_key(&tick, |row| row.tick)
             && let Some(row) = self.rows.get(index)
@@ -97,7 +97,7 @@ impl Comparison {
         }
     }
 
-    /// Nothing before the first period that both have.
+    /// The RMS errors so far; `None` before the first period that both runs have.
     pub(crate) fn standing(&self) -> Option<Standing> {
         let rms = |sum: f64| (sum / self.periods as f64).sqrt();
         (self.periods > 0).then(|| Standing {
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read() -> Result<(), Box<dyn std::error::Error>> {
+    fn a_written_run_is_read_back() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let (file, rows) = (folder.path().join("without.csv"), [row(0, 1.0), row(1, 0.1 + 0.2)]);
         write(&file, &rows)?;
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn only_periods_that_both_runs_have_count() {
+    fn only_periods_of_both_runs_count() {
         let mut comparison = Comparison::new(vec![row(2, 4.0), row(1, 3.0)]);
         assert_eq!(comparison.standing(), None);
         for (tick, error) in [(0, 100.0), (1, 0.3), (2, 0.4), (3, 100.0), (2, f64::NAN)] {

@@ -1,15 +1,16 @@
-//! What the robot does, shown to whoever wants to watch.
+//! Shared memory → watchers: the robot's state over the network, and the live page.
 //!
 //! | module         | what it holds                                                           |
 //! |----------------|-------------------------------------------------------------------------|
 //! | [`run`]        | the loop: newest messages of every topic → telemetry, and the live page |
-//! | [`settings`]   | what a person may set: endpoints, robot, rates, the page                |
-//! | [`addresses`]  | where those on the same machine find the endpoints and the page         |
+//! | [`settings`]   | settings of the gateway: endpoints, robot, rates, the page              |
+//! | [`addresses`]  | addresses of the endpoints and the page, for this machine               |
 //! | [`comparison`] | the same run without learning, which the page shows beside this one     |
-//! | [`page`]       | the live page: what browsers are told, and how                          |
+//! | [`page`]       | the live page: its events, and their delivery to browsers               |
 //! | `topic_relay`  | one topic on its way to the watchers, at its rate                       |
 //!
-//! Nobody waits for the gateway, and it takes nothing in: it reads as one who only looks on, and no word of a watcher reaches the graph.
+//! The gateway only reads, and no process waits for it. It is a passive subscriber; no message of a
+//! watcher reaches the graph.
 //!
 //! ```
 //! use gateway::settings::Rates;

@@ -6,11 +6,11 @@ use protocol::port::{Identity, Ports};
 use rustix::process::setpriority_process;
 use std::process::ExitCode;
 
-/// Whoever controls the robot goes first: how much less often this process is served when processors are short.
+/// Nice value: the controller has precedence when processors are short.
 const NICE: i32 = 10;
 
 fn main() -> ExitCode {
-    // Where the system does not let a process step back, it stays where it is.
+    // If the system does not permit it, the process keeps its priority.
     let _ = setpriority_process(None, NICE);
     process::main(Participant::Gateway, |settings: Settings, stop| {
         let ports = Ports::open(&settings.run.links, Identity::new(settings.run.epoch_floor + 1))?;

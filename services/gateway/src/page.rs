@@ -1,18 +1,19 @@
-//! messages → browsers: the live page, served at one address, and what it draws as it happens.
+//! messages → browsers: the live page, served at one address, and its events.
 //!
-//! | module    | what it holds                                                                  |
-//! |-----------|--------------------------------------------------------------------------------|
-//! | `feed`    | what an open page is told: how things stand, then what is new                    |
-//! | `rows`    | one row per period, and the last minute of them                                 |
-//! | `horizon` | the predicted path, and how far it may err                                      |
-//! | `logbook` | one line for everything that goes wrong or is well again                        |
-//! | `viewers` | a short queue for each open page                                                |
-//! | `server`  | the threads that listen and write                                               |
-//! | `request` | what a browser asks for, or why it gets nothing                                 |
-//! | `answer`  | what goes back: the page (`index.html`, `style.css`, the scripts), events, refusals |
+//! | module    | what it holds                                                               |
+//! |-----------|-----------------------------------------------------------------------------|
+//! | `feed`    | events for an open page: first the present state, then the news             |
+//! | `rows`    | one row per period, and the last minute of them                             |
+//! | `horizon` | the predicted path, and its uncertainty                                     |
+//! | `logbook` | one line for every fault, and for its end                                   |
+//! | `viewers` | a short queue for each open page                                            |
+//! | `server`  | the threads that listen and write                                           |
+//! | `request` | the request of a browser, or the reason for its refusal                     |
+//! | `answer`  | the answer: the page (`index.html`, `style.css`, scripts), events, refusals |
 //!
-//! A page can only be read: it has no way to send anything but the request for itself and for its events. The gateway waits for no viewer:
-//! it puts each event into their queues, and who falls behind is told anew how things stand.
+//! A page can only read: it can send nothing but the requests for itself and for its events. The
+//! gateway waits for no viewer: it puts each event into their queues. A viewer that falls behind
+//! receives the present state again.
 
 mod answer;
 mod feed;
@@ -34,20 +35,21 @@ use std::io;
 use std::net::{IpAddr, SocketAddr};
 use std::time::{Duration, Instant};
 
-/// Pages hear something this often at most.
+/// Shortest time between two events.
 const INTERVAL: Duration = Duration::from_millis(40);
 
 /// The page cannot be served.
 #[derive(Debug, thiserror::Error)]
 #[error("the live page cannot be served at {address}: {source}")]
 pub struct PageError {
-    /// Where it was to be.
+    /// The requested address.
     address: SocketAddr,
-    /// What the system said.
+    /// Error of the system.
     source: io::Error,
 }
 
-/// What a browser asks for that sends `bytes` to a page at the address `listening`: `"document"` or `"events"`.
+/// Parses the request `bytes` of a browser to a page at the address `listening`. Returns
+/// `"document"` or `"events"`.
 ///
 /// # Errors
 /// Status line of the refusal.
@@ -68,7 +70,8 @@ pub(crate) struct Page {
 }
 
 impl Page {
-    /// Serves the page at `before`, if that is possible, else where `settings` say; nothing if there shall be none.
+    /// Serves the page at `before` if possible, else at the address in `settings`. Returns `None`
+    /// if the settings turn the page off.
     pub(crate) fn open(
         settings: &Settings,
         before: Option<SocketAddr>,
@@ -95,17 +98,17 @@ impl Page {
         }))
     }
 
-    /// Where it is served, with the true port.
+    /// The served address, with the actual port.
     pub(crate) fn address(&self) -> SocketAddr {
         self.server.address()
     }
 
-    /// Whom to tell what was heard.
+    /// The feed, which receives the messages.
     pub(crate) fn feed(&mut self) -> &mut Feed {
         &mut self.feed
     }
 
-    /// Tells all open pages what is new, if it is time. Waits for nobody.
+    /// Sends the news to all open pages, if it is time. Never waits.
     pub(crate) fn turn(&mut self, now: Instant) {
         if now < self.next {
             return;
@@ -122,7 +125,7 @@ impl Page {
     }
 }
 
-/// Tenths of a millimetre and below are not drawn: 10 µm.
+/// Rounds to 10 µm: smaller differences are not drawn.
 fn round(value: f64) -> f64 {
     (value * 1e5).round() / 1e5
 }

@@ -1,4 +1,4 @@
-//! every topic → watchers, near and far.
+//! Every topic → watchers, on this machine and remote.
 
 use crate::addresses;
 use crate::page::{Feed, Page, PageError};
@@ -16,40 +16,42 @@ use protocol::topic::Topic;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Longest sleep: topics other than the plan are looked at as often.
+/// Longest sleep. Topics other than the plan are read at least this often.
 const PATIENCE: Duration = Duration::from_millis(20);
 
-/// The robot cannot be shown.
+/// The gateway failed.
 #[derive(Debug, thiserror::Error)]
 pub enum GatewayError {
-    /// No place in the graph.
+    /// It could not join the graph.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// A topic cannot be read.
+    /// A topic could not be read.
     #[error(transparent)]
     Receive(#[from] ReceiveError),
-    /// No way to the watchers.
+    /// The endpoints for watchers could not be opened.
     #[error(transparent)]
     Telemetry(#[from] TelemetryError),
-    /// No way to browsers.
+    /// The live page could not be served.
     #[error(transparent)]
     Page(#[from] PageError),
-    /// A way for strangers.
+    /// An unauthenticated peer could connect.
     #[error(transparent)]
     Breach(#[from] Breach),
 }
 
-/// Shows what is said until `stop` is requested.
+/// Relays the topics until `stop` is requested.
 ///
 /// # Errors
-/// [`GatewayError`]. A robot that drives does not notice; one that is to start, with certificates, waits for the first gateway of its launch.
+/// [`GatewayError`]. The error has no effect on a driving robot. A robot that starts with
+/// certificates waits for the first gateway of its launch.
 pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), GatewayError> {
     let mut pulse = Pulse::new(ports, Participant::Gateway)?.exposed(settings.run.exposure);
     let rates = settings.rates.of(settings.run.exposure);
     let mut relay = Relay::open(ports, &rates)?;
     let (mut publisher, place) = publisher(settings)?;
     let mut page = page(settings)?;
-    // One that comes back does so without: it has been tested where it listens now, and watchers wait for it.
+    // A restarted gateway skips this test: its endpoints have been tested, and watchers wait for
+    // them.
     if let Some(credentials) =
         settings.telemetry.credentials.as_ref().filter(|_| place == Place::New)
     {
@@ -75,23 +77,24 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
         }
         relay.count(&mut pulse);
         pulse.beat();
-        // Whatever comes meanwhile is looked at together.
+        // Messages that arrive meanwhile are processed together.
         thread::sleep(breath);
     }
     pulse.last_words(Phase::Finished, settings.run.pace);
     Ok(publisher.close()?)
 }
 
-/// Where a gateway listens.
+/// Whether the endpoints are known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
-    /// Where one has welcomed watchers before.
+    /// A previous gateway listened here.
     Known,
-    /// Where none has.
+    /// The endpoints are new.
     New,
 }
 
-/// Listens where this role listened before, if it has been restarted, so that watchers find it again; else where the settings say.
+/// Listens on the previous endpoints after a restart, so that watchers find it again; else on those
+/// in the settings.
 fn publisher(settings: &Settings) -> Result<(Publisher, Place), GatewayError> {
     let root = &settings.run.links.root;
     let before = addresses::endpoints(root);
@@ -107,16 +110,21 @@ fn publisher(settings: &Settings) -> Result<(Publisher, Place), GatewayError> {
     })
 }
 
-/// Tells watchers of this machine where they find it.
+/// Publishes the endpoints to watchers on this machine.
 fn welcome(settings: &Settings, endpoints: &[String]) {
-    // Before it is said: who reads that may look there at once.
+    // Written before the log line: its reader may look there at once.
     if let Err(error) = addresses::note(&settings.run.links.root, endpoints) {
         tracing::warn!(%error, "the endpoints could not be noted for watchers on this machine");
     }
-    tracing::info!(robot = %settings.telemetry.robot, endpoints = %endpoints.join(", "), "watchers are welcome");
+    tracing::info!(
+        robot = %settings.telemetry.robot,
+        endpoints = %endpoints.join(", "),
+        "watchers are welcome"
+    );
 }
 
-/// Serves the live page where this role served it before, if it has been restarted, so that open pages come back; else where the settings say.
+/// Serves the live page at its previous address after a restart, so that open pages reconnect; else
+/// at the address in the settings.
 fn page(settings: &Settings) -> Result<Option<Page>, PageError> {
     let root = &settings.run.links.root;
     let page = Page::open(settings, addresses::page(root))?;
@@ -130,10 +138,11 @@ fn page(settings: &Settings) -> Result<Option<Page>, PageError> {
     Ok(page)
 }
 
-/// All topics on their way to the watchers.
+/// Relays of all topics to the watchers.
 struct Relay {
     states: TopicRelay<PlantState>,
-    /// The gateway sleeps on this one. The plan is said when the command is out, so that nobody is woken while an answer is worked out.
+    /// The gateway sleeps on this topic. The plan is published after the command, so that no
+    /// wake-up disturbs the computation of an answer.
     plans: TopicRelay<Plan>,
     healths: HealthRelay,
     residuals: TopicRelay<ResidualSample>,
@@ -153,7 +162,7 @@ impl Relay {
         })
     }
 
-    /// The state goes before the plan that answers it.
+    /// The state is sent before the plan that answers it.
     fn pass(
         &mut self,
         publisher: &mut Publisher,
@@ -184,7 +193,7 @@ impl Relay {
         Ok(())
     }
 
-    /// What one who only looks on has passed over is no loss.
+    /// Messages that a passive subscriber skipped are not lost.
     fn count(&self, pulse: &mut Pulse) {
         for (topic, tally) in [
             (Topic::State, self.states.tally()),

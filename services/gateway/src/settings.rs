@@ -1,4 +1,4 @@
-//! What a person may set: where watchers connect, where the live page is served, and how often each topic is shown.
+//! Settings: the endpoints for watchers, the address of the live page, and the rate of each topic.
 
 use process::{HasRun, Run};
 use protocol::message::Exposure;
@@ -16,25 +16,25 @@ const RATE_MAX: f64 = 1000.0;
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// What the launcher tells every process.
+    /// Settings that every process gets from the launcher.
     pub run: Run,
-    /// Where watchers connect, and how the robot is called.
+    /// The endpoints for watchers, and the robot's name.
     pub telemetry: TelemetrySettings,
-    /// How often each topic is shown at most.
+    /// Highest rate of each topic.
     pub rates: Rates,
-    /// Where the live page is served.
+    /// Address of the live page.
     #[serde(default)]
     pub page: PageSettings,
-    /// What the page tells of the run.
+    /// Description of the run on the page.
     #[serde(default)]
     pub about: About,
 }
 
-/// Where the live page is served; nowhere unless somebody says so.
+/// Address of the live page; off by default.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PageSettings {
-    /// Address and port, as `127.0.0.1:8080`, or `off`. Port 0 is any that is free.
+    /// Address and port, as `127.0.0.1:8080`, or `off`. Port 0 is any free port.
     pub listen: String,
 }
 
@@ -45,7 +45,7 @@ impl Default for PageSettings {
 }
 
 impl PageSettings {
-    /// Where to listen; nowhere if there shall be no page.
+    /// The address to listen on; `None` if the page is off.
     ///
     /// # Errors
     /// [`Impossible`] if it is neither an address with a port nor `off`.
@@ -64,7 +64,7 @@ impl Check for PageSettings {
     }
 }
 
-/// What the page tells of the run beside its messages; the launcher says it.
+/// Description of the run on the page, beside the messages. It comes from the launcher.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct About {
@@ -72,15 +72,15 @@ pub struct About {
     pub scenario: String,
     /// The same in one sentence.
     pub description: String,
-    /// Length of the run; 0 if nobody knows \[s\].
+    /// Length of the run; 0 if unknown \[s\].
     pub duration_s: f64,
     /// Largest heading, either way \[rad\].
     pub heading_rad: Option<f64>,
     /// Largest speed \[m/s\].
     pub speed_mps: Option<f64>,
-    /// Room on the left of the reference \[m\].
+    /// Width of the corridor on the left of the reference \[m\].
     pub corridor_left_m: Option<f64>,
-    /// Room on its right \[m\].
+    /// Width of the corridor on its right \[m\].
     pub corridor_right_m: Option<f64>,
     /// File with the same run without learning, see [`comparison`](crate::comparison).
     pub without_learning: Option<PathBuf>,
@@ -105,21 +105,21 @@ impl Check for About {
     }
 }
 
-/// How often each topic is shown at most \[Hz\]; 0 is never.
+/// Highest rate of each topic \[Hz\]; 0 is never.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Rates {
     /// Measured state.
     pub state: f64,
-    /// What the controller intends.
+    /// The controller's plan.
     pub plan: f64,
-    /// How each process is: so often for each of them.
+    /// Health: at this rate for each process.
     pub health: f64,
-    /// What the main model got wrong.
+    /// Residual of the main model.
     pub residual: f64,
-    /// Learned models, whole.
+    /// Learned models, complete.
     pub snapshot: f64,
-    /// What is really the case, in a simulation.
+    /// True state, in a simulation.
     pub truth: f64,
 }
 
@@ -129,22 +129,23 @@ impl Default for Rates {
     }
 }
 
-/// Rate at which Health is shown at least of a robot that strangers can reach \[Hz\].
+/// Lowest rate of Health for a robot that unauthenticated peers can reach \[Hz\].
 const EXPOSED_HEALTH: f64 = 1.0;
 
 impl Rates {
-    /// Those that are kept of a robot of this `exposure`: if strangers can reach it, whoever looks is told, and that is in every Health.
+    /// The effective rates for a robot with this `exposure`. If unauthenticated peers can reach it,
+    /// every watcher must be warned, and each Health contains the warning.
     pub(crate) fn of(self, exposure: Exposure) -> Self {
         let least = if exposure == Exposure::Closed { 0.0 } else { EXPOSED_HEALTH };
         Self { health: self.health.max(least), ..self }
     }
 
-    /// Time between two messages at `rate`, none if there shall be none.
+    /// Time between two messages at `rate`; `None` at rate 0.
     pub fn interval(rate: f64) -> Option<Duration> {
         (rate > 0.0).then(|| Duration::try_from_secs_f64(1.0 / rate).unwrap_or(Duration::MAX))
     }
 
-    /// Time between two messages of the topic that is shown most often; a second at most.
+    /// Time between two messages of the topic with the highest rate; at most one second.
     pub(crate) fn shortest_interval(&self) -> Duration {
         let rates = [self.state, self.plan, self.health, self.residual, self.snapshot, self.truth];
         rates
@@ -172,10 +173,10 @@ impl Check for Rates {
     }
 }
 
-/// Fails unless the settings of the telemetry are well-formed.
+/// Checks that the settings of the telemetry are well-formed.
 ///
 /// # Errors
-/// [`Impossible`] names the first that is not.
+/// [`Impossible`] names the first invalid setting.
 pub fn check_telemetry(telemetry: &TelemetrySettings) -> Result<(), Impossible> {
     telemetry.check().map_err(|error| match error {
         TelemetryError::Robot { .. } => {
@@ -207,7 +208,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rate_that_cannot_be_is_named() {
+    fn an_impossible_rate_is_named() {
         for rate in [-1.0, f64::NAN, 1e6] {
             let refused = Rates { plan: rate, ..Rates::default() }.check();
             assert_eq!(refused, Err(Impossible::new("plan", "0 to 1000 Hz")));
@@ -216,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn no_rate_hides_that_strangers_can_reach_the_robot() {
+    fn no_rate_hides_that_unauthenticated_peers_can_reach_the_robot() {
         let silent = Rates { health: 0.0, ..Rates::default() };
         assert_eq!(silent.of(Exposure::Closed), silent);
         assert_eq!(silent.of(Exposure::Watched).health, 1.0);
@@ -224,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_is_served_at_an_address_or_not_at_all() {
+    fn a_page_has_an_address_or_is_off() {
         let address = |listen: &str| {
             PageSettings { listen: listen.to_owned() }
                 .address()
@@ -253,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn an_endpoint_that_cannot_be_is_refused_before_anything_is_opened() {
+    fn an_impossible_endpoint_is_refused_before_any_is_opened() {
         for endpoint in [
             "",
             "127.0.0.1:7448",

@@ -1,4 +1,4 @@
-//! topic → watchers: the newest message, at most so often.
+//! topic → watchers: the newest message, at a limited rate.
 
 use crate::run::GatewayError;
 use crate::settings::Rates;
@@ -9,19 +9,19 @@ use protocol::topic::OnTopic;
 use protocol::view::Viewable;
 use std::time::{Duration, Instant};
 
-/// One topic on its way to the watchers.
+/// The relay of one topic to the watchers.
 pub(crate) struct TopicRelay<T> {
     pub(crate) source: Source<T>,
     turn: Turn,
 }
 
 impl<T: OnTopic + Viewable> TopicRelay<T> {
-    /// Looks on at the topic of `T`, to show it at `rate` \[Hz\].
+    /// Subscribes to the topic of `T` passively, to relay it at `rate` \[Hz\].
     pub(crate) fn open(ports: &Ports, rate: f64) -> Result<Self, OpenError> {
         Ok(Self { source: ports.watcher()?, turn: Turn::new(Rates::interval(rate)) })
     }
 
-    /// Shows the newest message, if there is one and it is time. Gives what was shown.
+    /// Publishes the newest message, if there is one and it is time. Returns the published message.
     pub(crate) fn pass(
         &mut self,
         now: Instant,
@@ -43,7 +43,7 @@ impl<T: OnTopic + Viewable> TopicRelay<T> {
     }
 }
 
-/// The one topic with many writers: each has its turn.
+/// The relay of Health, the one topic with many writers: each is relayed at its own turn.
 pub(crate) struct HealthRelay {
     source: Source<Health>,
     turn: Turn,
@@ -51,7 +51,7 @@ pub(crate) struct HealthRelay {
 }
 
 impl HealthRelay {
-    /// Looks on at the health of all processes, to show each at `rate` \[Hz\].
+    /// Subscribes to Health of all processes passively, to relay each at `rate` \[Hz\].
     pub(crate) fn open(ports: &Ports, rate: f64) -> Result<Self, OpenError> {
         Ok(Self {
             source: ports.watcher()?,
@@ -60,7 +60,8 @@ impl HealthRelay {
         })
     }
 
-    /// Takes in what was said, and shows the newest of each process if it is time. `shown` hears what was.
+    /// Receives all messages, and publishes the newest of each process if it is time. `shown`
+    /// receives each published message.
     pub(crate) fn pass(
         &mut self,
         now: Instant,
@@ -92,7 +93,7 @@ impl HealthRelay {
     }
 }
 
-/// When it is time again.
+/// The time of the next message.
 #[derive(Debug)]
 struct Turn {
     interval: Option<Duration>,
@@ -104,13 +105,14 @@ impl Turn {
         Self { interval, next: None }
     }
 
-    /// A tenth of the interval early is in time: else a topic of just that rate would miss every other turn.
+    /// A tenth of the interval early counts as in time. Else a topic of exactly that rate would
+    /// lose every other message.
     fn has_come(&self, now: Instant) -> bool {
         let Some(interval) = self.interval else { return false };
         self.next.is_none_or(|next| next.saturating_duration_since(now) <= interval / 10)
     }
 
-    /// Who was early waits longer for the next, so that the rate is kept in the mean.
+    /// After an early message the next wait is longer, so that the mean rate is kept.
     fn taken(&mut self, now: Instant) {
         let after = |time: Instant| self.interval.and_then(|interval| time.checked_add(interval));
         self.next = self.next.and_then(after).filter(|&next| next > now).or_else(|| after(now));
@@ -136,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn no_rate_is_exceeded_and_a_topic_of_just_that_rate_passes_whole() {
+    fn no_rate_is_exceeded_and_a_topic_of_exactly_that_rate_passes_complete() {
         let (ms, second) = (Duration::from_millis, Duration::from_secs(1));
         assert_eq!(taken(50.0, ms(100), second), 10, "a slow topic passes whole");
         assert_eq!(taken(50.0, ms(20), second), 50);

@@ -1,4 +1,4 @@
-//! The gateway against a plant that only talks.
+//! The gateway with a plant that only publishes.
 
 use bytemuck::Zeroable;
 use gateway::addresses;
@@ -83,7 +83,7 @@ impl Fixture {
 }
 
 #[test]
-fn what_the_plant_says_is_shown() -> Outcome {
+fn states_of_the_plant_reach_the_watcher() -> Outcome {
     let folder = tempfile::tempdir()?;
     let fixture = Fixture::start(folder.path(), Rates::default())?;
     let endpoints = addresses::endpoints(folder.path());
@@ -91,7 +91,7 @@ fn what_the_plant_says_is_shown() -> Outcome {
         Watcher::open(endpoints.first().ok_or("no endpoint was noted")?, Some("test"))?;
     let mut sink = fixture.ports.sink::<PlantState>()?;
     let begin = Instant::now();
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     for tick in 0.. {
         let mut state = PlantState::zeroed();
         state.stamp.tick = tick;
@@ -99,18 +99,18 @@ fn what_the_plant_says_is_shown() -> Outcome {
         if let Some(word) = watcher.next(SOON)?
             && let Heard::State(state) = word.said
         {
-            heard.push(state.stamp.tick);
+            received.push(state.stamp.tick);
         }
-        if heard.len() >= 5 || begin.elapsed() > PATIENCE {
+        if received.len() >= 5 || begin.elapsed() > PATIENCE {
             break;
         }
     }
-    assert!(heard.len() >= 5 && heard.is_sorted(), "{heard:?}");
+    assert!(received.len() >= 5 && received.is_sorted(), "{received:?}");
     fixture.end()
 }
 
 #[test]
-fn a_gateway_that_comes_back_is_found_where_it_was() -> Outcome {
+fn a_restarted_gateway_has_the_same_addresses() -> Outcome {
     let folder = tempfile::tempdir()?;
     Fixture::start(folder.path(), Rates::default())?.end()?;
     let before = (addresses::endpoints(folder.path()), addresses::page(folder.path()));

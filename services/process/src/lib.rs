@@ -1,20 +1,20 @@
-//! What every process of the graph does at its start and end.
+//! Start, supervision and end of every process of the graph.
 //!
-//! | module       | what it holds                                                                     |
-//! |--------------|-----------------------------------------------------------------------------------|
-//! | `run`        | [`Run`]: what the launcher tells every process, the table `[run]` of its settings |
-//! | `start`      | [`main`]: arguments, settings, log, stop signals, body, exit code                 |
-//! | `stop`       | [`Stop`]: the request to end, and who may make it                                 |
-//! | `lifeline`   | [`Lifeline`]: the same heartbeat, told to the launcher alone                      |
-//! | `pulse`      | [`Pulse`]: the heartbeat that goes out as `Health`                                |
-//! | `owner`      | [`keep_to_user`]: nobody else reads what this process makes                       |
-//! | [`atomic_file`] | files that a reader never sees in part                                        |
-//! | `priority`   | [`go_first`]: what a command waits for runs before everything else                |
-//! | `scheduling` | [`Scheduling`]: processors, locked memory and priority, as a person sets them     |
-//! | `witness`    | [`Witness`]: when the machine let nobody run                                      |
-//! | `seat`       | [`Seat`]: a thread held on its processor                                          |
-//! | [`refusals`] | who and what is turned away at the network ▶ a few lines in the log               |
-//! | [`requests`] | a person ▶ a running process: changes to its settings                             |
+//! | module       | contents                                                                      |
+//! |--------------|-------------------------------------------------------------------------------|
+//! | `run`        | [`Run`]: settings from the launcher for every process, the table `[run]`      |
+//! | `start`      | [`main`]: arguments, settings, log, stop signals, body, exit code             |
+//! | `stop`       | [`Stop`]: the stop request and its sources                                    |
+//! | `lifeline`   | [`Lifeline`]: the heartbeat, sent only to the launcher                        |
+//! | `pulse`      | [`Pulse`]: the heartbeat, published as `Health`                               |
+//! | `owner`      | [`keep_to_user`]: new files are private to their user                         |
+//! | [`atomic_file`] | files that a reader never sees in part                                     |
+//! | `priority`   | [`go_first`]: real-time priority for the threads on the path of a command     |
+//! | `scheduling` | [`Scheduling`]: settings of processors, locked memory and priority            |
+//! | `witness`    | [`Witness`]: detects stalls of the machine                                    |
+//! | `seat`       | [`Seat`]: pins a thread to its processor                                      |
+//! | [`refusals`] | rejected peers and messages ▶ a few lines in the log                          |
+//! | [`requests`] | operator ▶ a running process: changes to its settings                         |
 
 pub mod atomic_file;
 mod lifeline;

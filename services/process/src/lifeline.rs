@@ -58,13 +58,13 @@ impl Lifeline {
 
     /// Reads all heartbeats that have arrived. Does not wait.
     pub fn listen(&mut self) {
-        let mut said = [0; 64];
+        let mut codes = [0; 64];
         for _ in 0..READS_MOST {
-            // No more data, or the other end is closed: the exit status tells how the process
+            // No more data, or the other end is closed. The exit status shows how the process
             // ended.
-            let Ok(count @ 1..) = self.line.read(&mut said) else { return };
+            let Ok(count @ 1..) = self.line.read(&mut codes) else { return };
             self.beats += count as u64;
-            let last = said
+            let last = codes
                 .iter()
                 .take(count)
                 .rev()

@@ -274,12 +274,12 @@ mod tests {
     #[test]
     fn a_flood_of_rejected_peers_is_one_line_every_ten_seconds() {
         let (mut book, begin) = (Book::new(), Instant::now());
-        let mut told = Vec::new();
+        let mut lines = Vec::new();
         for hundredth in 0..2_500 {
             book.note("no certificate".to_owned());
-            told.extend(book.due(begin + Duration::from_millis(10 * hundredth)));
+            lines.extend(book.due(begin + Duration::from_millis(10 * hundredth)));
         }
-        let counts: Vec<u64> = told.iter().map(|(_, count)| *count).collect();
+        let counts: Vec<u64> = lines.iter().map(|(_, count)| *count).collect();
         assert_eq!(counts, [1, 1000, 1000]);
         assert_eq!(book.due(begin + Duration::from_mins(1)), [("no certificate".to_owned(), 499)]);
         assert_eq!(book.due(begin + Duration::from_secs(90)), []);
@@ -314,11 +314,11 @@ mod tests {
         ] {
             for topic in Topic::ALL {
                 let key = format!("coxswain-link/g/{}/data/x", topic.name());
-                let said = format!(
+                let text = format!(
                     "7d on lo+CertCommonName(watcher.pilot)+tls+7d is unauthorized \
                      to {kind} (ingress) on {key}"
                 );
-                if let Some(reason) = rights::refused(&said) {
+                if let Some(reason) = rights::refused(&text) {
                     book.note_words(Reason::Ours(reason));
                 }
                 named.push(Reason::Ours(format!(
@@ -327,8 +327,8 @@ mod tests {
                 )));
             }
         }
-        let told = book.due(Instant::now());
-        assert!(named.iter().all(|reason| told.contains(&(reason.clone(), 1))), "{told:?}");
+        let lines = book.due(Instant::now());
+        assert!(named.iter().all(|reason| lines.contains(&(reason.clone(), 1))), "{lines:?}");
     }
 
     #[test]

@@ -2,8 +2,8 @@
 //! directory.
 //!
 //! ```text
-//! RUN/set/controller-000001.json           who requests what, since when     by `coxswain set`
-//! RUN/set/controller-000001.answer.json    from which tick, or why not       by the process
+//! RUN/set/controller-000001.json           user, change and time             by `coxswain set`
+//! RUN/set/controller-000001.answer.json    first tick, or the reason         by the process
 //! ```
 //! A request file is written atomically, and requests are numbered without a gap. A process handles
 //! them in order, and replies to one before it reads the next. A restarted process first applies
@@ -23,13 +23,13 @@ pub use answers::Answers;
 pub use ask::{AskError, Asked, ask};
 pub use inbox::{Inbox, NotAsked, changed_before};
 
-/// The folder of the requests in that of a run.
+/// Directory of the requests in a run directory.
 const FOLDER: &str = "set";
 
 /// Longest request that is read \[bytes\].
 const REQUEST_BYTES_MAX: u64 = 1 << 16;
 
-/// Longest part of a request that is told in words \[characters\].
+/// Longest part of a request that is printed \[characters\].
 const TOLD_MAX: usize = 200;
 
 /// What a user requests of a process.
@@ -88,7 +88,7 @@ pub struct Settled {
     /// What was requested.
     #[serde(flatten)]
     pub request: Request,
-    /// What came of it.
+    /// The reply.
     #[serde(flatten)]
     pub answer: Answer,
 }
@@ -138,7 +138,7 @@ impl Display for Settled {
 }
 
 impl Request {
-    /// Reads a request, and who owns its file.
+    /// Reads a request, and the owner of its file.
     fn read(file: &Path) -> io::Result<(Self, u32)> {
         use std::os::unix::fs::MetadataExt;
         let about = fs::metadata(file)?;
@@ -167,7 +167,7 @@ fn answer_file(folder: &Path, role: Participant, number: u64) -> PathBuf {
     folder.join(FOLDER).join(format!("{}-{number:06}.answer.json", role.text()))
 }
 
-/// How many requests of a process have been answered.
+/// Number of requests of a process that have a reply.
 fn answered(folder: &Path, role: Participant) -> u64 {
     let mut number = 0;
     while answer_file(folder, role, number + 1).exists() {

@@ -147,8 +147,8 @@ mod tests {
             ("real_time_priority = 50\n", ["s.toml:1: real_time_priority = 50", "1 to 49"]),
             ("processors = [-1]\n", ["processors", "-1"]),
         ] {
-            let said = refused(text).unwrap_or_default();
-            assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+            let message = refused(text).unwrap_or_default();
+            assert!(parts.iter().all(|part| message.contains(part)), "{message}");
         }
     }
 }

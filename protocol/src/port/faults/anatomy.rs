@@ -1,16 +1,16 @@
-//! Takes a message apart and seals it again: the one place of the faults that knows how messages are encoded.
+//! Decodes a message and seals it again: the only part of the faults that knows the encodings.
 
 use crate::message::Message;
 use crate::port::carrier::Encoding;
 use crate::{frame, wire};
 
-/// A message after something has been done to it, if that could be done.
+/// The changed message, if the change was possible.
 type Changed = Option<Vec<u8>>;
 
-/// What is to be done to the numbers of a field.
+/// The change to the numbers of a field.
 pub(super) type Change<'a> = &'a mut dyn FnMut(&mut [f64]);
 
-/// What the faults must know of one kind of message in one encoding.
+/// What the faults need of one kind of message in one encoding.
 #[derive(Clone, Copy)]
 pub(super) struct Anatomy {
     encoding: Encoding,
@@ -43,12 +43,14 @@ impl Anatomy {
         (self.numbers)(self.encoding, bytes)
     }
 
-    /// The same message with other numbers; none if it is no valid message, or has another number of numbers.
+    /// The same message with other numbers; none if it is no valid message, or has another count of
+    /// numbers.
     pub(super) fn with_numbers(&self, bytes: &[u8], numbers: &[f64]) -> Option<Vec<u8>> {
         (self.with_numbers)(self.encoding, bytes, numbers)
     }
 
-    /// The same message with the numbers of `field` changed; none if it is no valid message, or has no number there.
+    /// The same message with the numbers of `field` changed; none if it is no valid message, or has
+    /// no number there.
     pub(super) fn with_field(
         &self,
         bytes: &[u8],
@@ -58,7 +60,8 @@ impl Anatomy {
         (self.with_field)(self.encoding, bytes, field, change)
     }
 
-    /// The same message as a program of another `version` would say it; none if it is no valid message.
+    /// The same message as a program of another `version` would send it; none if it is no valid
+    /// message.
     pub(super) fn with_version(&self, bytes: &[u8], version: u16) -> Option<Vec<u8>> {
         (self.with_version)(self.encoding, bytes, version)
     }
@@ -85,7 +88,7 @@ fn sealed<T: Message>(encoding: Encoding, message: &T) -> Vec<u8> {
 
 fn tick<T: Message>(encoding: Encoding, bytes: &[u8]) -> Option<u64> {
     match encoding {
-        // The stamp alone is in its place whatever the rest is.
+        // The stamp is in its place, whatever the rest is.
         Encoding::Words => frame::peek(bytes).ok().map(|stamp| stamp.tick),
         Encoding::Wire => opened::<T>(encoding, bytes).map(|message| message.stamp().tick),
     }

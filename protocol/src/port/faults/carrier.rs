@@ -1,11 +1,11 @@
-//! The inlet and the outlet around the real ones. They take memory from the heap for every message.
+//! The inlet and the outlet around the real ones. They allocate for every message.
 
 use super::Chain;
 use crate::port::carrier::{Encoding, Inlet, Outlet};
 use crate::port::{ReceiveError, SendError};
 use std::time::{Duration, Instant};
 
-/// An outlet whose messages meet faults before they leave.
+/// An outlet that applies faults to messages before they leave.
 pub(in crate::port) struct FaultyOutlet {
     inner: Box<dyn Outlet>,
     chain: Chain,
@@ -16,7 +16,7 @@ impl FaultyOutlet {
         Self { inner, chain }
     }
 
-    /// Sends all that has come out. The first error counts, and stops nothing.
+    /// Sends all released messages. It returns the first error, and still sends the rest.
     fn flush(&mut self) -> Result<(), SendError> {
         let mut outcome = Ok(());
         while let Some(bytes) = self.chain.pop() {
@@ -51,7 +51,7 @@ impl Outlet for FaultyOutlet {
     }
 }
 
-/// An inlet whose messages meet faults after they have arrived.
+/// An inlet that applies faults to messages after they have arrived.
 pub(in crate::port) struct FaultyInlet {
     inner: Box<dyn Inlet>,
     chain: Chain,
@@ -62,9 +62,9 @@ impl FaultyInlet {
         Self { inner, chain }
     }
 
-    /// Takes from the real inlet until something comes out of the faults; says whether something has.
+    /// Receives from the real inlet until the faults release a message. True if they have.
     fn pull(&mut self) -> Result<bool, ReceiveError> {
-        // What is already there is in time for what is held behind it.
+        // A message that has already arrived can still release the messages held behind it.
         while !self.chain.is_ready() {
             let mut arrived = None;
             if !self.inner.receive(&mut |bytes| arrived = Some(bytes.to_vec()))? {

@@ -1,4 +1,4 @@
-//! All faults of one end of one link, one behind the other.
+//! All faults of one end of one link, in sequence.
 
 use super::anatomy::Anatomy;
 use super::stage::Stage;
@@ -8,10 +8,10 @@ use std::mem::take;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-/// On a lossless link: how long a reader waits in vain before it gets what was withheld.
+/// On a lossless link: how long a reader waits in vain before it gets the withheld messages.
 const QUIET: Duration = Duration::from_millis(100);
 
-/// Messages in on one side, messages out on the other.
+/// Takes messages in at one side and gives them out at the other.
 pub(in crate::port) struct Chain {
     stages: Vec<Stage>,
     anatomy: Anatomy,
@@ -32,12 +32,12 @@ impl Chain {
         self.pass(0, vec![bytes], now);
     }
 
-    /// Lets out what is due at `now`.
+    /// Releases the messages due at `now`.
     pub(super) fn release(&mut self, now: Instant) {
         self.let_out(now, false);
     }
 
-    /// Lets out what is due at `now`, when nothing more has come in.
+    /// Releases the messages due at `now`, when no further message has arrived.
     pub(super) fn release_at_rest(&mut self, now: Instant) {
         let since = *self.quiet_since.get_or_insert(now);
         self.let_out(now, now.saturating_duration_since(since) >= QUIET);
@@ -57,7 +57,7 @@ impl Chain {
         }
     }
 
-    /// When something that is held comes out, if nothing else happens.
+    /// Time at which a held message is due, if nothing else happens.
     pub(super) fn next_due(&self) -> Option<Instant> {
         let by_time = self.stages.iter().filter_map(Stage::next_due).min();
         let by_quiet = self
@@ -70,7 +70,7 @@ impl Chain {
         by_time.into_iter().chain(by_quiet).min()
     }
 
-    /// The next message that has come out.
+    /// The next released message.
     pub(super) fn pop(&mut self) -> Option<Vec<u8>> {
         self.ready.pop_front()
     }

@@ -1,4 +1,4 @@
-//! The seeded generator that every fault has of its own.
+//! The seeded random generator of each fault.
 //!
 //! Reference: Steele, Lea & Flood, *Fast splittable pseudorandom number generators*, OOPSLA 2014.
 
@@ -9,7 +9,7 @@ const STEP: u64 = 0x9E37_79B9_7F4A_7C15;
 pub(super) struct SplitMix64(u64);
 
 impl SplitMix64 {
-    /// The generator of one `place`; generators of different places have nothing in common.
+    /// The generator of one `place`; generators of different places are independent.
     pub(super) fn new(seed: u64, place: u64) -> Self {
         let mut of_seed = Self(seed);
         let mut of_place = Self(of_seed.next() ^ place);

@@ -1,4 +1,4 @@
-//! One fault on one link: what it makes of each message.
+//! One fault on one link: its effect on each message.
 
 use super::anatomy::Anatomy;
 use super::random::SplitMix64;
@@ -7,17 +7,17 @@ use crate::VERSION;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// What is cut off ends at a whole word \[bytes\]: carriers may move words.
+/// A truncated message ends at a whole word \[bytes\]: carriers may move words.
 const WORD_BYTES: u64 = 8;
 
-/// One fault, its generator, and what it holds.
+/// One fault, its generator, and the messages that it holds.
 pub(super) struct Stage {
     /// Its place in the settings.
     pub(super) index: usize,
     pub(super) fault: Fault,
     /// Messages in its window.
     pub(super) seen: u64,
-    /// Of them those that it happened to.
+    /// How many of them it was applied to.
     pub(super) injected: u64,
     random: SplitMix64,
     held: VecDeque<Held>,
@@ -25,7 +25,7 @@ pub(super) struct Stage {
     past: VecDeque<Vec<u8>>,
     /// Numbers of the first message of the window, for `freeze`.
     frozen: Option<Vec<f64>>,
-    /// On a lossless link what is withheld comes after all.
+    /// Whether withheld messages are delivered in the end: on a lossless link.
     withheld_returns: bool,
 }
 
@@ -34,7 +34,7 @@ struct Held {
     due: Due,
 }
 
-/// When a held message comes out.
+/// When a held message is released.
 enum Due {
     /// At this time.
     At(Instant),
@@ -65,7 +65,7 @@ impl Stage {
         }
     }
 
-    /// Takes in one message, and appends what comes out to `out`.
+    /// Takes in one message, and appends the released messages to `out`.
     pub(super) fn take(
         &mut self,
         bytes: Vec<u8>,
@@ -97,7 +97,7 @@ impl Stage {
         }
     }
 
-    /// Appends what is due at `now` to `out`.
+    /// Appends the messages due at `now` to `out`.
     pub(super) fn release(&mut self, now: Instant, out: &mut Vec<Vec<u8>>) {
         let is_due = |held: &Held| matches!(held.due, Due::At(at) if at <= now);
         while let Some(index) = self.held.iter().position(is_due) {
@@ -105,12 +105,12 @@ impl Stage {
         }
     }
 
-    /// Appends all that is held to `out`.
+    /// Appends all held messages to `out`.
     pub(super) fn release_all(&mut self, out: &mut Vec<Vec<u8>>) {
         out.extend(self.held.drain(..).map(|held| held.bytes));
     }
 
-    /// Whether it holds something that comes after all when nothing else does.
+    /// Whether it holds a message that is delivered when no other message arrives.
     pub(super) fn withholds(&self) -> bool {
         self.withheld_returns && !self.held.is_empty()
     }
@@ -124,7 +124,7 @@ impl Stage {
         times.min()
     }
 
-    /// Whether the fault happens to this message.
+    /// Whether the fault applies to this message.
     fn picks(&mut self, bytes: &[u8], anatomy: &Anatomy) -> bool {
         if !anatomy.tick(bytes).is_some_and(|tick| self.fault.window().contains(&tick)) {
             self.frozen = None;
@@ -136,7 +136,7 @@ impl Stage {
             self.frozen = anatomy.numbers(bytes);
             return false;
         }
-        // A swap takes two: what is behind a held message is not held itself.
+        // A swap takes two messages: the one behind a held message is not held itself.
         happens && (self.fault.kind != Kind::Reorder || self.held.is_empty())
     }
 
@@ -172,7 +172,7 @@ impl Stage {
                 self.push_altered(bytes, altered, before, out);
             }
             Kind::Version => {
-                // Any but ours.
+                // Any version but that of this program.
                 let version =
                     VERSION.wrapping_add(1 + self.random.below(u64::from(u16::MAX)) as u16);
                 let altered = anatomy.with_version(&bytes, version);

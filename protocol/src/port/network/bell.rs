@@ -36,7 +36,8 @@ impl Bell {
         }
     }
 
-    /// To be called before the look for which the bell is rung, so that no message falls between look and sleep.
+    /// To be called before the look for which the bell is rung, so that no message falls between
+    /// look and sleep.
     pub(super) fn arm(&self) {
         let _ = read(&self.event, &mut [0; 8]);
         self.armed.store(true, Ordering::SeqCst);

@@ -1,4 +1,5 @@
-//! zenoh's configuration: its defaults, never a file of the user's, and nothing found that was not named.
+//! zenoh's configuration: its defaults, never a file of the user's, and nothing found that was not
+//! named.
 
 use super::guard::Guard;
 use super::outlet::priority;
@@ -6,28 +7,33 @@ use crate::access::{gaps, guarded, of_client, of_links, qualities};
 use serde_json::{Value, json};
 use zenoh::Config;
 
-/// Silence after which a link counts as dead \[ms\]. Each side says something four times as often. A process that is gone is noticed at once;
-/// a shorter lease would take a machine that stands still for a moment for a cut cable.
+/// Silence after which a link counts as dead \[ms\]. Each side says something four times as often.
+/// A process that is gone is noticed at once; a shorter lease would take a machine that stands
+/// still for a moment for a cut cable.
 const LEASE_MILLIS: u64 = 2_000;
 
-/// How long one attempt to connect may take \[ms\]. Short, so that an attempt that began during a cut does not outlast it by much.
+/// How long one attempt to connect may take \[ms\]. Short, so that an attempt that began during a
+/// cut does not outlast it by much.
 const ATTEMPT_MILLIS: u64 = 1_000;
 
 /// Longest pause between two attempts to connect \[ms\].
 const RETRY_MILLIS_MAX: u64 = 300;
 
-/// Batches of 64 KiB that may wait on a link, of each priority: all that zenoh allows, since a burst that finds none free is dropped.
+/// Batches of 64 KiB that may wait on a link, of each priority: all that zenoh allows, since a
+/// burst that finds none free is dropped.
 const BATCHES: usize = 16;
 
-/// How long a client's sender waits for a free batch before it drops a message \[µs\]. A router must not: it has others to serve, and none gets free
-/// while it waits, since the thread that waits is the one that writes.
+/// How long a client's sender waits for a free batch before it drops a message \[µs\]. A router
+/// must not: it has others to serve, and none gets free while it waits, since the thread that waits
+/// is the one that writes.
 const CLIENT_WAIT_MICROS: u64 = 100_000;
 const ROUTER_WAIT_MICROS: u64 = 0;
 
 /// Longest message, with all that zenoh adds \[bytes\]: one batch. Ours are shorter.
 pub(super) const BYTES_MAX: usize = 64 * 1024;
 
-/// Most sessions with a router that asks for certificates, and most that are just being opened. Each process of a graph has a few.
+/// Most sessions with a router that asks for certificates, and most that are just being opened.
+/// Each process of a graph has a few.
 const SESSIONS_MAX: usize = 128;
 
 /// A client of the routers at `connect`, which are tried in turn for so long \[ms\].
@@ -102,7 +108,11 @@ fn configured(settings: &[(&str, Value)]) -> Result<Config, zenoh::Error> {
     let common = [
         (
             "connect/retry",
-            json!({ "period_init_ms": 50, "period_max_ms": RETRY_MILLIS_MAX, "period_increase_factor": 2.0 }),
+            json!({
+                "period_init_ms": 50,
+                "period_max_ms": RETRY_MILLIS_MAX,
+                "period_increase_factor": 2.0,
+            }),
         ),
         ("scouting/multicast/enabled", json!(false)),
         ("scouting/gossip/enabled", json!(false)),

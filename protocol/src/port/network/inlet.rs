@@ -1,4 +1,5 @@
-//! One reader on the network: zenoh's threads fill a bounded queue, which the reader's thread empties.
+//! One reader on the network: zenoh's threads fill a bounded queue, which the reader's thread
+//! empties.
 
 use super::bell::{Bell, Slept};
 use super::keys::{Keys, last};
@@ -77,7 +78,8 @@ struct Origin {
     unfinished: Unfinished,
 }
 
-/// How long a lossless reader waits for what is missing to be said again, before it goes on without.
+/// How long a lossless reader waits for what is missing to be said again, before it goes on
+/// without.
 const MISSING_MAX: Duration = Duration::from_secs(1);
 
 impl NetworkInlet {
@@ -156,7 +158,8 @@ fn listen(
     session.declare_subscriber(key).callback(move |sample| arrivals.arrived(&sample)).wait()
 }
 
-/// Waits until every writer knows of the reader that has just been declared: the question travels behind that.
+/// Waits until every writer knows of the reader that has just been declared: the question travels
+/// behind that.
 fn meet_writers(session: &Session, keys: &Keys) -> Result<(), zenoh::Error> {
     let question =
         session.get(keys.join("*")).target(QueryTarget::All).consolidation(ConsolidationMode::None);
@@ -324,7 +327,8 @@ impl Arrivals {
                     .priority(Priority::RealTime)
                     .congestion_control(CongestionControl::Block)
                     .express(true);
-                // Without a link the writer does not know this reader any more; when it does again, it starts anew.
+                // Without a link the writer does not know this reader any more; when it does again,
+                // it starts anew.
                 let _ = put.wait();
             }
             thread::park();
@@ -381,8 +385,9 @@ impl Ledger {
 }
 
 impl Origin {
-    /// Whether message `number` must not be taken yet. After a cut the link is there again a moment before its writer knows who came back, and
-    /// what is said in that moment overtakes what was missed. All of it is said again then, in order.
+    /// Whether message `number` must not be taken yet. After a cut the link is there again a moment
+    /// before its writer knows who came back, and what is said in that moment overtakes what was
+    /// missed. All of it is said again then, in order.
     fn waits_for_what_is_before(&mut self, number: u64) -> bool {
         if self.last == 0 || number == self.last + 1 {
             self.missing = None;
@@ -396,7 +401,8 @@ impl Origin {
         self.last.saturating_sub(self.waiting)
     }
 
-    /// At first, when a quarter of the room is free again, and with each message once the writer may have none left.
+    /// At first, when a quarter of the room is free again, and with each message once the writer
+    /// may have none left.
     fn report_is_due(&self, depth: u64) -> bool {
         self.last > 0
             && self.reported.is_none_or(|reported| {

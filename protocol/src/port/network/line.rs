@@ -1,9 +1,11 @@
 //! A client's connection with the routers of its graph, and everything that is declared on it.
 //!
-//! When a router goes, zenoh 1.10 looks for one again by itself, but not after each way of going. A router that accepts a connection while it
-//! ends forgets to close it, and as long as its process lives, the client has a router that knows nobody. And a connection that closes in the
-//! instant in which it was made is not missed. So a keeper looks whether the router that it is connected to shows its token. When that has not
-//! been so for a while, it ends the session, begins another, and declares everything once more.
+//! When a router goes, zenoh 1.10 looks for one again by itself, but not after each way of going. A
+//! router that accepts a connection while it ends forgets to close it, and as long as its process
+//! lives, the client has a router that knows nobody. And a connection that closes in the instant in
+//! which it was made is not missed. So a keeper looks whether the router that it is connected to
+//! shows its token. When that has not been so for a while, it ends the session, begins another, and
+//! declares everything once more.
 
 use super::guard::Guard;
 use super::{ANSWER_TIMEOUT, config, keys, router};
@@ -22,10 +24,12 @@ use zenoh::{Session, Wait};
 /// How often the keeper looks whether there is a router.
 const LOOK: Duration = Duration::from_millis(200);
 
-/// How long zenoh is given to find a router by itself: more than twice what one of its attempts takes, with the pause behind it.
+/// How long zenoh is given to find a router by itself: more than twice what one of its attempts
+/// takes, with the pause behind it.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// How long an opening tries to reach a router \[ms\]; and how long each one does that follows it, so that the end does not wait for it long.
+/// How long an opening tries to reach a router \[ms\]; and how long each one does that follows it,
+/// so that the end does not wait for it long.
 const OPEN_MILLIS: u64 = 5_000;
 const OPEN_AGAIN_MILLIS: u64 = 1_000;
 
@@ -85,7 +89,8 @@ impl Line {
     ) -> Result<Arc<Self>, zenoh::Error> {
         let session =
             Arc::new(Client::open(config::client(connect, OPEN_MILLIS, guard.as_ref())?)?);
-        // Asked at once: a router that goes before the keeper's first look has shown its token all the same.
+        // Asked at once: a router that goes before the keeper's first look has shown its token all
+        // the same.
         let ours = !neighbours(&session).is_disjoint(&ask_for_tokens(&session)?);
         let (sight, seen) = look_out(&session)?;
         let state = Mutex::new(State { session, sight, seen, ports: BTreeMap::new(), held: 0 });
@@ -132,7 +137,8 @@ impl Drop for Held {
 }
 
 impl Shared {
-    /// The keeper's thread. `ours` is whether a router that the client was connected to has ever shown a token: those of others have none.
+    /// The keeper's thread. `ours` is whether a router that the client was connected to has ever
+    /// shown a token: those of others have none.
     fn keep(&self, ended: &Receiver<()>, mut ours: bool) {
         let mut seen = Instant::now();
         while ended.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
@@ -157,7 +163,8 @@ impl Shared {
         }
     }
 
-    /// Whether there is a router, which shows its token if one ever did, and everything is declared.
+    /// Whether there is a router, which shows its token if one ever did, and everything is
+    /// declared.
     fn is_connected(&self, ours: &mut bool) -> bool {
         let state = self.state();
         let declared = state.ports.values().all(|port| port.declared.is_some());
@@ -169,7 +176,8 @@ impl Shared {
         declared && if *ours { shown } else { !neighbours.is_empty() }
     }
 
-    /// Somebody whose token is declared again before it was taken back seems to have been there all the time: so first the end.
+    /// Somebody whose token is declared again before it was taken back seems to have been there all
+    /// the time: so first the end.
     fn end_session(&self) {
         let mut state = self.state();
         let old = Arc::clone(&state.session);

@@ -24,8 +24,8 @@ use zenoh::{Session, Wait};
 /// How long a writer that is closed may take to send what waits.
 const FLUSH_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Pause between two snapshots, or pieces of them, where routers limit rates: ten times what they ask for, since on their way to the next router they
-/// may come closer.
+/// Pause between two snapshots, or pieces of them, where routers limit rates: ten times what they
+/// ask for, since on their way to the next router they may come closer.
 const NEXT_PIECE_AFTER: Duration = Duration::from_millis(10);
 
 /// How long a lossless writer sleeps before it looks again whether its own queue has room.
@@ -264,7 +264,8 @@ impl Departures {
     }
 }
 
-/// Which messages go first where several wait for one link, and what zenoh's configuration calls that.
+/// Which messages go first where several wait for one link, and what zenoh's configuration calls
+/// that.
 pub(super) const fn priority(topic: Topic) -> (Priority, &'static str) {
     match topic {
         Topic::State | Topic::Command => (Priority::RealTime, "real_time"),
@@ -283,12 +284,14 @@ struct Post {
     quality: Quality,
     priority: Priority,
     congestion: CongestionControl,
-    /// The last messages, with their numbers: as many as late joiners get, or, on a lossless link, as a reader that was cut off can have missed.
+    /// The last messages, with their numbers: as many as late joiners get, or, on a lossless link,
+    /// as a reader that was cut off can have missed.
     last: VecDeque<(u64, ZBytes)>,
     remembered: usize,
     /// Pieces sent since the router was last asked whether it has passed them on.
     unasked: Cell<usize>,
-    /// Where routers limit how often snapshots come: when the router had taken the last one, or a piece of one.
+    /// Where routers limit how often snapshots come: when the router had taken the last one, or a
+    /// piece of one.
     apart: Option<Cell<Option<Instant>>>,
 }
 
@@ -334,7 +337,8 @@ impl Post {
         self.put(&self.data, parcel.number, &bytes);
     }
 
-    /// Says to one reader again what it has not heard: the history to a new one, everything to one that comes back.
+    /// Says to one reader again what it has not heard: the history to a new one, everything to one
+    /// that comes back.
     fn repeat(&self, reader: &Newcomer) {
         let key = self.keys.history(&reader.id, &self.id);
         let history = self
@@ -365,7 +369,8 @@ impl Post {
         }
     }
 
-    /// Not express: zenoh waits for nothing while the link is free, and an express message takes a whole batch, of which a burst finds too few.
+    /// Not express: zenoh waits for nothing while the link is free, and an express message takes a
+    /// whole batch, of which a burst finds too few.
     fn put_piece(&self, key: &str, label: Label, bytes: ZBytes) {
         if let Some(taken) = self.apart.as_ref().and_then(Cell::get) {
             thread::sleep(NEXT_PIECE_AFTER.saturating_sub(taken.elapsed()));
@@ -373,7 +378,8 @@ impl Post {
         let session = self.line.session();
         let put = session.put(key, bytes).attachment(label.to_bytes());
         let put = put.priority(self.priority).congestion_control(self.congestion);
-        // Without a link to the router a message is lost like one on a cut cable: its readers count it.
+        // Without a link to the router a message is lost like one on a cut cable: its readers count
+        // it.
         let _ = put.wait();
         if let Some(taken) = &self.apart {
             self.flush();
@@ -381,7 +387,8 @@ impl Post {
         }
     }
 
-    /// Waits until the router has taken everything: a question of the same priority follows it, and is answered.
+    /// Waits until the router has taken everything: a question of the same priority follows it, and
+    /// is answered.
     fn flush(&self) {
         let session = self.line.session();
         let question = session
@@ -422,7 +429,8 @@ mod tests {
             ..Links::on_this_machine("t", "", false, 100)
         })?;
         let mut outlet = NetworkOutlet::open(&network, Topic::Credit, Reservation::Whole(8))?;
-        // A listener in the same session hears before `put` returns, so that as long as it waits, so does the sender.
+        // A listener in the same session hears before `put` returns, so that as long as it waits,
+        // so does the sender.
         let (gate, heard) = (Arc::new(Mutex::new(())), Arc::new(AtomicU64::new(0)));
         let session = network.line.session();
         let (shared_gate, shared_heard) = (Arc::clone(&gate), Arc::clone(&heard));

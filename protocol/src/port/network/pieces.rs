@@ -1,18 +1,21 @@
-//! Long messages go in pieces, each of which zenoh sends as it is. A router passes on what has arrived with the thread that writes: it cannot wait
-//! for room, and a long message in one go would find too little.
+//! Long messages go in pieces, each of which zenoh sends as it is. A router passes on what has
+//! arrived with the thread that writes: it cannot wait for room, and a long message in one go would
+//! find too little.
 
 use std::ops::Range;
 
 /// Longest piece \[bytes\]: with all that zenoh adds it is one batch of 64 KiB.
 pub(super) const PIECE_BYTES_MAX: usize = 60_000;
 
-/// Pieces that follow one another before the router is asked whether it has passed them on: a quarter of the room in its queue.
+/// Pieces that follow one another before the router is asked whether it has passed them on: a
+/// quarter of the room in its queue.
 pub(super) const PIECES_AT_ONCE: usize = 4;
 
 /// Longest message \[bytes\].
 const BYTES_MAX: usize = crate::wire::BYTES_MAX;
 
-/// What stands beside the bytes of each put, little-endian: the number of the message on its link, and of a piece where it belongs.
+/// What stands beside the bytes of each put, little-endian: the number of the message on its link,
+/// and of a piece where it belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Label {
     pub(super) number: u64,
@@ -71,7 +74,8 @@ pub(super) struct Unfinished {
 }
 
 impl Unfinished {
-    /// Takes in one piece. The whole message with its last one; a piece that does not follow what has come ends that.
+    /// Takes in one piece. The whole message with its last one; a piece that does not follow what
+    /// has come ends that.
     pub(super) fn take<'a>(
         &mut self,
         number: u64,

@@ -1,4 +1,5 @@
-//! Who is on a topic: one liveliness token per port, which zenoh takes back when its process ends or its link is cut.
+//! Who is on a topic: one liveliness token per port, which zenoh takes back when its process ends
+//! or its link is cut.
 
 use super::keys::Keys;
 use super::{ANSWER_TIMEOUT, Network, failed};
@@ -14,7 +15,8 @@ use std::thread::sleep;
 use std::time::Duration;
 use zenoh::Wait;
 
-/// A topic without a free place is looked at again so often, so long apart: somebody who is just gone may still be listed.
+/// A topic without a free place is looked at again so often, so long apart: somebody who is just
+/// gone may still be listed.
 const LOOKS: u32 = 10;
 const LOOK_PAUSE: Duration = Duration::from_millis(30);
 
@@ -48,7 +50,8 @@ pub(super) struct Presence<'a> {
     pub(super) version: &'a str,
     /// Name of the message that it writes or reads.
     pub(super) message: &'a str,
-    /// `newest-wins`, `lossless`, or, of a reader of which no room reports are to be expected, `unpaced`.
+    /// `newest-wins`, `lossless`, or, of a reader of which no room reports are to be expected,
+    /// `unpaced`.
     pub(super) delivery: &'a str,
     pub(super) id: &'a str,
 }
@@ -85,7 +88,8 @@ fn delivery_name(delivery: Delivery) -> &'static str {
 
 const UNPACED: &str = "unpaced";
 
-/// A name that no other port has. With a certificate it begins with the role, without which routers take in nothing from a writer.
+/// A name that no other port has. With a certificate it begins with the role, without which routers
+/// take in nothing from a writer.
 pub(super) fn draw_id(role: Option<access::Role>) -> String {
     let seed = RandomState::new();
     let name =
@@ -125,7 +129,8 @@ pub(super) fn key(network: &Network, topic: Topic, role: Role, id: &str) -> Stri
 
 /// The keys of all ports on `topic`.
 ///
-/// zenoh names those of other sessions reliably, and those of this one twice, or under load not at all.
+/// zenoh names those of other sessions reliably, and those of this one twice, or under load not at
+/// all.
 pub(super) fn list(network: &Network, topic: Topic) -> Result<BTreeSet<String>, OpenError> {
     let (keys, failed) = (Keys::of(network, topic), failed(topic));
     let replies = network
@@ -145,8 +150,9 @@ pub(super) fn list(network: &Network, topic: Topic) -> Result<BTreeSet<String>, 
     Ok(found)
 }
 
-/// Fails unless there is a place for one more port in `role`, and all others speak the same way. With certificates who speaks another way does not
-/// count: else one who is let in could keep everybody else from coming back.
+/// Fails unless there is a place for one more port in `role`, and all others speak the same way.
+/// With certificates who speaks another way does not count: else one who is let in could keep
+/// everybody else from coming back.
 pub(super) fn check(network: &Network, topic: Topic, role: Role) -> Result<(), OpenError> {
     let quality = network.quality(topic);
     let limit = match role {

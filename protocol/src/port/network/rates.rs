@@ -1,10 +1,13 @@
-//! Who is heard on a topic that several roles write, the heartbeats. Nobody is heard in the name of another: routers see to it by the name of
-//! the writer, and here it is held against what is said. And nobody more often than is usual: else who floods it displaces what the others say.
-//! Each role has a few places, a writer keeps his own while he says something, and so who floods in the name of a role displaces no writer of it
-//! either who was there before. Who does so under the very name of a writer displaces that one: routers know the role of a link, and not whose it is.
+//! Who is heard on a topic that several roles write, the heartbeats. Nobody is heard in the name of
+//! another: routers see to it by the name of the writer, and here it is held against what is said.
+//! And nobody more often than is usual: else who floods it displaces what the others say. Each role
+//! has a few places, a writer keeps his own while he says something, and so who floods in the name
+//! of a role displaces no writer of it either who was there before. Who does so under the very name
+//! of a writer displaces that one: routers know the role of a link, and not whose it is.
 //!
-//! A topic of one role needs no limit at its readers. Its queue is bounded, the newest displace the oldest, and whoever has the certificate of that
-//! role could say all of it anyway. What keeps a router busy is limited there, on all topics.
+//! A topic of one role needs no limit at its readers. Its queue is bounded, the newest displace the
+//! oldest, and whoever has the certificate of that role could say all of it anyway. What keeps a
+//! router busy is limited there, on all topics.
 
 use super::Network;
 use crate::access::Role;
@@ -67,7 +70,8 @@ impl Rates {
             .then(|| Self { topic, roles: BTreeMap::new() })
     }
 
-    /// Whether what the writer called `id` says `now` is heard. Tells the log, now and then, who says too much.
+    /// Whether what the writer called `id` says `now` is heard. Tells the log, now and then, who
+    /// says too much.
     pub(super) fn admit(&mut self, id: &str, now: Instant) -> bool {
         // Routers let nobody else pass.
         let Some(role) = role_of(id) else { return false };
@@ -79,7 +83,8 @@ impl Rates {
         is_heard
     }
 
-    /// Whether the writer called `id` may say `message` `now`: a heartbeat, of a process in his role. Tells the log, now and then, who says others.
+    /// Whether the writer called `id` may say `message` `now`: a heartbeat, of a process in his
+    /// role. Tells the log, now and then, who says others.
     pub(super) fn believe(&mut self, id: &str, message: &[u8], now: Instant) -> bool {
         let Some(role) = role_of(id) else { return false };
         let whose = wire::decode::<Health>(message)
@@ -126,7 +131,8 @@ fn tell_surplus(role: Role, topic: Topic, count: u64) {
     let (role, topic) = (role.name(), topic.name());
     tracing::warn!(
         count,
-        "{role} says more on {topic} than {PER_SECOND} messages a second from each of {PLACES} writers: the rest is not heard"
+        "{role} says more on {topic} than {PER_SECOND} messages a second from each of {PLACES} \
+        writers: the rest is not heard"
     );
 }
 
@@ -156,7 +162,8 @@ impl Heard {
 }
 
 impl Refused {
-    /// How many have been refused since that was told last, if it is to be told now: the first at once.
+    /// How many have been refused since that was told last, if it is to be told now: the first at
+    /// once.
     fn due(&mut self, now: Instant) -> Option<u64> {
         let is_due = self.untold > 0
             && self.told.is_none_or(|told| now.saturating_duration_since(told) >= PAUSE);
@@ -186,7 +193,8 @@ mod tests {
     use crate::message::{Message, Participant};
     use bytemuck::Zeroable;
 
-    /// Of so many messages, evenly over so many seconds, those that are heard, and what the log is told.
+    /// Of so many messages, evenly over so many seconds, those that are heard, and what the log is
+    /// told.
     fn heard(heard: &mut Heard, begin: Instant, messages: u32, seconds: u32) -> (u32, Vec<u64>) {
         let (mut admitted, mut told) = (0, Vec::new());
         for message in 0..messages {

@@ -1,4 +1,5 @@
-//! The readers that one writer knows of: who has just come, and of those that it must not outrun, how far each has come.
+//! The readers that one writer knows of: who has just come, and of those that it must not outrun,
+//! how far each has come.
 
 use super::keys::last;
 use super::presence::Presence;
@@ -91,7 +92,8 @@ impl Readers {
         self.moved.notify_all();
     }
 
-    /// Waits until every paced reader has room for message `number`, or it is `deadline`, which is false.
+    /// Waits until every paced reader has room for message `number`, or it is `deadline`, which is
+    /// false.
     pub(super) fn wait_for_room(&self, number: u64, depth: u64, deadline: Instant) -> bool {
         let mut known = self.lock();
         known.sent = number;

@@ -1,9 +1,11 @@
 //! Where the processes of a graph meet on the network.
 //!
-//! Routers join each other, and zenoh 1.10 takes a lost link up again by itself, at once. But it works its routes out 100 ms after a change
-//! of neighbours: one that goes and comes back in between, or is replaced by another, counts as one that was never away, and is not told what
-//! there is to hear. So a router that has lost one that it had joined leaves for long enough to be forgotten, and comes back as a new one. It
-//! does the same when those that it is joined to show no token: a router that accepts a connection while it ends may forget to close it.
+//! Routers join each other, and zenoh 1.10 takes a lost link up again by itself, at once. But it
+//! works its routes out 100 ms after a change of neighbours: one that goes and comes back in
+//! between, or is replaced by another, counts as one that was never away, and is not told what
+//! there is to hear. So a router that has lost one that it had joined leaves for long enough to be
+//! forgotten, and comes back as a new one. It does the same when those that it is joined to show no
+//! token: a router that accepts a connection while it ends may forget to close it.
 
 use super::config;
 use super::guard::Guard;
@@ -34,14 +36,16 @@ const LOOK: Duration = Duration::from_millis(20);
 /// How long the tokens of those that it has joined may be missing.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// Where a router that asks for certificates listens besides, for the processes of its own launch. zenoh's listener waits 100 ms after each handshake
-/// that fails, and so whoever knocks at a door ten times a second lets nobody in there: strangers on the network do not reach this one.
+/// Where a router that asks for certificates listens besides, for the processes of its own launch.
+/// zenoh's listener waits 100 ms after each handshake that fails, and so whoever knocks at a door
+/// ten times a second lets nobody in there: strangers on the network do not reach this one.
 const DOOR: &str = "tls/127.0.0.1:0";
 
 /// Keys of the routers' tokens: the last part is the router's zenoh id.
 pub(super) const TOKENS: &str = "coxswain-router/*";
 
-/// A router: the processes of one launch connect to it, and routers of other launches join. It ends when it is dropped.
+/// A router: the processes of one launch connect to it, and routers of other launches join. It ends
+/// when it is dropped.
 pub struct Router {
     endpoints: Vec<String>,
     /// Where the processes of this launch connect, if it is not there.
@@ -70,7 +74,8 @@ struct Life {
 }
 
 impl Router {
-    /// Listens at `listen`, as `tcp/0.0.0.0:7447`, where port 0 stands for any free one, and joins the routers at `connect`.
+    /// Listens at `listen`, as `tcp/0.0.0.0:7447`, where port 0 stands for any free one, and joins
+    /// the routers at `connect`.
     ///
     /// Joining is tried for ever in the background, also after a cut; opening does not wait for it.
     ///
@@ -80,8 +85,10 @@ impl Router {
         Self::begin(listen, connect.to_vec(), None)
     }
 
-    /// The same over TLS, for those alone whose certificate is of the same robot and authority; each may do what its role in the graph called
-    /// `graph` needs, and, unless the graph runs in lock step, say no more in a second than any does. Endpoints that name `tcp` are taken for `tls`.
+    /// The same over TLS, for those alone whose certificate is of the same robot and authority;
+    /// each may do what its role in the graph called `graph` needs, and, unless the graph runs in
+    /// lock step, say no more in a second than any does. Endpoints that name `tcp` are taken for
+    /// `tls`.
     ///
     /// # Errors
     /// [`OpenError::Router`], also if the certificate cannot be read.
@@ -138,8 +145,9 @@ impl Router {
         }
     }
 
-    /// Tries as a stranger to get in, wherever it listens: over TCP, without a certificate, in a role that must not say what it says, and with a
-    /// message that is too long. A router that asks for no certificates is not tried: everybody gets in there.
+    /// Tries as a stranger to get in, wherever it listens: over TCP, without a certificate, in a
+    /// role that must not say what it says, and with a message that is too long. A router that asks
+    /// for no certificates is not tried: everybody gets in there.
     ///
     /// # Errors
     /// The first [`Breach`].
@@ -156,7 +164,8 @@ impl Router {
         &self.endpoints
     }
 
-    /// Where the processes of its own launch connect: where nobody else on the network can, if there are certificates.
+    /// Where the processes of its own launch connect: where nobody else on the network can, if
+    /// there are certificates.
     pub fn own_endpoints(&self) -> &[String] {
         self.door.as_ref().map_or(&self.endpoints, slice::from_ref)
     }

@@ -1,7 +1,9 @@
-//! Whether a router keeps strangers out: tried from the inside, as one, before anything depends on it.
+//! Whether a router keeps strangers out: tried from the inside, as one, before anything depends on
+//! it.
 //!
-//! zenoh tells one who is refused nothing. So what must not arrive is said between two messages that may, on the same way: when the first is
-//! there, the other would be passed on, and when the last is there, it would have come.
+//! zenoh tells one who is refused nothing. So what must not arrive is said between two messages
+//! that may, on the same way: when the first is there, the other would be passed on, and when the
+//! last is there, it would have come.
 
 use super::config;
 use super::guard::Guard;
@@ -25,13 +27,14 @@ const OVERSIZE_BYTES: usize = config::BYTES_MAX + 1;
 /// What may pass, before and after \[bytes\].
 const BEFORE_BYTES: usize = 1;
 const AFTER_BYTES: usize = 2;
-/// Pause before the next that passes, if it may: what comes right behind another the router lets go of.
+/// Pause before the next that passes, if it may: what comes right behind another the router lets go
+/// of.
 const NEXT_AFTER: Duration = Duration::from_millis(1);
 /// Pause before what may pass is said, or tried, again.
 const SAID_AGAIN_AFTER: Duration = Duration::from_millis(200);
 
-/// Tries to get in at `endpoint`, the router of the graph called `graph`, as who should not: a stranger, and a host that shows `credentials` and
-/// says what a host does not.
+/// Tries to get in at `endpoint`, the router of the graph called `graph`, as who should not: a
+/// stranger, and a host that shows `credentials` and says what a host does not.
 ///
 /// # Errors
 /// The first [`Breach`].
@@ -92,7 +95,8 @@ enum Arrived {
     Oversize,
 }
 
-/// Says in `role` what it must not say, between two times what it may. None if not even that arrives.
+/// Says in `role` what it must not say, between two times what it may. None if not even that
+/// arrives.
 fn as_another(
     listener: &Session,
     speaker: &Session,
@@ -125,7 +129,8 @@ fn as_another(
         speaker.put(key(topic), vec![0; bytes]).congestion_control(CongestionControl::Block).wait()
     };
     let deadline = Instant::now() + ARRIVES_WITHIN;
-    // The router does not know the listener at once; it knows it for the other topic as well once it passes this on, since that was declared before.
+    // The router does not know the listener at once; it knows it for the other topic as well once
+    // it passes this on, since that was declared before.
     loop {
         say(Topic::Health, BEFORE_BYTES)?;
         match heard.recv_timeout(SAID_AGAIN_AFTER) {

@@ -8,13 +8,13 @@ use std::mem;
 use std::thread;
 use std::time::Duration;
 
-/// The system's sleep on events counts whole milliseconds.
+/// The system's wait for events counts whole milliseconds.
 const TICK: Duration = Duration::from_millis(1);
 
-/// A shorter sleep than that is slept in pieces, between which the caller looks for itself.
+/// A shorter sleep is divided into pieces; the caller polls between them.
 const PIECE: Duration = Duration::from_micros(100);
 
-/// Longest sleep on events at a time; its number of milliseconds has to fit an `i32`.
+/// Longest single wait for events; its number of milliseconds must fit an `i32`.
 const SLEEP_MAX: Duration = Duration::from_hours(1);
 
 /// How a sleep ended.
@@ -28,9 +28,10 @@ pub(super) enum Slept {
 
 /// A listener, and what sleeps on it.
 ///
-/// The listener alone could sleep too, but it counts its timeout in the kernel's scheduling ticks: 100 µs then take up to 12 ms.
+/// The listener alone could sleep too, but it counts its timeout in the kernel's scheduling ticks:
+/// 100 µs then take up to 12 ms.
 pub(super) struct Alarm {
-    /// Before the listener, whose socket it watches: fields are dropped in order.
+    /// Declared before the listener, whose socket it watches: fields are dropped in order.
     waitset: WaitSet<ipc::Service>,
     listener: Listener<ipc::Service>,
 }
@@ -44,18 +45,20 @@ impl Alarm {
         let guard = waitset
             .attach_notification(&listener)
             .map_err(|_| "its events cannot be waited for")?;
-        // Watched as long as both live. The guard would borrow from them; the system forgets a socket that is closed by itself.
+        // The listener is watched as long as both live. The guard would borrow from them. The
+        // system removes a closed socket from the set by itself.
         mem::forget(guard);
         Ok(Self { waitset, listener })
     }
 
-    /// Forgets the notifications so far. To be called before each look at what waits, or a sleep could miss one.
+    /// Discards the notifications so far. Call it before each check for waiting messages; otherwise
+    /// a sleep could miss one.
     pub(super) fn reset(&self) -> Result<(), &'static str> {
         self.listener.try_wait(|_| {}).map(drop).map_err(|_| "its events cannot be taken")
     }
 
-    /// Sleeps until a writer has notified since the last [`reset`](Self::reset), or `most` is over, in whole milliseconds rounded up, or a
-    /// part of less than one is.
+    /// Sleeps until a writer has notified since the last [`reset`](Self::reset), or until `most` is
+    /// over. `most` is rounded up to whole milliseconds; of less than one, only a part is slept.
     pub(super) fn sleep(&self, most: Duration) -> Result<Slept, &'static str> {
         if most < TICK {
             thread::sleep(most.min(PIECE));

@@ -1,7 +1,9 @@
-//! Shared memory that iceoryx2 leaves open to every user of the machine, closed to all but its own.
+//! Restricts shared memory that iceoryx2 leaves open to every user of the machine to the user that
+//! made it.
 //!
-//! iceoryx2 0.10 gives the counter of a graph's nodes mode 666, whatever the umask. It carries no message, but who cuts it off ends every process
-//! that joins later. All else it makes for its user alone.
+//! iceoryx2 0.10 gives the counter of a graph's nodes mode 666, whatever the umask. The counter
+//! carries no message, but a user that truncates it ends every process that joins later. iceoryx2
+//! makes all other files for its user alone.
 
 use super::prefix;
 use super::room::FOLDER;
@@ -10,12 +12,13 @@ use rustix::process::geteuid;
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 
-/// What others than the owner may do, in a mode.
+/// Permissions of all users but the owner, in a mode.
 const GROUP_AND_OTHERS: u32 = 0o077;
-/// What the owner needs.
+/// Permissions that the owner needs.
 const OWNER_READ_WRITE: u32 = 0o600;
 
-/// Closes what this user has made for the graph of `links` and others could open.
+/// Restricts the files that this user has made for the graph of `links` and that other users could
+/// open.
 pub(super) fn close(links: &Links) {
     let prefix = prefix(links);
     for entry in fs::read_dir(FOLDER).into_iter().flatten().flatten() {
@@ -27,12 +30,16 @@ pub(super) fn close(links: &Links) {
                 && found.uid() == geteuid().as_raw()
                 && found.mode() & GROUP_AND_OTHERS != 0
         });
-        // One that has just gone is closed as well.
+        // A file whose process has just ended is restricted as well.
         if ours
             && let Err(error) =
                 fs::set_permissions(entry.path(), Permissions::from_mode(OWNER_READ_WRITE))
         {
-            tracing::debug!(%error, name = %entry.file_name().display(), "shared memory is as open as iceoryx2 has made it");
+            tracing::debug!(
+                %error,
+                name = %entry.file_name().display(),
+                "shared memory is as open as iceoryx2 has made it"
+            );
         }
     }
 }

@@ -1,7 +1,9 @@
-//! Shared memory that a killed process has left half-made, out of the way of others.
+//! Removes shared memory that a killed process has left half-made, so that it does not block
+//! others.
 //!
-//! Shared memory is made in two steps: first its name, then its size. Of a process that is killed in between, a name without a size stays, and iceoryx2 0.10
-//! waits for its size without end: whoever joins, and whoever talks to the successor.
+//! Shared memory is made in two steps: first its name, then its size. A process that is killed in
+//! between leaves a name without a size. iceoryx2 0.10 waits for that size without end, in every
+//! process that joins and in every process that communicates with the successor.
 
 use super::prefix;
 use super::room::FOLDER;
@@ -14,26 +16,27 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// A living process has a size for what it has named long before this.
+/// A living process sets the size of a new name long before this.
 const DEAD_AFTER: Duration = Duration::from_millis(40);
-/// How often one who joins looks whether it still waits.
+/// How often a joining process checks whether it still waits.
 const LOOK: Duration = Duration::from_millis(5);
 
 /// Watches the shared memory of one graph.
 #[derive(Debug)]
 pub struct HalfMade {
     prefix: String,
-    /// Names without a size, with their inode, and since when.
+    /// Names without a size, with their inode, and the time when each was first seen.
     seen: BTreeMap<(OsString, u64), Instant>,
 }
 
 impl HalfMade {
-    /// Of the graph of `links`.
+    /// For the graph of `links`.
     pub fn new(links: &Links) -> Self {
         Self { prefix: prefix(links), seen: BTreeMap::new() }
     }
 
-    /// Looks, and removes what has had no size for too long. What is there and may still get one is counted.
+    /// Removes each file that has had no size for too long. Returns how many files without a size
+    /// are left.
     pub fn remove(&mut self) -> usize {
         let now = Instant::now();
         let before = std::mem::take(&mut self.seen);
@@ -52,13 +55,16 @@ impl HalfMade {
             if now.saturating_duration_since(since) < DEAD_AFTER {
                 self.seen.insert(key, since);
             } else if fs::remove_file(Path::new(FOLDER).join(&key.0)).is_ok() {
-                tracing::warn!(name = %key.0.display(), "shared memory that a killed process had left half-made is removed");
+                tracing::warn!(
+                    name = %key.0.display(),
+                    "shared memory that a killed process had left half-made is removed"
+                );
             }
         }
         self.seen.len()
     }
 
-    /// Does so until nothing is left that is half-made.
+    /// Repeats [`remove`](Self::remove) until no half-made file is left.
     pub(super) fn clear(&mut self) {
         while self.remove() > 0 {
             thread::sleep(LOOK);

@@ -1,4 +1,4 @@
-//! One reader on shared memory: looks at messages where they lie, and sleeps until there is one.
+//! One reader on shared memory: reads messages in place, and sleeps until there is one.
 
 use super::alarm::{Alarm, Slept};
 use super::service::{Announcement, Events};
@@ -27,7 +27,7 @@ impl SharedMemoryInlet {
         let (messages, events) = shared.services(topic, audience, &Announcement::of(topic))?;
         let limit = shared.quality(topic, audience).readers;
         let create = || messages.subscriber_builder().create();
-        // The dead hold their places until somebody removes them.
+        // Dead members hold their places until a process removes them.
         let subscriber = create().or_else(|_| {
             shared.node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
             create()
@@ -45,14 +45,16 @@ impl SharedMemoryInlet {
         ReceiveError::Carrier { topic: self.topic, reason }
     }
 
-    /// Sleeps from event to event until a message waits: an event may be about one that has been taken already.
+    /// Sleeps from event to event until a message waits: an event may belong to a message that has
+    /// been taken already.
     fn wait_for_message(
         &self,
         alarm: &Alarm,
         deadline: Option<Instant>,
     ) -> Result<bool, ReceiveError> {
         loop {
-            // The reset comes before the look, and writers send before they notify: no message falls between the two.
+            // The reset comes before the check, and writers send before they notify: no message is
+            // missed between the two.
             alarm.reset().map_err(|reason| self.failure(reason))?;
             if self.something_waits()? {
                 return Ok(true);

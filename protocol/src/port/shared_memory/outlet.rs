@@ -1,4 +1,5 @@
-//! One writer on shared memory: loans, lets the message be written in place, sends, and wakes the readers.
+//! One writer on shared memory: loans a sample, lets the message be written in place, sends, and
+//! wakes the readers.
 
 use super::service::{Announcement, Messages};
 use super::{CLEANUP_TIMEOUT, SharedMemory};
@@ -17,10 +18,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
 
-/// How long a lossless writer sleeps before it looks again whether there is room.
+/// How long a lossless writer sleeps before it checks again for room.
 const ROOM_PAUSE: Duration = Duration::from_micros(50);
 
-/// How long it sleeps before it tries a reader again that has not looked yet.
+/// How long it sleeps before it tries a reader again that has not connected yet.
 const LOOK_PAUSE: Duration = Duration::from_millis(5);
 
 const WORD_BYTES: usize = size_of::<u64>();
@@ -33,7 +34,8 @@ pub(in crate::port) struct SharedMemoryOutlet {
     notifier: Notifier<ipc::Service>,
     node: Rc<Node<ipc::Service>>,
     patience: Duration,
-    /// When the present send gives up waiting, on the monotonic clock \[ns\]; one deadline for all readers together.
+    /// When the present send gives up waiting, on the monotonic clock \[ns\]; one deadline for all
+    /// readers together.
     deadline_nanos: Arc<AtomicU64>,
 }
 
@@ -69,7 +71,7 @@ impl SharedMemoryOutlet {
             }
             builder.create()
         };
-        // The dead hold their places until somebody removes them.
+        // Dead members hold their places until a process removes them.
         let publisher = create().or_else(|_| {
             shared.node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
             create()
@@ -90,7 +92,7 @@ impl SharedMemoryOutlet {
         Ok(Self { topic, delivery, messages, publisher, notifier, node, patience, deadline_nanos })
     }
 
-    /// Sends to all readers and says how many have got it.
+    /// Sends to all readers, and returns how many have received the message.
     fn send_once(
         &self,
         length: usize,
@@ -102,7 +104,7 @@ impl SharedMemoryOutlet {
             fill(bytes);
         }
         let sent = sample.send();
-        // Even if one reader had no room, the others have something to wake up for.
+        // Even if one reader had no room, the others have a message to wake up for.
         let woken = self.wake();
         let readers = sent.map_err(|error| self.failure(error))?;
         woken.map(|()| readers)
@@ -118,7 +120,8 @@ impl SharedMemoryOutlet {
         let carrier = |reason| SendError::Carrier { topic: self.topic, reason };
         match error {
             CarrierError::UnableToDeliver => {
-                // Either a living reader is too slow, or a dead one holds its place: the next message shall find it gone.
+                // Either a living reader is too slow, or a dead one holds its place: remove the
+                // dead before the next message.
                 self.node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
                 SendError::NoRoom { topic: self.topic, waited: self.patience }
             }
@@ -141,8 +144,9 @@ impl Outlet for SharedMemoryOutlet {
         let patience = u64::try_from(self.patience.as_nanos()).unwrap_or(u64::MAX);
         let deadline_nanos = monotonic_nanos().saturating_add(patience);
         self.deadline_nanos.store(deadline_nanos, Ordering::Relaxed);
-        // iceoryx2 passes over a reader that is full and has not looked since this writer came. Such a reader gets the message once more,
-        // until it has it; the others know the sequence number, and drop what they have had.
+        // iceoryx2 skips a reader that is full and has not looked since this writer came. The
+        // message is sent once more until such a reader has it. The other readers recognise the
+        // sequence number, and drop the repetition.
         while self.send_once(length, fill)? < self.messages.dynamic_config().number_of_subscribers()
         {
             if monotonic_nanos() >= deadline_nanos {

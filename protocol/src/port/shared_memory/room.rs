@@ -1,7 +1,9 @@
-//! Room in shared memory: enough of it before anybody joins, and what a graph has is its own before anybody writes there.
+//! Room in shared memory: checked before a process joins, and claimed by the graph before a process
+//! writes there.
 //!
-//! The system gives a page of shared memory when it is first written, and ends the process that writes when there is none left. So
-//! nobody joins where little is left, since whoever joins makes the others map more; and what has been made is claimed at once.
+//! The system allocates a page of shared memory when it is first written. If none is left, it ends
+//! the process that writes. A joining process makes the others map more memory, so no process joins
+//! when little is left. Memory that has been made is claimed at once.
 
 use super::{SharedMemory, prefix};
 use crate::port::{Links, OpenError};
@@ -13,13 +15,13 @@ use std::path::Path;
 /// Where POSIX shared memory lies on Linux.
 pub(super) const FOLDER: &str = "/dev/shm";
 
-/// What must be left for one who joins: more than a whole graph takes in real time \[bytes\].
+/// Least free room for a process that joins: more than a whole graph takes in real time \[bytes\].
 const LEAST_FREE: u64 = 8 << 20;
 
 impl SharedMemory {
-    /// Whether there is room for one more member of a graph.
+    /// Checks whether there is room for one more member of a graph.
     pub(super) fn check_room() -> Result<(), OpenError> {
-        // Where the system does not say, it is tried.
+        // Where the system gives no answer, joining is attempted.
         let Ok(found) = statvfs(FOLDER) else { return Ok(()) };
         let free = found.f_bavail * found.f_frsize;
         if free < LEAST_FREE {
@@ -30,8 +32,9 @@ impl SharedMemory {
     }
 }
 
-/// Claims all memory that the graph of `links` has on this machine. What is claimed stays so until it is given back. In lock step, where queues are
-/// many times as deep and no robot is moved, nothing is claimed.
+/// Claims all memory that the graph of `links` has on this machine. Claimed memory stays so until
+/// it is freed. In lock step nothing is claimed: queues are many times as deep there, and no robot
+/// moves.
 ///
 /// # Errors
 /// [`OpenError::NoRoom`] if there is not enough for it.
@@ -44,7 +47,8 @@ pub fn claim(links: &Links) -> Result<(), OpenError> {
         if !entry.file_name().to_str().is_some_and(|name| name.starts_with(&prefix)) {
             continue;
         }
-        // Whoever has just made a file opens it for others last; whoever goes takes his with him.
+        // A process that makes a file opens it for others last; a process that ends removes its
+        // own.
         let Ok(file) = File::options().read(true).write(true).open(entry.path()) else { continue };
         let length = file.metadata().map_or(0, |found| found.len());
         if length > 0 && fallocate(&file, FallocateFlags::KEEP_SIZE, 0, length) == Err(Errno::NOSPC)

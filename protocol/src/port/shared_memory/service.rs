@@ -22,11 +22,12 @@ pub(super) type Events = event::PortFactory<ipc::Service>;
 const MESSAGE_KEY: &str = "message";
 const VERSION_KEY: &str = "version";
 
-/// A service that another process is just making or removing is tried so often, so long apart.
+/// Attempts for a service that another process is just making or removing, and the pause between
+/// two of them.
 const ATTEMPTS: u32 = 200;
 const ATTEMPT_PAUSE: Duration = Duration::from_millis(5);
 
-/// What a service says of itself.
+/// The attributes of a service.
 pub(super) struct Announcement {
     pub(super) message: String,
     pub(super) version: String,
@@ -71,7 +72,7 @@ impl SharedMemory {
         Ok((messages, events.map_err(|error| failed(error.to_string()))?))
     }
 
-    /// Says what is different about a service that could not be opened.
+    /// Finds the difference that prevented a service from being opened.
     fn refusal(
         &self,
         topic: Topic,
@@ -147,12 +148,13 @@ fn open_events(
         .max_listeners(quality.readers)
         .max_nodes(nodes_max(quality))
         .event_id_max_value(0)
-        // A new writer wakes its readers too, so that they are connected before it has much to say.
+        // A new writer wakes its readers too, so that they connect before it sends much.
         .notifier_created_event(EventId::new(0))
         .open_or_create()
 }
 
-/// Every port may be in a process of its own, and some processes may be dead and not yet cleaned up.
+/// Every port may be in a process of its own, and some processes may be dead and not yet cleaned
+/// up.
 fn nodes_max(quality: Quality) -> usize {
     2 * (quality.writers + quality.readers)
 }
@@ -172,7 +174,7 @@ fn value(attributes: &AttributeSet, key: &str) -> Option<String> {
     attributes.key_value(&key, 0).map(ToString::to_string)
 }
 
-/// Repeats `open` while it fails in a way that passes.
+/// Repeats `open` while its failure is temporary.
 fn retried<S, E: Copy>(
     open: impl Fn() -> Result<S, E>,
     passes: impl Fn(E) -> bool,
@@ -256,7 +258,8 @@ mod tests {
                 .map(drop)
                 .map_err(|error| error.to_string());
             let said = format!(
-                "topic command carries Command in protocol version {VERSION}, this program wants {ours}"
+                "topic command carries Command in protocol version {VERSION}, this program wants \
+                {ours}"
             );
             assert_eq!(refused, Err(said));
         }

@@ -1,4 +1,4 @@
-//! Removes what dead processes left behind.
+//! Removes the remains of dead processes.
 
 use super::half_made::HalfMade;
 use super::room::FOLDER;
@@ -11,26 +11,30 @@ use std::io;
 use std::path::Path;
 use std::time::Duration;
 
-/// How long another process may take that is removing the same remains.
+/// How long to wait for another process that removes the same remains.
 const CLEANUP_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// What a [`sweep`] found.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct SweepReport {
-    /// Members of the graph that live, a stopped process included. While there are any, only what belongs to the dead is removed.
+    /// Members of the graph that live, a stopped process included. While there are any, only the
+    /// remains of dead members are removed.
     pub living: usize,
     /// Dead members whose remains were removed.
     pub dead: usize,
-    /// Files removed beside them, because nobody lives who could need them.
+    /// Files removed beside them, because no living process could need them.
     pub files: usize,
 }
 
-/// Removes everything that dead processes left of a graph: their ports and memory, and the graph's files if nobody is left.
+/// Removes all remains of dead processes of a graph: their ports and memory, and the graph's files
+/// if no member is left.
 ///
-/// A process that is just joining does not count as living yet: whoever starts the processes of a graph sweeps before or after, not meanwhile.
+/// A process that is just joining does not count as living yet. A process that starts the members
+/// of a graph sweeps before or after, not meanwhile.
 ///
 /// # Errors
-/// [`OpenError::Sweep`] if something cannot be removed; [`OpenError`] of the settings if they are not valid.
+/// [`OpenError::Sweep`] if something cannot be removed; [`OpenError`] of the settings if they are
+/// not valid.
 pub fn sweep(links: &Links) -> Result<SweepReport, OpenError> {
     set_log_level(LogLevel::Fatal);
     let config = config(links)?;
@@ -42,7 +46,7 @@ pub fn sweep(links: &Links) -> Result<SweepReport, OpenError> {
         match node {
             NodeState::Alive(_) | NodeState::Inaccessible(_) => report.living += 1,
             NodeState::Dead(node) => dead.push(node),
-            // Killed while it was made or removed: its files go with the rest.
+            // Killed while it was made or removed: its files are removed with the rest.
             NodeState::Undefined(_) => {}
         }
         CallbackProgression::Continue
@@ -60,7 +64,7 @@ pub fn sweep(links: &Links) -> Result<SweepReport, OpenError> {
             return Err(failed(error.to_string()));
         }
     } else {
-        // What of the dead could not be removed in order goes here.
+        // Remains that could not be removed in order are removed here.
         report.files = remove_files(links).map_err(|error| failed(error.to_string()))?;
     }
     Ok(report)
@@ -68,8 +72,10 @@ pub fn sweep(links: &Links) -> Result<SweepReport, OpenError> {
 
 /// Removes one dead member: its ports, its places in the services, and its files.
 ///
-/// A process that is killed just when it makes a port leaves a tag without its final permissions. iceoryx2 0.10 does not know such a file for its
-/// own, fails to remove the folder of the dead for it, and keeps the dead for ever. Nothing is behind an unfinished tag, so the folder can go.
+/// A process that is killed just when it makes a port leaves a tag without its final permissions.
+/// iceoryx2 0.10 does not recognise such a file as its own. Because of it, it fails to remove the
+/// folder of the dead member, and keeps that member for ever. No resource stands behind an
+/// unfinished tag, so the folder can be removed.
 fn remove_dead(links: &Links, node: &DeadNodeView<ipc::Service>) -> Result<(), NodeCleanupFailure> {
     let remove = || node.clone().blocking_remove_stale_resources(CLEANUP_TIMEOUT);
     match remove() {
@@ -82,7 +88,7 @@ fn remove_dead(links: &Links, node: &DeadNodeView<ipc::Service>) -> Result<(), N
     }
 }
 
-/// Removes the files of a graph of which nobody lives, and its root if nothing else is in it.
+/// Removes the files of a graph without living members, and its root if it contains nothing else.
 fn remove_files(links: &Links) -> io::Result<usize> {
     let prefix = prefix(links);
     let mut removed = remove_prefixed(Path::new(FOLDER), &prefix)?;
@@ -117,14 +123,14 @@ fn remove_prefixed(folder: &Path, prefix: &str) -> io::Result<usize> {
     Ok(removed)
 }
 
-/// Removes a folder that belongs to the carrier alone, and says how many entries it had.
+/// Removes a folder that belongs to the carrier alone, and returns how many entries it had.
 fn remove_folder(folder: &Path) -> io::Result<usize> {
     let entries = absent_as_none(fs::read_dir(folder))?.map_or(0, Iterator::count);
     absent_as_none(fs::remove_dir_all(folder))?;
     Ok(entries)
 }
 
-/// Somebody else may have been faster.
+/// Another process may have removed it first.
 fn absent_as_none<V>(result: io::Result<V>) -> io::Result<Option<V>> {
     match result {
         Ok(value) => Ok(Some(value)),

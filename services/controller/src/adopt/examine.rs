@@ -1,4 +1,5 @@
-//! snapshot → candidate: whole, newest, finite, possible, and with the weights that its data give; or refused.
+//! snapshot → candidate: complete, newest, finite, possible, and with the weights that follow from
+//! its data; or refused.
 
 use super::{Candidate, Expected, Refusal};
 use model::AXES;
@@ -9,38 +10,41 @@ use model::learned::{INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Learned};
 use protocol::message::{ModelSnapshot, SnapshotHead};
 use std::ops::RangeInclusive;
 
-/// Largest relative difference between the α that came and the α worked out here.
+/// Largest relative difference between the received α and the α computed here.
 const WEIGHT_TOLERANCE: f64 = 1e-5;
 
-/// Most points of a model.
+/// Largest number of points of a model.
 pub(super) const POINTS_MAX: usize = 2_000;
 
-/// Length scales that are possible, over normalised inputs: from noise to as good as straight.
+/// Possible length scales over normalised inputs: from noise to almost straight.
 const LENGTH_SCALE: RangeInclusive<f64> = 1e-2..=1e4;
-/// Deviations of function and noise that are possible, in multiples of the largest residual that physics allows.
+/// Possible standard deviations of function and noise, in multiples of the largest residual that
+/// physics allows.
 const DEVIATION: RangeInclusive<f64> = 1e-7..=10.0;
-/// What can count as one of an input, and, with either sign, as its middle, in its unit.
+/// Possible scale of an input, and, with either sign, its possible centre, in its unit.
 const INPUT: RangeInclusive<f64> = 1e-6..=1e6;
 
 /// Examines one snapshot after the other.
 #[derive(Debug)]
 pub struct Examiner {
     expected: Expected,
-    /// Learner's epoch and version of the newest one that was good.
+    /// Learner's epoch and version of the newest good snapshot.
     newest: Option<(u64, u64)>,
 }
 
 impl Examiner {
-    /// One that has not seen any.
+    /// An examiner that has not received a snapshot yet.
     pub fn new(expected: Expected) -> Self {
         Self { expected, newest: None }
     }
 
-    /// Checks that a snapshot is whole, belongs here, and is no older than the last good one, and makes its posterior anew from its data.
-    /// The same version may come again. A learner of a later epoch may begin to count anew.
+    /// Checks that a snapshot is complete, belongs to this controller, and is no older than the
+    /// last good one. Computes its posterior again from its data. The same version may come again.
+    /// A learner of a later epoch may restart its count.
     ///
     /// # Errors
-    /// [`Refusal`] if it does not belong to this controller, is stale, or is damaged. The last good one stays the newest.
+    /// [`Refusal`] if it does not belong to this controller, is stale, or is damaged. The last good
+    /// one stays the newest.
     pub fn examine(&mut self, snapshot: &ModelSnapshot) -> Result<Candidate, Refusal> {
         let head = &snapshot.head;
         let (version, epoch) = (head.version, head.stamp.epoch);
@@ -55,7 +59,8 @@ impl Examiner {
     }
 }
 
-/// Checks that a snapshot is whole and belongs here, and makes its posterior anew from its data.
+/// Checks that a snapshot is complete and belongs to this controller, and computes its posterior
+/// from its data.
 ///
 /// # Errors
 /// [`Refusal`] if it does not belong to this controller, or is damaged.
@@ -92,7 +97,7 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
     }
 }
 
-/// Makes the posterior of a snapshot over D inputs.
+/// Computes the posterior of a snapshot over D inputs.
 fn refactored<const D: usize>(
     snapshot: &ModelSnapshot,
     expected: &Expected,
@@ -153,7 +158,7 @@ fn normalisation<const D: usize>(head: &SnapshotHead) -> Option<Normalisation<D>
     possible.then_some(normalisation)
 }
 
-/// Every number of a snapshot, used or not.
+/// Checks every number of a snapshot, used or not.
 fn check_finite(snapshot: &ModelSnapshot) -> Result<(), Refusal> {
     let head = &snapshot.head;
     let of_head: [(&'static str, &[f64]); 11] = [
@@ -185,7 +190,7 @@ fn check_finite(snapshot: &ModelSnapshot) -> Result<(), Refusal> {
     }
 }
 
-/// Hyperparameters that some residual of this robot could have.
+/// Checks that the hyperparameters are possible for a residual of this robot.
 fn check_hyperparameters(head: &SnapshotHead, expected: &Expected) -> Result<(), Refusal> {
     let version = head.version;
     let within = |axis: usize, name: &'static str, value: f64, (least, most): (f64, f64)| {
@@ -214,7 +219,8 @@ fn check_hyperparameters(head: &SnapshotHead, expected: &Expected) -> Result<(),
     Ok(())
 }
 
-/// Largest difference between the weights sent and those worked out, relative to the largest of its axis.
+/// Largest difference between the received weights and those computed here, relative to the largest
+/// of its axis.
 fn weight_difference<const D: usize>(snapshot: &ModelSnapshot, posterior: &Posterior<D>) -> f64 {
     let mut worst = 0.0;
     let ours = posterior.weights();
@@ -229,7 +235,7 @@ fn weight_difference<const D: usize>(snapshot: &ModelSnapshot, posterior: &Poste
     worst
 }
 
-/// The first entries of a slice; missing ones are NaN, which nothing accepts.
+/// The first entries of a slice. Missing entries are NaN, which every check refuses.
 pub(super) fn first<const K: usize>(values: &[f64]) -> [f64; K] {
     std::array::from_fn(|i| values.get(i).copied().unwrap_or(f64::NAN))
 }

@@ -1,123 +1,127 @@
-//! Why a snapshot is not used: every cause by its own name, with its numbers.
+//! The reasons why a snapshot is refused: one variant per cause, with its numbers.
 
 use super::examine::POINTS_MAX;
 use model::gp::posterior::PosteriorError;
 
-/// Why a snapshot is not used.
+/// A snapshot is refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Refusal {
-    /// It was learnt for another robot, period or layout.
+    /// It was learned for another robot, period or layout.
     #[error(
-        "snapshot {version} has fingerprint {got:#018x}, this controller {expected:#018x}: another robot, period or input layout"
+        "snapshot {version} has fingerprint {got:#018x}, this controller {expected:#018x}: another \
+         robot, period or input layout"
     )]
     Fingerprint {
-        /// Of the snapshot.
+        /// Version of the snapshot.
         version: u64,
-        /// Ours.
+        /// Fingerprint of this controller.
         expected: u64,
-        /// Its own.
+        /// Fingerprint of the snapshot.
         got: u64,
     },
     /// Another number of inputs.
     #[error("snapshot {version} has {got} inputs, this controller {expected}")]
     Inputs {
-        /// Of the snapshot.
+        /// Version of the snapshot.
         version: u64,
-        /// How many this controller's have.
+        /// Number of inputs of this controller.
         expected: usize,
-        /// How many it has.
+        /// Number of inputs of the snapshot.
         got: u32,
     },
-    /// Older than one that has been prepared already.
+    /// Older than a snapshot that is already prepared.
     #[error(
-        "snapshot {version} of learner epoch {epoch} is older than snapshot {newest} of epoch {newest_epoch}, which is in use"
+        "snapshot {version} of learner epoch {epoch} is older than snapshot {newest} of epoch \
+         {newest_epoch}, which is in use"
     )]
     Stale {
-        /// Of the snapshot.
+        /// Version of the snapshot.
         version: u64,
-        /// Of its learner.
+        /// Epoch of its learner.
         epoch: u64,
         /// Version of the newest one.
         newest: u64,
         /// Epoch of the newest one's learner.
         newest_epoch: u64,
     },
-    /// Another number of points than it promises.
+    /// Its number of points differs from its head.
     #[error("snapshot {version} promises {promised} points, but has {got}")]
     Size {
-        /// Of the snapshot.
+        /// Version of the snapshot.
         version: u64,
-        /// How many its head says.
+        /// Number of points in its head.
         promised: u32,
-        /// How many it has.
+        /// Its number of points.
         got: usize,
     },
     /// A number is NaN or infinite.
     #[error("snapshot {version}: {field} holds what is not a finite number")]
     NotFinite {
-        /// Of the snapshot.
+        /// Version of the snapshot.
         version: u64,
-        /// Where.
+        /// The field.
         field: &'static str,
     },
-    /// A hyperparameter that no robot's residual can have.
+    /// A hyperparameter is impossible for any robot's residual.
     #[error(
         "snapshot {version}, axis {axis}: {name} is {value:.3e}, expected {least:.0e} to {most:.0e}"
     )]
     Hyperparameter {
-        /// Of the snapshot.
+        /// Version of the snapshot.
         version: u64,
         /// 0 forward, 1 left, 2 yaw.
         axis: usize,
-        /// Which one.
+        /// Name of the hyperparameter.
         name: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
-        /// Smallest that is possible.
+        /// Smallest possible value.
         least: f64,
-        /// Largest that is possible.
+        /// Largest possible value.
         most: f64,
     },
-    /// More points than can be factorised and asked in a period.
+    /// More points than can be factorised and evaluated in a period.
     #[error("snapshot {version} has {got} points, this controller takes {POINTS_MAX} at most")]
     Points {
-        /// Of the snapshot.
+        /// Version of the snapshot.
         version: u64,
-        /// How many it has.
+        /// Its number of points.
         got: u32,
     },
-    /// No input is of the size that its normalisation says.
+    /// The normalisation has an impossible input scale.
     #[error("snapshot {version} has an impossible normalisation")]
     Normalisation {
-        /// Of the snapshot.
+        /// Version of the snapshot.
         version: u64,
     },
     /// Its data give no posterior.
     #[error("snapshot {version}: {source}")]
     Posterior {
-        /// Of the snapshot.
+        /// Version of the snapshot.
         version: u64,
-        /// What is wrong with them.
+        /// The cause.
         source: PosteriorError,
     },
-    /// Its covariance is not positive definite but with more on its diagonal than its noise.
+    /// Its covariance is positive definite only with more on its diagonal than its noise.
     #[error(
-        "snapshot {version}, axis {axis}: its covariance is positive definite with {jitter:.1e} more on its diagonal only"
+        "snapshot {version}, axis {axis}: its covariance is positive definite with {jitter:.1e} \
+         more on its diagonal only"
     )]
     Indefinite {
-        /// Of the snapshot.
+        /// Version of the snapshot.
         version: u64,
         /// 0 forward, 1 left, 2 yaw.
         axis: usize,
-        /// What had to be added.
+        /// The value that had to be added.
         jitter: f64,
     },
-    /// Its α is not what its data give.
+    /// Its α does not follow from its data.
     #[error(
-        "snapshot {version}: its weights differ from those of its data by {difference:.1e} of the largest"
+        "snapshot {version}: its weights differ from those of its data by {difference:.1e} of the \
+         largest"
     )]
     Weights {
-        /// Of the snapshot.
+        /// Version of the snapshot.
         version: u64,
         /// Largest relative difference.
         difference: f64,

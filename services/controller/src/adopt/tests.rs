@@ -12,7 +12,7 @@ use protocol::message::{Message, ModelSnapshot, SnapshotHead};
 const EXPECTED: Expected =
     Expected { fingerprint: 42, layout: Layout::VelocitySlip, bound: [0.5; 3] };
 
-/// A snapshot of a few points, as a learner would make it.
+/// A snapshot of a few points, in the form that a learner sends.
 fn snapshot() -> Result<ModelSnapshot, Box<dyn std::error::Error>> {
     let mut head: SnapshotHead = bytemuck::Zeroable::zeroed();
     (head.version, head.fingerprint, head.inputs, head.score_samples) = (3, 42, INPUTS as u32, 2);
@@ -35,7 +35,7 @@ fn snapshot() -> Result<ModelSnapshot, Box<dyn std::error::Error>> {
     Ok(snapshot)
 }
 
-/// What makes a good snapshot bad, and by what name it is then refused.
+/// A change that damages a good snapshot, and the expected refusal.
 type Damage = (&'static str, fn(&mut ModelSnapshot), fn(&Refusal) -> bool);
 
 /// The rows again, each changed.
@@ -188,7 +188,7 @@ const DAMAGES: &[Damage] = &[
 ];
 
 #[test]
-fn every_bad_snapshot_is_refused_by_its_name_and_the_last_good_one_stays()
+fn every_bad_snapshot_is_refused_with_its_cause_and_the_last_good_one_stays()
 -> Result<(), Box<dyn std::error::Error>> {
     let mut examiner = Examiner::new(EXPECTED);
     let mut controller = Controller::new(&told())?;
@@ -214,7 +214,7 @@ fn every_bad_snapshot_is_refused_by_its_name_and_the_last_good_one_stays()
 }
 
 #[test]
-fn a_learner_of_a_later_epoch_may_begin_anew() -> Result<(), Box<dyn std::error::Error>> {
+fn a_learner_of_a_later_epoch_may_restart_its_versions() -> Result<(), Box<dyn std::error::Error>> {
     let mut examiner = Examiner::new(EXPECTED);
     examiner.examine(&snapshot()?)?;
     let mut restarted = snapshot()?;
@@ -228,7 +228,7 @@ fn a_learner_of_a_later_epoch_may_begin_anew() -> Result<(), Box<dyn std::error:
 }
 
 #[test]
-fn a_snapshot_torn_anywhere_is_no_message() -> Result<(), Box<dyn std::error::Error>> {
+fn a_snapshot_torn_anywhere_is_not_a_message() -> Result<(), Box<dyn std::error::Error>> {
     let mut whole = snapshot()?;
     (whole.head.stamp.version, whole.head.stamp.kind) = (protocol::VERSION, ModelSnapshot::KIND);
     let mut bytes = vec![0; whole.byte_len()];
@@ -247,7 +247,8 @@ fn a_snapshot_torn_anywhere_is_no_message() -> Result<(), Box<dyn std::error::Er
 }
 
 #[test]
-fn weights_that_are_not_those_of_the_data_are_refused() -> Result<(), Box<dyn std::error::Error>> {
+fn weights_that_do_not_follow_from_the_data_are_refused() -> Result<(), Box<dyn std::error::Error>>
+{
     let honest = snapshot()?;
     let mut forged = ModelSnapshot::new(honest.head);
     for row in honest.rows() {

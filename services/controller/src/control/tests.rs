@@ -54,7 +54,7 @@ fn state(tick: u64) -> PlantState {
     let mut state: PlantState = bytemuck::Zeroable::zeroed();
     (state.stamp.epoch, state.stamp.tick, state.fallback_level) =
         (1, tick, FallbackLevel::FreshPlan.code());
-    // No two readings are alike.
+    // Every reading differs from the others.
     state.pose[0] = 1e-9 * tick as f64;
     state
 }
@@ -65,7 +65,7 @@ fn answer(controller: &mut Controller, state: &PlantState) -> Command {
     *controller.answer(state, &handover)
 }
 
-/// A model whose every answer is not a number.
+/// A model that always returns NaN.
 fn nonsense() -> Result<Box<Candidate>, Box<dyn std::error::Error>> {
     let normalisation = Normalisation { mean: [f64::NAN; INPUTS], scale: [1.0; INPUTS] };
     let hyperparameters = [Hyperparameters::new([1.0; INPUTS], 1.0, 1e-2); 3];
@@ -87,7 +87,7 @@ fn nonsense() -> Result<Box<Candidate>, Box<dyn std::error::Error>> {
 }
 
 #[test]
-fn a_model_that_says_nonsense_is_never_used() -> Result<(), Box<dyn std::error::Error>> {
+fn a_model_that_returns_nan_is_never_used() -> Result<(), Box<dyn std::error::Error>> {
     let mut robot = Robotic::new(&told())?;
     for tick in 0..20 {
         drop(robot.controller.adopt(nonsense()?));
@@ -107,7 +107,7 @@ fn a_model_that_says_nonsense_is_never_used() -> Result<(), Box<dyn std::error::
 }
 
 #[test]
-fn a_state_that_is_no_number_is_answered_with_the_brake() -> Result<(), Box<dyn std::error::Error>>
+fn a_state_that_is_not_finite_is_answered_with_the_brake() -> Result<(), Box<dyn std::error::Error>>
 {
     let mut controller = controller()?;
     answer(&mut controller, &state(0));
@@ -120,8 +120,7 @@ fn a_state_that_is_no_number_is_answered_with_the_brake() -> Result<(), Box<dyn 
 }
 
 #[test]
-fn a_plant_of_another_epoch_begins_with_nothing_remembered()
--> Result<(), Box<dyn std::error::Error>> {
+fn a_plant_of_another_epoch_begins_without_memory() -> Result<(), Box<dyn std::error::Error>> {
     let (mut used, mut fresh) = (controller()?, controller()?);
     for tick in 0..10 {
         let mut moving = state(tick);
@@ -137,14 +136,14 @@ fn a_plant_of_another_epoch_begins_with_nothing_remembered()
 
 const PERIOD_NANOS: u64 = 100_000_000;
 
-/// A robot that is as believed, behind its gate.
+/// A robot that matches the belief, behind its gate.
 struct Robotic {
     controller: Controller,
     gate: Gate,
     state: State,
     input: Velocity,
     fallback_level: FallbackLevel,
-    /// Where its sensors have been stuck since.
+    /// State at which its sensors are stuck.
     stuck: Option<State>,
 }
 
@@ -161,7 +160,7 @@ impl Robotic {
         })
     }
 
-    /// One period: what the gate made of the answer, and the answer.
+    /// One period: the gate's decision on the answer, and the answer.
     fn drive(&mut self, tick: u64) -> (Result<(), Reason>, Command) {
         self.gate.begin_period(tick, tick * PERIOD_NANOS);
         let seen = self.stuck.unwrap_or(self.state);
@@ -180,7 +179,7 @@ impl Robotic {
 }
 
 #[test]
-fn of_a_thousand_answers_of_a_faulty_optimiser_none_is_driven_and_every_command_is_valid_in_its_own_period()
+fn no_answer_of_a_faulty_optimiser_is_driven_and_every_command_is_valid()
 -> Result<(), Box<dyn std::error::Error>> {
     for kind in [
         SolverFaultKind::Infeasible,
@@ -212,7 +211,7 @@ fn of_a_thousand_answers_of_a_faulty_optimiser_none_is_driven_and_every_command_
 }
 
 #[test]
-fn faults_now_and_then_are_answered_by_shifted_plans_and_the_next_plan_is_fresh_again()
+fn occasional_faults_are_answered_by_shifted_plans_and_the_next_plan_is_fresh()
 -> Result<(), Box<dyn std::error::Error>> {
     let mut settings = told();
     let fault = |kind| SolverFault { kind, from_tick: 5, until_tick: None, probability: 0.2 };
@@ -239,7 +238,7 @@ fn faults_now_and_then_are_answered_by_shifted_plans_and_the_next_plan_is_fresh_
 }
 
 #[test]
-fn a_command_that_the_gate_would_refuse_gives_way_to_the_next_fallback_level()
+fn a_command_that_the_gate_would_refuse_is_replaced_by_the_next_fallback_level()
 -> Result<(), Box<dyn std::error::Error>> {
     let mut controller = controller()?;
     let mut weak = told().robot;
@@ -283,8 +282,8 @@ fn stuck_sensors_are_answered_with_the_brake_until_they_move_again()
 }
 
 #[test]
-fn a_blind_robot_brakes_to_rest_where_inputs_may_change_little_in_a_period()
--> Result<(), Box<dyn std::error::Error>> {
+fn a_blind_robot_brakes_to_rest_with_small_input_changes() -> Result<(), Box<dyn std::error::Error>>
+{
     let mut settings = told();
     settings.robot.limits.input_rate_mps2 = 2.0;
     settings.robot.limits.yaw_input_rate_radps2 = 4.0;
@@ -302,7 +301,7 @@ fn a_blind_robot_brakes_to_rest_where_inputs_may_change_little_in_a_period()
     Ok(())
 }
 
-/// A model of so many points in the inputs that a drive goes through, each with its own answer.
+/// A model with this number of points on the inputs of a drive. Each point has its own target.
 fn learned(points: usize) -> Result<Box<Candidate>, Box<dyn std::error::Error>> {
     let normalisation = Normalisation { mean: [0.0; INPUTS], scale: [1.0; INPUTS] };
     let wave = |index: usize, axis: usize| (0.37 * index as f64 * (axis + 1) as f64).sin();
@@ -345,7 +344,7 @@ fn nothing_is_allocated(settings: &Settings) -> Result<(), Box<dyn std::error::E
     let mut fresh = 0;
     for tick in 0..80 {
         if tick % 20 == 10 {
-            // Now limits bind.
+            // Now limits are active.
             robot.state.pose[1] += 0.8;
         }
         let mut measured = state(tick);
@@ -376,7 +375,7 @@ fn nothing_is_allocated(settings: &Settings) -> Result<(), Box<dyn std::error::E
     Ok(())
 }
 
-/// The parts of a controller as `change` makes it.
+/// The parts of a controller whose settings `change` modifies.
 fn tuned(change: impl FnOnce(&mut Settings)) -> Result<Box<Tuned>, ControllerError> {
     let mut settings = told();
     change(&mut settings);
@@ -384,7 +383,7 @@ fn tuned(change: impl FnOnce(&mut Settings)) -> Result<Box<Tuned>, ControllerErr
 }
 
 #[test]
-fn what_is_changed_while_it_drives_is_exchanged_without_the_heap_and_the_next_plan_is_fresh()
+fn a_change_while_driving_does_not_allocate_and_the_next_plan_is_fresh()
 -> Result<(), Box<dyn std::error::Error>> {
     let mut robot = Robotic::new(&told())?;
     let square = PathSettings::Square { side_m: 3.0, speed_mps: 1.0 };
@@ -435,7 +434,7 @@ fn what_is_changed_while_it_drives_is_exchanged_without_the_heap_and_the_next_pl
 }
 
 #[test]
-fn an_exchange_for_the_same_changes_no_command_but_for_rounding()
+fn an_exchange_for_equal_settings_changes_commands_by_rounding_only()
 -> Result<(), Box<dyn std::error::Error>> {
     let (mut tuned_often, mut never) = (Robotic::new(&told())?, Robotic::new(&told())?);
     for tick in 0..30 {
@@ -456,7 +455,8 @@ fn an_exchange_for_the_same_changes_no_command_but_for_rounding()
     Ok(())
 }
 
-/// A robot as believed, but for a dead time: (answers of the simple controller, largest distance from the reference in the last 10 s \[m\]).
+/// Drives a robot that matches the belief except for a dead time. Returns (answers of the simple
+/// controller, largest distance from the reference in the last 10 s \[m\]).
 fn with_a_dead_time_of(periods: usize) -> Result<(usize, f64), ControllerError> {
     const PERIOD_S: f64 = 0.02;
     let mut settings = told();
@@ -500,9 +500,9 @@ fn with_a_dead_time_of(periods: usize) -> Result<(usize, f64), ControllerError> 
     Ok((simple, farthest))
 }
 
-/// 240 ms: beyond what can be made up for.
+/// 240 ms: more than the controller can compensate.
 #[test]
-fn where_plans_do_not_hold_the_robot_the_simple_controller_does()
+fn the_simple_controller_drives_where_plans_do_not_hold_the_robot()
 -> Result<(), Box<dyn std::error::Error>> {
     let (simple, farthest) = with_a_dead_time_of(12)?;
     assert!(simple > 100 && farthest < 0.05, "{simple} periods, {farthest} m");
@@ -510,7 +510,7 @@ fn where_plans_do_not_hold_the_robot_the_simple_controller_does()
 }
 
 #[test]
-fn where_plans_hold_the_robot_they_always_drive() -> Result<(), Box<dyn std::error::Error>> {
+fn plans_always_drive_where_they_hold_the_robot() -> Result<(), Box<dyn std::error::Error>> {
     for periods in [0, 3, 6] {
         let (simple, farthest) = with_a_dead_time_of(periods)?;
         assert!(simple == 0 && farthest < 0.001, "{periods}: {simple} periods, {farthest} m");

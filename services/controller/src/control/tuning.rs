@@ -1,8 +1,9 @@
-//! A change to a controller that drives: built whole beside the control thread, put in use whole between two ticks.
+//! A change of the settings while the controller drives: built beside the control thread, put in
+//! use between two ticks.
 //!
 //! ```text
-//!   attendant thread     request ▶ check ▶ build ── tuned ──▶     ┐ control thread: exchanges its parts for the new ones,
-//!                        answer ◀ free ◀─── exchanged ───      ┘ and nothing else
+//!   attendant thread     request ▶ check ▶ build ── tuned ──▶     ┐ control thread: exchanges its
+//!                        answer ◀ free ◀─── exchanged ───         ┘ parts for the new ones only
 //! ```
 
 use super::{Controller, ControllerError};
@@ -15,7 +16,8 @@ use process::Pace;
 use protocol::message::HORIZON_MAX;
 use settings::change::Rules;
 
-/// What can be changed while the robot drives. What the gate holds against commands, the robot's own limits, cannot.
+/// Settings that can be changed while the robot drives. The robot's own limits, which the gate
+/// enforces, are not among them.
 pub const RULES: Rules<'static> = Rules {
     tunable: &[
         "mpc.weights",
@@ -29,30 +31,31 @@ pub const RULES: Rules<'static> = Rules {
     choices: &["reference.path"],
 };
 
-/// The parts of a controller that settings decide: those to put in use, then those that were.
+/// The parts of a controller that depend on settings: first the new ones, then the replaced ones.
 pub struct Tuned {
     pub(super) mpc: Mpc,
-    /// None if it stays as it is.
+    /// None if it is unchanged.
     pub(super) reference: Option<Reference>,
     /// Room for as many points as delay and horizon can need.
     pub(super) points: Vec<ReferencePoint>,
-    /// Time that an answer may take; `None` in lock step \[ns\].
+    /// Time budget of an answer; `None` in lock step \[ns\].
     pub(super) budget_nanos: Option<u64>,
     /// Once they are in use: epoch of the plant, and the first tick that is answered with them.
     pub since: Option<(u64, u64)>,
 }
 
 impl Tuned {
-    /// The parts of a controller with these settings; with its reference only if it is not that of `before`. Allocates all that it needs.
+    /// The parts of a controller with these settings. The reference is included only if it differs
+    /// from that of `before`. Allocates all memory that the parts need.
     ///
     /// # Errors
-    /// [`ControllerError`] if the weights, the solver or the reference refuse.
+    /// [`ControllerError`] if the weights, the solver or the reference are invalid.
     pub fn new(settings: &Settings, before: Option<&Settings>) -> Result<Self, ControllerError> {
         let period = settings.run.period_nanos as f64 * 1e-9;
         let mut mpc =
             Mpc::new(&settings.mpc, &settings.robot, &MainModel::new(&settings.robot, period))?;
         mpc.inject(settings.solver_faults.clone());
-        // Long enough for every horizon that may come.
+        // Long enough for every horizon that can be set later.
         let ticks = (settings.duration_s / period).ceil() as usize + DELAY_MAX + HORIZON_MAX + 1;
         let build = || Reference::new(&settings.reference, &settings.start, period, ticks);
         let stays = before.is_some_and(|before| before.reference == settings.reference);
@@ -68,8 +71,9 @@ impl Tuned {
 }
 
 impl Controller {
-    /// Exchanges the parts that settings decide, for the answer to the first tick from `tick` on: called between two ticks. What is planned
-    /// goes on from the plan before. Does not allocate or free.
+    /// Exchanges the parts that depend on settings, for the answer to the first tick from `tick`
+    /// on. Called between two ticks. Planning continues from the previous plan. Does not allocate
+    /// or free.
     pub fn tune(&mut self, tuned: &mut Tuned, tick: u64) {
         tuned.mpc.inherit(&self.mpc);
         std::mem::swap(&mut self.mpc, &mut tuned.mpc);

@@ -1,19 +1,24 @@
-//! A dual active-set method for strictly convex programs (Goldfarb and Idnani, Mathematical Programming 27, 1983), in stages.
+//! A dual active-set method for strictly convex programs in stages (Goldfarb and Idnani,
+//! Mathematical Programming 27, 1983).
 //!
-//! It begins at the minimum without rows and adds one violated bound after the other, so that it costs next to nothing where few limits
-//! bind. Slacks at zero are the one exception: they have a penalty as long as no row needs them, so they are held there at the start.
+//! The method begins at the minimum without rows, and adds one violated bound after the other. So
+//! it costs little where few limits are active. Slacks at zero are the one exception: they have a
+//! penalty as long as no row needs them, so they are held at zero from the start.
 //!
 //! ```text
-//! J Jᵀ = H⁻¹      Jᵀ N = Q R      N: the active bounds' normals, which point inwards; QᵀQ = 1, R upper triangular
+//! J Jᵀ = H⁻¹      Jᵀ N = Q R      QᵀQ = 1, R upper triangular
+//! N: the active bounds' normals, which point inwards
 //! ```
-//! J is never written down: [`Riccati`] multiplies by it and its transpose in O(N), and a slack adds an entry to v = J⁻¹x once it is no longer held.
-//! A bound with the normal n is added along w, while the multipliers of the active ones change by −r:
+//! J is never formed: [`Riccati`] multiplies by it and its transpose in O(N). A slack adds an entry
+//! to v = J⁻¹x once it is no longer held. A bound with the normal n is added along w, while the
+//! multipliers of the active ones change by −r:
 //!
 //! ```text
 //! d = Jᵀ n      w = d − Q Qᵀ d      r = R⁻¹ Qᵀ d
 //! ```
-//! as far as the bound asks for, or until a multiplier is zero: then that bound is dropped. What goes on is v, by
-//! which the distance of a bound b + nᵀx is b + dᵀv; x = J v is worked out when all bounds are looked at. One such step is O(N (1 + active bounds)).
+//! The step ends at the bound, or where a multiplier becomes zero: then that bound is dropped. The
+//! iteration updates v. The distance of a bound b + nᵀx is b + dᵀv; x = J v is computed when all
+//! bounds are checked. One such step is O(N (1 + active bounds)).
 
 mod orthogonal;
 
@@ -23,17 +28,19 @@ use super::solver::{Outcome, Status, Turn};
 use nalgebra::DVector;
 use orthogonal::{DEPENDENT, Orthogonal};
 
-/// By how much a bound may be violated; rows are scaled to bounds of 1.
+/// Tolerated violation of a bound; rows are scaled to bounds of 1.
 const VIOLATION: f64 = 1e-9;
-/// What counts as a multiplier that grows smaller, per unit of the new bound's.
+/// From this decrease on, a multiplier counts as decreasing, per unit of the new bound's
+/// multiplier.
 const RELEASE: f64 = 1e-12;
-/// Most bounds that are added or dropped, in multiples of the number of unknowns and bounds.
+/// Largest number of bounds that are added or dropped, in multiples of the number of unknowns and
+/// bounds.
 const STEPS_MOST: usize = 2;
 
-/// What may be active.
+/// A bound that can be active.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Bound {
-    /// Of a row, from above (0) or from below (1).
+    /// A row, from above (0) or from below (1).
     Row(usize, usize),
     /// s ≥ 0 of a slack.
     Slack(usize),
@@ -48,7 +55,7 @@ enum Slack {
     Free(usize),
 }
 
-/// Whose multiplier is zero.
+/// The owner of a multiplier that became zero.
 #[derive(Debug, Clone, Copy)]
 enum Released {
     /// The active bound at this place.
@@ -57,49 +64,50 @@ enum Released {
     Slack(usize),
 }
 
-/// What a step towards a bound came to.
+/// Result of a step towards a bound.
 enum Step {
     /// The bound is active.
     Added,
-    /// Another was dropped on the way.
+    /// Another bound was dropped on the way.
     Dropped,
-    /// No step leads there.
+    /// No step reaches the bound.
     Impossible,
 }
 
 /// The method with all its memory: set up once, then in place.
 pub struct ActiveSet {
     factor: Riccati,
-    /// Whether that is of a program that can be solved.
+    /// Whether the factor belongs to a program that can be solved.
     prepared: bool,
-    /// Most steps that are taken.
+    /// Largest number of steps.
     most: usize,
     /// Q and R.
     normals: Orthogonal,
-    /// Active bounds, in the order of R's columns, and their multipliers; slacks that are held are not among them.
+    /// Active bounds, in the order of R's columns, and their multipliers. Held slacks are not among
+    /// them.
     active: Vec<Bound>,
     multipliers: Vec<f64>,
-    /// What was violated when all bounds were looked at last.
+    /// Bounds that were violated at the last check of all bounds.
     violated: Vec<(Bound, f64)>,
     /// v, and the x that belongs to it.
     whitened: DVector<f64>,
     at: Trajectory,
     slacks: Vec<f64>,
     slack_states: Vec<Slack>,
-    /// Of slacks that are held.
+    /// Multipliers of held slacks.
     slack_multipliers: Vec<f64>,
-    /// How many entries v has.
+    /// Number of entries of v.
     entries: usize,
-    /// d, how many of its first entries may be other than zero, and r.
+    /// d, the number of its leading entries that may be nonzero, and r.
     image: DVector<f64>,
     reach: usize,
     release: DVector<f64>,
-    /// The same of slacks that are held.
+    /// The same for held slacks.
     slack_release: Vec<f64>,
 }
 
 impl ActiveSet {
-    /// Makes room for programs of the shape of `program`.
+    /// Allocates for programs of the shape of `program`.
     pub fn new(program: &QuadraticProgram) -> Self {
         let (unknowns, slacks) = (program.unknowns(), program.slacks());
         Self {
@@ -123,7 +131,8 @@ impl ActiveSet {
         }
     }
 
-    /// Solves `program`, and writes inputs and slacks to `solution` if there is an answer. Does not allocate.
+    /// Solves `program`, and writes inputs and slacks to `solution` if there is an answer. Does not
+    /// allocate.
     pub fn solve(
         &mut self,
         program: &QuadraticProgram,
@@ -134,14 +143,14 @@ impl ActiveSet {
         self.finish(program, solution, turn)
     }
 
-    /// What there is to do before gradients and bounds are known. Does not allocate.
+    /// Does the work that needs no gradients or bounds. Does not allocate.
     pub fn prepare(&mut self, program: &QuadraticProgram) {
         self.prepared = self.factor.factorise(program)
             && program.penalties.slack >= 0.0
             && program.penalties.slack_curvature > 0.0;
     }
 
-    /// Solves the program that was [prepared](Self::prepare), as often as that is wanted. Does not allocate.
+    /// Solves the [prepared](Self::prepare) program. Can be called repeatedly. Does not allocate.
     pub fn finish(
         &mut self,
         program: &QuadraticProgram,
@@ -163,7 +172,8 @@ impl ActiveSet {
         Outcome { status, iterations }
     }
 
-    /// Adds violated bounds, one after the other, until none is violated: the dual cost grows with each step.
+    /// Adds violated bounds, one after the other, until none is violated. The dual cost grows with
+    /// each step.
     fn dual_ascent(
         &mut self,
         program: &QuadraticProgram,
@@ -221,9 +231,10 @@ impl ActiveSet {
         }
     }
 
-    /// A bound that is violated, if one is, and its distance. All are looked at when nothing is left of what was violated the last time, the most first.
+    /// The next violated bound and its distance, if there is one. When the list of violated bounds
+    /// is empty, all bounds are checked again; the most violated come first.
     ///
-    /// Then d and its reach are those of that bound: its distance follows from them, without x.
+    /// Afterwards d and its reach belong to that bound: the distance follows from them, without x.
     fn violated(&mut self, program: &QuadraticProgram) -> Option<(Bound, f64)> {
         let mut looked = false;
         loop {
@@ -235,7 +246,7 @@ impl ActiveSet {
                     return Some((bound, distance));
                 }
             }
-            // What only x says is violated, and not v, is so by rounding.
+            // A bound that is violated by x but not by v is violated by rounding only.
             if looked {
                 return None;
             }
@@ -246,7 +257,7 @@ impl ActiveSet {
         }
     }
 
-    /// Looks at all bounds but the active ones.
+    /// Checks all bounds except the active ones.
     fn look_for_violated(&mut self, program: &QuadraticProgram) {
         let mut look = |bound: Bound, distance: f64| {
             if distance < -VIOLATION && !self.active.contains(&bound) {
@@ -264,7 +275,7 @@ impl ActiveSet {
         }
     }
 
-    /// Goes towards `bound`, which is `distance` away and whose multiplier so far is `multiplier`.
+    /// Steps towards `bound`, at the given `distance` and with the given `multiplier` so far.
     fn approach(
         &mut self,
         program: &QuadraticProgram,
@@ -327,7 +338,7 @@ impl ActiveSet {
         }
     }
 
-    /// d of `bound`, and its reach.
+    /// Computes d of `bound`, and its reach.
     fn look_at(&mut self, program: &QuadraticProgram, bound: Bound) {
         self.reach = 0;
         match bound {
@@ -348,7 +359,7 @@ impl ActiveSet {
         }
     }
 
-    /// r, and what belongs to the slacks that are held.
+    /// Computes r, and the same for held slacks.
     fn find_release(&mut self, program: &QuadraticProgram, bound: Bound) {
         self.normals.solve(&mut self.release);
         self.slack_release.fill(0.0);
@@ -374,7 +385,8 @@ impl ActiveSet {
         self.multipliers.remove(place);
     }
 
-    /// Holds `slack` no longer: v has an entry more, and so have the normals of the active rows that it lets off.
+    /// Releases `slack`: v gains an entry, and so do the normals of the active rows that this slack
+    /// relaxes.
     fn free_slack(&mut self, program: &QuadraticProgram, slack: usize) {
         let entry = self.entries;
         (self.slack_states[slack], self.slack_multipliers[slack]) = (Slack::Free(entry), 0.0);
@@ -388,7 +400,7 @@ impl ActiveSet {
 }
 
 impl Bound {
-    /// How far it is away where everything is zero.
+    /// Its distance where everything is zero.
     fn room(self, program: &QuadraticProgram) -> f64 {
         match self {
             Self::Row(row, side) => program.rows[row].bounds[side],
@@ -396,7 +408,7 @@ impl Bound {
         }
     }
 
-    /// The slack that it is about, if there is one.
+    /// The slack that it refers to, if there is one.
     fn slack(self, program: &QuadraticProgram) -> Option<usize> {
         match self {
             Self::Row(row, _) => program.rows[row].slack,
@@ -405,12 +417,12 @@ impl Bound {
     }
 }
 
-/// A slack in v, of a slack in x; and the other way about.
+/// Entry of J for a slack: the factor from its entry of v to the slack.
 fn entry_of_slack(program: &QuadraticProgram) -> f64 {
     1.0 / program.penalties.slack_curvature.sqrt()
 }
 
-/// Most steps for programs of the shape of `program`.
+/// Largest number of steps for programs of the shape of `program`.
 fn steps_most(program: &QuadraticProgram) -> usize {
     STEPS_MOST * (program.unknowns() + 2 * program.rows.len() + program.slacks())
 }

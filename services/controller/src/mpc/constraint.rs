@@ -1,13 +1,14 @@
 //! The limits: the wheels' own, all linear in (v, u), and soft bounds on the predicted state.
 //!
-//! Wheel rows stand for the periods whose input is free. Later inputs keep their distance from the target, and are clamped to what the
-//! wheels can do when they are predicted.
+//! Wheel rows cover the periods with a free input. Later inputs keep their distance from the
+//! target, and are clamped to the wheels' limits during prediction.
 //!
-//! Every row is scaled so that its bound is 1, which keeps the program well scaled and lets one slack per period serve all its
-//! soft rows: a slack of 0.1 allows each of them to be exceeded by a tenth. Only the corridor has a slack of its own: a robot that is far
-//! outside must not be free to exceed the other limits as well.
+//! Every row is scaled to a bound of 1. This keeps the program well scaled, and one slack per
+//! period serves all its soft rows: a slack of 0.1 allows each row to be exceeded by a tenth. Only
+//! the corridor has a slack of its own: a robot far outside the corridor must not be free to exceed
+//! the other limits as well.
 //!
-//! Tightening draws in the bounds on the state, at most to where the two sides meet.
+//! Tightening reduces the bounds on the state, at most until the two sides meet.
 
 use super::qp::{BEFORE, Penalties, QuadraticProgram, Row, Vector};
 use super::{Outlook, Stage};
@@ -19,15 +20,16 @@ use model::{State, Velocity};
 use nalgebra::SVector;
 use robot::{Robot, kinematics};
 
-/// Penalty of a slack of 1, linear: greater than any multiplier of a soft row, so that slacks stay zero where they can.
+/// Linear penalty of a slack of 1. It is greater than any multiplier of a soft row, so slacks stay
+/// zero where they can.
 const SLACK_PENALTY: f64 = 1e3;
 /// Curvature of that penalty: keeps the program strictly convex.
 const SLACK_CURVATURE: f64 = 1.0;
 
-/// Where the velocity begins in a state.
+/// Index of the velocity in a state.
 const VELOCITY: usize = 3;
 
-/// What one row bounds, from above and below.
+/// Quantity that one row bounds, from above and below.
 #[derive(Debug, Clone, Copy)]
 enum Kind {
     /// |J u|/(r `ω_max`) of one wheel.
@@ -42,16 +44,18 @@ enum Kind {
     Heading,
     /// |v|/`v_max` of one axis; soft.
     Speed(usize),
-    /// Distance across the reference's course over the width to the left, or to the right where the sign is −1, from above alone; soft.
+    /// Distance across the reference's course over the width to the left, or to the right if the
+    /// sign is −1. Bounded from above alone; soft.
     Corridor(f64),
 }
 
-/// What inputs are held to.
+/// Limits of the inputs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InputLimits {
     /// Rows that are multiplied by u, each at most 1 either way: J/(r `ω_max`).
     pub wheel: [Velocity; 4],
-    /// Rows that are multiplied by u − v, each at most 1 either way: `k_p` J/(r `i_max`), if the currents are limited.
+    /// Rows that are multiplied by u − v, each at most 1 either way: `k_p` J/(r `i_max`), if the
+    /// currents are limited.
     pub current: Option<[Velocity; 4]>,
     /// `u_max` \[m/s, m/s, rad/s\].
     pub input: Velocity,
@@ -60,7 +64,7 @@ pub struct InputLimits {
 }
 
 impl InputLimits {
-    /// Those of `robot` for a period of `period` \[s\].
+    /// The limits of `robot` for a period of `period` \[s\].
     pub fn of(robot: &Robot, period: f64) -> Self {
         let jacobian = kinematics::jacobian(&robot.geometry);
         let radius = robot.geometry.wheel_radius_m;
@@ -80,7 +84,7 @@ impl InputLimits {
     }
 }
 
-/// What the wheels can do and the state may be. Constant, but for rows that are dropped.
+/// Limits of wheels and state. Constant, except for dropped rows.
 pub struct Limits {
     inputs: InputLimits,
     heading: Option<f64>,
@@ -92,13 +96,13 @@ pub struct Limits {
     main: MainModel,
     /// Wheels whose current rows are dropped.
     dropped: [bool; 4],
-    /// Each row's kind, and its period; a row on a state is about that period's end.
+    /// Kind and period of each row; a row on a state bounds that period's end.
     kinds: Vec<(Kind, usize)>,
 }
 
 impl Limits {
-    /// The limits for a horizon of `horizon` periods of which `blocks` have free inputs, of a robot with
-    /// this main model.
+    /// The limits for a horizon of `horizon` periods of which `blocks` have free inputs, of a robot
+    /// with this main model.
     pub fn new(
         inputs: &InputLimits,
         state: &StateLimits,
@@ -120,7 +124,7 @@ impl Limits {
         this
     }
 
-    /// From now on the current rows of these wheels bound nothing.
+    /// From now on the current rows of these wheels are inactive.
     pub fn drop_current_rows(&mut self, wheels: [bool; 4]) {
         self.dropped = wheels;
     }
@@ -130,7 +134,7 @@ impl Limits {
         self.dropped
     }
 
-    /// What a plan's first period foretells of each motor's current.
+    /// Motor currents that a plan predicts for its first period.
     pub(super) fn foretold_currents(&self, first: &Stage, after: &State) -> Foretold {
         let unmodelled = self.unmodelled(&first.state.velocity, after);
         let at = |velocity: &Velocity| {
@@ -141,10 +145,10 @@ impl Limits {
         Foretold { start: at(&first.state.velocity), end: at(&after.velocity) }
     }
 
-    /// The acceleration that the main model does not know, as the u − v that would bring it:
-    /// (g + d)/(1 − A), with g + d the difference between the prediction and the main model. A robot
-    /// that slips, or whose speed loop has an integral part, drives steadily at u ≠ v, and without
-    /// much current. It is the plan's, and stays so while the program is solved.
+    /// The acceleration that the main model does not explain, as the u − v that would cause it:
+    /// (g + d)/(1 − A), with g + d the difference between the prediction and the main model. A
+    /// robot that slips, or whose speed loop has an integral part, drives steadily at u ≠ v without
+    /// much current. The value belongs to the plan, and is constant while the program is solved.
     fn unmodelled(&self, before: &Velocity, after: &State) -> Velocity {
         let expected = self.main.next_velocity(before, &after.acted);
         std::array::from_fn(|axis| {
@@ -152,8 +156,8 @@ impl Limits {
         })
     }
 
-    /// The plan's states move by `moves` and its inputs stay: so does what the main model does not
-    /// know of its accelerations. Does not allocate.
+    /// Moves the plan's states by `moves`, with unchanged inputs. The accelerations that the main
+    /// model does not explain stay unchanged too. Does not allocate.
     pub(super) fn displace(&self, moves: &[Vector], program: &mut QuadraticProgram) {
         let current = self.inputs.current.unwrap_or_default();
         for (row, &(kind, period)) in program.rows.iter_mut().zip(&self.kinds) {
@@ -174,7 +178,7 @@ impl Limits {
         }
     }
 
-    /// How many slacks there are.
+    /// Number of slacks.
     pub fn slacks(&self) -> usize {
         if self.corridor.iter().any(Option::is_some) { 2 * self.horizon } else { self.horizon }
     }
@@ -212,7 +216,7 @@ impl Limits {
         kinds
     }
 
-    /// The rows, before anything is known of a plan.
+    /// The rows, before a plan is known.
     pub(super) fn rows(&self) -> Vec<Row> {
         let row = |&(kind, period): &(Kind, usize)| {
             let (stage, first, slack) = match kind {
@@ -236,12 +240,12 @@ impl Limits {
         self.kinds.iter().map(row).collect()
     }
 
-    /// What the free inputs cost, and what slacks cost as well.
+    /// Penalties of the free inputs and of the slacks.
     pub(super) fn with_slacks(inputs: Penalties) -> Penalties {
         Penalties { slack: SLACK_PENALTY, slack_curvature: SLACK_CURVATURE, ..inputs }
     }
 
-    /// The nearest input in the same direction that the wheels can do; what is no number counts as 0.
+    /// The nearest input in the same direction that the wheels can follow; NaN counts as 0.
     pub fn clamp(&self, input: &Velocity) -> Velocity {
         let boxed: Velocity = std::array::from_fn(|axis| {
             let desired = if input[axis].is_nan() { 0.0 } else { input[axis] };
@@ -251,7 +255,7 @@ impl Limits {
         boxed.map(|value| value / load)
     }
 
-    /// `point` where the bounds on the state let it be: its heading and velocity, not its position.
+    /// `point` within the bounds on the state: changes its heading and velocity, not its position.
     pub fn admitted(&self, point: &ReferencePoint) -> ReferencePoint {
         let heading = self.heading.unwrap_or(f64::INFINITY);
         let mut admitted = *point;
@@ -278,7 +282,7 @@ impl Limits {
         self.clamp(&near)
     }
 
-    /// Writes every row, about the present plan. Does not allocate.
+    /// Writes every row about the present plan. Does not allocate.
     pub(super) fn write(&self, outlook: &Outlook<'_>, program: &mut QuadraticProgram) {
         let Outlook { stages, last_input, .. } = *outlook;
         let InputLimits { wheel: of_wheel, current, input: largest, change } = &self.inputs;
@@ -339,7 +343,7 @@ fn dot(a: &Velocity, b: &Velocity) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// By how much the bounds of a row on a predicted state are drawn in; at most by `most`.
+/// Tightening of the bounds of a row on a predicted state; at most `most`.
 fn drawn_in(outlook: &Outlook<'_>, row: &Row, most: f64) -> f64 {
     let Some(tightening) = outlook.tightening else { return 0.0 };
     let mut direction = SVector::<f64, 6>::zeros();
@@ -354,13 +358,15 @@ fn unit(axis: usize, limit: f64) -> Velocity {
     coefficients
 }
 
-/// Lets a row hold the input of its period; returns what the present plan uses of it.
+/// Sets a row's coefficients on the input of its period. Returns the present plan's share of the
+/// bound.
 fn on_input(row: &mut Row, coefficients: &Velocity, input: &Velocity) -> f64 {
     row.by_input = *coefficients;
     dot(coefficients, input)
 }
 
-/// Lets a row hold three entries of its state; returns what the present plan uses of it.
+/// Sets a row's coefficients on three entries of its state. Returns the present plan's share of the
+/// bound.
 fn on_state(row: &mut Row, coefficients: &Velocity, entries: &Velocity) -> f64 {
     row.by_state = *coefficients;
     dot(coefficients, entries)

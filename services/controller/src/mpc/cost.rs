@@ -5,8 +5,8 @@
 //! ```text
 //! e = (Rᵀ(θ_r) (p − p_r),  θ − θ_r,  R(θ − θ_r) v_xy − v_r,  ω − ω_r)
 //! ```
-//! in which the linearised axes separate, so that the LQR of [`model::lqr`] belongs to the same error. Other controllers take v − v_r of
-//! the body's frame as it is ([`Formulation::Plain`]).
+//! In this frame the linearised axes separate, so that the LQR of [`model::lqr`] belongs to the
+//! same error. Other controllers use v − v_r in the body's frame ([`Formulation::Plain`]).
 
 use super::qp::{Penalties, QuadraticProgram};
 use super::{Formulation, Outlook, Stage};
@@ -32,7 +32,8 @@ pub struct Cost {
     formulation: Formulation,
 }
 
-/// Error of a state against the reference: x, y, yaw, forward, left, yaw rate in the reference's frame.
+/// Error of a state against the reference: x, y, yaw, forward, left, yaw rate in the reference's
+/// frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackingError {
     /// e.
@@ -62,7 +63,7 @@ impl TrackingError {
         Self { value, reference, turned, velocity: state.velocity }
     }
 
-    /// e with v − v_r of the body's frame, whatever the heading error, and its Jacobian.
+    /// e with v − v_r in the body's frame, whatever the heading error, and its Jacobian.
     fn plain(state: &State, point: &ReferencePoint) -> (SVector<f64, 6>, SMatrix<f64, 6, 6>) {
         let mut error = Self::new(state, point);
         for axis in 0..2 {
@@ -71,7 +72,7 @@ impl TrackingError {
         (error.value, error.pose_jacobian())
     }
 
-    /// ∂e/∂x, of the pose; the identity in all else.
+    /// ∂e/∂x for the pose; identity for all other entries.
     fn pose_jacobian(&self) -> SMatrix<f64, 6, 6> {
         let (sr, cr) = self.reference;
         let mut jacobian = SMatrix::<f64, 6, 6>::identity();
@@ -116,7 +117,8 @@ impl Cost {
         })
     }
 
-    /// u = t − K e, turned from the reference's frame into the body's: the answer without an optimiser.
+    /// u = t − K e, rotated from the reference's frame to the body's: the answer without an
+    /// optimiser.
     pub fn lqr_input(&self, error: &TrackingError, target: &Velocity) -> Velocity {
         let correction: Velocity = std::array::from_fn(|axis| {
             -self.gains[axis].gain[0] * error.value[axis]
@@ -130,7 +132,8 @@ impl Cost {
         ]
     }
 
-    /// K = ∂u/∂x of [`lqr_input`](Self::lqr_input), for a target that does not turn with the robot.
+    /// K = ∂u/∂x of [`lqr_input`](Self::lqr_input), for a target that does not rotate with the
+    /// robot.
     pub(super) fn feedback(&self, error: &TrackingError) -> Feedback {
         let mut by_error = Feedback::zeros();
         for (axis, of_axis) in self.gains.iter().enumerate() {
@@ -142,7 +145,7 @@ impl Cost {
         into_body * by_error * error.jacobian()
     }
 
-    /// What the free inputs cost of their own; slacks cost nothing yet.
+    /// Penalties of the free inputs; slacks have no penalty yet.
     pub(super) fn penalties(&self) -> Penalties {
         Penalties { input: self.input, change: self.change, slack: 0.0, slack_curvature: 0.0 }
     }
@@ -172,7 +175,7 @@ impl Cost {
         self.write_inputs(outlook.stages, outlook.last_input, program);
     }
 
-    /// The target of period `k` has moved.
+    /// Updates the cost after the target of period `k` has moved.
     pub(super) fn move_target(
         &self,
         k: usize,

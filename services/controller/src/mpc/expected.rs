@@ -1,21 +1,25 @@
-//! The other real-time iteration: linearised about the plan itself, so that all but the last step is done before the state comes.
+//! The other real-time iteration: it linearises about the plan itself, so that all work but the
+//! last step is done before the state arrives.
 //!
 //! ```text
 //! before    shift ─ linearise along the plan ─ write the program ─ factorise
 //! state ▶   surprise ─ gradient and bounds ─ solve ─ ▶ command
 //! ```
-//! The plan's states need not follow from each other under its inputs: what is missing between two of them, c, is made up to first order,
+//! The plan's states need not follow from each other under its inputs. The gap between two of them,
+//! c, is closed to first order,
 //!
 //! ```text
 //! x̄_0 = x_0      x̄_{k+1} = f(x_k, u_k) + A_k (x̄_k − x_k)
 //! ```
-//! and the program is written about x̄. When the state s_0 comes, that is moved on by what surprises, again to first order:
+//! and the program is written about x̄. When the state s_0 arrives, the deviation moves the
+//! program, again to first order:
 //!
 //! ```text
 //! δ_0 = s_0 − x̄_0      δ_{k+1} = A_k δ_k + (∂x⁺/∂g)_k δd  (+ C_0 δa₋₁ for k = 0)
 //! ```
 //!
-//! Reference: Diehl, Bock & Schlöder, *A real-time iteration scheme for nonlinear optimization in optimal feedback control*, 2005.
+//! Reference: Diehl, Bock & Schlöder, *A real-time iteration scheme for nonlinear optimization in
+//! optimal feedback control*, 2005.
 
 use super::qp::{STATE, WIDTH};
 use super::solver::Turn;
@@ -28,7 +32,7 @@ use nalgebra::SVector;
 use protocol::clock::monotonic_nanos;
 use std::f64::consts::PI;
 
-/// What the program that is ready was written for.
+/// The conditions for which the prepared program was written.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Expectation {
     state: State,
@@ -39,7 +43,8 @@ pub(super) struct Expectation {
 }
 
 impl Expectation {
-    /// Whether what has come is what the program depends on linearly; else it has to be written anew.
+    /// Whether only quantities that enter the program linearly have changed; else the program must
+    /// be written again.
     fn covers(&self, state: &State, last_input: &Velocity, belief: &Belief<'_>) -> bool {
         let turned = state.pose[2] - self.state.pose[2];
         self.last_input == *last_input
@@ -49,7 +54,7 @@ impl Expectation {
 }
 
 impl Mpc {
-    /// Expects the robot on its reference, and along it a plan; `reference` begins at the tick that comes next.
+    /// Initialises the plan on the reference. `reference` begins at the next tick.
     pub fn begin_on(&mut self, reference: &[ReferencePoint]) {
         self.reset();
         let points = reference.iter().map(|point| State {
@@ -57,7 +62,7 @@ impl Mpc {
             velocity: point.velocity,
             ..State::default()
         });
-        // The coming shift moves them to where they belong.
+        // The next shift moves them to their places.
         for (slot, point) in self
             .stages
             .iter_mut()
@@ -71,9 +76,10 @@ impl Mpc {
         self.planned = true;
     }
 
-    /// With [`Linearise::Expected`]: does all of the next iteration that does not need the state. Called after [`prepare`](Self::prepare),
-    /// with what is believed from now on; should anything but the disturbance change before the state comes, it is to be
-    /// [forgotten](Self::forget_expectation). Does not allocate.
+    /// With [`Linearise::Expected`]: does all work of the next iteration that does not need the
+    /// state. Called after [`prepare`](Self::prepare), with the belief that holds from now on. If
+    /// anything but the disturbance changes before the state arrives, the result must be
+    /// [dropped](Self::forget_expectation). Does not allocate.
     pub fn expect(
         &mut self,
         last_input: &Velocity,
@@ -112,12 +118,12 @@ impl Mpc {
         });
     }
 
-    /// The next answer is found from the measured state alone.
+    /// The next answer is computed from the measured state alone.
     pub fn forget_expectation(&mut self) {
         self.expectation = None;
     }
 
-    /// Solves the program that is ready, which stays so. Nothing to rehearse if there is none.
+    /// Solves the prepared program, which stays valid. Returns false if there is none.
     pub(super) fn rehearse_expected(&mut self) -> bool {
         if self.expectation.is_some() {
             let _answer = self.solver.finish(&self.program, &mut self.solution, &Turn::default());
@@ -125,7 +131,7 @@ impl Mpc {
         self.expectation.is_some()
     }
 
-    /// From the state to the plan, if the program that is ready covers it.
+    /// Computes the plan from the state, if the prepared program covers it.
     pub(super) fn iterate_expected(
         &mut self,
         state: &State,
@@ -149,7 +155,8 @@ impl Mpc {
         Some(Solved { outcome, ahead: expected.spent, since })
     }
 
-    /// Moves the plan's states, and the program with them, by what was not expected.
+    /// Moves the plan's states, and the program with them, by the deviation from the expected
+    /// state.
     fn surprise(&mut self, expected: &Expectation, state: &State, disturbance: &Velocity) {
         let less =
             |a: &Velocity, b: &Velocity| SVector::<f64, 3>::from_fn(|axis, _| a[axis] - b[axis]);
@@ -190,7 +197,7 @@ impl Mpc {
         self.terminal.acted = acted.unwrap_or(self.terminal.acted);
     }
 
-    /// x̄ in place of the plan's states.
+    /// Replaces the plan's states by x̄.
     fn close_gaps(&mut self) {
         let mut gap = SVector::<f64, 6>::zeros();
         let states = self
@@ -208,7 +215,7 @@ impl Mpc {
         }
     }
 
-    /// The inputs stay, and their distance from the target is another one.
+    /// Updates the inputs' distance from the corrected targets. The inputs stay unchanged.
     fn correct_targets(&mut self, belief: &Belief<'_>) {
         for k in 0..self.horizon {
             let corrected = self.corrected_target(k, belief);

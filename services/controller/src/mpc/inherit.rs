@@ -1,9 +1,10 @@
-//! The plan of one optimiser → that of the next, whose horizons and weights may be others.
+//! The plan of one optimiser → that of the next, whose horizons and weights may differ.
 
 use super::{Mpc, Stage};
 
 impl Mpc {
-    /// Goes on from the plan of `before`, whose horizons may be others: what is beyond them is as at their end. Does not allocate.
+    /// Continues from the plan of `before`, whose horizons may differ: periods beyond them repeat
+    /// their last values. Does not allocate.
     pub fn inherit(&mut self, before: &Self) {
         let (stages, deviations) = (before.stages.iter(), before.deviation.iter());
         let end = before

@@ -1,8 +1,11 @@
-//! Clarabel, an interior-point method, on a program of fixed sparsity: set up once, then only values change.
+//! Clarabel, an interior-point method, on a program of fixed sparsity: set up once, then only
+//! values change.
 //!
-//! It takes the program as it stands: its unknowns are u_0 to u_{C−1}, ξ_1 to ξ_N and the slacks, and that one state follows from another is a row.
+//! It solves the program without elimination: the unknowns are u_0 to u_{C−1}, ξ_1 to ξ_N and the
+//! slacks, and each state transition is a row.
 //!
-//! The rows are scaled to bounds of 1, so the solver's own equilibration is off. The budget is iterations, and in real time a deadline.
+//! The rows are scaled to bounds of 1, so the solver's own equilibration is off. The budget is
+//! iterations, and in real time a deadline.
 
 use super::qp::{BEFORE, INPUT, QuadraticProgram, STATE, WIDTH};
 use super::solver::{Outcome, Status, Turn};
@@ -13,18 +16,19 @@ use clarabel::solver::{
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Most iterations of the interior-point method: 8 to 15 are usual.
+/// Largest number of iterations of the interior-point method: 8 to 15 are usual.
 const ITERATIONS_MAX: u32 = 50;
-/// Gap at which an answer counts as solved. The cost is flat: a gap of ε leaves at most √(2ε/0.25) of doubt in an input whose
-/// curvature is the usual 0.25, here 3e-5 m/s.
+/// Gap at which an answer counts as solved. The cost is flat: a gap of ε leaves an uncertainty of
+/// at most √(2ε/0.25) in an input whose curvature is the usual 0.25, here 3e-5 m/s.
 const GAP: f64 = 1e-10;
-/// Residual at which the limits count as kept.
+/// Residual at which the limits count as satisfied.
 const RESIDUAL: f64 = 1e-9;
 
 /// Clarabel refused the problem's structure.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "the quadratic program of {variables} unknowns and {rows} rows was refused by the solver: {reason}"
+    "the quadratic program of {variables} unknowns and {rows} rows was refused by the solver: \
+     {reason}"
 )]
 pub struct SolverError {
     variables: usize,
@@ -35,7 +39,7 @@ pub struct SolverError {
 /// No deadline.
 const NEVER: u64 = u64::MAX;
 
-/// The solver and the values that it is given.
+/// The solver and its input values.
 pub struct Clarabel {
     solver: DefaultSolver<f64>,
     layout: Layout,
@@ -44,11 +48,11 @@ pub struct Clarabel {
     rows: Entries,
     gradient: Vec<f64>,
     bounds: Vec<f64>,
-    /// When the solver is to stop, which it looks at in every iteration, on the monotonic clock \[ns\].
+    /// Deadline of the solver on the monotonic clock, checked in every iteration \[ns\].
     until: Arc<AtomicU64>,
 }
 
-/// Where unknowns are.
+/// Positions of the unknowns.
 #[derive(Debug, Clone, Copy)]
 struct Layout {
     horizon: usize,
@@ -71,11 +75,11 @@ impl Layout {
     }
 }
 
-/// A sparse matrix whose entries come in the same order every time.
+/// A sparse matrix whose entries are visited in the same order every time.
 struct Entries {
-    /// Row and column of each, in the order in which they come.
+    /// Row and column of each entry, in the order of the visit.
     places: Vec<(usize, usize)>,
-    /// Where each is among the values, which are column by column.
+    /// Index of each entry among the values, which are column by column.
     slots: Vec<usize>,
     values: Vec<f64>,
 }
@@ -158,7 +162,7 @@ fn visit_hessian(
     }
 }
 
-/// First F ξ + G u − ξ⁺ of each period, then what is bounded.
+/// First F ξ + G u − ξ⁺ of each period, then the bounded rows.
 fn visit_rows(
     program: &QuadraticProgram,
     layout: Layout,
@@ -168,7 +172,7 @@ fn visit_rows(
         for row in 0..WIDTH {
             let (at, axis) = (WIDTH * k + row, row % INPUT);
             if k > 0 {
-                // p⁺ and a⁺ know no other axis than their own.
+                // p⁺ and a⁺ depend on their own axis only.
                 let columns = if row < STATE { 0..WIDTH } else { BEFORE + axis..BEFORE + axis + 1 };
                 columns.for_each(|column| {
                     entry(at, layout.state(k) + column, stage.transition[column][row]);
@@ -207,10 +211,10 @@ fn visit_rows(
 }
 
 impl Clarabel {
-    /// Sets the solver up for programs of the structure of `program`.
+    /// Sets up the solver for programs of the structure of `program`.
     ///
     /// # Errors
-    /// [`SolverError`] if the solver refuses it.
+    /// [`SolverError`] if the solver refuses the structure.
     pub fn new(program: &QuadraticProgram) -> Result<Self, SolverError> {
         let layout = Layout {
             horizon: program.horizon(),
@@ -260,7 +264,7 @@ impl Clarabel {
         Ok(Self { solver, layout, hessian, rows, gradient, bounds, until })
     }
 
-    /// Takes the numbers of `program`.
+    /// Copies the numbers of `program`.
     fn update(&mut self, program: &QuadraticProgram) {
         let layout = self.layout;
         self.hessian.update(|entry| visit_hessian(program, layout, entry));

@@ -1,9 +1,10 @@
-//! What a program in stages comes to without stages, and its answer by trying everything: slow, and as its definition says.
+//! The cost of a program in stages without stages, and its answer by exhaustive search: slow, and
+//! straight from the definition.
 
 use super::qp::{BEFORE, INPUT, QuadraticProgram, STATE, Vector, WIDTH};
 use nalgebra::{DMatrix, DVector, SMatrix};
 
-/// Unknowns and the states under them.
+/// Unknowns and the states that follow from them.
 struct Point {
     unknowns: DVector<f64>,
     states: Vec<Vector>,
@@ -121,8 +122,10 @@ impl Dense {
         }
     }
 
-    /// How far `x`, with a multiplier per row, is from being an answer: the most that is left of a gradient, that a multiplier is below zero, or that a row with a
-    /// multiplier is away from its bound, each beside what it is made of (Karush, Kuhn and Tucker). Rows are those of the program with a bound, upper before lower, then slacks.
+    /// Distance of `x`, with a multiplier per row, from a solution (Karush, Kuhn and Tucker): the
+    /// largest of three errors, each relative to its terms. They are the remaining gradient, a
+    /// multiplier below zero, and the distance from its bound of a row with a multiplier. Rows are
+    /// those of the program with a bound, upper before lower, then slacks.
     pub(crate) fn misses(&self, x: &DVector<f64>, multipliers: &[f64]) -> f64 {
         assert_eq!(multipliers.len(), self.rows.len());
         let bent = &self.hessian * x;
@@ -142,7 +145,8 @@ impl Dense {
         misses.max(left.abs().component_div(&scale).max())
     }
 
-    /// By how much less than the answer with these multipliers `x` may cost, because of the bounds that it breaks (weak duality).
+    /// Largest cost that `x` can save against the answer with these multipliers, because of its
+    /// violated bounds (weak duality).
     pub(crate) fn gains(&self, x: &DVector<f64>, multipliers: &[f64]) -> f64 {
         self.rows
             .iter()
@@ -151,7 +155,7 @@ impl Dense {
             .sum()
     }
 
-    /// The answer, by trying every set of active rows.
+    /// The answer, found by trying every set of active rows.
     pub(crate) fn brute_force(&self) -> Option<DVector<f64>> {
         let unknowns = self.gradient.len();
         (0..1_u32 << self.rows.len()).filter(|set| set.count_ones() as usize <= unknowns).find_map(
@@ -176,7 +180,7 @@ impl Dense {
                     right[unknowns + place] = *bound;
                 }
                 let found = system.clone().lu().solve(&right)?;
-                // Twins among the rows make a system singular, and its answer worthless.
+                // Duplicate rows make a system singular, and its answer invalid.
                 let answers = (system * &found - &right).amax() < 1e-9 * (1.0 + right.amax());
                 let x = found.rows(0, unknowns).into_owned();
                 let optimal =

@@ -1,12 +1,15 @@
-//! A convex quadratic program in stages: inputs drive a state along the horizon, and slacks let rows off.
+//! A convex quadratic program in stages: inputs drive a state along the horizon, and slacks relax
+//! rows.
 //!
 //! ```text
-//! min  Σ_{k≤N} ½ xᵀ Q_k x + q_kᵀ ξ_k  +  Σ_{k<C} ½ R |u_k|² + ½ S |u_k − p_k|² + r_kᵀ u_k  +  Σ_{C≤k<N} ½ R |p_k|²  +  Σ ½ σ s² + ρ s
+//! min  Σ_{k≤N} ½ xᵀ Q_k x + q_kᵀ ξ_k  +  Σ_{k<C} ½ R |u_k|² + ½ S |u_k − p_k|² + r_kᵀ u_k
+//!      +  Σ_{C≤k<N} ½ R |p_k|²  +  Σ ½ σ s² + ρ s
 //! s.t. ξ_0 = 0      ξ_{k+1} = F_k ξ_k + G_k u_k      ξ = (x, p, a)
 //!      −b₋ − s ≤ gᵀ ξ_k + hᵀ u_k ≤ b₊ + s      s ≥ 0
 //! ```
-//! All are changes of the present plan: u of a free input, x of a state, p of the input of the period before, a of what acted in that. From
-//! period C on no input is free, and p stays.
+//! All are changes of the present plan: u of a free input, x of a state, p of the previous period's
+//! input, a of the input that acted in the previous period. From period C on no input is free, and
+//! p stays constant.
 
 use model::linearise::Linearised;
 use nalgebra::SMatrix;
@@ -15,9 +18,9 @@ use nalgebra::SMatrix;
 pub const STATE: usize = 6;
 /// Entries of u.
 pub const INPUT: usize = 3;
-/// Where p begins in ξ.
+/// Index of p in ξ.
 pub const BEFORE: usize = STATE;
-/// Where a begins in ξ.
+/// Index of a in ξ.
 pub const ACTED: usize = BEFORE + INPUT;
 /// Entries of ξ.
 pub const WIDTH: usize = ACTED + INPUT;
@@ -25,7 +28,7 @@ pub const WIDTH: usize = ACTED + INPUT;
 /// ξ, or one column of a matrix that is multiplied by it.
 pub type Vector = [f64; WIDTH];
 
-/// The numbers of one period; of the last, which only ends the one before, without F, G and r.
+/// The numbers of one period. The last one only ends the period before; it has no F, G and r.
 #[derive(Debug, Clone, Copy)]
 pub struct Stage {
     /// F, column by column.
@@ -52,25 +55,25 @@ impl Stage {
     };
 }
 
-/// What is bounded from above and below.
+/// One row: a quantity bounded from above and below.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {
     /// k.
     pub stage: usize,
-    /// Which entry of ξ is the first of three that g multiplies.
+    /// Index of the first of three entries of ξ that g multiplies.
     pub first: usize,
     /// g.
     pub by_state: [f64; 3],
-    /// h; nothing, where the stage has no free input.
+    /// h; zero if the stage has no free input.
     pub by_input: [f64; INPUT],
-    /// Which slack lets it off.
+    /// The slack that relaxes it.
     pub slack: Option<usize>,
-    /// b₊ and b₋; infinite from the start, where there is no such bound.
+    /// b₊ and b₋; infinite from the start if there is no such bound.
     pub bounds: [f64; 2],
 }
 
 impl Row {
-    /// gᵀ ξ + hᵀ u. `inputs` are those of the free periods.
+    /// gᵀ ξ + hᵀ u. `inputs` holds the free periods.
     #[inline]
     pub fn value(&self, states: &[Vector], inputs: &[[f64; INPUT]]) -> f64 {
         let (g, h) = (&self.by_state, &self.by_input);
@@ -101,13 +104,13 @@ pub struct Penalties {
 pub struct QuadraticProgram {
     /// N + 1 of them.
     pub stages: Vec<Stage>,
-    /// What is bounded.
+    /// The bounded rows.
     pub rows: Vec<Row>,
     /// Weights and penalties.
     pub penalties: Penalties,
     blocks: usize,
     slacks: usize,
-    /// How many entries of ξ count; the others are zero, or nothing depends on them.
+    /// Number of entries of ξ in use. The others are zero, or nothing depends on them.
     entries: usize,
 }
 
@@ -150,12 +153,12 @@ impl QuadraticProgram {
         INPUT * self.blocks + self.slacks
     }
 
-    /// How many entries of ξ count.
+    /// Number of entries of ξ in use.
     pub fn entries(&self) -> usize {
         self.entries
     }
 
-    /// Writes F and G for new Jacobians,
+    /// Writes F and G for new Jacobians:
     ///
     /// ```text
     /// x⁺ = A x + B α + C a      p⁺ = u      a⁺ = α = (1 − w) u + w p      w: `delay_fraction`
@@ -186,7 +189,7 @@ impl QuadraticProgram {
                 for row in 0..STATE {
                     (input[row], before[row]) =
                         (free * step.by_input[(row, i)], delayed * step.by_input[(row, i)]);
-                    // Without a fraction, a = p.
+                    // Without a delay fraction, a = p.
                     let remembered = if delay_fraction == 0.0 { &mut before } else { &mut acted };
                     remembered[row] += step.by_acted[(row, i)];
                 }
@@ -206,7 +209,7 @@ impl QuadraticProgram {
         }
     }
 
-    /// Adds to the slope of the input of period `k` on one axis.
+    /// Adds to the gradient of the input of period `k` on one axis.
     pub fn add_slope(&mut self, k: usize, axis: usize, slope: f64) {
         if let Some(stage) = self.stages.get_mut(k) {
             if k < self.blocks {
@@ -217,7 +220,8 @@ impl QuadraticProgram {
         }
     }
 
-    /// The input of the free period `k` differs from the one before by `change` on one axis.
+    /// Sets that the input of the free period `k` differs from the one before by `change` on one
+    /// axis.
     pub fn add_change(&mut self, k: usize, axis: usize, change: f64) {
         let slope = self.penalties.change * change;
         if let Some(stage) = self.stages.get_mut(k) {
@@ -226,7 +230,8 @@ impl QuadraticProgram {
         }
     }
 
-    /// The plan's states have moved by `moved`, N + 1 of them, whose p and a are zero: completes gradients and bounds. O(N), does not allocate.
+    /// Completes gradients and bounds after the plan's states have moved by `moved`: N + 1 of them,
+    /// with zero p and a. O(N), does not allocate.
     pub fn displace(&mut self, moved: &[Vector]) {
         for (stage, moved) in self.stages.iter_mut().zip(moved) {
             for (column, by) in stage.curvature.column_iter().zip(moved) {
@@ -260,7 +265,8 @@ impl QuadraticProgram {
         }
     }
 
-    /// Whether inputs and slacks keep every row to within `tolerance`, with the states that [follow](Self::follow), and are finite.
+    /// Whether inputs and slacks satisfy every row to within `tolerance`, with the states that
+    /// [follow](Self::follow), and are finite.
     pub fn satisfied_by(&self, unknowns: &[f64], states: &[Vector], tolerance: f64) -> bool {
         let Some((inputs, slacks)) = unknowns.split_at_checked(INPUT * self.blocks) else {
             return false;

@@ -1,20 +1,26 @@
-//! J of H⁻¹ = J Jᵀ, for the H of a program in stages in its free inputs: a Riccati recursion, and two sweeps over the horizon.
+//! J of H⁻¹ = J Jᵀ, for the H of a program in stages in its free inputs: a Riccati recursion, and
+//! two sweeps over the horizon.
 //!
 //! ```text
 //! P_N = Q_N      M = R + GᵀPG = ΛΛᵀ      L = S̃ + GᵀPF      K = M⁻¹L      P ← Q + FᵀPF − LᵀK
 //! u = Λ⁻ᵀ v − K ξ      ξ⁺ = Φ ξ + Γ v      Φ = F − G K      Γ = G Λ⁻ᵀ
 //! ```
-//! where R, S̃ and Q are what the stage costs of u, of u with ξ, and of ξ. The map from v to the inputs is J: it turns the cost into ½|v|².
-//! Jᵀ turns what a linear function of states and inputs is made of, g of states and h of inputs, into the same function of v, from the end of the horizon on:
+//! where R, S̃ and Q are the second-order stage costs of u, of u with ξ, and of ξ. J is the map
+//! from v to the inputs: it turns the cost into ½|v|². A linear function of states and inputs has
+//! coefficients g of states and h of inputs. Jᵀ turns them into the coefficients of the same
+//! function of v, from the end of the horizon on:
 //!
 //! ```text
 //! v = Γᵀ π⁺ + Λ⁻¹ h      π = g + Φᵀ π⁺ − Kᵀ h
 //! ```
-//! All is O(N). Reference: Frison, *Algorithms and Methods for High-Performance Model Predictive Control*, 2015, ch. 3.
+//! All is O(N).
+//!
+//! Reference: Frison, *Algorithms and Methods for High-Performance Model Predictive Control*, 2015,
+//! ch. 3.
 
 use super::qp::{BEFORE, INPUT, QuadraticProgram, Row, STATE, Stage, Vector, WIDTH};
 
-/// What is kept of one period.
+/// Factors of one period.
 #[derive(Debug, Clone, Copy)]
 struct Factor {
     /// Φ, row by row and column by column.
@@ -38,7 +44,7 @@ impl Factor {
     };
 }
 
-/// Inputs of the free periods, and the states of all, N + 1 of them.
+/// Inputs of the free periods, and the states of all N + 1 stages.
 #[derive(Debug, Clone)]
 pub struct Trajectory {
     /// u.
@@ -48,7 +54,7 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// Room for what `program` is about.
+    /// Allocates for the size of `program`.
     pub fn of(program: &QuadraticProgram) -> Self {
         Self {
             inputs: vec![[0.0; INPUT]; program.blocks()],
@@ -63,12 +69,12 @@ pub struct Riccati {
     /// One per period.
     factors: Vec<Factor>,
     blocks: usize,
-    /// How many entries of ξ count.
+    /// Number of entries of ξ in use.
     entries: usize,
 }
 
 impl Riccati {
-    /// Makes room for programs of the shape of `program`.
+    /// Allocates for programs of the shape of `program`.
     pub fn new(program: &QuadraticProgram) -> Self {
         Self {
             factors: vec![Factor::ZERO; program.horizon()],
@@ -77,7 +83,7 @@ impl Riccati {
         }
     }
 
-    /// Works J out. `false` if H is not positive definite. Does not allocate.
+    /// Computes J. Returns `false` if H is not positive definite. Does not allocate.
     pub fn factorise(&mut self, program: &QuadraticProgram) -> bool {
         self.entries = program.entries();
         match self.entries {
@@ -114,7 +120,7 @@ impl Riccati {
                 }
                 let Some(inverse) = inverse_factor(&curvature) else { return false };
                 factor.inverse = inverse;
-                // From the last on, which the others are still needed for.
+                // From the last row on, since each row needs the earlier ones.
                 for i in (0..INPUT).rev() {
                     let mut row = [0.0; WIDTH];
                     (0..=i).for_each(|j| add::<D>(&mut row, inverse[i][j], &whitened[j]));
@@ -153,7 +159,7 @@ impl Riccati {
         true
     }
 
-    /// J v: inputs and states. Entries behind those of the inputs are left alone.
+    /// J v: inputs and states. Entries after those of the inputs are ignored.
     pub fn apply(&self, v: &[f64], to: &mut Trajectory) {
         match self.entries {
             STATE => self.apply_entries::<STATE>(v, to),
@@ -184,7 +190,8 @@ impl Riccati {
         }
     }
 
-    /// Jᵀ of what `row` is made of. `to` holds an entry per input, and perhaps others, which become zero.
+    /// Jᵀ of the coefficients of `row`. `to` holds an entry per input, and possibly others, which
+    /// become zero.
     pub fn transposed_row(&self, row: &Row, to: &mut [f64]) {
         match self.entries {
             STATE => self.transposed_row_entries::<STATE>(row, to),
@@ -250,7 +257,7 @@ impl Factor {
         *costate = times::<D>(&self.rows, costate);
     }
 
-    /// Adds what h makes of v and π.
+    /// Adds the contribution of h to v and π.
     fn take_input<const D: usize>(
         &self,
         by_input: &[f64; INPUT],
@@ -272,7 +279,7 @@ fn add_curvature(to: &mut [Vector; WIDTH], stage: &Stage) {
     }
 }
 
-/// Λ⁻¹ of a 3 × 3 matrix ΛΛᵀ, of which the lower triangle is read. Nothing, if it is not positive definite.
+/// Λ⁻¹ of a 3 × 3 matrix ΛΛᵀ, whose lower triangle is read. `None` if it is not positive definite.
 fn inverse_factor(matrix: &[[f64; INPUT]; INPUT]) -> Option<[[f64; INPUT]; INPUT]> {
     let mut factor = [[0.0; INPUT]; INPUT];
     let mut inverse = [[0.0; INPUT]; INPUT];
@@ -283,7 +290,7 @@ fn inverse_factor(matrix: &[[f64; INPUT]; INPUT]) -> Option<[[f64; INPUT]; INPUT
         }
         let rest = matrix[i][i] - factor[i].iter().take(i).map(|entry| entry * entry).sum::<f64>();
         inverse[i][i] = 1.0 / rest.sqrt();
-        // Neither of zero nor of a negative number.
+        // Zero and negative numbers have no inverse root.
         if !(inverse[i][i].is_normal()) {
             return None;
         }

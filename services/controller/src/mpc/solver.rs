@@ -1,4 +1,4 @@
-//! Who solves the quadratic program, by when, and what comes of it.
+//! The solver of the quadratic program, its deadline, and its outcome.
 
 use super::active_set::ActiveSet;
 use super::interior_point::{Clarabel, SolverError};
@@ -8,26 +8,26 @@ use model::gp::split_mix::SplitMix64;
 use protocol::clock::monotonic_nanos;
 use protocol::message::SolverStatus as Code;
 
-/// How far outside the limits a wrong answer is on purpose; rows are scaled to bounds of 1.
+/// Distance of an injected wrong answer from the limits; rows are scaled to bounds of 1.
 const FAR_OUTSIDE: f64 = 1e3;
 
-/// For which tick, and until when, an answer is wanted.
+/// Tick and deadline of a requested answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Turn {
-    /// The tick; `None` for a rehearsal, to which no fault happens.
+    /// The tick; `None` for a rehearsal, in which no fault happens.
     pub tick: Option<u64>,
-    /// When the time is used up, on the monotonic clock; `None` asks no clock \[ns\].
+    /// Deadline on the monotonic clock; `None` reads no clock \[ns\].
     pub until: Option<u64>,
 }
 
 impl Turn {
-    /// Whether the time is used up.
+    /// Whether the deadline has passed.
     pub fn is_over(&self) -> bool {
         self.until.is_some_and(|until| monotonic_nanos() >= until)
     }
 }
 
-/// What became of one program.
+/// Result of one program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
     /// Optimal within tolerance.
@@ -42,16 +42,16 @@ pub enum Status {
     Infeasible,
     /// Numerical trouble.
     Failed,
-    /// The plan that the program is about is not finite: the model says nonsense.
+    /// The plan behind the program is not finite: the model returns NaN or infinity.
     Unpredictable,
-    /// Said to be solved, but not finite or outside the limits.
+    /// Reported as solved, but not finite or outside the limits.
     Wrong,
 }
 
-/// What the solver said.
+/// Answer of the solver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Outcome {
-    /// What became of the program.
+    /// Status of the program.
     pub status: Status,
     /// Iterations taken.
     pub iterations: u32,
@@ -75,7 +75,7 @@ impl Outcome {
     }
 }
 
-/// The method that was asked for; behind the active-set method stands Clarabel, for whatever it cannot answer.
+/// The configured method. If the active-set method has no answer, Clarabel solves the program.
 pub struct Solver {
     pub(super) active_set: Option<ActiveSet>,
     clarabel: Clarabel,
@@ -83,16 +83,16 @@ pub struct Solver {
 }
 
 impl Solver {
-    /// Sets both up for programs of the structure of `program`.
+    /// Sets up both methods for programs of the structure of `program`.
     ///
     /// # Errors
-    /// [`SolverError`] if Clarabel refuses it.
+    /// [`SolverError`] if Clarabel refuses the structure.
     pub fn new(setting: SolverSetting, program: &QuadraticProgram) -> Result<Self, SolverError> {
         let active_set = (setting == SolverSetting::ActiveSet).then(|| ActiveSet::new(program));
         Ok(Self { active_set, clarabel: Clarabel::new(program)?, faults: SolverFaults::default() })
     }
 
-    /// Goes wrong on purpose from now on.
+    /// Injects these faults from now on.
     pub fn inject(&mut self, faults: SolverFaults) {
         self.faults = faults;
     }
@@ -108,14 +108,14 @@ impl Solver {
         self.finish(program, solution, turn)
     }
 
-    /// What there is to do before gradient and bounds of `program` are known.
+    /// Does the work that needs no gradient or bounds of `program`.
     pub fn prepare(&mut self, program: &QuadraticProgram) {
         if let Some(method) = &mut self.active_set {
             method.prepare(program);
         }
     }
 
-    /// Solves the program that was [prepared](Self::prepare).
+    /// Solves the [prepared](Self::prepare) program.
     pub fn finish(
         &mut self,
         program: &QuadraticProgram,
@@ -133,7 +133,7 @@ impl Solver {
     }
 }
 
-/// What a fault on purpose says in the solver's place.
+/// The outcome of an injected fault, in the solver's place.
 fn go_wrong(kind: SolverFaultKind, mut random: SplitMix64, solution: &mut [f64]) -> Outcome {
     let status = match kind {
         SolverFaultKind::Infeasible => Status::Infeasible,
@@ -143,7 +143,7 @@ fn go_wrong(kind: SolverFaultKind, mut random: SplitMix64, solution: &mut [f64])
             Status::Solved
         }
         SolverFaultKind::Wrong => {
-            // The first unknown is an input, which no slack lets off its limit.
+            // The first unknown is an input, whose limit no slack relaxes.
             for value in &mut *solution {
                 *value = random.normal();
             }

@@ -49,7 +49,7 @@ fn circle_at(time: f64) -> ReferencePoint {
     }
 }
 
-/// The cost of the module's head, slacks aside, of the plan that `mpc` holds.
+/// The cost in the module's head, without slacks, of the current plan of `mpc`.
 fn true_cost(
     mpc: &Mpc,
     state: &State,
@@ -79,7 +79,7 @@ fn true_cost(
     cost
 }
 
-/// A robot that goes on a little with what acted in the period before.
+/// A residual that depends on the input of the previous period.
 #[derive(Debug)]
 struct Echo;
 
@@ -101,13 +101,22 @@ proptest! {
 
     #[test]
     fn the_programs_gradient_is_that_of_the_cost(
-        pose in prop::array::uniform3(-0.4..0.4_f64), velocity in prop::array::uniform3(-0.8..0.8_f64), input in prop::array::uniform3(-0.5..0.5_f64),
+        pose in prop::array::uniform3(-0.4..0.4_f64),
+        velocity in prop::array::uniform3(-0.8..0.8_f64),
+        input in prop::array::uniform3(-0.5..0.5_f64),
         delay_fraction in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
         let learned = echoes.then_some(&Echo as &dyn Residual);
-        let belief = Belief { main: &main, learned, foresight: None, disturbance: [0.02, -0.01, 0.03], delay_fraction };
-        let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
+        let belief = Belief {
+            main: &main,
+            learned,
+            foresight: None,
+            disturbance: [0.02, -0.01, 0.03],
+            delay_fraction,
+        };
+        let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)
+            .map_err(|e| TestCaseError::fail(e.to_string()))?;
         let (state, reference) = (State { pose, velocity, ..State::default() }, circle(0, 7));
         mpc.begin_at(&state);
         mpc.prepare(&reference, &belief);
@@ -125,26 +134,45 @@ proptest! {
             };
             let numeric = (moved(step) - moved(-step)) / (2.0 * step);
             let written = gradient[variable];
-            prop_assert!((numeric - written).abs() < 1e-5 * (1.0 + numeric.abs()), "variable {}: {} is not {}", variable, written, numeric);
+            prop_assert!(
+                (numeric - written).abs() < 1e-5 * (1.0 + numeric.abs()),
+                "variable {}: {} is not {}", variable, written, numeric
+            );
         }
     }
 
     #[test]
-    fn whatever_the_state_there_is_an_input_within_the_limits(
-        pose in prop::array::uniform3(-50.0..50.0_f64), velocity in prop::array::uniform3(-8.0..8.0_f64), last in prop::array::uniform3(-4.0..4.0_f64)
+    fn there_is_an_input_within_the_limits_for_every_state(
+        pose in prop::array::uniform3(-50.0..50.0_f64),
+        velocity in prop::array::uniform3(-8.0..8.0_f64),
+        last in prop::array::uniform3(-4.0..4.0_f64)
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief { main: &main, learned: None, foresight: None, disturbance: [0.0; 3], delay_fraction: 0.0 };
-        let mut mpc = Mpc::new(&settings(), &Robot::example(), &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
+        let belief = Belief {
+            main: &main,
+            learned: None,
+            foresight: None,
+            disturbance: [0.0; 3],
+            delay_fraction: 0.0,
+        };
+        let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)
+            .map_err(|e| TestCaseError::fail(e.to_string()))?;
         let last = mpc.limits.clamp(&last);
         mpc.prepare(&circle(0, 7), &belief);
-        let solved = mpc.iterate(&State { pose, velocity, ..State::default() }, &last, &circle(0, 7), &belief);
+        let solved = mpc.iterate(
+            &State { pose, velocity, ..State::default() },
+            &last,
+            &circle(0, 7),
+            &belief,
+        );
         prop_assert!(solved.outcome.usable(), "{:?}", solved.outcome);
         let input = mpc.stages[0].input;
         for (value, bound) in input.iter().zip([5.0, 5.0, 6.0]) {
             prop_assert!(value.abs() <= bound + 1e-9);
         }
-        for (value, before, change) in [(input[0], last[0], 6.0), (input[1], last[1], 6.0), (input[2], last[2], 12.0)] {
+        for (value, before, change) in
+            [(input[0], last[0], 6.0), (input[1], last[1], 6.0), (input[2], last[2], 12.0)]
+        {
             prop_assert!((value - before).abs() <= change + 1e-4);
         }
     }
@@ -165,17 +193,27 @@ proptest! {
 
     /// Without rotation, prediction and error are linear, so the point of linearisation makes no
     /// difference; turning has a very high weight here. A residual that depends on the input is an
-    /// exception, since a current row keeps the plan's residual: there currents are not limited.
+    /// exception: a current row keeps the plan's residual. In that case currents are not limited.
     #[test]
-    fn on_a_straight_line_a_surprise_is_answered_as_if_it_had_been_known(
-        place in prop::array::uniform2(-0.5..0.5_f64), velocity in prop::array::uniform2(-0.6..0.6_f64), acted in prop::array::uniform2(-0.5..0.5_f64),
-        push in prop::array::uniform2(-0.05..0.05_f64), delay_fraction in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
+    fn on_a_straight_line_a_surprise_is_answered_like_a_known_state(
+        place in prop::array::uniform2(-0.5..0.5_f64),
+        velocity in prop::array::uniform2(-0.6..0.6_f64),
+        acted in prop::array::uniform2(-0.5..0.5_f64),
+        push in prop::array::uniform2(-0.05..0.05_f64),
+        delay_fraction in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
         let learned = echoes.then_some(&Echo as &dyn Residual);
-        let belief = Belief { main: &main, learned, foresight: None, disturbance: [0.01, -0.02, 0.0], delay_fraction };
+        let belief = Belief {
+            main: &main,
+            learned,
+            foresight: None,
+            disturbance: [0.01, -0.02, 0.0],
+            delay_fraction,
+        };
         let surprised = Belief { disturbance: [push[0], push[1], 0.0], ..belief };
-        let start = State { pose: [0.0, 0.1, 0.0], velocity: [1.4, 0.0, 0.0], acted: [1.5, 0.0, 0.0] };
+        let start =
+            State { pose: [0.0, 0.1, 0.0], velocity: [1.4, 0.0, 0.0], acted: [1.5, 0.0, 0.0] };
         let mut robot = Robot::example();
         if echoes {
             robot.drive.current_limit_a = 1e6;
@@ -184,7 +222,8 @@ proptest! {
         for linearise in [Linearise::Measured, Linearise::Expected] {
             let weights = Weights { heading: 1e7, yaw_rate: 1e7, ..settings().weights };
             let settings = MpcSettings { weights, linearise, ..settings() };
-            let mut mpc = Mpc::new(&settings, &robot, &main).map_err(|e| TestCaseError::fail(e.to_string()))?;
+            let mut mpc = Mpc::new(&settings, &robot, &main)
+                .map_err(|e| TestCaseError::fail(e.to_string()))?;
             mpc.begin_at(&start);
             mpc.prepare(&line(0, 7), &belief);
             let last = [1.5, 0.0, 0.0];
@@ -202,7 +241,9 @@ proptest! {
             let solved = mpc.iterate(&seen, &last, &line(1, 7), &surprised);
             prop_assert!(solved.outcome.usable(), "{:?}", solved.outcome);
             let states = mpc.stages().iter().map(|stage| stage.state).chain([mpc.terminal]);
-            let numbers = states.flat_map(|state| state.to_array()).chain(mpc.stages().iter().flat_map(|stage| stage.input));
+            let numbers = states
+                .flat_map(|state| state.to_array())
+                .chain(mpc.stages().iter().flat_map(|stage| stage.input));
             plans.push(numbers.collect::<Vec<f64>>());
         }
         for (measured, expected) in plans[0].iter().zip(&plans[1]) {
@@ -212,7 +253,7 @@ proptest! {
 }
 
 #[test]
-fn what_was_not_expected_is_answered_from_the_measured_state() -> Result<(), MpcError> {
+fn an_unexpected_state_is_answered_from_the_measurement() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
     let belief = Belief {
         main: &main,
@@ -268,7 +309,7 @@ fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError>
 }
 
 #[test]
-fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
+fn a_robot_that_matches_the_belief_converges_to_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
     let belief = Belief {
         main: &main,
@@ -293,7 +334,7 @@ fn a_robot_that_is_as_believed_ends_on_its_reference() -> Result<(), MpcError> {
 }
 
 #[test]
-fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
+fn the_observer_compensates_a_constant_push() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let mut disturbance = [0.0; 3];
@@ -323,8 +364,7 @@ fn the_observer_takes_a_constant_push_away() -> Result<(), MpcError> {
 }
 
 #[test]
-fn an_optimiser_whose_time_is_used_up_stops_and_the_next_answer_is_as_if_nothing_had_been()
--> Result<(), MpcError> {
+fn an_optimiser_at_its_deadline_stops_and_the_next_answer_is_unaffected() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
     let belief = Belief {
         main: &main,
@@ -386,7 +426,7 @@ fn the_fallback_takes_one_level_after_the_other() -> Result<(), MpcError> {
         (fallback_level(good), fallback_level(Status::Unpredictable)),
         (FallbackLevel::FreshPlan, FallbackLevel::Simple)
     );
-    // A plan that was not renewed while somebody else drove is not shifted.
+    // A plan that was not renewed while another controller drove is not shifted.
     for (status, expected) in [(bad, FallbackLevel::Simple), (good, FallbackLevel::ShiftedPlan)] {
         fallback_choice.look(Outcome { status, iterations: 1 });
         let outcome = Outcome { status: bad, iterations: 1 };
@@ -399,7 +439,7 @@ fn the_fallback_takes_one_level_after_the_other() -> Result<(), MpcError> {
     Ok(())
 }
 
-/// A plan that begins with a leap of 1 m, and the most that it foretells of a motor.
+/// A plan that begins with a jump of 1 m, and the largest motor current that it predicts.
 fn most_foretold(mpc: &mut Mpc, belief: &Belief<'_>) -> f64 {
     let reference = circle(0, 7);
     mpc.reset();
@@ -412,7 +452,7 @@ fn most_foretold(mpc: &mut Mpc, belief: &Belief<'_>) -> f64 {
 }
 
 #[test]
-fn a_dropped_row_bounds_nothing_and_one_that_is_back_does() -> Result<(), MpcError> {
+fn a_dropped_row_is_inactive_and_a_restored_row_is_active() -> Result<(), MpcError> {
     let mut robot = Robot::example();
     robot.drive.current_limit_a = 2.0;
     let main = MainModel::new(&robot, 0.1);
@@ -429,7 +469,7 @@ fn a_dropped_row_bounds_nothing_and_one_that_is_back_does() -> Result<(), MpcErr
     mpc.drop_current_rows([true; 4]);
     let free = most_foretold(&mut mpc, &belief);
     assert!(free > 1.5, "{free}");
-    // Who goes on from a plan keeps what is dropped.
+    // An optimiser that inherits a plan keeps the dropped rows.
     let mut heir = Mpc::new(&settings(), &robot, &main)?;
     heir.inherit(&mpc);
     assert!(most_foretold(&mut heir, &belief) > 1.5);

@@ -1,12 +1,16 @@
-//! Constraint tightening: how far the bounds on the state are drawn in, so that each holds with a given probability and not only on average.
+//! Constraint tightening: reduces the bounds on the state so that each holds with a given
+//! probability, not only on average.
 //!
 //! ```text
 //! aᵀx_k ≤ 1 − Φ⁻¹(level) √(aᵀ Σ_k a)
 //! ```
-//! Σ_k comes from [`model::covariance`], with the gain of the LQR for what the controller will do about a deviation. It belongs to the plan as it was
-//! predicted in this period and has no gradient. What a single step may err is asked before the state comes, after the last answer has gone.
+//! Σ_k comes from [`model::covariance`], with the gain of the LQR for the controller's reaction to
+//! a deviation. It belongs to the plan as predicted in this period, and has no gradient. The
+//! variance of a single step is evaluated before the state arrives, after the last answer has been
+//! sent.
 //!
-//! With a transport delay, errors of the periods under way are never known in time: they come on top, and count as errors of the first step.
+//! With a transport delay, the controller cannot react to errors of the periods under way. They are
+//! added, and count as errors of the first step.
 
 use model::covariance::{Covariance, Feedback, deviation, propagate, quantile};
 use model::linearise::Linearised;
@@ -24,12 +28,12 @@ pub(super) struct Tightening {
     covariance: Vec<Covariance>,
     /// Whole periods of the transport delay.
     under_way: usize,
-    /// Σ of what happens in them.
+    /// Σ of the errors in these periods.
     unanswered: Covariance,
 }
 
 impl Tightening {
-    /// Nothing, where the mean alone counts.
+    /// `None` if only the mean counts.
     pub(super) fn at(level: Option<f64>, horizon: usize) -> Option<Self> {
         let level = level.filter(|&level| level > 0.5)?;
         Some(Self {
@@ -41,12 +45,12 @@ impl Tightening {
         })
     }
 
-    /// So many periods are under way.
+    /// Sets the number of periods under way.
     pub(super) fn wait_for(&mut self, under_way: usize) {
         self.under_way = under_way;
     }
 
-    /// Variance of step `k`. One that is not finite does not tighten.
+    /// Sets the variance of step `k`. A variance that is not finite does not tighten.
     pub(super) fn set_noise(&mut self, k: usize, noise: Velocity) {
         if let Some(slot) = self.noise.get_mut(k) {
             *slot =
@@ -54,7 +58,7 @@ impl Tightening {
         }
     }
 
-    /// What may happen in the periods that are under way.
+    /// Computes the errors that can occur in the periods under way.
     pub(super) fn leave_unanswered(&mut self, main: &MainModel, state: &State, step: &Linearised) {
         self.unanswered = Covariance::zeros();
         let noise = self.noise.first().copied().unwrap_or_default();
@@ -80,7 +84,7 @@ impl Tightening {
         }
     }
 
-    /// How far a bound on aᵀx_k is drawn in.
+    /// Tightening of a bound on aᵀx_k.
     pub(super) fn margin(&self, k: usize, direction: &SVector<f64, 6>) -> f64 {
         let margin = self.covariance.get(k).map_or(0.0, |covariance| {
             self.deviations * deviation(&(covariance + self.unanswered), direction)
@@ -100,7 +104,8 @@ mod tests {
 
     const WIDTH_M: f64 = 0.05;
 
-    /// How far to the left the plan is at the end of each period, from 4 cm to the left of the reference on, in a corridor of 5 cm.
+    /// Distance of the plan to the left at the end of each period. It starts 4 cm to the left of
+    /// the reference, in a corridor of 5 cm.
     fn lateral(level: Option<f64>, under_way: usize) -> Result<Vec<f64>, MpcError> {
         let limits = StateLimits {
             corridor_left_m: Some(WIDTH_M),
@@ -148,13 +153,13 @@ mod tests {
     }
 
     #[test]
-    fn at_level_one_half_no_bound_is_drawn_in() -> Result<(), MpcError> {
+    fn at_level_one_half_no_bound_is_tightened() -> Result<(), MpcError> {
         assert_eq!(lateral(Some(0.5), 0)?, lateral(None, 0)?);
         Ok(())
     }
 
     #[test]
-    fn what_is_under_way_asks_for_more_distance() -> Result<(), MpcError> {
+    fn periods_under_way_require_more_distance() -> Result<(), MpcError> {
         let (at_once, later) = (lateral(Some(0.99), 0)?, lateral(Some(0.99), 2)?);
         assert!(later[2] < at_once[2], "{later:?} {at_once:?}");
         Ok(())

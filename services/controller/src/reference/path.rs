@@ -21,7 +21,7 @@ pub(super) struct Moment {
 }
 
 impl Moment {
-    /// Direction of motion and its rate; at rest the direction before.
+    /// Direction of motion and its rate; at rest the previous direction.
     pub(super) fn tangent(&self, before: Option<f64>) -> (f64, f64) {
         let ([vx, vy], [ax, ay]) = (self.velocity, self.acceleration);
         let speed_squared = vx * vx + vy * vy;
@@ -32,7 +32,7 @@ impl Moment {
     }
 }
 
-/// A path, ready to be sampled in the order of time.
+/// A path that can be sampled in the order of time.
 #[derive(Debug)]
 pub(super) enum Path {
     PaperCurve { speed: f64, cursor: Cursor },
@@ -77,7 +77,7 @@ impl Path {
         })
     }
 
-    /// The moment at `time`, which does not run backwards from call to call.
+    /// The moment at `time`. Times must not decrease from call to call.
     pub(super) fn at(&mut self, time: f64) -> Moment {
         match self {
             Self::PaperCurve { speed, cursor } => paper_curve(cursor.follow(*speed * time), *speed),
@@ -120,7 +120,7 @@ impl Path {
     }
 }
 
-/// How far the paper's curve has been followed.
+/// Progress along the paper's curve.
 #[derive(Debug, Default)]
 pub(super) struct Cursor {
     along: f64,
@@ -133,7 +133,7 @@ fn paper_slope(x: f64) -> f64 {
 }
 
 impl Cursor {
-    /// x at the arc length `along`, not smaller than the one before.
+    /// x at the arc length `along`, which must not be smaller than in the previous call.
     ///
     /// Runge–Kutta of dx/ds = 1/√(1 + y'²) in steps of at most 10 cm: exact to 1e-10 m over 70 m.
     fn follow(&mut self, along: f64) -> f64 {
@@ -201,7 +201,7 @@ fn point_to_point(from: &Pose, to: &Pose, profile: &Profile, time: f64) -> Momen
 pub(super) struct Profile {
     distance: f64,
     acceleration: f64,
-    /// Speed in the middle, lower than asked if the distance is too short.
+    /// Speed in the middle; lower than requested if the distance is too short.
     peak: f64,
 }
 

@@ -11,22 +11,22 @@ const STEP_MIN_S: f64 = 1e-6;
 /// A file of points that cannot be followed.
 #[derive(Debug, thiserror::Error)]
 pub enum PointsError {
-    /// The file cannot be read, or a line has not four numbers.
+    /// The file cannot be read, or a line does not have four numbers.
     #[error("{file}: {source}; expected the columns time_s,x_m,y_m,yaw_rad")]
     Unreadable {
         /// The file.
         file: PathBuf,
-        /// What is wrong with it.
+        /// The cause.
         source: csv::Error,
     },
-    /// A number is infinite, or time does not grow.
+    /// A number is infinite, or time does not increase.
     #[error("{file}:{line}: {what}")]
     Impossible {
         /// The file.
         file: PathBuf,
         /// Line of the point.
         line: u64,
-        /// What was expected.
+        /// The expected value.
         what: &'static str,
     },
     /// Fewer than two points.
@@ -34,7 +34,7 @@ pub enum PointsError {
     TooFew {
         /// The file.
         file: PathBuf,
-        /// How many there are.
+        /// Number of points.
         points: usize,
     },
 }
@@ -64,7 +64,7 @@ impl Points {
         for row in reader.records() {
             let row = row.map_err(unreadable)?;
             let point: Point = row.deserialize(Some(&columns)).map_err(unreadable)?;
-            // Of a point directly behind a blank line this is the blank one.
+            // For a point directly after a blank line, this is the blank line.
             let line = row.position().map_or(0, csv::Position::line);
             let impossible = |what| PointsError::Impossible { file: file.to_owned(), line, what };
             if ![point.time_s, point.x_m, point.y_m, point.yaw_rad]
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn between_two_points_it_goes_straight() -> Result<(), Box<dyn std::error::Error>> {
+    fn motion_between_two_points_is_straight() -> Result<(), Box<dyn std::error::Error>> {
         let points = Points::read(file("time_s,x_m,y_m,yaw_rad\n0,0,0,0\n2,4,2,1\n")?.path())?;
         let half = points.at(1.0);
         assert_eq!((half.position, half.velocity, half.yaw), ([2.0, 1.0], [2.0, 1.0], 0.5));
@@ -134,11 +134,13 @@ mod tests {
     }
 
     #[test]
-    fn time_that_does_not_grow_is_refused_with_its_line() -> Result<(), Box<dyn std::error::Error>>
-    {
+    fn time_that_does_not_increase_is_refused_with_its_line()
+    -> Result<(), Box<dyn std::error::Error>> {
         let bad = file("time_s,x_m,y_m,yaw_rad\n0,0,0,0\n2,4,2,1\n2,5,2,1\n")?;
         let text = Points::read(bad.path()).map(drop).map_err(|e| e.to_string());
-        assert!(text.is_err_and(|text| text.contains(":4: expected a time_s at least 0.000001 greater")));
+        assert!(
+            text.is_err_and(|text| text.contains(":4: expected a time_s at least 0.000001 greater"))
+        );
         Ok(())
     }
 
@@ -151,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn points_between_which_no_speed_is_finite_are_refused()
+    fn points_with_an_infinite_speed_between_them_are_refused()
     -> Result<(), Box<dyn std::error::Error>> {
         for row in ["1e-300,1,0,0", "1,1e308,0,0"] {
             let bad = file(&format!("time_s,x_m,y_m,yaw_rad\n0,0,0,0\n{row}\n"))?;

@@ -1,4 +1,5 @@
-//! The thread beside the control thread: prepares models and what a person changes, frees old ones, writes events to the log.
+//! The thread beside the control thread: prepares models and changed settings, frees old ones,
+//! writes events to the log.
 
 use super::change_requests::ChangeRequests;
 use super::{PATIENCE, RunError};
@@ -12,10 +13,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::Thread;
 use std::time::Duration;
 
-/// How long a wait lasts while somebody waits for an answer.
+/// Longest wait while a change request waits for its answer.
 const PROMPT: Duration = Duration::from_millis(2);
 
-/// Says that the attendant has gone, however it goes.
+/// Reports the end of the attendant thread, whatever its cause.
 struct Gone<'a>(&'a AtomicBool);
 
 impl Drop for Gone<'_> {
@@ -50,7 +51,7 @@ pub(super) fn attend(
                     Arrival::Refused { effective_tick: snapshot.head.effective_tick }
                 }
             };
-            // A model that nobody fetched gives way to a newer one.
+            // A model that was not fetched is replaced by a newer one.
             drop(handover.ready.force_push(arrival));
             control_thread.unpark();
         }

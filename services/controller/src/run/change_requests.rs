@@ -1,4 +1,4 @@
-//! The request of a person ▶ parts for the control thread, and an answer.
+//! Change request of an operator ▶ parts for the control thread, and an answer.
 
 use crate::adopt::Handover;
 use crate::control::ControllerError;
@@ -9,7 +9,7 @@ use protocol::message::Participant;
 use settings::change::{Change, ChangeError, changed};
 use std::sync::atomic::Ordering;
 
-/// Why a change is refused.
+/// A change is refused.
 #[derive(Debug, thiserror::Error)]
 enum Refusal {
     #[error(transparent)]
@@ -29,10 +29,10 @@ struct UnderWay {
     ready_at_tick: u64,
 }
 
-/// Takes requests up, one at a time.
+/// Processes requests, one at a time.
 pub(super) struct ChangeRequests {
     inbox: Inbox,
-    /// As they are in use.
+    /// Settings in use.
     settings: Settings,
     under_way: Option<UnderWay>,
 }
@@ -46,12 +46,12 @@ impl ChangeRequests {
         }
     }
 
-    /// Whether an answer is due as soon as the control thread has done its part.
+    /// Whether a change waits for the control thread, before it can be answered.
     pub(super) fn waits(&self) -> bool {
         self.under_way.is_some()
     }
 
-    /// Answers what has been put in use, and takes up the next request.
+    /// Answers the change that was put in use, and takes the next request.
     pub(super) fn poll(&mut self, handover: &Handover) {
         self.answer_exchanged(handover);
         if self.under_way.is_some() {
@@ -73,7 +73,7 @@ impl ChangeRequests {
         }
     }
 
-    /// Nobody puts anything in use any more.
+    /// Ends the service: the control thread puts no more changes in use.
     pub(super) fn close(&mut self, handover: &Handover) {
         self.answer_exchanged(handover);
         if self.under_way.take().is_some() {
@@ -102,7 +102,7 @@ impl ChangeRequests {
             return;
         };
         self.settings = settings;
-        // A plant that has begun anew meanwhile counts anew.
+        // A plant that has restarted meanwhile counts its ticks from zero.
         let [taken_at_tick, ready_at_tick] =
             [taken_at_tick, ready_at_tick].map(|tick| tick.min(acts_from_tick));
         self.inbox.answer(Outcome::Applied {

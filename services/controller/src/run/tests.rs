@@ -40,7 +40,7 @@ fn above_the_last_epoch_there_is_none_to_claim() -> Result<(), Box<dyn Error>> {
 }
 
 #[test]
-fn in_lock_step_a_state_that_is_said_again_because_its_answer_was_lost_gets_the_same_bytes()
+fn in_lock_step_a_repeated_state_gets_the_same_bytes_as_its_lost_answer()
 -> Result<(), Box<dyn Error>> {
     let (exchange, stop) = (Exchange::new(true, Duration::from_secs(1)), Stop::new());
     let ports = Ports::in_memory(&exchange, Identity::new(7));
@@ -55,7 +55,7 @@ fn in_lock_step_a_state_that_is_said_again_because_its_answer_was_lost_gets_the_
             let mut state = PlantState::zeroed();
             states.send(&mut state)?;
             let answer = heard(&mut first)?;
-            // Who was not there has lost it.
+            // A receiver that was not connected has lost it.
             let mut second = ports.source::<Command>(Since::First)?;
             while !second.wait(PATIENCE)? {
                 states.repeat(&state)?;

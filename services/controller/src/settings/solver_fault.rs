@@ -1,17 +1,17 @@
-//! Faults of the optimiser on purpose: what it says in their ticks is not what it found.
+//! Injected faults of the optimiser: in their ticks it reports something else than its result.
 
 use model::gp::split_mix::SplitMix64;
 use serde::{Deserialize, Serialize};
 use settings::Impossible;
 
-/// Which faults of the optimiser are injected. By default none, which costs nothing.
+/// Faults of the optimiser that are injected. By default none, at no cost.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SolverFaults {
     /// Seed of all random choices.
     #[serde(default)]
     pub seed: u64,
-    /// The faults. Of several that happen in a tick the first counts.
+    /// The faults. If several happen in one tick, the first one counts.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub solver: Vec<SolverFault>,
 }
@@ -20,20 +20,20 @@ pub struct SolverFaults {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SolverFault {
-    /// What it says.
+    /// Result that it reports.
     pub kind: SolverFaultKind,
-    /// First tick that it happens in.
+    /// First tick in which it happens.
     #[serde(default)]
     pub from_tick: u64,
-    /// First tick that it does not happen in any more; to the end if not given.
+    /// First tick in which it no longer happens; without a value it lasts to the end.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until_tick: Option<u64>,
-    /// How likely it is in each tick, up to 1.
+    /// Probability in each tick, up to 1.
     #[serde(default = "certain")]
     pub probability: f64,
 }
 
-/// What a faulty optimiser says.
+/// Result that a faulty optimiser reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SolverFaultKind {
@@ -52,15 +52,15 @@ const fn certain() -> f64 {
 }
 
 impl SolverFaults {
-    /// Whether there are none.
+    /// Whether there are no faults.
     pub fn is_empty(&self) -> bool {
         self.solver.is_empty()
     }
 
-    /// Whether there can be such faults.
+    /// Checks that such faults are possible.
     ///
     /// # Errors
-    /// [`Impossible`] names the first setting that cannot be; faults count from 0.
+    /// [`Impossible`] names the first impossible setting; faults count from 0.
     pub fn check(&self) -> Result<(), Impossible> {
         if i64::try_from(self.seed).is_err() {
             return Err(Impossible::new(
@@ -85,7 +85,8 @@ impl SolverFaults {
         Ok(())
     }
 
-    /// What happens in `tick`, with random numbers of that tick; the same for the same seed, tick and place in the list. Does not allocate.
+    /// The fault in `tick`, with random numbers for that tick. The same seed, tick and place in the
+    /// list give the same fault. Does not allocate.
     pub fn strike(&self, tick: u64) -> Option<(SolverFaultKind, SplitMix64)> {
         self.solver.iter().zip(1_u64..).find_map(|(fault, place)| {
             let within =
@@ -107,9 +108,10 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_happens_in_its_ticks_as_often_as_it_was_asked_for_and_again_in_the_same_ones()
+    fn a_fault_happens_in_its_ticks_with_its_probability_and_repeatably()
     -> Result<(), toml::de::Error> {
-        let text = "seed = 3\n[[solver]]\nkind = \"out-of-iterations\"\nfrom_tick = 100\nuntil_tick = 1100\nprobability = 0.3\n";
+        let text = "seed = 3\n[[solver]]\nkind = \"out-of-iterations\"\nfrom_tick = 100\n\
+                    until_tick = 1100\nprobability = 0.3\n";
         let ticks = |faults: &SolverFaults| {
             (0..2000).filter(|&tick| faults.strike(tick).is_some()).collect::<Vec<_>>()
         };
@@ -122,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_that_cannot_be_are_named() -> Result<(), toml::de::Error> {
+    fn impossible_faults_are_named() -> Result<(), toml::de::Error> {
         for (keys, key) in [
             ("probability = 0.0", "solver.0.probability"),
             ("probability = nan", "solver.0.probability"),

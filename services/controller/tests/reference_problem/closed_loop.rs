@@ -1,4 +1,4 @@
-//! The reference problem driven by the controller's own optimiser, and what came of it.
+//! The reference problem driven by the controller's own optimiser, and its results.
 
 use super::problem::{self, Processes};
 use controller::mpc::{Formulation, Mpc};
@@ -11,10 +11,11 @@ use std::error::Error;
 use std::time::{Duration, Instant};
 
 const PERIODS: usize = 320;
-/// Periods that are driven, but not timed.
+/// Number of periods that are driven, but not timed.
 const WARM_UP: usize = 20;
 
-/// One closed loop: medians and tails of its times over the periods behind the warm-up, tracking over all.
+/// One closed loop: medians and tails of its times over the periods after the warm-up, tracking
+/// over all.
 #[derive(Debug, Serialize)]
 pub(crate) struct Figures {
     /// Points of each Gaussian process.
@@ -23,23 +24,23 @@ pub(crate) struct Figures {
     /// Horizon, all of it free.
     #[serde(rename = "N")]
     pub(crate) horizon: usize,
-    /// About what it is linearised.
+    /// Point about which it is linearised.
     pub(crate) linearise: Linearise,
-    /// Periods that were timed.
+    /// Number of timed periods.
     pub(crate) steps: usize,
-    /// All of one period: what is done before the state comes, and after.
+    /// All of one period: the work before the state arrives, and after.
     pub(crate) step_p50_us: f64,
     pub(crate) step_p99_us: f64,
-    /// Of it, mean and Jacobian of the Gaussian processes.
+    /// Part of it: mean and Jacobian of the Gaussian processes.
     pub(crate) gp_p50_us: f64,
-    /// Of it, prediction and linearisation, with the Gaussian processes.
+    /// Part of it: prediction and linearisation, with the Gaussian processes.
     pub(crate) linearise_p50_us: f64,
-    /// Of it, the quadratic program, written and solved.
+    /// Part of it: the quadratic program, written and solved.
     pub(crate) qp_p50_us: f64,
     /// From the state to the command.
     pub(crate) feedback_p50_us: f64,
     pub(crate) feedback_p99_us: f64,
-    /// Most iterations of the quadratic program's method in one period.
+    /// Largest number of iterations of the quadratic program's method in one period.
     pub(crate) iterations_most: u32,
     /// Root mean square of the distance from the reference \[m\].
     pub(crate) rms_pos_err: f64,
@@ -47,7 +48,8 @@ pub(crate) struct Figures {
     pub(crate) usum: f64,
 }
 
-/// Drives the problem with so many points of data and such a horizon. Peers linearise about what they expect.
+/// Drives the problem with this number of data points and this horizon. Peers linearise about the
+/// expected state.
 pub(crate) fn drive(
     points: usize,
     horizon: usize,
@@ -122,7 +124,7 @@ pub(crate) fn drive(
     })
 }
 
-/// Times behind the warm-up, in order.
+/// Sorted times after the warm-up.
 struct Times(Vec<f64>);
 
 impl Times {

@@ -1,5 +1,5 @@
-//! The problem that peers are measured on: a base that lags behind its input, a Gaussian process of what that misses, a winding reference,
-//! and a push every forty periods.
+//! The problem that peers are measured on: a base that lags behind its input, a Gaussian process of
+//! the residual, a winding reference, and a push every forty periods.
 //!
 //! | here          | what                                                         |
 //! |---------------|--------------------------------------------------------------|
@@ -38,7 +38,7 @@ pub(crate) fn main_model() -> MainModel {
     MainModel::lagging(&TIME_CONSTANT, PERIOD)
 }
 
-/// What inputs are held to: a box, and the rim speed of four wheels.
+/// Limits of the inputs: a box, and the rim speed of four wheels.
 pub(crate) fn inputs() -> InputLimits {
     let geometry = Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 };
     let wheel = kinematics::jacobian(&geometry).map(|row| row.map(|value| value / RIM_SPEED));
@@ -76,7 +76,7 @@ pub(crate) fn settings(horizon: usize) -> MpcSettings {
     }
 }
 
-/// The processes, whose accelerations act for one period, and the time that they were asked for.
+/// The processes, whose accelerations act for one period, and the time spent in their evaluation.
 #[derive(Debug)]
 pub(crate) struct Processes {
     posterior: Posterior<6>,
@@ -100,7 +100,7 @@ impl Processes {
         })
     }
 
-    /// For how long they were asked since the last time.
+    /// Time spent in evaluations since the last call.
     pub(crate) fn take_time(&self) -> Duration {
         self.asked.take()
     }
@@ -133,7 +133,7 @@ impl Residual for Processes {
     }
 }
 
-/// The state one period later, in truth.
+/// The true state one period later.
 pub(crate) fn plant(state: &State, input: &Velocity) -> State {
     const SLICES: u32 = 20;
     let slope = |x: &[f64; 6]| -> [f64; 6] {
@@ -193,7 +193,7 @@ pub(crate) fn reference(periods: usize) -> Vec<ReferencePoint> {
     (0..periods).map(|_| next()).collect()
 }
 
-/// A push of the pose, to alternate sides, which makes limits bind.
+/// A push of the pose, to alternate sides, which makes limits active.
 pub(crate) fn kick(period: usize, state: &mut State) {
     if period.is_multiple_of(40) {
         let side = if (period / 40).is_multiple_of(2) { 1.0 } else { -1.0 };

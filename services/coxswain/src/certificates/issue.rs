@@ -1,15 +1,15 @@
-//! The authority and what it signs, as files.
+//! The authority and the certificates that it signs, as files.
 //!
 //! ```text
 //! <authority>/                 0700
-//!     authority.pem            its certificate, which everybody gets
-//!     key.pem                  0600: its private key, which nobody gets
+//!     authority.pem            its certificate, which is public
+//!     key.pem                  0600: its private key, which stays secret
 //! <out>/<role>/                0700, one per role
-//!     certificate.pem          says role and robot
+//!     certificate.pem          contains role and robot
 //!     key.pem                  0600
 //!     authority.pem
 //! ```
-//! A folder is there whole or not at all, and nothing is ever overwritten.
+//! A directory is created atomically, and no file is ever overwritten.
 
 use protocol::access::{AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role, changeable, valid_until};
 use protocol::port::is_graph_name;
@@ -23,82 +23,91 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// How long an authority is valid \[s\]: ten years.
+/// Validity of an authority \[s\]: ten years.
 const AUTHORITY_VALID_S: i64 = 3650 * 86_400;
 
-/// Where every certificate that others connect to is valid.
+/// Addresses for which every certificate of a server is valid.
 const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
 
-/// What others than the owner may do, in a mode.
+/// Mode bits of the permissions of group and others.
 const GROUP_AND_OTHERS: u32 = 0o077;
 
-/// What the certificates shall say.
+/// Contents of the certificates.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Order {
     /// Name of the robot.
     pub robot: String,
-    /// Where hosts and gateway are connected to, beside the loopback.
+    /// Addresses of hosts and gateway, in addition to the loopback's.
     pub addresses: Vec<String>,
-    /// From when they are valid: Unix time \[s\].
+    /// Begin of their validity: Unix time \[s\].
     pub from_s: i64,
-    /// Until when: Unix time \[s\].
+    /// End of their validity: Unix time \[s\].
     pub until_s: i64,
 }
 
-/// What was made.
+/// Result of [`issue`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Made {
-    /// Whether the authority is a new one too.
+    /// Whether the authority is new too.
     pub new_authority: bool,
-    /// One certificate per role, and where its holder may be connected to.
+    /// One certificate per role, with the addresses for which it is valid.
     pub certificates: Vec<(Role, Vec<String>)>,
 }
 
-/// Certificates were not made.
+/// Why no certificates were created.
 #[derive(Debug, thiserror::Error)]
 pub enum IssueError {
-    /// It could not be a part of a certificate's subject.
+    /// The robot's name cannot be a part of a certificate's subject.
     #[error("--robot {robot:?}: expected 1 to 32 characters out of a-z, 0-9, _ and -")]
     Robot {
         /// The name.
         robot: String,
     },
-    /// It cannot be a name or address.
+    /// It is not a name or address.
     #[error(
-        "--address {address:?}: expected a host's name or address, as 10.0.0.1 or robot.example, without a port"
+        "--address {address:?}: expected a host's name or address, \
+         as 10.0.0.1 or robot.example, without a port"
     )]
     Address {
-        /// What was said.
+        /// The value.
         address: String,
     },
-    /// Nothing is overwritten.
-    #[error("--out {}: expected a new or empty folder; certificates that are there are not overwritten", out.display())]
+    /// The directory is not empty, and no file is overwritten.
+    #[error(
+        "--out {}: expected a new or empty folder; \
+         certificates that are there are not overwritten",
+        out.display()
+    )]
     NotEmpty {
-        /// The folder.
+        /// The directory.
         out: PathBuf,
     },
-    /// The authority would be carried about with the certificates.
-    #[error("--authority {}: expected a folder that is not in {}, which goes to the robot", authority.display(), out.display())]
+    /// The authority would be copied to the robot with the certificates.
+    #[error(
+        "--authority {}: expected a folder that is not in {}, which goes to the robot",
+        authority.display(),
+        out.display()
+    )]
     Inside {
         /// The authority.
         authority: PathBuf,
         /// The certificates.
         out: PathBuf,
     },
-    /// The authority that is there cannot be used.
+    /// The existing authority cannot be used.
     #[error("the authority {}: {reason}", authority.display())]
     Authority {
-        /// Its folder.
+        /// Its directory.
         authority: PathBuf,
-        /// What is wrong with it.
+        /// Reason.
         reason: String,
     },
-    /// The file system refuses.
+    /// Error of the file system.
     #[error("{}: {source}", path.display())]
     FileSystem {
-        /// What could not be used.
+        /// File or directory of the error.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: io::Error,
     },
     /// A certificate cannot be signed.
@@ -107,7 +116,7 @@ pub enum IssueError {
 }
 
 impl IssueError {
-    /// 2 if what a person said cannot be, else 1.
+    /// 2 if an option is invalid, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Sign(_) | Self::FileSystem { .. } => 1,
@@ -116,7 +125,8 @@ impl IssueError {
     }
 }
 
-/// Makes one certificate per role in the new folder `out`, signed by the authority in the folder `authority`, which is made if there is none.
+/// Creates one certificate per role in the new directory `out`. The authority in the directory
+/// `authority` signs them; it is created if it does not exist.
 ///
 /// # Errors
 /// [`IssueError`].
@@ -156,7 +166,7 @@ pub fn issue(authority: &Path, out: &Path, order: &Order) -> Result<Made, IssueE
     Ok(Made { new_authority, certificates })
 }
 
-/// Where `path` leads, from `/` on and with no links as far as it is there already.
+/// The absolute form of `path`. Links are resolved in the part that exists.
 fn place_of(path: &Path) -> Result<PathBuf, IssueError> {
     let written = std::path::absolute(path)
         .map_err(|source| IssueError::FileSystem { path: path.to_path_buf(), source })?;
@@ -199,7 +209,7 @@ fn sign(
     params.distinguished_name = rcgen::DistinguishedName::new();
     params.distinguished_name.push(DnType::CommonName, role.subject(&order.robot));
     params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
-    // One who is only to connect can never be connected to.
+    // A certificate of a client cannot be used by a server.
     params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ClientAuth];
     if role.serves() {
         params.extended_key_usages.push(ExtendedKeyUsagePurpose::ServerAuth);
@@ -210,7 +220,7 @@ fn sign(
     Ok((params.signed_by(&key, issuer)?.pem(), key.serialize_pem()))
 }
 
-/// What every authority says of itself.
+/// Parameters of every authority.
 fn authority_params() -> CertificateParams {
     let mut params = CertificateParams::default();
     params.distinguished_name = rcgen::DistinguishedName::new();
@@ -231,7 +241,7 @@ fn make_authority(folder: &Path, from_s: i64) -> Result<(), IssueError> {
     })
 }
 
-/// Whoever signs, and its certificate as PEM.
+/// The issuer, and its certificate as PEM.
 fn authority_in(
     folder: &Path,
     order: &Order,
@@ -248,7 +258,7 @@ fn authority_in(
             key_file.display()
         )));
     }
-    // What others have put there nobody shall believe.
+    // A file that other users may have written is not trusted.
     for path in [folder, &key_file, &certificate_file] {
         if let Some(found) =
             changeable(path).map_err(|error| failed(format!("{}: {error}", path.display())))?
@@ -271,7 +281,7 @@ fn at(unix_s: i64) -> time::OffsetDateTime {
     date_time_ymd(1970, 1, 1) + Duration::from_secs(u64::try_from(unix_s).unwrap_or(0))
 }
 
-/// Whether `out` is new or empty.
+/// Fails unless `out` is new or empty.
 fn check_new(out: &Path) -> Result<(), IssueError> {
     let is_new = match fs::read_dir(out) {
         Ok(mut entries) => entries.next().is_none(),
@@ -280,7 +290,7 @@ fn check_new(out: &Path) -> Result<(), IssueError> {
     if is_new { Ok(()) } else { Err(IssueError::NotEmpty { out: out.to_path_buf() }) }
 }
 
-/// Makes `folder` by `fill`, which is given another one to begin with: it is there whole, or not at all.
+/// Creates `folder` atomically: `fill` writes into a temporary directory, which is then renamed.
 fn whole(
     folder: &Path,
     fill: impl FnOnce(&Path) -> Result<(), IssueError>,
@@ -298,7 +308,7 @@ fn whole(
     make_folder(&half)?;
     let made = fill(&half).and_then(|()| fs::rename(&half, folder).map_err(failed(folder)));
     if made.is_err() {
-        // What stays is told by its name.
+        // The name of a remaining directory shows its purpose.
         let _ = fs::remove_dir_all(&half);
     }
     made
@@ -334,28 +344,33 @@ mod tests {
     }
 
     #[test]
-    fn every_role_gets_a_certificate_that_says_who_where_and_until_when()
-    -> Result<(), Box<dyn Error>> {
+    fn every_role_gets_a_certificate_with_role_addresses_and_expiry() -> Result<(), Box<dyn Error>>
+    {
         let folder = tempfile::tempdir()?;
         let (authority, out) = (folder.path().join("a"), folder.path().join("deep/out"));
         assert!(issue(&authority, &out, &order())?.new_authority);
         for role in Role::ALL {
             let credentials = Credentials::in_folder(out.join(role.name()));
-            let said = credentials.check(role, 1_500)?;
+            let certificate = credentials.check(role, 1_500)?;
             assert_eq!(
-                (said.role, said.robot.as_str(), said.from_s, said.until_s),
+                (
+                    certificate.role,
+                    certificate.robot.as_str(),
+                    certificate.from_s,
+                    certificate.until_s
+                ),
                 (role, "mecanum", 1_000, 2_000)
             );
             assert!(
                 ["10.0.0.1", "robot.example", "127.0.0.1", "localhost"]
                     .into_iter()
-                    .all(|host| said.covers(host) == role.serves())
+                    .all(|host| certificate.covers(host) == role.serves())
             );
-            for (now_s, told) in [(2_000, "expired since 0.0 h"), (999, "valid only in 0.0 h")] {
+            for (now_s, message) in [(2_000, "expired since 0.0 h"), (999, "valid only in 0.0 h")] {
                 assert!(
                     credentials
                         .check(role, now_s)
-                        .is_err_and(|error| error.to_string().contains(told)),
+                        .is_err_and(|error| error.to_string().contains(message)),
                     "{now_s}"
                 );
             }
@@ -368,8 +383,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_are_their_owners_alone_and_are_refused_when_they_are_not() -> Result<(), Box<dyn Error>>
-    {
+    fn keys_are_private_to_their_owner_and_rejected_if_not() -> Result<(), Box<dyn Error>> {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir()?;
         let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
@@ -397,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn what_others_can_write_is_refused_with_its_mode() -> Result<(), Box<dyn Error>> {
+    fn a_file_that_others_can_write_is_rejected_with_its_mode() -> Result<(), Box<dyn Error>> {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir()?;
         let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
@@ -413,12 +427,13 @@ mod tests {
             (robot.file(CERTIFICATE_FILE), 0o606, 0o600),
         ] {
             set(&path, open)?;
-            let said = robot.read().err().map_or_else(String::new, |error| error.to_string());
+            let refused = robot.read().err().map_or_else(String::new, |error| error.to_string());
             let expected = format!(
-                "{} has mode {open:o}: expected what is of this user or root and nobody else can write",
+                "{} has mode {open:o}: \
+                 expected what is of this user or root and nobody else can write",
                 path.display()
             );
-            assert!(said.starts_with(&expected), "{said}");
+            assert!(refused.starts_with(&expected), "{refused}");
             set(&path, closed)?;
             robot.read()?;
         }
@@ -441,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn an_authority_in_the_certificates_is_refused_however_it_is_written()
+    fn an_authority_inside_the_certificates_is_rejected_for_every_form_of_its_path()
     -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
         let out = folder.path().canonicalize()?.join("out");
@@ -488,7 +503,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_and_leaves_nothing() -> Result<(), Box<dyn Error>> {
+    fn invalid_options_are_rejected_and_leave_no_files() -> Result<(), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
         let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
         for robot in ["", "A", "a b", "a.b", "*"] {

@@ -1,4 +1,5 @@
-//! A folder of certificates → what each process of a launch shows, checked before anything starts.
+//! A directory of certificates → credentials of each process of a launch, checked before any
+//! process starts.
 
 use super::{told, unix_s};
 use crate::graph::Graph;
@@ -13,11 +14,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// Where the certificates are: the table `[certificates]` of a graph file.
+/// Place of the certificates: the table `[certificates]` of a graph file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CertificatesTable {
-    /// Folder with one folder per role, as `deploy/certificates` makes it; relative to the graph file.
+    /// Directory with one directory per role, as `deploy/certificates` creates it; relative to the
+    /// graph file.
     pub folder: PathBuf,
 }
 
@@ -30,14 +32,18 @@ pub struct Certificates {
     until_s: i64,
 }
 
-/// The certificates of a launch cannot be used.
+/// Why the certificates of a launch cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum PresentError {
-    /// One of them cannot be used by itself.
+    /// A certificate is not usable by itself.
     #[error(transparent)]
     Access(#[from] AccessError),
-    /// They do not belong together.
-    #[error("the certificate of {role} is of {found}, that of {} of {expected}: make all of them together", host.name())]
+    /// Two certificates do not belong together.
+    #[error(
+        "the certificate of {role} is of {found}, that of {} of {expected}: \
+         make all of them together",
+        host.name()
+    )]
     Mixed {
         /// One role.
         role: &'static str,
@@ -48,27 +54,29 @@ pub enum PresentError {
         /// The other robot or authority.
         expected: String,
     },
-    /// Nobody could connect to it there.
+    /// It is not valid for the address of an endpoint.
     #[error(
-        "the certificate of {role} is for {}, and {key} is {endpoint}: make certificates with --address {host}",
+        "the certificate of {role} is for {}, and {key} is {endpoint}: \
+         make certificates with --address {host}",
         addresses.join(", ")
     )]
     Address {
-        /// Whose certificate.
+        /// Role of the certificate.
         role: &'static str,
-        /// Where it may be connected to.
+        /// Addresses for which it is valid.
         addresses: Vec<String>,
-        /// Where the graph file says it, as a dotted path.
+        /// Key of the endpoint in the graph file, as a dotted path.
         key: &'static str,
-        /// Where it is to be connected to.
+        /// The endpoint.
         endpoint: String,
-        /// Name or address in it.
+        /// Name or address in the endpoint.
         host: String,
     },
 }
 
 impl Certificates {
-    /// Checks the certificates in `folder` that a launch of `graph` needs: of itself and of each process that speaks over the network.
+    /// Checks the certificates in `folder` that a launch of `graph` needs: its own, and that of
+    /// each process with links over the network.
     ///
     /// # Errors
     /// [`PresentError`].
@@ -80,7 +88,7 @@ impl Certificates {
         let needed: Vec<Role> = if networked {
             [host].into_iter().chain(started.map(Role::from)).collect()
         } else {
-            // Only what the gateway shows leaves the machine.
+            // Only the gateway publishes beyond this machine.
             started.filter(|&role| role == Participant::Gateway).map(Role::from).collect()
         };
         let mut certificates =
@@ -88,7 +96,7 @@ impl Certificates {
         let mut first: Option<(Role, Vec<u8>)> = None;
         for role in needed {
             let credentials = certificates.of(role);
-            let said = credentials.check(role, now_s)?;
+            let certificate = credentials.check(role, now_s)?;
             let file = credentials.file(AUTHORITY_FILE);
             let authority = fs::read(&file).map_err(|source| AccessError::File { file, source })?;
             let mixed = |host, found: &str, expected: &str| PresentError::Mixed {
@@ -99,13 +107,13 @@ impl Certificates {
             };
             match &first {
                 None => {
-                    certificates.robot.clone_from(&said.robot);
+                    certificates.robot.clone_from(&certificate.robot);
                     first = Some((role, authority));
                 }
-                Some((host, _)) if said.robot != certificates.robot => {
+                Some((host, _)) if certificate.robot != certificates.robot => {
                     return Err(mixed(
                         *host,
-                        &format!("robot {}", said.robot),
+                        &format!("robot {}", certificate.robot),
                         &format!("robot {}", certificates.robot),
                     ));
                 }
@@ -114,32 +122,32 @@ impl Certificates {
                 }
                 Some(_) => {}
             }
-            certificates.until_s = certificates.until_s.min(said.until_s);
+            certificates.until_s = certificates.until_s.min(certificate.until_s);
             if role == host {
-                covers(&said, "network.listen", &graph.network.listen)?;
+                covers(&certificate, "network.listen", &graph.network.listen)?;
             } else if role == Role::Gateway {
-                covers(&said, "telemetry.listen", &graph.telemetry.listen)?;
+                covers(&certificate, "telemetry.listen", &graph.telemetry.listen)?;
             }
         }
         Ok(certificates)
     }
 
-    /// What `role` shows.
+    /// Credentials of `role`.
     pub fn of(&self, role: Role) -> Credentials {
         Credentials::in_folder(self.folder.join(role.name()))
     }
 
-    /// What the launch itself shows.
+    /// Credentials of the launch itself.
     pub fn of_host(&self) -> Credentials {
         self.of(self.host)
     }
 
-    /// The folder.
+    /// The directory.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Until when the first of them is valid: Unix time \[s\].
+    /// End of the validity of the certificate that expires first: Unix time \[s\].
     pub fn until_s(&self) -> i64 {
         self.until_s
     }
@@ -157,12 +165,12 @@ impl std::fmt::Display for Certificates {
     }
 }
 
-/// As whom the launch joins others: with the robot, or without it.
+/// Role of the launch on the network: with the robot, or without it.
 fn host_of(graph: &Graph) -> Role {
     if graph.processes.plant.enabled { Role::RobotHost } else { Role::ControlHost }
 }
 
-/// Fails unless whoever shows the certificate may be connected to at each of `endpoints`.
+/// Fails unless the certificate is valid for the addresses of all `endpoints`.
 fn covers(
     certificate: &Certificate,
     key: &'static str,
@@ -170,7 +178,7 @@ fn covers(
 ) -> Result<(), PresentError> {
     for endpoint in endpoints {
         let host = host_in(endpoint);
-        // Whoever connects there has another name for it, which is not known here.
+        // Peers connect to another address than a wildcard, and it is not known here.
         if !is_any(host) && !certificate.covers(host) {
             return Err(PresentError::Address {
                 role: certificate.role.name(),

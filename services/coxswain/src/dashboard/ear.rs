@@ -1,4 +1,4 @@
-//! Telemetry → words, on a thread of its own: whoever waits for a robot still hears the keys.
+//! Receives telemetry on a separate thread, so that waiting for a robot does not block the keys.
 
 use super::Event;
 use crate::watch_command::{RETRY, WatchTarget};
@@ -8,19 +8,20 @@ use std::sync::mpsc::SyncSender;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// How often the request to end is looked at.
+/// Time between two checks whether the end was requested.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// How long its end is waited for. An attempt to reach a robot that is gone may take longer; it ends with the process.
+/// How long `end` waits for the thread. An attempt to connect to a robot that is gone may take
+/// longer; it ends with the process.
 const ENDS_WITHIN: Duration = Duration::from_secs(1);
 
-/// Listens until it is ended.
+/// The receive thread. It runs until `end`.
 pub(super) struct Ear {
     done: Stop,
     thread: JoinHandle<()>,
 }
 
 impl Ear {
-    /// Passes on what `watcher` hears, and reaches out again where it hears nobody any more.
+    /// Forwards what `watcher` receives, and connects again when the connection is lost.
     pub(super) fn listen(target: WatchTarget, watcher: Watcher, events: SyncSender<Event>) -> Self {
         let done = Stop::new();
         let thread = thread::spawn({
@@ -30,7 +31,7 @@ impl Ear {
         Self { done, thread }
     }
 
-    /// Ends it. Nobody takes in what it passes on any more.
+    /// Ends the thread. Its messages are not received any more.
     pub(super) fn end(self) {
         self.done.request();
         let begin = Instant::now();
@@ -44,7 +45,7 @@ fn listen(target: &WatchTarget, mut watcher: Watcher, events: &SyncSender<Event>
     while !done.requested() {
         let passed_on = match watcher.next(PATIENCE) {
             Ok(Some(word)) => events.send(Event::Said(word)),
-            // A session that has failed is opened again.
+            // Opens a failed session again.
             _ if !watcher.is_connected() => {
                 if let Ok((again, endpoint)) = target.open() {
                     watcher = again;

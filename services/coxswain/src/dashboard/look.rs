@@ -1,6 +1,6 @@
-//! Colours, out of the sixteen that every theme chooses for its own background, light or dark; or none.
+//! Colours, from the sixteen that every theme adapts to its own background, light or dark; or none.
 //!
-//! Whatever a colour says is also said by a word or a sign.
+//! Each colour has the same meaning as a word or a sign that is also shown.
 
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
@@ -10,14 +10,14 @@ use std::env;
 /// Whether there are colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Look {
-    /// In the theme's own.
+    /// With the colours of the theme.
     Coloured,
-    /// As NO_COLOR asks for, <https://no-color.org>.
+    /// Without colours, as NO_COLOR requests, <https://no-color.org>.
     Plain,
 }
 
 impl Look {
-    /// As the environment asks for.
+    /// The look that the environment requests.
     pub fn of_environment() -> Self {
         if env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty()) {
             Self::Plain
@@ -26,7 +26,7 @@ impl Look {
         }
     }
 
-    /// `colour`, or the terminal's own.
+    /// `colour`, or the terminal's default colour.
     pub fn colour(self, colour: Color) -> Color {
         match self {
             Self::Coloured => colour,
@@ -34,32 +34,32 @@ impl Look {
         }
     }
 
-    /// Of the driven path, and of what matters most.
+    /// Style of the driven path, and of the most important text.
     pub fn strong(self) -> Style {
         Style::new().add_modifier(Modifier::BOLD)
     }
 
-    /// Of the reference.
+    /// Colour of the reference.
     pub fn reference(self) -> Color {
         self.colour(Color::Magenta)
     }
 
-    /// Of what is predicted, of what has been learned, and of what is well.
+    /// Colour of predictions, of learned values, and of a good status.
     pub fn good(self) -> Color {
         self.colour(Color::Green)
     }
 
-    /// Of what was before learning, and of what is not well.
+    /// Colour of values before learning, and of a bad status.
     pub fn bad(self) -> Color {
         self.colour(Color::Red)
     }
 
-    /// A word about something that is not well.
+    /// Style of a word about a bad status.
     pub fn alarm(self) -> Style {
         self.strong().fg(self.bad())
     }
 
-    /// Greys out what was the last to be heard.
+    /// Greys out the last received picture.
     pub fn grey_out(self, area: Rect, buffer: &mut Buffer) {
         let grey = Style::new().fg(self.colour(Color::DarkGray)).bg(Color::Reset);
         buffer.set_style(area, grey.remove_modifier(Modifier::all()).add_modifier(Modifier::DIM));

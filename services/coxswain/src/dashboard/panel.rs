@@ -1,10 +1,10 @@
-//! The picture → cells. One module per panel; nothing here is remembered.
+//! The picture → cells. One module per panel; the panels have no state.
 //!
-//! | terminal          | what is shown                                                                   |
-//! |-------------------|---------------------------------------------------------------------------------|
-//! | from 120×48       | everything, with the errors' and ticks' curves and what happened                |
-//! | from 80×24        | map and tracking error; controller, one-step errors, processes and losses       |
-//! | smaller           | the figures, as many as there is room for                                       |
+//! | terminal    | what is shown                                                             |
+//! |-------------|---------------------------------------------------------------------------|
+//! | from 120×48 | everything, with the curves of errors and ticks and the events            |
+//! | from 80×24  | map and tracking error; controller, one-step errors, processes and losses |
+//! | smaller     | the figures, as many as there is room for                                 |
 
 mod controller;
 mod curves;
@@ -29,12 +29,12 @@ use ratatui::text::Line;
 use ratatui::widgets::Block;
 use std::time::Instant;
 
-/// What every panel is drawn from.
+/// The input of every panel.
 #[derive(Debug, Clone, Copy)]
 struct Scene<'a> {
     picture: &'a Picture,
     look: Look,
-    /// The moment that is shown.
+    /// The time that is shown.
     now: Instant,
 }
 
@@ -107,7 +107,7 @@ fn block<'a>(title: impl Into<Line<'a>>, look: Look) -> Block<'a> {
     Block::bordered().title(title).title_style(look.strong())
 }
 
-/// A short time, in the unit that suits it.
+/// A short time, in a suitable unit.
 fn duration_text(nanos: u64) -> String {
     match nanos as f64 * 1e-9 {
         seconds if seconds < 1e-3 => format!("{:.0} µs", seconds * 1e6),
@@ -116,7 +116,7 @@ fn duration_text(nanos: u64) -> String {
     }
 }
 
-/// The control period, without decimals that say nothing.
+/// The control period, without unnecessary decimals.
 fn period_text(nanos: u64) -> String {
     format!("{} ms", nanos as f64 * 1e-6)
 }

@@ -1,4 +1,5 @@
-//! What was heard → what is shown. Nothing here knows a terminal or a clock: times are given.
+//! What was received → what is shown. This module uses no terminal and no clock: times are
+//! arguments.
 
 use super::trail::Trail;
 use protocol::message::{Exposure, FallbackLevel, Health, Participant, Plan, PlantState, Reason};
@@ -7,37 +8,37 @@ use protocol::topic::Topic;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// Silence after which the robot counts as gone, unless its period is longer.
+/// Silence after which the robot counts as lost, unless its period is longer.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// How long its return is told.
+/// How long its return is shown.
 const WELCOME: Duration = Duration::from_secs(5);
 
-/// Over how much of the run the one-step errors are averaged \[s\].
+/// Time over which the one-step errors are averaged \[s\].
 pub const RECENT_S: f64 = 5.0;
 
-/// Most events that are kept.
+/// Largest number of stored events.
 const EVENTS_MAX: usize = 50;
 
-/// Whether the robot is there.
+/// Whether the robot is present.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Contact {
-    /// Nothing of it has been heard yet.
+    /// No message of it was received yet.
     Awaited,
-    /// It speaks.
+    /// Its messages arrive.
     Live,
-    /// It speaks again, since a moment ago.
+    /// Its messages arrive again, since a short time ago.
     Back,
-    /// It has been silent for so long.
+    /// Its messages have been absent for this time.
     Lost(Duration),
 }
 
-/// One process, as it said last.
+/// One process, as of its last Health.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Process {
-    /// What it said.
+    /// Its last Health.
     pub health: Box<Health>,
-    /// When it was heard.
+    /// When the Health was received.
     pub heard: Instant,
 }
 
@@ -50,43 +51,43 @@ pub struct OneStep {
     pub whole: [f64; 3],
 }
 
-/// Messages that did not arrive, of all that the processes have told.
+/// Messages that did not arrive, from the counters of all processes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Losses {
     /// Lost on the way.
     pub lost: u64,
-    /// Refused as malformed.
+    /// Rejected as malformed.
     pub refused: u64,
-    /// Gave way in a queue to the network.
+    /// Dropped from a queue to the network.
     pub dropped: u64,
 }
 
 /// Everything that is known of one robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
-    /// Where it is watched.
+    /// The endpoint at which it is watched.
     pub endpoint: String,
     /// Its name.
     pub robot: Option<String>,
-    /// Control period \[ns\]; 0 if it was not told.
+    /// Control period \[ns\]; 0 if it is unknown.
     pub period_nanos: u64,
     /// Newest state.
     pub state: Option<Box<PlantState>>,
     /// Newest plan.
     pub plan: Option<Box<Plan>>,
-    /// Where it has been \[m\].
+    /// Past positions \[m\].
     pub path: Trail<[f64; 2]>,
-    /// Where it should have been \[m\].
+    /// Past reference positions \[m\].
     pub reference: Trail<[f64; 2]>,
     /// Distance from the reference \[m\].
     pub error: Trail<f64>,
     /// One-step errors.
     pub one_step: Trail<OneStep>,
-    /// State received to command worked out \[ns\].
+    /// Time from the received state to the computed command \[ns\].
     pub tick_nanos: Trail<u64>,
     /// Its processes.
     pub processes: BTreeMap<Participant, Process>,
-    /// What happened, with the time of the run \[s\]; oldest first.
+    /// Events, with the time of the run \[s\]; oldest first.
     pub events: Vec<(f64, String)>,
     heard: Option<Instant>,
     silence: Duration,
@@ -95,7 +96,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Nothing heard yet of whom is watched at `endpoint`.
+    /// A picture without messages, of a robot that is watched at `endpoint`.
     pub fn new(endpoint: &str) -> Self {
         Self {
             endpoint: endpoint.to_owned(),
@@ -117,7 +118,7 @@ impl Picture {
         }
     }
 
-    /// Takes in what was heard at `now`. Of several robots the first is shown.
+    /// Processes a message received at `now`. Of several robots the first is shown.
     pub fn hear(&mut self, word: Word, now: Instant) {
         if *self.robot.get_or_insert_with(|| word.robot.clone()) != word.robot {
             return;
@@ -130,7 +131,7 @@ impl Picture {
         }
     }
 
-    /// Lets time pass: who has been silent for too long is lost.
+    /// Lets time pass: a robot that has been silent for too long is lost.
     pub fn look(&mut self, now: Instant) {
         if !self.lost
             && self.heard.is_some_and(|heard| now.saturating_duration_since(heard) > self.silence)
@@ -140,7 +141,7 @@ impl Picture {
         }
     }
 
-    /// Whether the robot is there at `now`.
+    /// Whether the robot is present at `now`.
     pub fn contact(&self, now: Instant) -> Contact {
         match self.heard {
             None => Contact::Awaited,
@@ -154,7 +155,7 @@ impl Picture {
         }
     }
 
-    /// The most that strangers can do, of all that the processes have told.
+    /// The worst exposure that the processes report.
     pub fn exposure(&self) -> Exposure {
         self.processes
             .values()
@@ -187,7 +188,7 @@ impl Picture {
         self.tick_nanos.newest(RECENT_S).map(|(_, nanos)| nanos).max().unwrap_or(0)
     }
 
-    /// What was lost of a topic.
+    /// The losses of one topic.
     pub fn losses_of(&self, topic: Topic) -> Losses {
         let sum = |count: &dyn Fn(&Health) -> [u64; protocol::topic::TOPIC_COUNT]| {
             let of_topic = self
@@ -235,7 +236,7 @@ impl Picture {
     fn hear_plan(&mut self, plan: Box<Plan>) {
         let seconds = self.seconds_of(plan.stamp.tick);
         if self.error.last().is_some_and(|(last, _)| seconds < last) {
-            // The answer to a state of a plant that is gone, or the first answers to a new one.
+            // The answer belongs to a former plant, or it is one of the first answers to a new one.
             self.begin_anew();
         }
         let [now, ..] = plan.reference;
@@ -272,7 +273,7 @@ impl Picture {
         }
     }
 
-    /// Forgets the run: another has begun.
+    /// Clears the run, because a new one has begun.
     fn begin_anew(&mut self) {
         self.path.clear();
         self.reference.clear();
@@ -294,7 +295,7 @@ impl Picture {
     }
 }
 
-/// In a person's words.
+/// The fallback level and its reason, in words.
 pub fn fallback_level_and_reason(fallback_level: FallbackLevel, reason: Reason) -> String {
     match reason {
         Reason::None => fallback_level.to_string(),
@@ -330,12 +331,12 @@ mod tests {
         picture.hear(specimen::state(2), at(begin, 13_000));
         assert_eq!(picture.contact(at(begin, 13_100)), Contact::Back);
         assert_eq!(picture.contact(at(begin, 19_000)), Contact::Live);
-        let told: Vec<&str> = picture.events.iter().map(|(_, what)| what.as_str()).collect();
-        assert_eq!(told, ["lost: no word from the robot", "the robot is back"]);
+        let texts: Vec<&str> = picture.events.iter().map(|(_, what)| what.as_str()).collect();
+        assert_eq!(texts, ["lost: no word from the robot", "the robot is back"]);
     }
 
     #[test]
-    fn of_a_slow_robot_three_periods_of_silence_are_none() {
+    fn a_slow_robot_is_not_lost_within_three_periods_of_silence() {
         let begin = Instant::now();
         let mut picture = Picture::new("");
         picture.hear(Word { period_nanos: 1_000_000_000, ..specimen::state(1) }, begin);
@@ -402,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_none_reach_no_chart() {
+    fn non_finite_numbers_reach_no_chart() {
         let (mut state, mut plan) = (specimen::state(1), specimen::plan(1));
         if let (Heard::State(state), Heard::Plan(plan)) = (&mut state.said, &mut plan.said) {
             (state.pose[0], plan.predicted[0][0], plan.reference[0][1], plan.residual[2]) =

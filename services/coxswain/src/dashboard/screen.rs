@@ -1,4 +1,4 @@
-//! The terminal, taken and given back as it was: at the end, on errors, and on panics.
+//! Takes the terminal and restores it: at the end, on errors, and on panics.
 
 use ratatui::backend::CrosstermBackend;
 use ratatui::crossterm::cursor::{Hide, Show};
@@ -13,27 +13,29 @@ use std::panic;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
-/// Whether it is taken: it is given back once.
+/// Whether the terminal is taken: it is restored once.
 static TAKEN: AtomicBool = AtomicBool::new(false);
 
 /// The terminal of this process.
 #[derive(Debug)]
 pub struct Screen {
-    /// Never dropped: it would complain on the standard error that a terminal which has gone cannot be given back, and panic as that has gone, too.
+    /// Never dropped. Its destructor reports on the standard error that a closed terminal cannot be
+    /// restored, and panics because the standard error is closed too.
     terminal: ManuallyDrop<Terminal<CrosstermBackend<Stdout>>>,
 }
 
 impl Screen {
-    /// Takes the terminal; what was on it comes back when this value goes, or when this thread panics.
+    /// Takes the terminal. Its content is restored when this value is dropped, or when this thread
+    /// panics.
     ///
     /// # Errors
-    /// What the system says. The terminal is as it was then.
+    /// The error of the system. The terminal is then unchanged.
     pub fn take() -> io::Result<Self> {
         give_back_on_panic();
         let terminal = Terminal::new(CrosstermBackend::new(io::stdout()))?;
         enable_raw_mode()?;
         TAKEN.store(true, Ordering::Release);
-        // From here on whatever happens gives it back.
+        // From here on the terminal is restored in every case.
         let screen = Self { terminal: ManuallyDrop::new(terminal) };
         execute!(io::stdout(), EnterAlternateScreen, Hide)?;
         Ok(screen)
@@ -42,7 +44,7 @@ impl Screen {
     /// Shows what `draw` draws.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the system.
     pub fn draw(&mut self, draw: impl FnOnce(&mut Frame<'_>)) -> io::Result<()> {
         self.terminal.draw(draw).map(|_| ())
     }
@@ -54,7 +56,7 @@ impl Drop for Screen {
     }
 }
 
-/// Whoever has no terminal any more is not told that it cannot be given back.
+/// If the terminal is closed, the failure to restore it is not reported.
 fn give_back() {
     if TAKEN.swap(false, Ordering::AcqRel) {
         let _ = execute!(io::stdout(), Show, LeaveAlternateScreen);
@@ -62,15 +64,16 @@ fn give_back() {
     }
 }
 
-/// A panic of this thread is told on a terminal that was given back. One of another thread would spoil the picture, and ends nothing.
+/// A panic of this thread is reported after the terminal is restored. A panic of another thread is
+/// not reported: it would spoil the picture, and it does not end the program.
 fn give_back_on_panic() {
     let (drawing, before) = (thread::current().id(), panic::take_hook());
-    panic::set_hook(Box::new(move |told| {
+    panic::set_hook(Box::new(move |info| {
         if thread::current().id() == drawing {
             give_back();
         }
         if !TAKEN.load(Ordering::Acquire) {
-            before(told);
+            before(info);
         }
     }));
 }

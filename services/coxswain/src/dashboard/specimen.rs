@@ -1,4 +1,4 @@
-//! A robot to be shown in tests: it drives a circle of 2 m.
+//! A robot for tests of the dashboard: it drives a circle of 2 m.
 
 use super::picture::Picture;
 use protocol::message::{FallbackLevel, Health, Participant, Phase, Plan, PlantState};
@@ -12,7 +12,7 @@ pub(crate) const ROBOT: &str = "specimen";
 pub(crate) const RESIDUAL: [f64; 3] = [0.08, -0.06, 0.03];
 /// One-step error of its whole model.
 pub(crate) const INNOVATION: [f64; 3] = [0.008, -0.004, 0.002];
-/// States that its controller and its recorder have lost, each.
+/// Number of states that its controller has lost, and that its recorder has lost.
 pub(crate) const LOST: u64 = 3;
 /// Its control period \[ns\].
 const PERIOD_NANOS: u64 = 100_000_000;
@@ -64,7 +64,7 @@ pub(crate) fn health(who: Participant) -> Word {
     word(Heard::Health(health))
 }
 
-/// What is known of it after 12.3 s, at `now`.
+/// Its picture after 12.3 s, at `now`.
 pub(crate) fn picture(now: Instant) -> Picture {
     let mut picture = Picture::new("tcp/127.0.0.1:7448");
     for tick in 0..=123 {

@@ -1,8 +1,8 @@
-//! A bounded history: of a run of any length the newest points.
+//! A bounded history: the newest points of a run of any length.
 
 use std::collections::VecDeque;
 
-/// Most points that are kept.
+/// Largest number of stored points.
 pub const KEPT_MAX: usize = 6000;
 
 /// Points with their times \[s\] of the run, oldest first.
@@ -18,7 +18,7 @@ impl<T> Default for Trail<T> {
 }
 
 impl<T: Copy> Trail<T> {
-    /// Adds the newest point; the oldest gives way where there are too many.
+    /// Adds the newest point, and drops the oldest if there are too many.
     pub fn push(&mut self, seconds: f64, value: T) {
         if self.points.len() == KEPT_MAX {
             self.points.pop_front();
@@ -26,7 +26,7 @@ impl<T: Copy> Trail<T> {
         self.points.push_back((seconds, value));
     }
 
-    /// Forgets everything.
+    /// Removes all points.
     pub fn clear(&mut self) {
         self.points.clear();
     }
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_oldest_points_give_way() {
+    fn the_oldest_points_are_dropped() {
         let mut trail = Trail::default();
         for tick in 0..KEPT_MAX + 10 {
             trail.push(tick as f64, tick);

@@ -1,10 +1,10 @@
-//! Keys → what a person wants to see: the live picture or one that is held, help, and which part of the map.
+//! Keys → what the user wants to see: the live or the held picture, help, and the part of the map.
 
 use super::picture::{Contact, Picture};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use std::time::Instant;
 
-/// What keys do, as the help says it: the only list of them.
+/// The keys and their effects, as the help shows them. This is the only list of them.
 pub const KEYS: [(&str, &str); 6] = [
     ("q  Esc  Ctrl-C", "end watching; the robot does not notice"),
     ("space", "hold the picture, and let it go on"),
@@ -14,17 +14,17 @@ pub const KEYS: [(&str, &str); 6] = [
     ("?  h", "this help, and back"),
 ];
 
-/// Metres across the map at first.
+/// Initial width of the map \[m\].
 const ACROSS_M: f64 = 10.0;
-/// How far one may go in and out \[m\].
+/// Smallest and largest width of the map \[m\].
 const ACROSS_LIMITS_M: [f64; 2] = [0.5, 5000.0];
 /// One step of the zoom.
 const ZOOM: f64 = std::f64::consts::SQRT_2;
 
-/// Which part of the world the map shows.
+/// The part of the world that the map shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MapWindow {
-    /// So many metres across, with the robot in the middle.
+    /// A map of fixed width, with the robot in the middle.
     Follow {
         /// Width of the map \[m\].
         across_m: f64,
@@ -33,16 +33,16 @@ pub enum MapWindow {
     Whole,
 }
 
-/// Whether to go on.
+/// Whether to continue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AfterKey {
-    /// Go on showing.
+    /// Continue to watch.
     Watch,
-    /// End.
+    /// Quit.
     Quit,
 }
 
-/// The picture, and what a person has chosen of it.
+/// The picture, and the user's choices for it.
 #[derive(Debug, Clone)]
 pub struct View {
     live: Picture,
@@ -53,7 +53,7 @@ pub struct View {
 }
 
 impl View {
-    /// The live picture, followed.
+    /// The live picture; the map follows the robot.
     pub fn new(picture: Picture) -> Self {
         Self {
             live: picture,
@@ -64,17 +64,17 @@ impl View {
         }
     }
 
-    /// The picture that grows.
+    /// The live picture, to be updated.
     pub fn live(&mut self) -> &mut Picture {
         &mut self.live
     }
 
-    /// The picture to show at `now`, and the moment that it shows.
+    /// The picture to show at `now`, and its time.
     pub fn shown(&self, now: Instant) -> (&Picture, Instant) {
         self.held.as_ref().map_or((&self.live, now), |(picture, since)| (picture, *since))
     }
 
-    /// Whether the robot is there at `now`, whatever is shown.
+    /// Whether the robot is present at `now`, independent of the picture shown.
     pub fn contact(&self, now: Instant) -> Contact {
         self.live.contact(now)
     }
@@ -89,12 +89,13 @@ impl View {
         self.help
     }
 
-    /// Which part of the world the map shows.
+    /// The part of the world that the map shows.
     pub fn map(&self) -> MapWindow {
         self.map
     }
 
-    /// Does what help says of a key that was pressed at `now`. Other keys do nothing.
+    /// Applies a key that was pressed at `now`, as the help describes it. Other keys have no
+    /// effect.
     pub fn press(&mut self, key: KeyEvent, now: Instant) -> AfterKey {
         if key.kind == KeyEventKind::Release {
             return AfterKey::Watch;
@@ -125,7 +126,7 @@ impl View {
         };
     }
 
-    /// Who zooms follows the robot.
+    /// Zooming also makes the map follow the robot.
     fn zoom(&mut self, factor: f64) {
         let [closest, widest] = ACROSS_LIMITS_M;
         self.follow((self.across_m * factor).clamp(closest, widest));
@@ -148,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn every_way_out_ends_and_no_other_key_does() {
+    fn only_the_quit_keys_end_the_dashboard() {
         let mut view = View::new(Picture::new(""));
         let now = Instant::now();
         assert_eq!(
@@ -172,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_held_picture_stands_still_while_the_live_one_goes_on() {
+    fn a_held_picture_stays_unchanged_while_the_live_one_is_updated() {
         let begin = Instant::now();
         let mut view = View::new(Picture::new(""));
         view.live().hear(specimen::state(1), begin);
@@ -189,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn the_map_is_zoomed_and_comes_back() {
+    fn the_map_zooms_within_limits_and_resets() {
         let mut view = View::new(Picture::new(""));
         let across = |view: &View| match view.map() {
             MapWindow::Follow { across_m } => Some(across_m),
@@ -210,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn help_comes_and_goes() {
+    fn help_opens_and_closes() {
         let mut view = View::new(Picture::new(""));
         press(&mut view, "?");
         assert!(view.shows_help());

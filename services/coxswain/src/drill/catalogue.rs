@@ -1,4 +1,4 @@
-//! The exercises: which faults, in whom, over what, and what must hold.
+//! The exercises: which faults, in which process, over which carrier, and what must hold.
 
 mod messages;
 
@@ -6,22 +6,22 @@ use protocol::message::Participant::{self, Controller, Gateway, Learner, Plant, 
 use std::fmt::Write;
 use std::ops::Range;
 
-/// A graph of the drill.
+/// Carrier of the links of a drill graph.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Carrier {
-    /// Every link over shared memory.
+    /// All links use shared memory.
     SharedMemory,
-    /// Every link over the network, on the loopback or between two hosts.
+    /// All links use the network, on the loopback or between two hosts.
     Network,
-    /// No graph: what one function does.
+    /// No graph: the exercise calls one function.
     None,
 }
 
 impl Carrier {
-    /// Its name in table and rows.
+    /// Name in the table and in the rows.
     pub const fn name(self) -> &'static str {
         match self {
             Self::SharedMemory => "shared memory",
@@ -31,49 +31,51 @@ impl Carrier {
     }
 }
 
-/// What is done.
+/// What an exercise does.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Task {
-    /// A graph is launched with faults.
+    /// Launches a graph with faults.
     Launch(Launch),
-    /// Everything is killed at once, and launched again, so often.
+    /// Kills all processes at once and launches the graph again; number of rounds.
     KillAll(u32),
-    /// A second controller beside the launcher's, so often.
+    /// Starts a second controller beside that of the launcher; number of rounds.
     Rivals(Rivalry, u32),
-    /// Two launches that cannot both have what they want, so often.
+    /// Starts two launches that compete for one resource; number of rounds.
     Compete(Prize, u32),
-    /// Two launches of one user that have nothing to do with each other.
+    /// Starts two independent launches of one user.
     SideBySide,
-    /// Plant and controller on two hosts, and the cable between them pulled for so long each \[ms\].
+    /// Runs plant and controller on two hosts and pulls their cable; length of each cut \[ms\].
     Partition(Vec<u64>),
-    /// Launches on machines with so much shared memory \[MiB\]: each drives as if there were no end of it, or is refused before the robot moves.
+    /// Launches on machines with little shared memory; size for each launch \[MiB\]. Each launch
+    /// drives normally, or is rejected before the robot moves.
     LittleSharedMemory(Vec<u64>),
-    /// So many damaged messages are offered to the readers of all topics and to the gate.
+    /// Offers damaged messages to the readers of all topics and to the gate; number of messages.
     Damaged(u64),
 }
 
-/// What is between two controllers.
+/// The conflict between two controllers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rivalry {
-    /// The second one's epoch is greater.
+    /// The second controller has the greater epoch.
     GreaterEpoch,
-    /// Both have claimed the same one.
+    /// Both controllers have claimed the same epoch.
     EqualEpochs,
-    /// The second one's epoch is over when it is woken.
+    /// The epoch of the second controller is out of date when the controller continues.
     OldEpoch,
 }
 
-/// What two launches want, and one gets.
+/// The resource for which two launches compete.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Prize {
-    /// The folder of the run.
+    /// The run directory.
     Folder,
-    /// The address at which the robot's machine is to be found.
+    /// The address at which the robot's machine listens.
     Address,
 }
 
 impl Prize {
-    /// Of whoever does not get it: 2 where a person said so, 1 where the system did.
+    /// Exit code of the launch that fails: 2 for a setting of the user, 1 for an error of the
+    /// system.
     pub const fn exit_code(self) -> i32 {
         match self {
             Self::Folder => 2,
@@ -81,7 +83,7 @@ impl Prize {
         }
     }
 
-    /// What that one says.
+    /// What the launch that fails prints.
     pub const fn message(self) -> &'static str {
         match self {
             Self::Folder => "expected a new or empty folder",
@@ -90,10 +92,10 @@ impl Prize {
     }
 }
 
-/// What must have been refused one for one.
+/// What must be rejected once per injected fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refused {
-    /// Every message that was none any more, by whoever read it.
+    /// Every malformed message, by each process that reads it.
     Messages,
     /// Every bad snapshot, by the controller, which keeps the last good one.
     Snapshots,
@@ -104,49 +106,52 @@ pub enum Refused {
 pub struct Launch {
     /// Length of the run \[s\].
     pub duration_s: f64,
-    /// In lock step, so that time does not count.
+    /// Whether the run is in lock step, where wall time does not count.
     pub lock_step: bool,
-    /// The file of faults but for its seed.
+    /// The fault file, without its seed.
     pub faults: String,
-    /// Whom the faults end or stop, who must be in use again.
+    /// The participant that the faults end or stop. It must be in use again afterwards.
     pub restarts: Option<Participant>,
-    /// Ticks in which a link gives the gate other numbers than the controller said, sealed as valid, so that what acts is not what was said.
+    /// Ticks in which a link changes the numbers of a command and seals it as valid. The acting
+    /// command then differs from the one that the controller sent.
     pub misquoted: Vec<Range<u64>>,
-    /// Ticks in which the controller gets an older state as the newest, from a link or a sensor that is stuck.
+    /// Ticks in which the controller gets an older state as the newest, from a stuck link or
+    /// sensor.
     pub misled: Vec<Range<u64>>,
-    /// Ticks in which the floor does not give what the reference needs.
+    /// Ticks in which the floor does not permit the acceleration of the reference.
     pub slippery: Vec<Range<u64>>,
-    /// Why the robot is known to leave its path: told in a note, and no violation.
+    /// Why the robot is known to leave its path. This is reported as a note, not as a violation.
     pub goes_astray: Option<&'static str>,
-    /// What is compared with what was injected.
+    /// What must be rejected once per injected fault, if anything.
     pub refused: Option<Refused>,
-    /// In so many periods the optimiser has no plan, and every period is answered by the controller, on whichever fallback level.
+    /// Number of periods in which the optimiser has no plan. The controller must still answer every
+    /// period, on any fallback level.
     pub answered: Option<u64>,
-    /// Nobody whom the robot needs is touched: it must drive on fresh plans alone.
+    /// No process that the robot needs is disturbed: the robot must drive on fresh plans alone.
     pub undisturbed: bool,
-    /// Of the machine, if it is not the one there is \[MiB\].
+    /// Shared memory of the machine, if it differs from the real size \[MiB\].
     pub shared_memory_mebibytes: Option<u64>,
 }
 
 /// One exercise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Exercise {
-    /// The fault's name.
+    /// Name of the fault.
     pub fault: &'static str,
-    /// To whom or on which link.
+    /// The process or the link that the fault affects.
     pub target: &'static str,
-    /// Over what.
+    /// Carrier of the links.
     pub carrier: Carrier,
     /// What is done.
     pub task: Task,
 }
 
-/// How much of it.
+/// Extent of a drill.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Extent {
-    /// Seconds: a part of each.
+    /// A short form of each exercise, which takes seconds.
     Quick,
-    /// As long as it takes.
+    /// All exercises at full length.
     Whole,
 }
 
@@ -159,8 +164,9 @@ impl Extent {
     }
 }
 
-/// All exercises of an extent, in the order of the table. Of faults of messages, a quick drill does all those of one link in one launch, unless they
-/// are wanted `apart`.
+/// All exercises of an extent, in the order of the table.
+///
+/// A quick drill runs all message faults of one link in one launch, unless `apart` is set.
 pub fn exercises(extent: Extent, apart: bool) -> Vec<Exercise> {
     let mut all = Vec::new();
     kills(extent, &mut all);
@@ -175,10 +181,11 @@ pub fn exercises(extent: Extent, apart: bool) -> Vec<Exercise> {
     all
 }
 
-/// The second of two kills that belong together comes so long after the first at most \[s\].
+/// Longest time between the two kills of a pair \[s\].
 const EARLY_S: f64 = 0.3;
 
-/// SIGKILL, swept over the phase of the period, and every fifth time once more: swept over the time in which the successor starts.
+/// SIGKILL, swept over the phase of the period. Every fifth kill has a second one, swept over the
+/// start-up time of the successor.
 fn kills(extent: Extent, all: &mut Vec<Exercise>) {
     for (participant, every_s) in
         [(Controller, 0.9), (Plant, 1.3), (Learner, 2.5), (Recorder, 1.0), (Gateway, 1.0)]
@@ -338,12 +345,12 @@ fn shared_fates(extent: Extent) -> Vec<Exercise> {
     all
 }
 
-/// Ten of each length \[ms\].
+/// Ten cuts of each length \[ms\].
 fn partitions() -> Vec<u64> {
     [60, 300, 1000, 3000, 10_000].into_iter().cycle().take(50).collect()
 }
 
-/// What the optimiser says, in lock step, in so many ticks in a row.
+/// Results of the optimiser, in lock step, for several ticks in a row.
 fn solvers(extent: Extent, all: &mut Vec<Exercise>) {
     for kind in ["infeasible", "out-of-iterations", "nan", "wrong"] {
         let ticks: u32 = extent.pick(100, 1000);
@@ -366,11 +373,12 @@ fn solvers(extent: Extent, all: &mut Vec<Exercise>) {
     }
 }
 
-/// Why a slippery floor throws the robot off its path, also when it is dry again.
+/// Why a slippery floor throws the robot off its path, even when the floor is dry again.
 const SLIP: &str = "known (issue 21, cause 1): the controller takes a slipping body for saturated \
                     motors, and what it learns meanwhile outlasts the slip";
 
-/// What happens to the robot itself, in lock step, in windows of it: it drives on, but where it is blind, and nothing unsafe comes of it.
+/// Faults of the robot itself, in lock step and in windows of the run. The robot drives on, except
+/// where it is blind, and nothing unsafe follows.
 fn worlds(extent: Extent, all: &mut Vec<Exercise>) {
     const WHEELS: [&str; 4] = ["front-right", "front-left", "rear-left", "rear-right"];
     const SENSORS: [&str; 3] = ["pose", "velocity", "everything"];
@@ -423,7 +431,7 @@ fn worlds(extent: Extent, all: &mut Vec<Exercise>) {
     }
 }
 
-/// What the machine does.
+/// Faults of the machine.
 fn machine(extent: Extent, all: &mut Vec<Exercise>) {
     let mut of = |fault, target, faults| {
         let launch = Launch {
@@ -446,10 +454,11 @@ fn machine(extent: Extent, all: &mut Vec<Exercise>) {
     of("busy machine", "everybody", hog);
     of("no memory", "learner", process("memory", Learner, 1.0, 1.0, 1, "mebibytes = 1\n"));
     of("full disk", "recorder", process("disk", Recorder, 1.0, 1.0, 1, "mebibytes = 1\n"));
-    // All of it taken by somebody else, and given back.
+    // Another process takes all of the memory, and gives it back.
     let rounds = extent.pick(1, 10);
     let faults = format!(
-        "[[process]]\nkind = \"shared-memory\"\nmebibytes = 0\nmillis = 2000\nfrom_s = 1.5\nevery_s = 4.0\ntimes = {rounds}\n"
+        "[[process]]\nkind = \"shared-memory\"\nmebibytes = 0\nmillis = 2000\n\
+         from_s = 1.5\nevery_s = 4.0\ntimes = {rounds}\n"
     );
     let launch = Launch {
         duration_s: 2.5 + 4.0 * f64::from(rounds),
@@ -488,7 +497,8 @@ fn process(
     let mut text = String::new();
     let _ = write!(
         text,
-        "[[process]]\nkind = {kind:?}\nparticipant = {name:?}\nfrom_s = {from_s:.3}\nevery_s = {every_s:.3}\ntimes = {times}\n{keys}"
+        "[[process]]\nkind = {kind:?}\nparticipant = {name:?}\nfrom_s = {from_s:.3}\n\
+         every_s = {every_s:.3}\ntimes = {times}\n{keys}"
     );
     text
 }

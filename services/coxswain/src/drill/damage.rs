@@ -1,6 +1,8 @@
-//! Damaged messages, offered to the readers of every topic and, as commands, to the gate: as they are in memory, and as they are on the network.
+//! Damaged messages, offered to the readers of every topic and, as commands, to the gate. Each
+//! message comes in its memory form and in its network form.
 //!
-//! It is done in a process of its own, [`print()`]: so a panic would be seen, and what it does to the memory.
+//! The messages are offered in a separate process, [`print()`], so that a panic and the growth of
+//! memory can be detected.
 
 mod numbers;
 
@@ -30,46 +32,47 @@ const PERIOD: u64 = 20_000_000;
 const EPOCH: u64 = 7;
 /// Epoch and writer of the controller that the gate obeys.
 const CONTROLLER: (u64, u64) = (3, 5);
-/// The tick that is to be answered.
+/// The tick that the commands answer.
 const TICK: u64 = 1;
-/// What no number that is used may be.
+/// Values that no used number may have.
 const BAD: [f64; 5] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, -1e300];
-/// Most that all of it may add to the memory in use, beyond what the first tenth needed \[KiB\].
+/// Largest growth of the memory in use after the first tenth of the messages \[KiB\].
 const GROWTH_KIBIBYTES: u64 = 512;
 
-/// How much to offer.
+/// How many messages to offer.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct OfferOptions {
-    /// Damaged messages.
+    /// Number of damaged messages.
     pub count: u64,
-    /// Seed of the damages.
+    /// Seed of the damage.
     pub seed: u64,
 }
 
-/// What came of it.
+/// Result of the offers.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 struct Offered {
-    /// Damaged messages.
+    /// Number of damaged messages.
     injections: u64,
-    /// What was accepted, a line each.
+    /// The accepted messages, one line each.
     violations: Vec<String>,
-    /// Memory in use when a tenth had been offered, and in the end \[KiB\].
+    /// Memory in use after a tenth of the messages, and at the end \[KiB\].
     kibibytes: [u64; 2],
 }
 
-/// Offers damaged messages, and says on the standard output what came of it.
+/// Offers damaged messages, and prints the result on the standard output.
 ///
 /// # Errors
-/// If an undamaged one is refused.
+/// If an undamaged message is rejected.
 pub fn print(options: &OfferOptions) -> Result<(), Trouble> {
     crate::terminal::print(serde_json::to_string(&offer(options.count, options.seed)?)?);
     Ok(())
 }
 
-/// Has `count` damaged messages offered by a process of its own; none may be accepted, nothing may panic, and the memory may not grow.
+/// Offers `count` damaged messages in a separate process. None may be accepted, nothing may panic,
+/// and the memory may not grow.
 ///
 /// # Errors
-/// If it could not be done.
+/// If the messages could not be offered.
 pub(super) fn run(count: u64, seed: u64) -> Result<Measured, Trouble> {
     let output = Process::new(std::env::current_exe()?)
         .arg("offer")
@@ -96,7 +99,7 @@ pub(super) fn run(count: u64, seed: u64) -> Result<Measured, Trouble> {
     Ok(Measured { injections, violations, notes, ..Measured::default() })
 }
 
-/// How a message is said.
+/// Encoding of a message.
 #[derive(Debug, Clone, Copy)]
 enum Encoding {
     /// As it lies in memory, shared or not.
@@ -108,12 +111,12 @@ enum Encoding {
 impl Encoding {
     const BOTH: [Self; 2] = [Self::Memory, Self::Network];
 
-    /// Either of both.
+    /// One of the two, at random.
     fn any(random: &mut Pcg64Mcg) -> Self {
         if random.random() { Self::Memory } else { Self::Network }
     }
 
-    /// As a program of this version says it.
+    /// As a program of this version encodes it.
     fn sealed<T: Message>(self, message: T) -> Vec<u8> {
         self.sealed_as(message, VERSION, T::KIND)
     }
@@ -138,7 +141,8 @@ impl Encoding {
     }
 }
 
-/// Every number that a receiver looks at, and then: nine of ten are commands for the gate, the others go to the readers of all topics.
+/// Offers every number that a receiver checks. Then nine of ten messages are commands for the gate,
+/// and the others go to the readers of all topics.
 fn offer(count: u64, seed: u64) -> Result<Offered, Trouble> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let mut offered = Offered::default();
@@ -179,7 +183,8 @@ fn offer_to_gate(count: u64, random: &mut Pcg64Mcg, offered: &mut Offered) -> Re
     Ok(())
 }
 
-/// The gate of a robot that has obeyed a controller in its first period, and has just published the state of the second.
+/// The gate of a robot that has obeyed a controller in its first period, and has just published the
+/// state of the second.
 fn obeying() -> Result<Gate, Trouble> {
     let mut gate = Gate::new(Bounds::new(&Robot::example(), PERIOD, 0), EPOCH);
     gate.begin_period(0, 0);
@@ -192,7 +197,7 @@ fn obeying() -> Result<Gate, Trouble> {
     Ok(gate)
 }
 
-/// What its controller would answer.
+/// The command that its controller would send.
 fn good() -> Command {
     let mut command: Command = bytemuck::Zeroable::zeroed();
     (command.stamp.epoch, command.stamp.writer) = CONTROLLER;
@@ -204,12 +209,13 @@ fn good() -> Command {
     command
 }
 
-/// Another number than this one.
+/// A random number other than this one.
 fn other_than(one: u16, random: &mut Pcg64Mcg) -> u16 {
     one.wrapping_add(random.random_range(1..=u16::MAX))
 }
 
-/// Damaged on the way (bits, length), or by a writer that has gone mad, or is of another version, and seals what it says.
+/// A command that is damaged on the way (bits, length), or sealed with a valid checksum by a faulty
+/// writer or by one of another version.
 fn damaged(encoding: Encoding, random: &mut Pcg64Mcg) -> Vec<u8> {
     let mut command = good();
     match random.random_range(0..5_u8) {
@@ -221,7 +227,7 @@ fn damaged(encoding: Encoding, random: &mut Pcg64Mcg) -> Vec<u8> {
         }
         2 => return encoding.sealed_as(command, other_than(VERSION, random), Command::KIND),
         3 => {
-            // Every number of it in turn: the input, and the tail to its last entry.
+            // A random number of it: in the input, or in the tail up to its last entry.
             let bad = BAD[random.random_range(0..BAD.len())];
             let mut numbers = command.input.iter_mut().chain(command.tail.as_flattened_mut());
             if let Some(number) = numbers.nth(random.random_range(0..3 * (1 + TAIL_MAX))) {
@@ -231,7 +237,7 @@ fn damaged(encoding: Encoding, random: &mut Pcg64Mcg) -> Vec<u8> {
         _ => match random.random_range(0..7_u8) {
             0 => command.plant_epoch = EPOCH.wrapping_add(random.random_range(1..u64::MAX)),
             1 => command.stamp.tick = TICK.wrapping_add(random.random_range(1..u64::MAX)),
-            // On the network a tail cannot be said to be longer than it is.
+            // The network encoding cannot carry a wrong tail length.
             2 if matches!(encoding, Encoding::Memory) => {
                 command.tail_len = random.random_range(1 + TAIL_MAX as u32..=u32::MAX);
             }
@@ -249,7 +255,7 @@ fn with_other_bits(good: &[u8], random: &mut Pcg64Mcg) -> Vec<u8> {
     for _ in 0..random.random_range(1..=8_u8) {
         let place = random.random_range(0..bytes.len());
         let bit = 1 << random.random_range(0..8_u8);
-        // Twice the same bit would be no damage.
+        // XOR with the good byte: the same bit twice would otherwise be no damage.
         if let (Some(byte), Some(good)) = (bytes.get_mut(place), good.get(place)) {
             *byte = good ^ bit;
         }
@@ -257,13 +263,14 @@ fn with_other_bits(good: &[u8], random: &mut Pcg64Mcg) -> Vec<u8> {
     bytes
 }
 
-/// What decoder and gate say of it.
+/// Whether decoder and gate accept it.
 fn accepted(bytes: &[u8], encoding: Encoding, gate: &Gate) -> Result<(), String> {
     let command: Command = encoding.decode(bytes).map_err(|error| error.to_string())?;
     gate.clone().offer(&command, PERIOD + PERIOD / 4).map_err(|reason: Reason| reason.to_string())
 }
 
-/// To the reader of each topic in turn: it takes in none, and counts every one.
+/// Offers to the reader of each topic in turn. The reader must accept none, and must count every
+/// one.
 fn offer_to_readers(
     count: u64,
     random: &mut Pcg64Mcg,
@@ -304,7 +311,7 @@ fn offer_to_reader<T: OnTopic + Clone>(
         let mut bytes = encoding.sealed(good.clone());
         match random.random_range(0..4_u8) {
             0 => bytes = with_other_bits(&bytes, random),
-            // Carriers of memory may move whole words.
+            // Memory carriers may move whole words only.
             1 if matches!(encoding, Encoding::Memory) => {
                 bytes.truncate(8 * random.random_range(1..bytes.len() / 8));
             }
@@ -344,7 +351,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_many_damaged_messages_none_is_accepted_and_all_are_counted() -> Result<(), Trouble> {
+    fn damaged_messages_are_all_rejected_and_counted() -> Result<(), Trouble> {
         let offered = offer(20_000, 1)?;
         assert_eq!(offered.violations, Vec::<String>::new());
         assert_eq!(offered.injections, 20_000 + 1_020, "with those of single numbers");

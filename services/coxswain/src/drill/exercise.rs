@@ -1,4 +1,4 @@
-//! One exercise: done for real, and judged.
+//! One exercise: runs it with real processes, and judges it.
 
 use super::catalogue::{Carrier, Exercise, Launch, Refused, Rivalry, Task};
 use super::ground::Ground;
@@ -19,15 +19,15 @@ use std::path::Path;
 use std::thread;
 use std::time::Duration;
 
-/// Longest time from a launch to the first fresh plan after everything was killed \[s\].
+/// Longest time from a launch to the first fresh plan after all processes were killed \[s\].
 const DRIVING_WITHIN_S: f64 = 2.0;
-/// How long a graph drives before something is done to it.
+/// How long a graph drives before the first fault.
 pub(super) const SETTLED: Duration = Duration::from_millis(500);
 
-/// Does it. What it leaves is in `kept` if anything was violated.
+/// Runs the exercise. Its files are kept in `kept` if there was a violation.
 ///
 /// # Errors
-/// If it could not be done.
+/// If the exercise could not be done.
 pub(super) fn run(
     exercise: &Exercise,
     ground: &Ground,
@@ -77,7 +77,7 @@ pub(super) fn run(
     }
 }
 
-/// Works in a home of its own, which is kept if anything was violated.
+/// Runs `work` in a home of its own, which is kept if there was a violation.
 fn in_home(
     carrier: Carrier,
     launch: &Launch,
@@ -87,8 +87,8 @@ fn in_home(
     work: impl FnOnce(&Home<'_>) -> Result<Measured, Trouble>,
 ) -> Result<Measured, Trouble> {
     let home = Home::new(ground, carrier, launch, seed)?;
-    // What could not be done is a violation as well, and to be looked at.
-    // The twins run before anything does in real time.
+    // An exercise that could not be done is a violation too, and its files are kept. The twins run
+    // before any real-time run.
     let mut measured = ground.course().and_then(|_| work(&home)).unwrap_or_else(Measured::not_done);
     if !measured.violations.is_empty()
         && let Err(trouble) = home.keep(kept)
@@ -130,7 +130,8 @@ fn launch_with_faults(
         }
         let on_links = refusals::on_links(session.run())?;
         measured.injections += on_links.iter().map(|fault| fault.count).sum::<u64>();
-        // The world knows no chance: all of it happens, once it has come so far.
+        // Faults of the world are deterministic: all of them happen once the run has lasted long
+        // enough.
         measured.injections += launch.faults.matches("[[plant]]").count() as u64;
         match launch.refused {
             Some(Refused::Messages) => {
@@ -181,7 +182,10 @@ fn kill_all(home: &Home<'_>, times: u32, seed: u64, stop: &Stop) -> Result<Measu
             // The first launch is no restart.
             Some(took) if round > 0 => {
                 if took > DRIVING_WITHIN_S {
-                    measured.violations.push(format!("launch {round} drove after {took:.2} s, expected {DRIVING_WITHIN_S} s at most"));
+                    measured.violations.push(format!(
+                        "launch {round} drove after {took:.2} s, \
+                         expected {DRIVING_WITHIN_S} s at most"
+                    ));
                 }
                 measured.worst_restart = worse(measured.worst_restart, Some(took));
             }
@@ -195,7 +199,8 @@ fn kill_all(home: &Home<'_>, times: u32, seed: u64, stop: &Stop) -> Result<Measu
     Ok(measured)
 }
 
-/// Launches with less and less room: each is refused before the robot has moved, or drives as if there were no end of it.
+/// Launches with less and less shared memory. Each launch is rejected before the robot has moved,
+/// or drives normally.
 fn little_shared_memory(
     carrier: Carrier,
     sizes: &[u64],
@@ -253,7 +258,8 @@ fn little_shared_memory(
     Ok(measured)
 }
 
-/// What the oracle says of the wheels. What a killed recorder had not yet written is nobody's violation.
+/// Judges the wheels with the oracle. Messages that a killed recorder had not yet written cause no
+/// violation.
 pub(super) fn judge_wheels(record: &Record, limits: &Limits, measured: &mut Measured) {
     let violations = judge(record, limits)
         .into_iter()
@@ -262,14 +268,14 @@ pub(super) fn judge_wheels(record: &Record, limits: &Limits, measured: &mut Meas
     measured.worst_reaction = worse(measured.worst_reaction, worst_reaction(record, limits));
 }
 
-/// How far the robot was from its reference, against what physics allows.
+/// Judges the distance of the robot from its reference, against what physics allows.
 pub(super) fn judge_tracking(
     home: &Home<'_>,
     record: &Record,
     launch: &Launch,
     measured: &mut Measured,
 ) -> Result<(), Trouble> {
-    // What acts after a link has changed it goes on until the brake.
+    // A changed command acts until the brake.
     let misled: Vec<_> = launch.misled.iter().chain(&launch.misquoted).map(acts_until).collect();
     let windows = Windows { misled: &misled, slippery: &launch.slippery };
     let Tracked { violations, share } =
@@ -288,7 +294,7 @@ pub(super) fn judge_tracking(
     Ok(())
 }
 
-/// The greater one, of those there are.
+/// The greater of the values that are present.
 pub(super) fn worse(one: Option<f64>, other: Option<f64>) -> Option<f64> {
     one.into_iter().chain(other).reduce(f64::max)
 }
@@ -297,7 +303,7 @@ pub(super) fn left_behind(home: &Home<'_>, names: &[String]) -> Vec<String> {
     home.left_behind(names).into_iter().map(|file| format!("{file} was left behind")).collect()
 }
 
-/// How many faults of processes a launch is to have: it is as long as all of them take.
+/// The number of process faults that a launch must have. The launch lasts until all have happened.
 fn asked_of_processes(launch: &Launch) -> Result<u64, Trouble> {
     let faults: FaultsFile = settings::parse(&launch.faults, Path::new("faults.toml"))?;
     Ok(faults.process.iter().map(|fault| u64::from(fault.times)).sum())
@@ -319,8 +325,7 @@ mod tests {
     use crate::drill::catalogue::{Extent, exercises};
 
     #[test]
-    fn a_launch_goes_on_until_the_last_of_its_faults_of_processes_has_come() -> Result<(), Trouble>
-    {
+    fn a_launch_lasts_until_its_last_process_fault() -> Result<(), Trouble> {
         for exercise in
             [Extent::Quick, Extent::Whole].into_iter().flat_map(|extent| exercises(extent, true))
         {

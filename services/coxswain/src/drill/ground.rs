@@ -1,5 +1,5 @@
-//! What all exercises of a drill share: robot and scenario, and how that robot tracks them without
-//! faults.
+//! What all exercises of a drill share: robot and scenario, and how well that robot tracks its
+//! reference without faults.
 
 use super::catalogue::{Carrier, Launch};
 use super::oracle::Limits;
@@ -12,9 +12,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-/// Length of a twin's run: two laps behind the start \[s\].
+/// Length of a twin's run: two laps after the start \[s\].
 const TWIN_S: f64 = 18.0;
-/// An optimiser without a plan, once the robot drives.
+/// Fault of an optimiser without a plan, once the robot drives.
 const WITHOUT_OPTIMISER: &str =
     "[[solver]]\nkind = \"infeasible\"\nfrom_tick = 1\nuntil_tick = 1000000\n";
 
@@ -26,7 +26,7 @@ pub(super) struct Ground {
 }
 
 impl Ground {
-    /// Those in the folder `deploy`.
+    /// Robot and scenario of the folder `deploy`.
     pub(super) fn new(deploy: &Path) -> Self {
         Self { deploy: deploy.to_path_buf(), course: OnceLock::new() }
     }
@@ -36,11 +36,11 @@ impl Ground {
         &self.deploy
     }
 
-    /// What the robot follows, and how closely without faults. The first call runs the twins, which
-    /// takes seconds.
+    /// The robot's reference, and how closely the robot tracks it without faults. The first call
+    /// runs the twins, which takes seconds.
     ///
     /// # Errors
-    /// If a twin does not come to its end.
+    /// If a twin does not finish.
     pub(super) fn course(&self) -> Result<&Course, Trouble> {
         let course =
             self.course.get_or_init(|| self.run_twins().map_err(|error| error.to_string()));

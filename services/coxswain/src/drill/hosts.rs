@@ -1,7 +1,9 @@
-//! Hosts and cables between them: network namespaces where the system permits them, else a relay on the loopback that falls silent.
+//! Hosts and cables between them: network namespaces if the system permits them, else a relay on
+//! the loopback that stops relaying.
 //!
-//! The namespaces have no name. Each lives as long as somebody is in it: at first a process that waits for the end of its input, which comes when
-//! whoever made it ends, however that happens.
+//! The namespaces have no name. Each lives as long as a process is in it. At first this is a
+//! process that waits for the end of its input. Its input ends when the process that made it ends
+//! for any reason.
 
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -13,31 +15,31 @@ use std::{fs, thread};
 
 /// Port of the router on the first host, in its own namespace.
 const PORT: u16 = 7447;
-/// How often a relay looks whether its cable is in.
+/// How often a relay checks whether its cable is plugged in.
 const LOOK: Duration = Duration::from_millis(10);
 /// Far longer than it takes to make a namespace.
 const MADE_WITHIN: Duration = Duration::from_secs(10);
 
-/// A first host, and others that a cable each connects with it.
+/// A first host, and others, each connected to it by a cable.
 #[derive(Debug)]
 pub struct Hosts {
     place: Place,
 }
 
-/// A network of its own, and the process that is there first. It ends with this value.
+/// A network namespace, and the first process in it. It ends with this value.
 #[derive(Debug)]
 struct Namespace(Child);
 
 #[derive(Debug)]
 enum Place {
-    /// The first host's, and the others'.
+    /// The namespace of the first host, and those of the others.
     Namespaces(Namespace, Vec<Namespace>),
-    /// Ports of the first host and of the relay before it.
+    /// Port of the first host, and of the relay to it.
     Loopback { port: u16, relay: u16, silent: Arc<AtomicBool>, closed: Arc<AtomicBool> },
 }
 
 impl Hosts {
-    /// Two hosts of their own.
+    /// Two hosts.
     ///
     /// # Errors
     /// If not even the loopback has free ports.
@@ -45,7 +47,7 @@ impl Hosts {
         Self::with_others(1)
     }
 
-    /// A first host, and so many others.
+    /// A first host, and this many others.
     ///
     /// # Errors
     /// If not even the loopback has free ports.
@@ -57,7 +59,7 @@ impl Hosts {
         Ok(Self { place })
     }
 
-    /// What they are, in a person's words.
+    /// What the hosts are, in words.
     pub fn kind(&self) -> &'static str {
         match &self.place {
             Place::Namespaces(..) => "network namespaces and a cable between each two",
@@ -67,7 +69,7 @@ impl Hosts {
         }
     }
 
-    /// Where the first host listens.
+    /// The endpoint at which the first host listens.
     pub fn endpoint(&self) -> String {
         match &self.place {
             Place::Namespaces(..) => format!("tcp/10.99.0.1:{PORT}"),
@@ -75,7 +77,7 @@ impl Hosts {
         }
     }
 
-    /// The same, as the second host sees it.
+    /// The same endpoint, as the second host sees it.
     pub fn far_endpoint(&self) -> String {
         match &self.place {
             Place::Namespaces(..) => self.endpoint(),
@@ -83,7 +85,7 @@ impl Hosts {
         }
     }
 
-    /// Address of the first host on its cable to another, from 1 on.
+    /// Address of the first host on its cable to another host; `other` counts from 1.
     pub fn address_towards(&self, other: u8) -> String {
         match &self.place {
             Place::Namespaces(..) => format!("10.99.{}.1", other.saturating_sub(1)),
@@ -91,7 +93,7 @@ impl Hosts {
         }
     }
 
-    /// `command`, to be run on the first host, 0, or another one.
+    /// `command`, to be run on host 0, the first, or on another one.
     pub fn on(&self, host: usize, command: Command) -> Command {
         let Place::Namespaces(near, others) = &self.place else { return command };
         let Some(namespace) = host.checked_sub(1).map_or(Some(near), |other| others.get(other))
@@ -103,7 +105,7 @@ impl Hosts {
         there
     }
 
-    /// From now on nothing gets through to host 1, and nobody is told.
+    /// Cuts the connection to host 1, without a notification to either end.
     ///
     /// # Errors
     /// If the system refuses.
@@ -111,7 +113,7 @@ impl Hosts {
         self.cable("down", true)
     }
 
-    /// It does again.
+    /// Restores the connection to host 1.
     ///
     /// # Errors
     /// If the system refuses.
@@ -121,7 +123,8 @@ impl Hosts {
 
     fn cable(&self, state: &str, is_silent: bool) -> io::Result<()> {
         match &self.place {
-            // The far end alone goes down: the near one keeps its address, as a host whose neighbour's cable is pulled does.
+            // Only the far end goes down. The near end keeps its address, as it does when the cable
+            // is pulled at the neighbour.
             Place::Namespaces(_, others) => {
                 let moved = others.first().and_then(|far| far.ip(&["link", "set", "cable", state]));
                 moved.ok_or_else(|| io::Error::other("the cable does not move"))?;
@@ -141,7 +144,7 @@ impl Drop for Hosts {
 }
 
 impl Namespace {
-    /// One, and so many others with a cable to it; none if the system does not permit it.
+    /// One host, and this many others with a cable to it; none if the system does not permit it.
     fn connected(others: u8) -> Option<(Self, Vec<Self>)> {
         let near = Self::new()?;
         near.ip(&["link", "set", "lo", "up"])?;
@@ -182,7 +185,7 @@ impl Namespace {
         Some(namespace)
     }
 
-    /// What begins a command there.
+    /// The beginning of a command in the namespace.
     fn enter(&self) -> Command {
         let mut there = Command::new("nsenter");
         there.arg(format!("--net=/proc/{}/ns/net", self.0.id()));
@@ -208,7 +211,7 @@ impl Drop for Namespace {
     }
 }
 
-/// A relay before a free port.
+/// A relay in front of a free port.
 fn relay() -> io::Result<Place> {
     let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
     let listener = TcpListener::bind("127.0.0.1:0")?;
@@ -239,7 +242,7 @@ fn relay() -> io::Result<Place> {
     Ok(Place::Loopback { port, relay, silent, closed })
 }
 
-/// Carries bytes until an end closes, but not while the cable is out.
+/// Copies bytes until an end closes, but not while the cable is pulled.
 fn carry(mut from: TcpStream, mut to: TcpStream, silent: &AtomicBool, closed: &AtomicBool) {
     let mut bytes = vec![0; 64 * 1024];
     let _ = from.set_nonblocking(false);

@@ -1,4 +1,4 @@
-//! Several launches of one robot at once: one drives, and the others say why they do not.
+//! Two launches of one robot at once: one drives, and the other reports why it does not.
 
 use super::catalogue::{Launch, Prize};
 use super::exercise::{judge_tracking, left_behind, worse};
@@ -13,13 +13,13 @@ use std::time::Duration;
 
 /// Length of a run \[s\].
 const DURATION_S: f64 = 2.0;
-/// Every other pair starts at the same instant, the others up to so far apart \[µs\].
+/// Every second pair starts at the same time; the others start up to this far apart \[µs\].
 const APART_MICROS: u64 = 50_000;
 
-/// Two launches that cannot both have what they want, so often.
+/// Two launches that compete for one resource, several times.
 ///
 /// # Errors
-/// If it could not be done.
+/// If the exercise could not be done.
 pub(super) fn compete(
     home: &Home<'_>,
     prize: Prize,
@@ -96,10 +96,10 @@ pub(super) fn compete(
     Ok(measured)
 }
 
-/// Two launches that have nothing to do with each other: both drive, as if they were alone.
+/// Two independent launches: both must drive as a single launch does.
 ///
 /// # Errors
-/// If it could not be done.
+/// If the exercise could not be done.
 pub(super) fn side_by_side(home: &Home<'_>, stop: &Stop) -> Result<Measured, Trouble> {
     let witness = Witness::begin();
     let mut sessions =

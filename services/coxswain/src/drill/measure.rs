@@ -1,15 +1,17 @@
-//! Record of a run with faults → how fast everybody reacted and came back, and what was violated.
+//! Record of a run with faults → reaction times, restart times, and violations.
 //!
-//! | figure         | what it is                                                                                                      |
-//! |----------------|-----------------------------------------------------------------------------------------------------------------|
-//! | worst reaction | age of the oldest state, in periods, whose answer still acted on the wheels; from 3 on the gate must brake       |
-//! | worst restart  | from the end of a process to its successor in use: a fresh plan of new epochs acted, a snapshot was published, or it said that it is ready |
+//! | figure         | what it is                                                                  |
+//! |----------------|-----------------------------------------------------------------------------|
+//! | worst reaction | age of the oldest state, in periods, whose answer still acted on the        |
+//! |                | wheels; from 3 on the gate must brake                                       |
+//! | worst restart  | from the end of a process to its successor in use: a fresh plan of new      |
+//! |                | epochs acted, a snapshot was published, or the process reported ready       |
 //!
-//! | way back of         | killed, at most | stopped for good, at most: it has first to be found hung             |
-//! |---------------------|-----------------|----------------------------------------------------------------------|
-//! | plant, controller   | 1 s             | 1 s in all                                                           |
-//! | recorder, gateway   | 1 s             | 1 s and [`hung_after`](Processes::hung_after), which is 2.5 s         |
-//! | learner             | 5 s             | 5 s and the same                                                     |
+//! | restart of        | killed, at most | stopped for good, at most (first to be found hung)   |
+//! |-------------------|-----------------|------------------------------------------------------|
+//! | plant, controller | 1 s             | 1 s in all                                           |
+//! | recorder, gateway | 1 s             | 1 s and [`hung_after`](Processes::hung_after), 2.5 s |
+//! | learner           | 5 s             | 5 s and the same                                     |
 
 pub mod excuse;
 
@@ -25,47 +27,49 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::ops::Range;
 
-/// Longest way back \[s\].
+/// Longest restart time \[s\].
 const BACK_WITHIN_S: f64 = 1.0;
-/// Longest way back of the learner, which is back when it has learnt \[s\].
+/// Longest restart time of the learner, which is in use when it has published a model \[s\].
 const LEARNER_BACK_WITHIN_S: f64 = 5.0;
-/// A process that is ended so soon after its predecessor is on its way back: how long that takes counts from its own end. The catalogue has
-/// them at most 300 ms apart, and a period for the phase \[ns\].
+/// If a process ends this soon after its predecessor, it was still starting. The restart time then
+/// counts from its own end. In the catalogue the two ends are at most 300 ms apart, plus one period
+/// for the phase \[ns\].
 const EARLY_NANOS: u64 = 350_000_000;
-/// A command acts for so many periods at most.
+/// Longest time for which a command acts \[periods\].
 const BRAKES_AFTER: u64 = 3;
 /// Longest time below a fresh plan that a fault of at most half a second may cause \[s\].
 const BELOW_AT_MOST_S: f64 = 2.5;
 
-/// What an exercise came to.
+/// Result of an exercise.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Measured {
-    /// Faults injected.
+    /// Number of injected faults.
     pub injections: u64,
-    /// What went wrong, a line each.
+    /// The violations, one line each.
     pub violations: Vec<String>,
-    /// \[T\].
+    /// Worst reaction \[T\].
     pub worst_reaction: Option<f64>,
-    /// \[s\].
+    /// Worst restart \[s\].
     pub worst_restart: Option<f64>,
-    /// Where nobody was touched whom the robot needs: periods below a fresh plan in which the machine let nobody run.
+    /// Periods below a fresh plan in which the machine let no process run. Counted only where no
+    /// process that the robot needs was disturbed.
     pub excused: usize,
-    /// Largest share of its bound that the distance from the reference had.
+    /// Largest distance from the reference, as a share of its bound.
     pub tracking: Option<f64>,
-    /// Why it cannot be done on this machine.
+    /// Why the exercise cannot be done on this machine.
     pub impossible: Option<&'static str>,
-    /// What else was measured, a sentence each.
+    /// Other measurements, one sentence each.
     pub notes: Vec<String>,
 }
 
 impl Measured {
-    /// Of an exercise that could not be done.
+    /// Result of an exercise that could not be done.
     pub fn not_done(trouble: impl fmt::Display) -> Self {
         Self { violations: vec![format!("it could not be done: {trouble}")], ..Self::default() }
     }
 }
 
-/// Judges a launch with faults. `gaps` are the times in which the machine let nobody run.
+/// Judges a launch with faults. `gaps` are the times in which the machine let no process run.
 pub fn measure(
     record: &Record,
     launch: &Launch,
@@ -76,7 +80,7 @@ pub fn measure(
     let within = |windows: &[Range<u64>], tick| {
         windows.iter().any(|ticks| acts_until(ticks).contains(&tick))
     };
-    // What a link has changed on its way is not the controller's.
+    // The controller is not responsible for what a link has changed.
     let known = |found: &Violation| match found.rule {
         Rule::Said => within(&launch.misquoted, found.tick),
         Rule::Rate => within(&launch.misquoted, found.tick) || within(&launch.misled, found.tick),
@@ -121,7 +125,8 @@ pub fn measure(
     }
 }
 
-/// Ticks in whose truth is what was heard in `ticks`: the tail of the last of it acts until the brake.
+/// Ticks whose truth depends on messages received in `ticks`: the tail of the last command acts
+/// until the brake.
 pub(super) fn acts_until(ticks: &Range<u64>) -> Range<u64> {
     ticks.start..ticks.end + BRAKES_AFTER
 }
@@ -143,7 +148,7 @@ fn states(record: &Record) -> Vec<&Message> {
         .collect()
 }
 
-/// Nobody whom the robot needs was started again, unless somebody was told to end it.
+/// No plant and no controller was restarted, since no fault ended one.
 fn judge_instances(states: &[&Message], violations: &mut Vec<String>) {
     let plants: BTreeSet<u64> = states.iter().map(|state| state.stamp("epoch")).collect();
     let controllers: BTreeSet<u64> = states
@@ -153,12 +158,16 @@ fn judge_instances(states: &[&Message], violations: &mut Vec<String>) {
         .collect();
     for (who, count) in [("plants", plants.len()), ("controllers", controllers.len())] {
         if count > 1 {
-            violations.push(format!("{count} {who} one after the other, expected one: nobody was touched whom the robot needs"));
+            violations.push(format!(
+                "{count} {who} one after the other, expected one: \
+                 nobody was touched whom the robot needs"
+            ));
         }
     }
 }
 
-/// No period was missed while the recorder was dead, but for those that a gap excuses. How many.
+/// No period was missed while the recorder was dead, except those that a gap excuses. Returns the
+/// number of excused periods.
 fn judge_unseen(unseen: Unseen, violations: &mut Vec<String>) -> usize {
     let Unseen { missed, unexcused } = unseen;
     if unexcused > 0 {
@@ -176,17 +185,17 @@ pub(super) fn is_stopped_astray(state: &Message) -> bool {
         && matches!(state.word("reason"), "position error" | "heading error")
 }
 
-/// Whether nobody answered the period in time.
+/// Whether no controller answered the period in time.
 fn is_missed(state: &Message) -> bool {
     matches!(state.word("fallback_level"), "stored tail" | "brake" | "latched stop")
 }
 
-/// Whether the period was answered by a controller whose optimiser had no plan.
+/// Whether the answer came from a controller whose optimiser had no plan.
 fn fell(state: &Message) -> bool {
     matches!(state.word("fallback_level"), "shifted plan" | "simple controller")
 }
 
-/// The longest way back of `who`; a violation for each that was too long.
+/// The longest restart time of `who`. Each restart that took too long is a violation.
 fn judge_restarts(
     record: &Record,
     who: Participant,
@@ -205,7 +214,7 @@ fn judge_restarts(
         let next = back.iter().copied().find(|&back| back > at);
         let again = ended.get(index + 1).map(|fault| fault.nanos);
         if let Some(again) = again.filter(|&again| next.is_none_or(|next| next > again)) {
-            // It ended once more on its way back: on purpose, or because it was not back yet when it should have been.
+            // It ended again while it restarted: either on purpose, or because it was late.
             since = since.or((again - at > EARLY_NANOS).then_some(fault));
             continue;
         }
@@ -225,14 +234,14 @@ fn judge_restarts(
     worst
 }
 
-/// Longest way back of `who` from `fault` \[s\].
+/// Longest permitted restart time of `who` after `fault` \[s\].
 fn back_within_s(who: Participant, fault: &Injected) -> f64 {
     let way = if who == Participant::Learner { LEARNER_BACK_WITHIN_S } else { BACK_WITHIN_S };
     let stopped = fault.millis.is_some() && !is_needed(who);
     if stopped { way + Processes::default().hung_after(who).as_secs_f64() } else { way }
 }
 
-/// When another instance of `who` was in use for the first time, on the monotonic clock \[ns\].
+/// When each instance of `who` was in use for the first time, on the monotonic clock \[ns\].
 fn comebacks(record: &Record, who: Participant) -> Vec<u64> {
     let mut seen = BTreeSet::new();
     let first = |instance: (u64, u64), at: u64| seen.insert(instance).then_some(at);
@@ -269,7 +278,8 @@ fn comebacks(record: &Record, who: Participant) -> Vec<u64> {
     back
 }
 
-/// Whether it drove where it should have, and at the end. How many periods below a fresh plan are excused.
+/// Whether the robot drove where it should have, and at the end of the run. Returns the number of
+/// excused periods below a fresh plan.
 fn judge_driving(
     states: &[&Message],
     launch: &Launch,
@@ -291,13 +301,13 @@ fn judge_driving(
             && timeline.is_some_and(|timeline| timeline.is_excused(state.stamp("tick"), gaps))
     };
     let (mut unexcused, mut count) = (Vec::new(), 0);
-    let mut before = false; // the period before was below a fresh plan, and excused
+    let mut before = false; // whether the previous period was below a fresh plan, and excused
     for (index, state) in states.iter().enumerate() {
         if !below(state) {
             before = false;
             continue;
         }
-        // Leaving a brake that is excused takes its periods.
+        // Leaving an excused brake takes further periods.
         before = excused(state) || before && state.word("reason") == "recovering";
         if before {
             count += 1;
@@ -354,7 +364,8 @@ fn judge_stretches(
         let lasted = now.saturating_sub(*begin.get_or_insert(now)) as f64 * 1e-9;
         if lasted > BELOW_AT_MOST_S {
             violations.push(format!(
-                "below a fresh plan for {lasted:.1} s until tick {}, expected {BELOW_AT_MOST_S} s at most",
+                "below a fresh plan for {lasted:.1} s until tick {}, \
+                 expected {BELOW_AT_MOST_S} s at most",
                 state.stamp("tick")
             ));
             return;
@@ -369,11 +380,16 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// A record of a controller that was in use from these times on \[ms\], and ends of controllers \[ms\].
+    /// The result for a controller in use from the times `used` on, which ended at the times `ends`
+    /// \[ms\].
     fn judged(used: &[u64], ends: &[u64]) -> (Option<f64>, Vec<String>) {
         let state = |(epoch, at): (usize, &u64)| Message {
             topic: "state".to_owned(),
-            says: json!({"stamp": {"epoch": 1, "sent_nanos": at * MS}, "accepted_epoch": epoch + 1, "fallback_level": "fresh plan"}),
+            says: json!({
+                "stamp": {"epoch": 1, "sent_nanos": at * MS},
+                "accepted_epoch": epoch + 1,
+                "fallback_level": "fresh plan",
+            }),
         };
         let record = Record::of_messages(used.iter().enumerate().map(state).collect());
         let end = |at: &u64| Injected {
@@ -390,7 +406,7 @@ mod tests {
     }
 
     #[test]
-    fn whom_the_robot_does_not_need_has_to_be_found_hung_before_its_way_back_begins() {
+    fn a_process_that_the_robot_does_not_need_restarts_after_it_is_found_hung() {
         let limits = Participant::ALL.iter().map(|&who| {
             let fault = |millis| Injected {
                 kind: "stop".into(),
@@ -406,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_back_counts_from_the_first_end_that_was_not_made_good() {
+    fn a_restart_counts_from_the_first_end_without_a_successor() {
         assert_eq!(judged(&[0, 1300, 2400], &[1000, 2000]), (Some(0.4), Vec::new()));
         let (worst, violations) = judged(&[0, 3200], &[1000, 1900, 2800]);
         assert_eq!(

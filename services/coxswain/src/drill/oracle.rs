@@ -1,21 +1,29 @@
-//! Record of a run → what went wrong in it: written from the design, and sharing no code with the gate that it judges.
+//! Record of a run → what went wrong in it.
 //!
-//! | rule | what must hold                                                                                                        |
-//! |------|-----------------------------------------------------------------------------------------------------------------------|
-//! | a    | every wheel command is finite, within the wheels' speed, and changes no faster than the robot file permits; what a     |
-//! |      | controller could not know is the only slack (`change`)                                                                 |
-//! | b    | no command acts that answers a state older than 3 T, and none is accepted that answers one older than 1.5 T            |
-//! | c    | of two controller epochs the greater takes over from the smaller, once in a period at most, and never the other way;   |
-//! |      | of two writers of one epoch another is heard when the first has been silent                                            |
-//! | d    | when nothing acts, from 3 T after the last good command on at the latest, the wheels slow down along the ramp to rest  |
-//! | e    | every change of fallback level has its reason; the gate's brake is left after 3 good periods                                     |
-//! | f    | what was sent is in the record or was counted as lost by it, for every topic and writer                                |
-//! | g    | what acts is what its controller said for this moment: the input, or the entry of its tail for a state so old          |
-//! | h    | the robot stays as near to its reference as physics allows (`tracking`, beside this module)                            |
+//! The rules come from the design. This module shares no code with the gate that it judges.
 //!
-//! A takeover in the midst of a period is lawful: the tail of the dead controller acts until the first answer of its successor. What is
-//! judged of the wheels is what the plant says in its Truth; rule f cannot be judged across the death of a recorder, which counts nothing
-//! while it is dead.
+//! | rule | what must hold                                                                        |
+//! |------|---------------------------------------------------------------------------------------|
+//! | a    | every wheel command is finite, within the wheels' speed, and changes no faster than   |
+//! |      | the robot file permits; the only slack is what a controller could not know (`change`) |
+//! | b    | no command acts that answers a state older than 3 T, and none is accepted that        |
+//! |      | answers one older than 1.5 T                                                          |
+//! | c    | of two controller epochs the greater takes over from the smaller, at most once in a   |
+//! |      | period, and never the other way; of two writers of one epoch the second is obeyed     |
+//! |      | only when the first has been silent                                                   |
+//! | d    | when nothing acts, the wheels slow down along the ramp to rest; this begins at most   |
+//! |      | 3 T after the last good command                                                       |
+//! | e    | every change of fallback level has its reason; the gate leaves its brake after 3 good |
+//! |      | periods                                                                               |
+//! | f    | for every topic and writer, each message sent is in the record or counted as lost     |
+//! | g    | what acts is what its controller sent for this period: the input, or the entry of its |
+//! |      | tail for a state of that age                                                          |
+//! | h    | the robot stays as near to its reference as physics allows (`tracking`, beside this   |
+//! |      | module)                                                                               |
+//!
+//! A takeover within a period is permitted: the tail of the dead controller acts until the first
+//! answer of its successor. The wheels are judged by what the plant publishes in its Truth. Rule f
+//! cannot be judged across the death of a recorder, because a dead recorder counts nothing.
 
 mod change;
 mod counting;
@@ -29,14 +37,15 @@ use said::Said;
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// What is promised of the age of what acts, and of the brake \[periods\].
+/// Largest age of a state whose answer acts; from there on the gate brakes \[periods\].
 const OLDEST_PERIODS: f64 = 3.0;
-/// Ticks between a state and the end of the period in which an answer to it may still be accepted, when that is 1.5 T old at most.
+/// Ticks from a state to the end of the period in which its answer may still be accepted. An
+/// accepted answer is at most 1.5 T old.
 const ACCEPTED_WITHIN_TICKS: u64 = 2;
 /// Good periods that leaving the brake takes.
 const GOOD_PERIODS: u64 = 3;
 
-/// The robot's limits, as its file says them.
+/// The robot's limits, from its file.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
     /// T \[s\].
@@ -51,14 +60,14 @@ pub struct Limits {
     pub rate: [f64; 3],
     /// Ramp of the brake \[m/s², m/s², rad/s²\].
     pub brake: [f64; 3],
-    /// What the links may take beyond 1.5 T \[periods, rounded up\].
+    /// Permitted delay of the links beyond 1.5 T \[periods, rounded up\].
     pub link_delay_periods: u64,
-    /// Whether the wheels get what the gate lets through at once, and not after a dead time of the drive's own.
+    /// Whether the wheels get the gate's output at once, and not after a dead time of the drive.
     pub at_once: bool,
 }
 
 impl Limits {
-    /// Those of an assembled graph.
+    /// The limits of an assembled graph.
     pub fn of(assembly: &Assembly) -> Self {
         let robot = &assembly.robot;
         Self {
@@ -94,7 +103,7 @@ pub enum Rule {
     Bounds,
     /// Within the rate of change that the robot file permits.
     Rate,
-    /// Within what the gate promises of any command.
+    /// Within what the gate guarantees for any command.
     Leap,
     /// Nothing older than 3 T acts, and nothing older than 1.5 T is accepted.
     Age,
@@ -108,20 +117,20 @@ pub enum Rule {
     Recovery,
     /// Sent = stored + lost.
     Count,
-    /// What acts was said.
+    /// The acting command was sent by the controller.
     Said,
     /// Near the reference.
     Tracking,
 }
 
-/// One thing that went wrong.
+/// One violation of a rule.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Violation {
-    /// What was violated.
+    /// The violated rule.
     pub rule: Rule,
-    /// Epoch of the plant; of rule f, the writer.
+    /// Epoch of the plant; for rule f, the writer.
     pub epoch: u64,
-    /// When.
+    /// The tick of the violation.
     pub tick: u64,
     /// What was found.
     pub found: String,
@@ -136,18 +145,18 @@ impl fmt::Display for Violation {
     }
 }
 
-/// Everything that went wrong in a run. Nothing is good.
+/// All violations in a run; empty if there is none.
 pub fn judge(record: &Record, limits: &Limits) -> Vec<Violation> {
     let mut violations = Vec::new();
     let truths = by_epoch(record, "truth");
     let states = by_epoch(record, "state");
-    let said = Said::of(record);
+    let commands = Said::of(record);
     let none = BTreeMap::new();
     for (&epoch, ticks) in &truths {
         wheels::judge(epoch, ticks, limits, &mut violations);
         change::judge(epoch, ticks, states.get(&epoch).unwrap_or(&none), limits, &mut violations);
         if limits.at_once {
-            said.judge(epoch, ticks, limits, &mut violations);
+            commands.judge(epoch, ticks, limits, &mut violations);
         }
     }
     for (&epoch, ticks) in &states {
@@ -158,7 +167,7 @@ pub fn judge(record: &Record, limits: &Limits) -> Vec<Violation> {
     violations
 }
 
-/// Fails with everything that went wrong in a run.
+/// Fails with all violations in a run.
 ///
 /// # Errors
 /// One line for each violation.
@@ -173,7 +182,8 @@ pub fn acquit(record: &Record, limits: &Limits) -> Result<(), String> {
 
 pub(super) type Ticks<'a> = BTreeMap<u64, &'a Message>;
 
-/// Messages of the plant by epoch and tick; what a restarted recorder got twice is there once.
+/// Messages of the plant by epoch and tick. Messages that a restarted recorder got twice are there
+/// once.
 pub(super) fn by_epoch<'a>(record: &'a Record, topic: &'a str) -> BTreeMap<u64, Ticks<'a>> {
     let mut epochs: BTreeMap<u64, Ticks<'a>> = BTreeMap::new();
     for message in record.of(topic) {
@@ -182,7 +192,7 @@ pub(super) fn by_epoch<'a>(record: &'a Record, topic: &'a str) -> BTreeMap<u64, 
     epochs
 }
 
-/// Rule b, of what was accepted in one plant epoch.
+/// Rule b, for the accepted commands of one plant epoch.
 fn judge_accepted(
     epoch: u64,
     states: &Ticks<'_>,
@@ -213,7 +223,7 @@ fn judge_fallback_levels(
     truths: &Ticks<'_>,
     violations: &mut Vec<Violation>,
 ) {
-    // The state of tick k tells of the period of tick k - 1.
+    // The state of tick k reports the period of tick k - 1.
     let answered = |tick: u64| {
         states
             .get(&tick)
@@ -238,7 +248,7 @@ fn judge_fallback_levels(
         }
         let braked_by_the_gate = from == "brake"
             && truths.get(&(tick - 1)).is_none_or(|truth| truth.count("acting_epoch") == 0);
-        // A state that is not in the record says nothing against its period.
+        // A state that is missing from the record is no evidence against its period.
         let good = |tick: &u64| !states.contains_key(tick) || answered(*tick);
         let good = (1..=GOOD_PERIODS)
             .take_while(|&ago| tick.checked_sub(ago).as_ref().is_some_and(good))

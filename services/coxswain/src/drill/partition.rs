@@ -1,4 +1,5 @@
-//! Two hosts whose cable is pulled: namespaces where they are permitted, else a relay that falls silent.
+//! Two hosts whose cable is pulled: network namespaces if permitted, else a relay that stops
+//! relaying.
 
 use super::catalogue::Launch;
 use super::exercise::{SETTLED, judge_tracking, judge_wheels, left_behind, worse};
@@ -11,17 +12,18 @@ use protocol::clock::monotonic_nanos;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Longest way back to a fresh plan, once the cable is in again \[s\].
+/// Longest time from plugging the cable in to a fresh plan \[s\].
 const BACK_WITHIN_S: f64 = 2.0;
-/// How long it drives after that, before the cable is pulled once more.
+/// How long the robot drives before the next cut.
 const BETWEEN: Duration = Duration::from_millis(2500);
-/// Far longer than it takes: both launches are asked to end.
+/// Far longer than the exercise takes: the drill ends both launches.
 const DURATION_S: f64 = 5000.0;
 
-/// Pulls the cable for so many milliseconds each, and judges what the plant's host recorded.
+/// Pulls the cable once for each length of `cuts` \[ms\], and judges the record of the plant's
+/// host.
 ///
 /// # Errors
-/// If it could not be done.
+/// If the exercise could not be done.
 pub(super) fn partition(home: &Home<'_>, cuts: &[u64], stop: &Stop) -> Result<Measured, Trouble> {
     let hosts = Hosts::new()?;
     let mut control = home.launch_on(&hosts, Place::Control, "control", DURATION_S)?;
@@ -54,19 +56,24 @@ pub(super) fn partition(home: &Home<'_>, cuts: &[u64], stop: &Stop) -> Result<Me
     let notes = vec![format!("the two hosts are {}", hosts.kind())];
     let mut measured = Measured { injections: healed.len() as u64, notes, ..Measured::default() };
     for (index, ((&cut, &at), millis)) in pulled.iter().zip(&healed).zip(cuts).enumerate() {
-        // What was under way arrives, and the cut may begin and end in the midst of a period. To pull and to plug take their time.
+        // Messages under way still arrive, and a cut may begin and end within a period. Pulling and
+        // plugging the cable take time.
         let expected =
             ((*millis as f64 * 1e-3 / limits.period_s) as usize).saturating_sub(2).max(1);
         let felt = periods_without_an_answer(&record, cut, at);
         if felt < expected {
             measured.violations.push(format!(
-                "cut {index}, of {millis} ms: {felt} periods without an answer, expected {expected} at least: it was no cut"
+                "cut {index}, of {millis} ms: {felt} periods without an answer, \
+                 expected {expected} at least: it was no cut"
             ));
         }
         let took = fresh.iter().find(|&&fresh| fresh > at).map(|&fresh| (fresh - at) as f64 * 1e-9);
         if took.is_none_or(|took| took > BACK_WITHIN_S) {
             let back = took.map_or("never".to_owned(), |took| format!("after {took:.2} s"));
-            measured.violations.push(format!("cut {index}, of {millis} ms: driving again {back}, expected {BACK_WITHIN_S} s at most"));
+            measured.violations.push(format!(
+                "cut {index}, of {millis} ms: driving again {back}, \
+                 expected {BACK_WITHIN_S} s at most"
+            ));
         }
         measured.worst_restart = worse(measured.worst_restart, took);
     }
@@ -76,7 +83,7 @@ pub(super) fn partition(home: &Home<'_>, cuts: &[u64], stop: &Stop) -> Result<Me
     Ok(measured)
 }
 
-/// Periods between two moments \[ns\] in which no answer to their own state came.
+/// Number of periods between two times \[ns\] without an answer to their own state.
 fn periods_without_an_answer(record: &Record, from: u64, until: u64) -> usize {
     let within =
         record.of("state").filter(|state| (from..until).contains(&state.stamp("sent_nanos")));

@@ -1,4 +1,4 @@
-//! What a run recorded, message by message.
+//! The messages of one run, as they were recorded.
 
 use protocol::topic::Topic;
 use recorder::reader;
@@ -9,9 +9,9 @@ use std::{fs, io};
 /// One recorded message.
 #[derive(Debug, Clone)]
 pub struct Message {
-    /// Its topic.
+    /// Name of the topic.
     pub topic: String,
-    /// What it says.
+    /// Content, as JSON.
     pub says: Value,
 }
 
@@ -31,33 +31,34 @@ impl Message {
         self.says[field].as_str().unwrap_or("?")
     }
 
-    /// Numbers in a row.
+    /// A list of numbers.
     pub fn numbers(&self, field: &str) -> Vec<f64> {
         self.says[field].as_array().into_iter().flatten().filter_map(Value::as_f64).collect()
     }
 }
 
-/// All messages of a run, segment after segment, in the order in which they were recorded.
+/// All messages of a run, segment after segment, in the order of recording.
 #[derive(Debug)]
 pub struct Record {
     messages: Vec<Message>,
-    /// `summary.json`; null where there is none, as after a kill of everything.
+    /// `summary.json`; null if there is none, as after a kill of all processes.
     pub summary: Value,
 }
 
 impl Record {
-    /// Reads the record in a run's folder. Segments that were cut off are read as far as they go.
+    /// Reads the record in a run directory. Truncated segments are read as far as possible.
     ///
     /// # Errors
-    /// If there is none, or it is none.
+    /// If there is no record, or the file is no record.
     pub fn read(folder: &Path) -> io::Result<Self> {
         Self::read_as(folder, |_, _| true)
     }
 
-    /// Reads it without predictions, data points and drawings, but with the tails of commands: long runs fit into memory then.
+    /// Reads it without predictions, data points and drawings, but with the tails of commands. Long
+    /// runs fit into memory then.
     ///
     /// # Errors
-    /// If there is none, or it is none.
+    /// If there is no record, or the file is no record.
     pub fn read_without_rows(folder: &Path) -> io::Result<Self> {
         Self::read_as(folder, |topic, says| {
             let fields = says.as_object_mut().into_iter();
@@ -70,7 +71,7 @@ impl Record {
         })
     }
 
-    /// Reads what `keep` wants, after it has changed it.
+    /// Reads the messages that `keep` accepts, after `keep` has changed them.
     fn read_as(folder: &Path, keep: impl Fn(&str, &mut Value) -> bool) -> io::Result<Self> {
         let mut segments: Vec<_> =
             fs::read_dir(folder)?.flatten().map(|entry| entry.path()).collect();

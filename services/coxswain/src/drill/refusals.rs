@@ -1,27 +1,28 @@
-//! What was injected ↔ what was refused: one for one, and the last good one stays.
+//! What was injected ↔ what was rejected: one rejection for each injection, and the last good
+//! message stays in use.
 
 use super::record::Record;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::{fs, io};
 
-/// Faults after which a message is none any more, so that its reader refuses and counts it.
+/// Faults that make a message malformed, so that its reader rejects and counts it.
 const MALFORMED: [&str; 3] = ["corrupt", "truncate", "version"];
 
 /// Faults of one kind that one process has injected on one link.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct OnLink {
-    /// Its log, without the ending.
+    /// Name of its log, without the extension.
     pub(super) process: String,
     /// Name of the topic.
     pub(super) topic: String,
     /// Name of the fault.
     pub(super) kind: String,
-    /// How often.
+    /// Number of injections.
     pub(super) count: u64,
 }
 
-/// What the processes of a run say in their logs that they have injected.
+/// The injections that the processes of a run have logged.
 ///
 /// # Errors
 /// If a log cannot be read.
@@ -52,13 +53,13 @@ pub(super) fn on_links(run: &Path) -> io::Result<Vec<OnLink>> {
     Ok(found)
 }
 
-/// What a line of a log says of `key`.
+/// The value of `key` in a line of a log.
 fn value<'a>(line: &'a str, key: &str) -> Option<&'a str> {
     line.split_whitespace()
         .find_map(|word| Some(word.strip_prefix(key)?.strip_prefix('=')?.trim_matches('"')))
 }
 
-/// Every message that was none any more was refused and counted by the process that read it.
+/// Every malformed message was rejected and counted by the process that read it.
 pub(super) fn judge_messages(on_links: &[OnLink], record: &Record) -> Vec<String> {
     let mut injected: BTreeMap<(&str, &str), u64> = BTreeMap::new();
     for fault in on_links.iter().filter(|fault| MALFORMED.contains(&fault.kind.as_str())) {
@@ -78,7 +79,8 @@ pub(super) fn judge_messages(on_links: &[OnLink], record: &Record) -> Vec<String
     injected.into_iter().filter_map(differs).collect()
 }
 
-/// How many bad snapshots the learner of a run has sent, and what is wrong with what the controller made of them.
+/// The number of bad snapshots that the learner of a run has sent, and the errors in how the
+/// controller handled them.
 ///
 /// # Errors
 /// If the learner's log cannot be read.
@@ -97,7 +99,7 @@ pub(super) fn judge_snapshots(run: &Path, record: &Record) -> io::Result<(u64, V
             sent.len()
         ));
     }
-    // What is stale carries the version of a good one.
+    // A stale snapshot carries the version of a good one.
     let fresh = sent.iter().filter(|line| value(line, "kind") != Some("stale"));
     let bad: BTreeSet<u64> =
         fresh.filter_map(|line| value(line, "version")?.parse().ok()).collect();
@@ -108,7 +110,10 @@ pub(super) fn judge_snapshots(run: &Path, record: &Record) -> io::Result<(u64, V
             violations.push(format!("bad snapshot {version} is in use at tick {tick}"));
         }
         if version < newest {
-            violations.push(format!("model {newest} gave way to {version} at tick {tick}, expected the last good one to stay"));
+            violations.push(format!(
+                "model {newest} gave way to {version} at tick {tick}, \
+                 expected the last good one to stay"
+            ));
         }
         newest = newest.max(version);
     }
@@ -125,9 +130,10 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn what_was_injected_is_read_from_the_logs() -> io::Result<()> {
+    fn injected_faults_are_read_from_the_logs() -> io::Result<()> {
         let run = tempfile::tempdir()?;
-        let line = "INFO chain: faults were injected fault=0 topic=\"state\" at=Reader kind=\"version\" seen=9 injected=4";
+        let line = "INFO chain: faults were injected fault=0 topic=\"state\" at=Reader \
+                    kind=\"version\" seen=9 injected=4";
         fs::write(run.path().join("controller.log"), format!("{line}\nsomething else\n"))?;
         let found = on_links(run.path())?;
         let expected = OnLink {
@@ -148,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_snapshot_that_is_in_use_and_a_good_one_that_is_left_are_named() -> io::Result<()> {
+    fn a_bad_snapshot_in_use_and_a_dropped_good_one_are_violations() -> io::Result<()> {
         let run = tempfile::tempdir()?;
         fs::write(
             run.path().join("learner.log"),

@@ -1,10 +1,13 @@
-//! Two controllers of one robot at once: the launcher's, and one that the launcher knows nothing of.
+//! Two controllers of one robot at once: one of the launcher, and a rival unknown to the launcher.
 //!
-//! | exercise         | what happens                                                                                                          |
-//! |------------------|-----------------------------------------------------------------------------------------------------------------------|
-//! | a greater epoch  | a second one takes over; the first goes, and its successor, whom the launcher starts, takes over in the same way       |
-//! | equal epochs     | both have claimed the same one: the first heard is obeyed until one of the two is killed, and no period has both        |
-//! | an old epoch     | a second one has taken over, is stopped, overtaken, and woken: what it then says is refused, and it goes by itself      |
+//! | exercise        | what happens                                                               |
+//! |-----------------|----------------------------------------------------------------------------|
+//! | a greater epoch | a rival takes over; the first controller exits, and its successor, which   |
+//! |                 | the launcher starts, takes over in the same way                            |
+//! | equal epochs    | both have claimed the same epoch: the gate obeys the first until one of    |
+//! |                 | the two is killed, and no period has commands of both                      |
+//! | an old epoch    | a rival has taken over, is stopped, replaced, and continued: its commands  |
+//! |                 | are then rejected, and it exits by itself                                  |
 
 use super::catalogue::Launch;
 use super::exercise::{SETTLED, judge_tracking, judge_wheels, left_behind};
@@ -25,30 +28,33 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Longest time that one who has been replaced may go on.
+/// Longest time until a replaced controller exits.
 const LEAVES_WITHIN: Duration = Duration::from_secs(20);
-/// Far longer than any of it takes: launches are asked to end \[s\].
+/// Far longer than any exercise takes: the drill ends its launches \[s\].
 const DURATION_S: f64 = 5000.0;
-/// What a controller says when it has claimed its epoch.
+/// What a controller logs when it has claimed its epoch.
 const ANSWERS: &str = "answering a plant";
-/// How long one that has started opens its ports.
+/// How long a started controller takes to open its ports.
 const OPENS_WITHIN: Duration = Duration::from_millis(400);
-/// For one round in which two controllers had equal epochs there may be so many in which one of them was too slow.
+/// Attempts for one round in which two controllers have equal epochs. An attempt fails if one of
+/// them was too slow.
 const TRIES: u32 = 3;
-/// States come to a controller that is to be stopped so late, so that there is always one that it has and has not answered yet \[ms\]. Late enough to be
-/// hit by most stops, early enough to be answered within the period.
+/// Delay of the states to a controller that is to be stopped, so that it always has one state that
+/// it has not answered yet \[ms\]. It is long enough to be hit by most stops, and short enough for
+/// an answer within the period.
 const LATE_MILLIS: u64 = 14;
-/// What was said at the moment of waking is refused by then.
+/// Time after which a command from the instant of waking has been rejected.
 const HEARD_WITHIN_NANOS: u64 = 200_000_000;
 
-/// A controller that the launcher knows nothing of. It does not outlive this value.
+/// A controller unknown to the launcher. It does not outlive this value.
 struct Rival {
     child: Child,
     folder: PathBuf,
 }
 
 impl Rival {
-    /// Starts one with the settings of the launcher's own, but with a log of its own called `name`, and these faults on its links.
+    /// Starts one with the settings of the launcher's own, but with its own log `name` and these
+    /// faults on its links.
     fn start(session: &Session, name: &str, faults: &str) -> Result<Self, Trouble> {
         let folder = session.run().with_file_name(name);
         fs::create_dir(&folder)?;
@@ -79,12 +85,12 @@ impl Rival {
         Ok(Self { child, folder })
     }
 
-    /// Waits until its log says `text`, and gives the log.
+    /// Waits until its log contains `text`, and returns the log.
     fn says(&mut self, text: &str) -> Result<String, Trouble> {
         wait_for_text(&mut self.child, &self.folder.join("controller.log"), text, 1)
     }
 
-    /// Waits until it has claimed an epoch, and gives that.
+    /// Waits until it has claimed an epoch, and returns the epoch.
     fn claims(&mut self) -> Result<u64, Trouble> {
         epoch_in(&self.says(ANSWERS)?)
     }
@@ -93,7 +99,7 @@ impl Rival {
         Ok(kill_process(Pid::from_child(&self.child), signal)?)
     }
 
-    /// How it has ended by itself; none if it does not.
+    /// How it has exited by itself; none if it does not exit.
     fn leaves(&mut self) -> Result<Option<ExitStatus>, Trouble> {
         let begin = Instant::now();
         while begin.elapsed() < LEAVES_WITHIN {
@@ -122,10 +128,10 @@ fn epoch_in(log: &str) -> Result<u64, Trouble> {
     epoch.ok_or_else(|| format!("no epoch in {line:?}").into())
 }
 
-/// A second controller joins a graph that has one, so often.
+/// A second controller joins a graph that has one, several times.
 ///
 /// # Errors
-/// If it could not be done.
+/// If the exercise could not be done.
 pub(super) fn greater_epoch(home: &Home<'_>, times: u32, stop: &Stop) -> Result<Measured, Trouble> {
     let mut measured = Measured::default();
     let mut session = home.launch("run", DURATION_S)?;
@@ -137,7 +143,7 @@ pub(super) fn greater_epoch(home: &Home<'_>, times: u32, stop: &Stop) -> Result<
         }
         let mut second = Rival::start(&session, &format!("second-{round}"), "")?;
         measured.injections += 1;
-        // It answers, is replaced by the first one's successor, and ends by itself.
+        // It answers, is replaced by the successor of the first controller, and exits by itself.
         if second.leaves()?.is_none() {
             measured.violations.push(format!(
                 "round {round}: of two controllers none has left after {LEAVES_WITHIN:?}"
@@ -148,7 +154,7 @@ pub(super) fn greater_epoch(home: &Home<'_>, times: u32, stop: &Stop) -> Result<
     conclude(home, &mut session, &mut measured).map(|_| measured)
 }
 
-/// Ends the launch, and judges what every one of these exercises promises. Gives the record.
+/// Ends the launch, and judges what holds for each of these exercises. Returns the record.
 fn conclude(
     home: &Home<'_>,
     session: &mut Session,
@@ -169,10 +175,11 @@ fn conclude(
     Ok(record)
 }
 
-/// Two controllers claim the same epoch, so often, each time in a graph of its own: both are there before the plant is.
+/// Two controllers claim the same epoch, several times, each time in a new graph. Both start before
+/// the plant.
 ///
 /// # Errors
-/// If it could not be done.
+/// If the exercise could not be done.
 pub(super) fn equal_epochs(home: &Home<'_>, times: u32, stop: &Stop) -> Result<Measured, Trouble> {
     let mut measured = Measured::default();
     for attempt in 0..TRIES * times {
@@ -190,11 +197,11 @@ pub(super) fn equal_epochs(home: &Home<'_>, times: u32, stop: &Stop) -> Result<M
         let ours = epoch_in(&fs::read_to_string(session.run().join("controller.log"))?)?;
         if rival.claims()? != ours {
             session.end()?;
-            continue; // one of the two had been obeyed before the other one asked
+            continue; // one of the two had been obeyed before the other claimed its epoch
         }
         thread::sleep(SETTLED);
         let killed_at = monotonic_nanos();
-        // Once the one, once the other, whichever of the two is obeyed.
+        // Kills the two in turn, independent of which of them is obeyed.
         if attempt % 2 == 0 {
             rival.signal(Signal::KILL)?;
         } else {
@@ -203,7 +210,10 @@ pub(super) fn equal_epochs(home: &Home<'_>, times: u32, stop: &Stop) -> Result<M
                 .ok_or("the launcher's controller is gone")?;
             kill_process(pid, Signal::KILL)?;
             if rival.leaves()?.is_none() {
-                measured.violations.push(format!("round {attempt}: the successor's epoch is greater, but the other one does not leave"));
+                measured.violations.push(format!(
+                    "round {attempt}: the successor's epoch is greater, \
+                     but the other one does not leave"
+                ));
             }
         }
         measured.injections += 1;
@@ -223,7 +233,8 @@ pub(super) fn equal_epochs(home: &Home<'_>, times: u32, stop: &Stop) -> Result<M
     Ok(measured)
 }
 
-/// Of two writers of `epoch` one was obeyed until `killed_at`, and all that the other one said was refused.
+/// One of the two writers of `epoch` was obeyed until `killed_at`, and all commands of the other
+/// were rejected.
 fn judge_equals(record: &Record, epoch: u64, killed_at: u64) -> Vec<String> {
     let mut found = Vec::new();
     let before = |message: &&Message| message.stamp("sent_nanos") < killed_at;
@@ -249,7 +260,7 @@ fn judge_equals(record: &Record, epoch: u64, killed_at: u64) -> Vec<String> {
         ));
     }
     let Some(last) = record.of("state").rfind(before) else { return found };
-    // What was said in the last period may not have been judged yet.
+    // The commands of the last period may not have been judged yet.
     let judged = last.stamp("tick").saturating_sub(1);
     let unheard = commands
         .iter()
@@ -266,10 +277,11 @@ fn judge_equals(record: &Record, epoch: u64, killed_at: u64) -> Vec<String> {
     found
 }
 
-/// A second controller takes over, is stopped until a successor of the first one has, and is woken, so often.
+/// A second controller takes over. It is stopped until a successor of the first one has taken over,
+/// and then continued; several times.
 ///
 /// # Errors
-/// If it could not be done.
+/// If the exercise could not be done.
 pub(super) fn old_epoch(
     home: &Home<'_>,
     times: u32,
@@ -310,17 +322,18 @@ pub(super) fn old_epoch(
     }
     thread::sleep(2 * SETTLED);
     let record = conclude(home, &mut session, &mut measured)?;
-    let said = judge_woken(&record, &woken, &mut measured.violations);
+    let sent = judge_woken(&record, &woken, &mut measured.violations);
     measured.notes.push(format!(
-        "{said} commands of {} that were woken reached the gate in an old epoch, and were refused",
+        "{sent} commands of {} that were woken reached the gate in an old epoch, and were refused",
         woken.len()
     ));
     Ok(measured)
 }
 
-/// Nothing that was said in an old `epoch` from a moment of waking on has acted, and all of it was refused. How much was said.
+/// No command that was sent in an old `epoch` after it was continued has acted, and all were
+/// rejected. Returns the number of such commands.
 fn judge_woken(record: &Record, woken: &[(u64, u64)], violations: &mut Vec<String>) -> u64 {
-    let mut said = 0;
+    let mut sent = 0;
     for &(epoch, at) in woken {
         let of_epoch = |message: &&Message| {
             message.stamp("epoch") == epoch && message.stamp("sent_nanos") > at
@@ -342,12 +355,15 @@ fn judge_woken(record: &Record, woken: &[(u64, u64)], violations: &mut Vec<Strin
         };
         let more = refused(at + HEARD_WITHIN_NANOS).saturating_sub(refused(at));
         if more < commands {
-            violations.push(format!("{more} commands were refused after epoch {epoch} was woken, expected the {commands} that it said"));
+            violations.push(format!(
+                "{more} commands were refused after epoch {epoch} was woken, \
+                 expected the {commands} that it said"
+            ));
         }
-        said += commands;
+        sent += commands;
     }
-    if said == 0 && !woken.is_empty() {
+    if sent == 0 && !woken.is_empty() {
         violations.push("nothing was said in an old epoch: nothing was shown".to_owned());
     }
-    said
+    sent
 }

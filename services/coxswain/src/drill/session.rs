@@ -1,4 +1,5 @@
-//! A graph that the drill launches: as a person would, by this very program, in a home of its own.
+//! A graph that the drill launches as a user would, with this same program and in a folder of its
+//! own.
 
 use super::catalogue::{Carrier, Launch};
 use super::ground::Ground;
@@ -29,23 +30,24 @@ use tempfile::TempDir;
 /// Why an exercise could not be done.
 pub(super) type Trouble = Box<dyn Error + Send + Sync>;
 
-/// What is said of an exercise that was cut short.
+/// Error of an interrupted exercise.
 pub(super) const INTERRUPTED: &str = "somebody asked for the end";
 
-/// What every graph of the drill follows: every direction in turn, for as long as it takes.
+/// The scenario of all drill graphs: it covers every direction, and lasts as long as necessary.
 const SCENARIO: &str = "figure-eight";
 /// T = 20 ms.
 const PROFILE: &str = "agile";
-/// What must happen sooner or later may take so long. Far beyond what it takes.
+/// Timeout for what must happen at some time. It is far longer than that takes.
 const GIVES_UP_AFTER: Duration = Duration::from_mins(2);
-/// Processes that may die often: what is measured is how they come back, not how the launcher loses its patience.
+/// Settings of processes that may die often. The drill measures how they restart, not when the
+/// launcher gives up.
 const PATIENT: &str =
     "restarts_per_minute = 1000000\nback_off_millis = 0\nback_off_max_millis = 0\n";
 
-/// Which part of a graph.
+/// A part of a graph.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Place {
-    /// All of it.
+    /// The whole graph.
     Everybody,
     /// Robot and recorder.
     Plant,
@@ -65,13 +67,13 @@ impl Place {
     }
 }
 
-/// Where the graphs' files are made, and launched.
+/// The folder in which the files of the graphs are written, and from which they are launched.
 #[derive(Debug)]
 pub(super) struct Home<'a> {
     ground: &'a Ground,
     folder: TempDir,
     graph: PathBuf,
-    /// What shared memory there is, if not all that there is \[MiB\].
+    /// Size of the shared memory, if it is limited \[MiB\].
     shared_memory: Option<u64>,
 }
 
@@ -80,7 +82,7 @@ pub(super) struct Home<'a> {
 pub(super) struct Session {
     child: Child,
     run: PathBuf,
-    /// When it was launched, on the monotonic clock \[ns\].
+    /// Time of the launch, on the monotonic clock \[ns\].
     pub(super) begun_nanos: u64,
 }
 
@@ -108,13 +110,14 @@ impl<'a> Home<'a> {
         let graph = folder.path().join("graph.toml");
         for place in Place::ALL {
             let mut text = format!(
-                "name = \"drill\"\nrobot = \"{}\"\nscenario = \"scenario.toml\"\npace = \"{pace}\"\n[links]\ndefault = \"{link}\"\n\
+                "name = \"drill\"\nrobot = \"{}\"\nscenario = \"scenario.toml\"\n\
+                 pace = \"{pace}\"\n[links]\ndefault = \"{link}\"\n\
                  [telemetry]\nlisten = [\"tcp/127.0.0.1:0\"]\n[network]\ngraph = \"drill\"\n",
                 robot.display()
             );
             for role in START_ORDER {
                 let enabled = match place {
-                    // Over the network there is one only where it is what the exercise is about.
+                    // Over the network there is a gateway only if the exercise is about it.
                     Place::Everybody => {
                         role != Participant::Gateway
                             || carrier == Carrier::SharedMemory
@@ -135,15 +138,15 @@ impl<'a> Home<'a> {
     /// Limits of the robot and the period.
     ///
     /// # Errors
-    /// If a file says something impossible.
+    /// If a setting in a file is impossible.
     pub(super) fn limits(&self) -> Result<Limits, Trouble> {
         Ok(Limits::of(&Assembly::read(&Options::of_graph(&self.graph))?))
     }
 
-    /// What its robot follows.
+    /// The course of its robot.
     ///
     /// # Errors
-    /// If a twin does not come to its end.
+    /// If a twin does not finish.
     pub(super) fn course(&self) -> Result<&Course, Trouble> {
         self.ground.course()
     }
@@ -151,18 +154,18 @@ impl<'a> Home<'a> {
     /// The whole graph with its faults.
     ///
     /// # Errors
-    /// If a file says something impossible.
+    /// If a setting in a file is impossible.
     pub(super) fn assembly(&self) -> Result<Assembly, Trouble> {
         let faults = Some(self.folder.path().join("faults.toml"));
         Ok(Assembly::read(&Options { faults, ..Options::of_graph(&self.graph) })?)
     }
 
-    /// Where its files are.
+    /// The folder of its files.
     pub(super) fn folder(&self) -> &Path {
         self.folder.path()
     }
 
-    /// Launches the graph for `duration_s`, into the folder called `run`.
+    /// Launches the graph for `duration_s`, with the run directory `run`.
     ///
     /// # Errors
     /// If it cannot be started.
@@ -178,8 +181,11 @@ impl<'a> Home<'a> {
         )
     }
 
-    /// Launches the graph for `duration_s` as one of several: `name` says to itself what it has to say, and its run goes into the folder called
-    /// `run`, which another one may want as well. It listens at `endpoint`, if there is one, under the name that all graphs of the drill have.
+    /// Launches the graph for `duration_s` as one of several.
+    ///
+    /// The launch writes its output to a file of `name`, and its run directory is `run`, which
+    /// another launch may use as well. It listens at `endpoint`, if there is one, under the name
+    /// that all graphs of the drill have.
     ///
     /// # Errors
     /// If it cannot be started.
@@ -197,7 +203,7 @@ impl<'a> Home<'a> {
         self.begin(name, run, command)
     }
 
-    /// Launches one host's part of the graph for `duration_s`, into the folder called `run`.
+    /// Launches one host's part of the graph for `duration_s`, with the run directory `run`.
     ///
     /// # Errors
     /// If it cannot be started.
@@ -236,24 +242,26 @@ impl<'a> Home<'a> {
 
     fn begin(&self, name: &str, run: &str, mut command: Command) -> Result<Session, Trouble> {
         let home = self.folder.path();
-        let said = File::create(home.join(format!("{name}.txt")))?;
-        // A person's Ctrl-C is for the drill, which ends its launches in order; a drill that is killed ends them by the end of their input.
+        let output = File::create(home.join(format!("{name}.txt")))?;
+        // A Ctrl-C on the terminal goes to the drill only, which ends its launches in order. If the
+        // drill is killed, its launches end because their input ends.
         command
             .env("TMPDIR", home)
             .process_group(0)
             .stdin(Stdio::piped())
-            .stdout(said.try_clone()?)
-            .stderr(said);
+            .stdout(output.try_clone()?)
+            .stderr(output);
         let begun_nanos = monotonic_nanos();
         Ok(Session { child: command.spawn()?, run: home.join(run), begun_nanos })
     }
 
-    /// What a launch told a person.
+    /// What a launch printed.
     pub(super) fn said(&self, name: &str) -> String {
         fs::read_to_string(self.folder.path().join(format!("{name}.txt"))).unwrap_or_default()
     }
 
-    /// What is left of graphs that have ended: files of this home's graphs, and shared memory of those called `names`.
+    /// What graphs have left behind after their end: files of the graphs in this folder, and shared
+    /// memory of the graphs `names`.
     pub(super) fn left_behind(&self, names: &[String]) -> Vec<String> {
         let files = |folder: &Path| {
             fs::read_dir(folder).into_iter().flatten().flatten().map(|file| file.path())
@@ -272,10 +280,10 @@ impl<'a> Home<'a> {
             .collect()
     }
 
-    /// Keeps everything in `folder`, to be looked at.
+    /// Keeps all files in `folder`, for inspection.
     ///
     /// # Errors
-    /// What the file system says.
+    /// The error of the file system.
     pub(super) fn keep(self, folder: &Path) -> Result<(), Trouble> {
         fs::create_dir_all(folder)?;
         copy_all(self.folder.path(), folder)
@@ -296,7 +304,8 @@ fn copy_all(from: &Path, to: &Path) -> Result<(), Trouble> {
     Ok(())
 }
 
-/// `command` on a machine with so much shared memory: in a mount namespace with a file system of its own there.
+/// `command` on a machine with this much shared memory: in a mount namespace with its own file
+/// system for it.
 fn little_shared_memory(command: &Command, mebibytes: u64) -> Command {
     const MOUNT: &str = "mount -t tmpfs -o \"size=$1m\" tmpfs /dev/shm && shift && exec \"$@\"";
     let mut there = unshared();
@@ -307,7 +316,7 @@ fn little_shared_memory(command: &Command, mebibytes: u64) -> Command {
     there
 }
 
-/// What begins a command in a mount namespace, with the rights that there are.
+/// The beginning of a command in a mount namespace, with the available rights.
 fn unshared() -> Command {
     let mut unshare = Command::new("unshare");
     if !geteuid().is_root() {
@@ -328,12 +337,12 @@ pub(super) fn permits_little_shared_memory() -> bool {
 }
 
 impl Session {
-    /// Folder of the run.
+    /// The run directory.
     pub(super) fn run(&self) -> &Path {
         &self.run
     }
 
-    /// Its record, read in times when no exercise needs the machine.
+    /// Its record, read while no exercise needs the machine.
     ///
     /// # Errors
     /// If there is none.
@@ -349,14 +358,14 @@ impl Session {
     /// Name of the graph.
     ///
     /// # Errors
-    /// If it was never told.
+    /// If the launch never reported it.
     pub(super) fn graph_name(&self) -> Result<String, Trouble> {
         let log = fs::read_to_string(self.run.join("coxswain.log"))?;
         let name = log.lines().find_map(|line| line.split_once("graph=\"")?.1.split_once('"'));
         Ok(name.ok_or("the launcher did not tell the graph's name")?.0.to_owned())
     }
 
-    /// Waits until the log of `process` says `text` so often.
+    /// Waits until the log of `process` contains `text` this many times.
     ///
     /// # Errors
     /// If it never does.
@@ -370,11 +379,12 @@ impl Session {
             .map(drop)
     }
 
-    /// Process id of `role`, once the launcher has started it, and before anybody who starts behind it: the launcher is stopped meanwhile, and goes
-    /// on when `work` is done.
+    /// Calls `work` with the process id of `role`, once the launcher has started it and before the
+    /// launcher starts any later process. The launcher is stopped while `work` runs, and then
+    /// continues.
     ///
     /// # Errors
-    /// If it never starts it, or what `work` says.
+    /// If the launcher never starts the process, or the error of `work`.
     pub(super) fn pausing_at<T>(
         &mut self,
         role: Participant,
@@ -394,7 +404,7 @@ impl Session {
         outcome
     }
 
-    /// The process of the launcher's that plays `role`.
+    /// The process of the launcher that plays `role`.
     pub(super) fn pid_of(&self, role: Participant) -> Option<Pid> {
         let plays = |pid: &i32| {
             fs::read_to_string(format!("/proc/{pid}/comm"))
@@ -403,10 +413,10 @@ impl Session {
         children(self.child.id()).into_iter().find(plays).and_then(Pid::from_raw)
     }
 
-    /// Waits until it has ended by itself, at most for `duration_s` and what ending takes.
+    /// Waits until it has ended by itself, at most for `duration_s` and the time that ending takes.
     ///
     /// # Errors
-    /// If it does not, or somebody wants the drill to end.
+    /// If it does not end, or if the drill is interrupted.
     pub(super) fn wait(&mut self, duration_s: f64, stop: &Stop) -> Result<ExitStatus, Trouble> {
         let end = Instant::now() + Duration::from_secs_f64(3.0 * duration_s) + GIVES_UP_AFTER;
         loop {
@@ -423,19 +433,19 @@ impl Session {
         }
     }
 
-    /// Asks the launcher to end, and waits.
+    /// Requests the end of the launcher, and waits.
     ///
     /// # Errors
-    /// If it does not.
+    /// If it does not end.
     pub(super) fn end(&mut self) -> Result<ExitStatus, Trouble> {
         kill_process(Pid::from_child(&self.child), Signal::TERM)?;
         self.wait(0.0, &Stop::new())
     }
 
-    /// Kills launcher and processes at once, with nobody left to take note.
+    /// Kills launcher and processes at once. No process is left to react to it.
     ///
     /// # Errors
-    /// If there is nobody.
+    /// If there is no process.
     pub(super) fn kill_all(&mut self) -> Result<(), Trouble> {
         let launcher = self.child.id();
         let children = children(launcher);
@@ -465,10 +475,10 @@ impl Drop for Session {
     }
 }
 
-/// Waits until `file` says `text` so often, and gives all that it says then.
+/// Waits until `file` contains `text` this many times, and returns its content.
 ///
 /// # Errors
-/// If `writer` ends before, or it never does.
+/// If `writer` ends before, or if the text never comes.
 pub(super) fn wait_for_text(
     writer: &mut Child,
     file: &Path,
@@ -478,9 +488,9 @@ pub(super) fn wait_for_text(
     let begin = Instant::now();
     loop {
         let over = begin.elapsed() > GIVES_UP_AFTER || writer.try_wait()?.is_some();
-        let said = fs::read_to_string(file).unwrap_or_default();
-        if said.matches(text).count() >= times {
-            return Ok(said);
+        let content = fs::read_to_string(file).unwrap_or_default();
+        if content.matches(text).count() >= times {
+            return Ok(content);
         }
         if over {
             return Err(format!("{text:?} was not to be found in {}", file.display()).into());

@@ -3,10 +3,12 @@
 use super::Row;
 use std::fmt::Write;
 
-/// Where nothing failed in n trials, the probability of a failure is below 3 / n with 95 % confidence.
+/// After n trials without a failure, the probability of a failure is below 3 / n with 95 %
+/// confidence.
 const RULE_OF_THREE: f64 = 3.0;
 
-/// All rows, and what they come to. Of the witness it is said whether it `may_go_first`.
+/// All rows, and their summary. `may_go_first` is whether the witness runs with the highest
+/// priority; the summary reports it.
 pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
     let mut text = String::new();
     let _ = writeln!(
@@ -61,7 +63,8 @@ pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
         };
         let _ = write!(
             text,
-            "\n{excused} periods below a fresh plan are excused: what kept the graph from running kept {witness} from it as well"
+            "\n{excused} periods below a fresh plan are excused: \
+             what kept the graph from running kept {witness} from it as well"
         );
     }
     for (row, why) in rows.iter().filter_map(|row| Some((row, row.impossible?))) {
@@ -77,7 +80,7 @@ pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
     text
 }
 
-/// Of a probability.
+/// A probability as a percentage.
 fn percent(probability: f64) -> String {
     if probability < 0.01 {
         format!("{:.4} %", 100.0 * probability)
@@ -93,7 +96,7 @@ mod tests {
     use std::path::PathBuf;
 
     #[test]
-    fn a_row_with_violations_has_no_bound_and_says_where_it_is_kept() {
+    fn a_row_with_violations_has_no_bound_and_names_its_folder() {
         let good = Row {
             fault: "kill",
             target: "plant",

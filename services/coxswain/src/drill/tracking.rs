@@ -25,25 +25,25 @@ use model::main_model::MainModel;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// The true body follows its wheels more slowly than that of the robot file, which is lighter.
+/// How much more slowly the true body follows its wheels than the lighter body of the robot file.
 const SLOWER: f64 = 2.0;
 /// Along a diagonal two of four wheels push.
 const DIAGONAL: f64 = 0.5;
-/// Time that a way back may take, as a multiple of the fastest one.
+/// Permitted time to return to the reference, as a multiple of the fastest one.
 const UNHURRIED: f64 = 2.0;
-/// An error that two twins have is no violation: noise and random forces differ.
+/// Permitted error as a multiple of a twin's error: noise and random forces differ.
 const TWINS: f64 = 2.0;
 
 /// Largest distances from the reference in runs without faults \[m\].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Twin {
-    /// On fresh plans, from a cold start on.
+    /// On fresh plans, including the cold start.
     pub fresh_m: f64,
     /// With an optimiser that has no plan.
     pub without_optimiser_m: f64,
 }
 
-/// What a robot follows, and what it can do to follow it.
+/// The reference of a robot, and its ability to follow it.
 #[derive(Debug, Clone)]
 pub struct Course {
     reference: ReferenceSettings,
@@ -54,26 +54,26 @@ pub struct Course {
     twin: Twin,
 }
 
-/// Ticks in which the robot cannot do what is asked of it.
+/// Ticks in which the robot cannot follow its reference.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Windows<'a> {
-    /// What the controller is told, or what acts of its answers, is not what is the case.
+    /// The controller gets wrong states, or other commands act than it sent.
     pub misled: &'a [Range<u64>],
-    /// The floor does not give the acceleration of the reference.
+    /// The floor does not permit the acceleration of the reference.
     pub slippery: &'a [Range<u64>],
 }
 
-/// What came of it.
+/// Result of the judgement.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tracked {
     /// Where the robot was too far away.
     pub violations: Vec<Violation>,
-    /// The largest share of its bound that the distance had.
+    /// The largest distance from the reference, as a share of its bound.
     pub share: Option<f64>,
 }
 
 impl Course {
-    /// That of an assembled graph.
+    /// The course of an assembled graph.
     pub fn of(assembly: &Assembly, twin: Twin) -> Self {
         let period_s = assembly.scenario.period_millis * 1e-3;
         let main = MainModel::new(&assembly.robot, period_s);
@@ -87,7 +87,7 @@ impl Course {
         }
     }
 
-    /// The same, with what its twins came to.
+    /// The same course, with the results of its twins.
     #[must_use]
     pub fn with(self, twin: Twin) -> Self {
         Self { twin, ..self }
@@ -103,7 +103,8 @@ impl Course {
         DIAGONAL * self.brake_mps2
     }
 
-    /// B: twice what a twin had, and the way of one period, since an answer may come that late.
+    /// B: twice the error of a twin, and the distance of one period, since an answer may come that
+    /// late.
     fn fault_free(&self, answer: Answer, points: &Points, tick: u64) -> f64 {
         let twin = match answer {
             Answer::WithoutOptimiser => self.twin.without_optimiser_m,
@@ -142,14 +143,14 @@ fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// What came to the wheels in the period before a tick.
+/// The answer that the wheels got in the period before a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Answer {
     /// A fresh plan.
     Fresh,
     /// The controller's answer, without a plan.
     WithoutOptimiser,
-    /// None in time, or the brake.
+    /// No answer in time, or the brake.
     Missing { brakes: bool },
 }
 
@@ -165,7 +166,7 @@ impl Answer {
     }
 }
 
-/// What the truth says of one tick.
+/// The truth of one tick.
 #[derive(Debug, Clone, Copy)]
 struct Look {
     tick: u64,
@@ -175,7 +176,7 @@ struct Look {
     reference: [f64; 2],
     /// Speed of the robot \[m/s\].
     speed: f64,
-    /// Speed that its wheels are commanded \[m/s\].
+    /// Commanded speed of its wheels \[m/s\].
     commanded: f64,
     /// Δv \[m/s\].
     apart: f64,
@@ -201,18 +202,19 @@ impl Look {
     }
 }
 
-/// Where a robot is on its way.
+/// Phase of the walk through the record.
 #[derive(Debug, Clone, Copy)]
 enum Phase {
     Driving,
-    /// Since a look, with a speed of wheels and body and a way that it may have come since.
+    /// Since a look: with the speed of wheels and body then, and the distance that the robot may
+    /// have moved since.
     Unanswered {
         from: Look,
         wheels: f64,
         body: f64,
         way: f64,
     },
-    /// Since a tick, at most so far away for half of so long \[m, s\].
+    /// Since a tick: at most `most` away, for half of `within_s` \[m, s\].
     CatchingUp {
         since: u64,
         most: f64,
@@ -222,11 +224,11 @@ enum Phase {
     Sliding {
         from: Look,
     },
-    /// Not to be judged.
+    /// Not judged.
     Misled,
 }
 
-/// One plant epoch of a record.
+/// The walk through one plant epoch of a record.
 struct Walk<'a> {
     course: &'a Course,
     points: &'a Points,
@@ -235,7 +237,7 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// The bound on e at `look`, if there is one; `before` is the look before it.
+    /// The bound on e at `look`, if there is one. `before` is the previous look.
     fn bound(&mut self, before: Option<&Look>, look: &Look, answer: Answer) -> Option<f64> {
         let adjacent = before.filter(|before| before.tick + 1 == look.tick);
         let within =
@@ -248,7 +250,7 @@ impl Walk<'_> {
             return None;
         }
         let Some(before) = adjacent else {
-            // What happened while nobody recorded is not known.
+            // The events while no recorder was running are unknown.
             self.phase = self.catch_up(look);
             return None;
         };
@@ -290,7 +292,7 @@ impl Walk<'_> {
         fault_free + from.error + apart + way
     }
 
-    /// e₀ + Δv₀ t + ½ A t²: the floor gives nothing of what the reference needs.
+    /// e₀ + Δv₀ t + ½ A t²: the floor gives nothing of the acceleration that the reference needs.
     fn sliding(&mut self, before: &Look, look: &Look) -> f64 {
         let from = if let Phase::Sliding { from } = self.phase { from } else { *before };
         self.phase = Phase::Sliding { from };
@@ -300,9 +302,10 @@ impl Walk<'_> {
         still.max(from.error + from.apart * time + 0.5 * needed * time * time)
     }
 
-    /// What a twin has comes on top. From where it is, the robot needs Δv/a to move with the
-    /// reference, and is then at most Δv²/2a further away; from there a way of length P takes
-    /// 2 √(P/a) at least.
+    /// The bound while the robot returns to its reference; the error of a twin is added.
+    ///
+    /// From its position the robot needs Δv/a to move with the reference, and is then at most
+    /// Δv²/2a further away. From there a distance P takes 2 √(P/a) at least.
     fn catch_up(&self, from: &Look) -> Phase {
         let pull = self.course.pull();
         // Two periods until an answer acts and the wheels have followed it.
@@ -333,8 +336,8 @@ fn last_tick(record: &Record) -> u64 {
     record.of("truth").map(|truth| truth.stamp("tick")).max().unwrap_or(0)
 }
 
-/// Judges a whole record. The first tick of each time in which the robot is too far away is a
-/// violation.
+/// Judges a whole record. A violation is the first tick of each time in which the robot is too far
+/// away.
 ///
 /// # Errors
 /// If there is no such reference.

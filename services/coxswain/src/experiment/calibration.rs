@@ -1,10 +1,11 @@
-//! Calibration: how much of what the robot really did lies in the learner's 95 % interval.
+//! Calibration: the share of the robot's true residuals in the learner's 95 % interval.
 //!
 //! ```text
 //! |residual − mean| ≤ 1.96 √(variance of a new sample)
 //! ```
-//! Every usable sample is held against the snapshot that was due in its period, which had not seen it, on each axis. The disturbance observer
-//! has no part in it: the interval is the learner's own.
+//! Every usable sample is compared, on each axis, with the snapshot that was due in its period.
+//! That snapshot was trained without the sample. The disturbance observer has no part in it: the
+//! interval is the learner's own.
 
 use controller::adopt::{Expected, prepare};
 use model::AXES;
@@ -12,10 +13,10 @@ use model::covariance::quantile;
 use model::learned::Moment;
 use protocol::message::{ModelSnapshot, ResidualSample};
 
-/// Share that the interval is to hold.
+/// Nominal share of the interval.
 const SHARE: f64 = 0.95;
 
-/// What a trial's learner has said, and what was then the case.
+/// The snapshots of a trial's learner, and the samples that followed.
 #[derive(Debug)]
 pub(super) struct Calibration {
     expected: Expected,
@@ -25,7 +26,7 @@ pub(super) struct Calibration {
 }
 
 impl Calibration {
-    /// Nothing heard yet of a learner whose snapshots are `expected` to be so.
+    /// Without messages yet, of a learner whose snapshots have the properties `expected`.
     pub(super) fn new(expected: Expected) -> Self {
         Self { expected, snapshots: Vec::new(), samples: Vec::new() }
     }
@@ -40,14 +41,14 @@ impl Calibration {
         }
     }
 
-    /// Share of samples in the interval, per axis; nothing where there was no model or no sample.
+    /// Share of samples in the interval, per axis; none without a model or a sample.
     pub(super) fn coverage(&self) -> Option<[f64; AXES]> {
         let spread = quantile(0.5 + 0.5 * SHARE);
         let (mut within, mut counted) = ([0.0; AXES], 0.0);
         for (index, snapshot) in self.snapshots.iter().enumerate() {
             let until =
                 self.snapshots.get(index + 1).map_or(u64::MAX, |next| next.head.effective_tick);
-            // A sample bears the tick that ended its period.
+            // A sample carries the tick that ended its period.
             let due = |sample: &&ResidualSample| {
                 (snapshot.head.effective_tick..until).contains(&sample.stamp.tick.saturating_sub(1))
             };

@@ -1,4 +1,4 @@
-//! What is asked for → one assembly per scenario: those beside a graph's own, or all of a world.
+//! The requested scenarios → one assembly for each: scenarios of a graph, or all of a world.
 
 use super::{CompareOptions, ExperimentError, SCENARIOS};
 use crate::assembly::Assembly;
@@ -13,14 +13,14 @@ use std::path::{Path, PathBuf};
 /// The variant with the noise of every comparison.
 const NOISE: &str = "noise";
 
-/// Where the worlds are.
+/// The folder of the worlds.
 const WORLDS: &str = "deploy/worlds";
 
 /// The cases of a comparison, by name.
 pub(super) struct Cases {
-    /// Each with all that it needs.
+    /// The assembly of each case.
     pub(super) assemblies: BTreeMap<String, Assembly>,
-    /// For a stale start: the scenario that was learnt in.
+    /// For a stale start: the scenario in which it has learned.
     pub(super) other: BTreeMap<String, String>,
 }
 
@@ -48,10 +48,10 @@ impl Check for Grid {
 }
 
 impl Cases {
-    /// Reads and checks all that `options` ask for.
+    /// Reads and checks all that `options` request.
     ///
     /// # Errors
-    /// [`ExperimentError`] names the first thing that is wrong.
+    /// [`ExperimentError`] names the first error.
     pub(super) fn read(options: &CompareOptions) -> Result<Self, ExperimentError> {
         let mut cases = Self { assemblies: BTreeMap::new(), other: BTreeMap::new() };
         match &options.world {
@@ -66,7 +66,7 @@ impl Cases {
         Ok(cases)
     }
 
-    /// Scenarios beside that of a graph.
+    /// Adds scenarios from the folder of the graph's own scenario.
     fn add_graph(&mut self, options: &CompareOptions) -> Result<(), ExperimentError> {
         let base = Assembly::read(&Options::of_graph(&options.graph))?;
         let own = options.graph.parent().unwrap_or(Path::new("")).join(&base.graph.scenario);
@@ -91,8 +91,8 @@ impl Cases {
         Ok(())
     }
 
-    /// Every combination of a world's grid; where some are named those alone. A `*` stands for
-    /// every name.
+    /// Adds the combinations of a world's grid: the named ones, or all if none is named. A `*`
+    /// stands for every name.
     fn add_world(&mut self, world: &Path, options: &CompareOptions) -> Result<(), ExperimentError> {
         let grid: Grid = settings::read(&world.join("grid.toml"))?;
         let asked: Vec<Vec<&str>> =
@@ -180,7 +180,7 @@ fn elsewhere(name: &str, variants: &[String]) -> String {
     after.map_or_else(|| name.to_owned(), |other| format!("{base}+{other}"))
 }
 
-/// A number of the robot file that the controller is told wrongly.
+/// A number of the robot file that is wrong for the controller only: a key and a factor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Belief {
     key: String,
@@ -200,7 +200,7 @@ impl std::str::FromStr for Belief {
 }
 
 impl Belief {
-    /// `robot` as it is believed to be.
+    /// `robot` with the wrong number.
     fn of(&self, robot: &Robot) -> Result<Robot, SettingsError> {
         let file = PathBuf::from("--believe");
         let wrong = |expected: &str| SettingsError::Value {

@@ -1,4 +1,5 @@
-//! The controllers that are compared: the same weights, limits and horizon, and what each knows beside them.
+//! The controllers that are compared. They share weights, limits and horizon, and differ in their
+//! model.
 
 use crate::assembly::Assembly;
 use clap::ValueEnum;
@@ -8,7 +9,7 @@ use model::learned::Layout;
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
-/// Largest ℓ of the observer of every contender that has one, where the scenario itself has none.
+/// Largest ℓ of the observer of every contender that has one, if the scenario sets none.
 pub const OBSERVER_GAIN: f64 = 1.0;
 
 /// A controller in a comparison.
@@ -26,8 +27,8 @@ pub enum Contender {
     #[value(name = "mpc+observer")]
     #[serde(rename = "mpc+observer")]
     MpcObserver,
-    /// With Kalman filters of velocity and disturbance, which is a ramp: offset-free, and quicker where
-    /// the disturbance changes steadily.
+    /// With Kalman filters of velocity and disturbance, where the disturbance is a ramp.
+    /// Offset-free, and faster if the disturbance changes steadily.
     #[value(name = "mpc+kalman")]
     #[serde(rename = "mpc+kalman")]
     MpcKalman,
@@ -35,22 +36,23 @@ pub enum Contender {
     #[value(name = "rls-mpc+observer")]
     #[serde(rename = "rls-mpc+observer")]
     RlsMpcObserver,
-    /// With what physics says beside, friction, drag and the turning frame, found by least squares that
-    /// forget, and the observer.
+    /// With further physical terms (friction, drag and the turning frame) from least squares with
+    /// forgetting, and the observer.
     #[value(name = "physics-mpc+observer")]
     #[serde(rename = "physics-mpc+observer")]
     PhysicsMpcObserver,
-    /// The paper's: with a Gaussian process over (v, u), of a squared-exponential kernel, that is
-    /// used whatever it foretells. No observer, no dead time.
+    /// The paper's controller: with a Gaussian process over (v, u) with a squared-exponential
+    /// kernel, which is used independent of its prediction error. No observer, no dead time.
     #[value(name = "gpr-mpc")]
     #[serde(rename = "gpr-mpc")]
     GprMpc,
-    /// Ours: with the identified response and a Gaussian process, whichever foretells better, and the
-    /// observer for what remains.
+    /// This project's controller: with the identified response or a Gaussian process, whichever
+    /// predicts better, and the observer for the rest.
     #[value(name = "gpr-mpc+observer")]
     #[serde(rename = "gpr-mpc+observer")]
     GprMpcObserver,
-    /// The bound: the plant's own dynamics as model, in the present world, and the observer for what chance does.
+    /// The bound: the plant's own dynamics in the present world as model, and the observer for
+    /// random disturbances.
     #[value(name = "oracle-mpc")]
     #[serde(rename = "oracle-mpc")]
     OracleMpc,
@@ -70,12 +72,12 @@ impl Contender {
         Self::OracleMpc,
     ];
 
-    /// Whether it is a bound, and nothing that could drive a robot.
+    /// Whether it is a bound, which could not drive a real robot.
     pub fn is_bound(self) -> bool {
         self == Self::OracleMpc
     }
 
-    /// Whether an earlier run leaves it something to begin with.
+    /// Whether it can start from the results of an earlier run.
     pub fn remembers(self) -> bool {
         self.learns() || self.identifies()
     }
@@ -90,7 +92,7 @@ impl Contender {
         matches!(self, Self::GprMpc | Self::GprMpcObserver)
     }
 
-    /// Makes `assembly` the contender's.
+    /// Configures `assembly` for the contender.
     pub fn take_over(self, assembly: &mut Assembly) {
         let mpc = &mut assembly.scenario.mpc;
         mpc.method = match self {
@@ -100,7 +102,7 @@ impl Contender {
         };
         mpc.observer_gain = match self {
             Self::FeedforwardP | Self::Mpc | Self::GprMpc => 0.0,
-            // The scenario's, the same for all that have an observer.
+            // The scenario's gain, the same for all that have an observer.
             _ if mpc.observer_gain > 0.0 => mpc.observer_gain,
             _ => OBSERVER_GAIN,
         };
@@ -114,7 +116,8 @@ impl Contender {
             Self::PhysicsMpcObserver => Identify::Physics,
             _ => Identify::Off,
         };
-        // The same dead time is found and made up for by all that predict; the oracle knows it.
+        // All predicting contenders estimate and compensate the same dead time; the oracle knows
+        // it.
         mpc.delay = match self {
             Self::OracleMpc => {
                 let truth = assembly.scenario.truth.as_ref();

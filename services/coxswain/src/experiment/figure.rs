@@ -1,13 +1,13 @@
-//! The figures of a row: which can be printed, in what unit, and what nothing counts as.
+//! The figures of a row: which can be printed, in what unit, and the value of a missing figure.
 
 use super::trial::Row;
 use plant_sim::truth::Truth;
 
-/// The start that figures of the position leave out \[ns\].
+/// The start that position figures leave out \[ns\].
 const START_NANOS: u64 = 3_000_000_000;
-/// The end that [`at_end`] is taken from \[ns\].
+/// Length of the end that [`at_end`] averages over \[ns\].
 const END_NANOS: u64 = 5_000_000_000;
-/// A robot is back when its error is no larger than so many times the error before.
+/// A robot has recovered when its error is at most this multiple of the error before.
 const BACK: f64 = 1.2;
 
 /// A figure that can be printed.
@@ -19,34 +19,38 @@ pub enum Figure {
     PositionMax,
     /// Mean distance from the reference over the last 5 s.
     PositionAtEnd,
-    /// Time after which the robot stays within 0.10 m of its reference; never counts as the length of the run.
+    /// Time after which the robot stays within 0.10 m of its reference; never counts as the length
+    /// of the run.
     Arrival,
-    /// Time after which the speed stays within 0.07 m/s of the reference's; never counts as the length of the run.
+    /// Time after which the speed stays within 0.07 m/s of the reference's; never counts as the
+    /// length of the run.
     SpeedSettle,
     /// The largest difference of speeds over the last 10 s.
     SteadySpeedError,
     /// Difference of headings from 3 s on, RMS.
     HeadingRmse,
-    /// Time after a change in mid-run until the position RMSE is back within 1.2 times what it was; never counts as the length of the run.
+    /// Time after a change in mid-run until the position RMSE is within 1.2 times its former value;
+    /// never counts as the length of the run.
     Recovery,
-    /// Time until the delay that is made up for stays within one period of the true one; never counts as the length of the run.
+    /// Time until the compensated delay stays within one period of the true one; never counts as
+    /// the length of the run.
     DelayFound,
     /// RMS change of the planar input over the period.
     InputEffort,
     /// Share of ticks outside the corridor.
     CorridorViolations,
-    /// Share of samples in the 95 % interval that the learner gave for them, over all axes.
+    /// Share of samples in the learner's 95 % interval, over all axes.
     Coverage,
-    /// Ticks outside the state limits, or not of a controller's choosing.
+    /// Ticks outside the state limits, or without a controller's command.
     ConstraintViolations,
-    /// Half of all ticks took no longer.
+    /// Median of the tick times.
     TickP50,
-    /// 99 of 100 ticks took no longer.
+    /// 99th percentile of the tick times.
     TickP99,
 }
 
 impl Figure {
-    /// What it is called in a table, and how many of its units there are in the SI unit.
+    /// Title in a table, and the number of its units in the SI unit.
     pub fn title_and_scale(self) -> (&'static str, f64) {
         match self {
             Self::PositionRmse => ("position RMSE [mm]", 1e3),
@@ -67,8 +71,10 @@ impl Figure {
         }
     }
 
-    /// Its value in `row`. A time that never came is the length of the run; a figure that a row cannot have is
-    /// NaN; any other that is not there is as bad as can be told.
+    /// Its value in `row`.
+    ///
+    /// A missing time is the length of the run. A figure that a row cannot have is NaN. Any other
+    /// missing figure has the worst possible value.
     pub fn of(self, row: &Row) -> f64 {
         let (value, nothing) = match self {
             Self::PositionRmse => (row.position_rmse_m, f64::INFINITY),
@@ -120,7 +126,7 @@ pub(super) fn at_end(distances: &[(u64, f64)]) -> Option<f64> {
     finite(last.iter().sum::<f64>() / last.len() as f64)
 }
 
-/// How long after `change` the RMSE to the end is back within 1.2 times that before it \[s\].
+/// Time from `change` until the RMSE to the end is at most 1.2 times that before `change` \[s\].
 pub(super) fn recovery(distances: &[(u64, f64)], change: u64) -> Option<f64> {
     let before = distances.iter().filter(|(at, _)| (START_NANOS..change).contains(at));
     let (count, sum) = before
@@ -138,7 +144,8 @@ pub(super) fn recovery(distances: &[(u64, f64)], change: u64) -> Option<f64> {
     back
 }
 
-/// When the delays that were made up for, each with its time \[s\], begin to stay within one period of the true one.
+/// The time from which the compensated delays stay within one period of the true one. Each delay
+/// comes with its time \[s\].
 pub(super) fn delay_found(made_up_for: &[(f64, f64)], truth: f64, period: f64) -> Option<f64> {
     let near = |delay: f64| (delay - truth).abs() <= period + 1e-9;
     made_up_for.iter().rev().take_while(|&&(_, delay)| near(delay)).last().map(|&(at, _)| at)
@@ -152,7 +159,7 @@ fn finite(value: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// 1 cm, but from `change` to `back` 5 cm.
+    /// An error of 1 cm, but of 5 cm from `change` to `back`.
     fn run(change: u64, back: u64) -> Vec<(u64, f64)> {
         let seconds = 1_000_000_000;
         (0..400)
@@ -162,11 +169,12 @@ mod tests {
     }
 
     #[test]
-    fn recovery_is_counted_from_the_change_to_where_the_error_is_as_before() {
+    fn recovery_lasts_from_the_change_until_the_error_is_as_before() {
         let seconds = 1_000_000_000;
         let recovered = |back| recovery(&run(15 * seconds, back), 15 * seconds);
         assert_eq!(recovered(15 * seconds), Some(0.0));
-        // Of two seconds of five times the error, a few ticks do not count against the rest of the run.
+        // After two seconds with five times the error, a few ticks have little weight in the rest
+        // of the run.
         assert!(
             recovered(17 * seconds).is_some_and(|after| (1.5..=2.0).contains(&after)),
             "{:?}",
@@ -177,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_delay_is_found_when_it_is_not_lost_again() {
+    fn a_delay_is_found_if_it_is_not_lost_again() {
         let found = |delays: &[f64]| {
             let at: Vec<(f64, f64)> = delays
                 .iter()

@@ -1,10 +1,10 @@
-//! The oracle: the simulator's own dynamics, handed to a controller.
+//! The oracle: the simulator's own dynamics as a controller's model.
 
 use model::foresight::Foresight;
 use model::{State, Velocity};
 use plant_sim::truth::{Preview, Truth};
 
-/// Knows the world as it is, but neither what chance will do nor what will change.
+/// Knows the world as it is, but neither random disturbances nor future changes.
 #[derive(Debug)]
 pub struct Oracle {
     preview: Preview,
@@ -12,7 +12,7 @@ pub struct Oracle {
 }
 
 impl Oracle {
-    /// Of this world, for controllers of this period \[ns\].
+    /// The oracle of this world, for controllers of this period \[ns\].
     pub fn new(truth: &Truth, period_nanos: u64) -> Self {
         Self { preview: Preview::new(truth), period_nanos }
     }

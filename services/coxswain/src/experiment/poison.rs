@@ -1,33 +1,33 @@
-//! What is made of a trial's messages on purpose: lies told to the learner, and sensors that fail.
+//! Deliberate faults in a trial's messages: wrong samples for the learner, and faulty sensors.
 
 use protocol::message::Participant;
 use protocol::port::{End, Fault, Faults, Kind};
 use protocol::topic::Topic;
 use serde::Serialize;
 
-/// When what lasts for a while begins and ends \[s\].
+/// Begin and end of a fault with a window \[s\].
 const FROM_S: f64 = 10.0;
 const UNTIL_S: f64 = 15.0;
 
-/// The most that a poisoned residual is off: of the order of the largest that physics allows, so that it does not give itself away by its
-/// size \[m/s, m/s, rad/s\].
+/// Largest error of a poisoned residual. It is of the order of the largest that physics allows, so
+/// that the size of the residual does not reveal it \[m/s, m/s, rad/s\].
 const RESIDUAL_OFF: f64 = 0.5;
-/// The most that a faulty sensor's velocity is off \[m/s, m/s, rad/s\].
+/// Largest error of a faulty sensor's velocity \[m/s, m/s, rad/s\].
 const VELOCITY_OFF: f64 = 2.0;
-/// Place of the sideways axis among the three.
+/// Index of the sideways axis among the three.
 const SIDEWAYS: usize = 1;
-/// Part of the messages that a fault without a window happens to.
+/// Share of the messages that a fault without a window affects.
 const SELDOM: f64 = 0.1;
 
-/// What goes wrong.
+/// A deliberate fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Poison {
-    /// One in ten samples for the learner has a residual that is off.
+    /// One in ten samples for the learner has a wrong residual.
     #[value(name = "outliers-10")]
     #[serde(rename = "outliers-10")]
     Outliers10,
-    /// Three in ten.
+    /// Three in ten samples for the learner have a wrong residual.
     #[value(name = "outliers-30")]
     #[serde(rename = "outliers-30")]
     Outliers30,
@@ -39,16 +39,16 @@ pub enum Poison {
     Stuck,
     /// One in ten samples has a residual that is not a number.
     Nan,
-    /// One in ten states that the controller gets has a velocity that is off.
+    /// One in ten states for the controller has a wrong velocity.
     SensorOutliers,
     /// For 5 s the controller gets the same pose, velocity and input again and again.
     SensorStuck,
-    /// One in ten states that the controller gets has a velocity that is not a number.
+    /// One in ten states for the controller has a velocity that is not a number.
     SensorNan,
 }
 
 impl Poison {
-    /// As faults on the links, for this seed and control period \[s\].
+    /// The poison as faults on the links, for this seed and control period \[s\].
     pub fn faults(self, seed: u64, period: f64) -> Faults {
         let sensor = matches!(self, Self::SensorOutliers | Self::SensorStuck | Self::SensorNan);
         let (topic, reader, field, off) = if sensor {

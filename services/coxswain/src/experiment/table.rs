@@ -1,13 +1,13 @@
-//! Rows → the table that is printed: one figure by scenario, contender and start, and what it comes to. A losing cell looks like a
-//! winning one.
+//! Rows → the table that is printed: one figure by scenario, contender and start, and the summary.
+//! A losing cell is printed like a winning one.
 //!
 //! ```text
 //! geometric mean, of b      exp(mean over scenarios of ln(x / b)),  x and b means over the seeds
 //! gap closed                Σ(observer − x) / Σ(observer − oracle)  over the scenarios
-//! share of the bar          x / (1.05 b + min(2 mm, 0.2 b)), b the least of all who learn nothing
+//! share of the bar          x / (1.05 b + min(2 mm, 0.2 b)), b the least of all that learn nothing
 //! ```
-//! The bar of no harm is taken for the means over the seeds, and for every seed by itself. A start is
-//! compared with baselines of the same start, where these remember an earlier run.
+//! The no-harm bar is computed for the means over the seeds, and for every seed separately. A start
+//! is compared with baselines of the same start, where these remember an earlier run.
 
 use super::contender::Contender;
 use super::figure::Figure;
@@ -15,22 +15,22 @@ use super::trial::{Row, Start};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-/// The bar of no harm \[m\] for a best baseline of `best` \[m\].
+/// The no-harm bar \[m\] for a best baseline of `best` \[m\].
 fn bar(best: f64) -> f64 {
     1.05 * best + (0.2 * best).min(0.002)
 }
 
-/// How a column stands against the bar of no harm.
+/// A column compared with the no-harm bar.
 struct Harm<'a> {
-    /// Largest share of the bar in a cell, and which.
+    /// Largest share of the bar in a cell, and the scenario of that cell.
     cell: (f64, &'a str),
-    /// Cells above the bar, and trials.
+    /// Number of cells above the bar, and of trials.
     above: [usize; 2],
-    /// All of them.
+    /// Number of all cells, and of all trials.
     of: [usize; 2],
 }
 
-/// Who, and with what known at the start.
+/// A contender, and what it knows at the start.
 type Column = (Contender, Start);
 
 /// One figure of all rows.
@@ -46,7 +46,7 @@ impl<'a> Cells<'a> {
             Self { values: BTreeMap::new(), scenarios: BTreeSet::new(), columns: BTreeSet::new() };
         for row in rows {
             let column = (row.controller, row.start);
-            // A figure that a row cannot have is not told.
+            // A figure that a row cannot have is left out.
             let value = Some(figure.of(row)).filter(|value| !value.is_nan());
             cells
                 .values
@@ -64,7 +64,7 @@ impl<'a> Cells<'a> {
         Some(seeds.values().sum::<f64>() / seeds.len() as f64)
     }
 
-    /// The column of a contender with that start. What remembers nothing has one column.
+    /// The column of a contender with that start. A contender without memory has one column.
     fn baseline(&self, contender: Contender, start: Start) -> Option<Column> {
         let mut columns = self.columns.iter().copied().filter(|column| column.0 == contender);
         columns.find(|column| column.1 == start || !contender.remembers())
@@ -93,7 +93,7 @@ impl<'a> Cells<'a> {
         (whole != 0.0).then(|| closed / whole)
     }
 
-    /// The least of the values that `of` gives of the baselines with that start.
+    /// The least of the values of `of` over the baselines with that start.
     fn best(&self, start: Start, of: impl Fn(Column) -> Option<f64>) -> Option<f64> {
         let is_baseline = |column: &&Column| {
             let (contender, its_start) = **column;
@@ -104,7 +104,7 @@ impl<'a> Cells<'a> {
         values.reduce(f64::min)
     }
 
-    /// Against the bar of no harm; nothing without a baseline.
+    /// Comparison with the no-harm bar; none without a baseline.
     fn harm(&self, column: Column) -> Option<Harm<'a>> {
         let mut harm = Harm { cell: (0.0, ""), above: [0; 2], of: [0; 2] };
         for &scenario in &self.scenarios {
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn harm_is_counted_against_the_best_of_all_who_learn_nothing() {
+    fn harm_is_counted_against_the_best_baseline_without_learning() {
         let rows = [
             row(Contender::Mpc, 1, Some(0.010)),
             row(Contender::MpcObserver, 1, Some(0.020)),
@@ -254,7 +254,7 @@ mod tests {
             row(Contender::OracleMpc, 2, Some(0.001)),
         ];
         let table = render(&rows, Figure::PositionRmse);
-        // The means are 20 mm of the baselines, and 23 of the learner: the bar is 23.
+        // The baselines have a mean of 20 mm, and the learner one of 23 mm: the bar is 23 mm.
         assert_eq!(
             line(&table, "largest share of gpr"),
             "largest share of gpr-mpc+observer cold: 1.00 in figure-eight+payload"
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_warm_start_is_compared_with_least_squares_that_start_warm() {
+    fn a_warm_start_is_compared_with_warm_least_squares() {
         let warm = |controller, rmse| Row { start: Start::Warm, ..row(controller, 1, Some(rmse)) };
         let rows = [
             row(Contender::MpcObserver, 1, Some(0.040)),
@@ -286,14 +286,14 @@ mod tests {
     }
 
     #[test]
-    fn the_grace_is_a_fifth_of_a_small_error_and_two_millimetres_of_a_large_one() {
+    fn the_margin_is_a_fifth_of_a_small_error_and_two_millimetres_of_a_large_one() {
         for (best, expected) in [(0.001, 0.00125), (0.1, 0.107)] {
             assert!((bar(best) - expected).abs() < 1e-12);
         }
     }
 
     #[test]
-    fn the_gap_is_closed_by_whoever_is_as_good_as_the_oracle() {
+    fn the_gap_is_closed_by_a_contender_as_good_as_the_oracle() {
         let rows = [
             row(Contender::MpcObserver, 1, Some(0.020)),
             row(Contender::GprMpcObserver, 1, Some(0.014)),

@@ -22,7 +22,7 @@ use std::fmt::{self, Display, Formatter};
 use std::path::Path;
 use std::time::Duration;
 
-/// How long the witness sleeps before it looks whether it is to end.
+/// Time between two checks of the witness whether it must end.
 const PATIENCE: Duration = Duration::from_millis(5);
 
 /// What is known at the start.
@@ -31,9 +31,9 @@ const PATIENCE: Duration = Duration::from_millis(5);
 pub enum Start {
     /// Nothing.
     Cold,
-    /// What was learnt in an earlier run of the same variant with another seed.
+    /// What an earlier run of the same variant with another seed has learned.
     Warm,
-    /// What was learnt in another variant.
+    /// What a run of another variant has learned.
     Stale,
 }
 
@@ -54,13 +54,13 @@ pub struct Row {
     pub scenario: String,
     /// Name of the profile.
     pub profile: String,
-    /// Who controlled.
+    /// The contender.
     pub controller: Contender,
-    /// What was known.
+    /// What was known at the start.
     pub start: Start,
     /// Seed of noise and random forces.
     pub seed: u64,
-    /// What went wrong on purpose.
+    /// The deliberate fault, if there is one.
     pub poison: Option<Poison>,
     /// Length of the run \[s\].
     pub duration_s: f64,
@@ -76,20 +76,26 @@ pub struct Row {
     pub position_max_m: Option<f64>,
     /// Mean distance from the reference over the last 5 s \[m\].
     pub position_at_end_m: Option<f64>,
-    /// Where the robot or its world changes in mid-run: time from there after which the position RMSE, to the end, is at most 1.2 times what
-    /// it was before, from 3 s on \[s\].
+    /// Time from a change of the robot or its world in mid-run until the robot has recovered \[s\].
+    ///
+    /// It has recovered when the position RMSE from then to the end is at most 1.2 times the RMSE
+    /// from 3 s to the change.
     pub recovery_s: Option<f64>,
-    /// Time until the delay that is made up for stays within one period of the scenario's \[s\].
+    /// Time until the compensated delay stays within one period of the scenario's \[s\].
     pub delay_found_s: Option<f64>,
     /// As in `summary.json`.
     pub heading_rmse_rad: Option<f64>,
-    /// Mean squared change of the applied planar input from one period to the next, over the period squared, RMS \[m/s²\].
+    /// RMS change of the applied planar input from one period to the next, divided by the period
+    /// \[m/s²\].
     pub input_effort: f64,
-    /// Share of ticks at which the truth was outside the scenario's corridor; nothing without one.
+    /// Share of ticks at which the truth was outside the scenario's corridor; none without a
+    /// corridor.
     pub corridor_violations: Option<f64>,
-    /// Share of residual samples in the 95 % interval that the learner gave for them before it had seen them, per axis.
+    /// Share of residual samples in the learner's 95 % interval, per axis. The learner gave the
+    /// interval before it had the sample.
     pub coverage: Option<[f64; 3]>,
-    /// Ticks at which the truth was outside the scenario's state limits, or the gate did not play a controller's answer.
+    /// Ticks at which the truth was outside the scenario's state limits, or the gate did not apply
+    /// a controller's answer.
     pub constraint_violations: u64,
     /// Share of the ticks at which the learned model was used, per velocity axis.
     pub learned_share: [f64; 3],
@@ -108,34 +114,34 @@ struct Witnessed {
     inputs: Vec<[f64; 3]>,
     truths: Vec<Truth>,
     violations: u64,
-    /// Plans heard, and those of them that used the learned model, per velocity axis.
+    /// Number of received plans, and of those that used the learned model, per velocity axis.
     plans: u64,
-    /// Of these, the simple controller's.
+    /// Number of those from the simple controller.
     simple: u64,
     learned: [u64; 3],
-    /// What was made up for by each plan, with its time \[s\].
+    /// The delay that each plan compensated, with its time \[s\].
     delays: Vec<(f64, f64)>,
     calibration: Calibration,
 }
 
-/// A trial came to nothing.
+/// Why a trial failed.
 #[derive(Debug, thiserror::Error)]
 pub enum TrialError {
-    /// The loop.
+    /// The loop failed.
     #[error(transparent)]
     Loop(#[from] InProcessError),
-    /// The witness could not listen.
+    /// The witness could not subscribe.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// The witness did not hear.
+    /// The witness could not receive.
     #[error(transparent)]
     Receive(#[from] ReceiveError),
-    /// The reference.
+    /// The reference is impossible.
     #[error(transparent)]
     Reference(#[from] PointsError),
 }
 
-/// Runs `assembly` with its files in `folder`. `label` says which trial it is.
+/// Runs `assembly` with its files in `folder`. `label` names the trial.
 ///
 /// # Errors
 /// [`TrialError`].
@@ -193,14 +199,14 @@ pub fn run(
     })
 }
 
-/// Where a scenario wants the robot to stay.
+/// The corridor in which a scenario wants the robot to stay.
 struct Corridor {
     limits: StateLimits,
     reference: Reference,
 }
 
 impl Corridor {
-    /// Nothing if the scenario has none.
+    /// None if the scenario has no corridor.
     fn of(scenario: &Scenario) -> Result<Option<Self>, PointsError> {
         let limits = scenario.mpc.state_limits;
         if limits.corridor_left_m.or(limits.corridor_right_m).is_none() {
@@ -227,7 +233,7 @@ impl Corridor {
     }
 }
 
-/// Listens in the recorder's place, and keeps what the figures need.
+/// Subscribes in place of the recorder, and keeps what the figures need.
 fn witness(
     ports: &Ports,
     stop: &Stop,

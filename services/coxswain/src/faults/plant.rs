@@ -1,55 +1,56 @@
-//! What happens to the robot itself, and to the floor that it stands on: changes of the world that a scenario describes.
+//! Faults of the robot itself, and of the floor under it: changes of the world that a scenario
+//! describes.
 
 use plant_sim::truth::{Fault, Payload, Slippery, Stuck, StuckSensor, Truth, Wheel, WheelSlip};
 use serde::Deserialize;
 use settings::Impossible;
 
-/// Grip of a floor on which wheels never slip as far as the scenario goes: that of rubber on a clean one \[1\].
+/// Grip of a floor without wheel slip in the scenario: rubber on a clean floor \[1\].
 const DRY_GRIP: f64 = 0.8;
-/// Rim speed against it at which the force has reached tanh(1) of its most \[m/s\].
+/// Rim speed relative to the floor at which the force is tanh(1) of its maximum \[m/s\].
 const SLIP_SPEED_SCALE_MPS: f64 = 0.05;
 
-/// Something that happens to the robot.
+/// A fault of the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlantFault {
-    /// What.
+    /// Kind.
     pub kind: PlantFaultKind,
-    /// When it begins, counted from the plant's start in its own time \[s\].
+    /// Begin, after the plant's start in its own time \[s\].
     pub from_s: f64,
-    /// How long it lasts; to the end if not given \[ms\].
+    /// Duration; to the end of the run if absent \[ms\].
     #[serde(default)]
     pub millis: Option<u64>,
-    /// Of `weak-motor` and `dead-motor`: whose.
+    /// For `weak-motor` and `dead-motor`: the wheel.
     #[serde(default)]
     pub wheel: Option<Wheel>,
-    /// Of `weak-motor`: the part of its torque that it still gives.
+    /// For `weak-motor`: the fraction of its torque that remains.
     #[serde(default)]
     pub gain: Option<f64>,
-    /// Of `slip`: the part of its grip that the floor still gives.
+    /// For `slip`: the fraction of the floor's grip that remains.
     #[serde(default)]
     pub grip: Option<f64>,
-    /// Of `payload` \[kg\].
+    /// For `payload`: its mass \[kg\].
     #[serde(default)]
     pub mass_kg: Option<f64>,
-    /// Of `stuck-sensor`: which one.
+    /// For `stuck-sensor`: the sensor.
     #[serde(default)]
     pub sensor: Option<StuckSensor>,
 }
 
-/// What can happen to a robot.
+/// Kinds of faults of a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlantFaultKind {
     /// A motor gives only a part of its torque.
     WeakMotor,
-    /// A motor gives none.
+    /// A motor gives no torque.
     DeadMotor,
-    /// The floor is slippery, wherever it stands.
+    /// The floor is slippery everywhere.
     Slip,
-    /// It carries something, in the middle between its wheels.
+    /// The robot carries a payload, in the middle between its wheels.
     Payload,
-    /// A sensor stands still.
+    /// A sensor repeats its last value.
     StuckSensor,
 }
 
@@ -67,10 +68,10 @@ impl PlantFaultKind {
 }
 
 impl PlantFault {
-    /// Makes it happen in `world`, as a scenario would say it.
+    /// Adds the fault to `world`, as a scenario describes it.
     ///
     /// # Errors
-    /// [`Impossible`] names the key that does not go with what happens there anyway.
+    /// [`Impossible`] names the key that contradicts the faults of the world itself.
     pub(super) fn happen_in(&self, world: &mut Truth) -> Result<(), Impossible> {
         let (from_s, until_s) =
             (self.from_s, self.millis.map(|millis| self.from_s + millis as f64 * 1e-3));
@@ -117,7 +118,7 @@ impl PlantFault {
         Ok(())
     }
 
-    /// Whether there can be such a fault in some world.
+    /// Whether such a fault is possible in any world.
     pub(super) fn check(&self) -> Result<(), Impossible> {
         let kind = self.kind;
         let motor = matches!(kind, PlantFaultKind::WeakMotor | PlantFaultKind::DeadMotor);
@@ -167,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_of_the_robot_is_what_a_scenario_would_say() -> Result<(), String> {
+    fn a_fault_of_the_robot_changes_the_world_as_a_scenario_does() -> Result<(), String> {
         let world = |text: &str| {
             let world = read(text)?.in_world(Some(&Truth::default()));
             world.map(Option::unwrap_or_default).map_err(|impossible| impossible.key)
@@ -186,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_of_the_robot_says_what_it_needs_and_nothing_else() {
+    fn a_fault_of_the_robot_has_the_keys_of_its_kind_and_no_others() {
         for (keys, key) in [
             ("kind = \"weak-motor\"\nwheel = \"rear-left\"", "gain"),
             ("kind = \"weak-motor\"\nwheel = \"rear-left\"\ngain = 1.5", "gain"),
@@ -198,13 +199,13 @@ mod tests {
             ("kind = \"stuck-sensor\"\nsensor = \"pose\"\nmillis = 0", "millis"),
             ("kind = \"stuck-sensor\"\nsensor = \"pose\"\ngrip = 0.5", "grip"),
         ] {
-            let said =
+            let refused =
                 read(&format!("[[plant]]\nfrom_s = 1.0\n{keys}\n")).err().unwrap_or_default();
-            assert!(said.contains(&format!("plant.0.{key}")), "{keys}: {said}");
+            assert!(refused.contains(&format!("plant.0.{key}")), "{keys}: {refused}");
         }
-        let said = read("[[plant]]\nfrom_s = -1.0\nkind = \"slip\"\ngrip = 0.5\n")
+        let refused = read("[[plant]]\nfrom_s = -1.0\nkind = \"slip\"\ngrip = 0.5\n")
             .err()
             .unwrap_or_default();
-        assert!(said.contains("plant.0.from_s"), "{said}");
+        assert!(refused.contains("plant.0.from_s"), "{refused}");
     }
 }

@@ -1,11 +1,12 @@
-//! page, events, refusals → bytes: everything is on the page itself, and nothing on it may lead elsewhere.
+//! page, events, refusals → bytes. The page contains everything that it needs, and loads nothing
+//! from elsewhere.
 
 use super::request::Refusal;
 use std::hash::{BuildHasher, RandomState};
 
 const HTML: &str = include_str!("index.html");
 const STYLE: &str = include_str!("style.css");
-/// In the order in which they need each other.
+/// In the order of their dependencies.
 const SCRIPT: &str = concat!(
     "(() => {\n\"use strict\";\n",
     include_str!("store.js"),
@@ -18,47 +19,52 @@ const SCRIPT: &str = concat!(
     "})();\n"
 );
 
-/// Said with every answer.
-const ALWAYS: &str = "Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\n\
+/// Headers of every answer.
+const ALWAYS: &str = "Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\n\
+    Referrer-Policy: no-referrer\r\n\
     Cross-Origin-Resource-Policy: same-origin\r\nConnection: close\r\n";
 
-/// The page. `nonce` is what lets its own script and style, and no other, take effect.
+/// The page. `nonce` permits its own script and style, and no other.
 pub(super) fn document(nonce: &str) -> String {
     let body = HTML.replace("{nonce}", nonce).replace("{style}", STYLE).replace("{script}", SCRIPT);
     let policy = format!(
-        "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; img-src data:; base-uri 'none'; \
+        "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; \
+         connect-src 'self'; img-src data:; base-uri 'none'; \
          form-action 'none'; frame-ancestors 'none'"
     );
     format!(
-        "HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nContent-Length: {}\r\nContent-Security-Policy: {policy}\r\n\
+        "HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nContent-Length: {}\r\n\
+         Content-Security-Policy: {policy}\r\n\
          X-Frame-Options: DENY\r\n{ALWAYS}\r\n{body}",
         body.len()
     )
 }
 
-/// What comes before the first event. Who loses the connection tries again after half a second.
+/// The text before the first event. A browser that loses the connection connects again after half a
+/// second.
 pub(super) fn events() -> String {
     format!("HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\n{ALWAYS}\r\nretry: 500\n\n")
 }
 
-/// Why there is nothing to be had.
+/// The answer to a refused request.
 pub(super) fn refusal(refusal: Refusal) -> String {
     let (status, allow) =
         (refusal.status(), if refusal == Refusal::Method { "Allow: GET\r\n" } else { "" });
     let body = format!("{status}\n");
     format!(
-        "HTTP/1.1 {status}\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: {}\r\n{allow}\
+        "HTTP/1.1 {status}\r\nContent-Type: text/plain; charset=utf-8\r\n\
+         Content-Length: {}\r\n{allow}\
          Content-Security-Policy: default-src 'none'\r\n{ALWAYS}\r\n{body}",
         body.len()
     )
 }
 
-/// One event called `name` that carries `json`, which is of one line.
+/// One event called `name` with the content `json`, which has one line.
 pub(super) fn event(name: &str, json: &str) -> String {
     format!("event: {name}\ndata: {json}\n\n")
 }
 
-/// 128 bits that nobody can foretell: hashes under keys that the system draws at random.
+/// 128 unpredictable bits: hashes under random keys of the system.
 pub(super) fn nonce() -> String {
     let draw = || RandomState::new().hash_one("nonce");
     format!("{:016x}{:016x}", draw(), draw())
@@ -69,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_but_its_own_script_and_style_takes_effect_and_no_page_has_anothers_nonce() {
+    fn only_the_pages_own_script_and_style_run_and_every_page_has_another_nonce() {
         let (one, other) = (nonce(), nonce());
         assert!(one != other && one.len() == 32);
         let page = document(&one);
@@ -88,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn the_page_asks_for_nothing_from_elsewhere_and_shows_no_name_as_markup() {
+    fn the_page_loads_nothing_from_elsewhere_and_shows_no_name_as_markup() {
         for part in [HTML, STYLE, SCRIPT] {
             for forbidden in [
                 "http://",
@@ -113,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn the_length_that_is_told_is_the_bodys() {
+    fn the_content_length_is_the_length_of_the_body() {
         for answer in [document("n"), refusal(Refusal::Method), refusal(Refusal::Nowhere)] {
             let (head, body) = answer.split_once("\r\n\r\n").unwrap_or_default();
             assert!(head.contains(&format!("Content-Length: {}", body.len())), "{head}");

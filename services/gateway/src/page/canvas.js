@@ -1,4 +1,4 @@
-// What all drawings share: sharp pixels, the colours of the style, numbers for people.
+// Common parts of all drawings: sharp pixels, the colours of the style, formatted numbers.
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
 let colours = {};
@@ -10,7 +10,7 @@ function readColours() {
   }
 }
 
-// A context in CSS pixels, cleared.
+// Returns a cleared context in CSS pixels.
 function sheet(canvas) {
   const ratio = window.devicePixelRatio || 1;
   const width = canvas.clientWidth;
@@ -27,7 +27,7 @@ function sheet(canvas) {
   return { pen, width, height };
 }
 
-// A line through points that may have gaps.
+// Draws a line through points that may have gaps.
 function line(pen, points, colour, width, dash = []) {
   pen.strokeStyle = colour;
   pen.lineWidth = width;

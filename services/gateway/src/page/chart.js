@@ -27,7 +27,7 @@ function running(rows, column) {
   });
 }
 
-// Whole decades around everything that is shown.
+// Whole decades around all shown values.
 function decades(series, from, level, least) {
   let low = Infinity;
   let high = level || 0;
@@ -43,7 +43,8 @@ function decades(series, from, level, least) {
   return [bottom, Math.max(Math.ceil(Math.log10(high) - 1e-9), bottom + 1)];
 }
 
-// `series`: points, colour, width, dash, alpha. `level`: a line across, such as a deadline. `marks`: times of something.
+// `series`: points, colour, width, dash, alpha. `level`: a horizontal line, such as a deadline.
+// `marks`: times of events.
 function drawChart(canvas, { series, seconds, label, level = 0, least = 1e-5, marks = [] }) {
   const { pen, width, height } = sheet(canvas);
   const until = Math.max(now(), seconds);

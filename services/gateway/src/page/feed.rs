@@ -1,4 +1,4 @@
-//! messages → what an open page is told: how things stand when it comes, and then what is new.
+//! messages → events for an open page: first the present state, and then the news.
 
 use super::answer::event;
 use super::horizon::Horizon;
@@ -15,12 +15,12 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How often the page hears how each process is.
+/// Shortest time between two updates of the processes.
 const PROCESSES_EVERY: Duration = Duration::from_millis(500);
-/// Most points of the path without learning that are drawn.
+/// Largest number of drawn points of the path without learning.
 const POINTS_MAX: usize = 750;
 
-/// What the page is told. Everything in it is bounded.
+/// The content of the page. Everything in it is bounded.
 #[derive(Debug)]
 pub(crate) struct Feed {
     robot: String,
@@ -36,7 +36,7 @@ pub(crate) struct Feed {
     news: Gathered,
 }
 
-/// What has come since the page was told last.
+/// Messages since the last event.
 #[derive(Debug, Default)]
 struct Gathered {
     states: Vec<StateRow>,
@@ -47,19 +47,19 @@ struct Gathered {
     processes_told: Option<Instant>,
 }
 
-/// The model that was published last.
+/// The last published model.
 #[derive(Debug, Clone, Serialize)]
 struct Model {
     version: u64,
     points: u32,
     samples: u32,
-    /// RMS one-step error on samples that it had not seen \[m/s, m/s, rad/s\].
+    /// RMS one-step error on samples that were held out of the training \[m/s, m/s, rad/s\].
     learned: [f64; 3],
     /// The same of the main model alone.
     main: [f64; 3],
 }
 
-/// How one process is.
+/// State of one process.
 #[derive(Debug, Serialize)]
 struct ProcessRow<'a> {
     who: &'static str,
@@ -68,13 +68,13 @@ struct ProcessRow<'a> {
     pid: u32,
     starts: u32,
     silent: bool,
-    /// Since when nothing was heard of it \[s\].
+    /// Time since its last message \[s\].
     silence: f64,
     lost: u64,
     refused: u64,
     missed: u64,
     met: u64,
-    /// What strangers can do, by its code.
+    /// Access of unauthenticated peers, by its code.
     exposure: u32,
 }
 
@@ -101,10 +101,10 @@ struct News<'a> {
     standing: Stands<'a>,
 }
 
-/// What is the same in both.
+/// The common part of both events.
 #[derive(Serialize)]
 struct Stands<'a> {
-    /// One life of the plant.
+    /// Identity of the plant: writer and epoch.
     run: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     horizon: Option<&'a Horizon>,
@@ -119,7 +119,7 @@ struct Stands<'a> {
 }
 
 impl Feed {
-    /// Nothing heard yet. `without` is the same run without learning.
+    /// A feed without messages. `without` is the same run without learning.
     pub(super) fn new(settings: &Settings, without: Vec<Row>) -> Self {
         Self {
             robot: settings.telemetry.robot.clone(),
@@ -144,7 +144,7 @@ impl Feed {
         self.state.map_or(0.0, |state| self.seconds(state.stamp.tick))
     }
 
-    /// Hears what was measured.
+    /// Receives a measured state.
     pub(crate) fn hear_state(&mut self, state: &PlantState) {
         let before = self.state.replace(*state);
         let seconds = self.now_s();
@@ -174,9 +174,9 @@ impl Feed {
         self.news.states.push(row);
     }
 
-    /// Hears how it was answered.
+    /// Receives a plan.
     pub(crate) fn hear_plan(&mut self, plan: &Plan) {
-        // The answer to another life of the plant is no part of this one.
+        // The answer to another epoch of the plant does not belong to this run.
         if self.state.is_none_or(|state| state.stamp.epoch != plan.plant_epoch) {
             return;
         }
@@ -188,7 +188,7 @@ impl Feed {
         self.news.horizon = Some(Horizon::new(plan, seconds, self.period_s));
     }
 
-    /// Hears of a better model.
+    /// Receives a learned model.
     pub(crate) fn hear_snapshot(&mut self, snapshot: &ModelSnapshot) {
         let head = &snapshot.head;
         let rounded = |score: [f64; 3]| score.map(round);
@@ -202,7 +202,7 @@ impl Feed {
         });
     }
 
-    /// Hears how a process is.
+    /// Receives the health of a process.
     pub(crate) fn hear_health(&mut self, health: &Health, now: Instant) {
         let seconds = self.now_s();
         let Some(who) = health.participant() else { return };
@@ -216,14 +216,14 @@ impl Feed {
         }
     }
 
-    /// Hears what a person has changed, or was refused.
+    /// Receives a change of the settings, or its refusal.
     pub(crate) fn hear_change(&mut self, settled: &Settled) {
         if let Some(&who) = Participant::ALL.iter().find(|who| who.text() == settled.process) {
             self.logbook.write(self.now_s(), who, Sort::Note, settled.to_string());
         }
     }
 
-    /// Notices who has fallen silent.
+    /// Reports processes that have become silent.
     pub(super) fn look_around(&mut self, now: Instant) {
         let seconds = self.now_s();
         for process in self.processes.iter_mut().flatten() {
@@ -235,7 +235,7 @@ impl Feed {
         }
     }
 
-    /// How things stand, with the last minute, for whoever has just come.
+    /// The present state and the last minute, for a new viewer.
     pub(super) fn greeting(&self, now: Instant) -> Arc<str> {
         let step = self.comparison.rows().len().div_ceil(POINTS_MAX).max(1);
         let without = self.comparison.rows().iter().step_by(step);
@@ -259,7 +259,7 @@ impl Feed {
         said("hello", &greeting)
     }
 
-    /// What is new, if anything; forgets it.
+    /// The news, if there are any; clears them.
     pub(super) fn news(&mut self, now: Instant) -> Option<Arc<str>> {
         let news = std::mem::take(&mut self.news);
         let entries_told = self.logbook.written();
@@ -281,7 +281,7 @@ impl Feed {
         Some(said("news", &News { states: &news.states, plans: &news.plans, standing }))
     }
 
-    /// Forgets what is new: nobody looks on.
+    /// Clears the news: no page is open.
     pub(super) fn forget_news(&mut self) {
         let entries_told = self.logbook.written();
         self.news = Gathered { entries_told, ..Gathered::default() };
@@ -318,7 +318,7 @@ fn process_row(process: &Process, now: Instant) -> ProcessRow<'_> {
     }
 }
 
-/// JSON can say everything that is said here: numbers that are not finite become null.
+/// Encodes an event. Serialisation cannot fail: numbers that are not finite become null.
 fn said(name: &str, what: &impl Serialize) -> Arc<str> {
     event(name, &serde_json::to_string(what).unwrap_or_else(|_| "{}".to_owned())).into()
 }

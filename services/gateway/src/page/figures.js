@@ -1,8 +1,9 @@
-// Numbers, processes and what happened, as text. Whatever a message says is shown as text and never read as markup.
+// Numbers, processes and events, as text. The content of a message is always shown as text and
+// never as markup.
 
 const byId = (id) => document.getElementById(id);
 const SHORT_S = 5;
-// What strangers on the network can do, by its code.
+// Access of unauthenticated peers on the network, by its code.
 const EXPOSURES = ["", "insecure: strangers on the network can watch this robot", "insecure: strangers on the network can drive this robot"];
 
 function show(id, text, kind = "") {

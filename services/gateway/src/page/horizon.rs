@@ -1,7 +1,8 @@
-//! Plan → the predicted path, and how far it may err.
+//! Plan → the predicted path, and its uncertainty.
 //!
-//! The variance of the learned residual is that of one period's error of velocity. Errors of different periods are taken as independent, axes
-//! as those of the body, and nothing as corrected: with q the variance of one period, T its length, and e ← e + w, p ← p + T (e + w/2),
+//! The variance of the learned residual is that of one period's velocity error. Errors are taken as
+//! independent between periods, along the axes of the body, and without correction. With q the
+//! variance of one period, T its length, and e ← e + w, p ← p + T (e + w/2),
 //!
 //! P ← P + 2 T C + T² V + T² q/4,  C ← C + T V + T q/2,  V ← V + q.
 
@@ -9,7 +10,7 @@ use super::round;
 use protocol::message::Plan;
 use serde::Serialize;
 
-/// What the controller intends.
+/// The plan of the controller.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Horizon {
     /// Simulated time \[s\].
@@ -23,7 +24,7 @@ pub(super) struct Horizon {
 }
 
 impl Horizon {
-    /// The horizon of `plan`, whose periods have this length \[s\].
+    /// The horizon of `plan`, at the time `seconds` and with periods of length `period` \[s\].
     pub(super) fn new(plan: &Plan, seconds: f64, period: f64) -> Self {
         let steps = plan.horizon as usize + 1;
         let rows = || plan.predicted.iter().zip(&plan.reference).take(steps);
@@ -57,7 +58,7 @@ struct Spread {
 }
 
 impl Spread {
-    /// One period of length T whose error of velocity has the variance q.
+    /// Adds one period of length T whose velocity error has the variance q.
     fn pass(&mut self, q: f64, period: f64) {
         self.position += 2.0 * period * self.mixed + period * period * (self.velocity + q / 4.0);
         self.mixed += period * (self.velocity + q / 2.0);
@@ -77,7 +78,7 @@ mod tests {
         for variance in variances {
             spread.pass(variance, period);
         }
-        // The error of period j lasts for the half of its own and for all later ones.
+        // The error of period j lasts for half of its own period and for all later ones.
         let lasts =
             |period_before: usize| period * (variances.len() - period_before) as f64 - period / 2.0;
         let sum: f64 = variances
@@ -89,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_as_long_as_the_plan_and_certain_where_the_robot_is() {
+    fn it_is_as_long_as_the_plan_and_certain_at_the_robot() {
         let mut plan: Box<Plan> = Box::new(Plan::zeroed());
         plan.horizon = 5;
         plan.variance = [[0.04, 0.01, 0.0]; 41];

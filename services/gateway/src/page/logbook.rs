@@ -1,26 +1,26 @@
-//! Health, PlantState → one line for everything that goes wrong or is well again.
+//! Health, PlantState → one line for every fault, and for its end.
 
 use protocol::message::{FallbackLevel, Health, Participant, Phase, PlantState, Reason};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Most lines that are kept.
+/// Largest number of stored lines.
 const ENTRIES_MAX: usize = 60;
-/// What goes on and on is told this often at most.
+/// Shortest time between two lines of a continuing fault.
 const COUNTS_EVERY: Duration = Duration::from_secs(1);
 /// Ten heartbeats.
 pub(super) const SILENCE: Duration = Duration::from_secs(1);
 
-/// What kind of line it is.
+/// Kind of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Sort {
-    /// Something went wrong.
+    /// A fault.
     Fault,
-    /// Something is well again.
+    /// The end of a fault.
     Mended,
-    /// Something is otherwise than before.
+    /// A change.
     Note,
 }
 
@@ -58,18 +58,18 @@ impl Logbook {
         }
     }
 
-    /// The lines behind the first `told`.
+    /// The lines after the first `told`.
     pub(super) fn since(&self, told: u64) -> Vec<&Entry> {
         self.entries.iter().filter(|entry| entry.n > told).collect()
     }
 
-    /// How many have been written.
+    /// Number of lines written so far.
     pub(super) fn written(&self) -> u64 {
         self.written
     }
 }
 
-/// What one process has said, and what of it has been told.
+/// The last messages of one process, and the reported part of them.
 #[derive(Debug)]
 pub(super) struct Process {
     pub(super) health: Health,
@@ -80,7 +80,7 @@ pub(super) struct Process {
     counts_next: Instant,
 }
 
-/// Counters of a Health whose growth is told, and how.
+/// Counters of a Health whose growth is reported: counter, kind, text for one, text for many.
 type Counter = (fn(&Health) -> u64, Sort, &'static str, &'static str);
 const COUNTED: [Counter; 5] = [
     (
@@ -111,7 +111,7 @@ const COUNTED: [Counter; 5] = [
 ];
 
 impl Process {
-    /// Somebody who is heard for the first time.
+    /// A process after its first message.
     pub(super) fn new(health: &Health, now: Instant) -> Self {
         Self {
             health: *health,
@@ -123,7 +123,7 @@ impl Process {
         }
     }
 
-    /// Takes in what it says now, and tells what is otherwise than before.
+    /// Processes its new health, and reports the changes.
     pub(super) fn take_in(
         &mut self,
         health: &Health,
@@ -141,9 +141,9 @@ impl Process {
             tell(Sort::Mended, "is heard again".to_owned());
         }
         self.silent = false;
-        let (phase, said) = (health.phase(), health.last_error());
-        if !said.is_empty() && (another || said != before.last_error()) {
-            tell(if phase == Phase::Degraded { Sort::Fault } else { Sort::Note }, said.to_owned());
+        let (phase, error) = (health.phase(), health.last_error());
+        if !error.is_empty() && (another || error != before.last_error()) {
+            tell(if phase == Phase::Degraded { Sort::Fault } else { Sort::Note }, error.to_owned());
         } else if phase != before.phase() && phase == Phase::Degraded {
             tell(Sort::Fault, "at work, with something missing".to_owned());
         } else if before.phase() == Phase::Degraded && phase == Phase::Running && !another {
@@ -168,20 +168,20 @@ impl Process {
         }
     }
 
-    /// Whether it has been silent for too long since the last look; one that has finished may be.
+    /// Whether it has become silent since the last check. A finished process may be silent.
     pub(super) fn falls_silent(&mut self, now: Instant) -> bool {
         let silent = now.saturating_duration_since(self.heard) > SILENCE
             && self.health.phase() != Phase::Finished;
         !std::mem::replace(&mut self.silent, silent) && silent
     }
 
-    /// Whether it has been silent for too long.
+    /// Whether it is silent.
     pub(super) fn is_silent(&self) -> bool {
         self.silent
     }
 }
 
-/// What the gate does otherwise than before, if anything.
+/// The change of the gate's fallback level, if there is one.
 pub(super) fn gate_change(before: &PlantState, state: &PlantState) -> Option<(Sort, String)> {
     let (from, to) = (before.fallback_level(), state.fallback_level());
     if from == to {
@@ -210,13 +210,13 @@ mod tests {
     }
 
     #[test]
-    fn a_restart_an_error_silence_and_a_loss_are_told_once_each() {
+    fn a_restart_an_error_silence_and_a_loss_are_reported_once_each() {
         let begin = Instant::now();
         let after = |millis| begin + Duration::from_millis(millis);
         let mut process = Process::new(&health(1, Phase::Running, ""), begin);
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         let mut hear = |process: &mut Process, health: &Health, millis| {
-            process.take_in(health, after(millis), |sort, text| told.push((sort, text)));
+            process.take_in(health, after(millis), |sort, text| reported.push((sort, text)));
         };
         for millis in [100, 200] {
             hear(&mut process, &health(1, Phase::Degraded, "no disk"), millis);
@@ -233,7 +233,7 @@ mod tests {
             hear(&mut process, &again, millis);
         }
         assert_eq!(process.starts, 2);
-        let texts: Vec<&str> = told.iter().map(|(_, text)| text.as_str()).collect();
+        let texts: Vec<&str> = reported.iter().map(|(_, text)| text.as_str()).collect();
         let expected = [
             "no disk",
             "is well again",
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn the_gate_is_told_when_it_changes_its_fallback_level() {
+    fn a_change_of_the_gates_fallback_level_is_reported() {
         let state = |fallback_level: FallbackLevel, reason: Reason| PlantState {
             fallback_level: fallback_level.code(),
             reason: reason.code(),
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_logbook_keeps_the_last_lines_and_tells_each_once() {
+    fn a_logbook_keeps_the_last_lines_and_reports_each_once() {
         let mut logbook = Logbook::default();
         for line in 0..100 {
             logbook.write(0.0, Participant::Plant, Sort::Note, format!("{line}"));

@@ -1,4 +1,4 @@
-// What a person has chosen, and when what is drawn.
+// The choices of the user, and the schedule of the drawing.
 
 const MAP_EVERY_MS = 33;
 const TEXT_EVERY_MS = 200;

@@ -1,6 +1,6 @@
 // The robot on its path, seen from above: x to the right, y up.
 
-// How much of the world is seen across the shorter side [m].
+// Size of the visible world across the shorter side [m].
 const SPANS = { follow: 4, close: 1 };
 // Nominal outline of the robot [m].
 const BODY = { length: 0.36, width: 0.3, wheel: 0.1 };
@@ -8,7 +8,7 @@ const SIGMAS = 2;
 const MAGNIFIED = [1, 2, 5, 10, 20, 50, 100];
 const LARGE_PX = 9;
 
-// Where the robot is meanwhile: between two states, along its own prediction.
+// The present pose of the robot: between two states, along its own prediction.
 function poseNow(still) {
   const state = latest(store.states);
   const measured = [state[S.x], state[S.y], state[S.yaw]];
@@ -67,7 +67,7 @@ function grid(pen, eye, width, height) {
   pen.fillText(step >= 1 ? `${step} m` : `${Math.round(step * 1000)} mm`, 12, height - 18);
 }
 
-// The reference moved to the left by `offset`.
+// The reference, moved to the left by `offset`.
 function beside(points, offset) {
   return points.map(([x, y], index) => {
     const [x0, y0] = points[Math.max(0, index - 1)];
@@ -119,7 +119,7 @@ function robot(pen, eye, [x, y, yaw], colour) {
   pen.restore();
 }
 
-// Where the robot without learning is at this time, and its way there.
+// Draws the robot without learning at this time, and its path.
 function drawWithout(pen, eye) {
   const time = now();
   const way = store.without.filter((row) => row[0] <= time + 1e-6);
@@ -135,7 +135,7 @@ function drawWithout(pen, eye) {
   pen.stroke();
 }
 
-// Draws everything; says how the uncertainty is drawn.
+// Draws everything; returns a text on the scale of the uncertainty.
 function drawMap(canvas, view, still) {
   const { pen, width, height } = sheet(canvas);
   if (!store.states.length) {
@@ -146,7 +146,7 @@ function drawMap(canvas, view, still) {
   const pose = poseNow(still);
   const eye = camera(view, pose, width, height);
   grid(pen, eye, width, height);
-  // An old plan, of a controller that is gone, is none.
+  // An old plan, of a controller that has ended, is not drawn.
   const horizon = store.horizon && now() - store.horizon.t < 3 * store.hello.period ? store.horizon : null;
   const past = store.plans.map((row) => [row[P.rx], row[P.ry]]);
   const reference = horizon ? past.concat(horizon.reference) : past;

@@ -1,4 +1,4 @@
-//! bytes → what a browser asks for, or why it gets nothing.
+//! bytes → the request of a browser, or the reason for its refusal.
 
 use std::io::{self, Read};
 use std::net::IpAddr;
@@ -6,34 +6,34 @@ use std::time::{Duration, Instant};
 
 /// Longest request \[bytes\].
 pub(super) const BYTES_MAX: usize = 8 * 1024;
-/// Most headers of a request.
+/// Largest number of headers of a request.
 const HEADERS_MAX: usize = 64;
-/// How long a request may take to arrive.
+/// Time limit for the arrival of a request.
 const ARRIVES_WITHIN: Duration = Duration::from_secs(5);
 
-/// What can be had.
+/// The available resources.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Asked {
     /// The page.
     Document,
-    /// What the page draws, as it happens.
+    /// The events of the page.
     Events,
 }
 
-/// Why a request is not answered.
+/// The reason for a refusal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Refusal {
     /// Not HTTP, or without a host.
     Malformed,
-    /// A name that is not ours, or another site's script.
+    /// A foreign host name, or another site's script.
     Foreign,
-    /// There is no such thing.
+    /// The path does not exist.
     Nowhere,
-    /// Nobody can send anything here.
+    /// Only GET is permitted.
     Method,
-    /// It does not arrive.
+    /// The request does not arrive in time.
     TooSlow,
-    /// Longer than any browser's.
+    /// Longer than any browser's request.
     TooLong,
     /// All places are taken.
     Full,
@@ -54,7 +54,7 @@ impl Refusal {
     }
 }
 
-/// Reads one request that came to `listening`, from a stream whose reads give up by themselves.
+/// Reads one request to `listening`, from a stream whose reads time out.
 pub(super) fn read(stream: &mut impl Read, listening: IpAddr) -> Result<Asked, Refusal> {
     let begin = Instant::now();
     let mut bytes = Vec::with_capacity(1024);
@@ -77,7 +77,7 @@ pub(super) fn read(stream: &mut impl Read, listening: IpAddr) -> Result<Asked, R
     Err(Refusal::TooSlow)
 }
 
-/// Nothing while the request is not yet whole.
+/// Parses a request. Returns `None` while it is incomplete.
 fn parse(bytes: &[u8], listening: IpAddr) -> Result<Option<Asked>, Refusal> {
     let mut headers = [httparse::EMPTY_HEADER; HEADERS_MAX];
     let mut request = httparse::Request::new(&mut headers);
@@ -95,7 +95,8 @@ fn parse(bytes: &[u8], listening: IpAddr) -> Result<Option<Asked>, Refusal> {
         if values.next().is_some() { Err(Refusal::Malformed) } else { Ok(value) }
     };
     let host = header("host")?.ok_or(Refusal::Malformed)?;
-    // A page of another site whose name has come to mean this machine asks for that name: it gets nothing.
+    // DNS rebinding: a page of another site whose name now resolves to this machine sends that name
+    // as its host. It is refused.
     if !is_ours(host, listening) {
         return Err(Refusal::Foreign);
     }
@@ -118,7 +119,8 @@ fn parse(bytes: &[u8], listening: IpAddr) -> Result<Option<Asked>, Refusal> {
     Ok(Some(asked))
 }
 
-/// Whether `host` can only mean the machine that was asked: an address of it, or `localhost`. Any port will do: it may have been forwarded.
+/// Whether `host` can only mean this machine: one of its addresses, or `localhost`. Any port is
+/// valid: it may have been forwarded.
 fn is_ours(host: &str, listening: IpAddr) -> bool {
     let name = match host.strip_prefix('[') {
         Some(rest) => rest.split(']').next(),
@@ -126,7 +128,8 @@ fn is_ours(host: &str, listening: IpAddr) -> bool {
     };
     let Some(name) = name else { return false };
     let address = name.parse::<IpAddr>().ok();
-    // Who listens on all addresses does not know them; an address, unlike a name, cannot be made to mean another machine.
+    // A server on all addresses does not know them. An address, unlike a name, cannot be redirected
+    // to another machine.
     let own = |address: IpAddr| {
         address.is_loopback() || address == listening || listening.is_unspecified()
     };
@@ -145,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_page_and_its_events_can_be_had_and_only_by_get() {
+    fn only_the_page_and_its_events_are_available_and_only_by_get() {
         assert_eq!(asked("GET / HTTP/1.1\r\nHost: 127.0.0.1:8080\r\n\r\n"), Ok(Asked::Document));
         assert_eq!(asked("GET /?again HTTP/1.1\r\nhost: LOCALHOST\r\n\r\n"), Ok(Asked::Document));
         assert_eq!(
@@ -171,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_somebody_else_gives_out_is_refused() {
+    fn a_foreign_host_name_is_refused() {
         for host in [
             "evil.example",
             "evil.example:8080",
@@ -225,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_request_is_refused_and_what_is_endless_too() {
+    fn a_malformed_or_endless_request_is_refused() {
         for text in ["", "GET", "\0\0\0\0\r\n\r\n", "GET / HTTP/9\r\n\r\n", "nonsense\r\n\r\n"] {
             assert_eq!(asked(text), Err(Refusal::Malformed), "{text:?}");
         }

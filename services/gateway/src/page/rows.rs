@@ -1,24 +1,24 @@
-//! message → one row per period of what the page draws, and the last minute of them.
+//! message → one row per period for the page, and the last minute of rows.
 
 use crate::page::round;
 use protocol::message::{Plan, PlantState};
 use serde::{Serialize, Serializer};
 use std::collections::VecDeque;
 
-/// What a late viewer still sees \[s\].
+/// Length of the history that a late viewer receives \[s\].
 const KEPT_S: f64 = 60.0;
-/// Rows that are kept lie this far apart at least \[s\].
+/// Shortest time between stored rows \[s\].
 const SPACING_S: f64 = 0.04;
 
 /// A row of a history.
 pub(super) trait Row {
     /// Simulated time \[s\].
     fn seconds(&self) -> f64;
-    /// Takes over what must not be missed of a row that is not kept.
+    /// Takes the values of a row that is not stored, if they must not be missed.
     fn absorb(&mut self, skipped: &Self);
 }
 
-/// What was measured. As JSON: `[t, x, y, yaw, speed, fallback_level, reason]`.
+/// A measured state. As JSON: `[t, x, y, yaw, speed, fallback_level, reason]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct StateRow {
     pub(super) seconds: f64,
@@ -61,8 +61,9 @@ impl Serialize for StateRow {
     }
 }
 
-/// How it was answered. As JSON: `[t, reference x, reference y, error, residual, innovation, yaw residual, yaw innovation, tick time, version, fallback_level]`,
-/// where residual and innovation are lengths in the plane, and the time is in µs.
+/// An answer. As JSON: `[t, reference x, reference y, error, residual, innovation, yaw residual,
+/// yaw innovation, tick time, version, fallback_level]`, where residual and innovation are lengths
+/// in the plane, and the time is in µs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PlanRow {
     pub(super) seconds: f64,
@@ -138,7 +139,8 @@ impl<R: Row> History<R> {
 
     pub(super) fn push(&mut self, row: R) {
         match self.rows.back_mut() {
-            // Half a row early is in time: else a topic of just that spacing would lose every other one.
+            // Half a row early counts as in time. Else a topic of exactly that spacing would lose
+            // every other row.
             Some(last) if row.seconds() - last.seconds() < SPACING_S * 0.75 => last.absorb(&row),
             _ => self.rows.push_back(row),
         }
@@ -150,7 +152,7 @@ impl<R: Row> History<R> {
         }
     }
 
-    /// Time may stand still, memory does not grow.
+    /// Time may stand still; memory does not grow.
     fn rows_max() -> usize {
         (KEPT_S / (SPACING_S * 0.75)) as usize + 1
     }
@@ -166,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_history_keeps_a_minute_and_no_more_however_many_rows_there_are() {
+    fn a_history_keeps_at_most_a_minute_of_any_number_of_rows() {
         let mut history = History::new();
         for tick in 0..200_000 {
             history.push(PlanRow::new(
@@ -187,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_what_the_page_reads() -> serde_json::Result<()> {
+    fn rows_have_the_layout_that_the_page_reads() -> serde_json::Result<()> {
         let state = PlantState {
             pose: [1.000_000_4, 2.0, f64::NAN],
             velocity: [3.0, 4.0, 1.0],

@@ -1,4 +1,4 @@
-//! browsers ⇄ page: one thread that lets them in, and one for each of them.
+//! browsers ⇄ page: one thread that accepts connections, and one for each connection.
 
 use super::answer;
 use super::request::{self, Asked, Refusal};
@@ -11,13 +11,13 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-/// Most connections at a time: viewers, and as many that fetch the page.
+/// Largest number of connections: viewers, and as many that fetch the page.
 const CONNECTIONS_MAX: usize = 2 * VIEWERS_MAX;
-/// How long a browser may say nothing of its request.
+/// Longest pause of a browser within its request.
 const READS_WITHIN: Duration = Duration::from_secs(2);
-/// How long a browser may take nothing before it is sent away.
+/// Longest time that a browser may block a write before it is disconnected.
 const WRITES_WITHIN: Duration = Duration::from_secs(10);
-/// How often the request to end is looked at.
+/// Time between two checks of the request to stop.
 const PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
 
 /// Serves the page until it is dropped.
@@ -39,7 +39,7 @@ impl Server {
     /// Listens at `address`.
     pub(super) fn open(address: SocketAddr) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
-        // One that has gone between the poll and here is not waited for.
+        // A connection that has closed between the poll and here must not block.
         listener.set_nonblocking(true)?;
         let (address, shared) = (listener.local_addr()?, Arc::<Shared>::default());
         let thread = {
@@ -51,12 +51,12 @@ impl Server {
         Ok(Self { address, shared, thread: Some(thread) })
     }
 
-    /// Where it listens, with the true port.
+    /// The served address, with the actual port.
     pub(super) fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Who looks on.
+    /// The open pages.
     pub(super) fn viewers(&self) -> &Viewers {
         &self.shared.viewers
     }
@@ -73,7 +73,7 @@ impl Drop for Server {
     }
 }
 
-/// A connection that is counted while this lives.
+/// A connection that is counted during the lifetime of this value.
 struct Counted(Arc<Shared>);
 
 impl Drop for Counted {
@@ -84,18 +84,19 @@ impl Drop for Counted {
 
 fn let_in(listener: &TcpListener, ip: IpAddr, shared: &Arc<Shared>) {
     while !shared.closing.load(Ordering::Acquire) {
-        // Whatever it says, the next round looks again.
+        // The result does not matter: the next round polls again.
         let _ = poll(&mut [PollFd::new(listener, PollFlags::IN)], Some(&PATIENCE));
         match listener.accept() {
             Ok((stream, _)) => welcome(stream, ip, shared),
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-            // Too many open files, for instance: it passes, and until then the poll does not wait.
+            // For example too many open files. The error is temporary, and meanwhile the poll
+            // returns at once.
             Err(_) => thread::sleep(Duration::from_millis(100)),
         }
     }
 }
 
-/// Gives a connection a thread of its own, if there is room.
+/// Starts a thread for a connection, if there is room.
 fn welcome(mut stream: TcpStream, ip: IpAddr, shared: &Arc<Shared>) {
     let prepared = stream.set_nonblocking(false).and_then(|()| stream.set_nodelay(true));
     let prepared = prepared.and_then(|()| stream.set_read_timeout(Some(READS_WITHIN)));
@@ -104,13 +105,13 @@ fn welcome(mut stream: TcpStream, ip: IpAddr, shared: &Arc<Shared>) {
     }
     let counted = Counted(Arc::clone(shared));
     if shared.connections.fetch_add(1, Ordering::AcqRel) >= CONNECTIONS_MAX {
-        // Little enough to fit into any socket's buffer.
+        // Small enough for any socket's buffer.
         let _ = stream.write_all(answer::refusal(Refusal::Full).as_bytes());
         return;
     }
     let serve = move || {
         let counted = counted;
-        // A browser that has gone is no failure.
+        // A browser that has disconnected is not an error.
         let _ = serve(stream, ip, &counted.0);
     };
     if let Err(error) = thread::Builder::new().name("viewer".into()).spawn(serve) {
@@ -165,7 +166,7 @@ mod tests {
         Ok(answer)
     }
 
-    /// An open page that has been let in, and told nothing yet.
+    /// An open page that is connected, and has received no event yet.
     fn viewer(server: &Server) -> io::Result<BufReader<TcpStream>> {
         let mut stream =
             BufReader::new(ask(server, "GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")?);
@@ -205,15 +206,16 @@ mod tests {
     }
 
     #[test]
-    fn a_viewer_that_takes_nothing_holds_up_neither_the_gateway_nor_the_others() -> io::Result<()> {
+    fn a_blocked_viewer_delays_neither_the_gateway_nor_the_others() -> io::Result<()> {
         let server = open()?;
         let blocked = viewer(&server)?;
         let mut quick = viewer(&server)?;
-        // Far more than sockets hold.
+        // Far more than sockets can buffer.
         let news: Arc<str> = answer::event("news", &"x".repeat(1_000_000)).into();
         let mut received = 0_usize;
         let mut bytes = vec![0; 1_000_000];
-        // Where its thread gets no turn the quick one falls behind as well: all is taken back, and it hears the next thing that is told.
+        // If its thread is not scheduled, the fast viewer falls behind as well. Then its queue is
+        // cleared, and it receives the next event.
         quick.get_ref().set_read_timeout(Some(Duration::from_millis(100)))?;
         let begin = Instant::now();
         while received < 30_000_000 {
@@ -231,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn one_viewer_too_many_is_refused_and_the_others_go_on() -> io::Result<()> {
+    fn one_viewer_too_many_is_refused_and_the_others_continue() -> io::Result<()> {
         let server = open()?;
         let mut present =
             (0..VIEWERS_MAX).map(|_| viewer(&server)).collect::<io::Result<Vec<_>>>()?;
@@ -254,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_gone_makes_room() -> io::Result<()> {
+    fn a_closed_page_frees_its_place() -> io::Result<()> {
         let server = open()?;
         drop((0..VIEWERS_MAX).map(|_| viewer(&server)).collect::<io::Result<Vec<_>>>()?);
         let begin = Instant::now();
@@ -268,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_that_is_served_again_can_be_served_at_the_same_address() -> io::Result<()> {
+    fn a_restarted_server_can_use_the_same_address() -> io::Result<()> {
         let server = open()?;
         let (address, open_page) = (server.address(), viewer(&server)?);
         drop(server);

@@ -1,9 +1,9 @@
-// What the page knows: rows as the gateway sends them, in the order of time.
+// Data of the page: rows as the gateway sends them, in the order of time.
 
 // Columns of a state row and of a plan row.
 const S = { t: 0, x: 1, y: 2, yaw: 3, speed: 4, fallbackLevel: 5, reason: 6 };
 const P = { t: 0, rx: 1, ry: 2, error: 3, residual: 4, innovation: 5, residualYaw: 6, innovationYaw: 7, tick: 8, version: 9, fallbackLevel: 10 };
-// Charts reach back a minute; the path reaches further, in fewer points.
+// Charts show the last minute; the path is longer, with fewer points.
 const KEPT_S = 60;
 const PATH_MAX = 4000;
 const ENTRIES_MAX = 100;
@@ -14,7 +14,7 @@ const store = {
   horizon: null, model: null, compared: null, processes: [], entries: [],
 };
 
-// Another life of the plant: its time begins anew.
+// Another epoch of the plant: its time starts again.
 function startAgain(run) {
   Object.assign(store, { run, states: [], plans: [], path: [], horizon: null, compared: null });
 }
@@ -43,7 +43,7 @@ function take(message) {
   for (const entry of message.entries || []) note(entry);
 }
 
-// The connection has come, or has come again.
+// The page has connected, for the first time or again.
 function greet(hello) {
   const before = store.hello;
   const again = before && before.gateway === hello.gateway;

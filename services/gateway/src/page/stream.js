@@ -1,4 +1,4 @@
-// The connection to the gateway: comes back by itself, and says how it is.
+// The connection to the gateway: reconnects automatically, and reports its state.
 
 const SILENT_MS = 3000;
 const GIVEN_UP_MS = 8000;
@@ -27,7 +27,7 @@ function listen(said) {
     source = new EventSource("events");
     source.addEventListener("hello", hear(greet));
     source.addEventListener("news", hear((message) => store.hello && take(message)));
-    // A browser tries again by itself unless it was refused.
+    // A browser retries automatically unless the request was refused.
     source.addEventListener("error", () => {
       become("lost");
       if (source.readyState === EventSource.CLOSED) setTimeout(open, 1000);

@@ -1,4 +1,4 @@
-//! What an open page is told, from messages to JSON.
+//! Events of an open page, from messages to JSON.
 
 use super::Page;
 use crate::comparison::{self, Row};
@@ -96,7 +96,7 @@ fn length(value: &Value) -> usize {
 }
 
 #[test]
-fn who_comes_late_sees_the_path_so_far_and_then_what_is_new() -> Outcome {
+fn a_late_viewer_receives_the_path_so_far_and_then_the_news() -> Outcome {
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("without.csv");
     comparison::write(
@@ -143,7 +143,7 @@ fn who_comes_late_sees_the_path_so_far_and_then_what_is_new() -> Outcome {
 }
 
 #[test]
-fn another_life_of_the_plant_begins_a_new_path_and_what_happened_is_told() -> Outcome {
+fn another_epoch_of_the_plant_begins_a_new_path_and_events_are_reported() -> Outcome {
     let folder = tempfile::tempdir()?;
     let mut page = Page::open(&settings(folder.path(), None), None)?.ok_or("no page")?;
     let begin = Instant::now();
@@ -168,14 +168,14 @@ fn another_life_of_the_plant_begins_a_new_path_and_what_happened_is_told() -> Ou
     page.turn(begin + Duration::from_secs(2));
     let (_, hello) = tab.event()?;
     assert_eq!((length(&hello["states"]), hello["run"].as_str()), (1, Some("2-2")));
-    let said: Vec<&str> = hello["entries"]
+    let texts: Vec<&str> = hello["entries"]
         .as_array()
         .into_iter()
         .flatten()
         .filter_map(|entry| entry["text"].as_str())
         .collect();
     assert_eq!(
-        said,
+        texts,
         ["fresh plan → brake", "started again, as process 2", "brake → waiting", "is silent"]
     );
     assert_eq!(hello["processes"][0]["silent"], serde_json::json!(true));
@@ -183,15 +183,15 @@ fn another_life_of_the_plant_begins_a_new_path_and_what_happened_is_told() -> Ou
 }
 
 #[test]
-fn a_page_that_is_off_is_not_served_and_one_that_cannot_be_served_says_where() -> Outcome {
+fn a_page_that_is_off_is_not_served_and_one_that_cannot_be_served_reports_its_address() -> Outcome {
     let folder = tempfile::tempdir()?;
     let mut settings = settings(folder.path(), None);
     let page = Page::open(&settings, None)?.ok_or("no page")?;
     settings.page.listen = page.address().to_string();
-    let told = Page::open(&settings, None).err().ok_or("two pages at one address")?.to_string();
+    let error = Page::open(&settings, None).err().ok_or("two pages at one address")?.to_string();
     assert!(
-        told.starts_with(&format!("the live page cannot be served at {}: ", page.address())),
-        "{told}"
+        error.starts_with(&format!("the live page cannot be served at {}: ", page.address())),
+        "{error}"
     );
     settings.page.listen = "off".into();
     assert!(Page::open(&settings, None)?.is_none());

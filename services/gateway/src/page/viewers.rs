@@ -1,15 +1,15 @@
-//! events → open pages: each has a short queue of its own, and nobody waits for anybody.
+//! events → open pages: each has a short queue of its own, and no page delays another.
 
 use std::collections::VecDeque;
 use std::net::{Shutdown, TcpStream};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Most viewers at a time.
+/// Largest number of viewers.
 pub(super) const VIEWERS_MAX: usize = 16;
-/// Most events that wait for one viewer: some seconds of them.
+/// Largest number of queued events of one viewer: some seconds of them.
 const EVENTS_MAX: usize = 64;
 
-/// Everybody who looks on.
+/// All open pages.
 #[derive(Debug, Default)]
 pub(super) struct Viewers {
     present: Mutex<Present>,
@@ -18,7 +18,7 @@ pub(super) struct Viewers {
 #[derive(Debug, Default)]
 struct Present {
     viewers: Vec<Arc<Viewer>>,
-    /// Nobody is let in any more.
+    /// No new page is accepted.
     closed: bool,
 }
 
@@ -27,21 +27,21 @@ struct Present {
 pub(super) struct Viewer {
     queue: Mutex<Queue>,
     bell: Condvar,
-    /// To end a write that hangs.
+    /// To interrupt a write that blocks.
     stream: TcpStream,
 }
 
 #[derive(Debug)]
 struct Queue {
     events: VecDeque<Arc<str>>,
-    /// Has not been told how things stand, or has fallen behind: is to be greeted.
+    /// The page is new or has fallen behind, and must receive the present state.
     unaware: bool,
-    /// No more events come.
+    /// The page receives no more events.
     gone: bool,
 }
 
 impl Viewers {
-    /// A place for one more; none if all are taken.
+    /// Adds a page; `None` if all places are taken.
     pub(super) fn join(&self, stream: TcpStream) -> Option<Arc<Viewer>> {
         let mut present = lock(&self.present);
         if present.closed || present.viewers.len() >= VIEWERS_MAX {
@@ -53,17 +53,18 @@ impl Viewers {
         Some(viewer)
     }
 
-    /// Its place is free again.
+    /// Frees the place of a page.
     pub(super) fn leave(&self, viewer: &Arc<Viewer>) {
         lock(&self.present).viewers.retain(|other| !Arc::ptr_eq(other, viewer));
     }
 
-    /// Whether nobody looks on.
+    /// Whether no page is open.
     pub(super) fn is_empty(&self) -> bool {
         lock(&self.present).viewers.is_empty()
     }
 
-    /// Tells `news` to everybody, and to whoever has just come or has fallen behind how things stand instead. Waits for nobody.
+    /// Sends `news` to all pages. A page that is new or has fallen behind receives the present
+    /// state instead. Never waits.
     pub(super) fn tell(&self, news: Option<&Arc<str>>, mut greeting: impl FnMut() -> Arc<str>) {
         let mut greeting_said: Option<Arc<str>> = None;
         for viewer in &lock(&self.present).viewers {
@@ -73,7 +74,7 @@ impl Viewers {
                 queue.events.push_back(Arc::clone(greeting_said.get_or_insert_with(&mut greeting)));
             } else if let Some(news) = news {
                 if queue.events.len() >= EVENTS_MAX {
-                    // What it has missed is in the next greeting.
+                    // The missed events are contained in the next greeting.
                     queue.events.clear();
                     queue.unaware = true;
                 } else {
@@ -84,21 +85,21 @@ impl Viewers {
         }
     }
 
-    /// Sends everybody away, for good.
+    /// Disconnects all pages, permanently.
     pub(super) fn close(&self) {
         let mut present = lock(&self.present);
         present.closed = true;
         for viewer in &present.viewers {
             lock(&viewer.queue).gone = true;
             viewer.bell.notify_one();
-            // One that is gone already is as well.
+            // An error means that the page has already disconnected.
             let _ = viewer.stream.shutdown(Shutdown::Both);
         }
     }
 }
 
 impl Viewer {
-    /// The next event, as soon as there is one; nothing at the end.
+    /// The next event, as soon as there is one; `None` at the end.
     pub(super) fn next(&self) -> Option<Arc<str>> {
         let mut queue = lock(&self.queue);
         loop {
@@ -113,7 +114,7 @@ impl Viewer {
     }
 }
 
-/// Each change leaves the value whole: a panic of its holder does not matter.
+/// Every change leaves the value consistent, so a panic of its holder does not matter.
 fn lock<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
     value.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -129,8 +130,8 @@ mod tests {
     }
 
     #[test]
-    fn who_falls_behind_is_told_how_things_stand_and_holds_nobody_up() -> Result<(), Box<dyn Error>>
-    {
+    fn a_viewer_that_falls_behind_receives_the_present_state_and_delays_no_other()
+    -> Result<(), Box<dyn Error>> {
         let (listener, viewers) = (TcpListener::bind("127.0.0.1:0")?, Viewers::default());
         let slow = viewers.join(stream(&listener)?).ok_or("no place")?;
         let mut greetings = 0;
@@ -153,8 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn one_more_than_there_are_places_is_not_let_in_until_one_leaves() -> Result<(), Box<dyn Error>>
-    {
+    fn one_viewer_too_many_is_refused_until_one_leaves() -> Result<(), Box<dyn Error>> {
         let (listener, viewers) = (TcpListener::bind("127.0.0.1:0")?, Viewers::default());
         let present: Vec<_> = (0..VIEWERS_MAX)
             .map(|_| Ok::<_, Box<dyn Error>>(viewers.join(stream(&listener)?)))

@@ -178,11 +178,11 @@ mod tests {
                  Push(coxswain-link/g/{key}) from:south:0:client/{session}:3"
             ))
         };
-        let told = Some("learner.pilot publishes on health above the rate limit");
-        assert_eq!(often("health/data/learner.1", "6f01").as_deref(), told);
+        let expected = Some("learner.pilot publishes on health above the rate limit");
+        assert_eq!(often("health/data/learner.1", "6f01").as_deref(), expected);
         assert_eq!(
             often("health/data/robot.1) from:south:0:client/7f01:3", "6f01").as_deref(),
-            told
+            expected
         );
         assert_eq!(
             often("command/data/x", "6e01").as_deref(),

@@ -1,4 +1,4 @@
-//! The request of a person → a file, whole and under a number of its own.
+//! An operator's request → a file, written atomically with its own number.
 
 use super::{FOLDER, Request, Settled, request_file};
 use protocol::message::Participant;
@@ -33,7 +33,7 @@ pub struct Asked {
 /// Writes a request to the process of `role` in the run in `folder`.
 ///
 /// # Errors
-/// [`AskError`] if the folder cannot be written to, or is none of a run.
+/// [`AskError`] if the directory cannot be written to, or does not belong to a run.
 pub fn ask(folder: &Path, role: Participant, request: &Request) -> Result<Asked, AskError> {
     let inside = folder.join(FOLDER);
     let failed = |path: &Path| {
@@ -55,7 +55,8 @@ pub fn ask(folder: &Path, role: Participant, request: &Request) -> Result<Asked,
     loop {
         number += 1;
         let file = request_file(folder, role, number);
-        // Of two who ask at once, one has the number and the other the next.
+        // Two simultaneous requests get different numbers: one of them fails here and takes the
+        // next.
         match fs::hard_link(whole.path(), &file) {
             Ok(()) => return Ok(Asked { folder: folder.to_owned(), role, number }),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}

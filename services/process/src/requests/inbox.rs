@@ -1,4 +1,4 @@
-//! The process's own side: requests one after the other, and the answers.
+//! The process's side: requests in order, and the replies.
 
 use super::{Answer, FOLDER, Outcome, Request, Settled, answer_file, answered, request_file};
 use crate::{HasRun, Pace, Run, atomic_file};
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 /// Shortest interval between two checks.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// Why a request is refused before anybody has looked at what it says.
+/// Why a request is rejected before its change is examined.
 #[derive(Debug, thiserror::Error)]
 pub enum NotAsked {
     /// In lock step, the same settings must give the same bits at every speed of the clock.
@@ -23,7 +23,7 @@ pub enum NotAsked {
         "in lock step settings cannot change during the run: the same settings give the same bits"
     )]
     LockStep,
-    /// Somebody wrote something else.
+    /// The file is not a request.
     #[error("this is not a request: {0}")]
     NotARequest(#[source] io::Error),
 }
@@ -34,7 +34,7 @@ pub struct Inbox {
     folder: PathBuf,
     role: Participant,
     pace: Pace,
-    /// Whether the run takes requests at all.
+    /// Whether the run accepts requests.
     open: bool,
     /// Number of the next request.
     next: u64,
@@ -52,7 +52,7 @@ impl Inbox {
         Self { folder, role, pace: run.pace, open, next, user: 0, look_at: Instant::now() }
     }
 
-    /// Whether the run takes requests at all.
+    /// Whether the run accepts requests.
     pub fn is_open(&self) -> bool {
         self.open
     }
@@ -75,7 +75,7 @@ impl Inbox {
         Some(if self.pace == Pace::LockStep { Err(NotAsked::LockStep) } else { Ok(request) })
     }
 
-    /// Answers the request that was taken last. From then on it is not asked again.
+    /// Replies to the last request. It is not returned again.
     pub fn answer(&mut self, outcome: Outcome) {
         let number = self.next;
         match &outcome {

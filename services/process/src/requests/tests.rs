@@ -41,7 +41,7 @@ const APPLIED: Outcome =
     Outcome::Applied { plant_epoch: 1, taken_at_tick: 4, ready_at_tick: 4, acts_from_tick: 5 };
 
 #[test]
-fn every_request_is_taken_once_and_in_order_and_its_answer_is_found_by_who_asked()
+fn every_request_is_read_once_and_in_order_and_its_reply_is_found()
 -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     welcome(folder.path())?;
@@ -67,13 +67,13 @@ fn every_request_is_taken_once_and_in_order_and_its_answer_is_found_by_who_asked
         [1, 2]
     );
     assert_eq!(Answers::from_now_on(folder.path()).look(), []);
-    let told: Vec<_> = asked
+    let replies: Vec<_> = asked
         .iter()
         .filter_map(Asked::answer)
         .map(|settled| (settled.number, settled.request.change, settled.answer.outcome))
         .collect();
     assert_eq!(
-        told,
+        replies,
         [
             (1, "gain = 1.0".to_owned(), APPLIED),
             (2, "gain = 2.0".to_owned(), Outcome::Refused { reason: "no".into() })
@@ -125,7 +125,7 @@ fn simultaneous_requests_get_consecutive_numbers() -> Result<(), Box<dyn std::er
 }
 
 #[test]
-fn in_lock_step_and_of_what_is_not_a_request_the_answer_is_why_not()
+fn requests_in_lock_step_and_invalid_files_are_rejected_with_a_reason()
 -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     welcome(folder.path())?;
@@ -135,24 +135,27 @@ fn in_lock_step_and_of_what_is_not_a_request_the_answer_is_why_not()
         let mut inbox = Inbox::open(&run(folder.path(), pace), role);
         next(&mut inbox)?.err().map(|error| error.to_string())
     };
-    let told = refusal(Participant::Controller, Pace::LockStep);
+    let reason = refusal(Participant::Controller, Pace::LockStep);
     assert!(
-        told.as_ref().is_some_and(|told| told.starts_with("in lock step settings cannot change")),
-        "{told:?}"
+        reason
+            .as_ref()
+            .is_some_and(|reason| reason.starts_with("in lock step settings cannot change")),
+        "{reason:?}"
     );
-    let told = refusal(Participant::Learner, Pace::RealTime);
+    let reason = refusal(Participant::Learner, Pace::RealTime);
     assert!(
-        told.as_ref().is_some_and(|told| told.starts_with("this is not a request: ")),
-        "{told:?}"
+        reason.as_ref().is_some_and(|reason| reason.starts_with("this is not a request: ")),
+        "{reason:?}"
     );
     Ok(())
 }
 
 #[test]
-fn a_run_that_takes_no_requests_cannot_be_asked() -> Result<(), Box<dyn std::error::Error>> {
+fn a_run_without_a_request_directory_accepts_no_request() -> Result<(), Box<dyn std::error::Error>>
+{
     let folder = tempfile::tempdir()?;
-    let told = ask(folder.path(), Participant::Controller, &request("gain = 1.0"))
+    let refused = ask(folder.path(), Participant::Controller, &request("gain = 1.0"))
         .map_err(|error| error.to_string());
-    assert!(told.as_ref().is_err_and(|told| told.contains("set")), "{told:?}");
+    assert!(refused.as_ref().is_err_and(|refused| refused.contains("set")), "{refused:?}");
     Ok(())
 }

@@ -1,32 +1,35 @@
-//! Q R of a matrix that gains and loses columns, and gains a row now and then: the active bounds' normals.
+//! Q R of a matrix that gains and loses columns, and sometimes gains a row: the active bounds'
+//! normals.
 //!
-//! Columns come in by Gram and Schmidt, twice where once is not enough (Daniel, Gragg, Kaufman & Stewart, Mathematics of Computation 30, 1976), and go by Givens rotations.
+//! Columns are added by Gram and Schmidt, twice where once is not enough (Daniel, Gragg, Kaufman &
+//! Stewart, Mathematics of Computation 30, 1976). They are removed by Givens rotations.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Share of a vector's square below which what is left of it beside the columns is rounding.
+/// Share of a vector's square below which its part orthogonal to the columns is rounding.
 pub(super) const DEPENDENT: f64 = 1e-16;
-/// Share of a vector's square below which what is left of it beside the columns is made orthogonal to them once more.
+/// Share of a vector's square below which its part orthogonal to the columns is orthogonalised a
+/// second time.
 const CANCELLED: f64 = 0.25;
 
 /// Q and R with their memory: set up once, then in place.
 pub(super) struct Orthogonal {
     basis: DMatrix<f64>,
     triangle: DMatrix<f64>,
-    /// How many columns there are.
+    /// Number of columns.
     columns: usize,
-    /// How many entries of a column may be other than zero.
+    /// Number of leading entries of a column that may be nonzero.
     reach: usize,
-    /// Of the vector that was taken apart last: Qᵀd, and w = d − Q Qᵀd with its square.
+    /// Of the vector that was decomposed last: Qᵀd, and w = d − Q Qᵀd with its square.
     shares: DVector<f64>,
     rest: DVector<f64>,
     square: f64,
-    /// Memory of one pass.
+    /// Scratch of one pass.
     passed: DVector<f64>,
 }
 
 impl Orthogonal {
-    /// Room for vectors of so many entries.
+    /// Allocates for vectors of this many entries.
     pub(super) fn new(entries: usize) -> Self {
         Self {
             basis: DMatrix::zeros(entries, entries),
@@ -40,12 +43,12 @@ impl Orthogonal {
         }
     }
 
-    /// Has no columns any more.
+    /// Removes all columns.
     pub(super) fn clear(&mut self) {
         (self.columns, self.reach) = (0, 0);
     }
 
-    /// Whether there can be another column.
+    /// Whether another column fits.
     pub(super) fn has_room(&self) -> bool {
         self.columns < self.basis.ncols()
     }
@@ -55,7 +58,7 @@ impl Orthogonal {
         &self.rest
     }
 
-    /// Takes d apart, of which at most the first `reach` entries are not zero; returns |d|² and |w|².
+    /// Decomposes d, of which at most the first `reach` entries are nonzero. Returns |d|² and |w|².
     pub(super) fn take_apart(&mut self, d: &DVector<f64>, reach: usize) -> (f64, f64) {
         self.reach = self.reach.max(reach);
         self.rest.copy_from(d);
@@ -76,7 +79,7 @@ impl Orthogonal {
                 rest.iter_mut().zip(column).for_each(|(rest, entry)| *rest -= passed * entry);
             }
             let before = std::mem::replace(&mut self.square, dot(rest, rest));
-            // Far less than before is what rounding has left as well. What is not a number is so at once.
+            // A much smaller remainder may be rounding too. A NaN ends the loop at once.
             let again = self.square < CANCELLED * before && self.square > DEPENDENT * whole;
             if !again {
                 return (whole, self.square);
@@ -135,8 +138,9 @@ impl Orthogonal {
         }
     }
 
-    /// Every column has the entry at `place` as well, which was zero: those of `entries`, which is used up. Beside Q stands the new entry's unit
-    /// vector, under R the entries; rotations make them zero.
+    /// Appends a row: every column gains the entry at `place`, which was zero, from `entries`.
+    /// `entries` is overwritten. The new entry's unit vector is appended to Q, and `entries` to R;
+    /// rotations eliminate it.
     pub(super) fn add_row(&mut self, place: usize, entries: &mut DVector<f64>) {
         self.reach = self.reach.max(place + 1);
         self.rest.fill(0.0);
@@ -169,7 +173,7 @@ struct Rotation {
 }
 
 impl Rotation {
-    /// That which turns (above, below) to (length, 0).
+    /// The rotation that turns (above, below) to (length, 0).
     fn between(above: f64, below: f64) -> Self {
         let length = (above * above + below * below).sqrt();
         Self { cos: above / length, sin: below / length }
@@ -180,7 +184,7 @@ impl Rotation {
     }
 }
 
-/// aᵀb, in four sums that do not wait for each other.
+/// aᵀb, in four independent sums.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
     let mut sums = [0.0; 4];
@@ -196,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_not_a_number_comes_to_an_end_and_is_beside_no_column() {
+    fn a_vector_that_is_not_finite_terminates_and_is_not_independent() {
         let mut normals = Orthogonal::new(3);
         let (_, square) = normals.take_apart(&DVector::from_vec(vec![1.0, 2.0, 2.0]), 3);
         assert_eq!(square, 9.0);

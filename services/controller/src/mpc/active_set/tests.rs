@@ -9,7 +9,7 @@ use model::linearise::Linearised;
 use nalgebra::SMatrix;
 use proptest::prelude::*;
 
-/// Where the numbers of a program come from.
+/// Source of the numbers of a program.
 struct Numbers(u64);
 
 impl Numbers {
@@ -35,7 +35,7 @@ impl Numbers {
     }
 }
 
-/// How a drawn program is shaped.
+/// Shape of a random program.
 #[derive(Clone, Copy)]
 struct Shape {
     horizon: usize,
@@ -44,11 +44,12 @@ struct Shape {
     slacks: usize,
     /// Decades that the curvatures span.
     decades: f64,
-    /// Least bound: below zero, and to change nothing may be against the limits.
+    /// Smallest bound. Below zero, the zero change may violate the limits.
     bound_min: f64,
 }
 
-/// A row, a twin of one of those before it now and then. Some bounds are zero, half of the rows have but one.
+/// A row, sometimes a duplicate of an earlier one. Some bounds are zero; half of the rows have only
+/// one bound.
 fn row(numbers: &mut Numbers, shape: Shape, before: &[Row]) -> Row {
     let stage = numbers.below(shape.horizon + 1);
     let free = stage < shape.blocks;
@@ -74,7 +75,7 @@ fn row(numbers: &mut Numbers, shape: Shape, before: &[Row]) -> Row {
     if numbers.once_in(2) { Row { bounds: [row.bounds[0], f64::INFINITY], ..row } } else { row }
 }
 
-/// A program of dynamics that look back or do not, with all that it may have.
+/// A program with or without dynamics that depend on the previous input, with all optional parts.
 fn program(numbers: &mut Numbers, shape: Shape) -> QuadraticProgram {
     let mut rows = Vec::new();
     (0..shape.rows).for_each(|_| rows.push(row(numbers, shape, &rows)));
@@ -111,7 +112,7 @@ fn program(numbers: &mut Numbers, shape: Shape) -> QuadraticProgram {
 }
 
 #[test]
-fn small_programs_have_the_answer_that_trying_all_sets_of_rows_gives() {
+fn small_programs_have_the_answer_of_exhaustive_search() {
     let mut numbers = Numbers(1);
     let (mut solved, mut infeasible, mut let_off) = (0, 0, 0);
     for _ in 0..100_000 {
@@ -166,12 +167,13 @@ fn multipliers(solver: &ActiveSet, program: &QuadraticProgram) -> Vec<f64> {
 }
 
 proptest! {
-    // 256 of them, or as many as PROPTEST_CASES says.
+    // 256 cases, or the number in PROPTEST_CASES.
     #![proptest_config(ProptestConfig::default())]
 
     #[test]
-    fn large_programs_have_an_answer_that_its_multipliers_prove_and_the_interior_point_method_does_not_beat(
-        seed in any::<u64>(), horizon in 2..21_usize, free in 0.0..1.0_f64, rows in 1..80_usize, soft in any::<bool>(), decades in 0.0..6.0_f64
+    fn large_programs_are_solved_to_optimality_and_never_cost_more_than_by_interior_point(
+        seed in any::<u64>(), horizon in 2..21_usize, free in 0.0..1.0_f64, rows in 1..80_usize,
+        soft in any::<bool>(), decades in 0.0..6.0_f64
     ) {
         let blocks = 1 + (free * horizon as f64) as usize;
         let slacks = if soft { horizon } else { 0 };
@@ -180,23 +182,29 @@ proptest! {
         let (mut ours, mut theirs) = (vec![0.0; program.unknowns()], vec![0.0; program.unknowns()]);
         let mut solver = ActiveSet::new(&program);
         let outcome = solver.solve(&program, &mut ours, &Turn::default());
-        let reference = Clarabel::new(&program).map_err(|e: SolverError| TestCaseError::fail(e.to_string()))?.solve(&program, &mut theirs, &Turn::default());
+        let reference = Clarabel::new(&program)
+            .map_err(|e: SolverError| TestCaseError::fail(e.to_string()))?
+            .solve(&program, &mut theirs, &Turn::default());
         prop_assert_eq!(outcome.status, Status::Solved);
         prop_assert!(keeps(&program, &ours));
         let (dense, multipliers) = (Dense::of(&program), multipliers(&solver, &program));
         let misses = dense.misses(&DVector::from_column_slice(&ours), &multipliers);
         prop_assert!(misses < 1e-6, "{}", misses);
-        // Where curvatures span many decades, what the interior point method finds breaks bounds by its tolerance, and costs less.
+        // Where curvatures span many decades, the answer of the interior-point method violates
+        // bounds within its tolerance, and costs less.
         if reference.usable() {
             let gains = dense.gains(&DVector::from_column_slice(&theirs), &multipliers);
             let (ours, theirs) = (cost(&program, &ours), cost(&program, &theirs));
-            prop_assert!(ours < theirs + gains + 1e-6 * (1.0 + theirs.abs()), "{} is more than {} and {}", ours, theirs, gains);
+            prop_assert!(
+                ours < theirs + gains + 1e-6 * (1.0 + theirs.abs()),
+                "{} is more than {} and {}", ours, theirs, gains
+            );
         }
     }
 }
 
 #[test]
-fn half_of_the_steps_that_are_allowed_are_enough() {
+fn half_of_the_allowed_steps_are_enough() {
     let mut numbers = Numbers(2);
     let mut worst: f64 = 0.0;
     for _ in 0..3000 {
@@ -216,7 +224,8 @@ fn half_of_the_steps_that_are_allowed_are_enough() {
 }
 
 #[test]
-fn what_runs_out_of_steps_is_answered_by_the_interior_point_method() -> Result<(), SolverError> {
+fn a_program_that_runs_out_of_steps_is_solved_by_the_interior_point_method()
+-> Result<(), SolverError> {
     let mut numbers = Numbers(5);
     for _ in 0..20 {
         let program = program(
@@ -243,7 +252,7 @@ fn what_runs_out_of_steps_is_answered_by_the_interior_point_method() -> Result<(
 }
 
 #[test]
-fn what_only_rounding_violates_holds_nobody_up() {
+fn violations_by_rounding_do_not_prevent_termination() {
     let mut numbers = Numbers(6);
     for _ in 0..2000 {
         let mut program = program(
@@ -256,14 +265,14 @@ fn what_only_rounding_violates_holds_nobody_up() {
             .iter_mut()
             .for_each(|stage| stage.gradient.iter_mut().for_each(|slope| *slope *= far));
         let mut x = vec![0.0; program.unknowns()];
-        // It comes to an end, whatever that is.
+        // It terminates, with any outcome.
         let outcome = ActiveSet::new(&program).solve(&program, &mut x, &Turn::default());
         assert!((outcome.iterations as usize) <= steps_most(&program) + 1, "{outcome:?}");
     }
 }
 
 #[test]
-fn what_cannot_be_answered_is_said() {
+fn programs_without_an_answer_have_a_status_and_leave_the_solution_unchanged() {
     let shape = Shape { horizon: 1, blocks: 1, rows: 0, slacks: 0, decades: 0.0, bound_min: 0.0 };
     let mut numbers = Numbers(3);
     let mut contradictory = program(&mut numbers, shape);
@@ -294,7 +303,7 @@ fn what_cannot_be_answered_is_said() {
 }
 
 #[test]
-fn the_answer_does_not_depend_on_what_was_solved_before() {
+fn the_answer_does_not_depend_on_earlier_programs() {
     let shape = Shape { horizon: 6, blocks: 4, rows: 30, slacks: 6, decades: 2.0, bound_min: 0.0 };
     let mut numbers = Numbers(4);
     let mut programs: Vec<QuadraticProgram> =

@@ -1,4 +1,4 @@
-//! What acts on the wheels and why, with which model, and how long that took.
+//! What acts on the wheels and why, with which model, and how long it took.
 
 use super::{Scene, block, duration_text, period_text};
 use protocol::message::{FallbackLevel, Participant, Plan, Reason};
@@ -51,7 +51,7 @@ fn row<'a>(name: &str, value: Span<'a>) -> Line<'a> {
     Line::from(vec![Span::raw(format!("{name:<7}")), value])
 }
 
-/// Which model is used, and for what.
+/// The model in use, and the axes on which it is used.
 fn model(plan: &Plan) -> String {
     let learned: Vec<&str> = AXES
         .into_iter()

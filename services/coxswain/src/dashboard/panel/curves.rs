@@ -1,4 +1,4 @@
-//! Curves over the time of the run, on a scale by tens.
+//! Curves over the time of the run, on a logarithmic scale.
 
 use super::{Scene, block};
 use ratatui::Frame;
@@ -10,20 +10,20 @@ use ratatui::widgets::{Axis, Chart, Dataset, GraphType};
 
 /// Longest part of the run that is shown \[s\].
 pub(super) const SHOWN_S: f64 = 60.0;
-/// What is smaller is drawn as this.
+/// Smaller values are drawn as this value.
 const SMALLEST: f64 = 1e-6;
 
 /// One curve.
 pub(super) struct Curve {
     /// Its colour.
     pub(super) color: Color,
-    /// How its points are drawn, so that they can be told apart without colours.
+    /// The marker of its points. It distinguishes the curves without colours.
     pub(super) marker: Marker,
     /// Time \[s\] and value, above 0.
     pub(super) points: Vec<(f64, f64)>,
 }
 
-/// Draws `curves` in a frame called `title`. Without points there is the frame alone.
+/// Draws `curves` in a frame with this title. Without points only the frame is drawn.
 pub(super) fn draw<'a>(
     frame: &mut Frame<'_>,
     area: Rect,
@@ -68,7 +68,8 @@ pub(super) fn draw<'a>(
     frame.render_widget(chart, area);
 }
 
-/// Labels at every power of ten between two, or at the two alone where there are too few rows for all.
+/// Labels at every power of ten from `low` to `high`. If there are too few rows for all, only the
+/// two ends have labels.
 fn decades(low: f64, high: f64, rows: usize) -> Vec<String> {
     let text = |power: f64| format!("{}", 10_f64.powf(power));
     let count = (high - low) as usize;

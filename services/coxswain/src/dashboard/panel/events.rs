@@ -1,4 +1,4 @@
-//! What happened, the newest below.
+//! The events, the newest at the bottom.
 
 use super::{Scene, block};
 use ratatui::Frame;

@@ -1,4 +1,4 @@
-//! The most important keys, and what happened last.
+//! The most important keys, and the last event.
 
 use super::Scene;
 use ratatui::Frame;

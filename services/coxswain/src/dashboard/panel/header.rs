@@ -1,4 +1,4 @@
-//! Whom is watched, the time of the run, whether the robot is there, and what strangers can do to it.
+//! The watched robot, the time of the run, whether the robot is present, and its exposure.
 
 use super::super::picture::Contact;
 use super::Scene;
@@ -44,14 +44,14 @@ pub(super) fn draw(
         format!("{:.1} s, tick {}", picture.seconds(), state.stamp.tick)
     });
     let room = usize::from(area.width).saturating_sub(word.width() + 2);
-    // What there is no room for is left out, the endpoint first.
-    let said = [format!("{who}   {when}"), when]
+    // Text that does not fit is left out, the endpoint first.
+    let title = [format!("{who}   {when}"), when]
         .into_iter()
-        .find(|said| said.chars().count() <= room)
+        .find(|title| title.chars().count() <= room)
         .unwrap_or_default();
     let [left, right] =
         Layout::horizontal([Constraint::Fill(1), Constraint::Length(word.width() as u16)])
             .areas(area);
-    frame.render_widget(Line::styled(said, scene.look.strong()), left);
+    frame.render_widget(Line::styled(title, scene.look.strong()), left);
     frame.render_widget(word, right);
 }

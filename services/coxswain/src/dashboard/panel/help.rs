@@ -1,4 +1,4 @@
-//! The keys, and what the panels mean, over everything else.
+//! The keys, and the meaning of the panels, drawn over everything else.
 
 use super::super::look::Look;
 use super::super::view::KEYS;
@@ -8,7 +8,7 @@ use ratatui::layout::{Constraint, Rect};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Clear, Paragraph};
 
-/// What is not said in the panels themselves.
+/// Explanations that the panels themselves do not show.
 const MEANING: [&str; 7] = [
     "Map: world frame, x to the right, y up.",
     "Tracking error: position against reference, scale by tens.",

@@ -1,4 +1,4 @@
-//! Messages that did not arrive, of what the processes tell.
+//! Messages that did not arrive, as the processes report them.
 
 use super::super::picture::Losses;
 use super::{Scene, block};

@@ -1,4 +1,4 @@
-//! Where the robot is, was, should be and will be.
+//! The present, past, reference and predicted positions of the robot.
 
 use super::super::picture::Picture;
 use super::super::view::MapWindow;
@@ -15,11 +15,11 @@ use std::f64::consts::FRAC_PI_4;
 const DOTS: [f64; 2] = [2.0, 4.0];
 /// Length of the heading on the map \[dots\].
 const HEADING_DOTS: f64 = 8.0;
-/// Signs for the heading, from ahead along x on, counter-clockwise.
+/// Signs for the heading, from the x axis on, counter-clockwise.
 const ARROWS: [&str; 8] = ["→", "↗", "↑", "↖", "←", "↙", "↓", "↘"];
-/// Width of the map where nothing says how large the world is \[m\].
+/// Smallest width of the map of the whole path \[m\].
 const ACROSS_MIN_M: f64 = 1.0;
-/// The whole path with a margin.
+/// Margin around the whole path, as a factor.
 const MARGIN: f64 = 1.1;
 
 /// A part of the world, in which a metre is as long in x as in y.
@@ -29,7 +29,7 @@ struct Extent {
     across_m: f64,
     /// One dot \[m\].
     dot_m: f64,
-    /// Half of what is shown in x and y \[m\].
+    /// Half of the shown width and height \[m\].
     half: [f64; 2],
 }
 
@@ -76,7 +76,8 @@ fn paint(context: &mut Context<'_>, scene: Scene<'_>, extent: Extent) {
         }
     }
     context.layer();
-    // A sign stands in the cell that is nearest; without this it would be the one above or to the left.
+    // A sign is drawn in the nearest cell; without this offset it would be in the one above or to
+    // the left.
     let [right, down] = DOTS.map(|dots| dots * extent.dot_m / 2.0);
     if let Some(plan) = &picture.plan {
         let rows = plan.horizon as usize + 1;
@@ -105,7 +106,7 @@ fn paint(context: &mut Context<'_>, scene: Scene<'_>, extent: Extent) {
 }
 
 impl Extent {
-    /// What is shown in so many cells.
+    /// The extent for a map of this many cells.
     fn of(picture: &Picture, window: MapWindow, cells: [f64; 2]) -> Self {
         let dots = [cells[0].max(1.0) * DOTS[0], cells[1].max(1.0) * DOTS[1]];
         let robot = picture.path.last().map_or([0.0; 2], |(_, place)| place);

@@ -1,4 +1,4 @@
-//! What the model gets wrong in one period: before learning and after.
+//! The error of the model over one period, before and after learning.
 
 use super::curves::{Curve, SHOWN_S, draw as draw_chart};
 use super::{Scene, block};
@@ -14,7 +14,7 @@ pub(super) const SMALL_ROWS: u16 = 5;
 /// An axis of the velocity, and its unit.
 const AXES: [(&str, &str); 3] = [("forward", "m/s"), ("left", "m/s"), ("yaw", "rad/s")];
 
-/// Averages of late, per axis.
+/// Recent averages, per axis.
 pub(super) fn draw_figures(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     let look = scene.look;
     let title = block(" One-step error: main → learned ", look);
@@ -38,7 +38,7 @@ pub(super) fn draw_figures(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) 
     frame.render_widget(Paragraph::new(lines).block(title), area);
 }
 
-/// How many times less it is, in four characters.
+/// The factor of the reduction, in four characters.
 fn ratio(main: f64, whole: f64) -> String {
     match main / whole {
         ratio if ratio < 10.0 => format!("÷{ratio:.1}"),

@@ -1,4 +1,4 @@
-//! How each process is: its phase, since when it is silent, and what went wrong last.
+//! The status of each process: its phase, the time since its last message, and its last fault.
 
 use super::super::picture::Process;
 use super::{Scene, block};
@@ -14,7 +14,7 @@ use std::time::Duration;
 pub(super) const SMALL_ROWS: u16 = 7;
 /// Height with a heading as well.
 pub(super) const LARGE_ROWS: u16 = 8;
-/// Processes say how they are ten times a second; this is long after that.
+/// Silence after which a process is marked. Processes publish Health ten times a second.
 const SILENT: Duration = Duration::from_secs(1);
 /// A greater epoch is no count of starts.
 const STARTS_MOST: u64 = 99_999;
@@ -71,7 +71,7 @@ pub(super) fn draw_large(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     frame.render_widget(table, area);
 }
 
-/// How often it has been started: its epoch, unless that began with the time of day.
+/// The number of starts: the epoch, unless the first epoch came from the time of day.
 fn starts(process: &Process) -> Option<u64> {
     Some(process.health.stamp.epoch).filter(|&epoch| epoch <= STARTS_MOST)
 }
@@ -86,7 +86,7 @@ fn phase(scene: Scene<'_>, process: &Process) -> Span<'static> {
     Span::styled(format!("{phase:<8}"), style)
 }
 
-/// For how long it has said nothing, and how loud to say so.
+/// The time since its last message, and its style.
 fn silence(scene: Scene<'_>, process: &Process) -> (String, Style) {
     let silent = scene.now.saturating_duration_since(process.heard);
     let style = if silent > SILENT && process.health.phase() != Phase::Finished {

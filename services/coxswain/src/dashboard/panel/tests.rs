@@ -12,7 +12,7 @@ use ratatui::style::{Color, Modifier};
 use std::convert::Infallible;
 use std::time::{Duration, Instant};
 
-/// What `view` looks like at `now`.
+/// The cells of `view` at `now`.
 fn cells(view: &View, look: Look, size: (u16, u16), now: Instant) -> Result<Buffer, Infallible> {
     let mut terminal = Terminal::new(TestBackend::new(size.0, size.1))?;
     terminal.draw(|frame| draw(frame, view, look, now))?;
@@ -37,14 +37,14 @@ fn press(view: &mut View, key: char, now: Instant) {
     view.press(KeyEvent::new(KeyCode::Char(key), KeyModifiers::NONE), now);
 }
 
-/// Words that are on a screen whole, or were cut or covered.
+/// Asserts that these words are whole on the screen, neither cut nor covered.
 fn assert_all(shown: &str, words: &[&str]) {
     for word in words {
         assert!(shown.contains(word), "{word:?} is not whole on\n{shown}");
     }
 }
 
-/// What is to be seen at any size from 80×24 on.
+/// Words that are visible at any size from 80×24 on.
 const WORDS: [&str; 33] = [
     "specimen at tcp/127.0.0.1:7448",
     "12.3 s, tick 123",
@@ -82,7 +82,7 @@ const WORDS: [&str; 33] = [
 ];
 
 #[test]
-fn eighty_by_twenty_four_shows_everything_that_counts_and_cuts_nothing() -> Result<(), Infallible> {
+fn eighty_by_twenty_four_shows_all_figures_uncut() -> Result<(), Infallible> {
     let begin = Instant::now();
     let mut view = View::new(specimen::picture(begin));
     view.live().hear(specimen::state(123), begin + Duration::from_millis(2500));
@@ -102,7 +102,7 @@ fn eighty_by_twenty_four_shows_everything_that_counts_and_cuts_nothing() -> Resu
 }
 
 #[test]
-fn two_hundred_by_sixty_is_made_use_of() -> Result<(), Infallible> {
+fn two_hundred_by_sixty_is_used() -> Result<(), Infallible> {
     let begin = Instant::now();
     let mut view = View::new(specimen::picture(begin));
     view.live().hear(specimen::state(123), begin + Duration::from_millis(2500));
@@ -132,7 +132,7 @@ fn every_frame_is_closed_at_every_size() -> Result<(), Infallible> {
         let [begun, top_right, bottom_left, ended] =
             ["┌", "┐", "└", "┘"].map(|corner| shown.matches(corner).count());
         assert!(begun >= 6 && [top_right, ended] == [begun; 2], "{size:?}\n{shown}");
-        // The axes of the curves have one, too.
+        // The axes of the curves have such a corner, too.
         let curves = if begun > 6 { 3 } else { 1 };
         assert_eq!(bottom_left, begun + curves, "{size:?}\n{shown}");
     }
@@ -161,7 +161,7 @@ fn no_terminal_is_too_small_to_draw_on() -> Result<(), Infallible> {
 }
 
 #[test]
-fn whoever_is_lost_is_named_and_the_last_picture_greyed() -> Result<(), Infallible> {
+fn a_lost_robot_is_reported_and_the_last_picture_is_grey() -> Result<(), Infallible> {
     let begin = Instant::now();
     let mut view = View::new(specimen::picture(begin));
     let later = begin + Duration::from_secs(7);
@@ -196,7 +196,7 @@ fn a_held_picture_does_not_hide_that_the_robot_is_lost() -> Result<(), Infallibl
 }
 
 #[test]
-fn help_has_every_key_and_goes_again() -> Result<(), Infallible> {
+fn help_shows_every_key_and_closes() -> Result<(), Infallible> {
     let begin = Instant::now();
     let mut view = View::new(specimen::picture(begin));
     press(&mut view, '?', begin);
@@ -213,7 +213,7 @@ fn help_has_every_key_and_goes_again() -> Result<(), Infallible> {
 }
 
 #[test]
-fn the_map_shows_what_was_asked_for() -> Result<(), Infallible> {
+fn the_map_shows_the_selected_part() -> Result<(), Infallible> {
     let begin = Instant::now();
     let mut view = View::new(specimen::picture(begin));
     press(&mut view, 'f', begin);
@@ -225,7 +225,7 @@ fn the_map_shows_what_was_asked_for() -> Result<(), Infallible> {
 }
 
 #[test]
-fn without_colours_everything_is_said_all_the_same() -> Result<(), Infallible> {
+fn without_colours_the_text_is_the_same() -> Result<(), Infallible> {
     let begin = Instant::now();
     let mut view = View::new(specimen::picture(begin));
     let later = begin + Duration::from_secs(7);
@@ -253,7 +253,7 @@ fn without_colours_everything_is_said_all_the_same() -> Result<(), Infallible> {
 }
 
 #[test]
-fn a_fallback_level_of_last_resort_says_why() -> Result<(), Infallible> {
+fn a_fallback_level_of_last_resort_shows_its_reason() -> Result<(), Infallible> {
     let begin = Instant::now();
     let mut view = View::new(specimen::picture(begin));
     let mut braking = specimen::state(124);

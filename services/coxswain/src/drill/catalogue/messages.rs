@@ -1,11 +1,11 @@
-//! Exercises in which messages are lost, late, damaged, or lies.
+//! Exercises in which messages are lost, late, damaged, or wrong.
 
 use super::{Carrier, Exercise, Extent, Launch, Refused, Task};
 use learner::settings::SnapshotFaultKind;
 use protocol::message::Participant::{self, Controller, Learner, Plant, Recorder};
 use std::fmt::Write;
 
-/// Fault, its kind in the file, and what else is said there.
+/// Fault, its kind in the fault file, and further keys of its entry.
 type Kind = (&'static str, &'static str, &'static [&'static str]);
 
 const KINDS: [Kind; 11] = [
@@ -31,11 +31,12 @@ const KINDS: [Kind; 11] = [
     ("stuck", "freeze", &[""]),
 ];
 
-/// From window to window, and the length of one \[ticks of 20 ms\].
+/// Ticks of 20 ms from the start of one window to the next, and the length of a window.
 const STRIDE: u64 = 75;
 const WINDOW: u64 = 25;
 
-/// What the links between plant and controller do, in real time: windows of it, and clean time behind each.
+/// Faults of the links between plant and controller, in real time: windows with faults, each
+/// followed by time without.
 pub(super) fn on_control_links(extent: Extent, apart: bool, all: &mut Vec<Exercise>) {
     for (topic, participant, field) in
         [("command", Plant, "input"), ("state", Controller, "velocity")]
@@ -95,7 +96,7 @@ pub(super) fn on_control_links(extent: Extent, apart: bool, all: &mut Vec<Exerci
     }
 }
 
-/// Messages of another protocol version, well sealed, for whoever reads anything.
+/// Messages of another protocol version with a valid checksum, for every reader.
 pub(super) fn of_other_versions(extent: Extent, all: &mut Vec<Exercise>) {
     for carrier in [Carrier::SharedMemory, Carrier::Network] {
         if extent == Extent::Quick && carrier == Carrier::Network {
@@ -127,7 +128,8 @@ pub(super) fn of_other_versions(extent: Extent, all: &mut Vec<Exercise>) {
     }
 }
 
-/// Snapshots that are damaged on the way, and such as a learner sends that has gone mad, in lock step, where they come often.
+/// Damaged snapshots, and snapshots with wrong content from a faulty learner, in lock step, where
+/// snapshots are frequent.
 pub(super) fn snapshots(extent: Extent, all: &mut Vec<Exercise>) {
     let duration_s: f64 = extent.pick(20.0, 400.0);
     let until = (duration_s * 50.0) as u64 - 100;
@@ -163,7 +165,8 @@ pub(super) fn snapshots(extent: Extent, all: &mut Vec<Exercise>) {
         )
     };
     if extent == Extent::Quick {
-        // One after the other, with good ones between; what is stale needs some before it.
+        // One fault after the other, with good snapshots between; a stale fault needs some before
+        // it.
         let (mut faults, share) = (String::new(), (until - 200) / 7);
         for (kind, from) in SnapshotFaultKind::ALL.into_iter().zip((200..).step_by(share as usize))
         {
@@ -187,6 +190,7 @@ fn message(
 ) -> String {
     let name = participant.text();
     format!(
-        "[[fault]]\ntopic = {topic:?}\nat = \"reader\"\nparticipant = {name:?}\nkind = {kind:?}\nfrom_tick = {from}\nuntil_tick = {until}\n{keys}"
+        "[[fault]]\ntopic = {topic:?}\nat = \"reader\"\nparticipant = {name:?}\nkind = {kind:?}\n\
+         from_tick = {from}\nuntil_tick = {until}\n{keys}"
     )
 }

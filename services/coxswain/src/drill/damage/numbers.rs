@@ -1,10 +1,10 @@
-//! One number of a message that can be none, well sealed: for whoever measures and learns by it.
+//! Messages with one impossible number and a valid checksum, for the processes that use the number.
 //!
-//! | message         | who looks                 | at which numbers               | what they cannot be |
-//! |-----------------|---------------------------|--------------------------------|---------------------|
-//! | `PlantState`    | the controller's watch    | pose, velocity                 | not finite          |
-//! | `ModelSnapshot` | the controller's examiner | all                            | not finite          |
-//! |                 |                           | those of the head that it uses | huge                |
+//! | message         | checked by                | numbers                   | impossible values |
+//! |-----------------|---------------------------|---------------------------|-------------------|
+//! | `PlantState`    | the controller's watch    | pose, velocity            | not finite        |
+//! | `ModelSnapshot` | the controller's examiner | all                       | not finite        |
+//! |                 |                           | numbers used of its head  | huge              |
 
 use super::{BAD, Encoding, Offered, PERIOD};
 use crate::drill::session::Trouble;
@@ -16,13 +16,14 @@ use model::residual::bound;
 use protocol::message::{INPUTS_MAX, Message, ModelSnapshot, PlantState, SnapshotHead};
 use robot::Robot;
 
-/// What is in the head of a snapshot to be told, and nothing else.
+/// Fields in the head of a snapshot that are only reported.
 const TOLD: [&str; 4] = ["log_likelihood", "jitter", "score_learned", "score_main"];
 
-/// Offers every number in turn to who looks at it, as it is in memory and on the network: none is used.
+/// Offers every number in turn to the code that checks it, in memory form and in network form. None
+/// may be used.
 ///
 /// # Errors
-/// If an undamaged message is refused.
+/// If an undamaged message is rejected.
 pub(super) fn offer(offered: &mut Offered) -> Result<(), Trouble> {
     let main = MainModel::new(&Robot::example(), PERIOD as f64 * 1e-9);
     let bound = bound(&main, &Robot::example());
@@ -42,7 +43,10 @@ pub(super) fn offer(offered: &mut Offered) -> Result<(), Trouble> {
     offer_each(&snapshot(&bound)?, learnt, adopted, offered)
 }
 
-/// Gives each number of `good` that is to be `looked_at` (field, place in it, what it shall be) a bad value in turn, and counts those that are `used`.
+/// Gives each number of `good` a bad value in turn, and counts the messages that are `used`.
+///
+/// `looked_at` gets the field, the place in it and the bad value, and selects the values that must
+/// be rejected.
 fn offer_each<T: Message>(
     good: &T,
     looked_at: impl Fn(&str, usize, f64) -> bool,
@@ -80,7 +84,7 @@ fn offer_each<T: Message>(
     Ok(())
 }
 
-/// A good one of a few points, which say that there is nothing to learn.
+/// A good snapshot of a few points, according to which there is nothing to learn.
 fn snapshot(bound: &[f64; 3]) -> Result<ModelSnapshot, Trouble> {
     let mut head: SnapshotHead = bytemuck::Zeroable::zeroed();
     head.inputs = INPUTS as u32;

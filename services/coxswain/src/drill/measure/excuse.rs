@@ -1,17 +1,17 @@
-//! Times in which the machine let nobody run ↔ periods that were missed.
+//! Times in which the machine let no process run ↔ periods that were missed.
 //!
-//! A gap excuses a missed period only if the two overlap in time. Where the state that reports a
-//! period is in the record, so are its begin and end. While the recorder is dead, neither the
+//! A gap excuses a missed period only if the two overlap in time. If the state that reports a
+//! period is in the record, its begin and end are known. While the recorder is dead, neither the
 //! period nor its time is recorded, but both are bounded:
 //!
-//! - the plant counts its missed periods in its Health, ten times a second. What it has counted
-//!   between two Healths, less the missed periods that are recorded, was missed unseen;
-//! - the plant's clock never runs fast, so the state of tick k came no earlier than (k − a) T after
-//!   that of an earlier tick a, and no later than (b − k) T before that of a later tick b.
+//! - The plant counts its missed periods in its Health, ten times a second. The periods that it
+//!   counts between two Healths, less the recorded missed periods, were missed unseen.
+//! - The plant's clock never runs fast. So the state of tick k came at least (k − a) T after that
+//!   of an earlier tick a. It came at least (b − k) T before that of a later tick b.
 //!
-//! So of all unseen periods between two Healths at most as many are excused as a gap overlaps. A
-//! gap of length L overlaps ⌈L/T⌉ + 1 periods at most, however uncertain their time is. Three
-//! missed periods in a row make the gate brake, and leaving the brake takes three more.
+//! So between two Healths a gap excuses at most as many unseen periods as it overlaps. A gap of
+//! length L overlaps ⌈L/T⌉ + 1 periods at most, however uncertain their time is. Three missed
+//! periods in a row make the gate brake, and leaving the brake takes three more.
 
 use super::super::record::{Message, Record};
 use super::{BRAKES_AFTER, is_missed};
@@ -21,15 +21,15 @@ use std::ops::RangeInclusive;
 
 /// Periods that leaving the brake takes.
 const RECOVERS_WITHIN: u64 = 3;
-/// The plant publishes a state so late at most without taking the time out of its clock \[ns\].
+/// Largest delay of a state that the plant does not take out of its clock \[ns\].
 const LATE_NANOS: u64 = 5_000_000;
 
-/// What was missed while the recorder was dead.
+/// Periods that were missed while the recorder was dead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Unseen {
-    /// Periods that the plant has counted and that are not in the record.
+    /// Periods that the plant has counted as missed and that are not in the record.
     pub missed: u64,
-    /// Those of them that no gap can account for.
+    /// Those of them that no gap can explain.
     pub unexcused: u64,
 }
 
@@ -41,7 +41,7 @@ pub(super) struct Timeline {
 }
 
 impl Timeline {
-    /// Of the states of `epoch`.
+    /// The timeline of the states of `epoch`.
     pub(super) fn of(states: &[&Message], epoch: u64, period_s: f64) -> Self {
         let of_epoch = states.iter().filter(|state| state.stamp("epoch") == epoch);
         Self {
@@ -50,7 +50,7 @@ impl Timeline {
         }
     }
 
-    /// The period before `tick`: not before, and not after \[ns\].
+    /// Bounds of the period before `tick`: its earliest begin and its latest end \[ns\].
     fn period_before(&self, tick: u64) -> (u64, u64) {
         let begins = tick.saturating_sub(1);
         let sent = |tick: u64| self.sent.get(&tick).copied();
@@ -77,8 +77,8 @@ impl Timeline {
         gap.from_nanos < end && begin < gap.to_nanos
     }
 
-    /// The tick whose state the plant was about to publish when it sent a Health at `at` \[ns\]: it
-    /// sends one at the end of a period, after it has counted that.
+    /// The tick whose state the plant was about to publish when it sent a Health at `at` \[ns\].
+    /// The plant sends Health at the end of a period, after it has counted that period.
     fn tick_after(&self, at: u64) -> u64 {
         let entry = |(&tick, &sent): (&u64, &u64)| (tick, sent);
         let next = self.sent.iter().map(entry).find(|&(_, sent)| sent > at);
@@ -94,13 +94,13 @@ impl Timeline {
     }
 }
 
-/// What the plant counted as missed while no recorder was there to see it.
+/// Periods that the plant counted as missed while no recorder was running.
 pub fn unseen(record: &Record, states: &[&Message], period_s: f64, gaps: &[Gap]) -> Unseen {
     let epoch = states.last().map_or(0, |state| state.stamp("epoch"));
     let timeline = Timeline::of(states, epoch, period_s);
     let missed: BTreeMap<u64, bool> =
         states.iter().map(|state| (state.stamp("tick"), is_missed(state))).collect();
-    // A restarted recorder may get a Health twice; before the first period none is counted.
+    // A restarted recorder may get a Health twice. Before the first period the count is zero.
     let healths: BTreeMap<u64, (u64, u64)> = record
         .health_of("plant")
         .filter(|health| health.count("deadlines_met") + health.count("deadlines_missed") > 0)
@@ -114,7 +114,7 @@ pub fn unseen(record: &Record, states: &[&Message], period_s: f64, gaps: &[Gap])
     for &(at, count) in healths.values() {
         let until = timeline.tick_after(at);
         if until <= told {
-            continue; // no period has ended since the Health before
+            continue; // no period has ended since the previous Health
         }
         let ticks = told + 1..=until;
         let seen = missed.range(ticks.clone()).filter(|&(_, &missed)| missed).count() as u64;
@@ -129,7 +129,7 @@ pub fn unseen(record: &Record, states: &[&Message], period_s: f64, gaps: &[Gap])
     all
 }
 
-/// The same in lock step, where no time of the machine is an excuse and none bounds a period.
+/// The same in lock step, where no gap is an excuse and no time bounds a period.
 pub fn unseen_in_lock_step(record: &Record, states: &[&Message]) -> Unseen {
     let counted =
         record.health_of("plant").next_back().map_or(0, |health| health.count("deadlines_missed"));
@@ -138,7 +138,7 @@ pub fn unseen_in_lock_step(record: &Record, states: &[&Message]) -> Unseen {
     Unseen { missed, unexcused: missed }
 }
 
-/// How many of the periods that these ticks report, and that are not recorded, gaps account for.
+/// How many of the unrecorded periods that these ticks report are explained by gaps.
 fn excusable(timeline: &Timeline, ticks: RangeInclusive<u64>, gaps: &[Gap]) -> u64 {
     let dark: Vec<u64> = ticks.filter(|tick| !timeline.sent.contains_key(tick)).collect();
     let of_gap = |gap: &Gap| {
@@ -150,7 +150,7 @@ fn excusable(timeline: &Timeline, ticks: RangeInclusive<u64>, gaps: &[Gap]) -> u
     gaps.iter().map(of_gap).sum::<u64>().min(dark.len() as u64)
 }
 
-/// Gaps of all processors as times of the machine: those that touch are one.
+/// Gaps of all processors, merged: gaps that touch become one gap of the machine.
 fn merged(gaps: &[Gap]) -> Vec<Gap> {
     let mut sorted = gaps.to_vec();
     sorted.sort_by_key(|gap| gap.from_nanos);

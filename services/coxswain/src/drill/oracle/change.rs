@@ -1,11 +1,14 @@
-//! Rules a and d, of two moments a period apart: how far the wheels' command moves between them.
+//! Rules a and d, for two instants a period apart: how far the wheel command moves between them.
 //!
-//! Notation: w_k is the body velocity that is commanded at the end of the period before tick k, m_a
-//! is the gate's mean output in the period before tick a as its state reports it, and c is what the
-//! robot file permits in one period, rate × T. A controller that answers the state of tick a starts
-//! from m_a, because the state is all that it knows of the gate: |input − m_a| ≤ c. Each entry of
-//! its tail is at most c from the one before. Entry i acts while the state is i periods old, with
-//! the input as entry 0. So
+//! Notation:
+//!
+//! - w_k: body velocity that is commanded at the end of the period before tick k
+//! - m_a: the gate's mean output in the period before tick a, as its state reports it
+//! - c: change that the robot file permits in one period, rate × T
+//!
+//! A controller that answers the state of tick a starts from m_a, because the state contains all
+//! that it knows of the gate: |input − m_a| ≤ c. Each entry of its tail is at most c from the one
+//! before. Entry i acts while the state is i periods old, with the input as entry 0. So
 //!
 //! | what acts at w_{k+1}                     | bound of abs(w_{k+1} − w_k), per axis    |
 //! |------------------------------------------|------------------------------------------|
@@ -14,27 +17,27 @@
 //! | the brake, for the whole period          | ramp × (T + grain)                       |
 //! | the brake, after a command of the period | c + ramp × (T + grain)                   |
 //!
-//! A command that answers in time has i = 0, so its only slack is m_k − w_k: what the record shows
-//! the controller could not know. It is zero where one input acted for the whole period before.
+//! A command that answers in time has i = 0, so its only slack is m_k − w_k. The record shows that
+//! the controller could not know it. It is zero where one input acted for the whole period before.
 //!
-//! The same holds for each wheel, |Δω| ≤ Σ |J| bound / r, which also catches wheel commands that
-//! are no body velocity at all.
+//! The same holds for each wheel, |Δω| ≤ Σ |J| bound / r. This also catches wheel commands that are
+//! no body velocity at all.
 //!
-//! Where a link changes the numbers on their way, the controller is not bound by what acts. The
-//! gate alone is then judged: rule `Leap`, with the 2.2 changes of decision 22.
+//! If a link changes the numbers of a command, the controller is not responsible for the acting
+//! command. Then only the gate is judged: rule `Leap`, with the 2.2 changes of decision 22.
 
 use super::{Limits, Rule, Ticks, Violation};
 use crate::drill::record::Message;
 
-/// Of the optimiser's rows, relative to their bound, and rounding \[m/s, rad/s\].
+/// Tolerance of the optimiser's rows, relative to their bound, and of rounding \[m/s, rad/s\].
 const TOLERANCE: f64 = 1e-5;
-/// The gate decides every 2 ms, and the last decision of a period may be that long before its end
+/// The gate decides every 2 ms. The last decision of a period may be that long before its end
 /// \[s\].
 const GRAIN_S: f64 = 0.002;
-/// Changes of one period that the gate lets pass, whoever sent the command (decision 22).
+/// Changes of one period that the gate permits for any sender (decision 22).
 const LEAP: f64 = 2.2;
 
-/// Judges every pair of ticks that follow each other in one plant epoch.
+/// Judges every pair of consecutive ticks of one plant epoch.
 pub(super) fn judge(
     epoch: u64,
     truths: &Ticks<'_>,
@@ -61,18 +64,18 @@ pub(super) fn judge(
     }
 }
 
-/// Two looks at the wheels, a period apart.
+/// Two samples of the wheel command, a period apart.
 struct Step<'a> {
-    /// Of the later one.
+    /// Tick of the later sample.
     tick: u64,
     before: &'a Message,
     now: &'a Message,
-    /// Body velocities that they command \[m/s, m/s, rad/s\].
+    /// Commanded body velocities \[m/s, m/s, rad/s\].
     from: [f64; 3],
     to: [f64; 3],
 }
 
-/// Whether no command is behind what the wheels get.
+/// Whether no command determines what the wheels get.
 fn is_by_itself(truth: &Message) -> bool {
     truth.count("acting_epoch") == 0
 }
@@ -82,7 +85,7 @@ fn is_braking(truth: &Message) -> bool {
     is_by_itself(truth) && truth.count("acting_age_nanos") == 0
 }
 
-/// The largest change per axis; none where the record does not have what it depends on.
+/// The largest change per axis; none if the record lacks the necessary messages.
 fn bound(step: &Step<'_>, states: &Ticks<'_>, limits: &Limits) -> Option<[f64; 3]> {
     let Step { tick, before, now, from, .. } = step;
     let change = limits.rate.map(|rate| rate * limits.period_s);
@@ -100,7 +103,7 @@ fn bound(step: &Step<'_>, states: &Ticks<'_>, limits: &Limits) -> Option<[f64; 3
         return Some(change);
     }
     if !limits.at_once {
-        return None; // what the wheels get was decided a dead time ago
+        return None; // the present wheel command was decided one dead time ago
     }
     let answered = now.count("acting_tick");
     let entry = (tick - 1).checked_sub(answered)? as f64;
@@ -110,7 +113,7 @@ fn bound(step: &Step<'_>, states: &Ticks<'_>, limits: &Limits) -> Option<[f64; 3
     }))
 }
 
-/// The same sign, and smaller by the ramp, until it stands.
+/// The same sign, and smaller by the ramp, until the robot stands.
 fn judge_ramp(
     from: &[f64; 3],
     to: &[f64; 3],
@@ -163,7 +166,7 @@ fn judge_rate(
     }
 }
 
-/// What the gate promises of any command at all.
+/// What the gate guarantees for any command.
 fn judge_leap(step: &Step<'_>, limits: &Limits, violate: &mut impl FnMut(Rule, String, String)) {
     for axis in 0..3 {
         let (from, to) = (step.from[axis], step.to[axis]);
@@ -178,7 +181,7 @@ fn judge_leap(step: &Step<'_>, limits: &Limits, violate: &mut impl FnMut(Rule, S
     }
 }
 
-/// Body velocity of the wheels' command, r J⁺ ω: forward, left, yaw \[m/s, m/s, rad/s\]. Wheels:
+/// Body velocity of the wheel command, r J⁺ ω: forward, left, yaw \[m/s, m/s, rad/s\]. Wheels:
 /// front-right, front-left, rear-left, rear-right.
 pub(in crate::drill) fn body(truth: &Message, limits: &Limits) -> Option<[f64; 3]> {
     let wheels = truth.numbers("wheel_command");

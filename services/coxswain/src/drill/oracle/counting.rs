@@ -1,13 +1,13 @@
-//! Rule f: what was sent is in the record, or the recorder has counted it as lost.
+//! Rule f: each message sent is in the record, or the recorder has counted it as lost.
 
 use super::{Rule, Violation};
 use crate::drill::record::{Message, Record};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Topics that are recorded.
+/// Recorded topics.
 const TOPICS: [&str; 7] = ["state", "command", "residual", "snapshot", "plan", "health", "truth"];
 
-/// What the record has of one writer on one topic: sequence numbers by epoch.
+/// Stored messages of one writer on one topic: sequence numbers by epoch.
 type Stored = BTreeMap<u64, BTreeSet<u64>>;
 
 pub(super) fn judge(record: &Record, violations: &mut Vec<Violation>) {
@@ -23,7 +23,7 @@ pub(super) fn judge(record: &Record, violations: &mut Vec<Violation>) {
     let full_disk =
         record.summary["unwritten"].as_object().is_some_and(|unwritten| !unwritten.is_empty());
     if record.summary["segments"].as_u64().is_some_and(|segments| segments > 1) && !full_disk {
-        return; // what was said while the recorder was dead is nowhere
+        return; // messages sent while the recorder was dead are not in any record
     }
     let [recorder] = recorders.as_slice() else {
         if recorders.is_empty() {
@@ -39,7 +39,7 @@ pub(super) fn judge(record: &Record, violations: &mut Vec<Violation>) {
             let stored = writers.entry(message.stamp("writer")).or_default();
             stored.entry(message.stamp("epoch")).or_default().insert(message.stamp("sequence"));
         }
-        // A writer of whom nothing came through is still known by its health.
+        // A writer whose messages were all lost is still known by its health.
         for writer in last_words.keys() {
             writers.entry(*writer).or_default();
         }
@@ -49,7 +49,8 @@ pub(super) fn judge(record: &Record, violations: &mut Vec<Violation>) {
             stored += epochs.values().map(|sequences| sequences.len() as u64).sum::<u64>();
         }
         let lost = recorder.says["lost"][topic].as_u64().unwrap_or(0);
-        // What a killed writer said while the disk was full is counted, but nobody can know of it from elsewhere.
+        // Messages that a killed writer sent while the disk was full are counted as lost, but no
+        // other source can confirm them.
         let unheard_of = full_disk
             && writers
                 .keys()
@@ -68,13 +69,17 @@ pub(super) fn judge(record: &Record, violations: &mut Vec<Violation>) {
     }
 }
 
-/// Whether these are not the last words of one that ended in order. The recorder's own come before its end.
+/// Whether this last Health does not come from an orderly end. The recorder's own last Health comes
+/// before its end.
 fn was_killed(health: &Message) -> bool {
     health.word("phase") != "finished" && health.word("participant") != "recorder"
 }
 
-/// What a writer has sent: in each epoch up to the greatest sequence number that was seen, and in its last one by its last words, if it had some.
-/// Of an epoch that nobody ever heard of, nobody can count what was lost.
+/// The number of messages that a writer has sent.
+///
+/// For each epoch it is the greatest sequence number in the record. For the last epoch of a writer
+/// that ended in order, it is the count in its last Health. Lost messages of an epoch without any
+/// recorded message cannot be counted.
 fn sent_by(last_words: Option<&Message>, topic: &str, epochs: &Stored) -> u64 {
     let seen =
         |epochs: &Stored| -> u64 { epochs.values().filter_map(|sequences| sequences.last()).sum() };

@@ -1,4 +1,4 @@
-//! Rule g: what acts is what its controller said for this moment.
+//! Rule g: what acts is what its controller sent for this period.
 
 use super::change::body;
 use super::{Limits, Rule, Ticks, Violation};
@@ -9,13 +9,13 @@ use std::collections::BTreeMap;
 /// Rounding on the way from an input to the wheels and back \[m/s, m/s, rad/s\].
 const TOLERANCE: f64 = 1e-9;
 
-/// The recorded commands, by epoch of plant and controller, writer, and the tick that is answered. One that was changed on its way, or said again,
-/// is there more than once.
+/// The recorded commands, by epoch of plant and controller, writer, and the answered tick. A
+/// command that a link has changed or repeated is there more than once.
 pub(super) struct Said<'a>(BTreeMap<[u64; 4], Vec<&'a Message>>);
 
 impl<'a> Said<'a> {
     pub(super) fn of(record: &'a Record) -> Self {
-        let mut said: BTreeMap<[u64; 4], Vec<&Message>> = BTreeMap::new();
+        let mut commands: BTreeMap<[u64; 4], Vec<&Message>> = BTreeMap::new();
         for command in record.of("command") {
             let key = [
                 command.count("plant_epoch"),
@@ -23,12 +23,13 @@ impl<'a> Said<'a> {
                 command.stamp("writer"),
                 command.stamp("tick"),
             ];
-            said.entry(key).or_default().push(command);
+            commands.entry(key).or_default().push(command);
         }
-        Self(said)
+        Self(commands)
     }
 
-    /// The truth of a tick tells what acted until then. A command that is not in the record cannot be held against it.
+    /// The truth of a tick reports what acted until then. A command that is missing from the record
+    /// is not judged.
     pub(super) fn judge(
         &self,
         epoch: u64,
@@ -61,7 +62,7 @@ impl<'a> Said<'a> {
     }
 }
 
-/// What a command says for a state that is `age` periods old.
+/// The input of a command for a state that is `age` periods old.
 fn entry(command: &Message, age: u64) -> Value {
     match age.checked_sub(1) {
         None => command.says["input"].clone(),
@@ -76,5 +77,5 @@ fn is_near(input: &Value, acts: &[f64; 3]) -> bool {
         && input
             .iter()
             .zip(acts)
-            .all(|(said, acts)| (said - acts).abs() <= TOLERANCE * (1.0 + said.abs()))
+            .all(|(sent, acts)| (sent - acts).abs() <= TOLERANCE * (1.0 + sent.abs()))
 }

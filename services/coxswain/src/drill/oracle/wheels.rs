@@ -1,11 +1,11 @@
-//! Rules a to c: what the wheels got, in one plant epoch, moment by moment.
+//! Rules a to c: the wheel commands of one plant epoch, tick by tick.
 
 use super::{Limits, OLDEST_PERIODS, Rule, Ticks, Violation};
 use crate::drill::record::Message;
 
-/// Rounding, and what a wheel's noise-free command may be off by, relative.
+/// Rounding, and the permitted error of a wheel's noise-free command, relative.
 const TOLERANCE: f64 = 1e-6;
-/// Ticks at least between the answers of two writers of one epoch.
+/// Smallest number of ticks between the answers of two writers of one epoch.
 const SILENT_TICKS: u64 = 2;
 
 pub(super) fn judge(
@@ -55,7 +55,8 @@ pub(super) fn judge(
             );
         }
         highest = highest.max(acting);
-        // Before another writer of the same epoch is heard, the first was silent for 3 T; its answer may be to a state that is 1.5 T old.
+        // A second writer of the same epoch is obeyed after the first was silent for 3 T. Its
+        // answer may be to a state that is 1.5 T old.
         if let Some((epoch, writer, before)) = last.filter(|_| acting > 0)
             && epoch == acting
             && writer != truth.count("acting_writer")
@@ -64,7 +65,8 @@ pub(super) fn judge(
             violate(
                 Rule::Epoch,
                 format!(
-                    "of epoch {epoch}, writer {writer} acted until tick {before}, and another from tick {answered} on"
+                    "of epoch {epoch}, writer {writer} acted until tick {before}, \
+                     and another from tick {answered} on"
                 ),
                 "another one only after a silence of 3 T".to_owned(),
             );
@@ -75,11 +77,11 @@ pub(super) fn judge(
     }
 }
 
-/// Rule a, of one moment and of the period before it.
+/// Rule a, for one instant and the period before it.
 fn judge_values(truth: &Message, limits: &Limits, violate: &mut impl FnMut(Rule, String, String)) {
     for field in ["wheel_command", "wheel_peak"] {
         let wheels = truth.numbers(field);
-        // What is not finite is recorded as null.
+        // A number that is not finite is recorded as null.
         if wheels.len() != 4 {
             violate(
                 Rule::Finite,
