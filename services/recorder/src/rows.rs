@@ -55,7 +55,7 @@ pub struct StateRow {
     pub stamp: Mark,
     /// Epoch of the last accepted command, 0 before the first.
     pub accepted_epoch: u64,
-    /// Fallback level of the period; records of earlier versions call it `rung`.
+    /// Fallback level of the period. Records of earlier versions have the alias.
     #[serde(alias = "rung", deserialize_with = "fallback_level")]
     pub fallback_level: FallbackLevel,
     /// Why the gate has stopped, if it has; records of versions below 5 do not tell.
