@@ -1,4 +1,4 @@
-//! In lock step a link loses nothing for its members, and nobody waits for one who only looks on.
+//! In lock step a link loses nothing for its members, and no writer waits for a watcher.
 
 use bytemuck::Zeroable;
 use protocol::message::PlantState;
@@ -11,7 +11,7 @@ type Outcome = Result<(), Box<dyn Error>>;
 
 const PATIENCE: Duration = Duration::from_millis(200);
 
-/// Runs `promise` on every carrier that has onlookers, in lock step.
+/// Runs `promise` on every carrier that supports watchers, in lock step.
 fn on_each(promise: impl Fn(&dyn Fn() -> Result<Ports, OpenError>) -> Outcome) -> Outcome {
     let exchange = Exchange::new(true, PATIENCE);
     promise(&|| Ok(Ports::in_memory(&exchange, Identity::new(1))))?;
@@ -36,7 +36,7 @@ fn ticks(source: &mut Source<PlantState>) -> Result<Vec<u64>, Box<dyn Error>> {
 }
 
 #[test]
-fn an_onlooker_that_does_not_read_holds_nobody_up_and_then_sees_the_newest() -> Outcome {
+fn a_watcher_that_does_not_read_delays_no_process_and_then_sees_the_newest() -> Outcome {
     on_each(|open| {
         let (plant, controller, gateway) = (open()?, open()?, open()?);
         let mut member = controller.source::<PlantState>(Since::First)?;
@@ -57,7 +57,7 @@ fn an_onlooker_that_does_not_read_holds_nobody_up_and_then_sees_the_newest() -> 
 }
 
 #[test]
-fn a_late_onlooker_sees_the_last_message() -> Outcome {
+fn a_late_watcher_sees_the_last_message() -> Outcome {
     on_each(|open| {
         let (plant, gateway) = (open()?, open()?);
         let mut sink = plant.sink::<PlantState>()?;

@@ -1,4 +1,4 @@
-//! Bytes that are no message, or not the one that was asked for.
+//! Bytes that are no message, or another message than the expected one.
 
 use crate::fixture::{Fixture, Outcome, command, count_until, hear, snapshot};
 use protocol::frame::DecodeError;
@@ -7,7 +7,7 @@ use protocol::port::{Since, Tally};
 use protocol::topic::Topic;
 use protocol::{VERSION, message};
 
-/// A valid first message of writer 1, after `change` has had its way with it.
+/// A valid first message of writer 1, modified by `change`.
 fn encoded<F: Fixture, T: Message>(mut message: T, change: impl FnOnce(&mut Stamp)) -> Vec<u8> {
     *message.stamp_mut() = Stamp {
         version: VERSION,

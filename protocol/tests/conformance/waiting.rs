@@ -1,4 +1,4 @@
-//! Sleeping until there is something to do.
+//! Sleeping until a message waits.
 
 use crate::fixture::{BRIEF, Fixture, LONG, Outcome, command, hear, hear_until};
 use protocol::message::Command;
