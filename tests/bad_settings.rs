@@ -1,4 +1,5 @@
-//! Promise: bad input gets an error that says what, where and what was expected, and nothing is started.
+//! Promise: invalid input gets an error with place, value and expectation, and no process is
+//! started.
 
 use promises::{Launched, Outcome, launch_command, repository};
 use std::fs;
@@ -151,7 +152,7 @@ fn a_folder_that_holds_another_run_is_refused() -> Outcome {
 }
 
 #[test]
-fn whoever_waits_for_a_launch_that_refuses_to_start_is_told_what_it_said() -> Outcome {
+fn a_wait_for_a_launch_that_refuses_to_start_returns_its_error() -> Outcome {
     let launched = Launched::new(&["--scenario", "papyrus"])?;
     let told = launched
         .wait_for_log("gateway", "watchers are welcome", 1)

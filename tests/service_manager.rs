@@ -1,4 +1,5 @@
-//! Promise: a service manager hears that the robot drives from its loops themselves, and nothing once one of them has stopped.
+//! Promise: a service manager is notified by the loops themselves that the robot drives, and gets
+//! no notification once a loop has stopped.
 
 use promises::{Launched, Outcome, graph_file, graph_with, launch_command, signal, wait_until};
 use rustix::process::Signal;
@@ -9,21 +10,21 @@ use std::os::unix::net::UnixDatagram;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long the watchdog waits \[µs\]: it is to be fed four times as often.
+/// Timeout of the watchdog \[µs\]: it must be notified four times as often.
 const PATIENCE_MICROS: u64 = 2_000_000;
-/// What is on its way when a loop stops has come by then.
+/// Notifications on their way when a loop stops have arrived by then.
 const UNDER_WAY: Duration = Duration::from_secs(2);
-/// For so long nothing may come then: longer than the watchdog waits.
+/// Time without notifications: longer than the timeout of the watchdog.
 const SILENT: Duration = Duration::from_secs(3);
 
-/// The end of a service manager.
+/// The service manager's end of the socket.
 struct Manager {
     socket: UnixDatagram,
     heard: Vec<String>,
 }
 
 impl Manager {
-    /// Takes in all that has come since.
+    /// Receives all pending notifications.
     fn listen(&mut self) -> io::Result<usize> {
         let mut said = [0; 256];
         let mut count = 0;
@@ -42,7 +43,7 @@ impl Manager {
         }
     }
 
-    /// Waits until `what` has come `times` times more.
+    /// Waits until `what` has arrived `times` more times.
     fn wait_for(&mut self, launched: &Launched, what: &str, times: usize) -> Outcome {
         let count = |heard: &[String]| heard.iter().filter(|said| said.as_str() == what).count();
         let before = count(&self.heard);
@@ -51,7 +52,7 @@ impl Manager {
         })
     }
 
-    /// Hears nothing for a while.
+    /// Asserts that nothing arrives for a while.
     fn hears_nothing(&mut self) -> Outcome {
         thread::sleep(UNDER_WAY);
         self.listen()?;
@@ -67,19 +68,19 @@ impl Manager {
     }
 }
 
-/// The state of a process, as the kernel has it.
+/// Whether the kernel reports a process as stopped.
 fn is_stopped(pid: u32) -> bool {
     fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| stat.contains(") T "))
 }
 
 #[test]
-fn the_watchdog_is_fed_by_the_loops_and_by_nothing_else() -> Outcome {
+fn only_the_loops_notify_the_watchdog() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let path = home.path().join("notify");
     let socket = UnixDatagram::bind(&path)?;
     socket.set_nonblocking(true)?;
     let mut manager = Manager { socket, heard: Vec::new() };
-    // A launcher that mends nothing: who hangs goes on hanging.
+    // A launcher that does not restart: a process that hangs continues to hang.
     let patient = ["plant", "controller"]
         .map(|role| format!("[processes.{role}]\nhung_after_millis = 600000\n"))
         .concat();
@@ -104,7 +105,7 @@ fn the_watchdog_is_fed_by_the_loops_and_by_nothing_else() -> Outcome {
             .wait_for(&launched, "WATCHDOG=1", 2)
             .map_err(|error| format!("{name} turns again: {error}"))?;
     }
-    // A learner drives nothing, and a stopped one is the launcher's to mend.
+    // A learner drives nothing, and the launcher restarts a stopped one.
     let learner = launched.process("learner", None)?;
     signal(learner, Signal::STOP)?;
     wait_until("that it stands still", || is_stopped(learner))?;
@@ -124,7 +125,7 @@ fn the_watchdog_is_fed_by_the_loops_and_by_nothing_else() -> Outcome {
 }
 
 #[test]
-fn another_process_s_watchdog_is_not_fed_and_a_manager_that_is_not_there_is_named() -> Outcome {
+fn the_watchdog_of_another_process_is_not_notified_and_a_missing_manager_is_named() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let path = home.path().join("notify");
     let socket = UnixDatagram::bind(&path)?;
@@ -150,7 +151,8 @@ fn another_process_s_watchdog_is_not_fed_and_a_manager_that_is_not_there_is_name
 }
 
 #[test]
-fn what_the_launcher_mends_does_not_silence_the_watchdog_for_good() -> Result<(), Box<dyn Error>> {
+fn a_restart_by_the_launcher_does_not_silence_the_watchdog_for_good() -> Result<(), Box<dyn Error>>
+{
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let path = home.path().join("notify");
     let socket = UnixDatagram::bind(&path)?;

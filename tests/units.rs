@@ -1,4 +1,5 @@
-//! Promise: the units for a real host keep a graph to what it needs, let it have that, and are what systemd understands.
+//! Promise: the units for a real host restrict a graph to what it needs, grant it that, and are
+//! valid for systemd.
 
 use promises::{Outcome, binaries, repository};
 use std::collections::BTreeMap;
@@ -8,17 +9,17 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::process::Command;
 
-/// Units, and under which name each is looked at.
+/// Units, and the name under which each is checked.
 const UNITS: [(&str, &str); 3] = [
     ("coxswain-robot.service", "coxswain-robot.service"),
     ("coxswain-control.service", "coxswain-control.service"),
     ("coxswain@.service", "coxswain@local.service"),
 ];
 
-/// Exposure that `systemd-analyze security` may find at most, in tenths.
+/// Largest exposure that `systemd-analyze security` may report, in tenths.
 const EXPOSURE_MOST: &str = "20";
 
-/// What every unit must say, and why.
+/// Required directives of every unit, and why.
 const SAID: [(&str, &str, &str); 35] = [
     ("Type", "notify", "it is started once every process is ready"),
     ("WatchdogSec", "10", "loops that hang are noticed"),
@@ -61,14 +62,14 @@ const SAID: [(&str, &str, &str); 35] = [
     ("IPAddressAllow", "localhost", "but who is named"),
 ];
 
-/// Never to be said: a real-time priority would be refused.
+/// Forbidden directives: they would refuse a real-time priority.
 const UNSAID: [&str; 3] = ["RestrictRealtime", "DynamicUser", "PrivateNetwork"];
 
 fn folder() -> std::path::PathBuf {
     repository().join("deploy/systemd")
 }
 
-/// What a unit says under each key; a key may be said more than once.
+/// The values of each key in a unit; a key may occur more than once.
 fn directives(text: &str) -> BTreeMap<&str, Vec<&str>> {
     let mut said: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for (key, value) in
@@ -80,7 +81,7 @@ fn directives(text: &str) -> BTreeMap<&str, Vec<&str>> {
 }
 
 #[test]
-fn every_unit_says_what_a_host_is_kept_from_and_what_the_graph_needs() -> Outcome {
+fn every_unit_contains_its_restrictions_and_the_needs_of_the_graph() -> Outcome {
     let mut found: Vec<String> = fs::read_dir(folder())?
         .flatten()
         .map(|entry| entry.file_name().to_string_lossy().into_owned())
@@ -109,7 +110,8 @@ fn every_unit_says_what_a_host_is_kept_from_and_what_the_graph_needs() -> Outcom
             graph == "%i.toml" || repository().join("deploy/graphs").join(graph).is_file(),
             "{unit} starts {graph}"
         );
-        // The way to a socket in a graph's folder: user ids of up to five digits, a name of eight characters.
+        // The path of a socket in a graph's folder: user ids of up to five digits, a name of eight
+        // characters.
         let runtime = said
             .get("RuntimeDirectory")
             .and_then(|names| names.first())
@@ -124,12 +126,13 @@ fn every_unit_says_what_a_host_is_kept_from_and_what_the_graph_needs() -> Outcom
     Ok(())
 }
 
-/// Whether systemd can be asked here.
+/// Whether systemd's program is available here.
 fn is_there(program: &str) -> bool {
     Command::new(program).arg("--version").output().is_ok_and(|output| output.status.success())
 }
 
-/// The units under the names that they are looked at by, with the launcher of these tests for the installed one.
+/// The units under the names for the check, with the launcher of these tests in place of the
+/// installed one.
 fn installed(home: &Path) -> Result<Vec<std::path::PathBuf>, Box<dyn Error>> {
     let launcher = binaries()?.join("coxswain");
     let install = |(unit, name): (&str, &str)| {
@@ -143,13 +146,14 @@ fn installed(home: &Path) -> Result<Vec<std::path::PathBuf>, Box<dyn Error>> {
 }
 
 #[test]
-fn systemd_understands_every_unit_and_finds_none_exposed() -> Outcome {
+fn systemd_accepts_every_unit_and_finds_none_exposed() -> Outcome {
     if !is_there("systemd-analyze") {
         // `.ci/run` installs it where it can.
         let names = UNITS.map(|(_, name)| name).join(", ");
         writeln!(
             io::stdout(),
-            "no systemd-analyze: what {names} say is held against a list alone, syntax and exposure were not looked at"
+            "no systemd-analyze: what {names} say is held against a list alone, syntax and \
+            exposure were not looked at"
         )?;
         return Ok(());
     }

@@ -1,4 +1,5 @@
-//! Promise: a record opens as it is in public viewers: every drawing fits the standard type that its schema names.
+//! Promise: a record opens unchanged in public viewers: every drawing fits the standard type that
+//! its schema names.
 
 use promises::{Launched, Outcome, Record, python, repository, text_of};
 use serde_json::Value;
