@@ -166,7 +166,7 @@ fn in_a_browser_every_figure_is_visible_in_light_and_dark_and_nothing_else_is_re
     assert!(both.status.success(), "{both:?}");
     let alone = report(&[&on], &on.join("report.html"))?;
     assert!(alone.status.success(), "{alone:?}");
-    // Figures of the second record in which the first one has no part.
+    // Figures that also show the second record, in its own colour.
     let shared = ["path", "errors", "velocities", "wheels", "residual", "ticks", "fallback_levels"];
     for (page, second) in [(on.join("report.html"), &[][..]), (out, &shared[..])] {
         let address = format!("file://{}", page.canonicalize()?.display());

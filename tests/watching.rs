@@ -176,15 +176,13 @@ fn nothing_changes_beside(others: &[Beside]) -> Outcome {
 }
 
 #[test]
-fn in_lock_step_no_watcher_stranger_or_stopped_gateway_delays_or_changes_a_run() -> Outcome
-{
+fn in_lock_step_no_watcher_stranger_or_stopped_gateway_delays_or_changes_a_run() -> Outcome {
     use Beside::{KilledWatcher, StoppedGateway, StoppedWatcher, Stranger, Watcher};
     nothing_changes_beside(&[Watcher, StoppedWatcher, KilledWatcher, StoppedGateway, Stranger])
 }
 
 #[test]
-fn in_lock_step_no_watching_stopped_or_killed_browser_delays_or_changes_a_run() -> Outcome
-{
+fn in_lock_step_no_watching_stopped_or_killed_browser_delays_or_changes_a_run() -> Outcome {
     nothing_changes_beside(&[Beside::Browser, Beside::StoppedBrowser, Beside::KilledBrowser])
 }
 

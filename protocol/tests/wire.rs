@@ -49,7 +49,7 @@ fn fixed<T: message::Fixed>(repair: impl Fn(&mut T, u32)) -> impl Strategy<Value
     })
 }
 
-/// Reasons for which a controller may ask the gate to stop, and none.
+/// No reason, and the reasons for which a controller may request a stop of the gate.
 const STOPS: [Reason; 3] = [Reason::None, Reason::PositionError, Reason::HeadingError];
 
 fn pick<T: Copy>(all: &[T], choice: u32) -> T {

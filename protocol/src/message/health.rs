@@ -33,8 +33,8 @@ pub struct Health {
     pub heartbeat: u64,
     /// Periods that it served in time.
     pub deadlines_met: u64,
-    /// Periods that it did not serve in time, one by one: those without an answer, those with a
-    /// late answer, and those with an answer in time that lacked what was required.
+    /// Periods that it did not serve in time, each counted once. The answer was missing, or late,
+    /// or in time but without what was required.
     pub deadlines_missed: u64,
     /// Time in which the machine kept the process from running, and which it took out of its clock;
     /// only for the simulator \[ns\].
