@@ -72,8 +72,8 @@ impl Browser {
         thread::spawn(move || {
             let mut message = Vec::new();
             while output.read_until(0, &mut message).is_ok_and(|count| count > 0) {
-                let told = serde_json::from_slice(message.strip_suffix(&[0]).unwrap_or(&message));
-                if !told.is_ok_and(|told: Value| heard.send(told).is_ok()) {
+                let parsed = serde_json::from_slice(message.strip_suffix(&[0]).unwrap_or(&message));
+                if !parsed.is_ok_and(|parsed: Value| heard.send(parsed).is_ok()) {
                     break;
                 }
                 message.clear();
@@ -281,16 +281,16 @@ impl Browser {
         let begin = Instant::now();
         loop {
             let left = ANSWERS_WITHIN.saturating_sub(begin.elapsed());
-            let mut told = self
+            let mut answer = self
                 .answers
                 .recv_timeout(left)
                 .map_err(|error| format!("{method}: {error}; {}", self.last_words()))?;
-            if told["id"] != json!(self.calls) {
-                self.overhear(&told);
-            } else if told.get("error").is_some() {
-                return Err(format!("{method}: {}", told["error"]).into());
+            if answer["id"] != json!(self.calls) {
+                self.overhear(&answer);
+            } else if answer.get("error").is_some() {
+                return Err(format!("{method}: {}", answer["error"]).into());
             } else {
-                return Ok(told["result"].take());
+                return Ok(answer["result"].take());
             }
         }
     }
@@ -312,9 +312,9 @@ impl Browser {
     }
 
     fn last_words(&self) -> String {
-        let said =
+        let text =
             fs::read_to_string(self.profile.path().join("complaints.log")).unwrap_or_default();
-        format!("the browser said: {}", said.trim())
+        format!("the browser said: {}", text.trim())
     }
 }
 

@@ -38,9 +38,9 @@ fn certificates(home: &Path, addresses: &[String]) -> Result<PathBuf, Box<dyn Er
     }
     let output = command.output()?;
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let told = String::from_utf8_lossy(&output.stdout);
+    let text = String::from_utf8_lossy(&output.stdout);
     for said in ["new authority", "keep it off the robot", "valid until", "robot-host", "watcher"] {
-        assert!(told.contains(said), "{told}");
+        assert!(text.contains(said), "{text}");
     }
     Ok(folder)
 }
@@ -83,24 +83,24 @@ fn crowd<S: OnTopic, H: OnTopic>(
         .and_then(|ports| Ok((ports.sink::<S>()?, ports.source::<H>(Since::First)?)));
     both.wait();
     let (mut sink, mut source) = opened?;
-    let (mut said, mut heard) = (0, Vec::new());
-    while said < CROWD || heard.len() < CROWD as usize {
-        if said < CROWD && said < heard.len() as u64 + LEAD_MAX {
-            said += 1;
-            message.stamp_mut().tick = said;
+    let (mut sent, mut received) = (0, Vec::new());
+    while sent < CROWD || received.len() < CROWD as usize {
+        if sent < CROWD && sent < received.len() as u64 + LEAD_MAX {
+            sent += 1;
+            message.stamp_mut().tick = sent;
             sink.send(&mut message)?;
         } else if !source.wait(GIVES_UP_AFTER)? {
             return Err(format!(
-                "{said} said and {} heard of {CROWD}, then nothing for {GIVES_UP_AFTER:?}",
-                heard.len()
+                "{sent} said and {} heard of {CROWD}, then nothing for {GIVES_UP_AFTER:?}",
+                received.len()
             )
             .into());
         }
         while let Some(message) = source.next()? {
-            heard.push(message.stamp().tick);
+            received.push(message.stamp().tick);
         }
     }
-    Ok(heard)
+    Ok(received)
 }
 
 /// A router with certificates, and the links of each role through it.
@@ -172,9 +172,9 @@ fn messages_in_both_directions_at_once_cross_a_link_with_certificates_whole() ->
             scope.spawn(|| crowd::<Said, PlantState>(&controller, &both, Said::zeroed()));
         (robot.join(), controller.join())
     });
-    for heard in [robot, controller] {
-        let heard = heard.map_err(|_| "it panicked")?.map_err(|error| error.to_string())?;
-        assert!(heard.iter().copied().eq(1..=CROWD), "{} heard", heard.len());
+    for received in [robot, controller] {
+        let received = received.map_err(|_| "it panicked")?.map_err(|error| error.to_string())?;
+        assert!(received.iter().copied().eq(1..=CROWD), "{} heard", received.len());
     }
     Ok(())
 }
@@ -218,10 +218,10 @@ fn in_lock_step_certificates_change_no_bit() -> Outcome {
             ["--pace", "lock-step", "--duration", "10"].iter().chain(options).copied().collect();
         let (ended, home) = Launched::graph("network", &options)?.end()?;
         assert!(ended.status.success(), "{}", ended.text);
-        let told = ended.text.contains("certificates of robot mecanum")
+        let logged = ended.text.contains("certificates of robot mecanum")
             && ended.text.contains("listening at tls/");
-        assert_eq!(told, options.contains(&"--certificates"), "{}", ended.text);
-        assert_eq!(tried_as_a_stranger(&home)?, told, "{}", ended.text);
+        assert_eq!(logged, options.contains(&"--certificates"), "{}", ended.text);
+        assert_eq!(tried_as_a_stranger(&home)?, logged, "{}", ended.text);
         commands(&home.path().join("run"))
     };
     let (without, with) = (run(&[])?, run(&["--certificates", given])?);
@@ -305,13 +305,13 @@ fn completed(record: &Record, kind: &str) -> Result<(u64, f64), Box<dyn Error>> 
     ticks.sort_unstable();
     let middle = ticks.get(ticks.len() / 2).copied().ok_or("no plan")?;
     let error = record.summary["position_rmse_m"].as_f64().ok_or("no error")?;
-    let told = format!(
+    let line = format!(
         "{kind}: {fresh} of 151 periods on fresh plans, control tick p50 {} us, position error \
         {error:.3} m",
         middle / 1000
     );
-    writeln!(std::io::stderr(), "{told}")?;
-    assert!(fresh >= 140, "{told}");
+    writeln!(std::io::stderr(), "{line}")?;
+    assert!(fresh >= 140, "{line}");
     Ok((middle, error))
 }
 
@@ -393,11 +393,11 @@ fn unusable_certificates_are_refused_before_any_process_starts() -> Outcome {
         &["--listen", "tls/127.0.0.1:0"],
     )?
     .output()?;
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(
         output.status.code() == Some(2)
-            && told.contains("network.listen = \"tls/127.0.0.1:0\": expected certificates"),
-        "{told}"
+            && text.contains("network.listen = \"tls/127.0.0.1:0\": expected certificates"),
+        "{text}"
     );
     let address = refusal(&given, "plant-host", &["--listen", "tcp/10.98.0.1:7447"])?;
     assert!(

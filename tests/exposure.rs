@@ -63,8 +63,8 @@ fn is_shown(
         }
     };
     // The first line may come before any process has reported its health.
-    let said = lines.lines(25)?;
-    assert!(said.iter().skip(15).all(wanted), "{said:?}");
+    let printed = lines.lines(25)?;
+    assert!(printed.iter().skip(15).all(wanted), "{printed:?}");
     let mut screen = Screen::start(&watch(&launched)?, (80, 24))?;
     let shown = screen.wait_for(&[" live", "gateway    running"])?;
     let wanted = if exposure == "closed" {
@@ -82,8 +82,8 @@ fn is_shown(
     let run = home.path().join("run");
     let record = Record::read(&run)?;
     for who in ["plant", "controller", "learner", "recorder", "gateway"] {
-        let said = record.health_of(who).all(|health| health.word("exposure") == exposure);
-        assert!(said && record.health_of(who).count() > 0, "{who}");
+        let reported = record.health_of(who).all(|health| health.word("exposure") == exposure);
+        assert!(reported && record.health_of(who).count() > 0, "{who}");
     }
     assert_eq!(record.summary["exposure"], Value::from(exposure));
     let report = fs::read_to_string(run.join("report.html"))?;

@@ -60,8 +60,11 @@ fn build() -> io::Result<PathBuf> {
     cargo.env("CARGO_TARGET_DIR", folder.parent().unwrap_or(folder));
     // The variables that cargo sets for the package of this test. A dependency that reads one of
     // them would be rebuilt, with everything that depends on it.
-    let said = |name: &str| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_");
-    for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_str().is_some_and(said)) {
+    let is_of_package =
+        |name: &str| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_");
+    for (name, _) in
+        std::env::vars_os().filter(|(name, _)| name.to_str().is_some_and(is_of_package))
+    {
         cargo.env_remove(name);
     }
     if folder.ends_with("release") {
@@ -200,15 +203,15 @@ impl Launched {
     pub fn told(&self, name: &str, key: &str) -> Result<String, Box<dyn Error>> {
         let (file, key) =
             (self.folder().join("settings").join(name).with_extension("toml"), format!("{key} = "));
-        let mut told = None;
+        let mut value = None;
         self.wait_until(&format!("{key:?} in {}", file.display()), || {
             let text = fs::read_to_string(&file).unwrap_or_default();
-            told = text.lines().find_map(|line| {
+            value = text.lines().find_map(|line| {
                 Some(line.strip_prefix(&key)?.trim_matches(['[', ']', '"']).to_owned())
             });
-            told.is_some()
+            value.is_some()
         })?;
-        told.ok_or_else(|| format!("nothing under {key:?}").into())
+        value.ok_or_else(|| format!("nothing under {key:?}").into())
     }
 
     /// The rest of the output line that contains `what`, once it was printed.
@@ -216,13 +219,13 @@ impl Launched {
     /// # Errors
     /// If it never is.
     pub fn told_a_person(&self, what: &str) -> Result<String, Box<dyn Error>> {
-        let mut told = None;
+        let mut rest = None;
         self.wait_until(&format!("{what:?} on the terminal"), || {
             let text = self.text().unwrap_or_default();
-            told = text.lines().find_map(|line| Some(line.split_once(what)?.1.to_owned()));
-            told.is_some()
+            rest = text.lines().find_map(|line| Some(line.split_once(what)?.1.to_owned()));
+            rest.is_some()
         })?;
-        told.ok_or_else(|| format!("nothing of {what:?}").into())
+        rest.ok_or_else(|| format!("nothing of {what:?}").into())
     }
 
     /// Endpoint of the gateway, once it listens.
@@ -232,11 +235,11 @@ impl Launched {
     pub fn gateway_endpoint(&self) -> Result<String, Box<dyn Error>> {
         self.wait_for_log("gateway", "watchers are welcome", 1)?;
         let log = fs::read_to_string(self.folder().join("gateway.log"))?;
-        let told = log
+        let endpoint = log
             .lines()
             .find_map(|line| line.split_once("endpoints="))
             .ok_or("no endpoint was told")?;
-        Ok(told.1.trim().to_owned())
+        Ok(endpoint.1.trim().to_owned())
     }
 
     /// Address of the live page, once it is served.
@@ -246,11 +249,11 @@ impl Launched {
     pub fn page_address(&self) -> Result<String, Box<dyn Error>> {
         self.wait_for_log("gateway", "the live page is served", 1)?;
         let log = fs::read_to_string(self.folder().join("gateway.log"))?;
-        let told = log
+        let address = log
             .lines()
             .find_map(|line| line.split_once("address="))
             .ok_or("no address was told")?;
-        Ok(format!("http://{}/", told.1.trim()))
+        Ok(format!("http://{}/", address.1.trim()))
     }
 
     /// Waits until `condition` holds, as long as the launch runs.

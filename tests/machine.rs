@@ -100,7 +100,7 @@ fn another_user_reads_nothing_of_a_graph_in_shared_memory() -> Outcome {
     drives(&launched)?;
     let name = launched.graph_name()?;
     let read = |user: u32| -> Result<(usize, usize), Box<dyn Error>> {
-        let said = Command::new("setpriv")
+        let output = Command::new("setpriv")
             .args([
                 &format!("--reuid={user}"),
                 "--regid=65534",
@@ -116,7 +116,7 @@ fn another_user_reads_nothing_of_a_graph_in_shared_memory() -> Outcome {
             ])
             .arg(&name)
             .output()?;
-        let text = String::from_utf8(said.stdout)?;
+        let text = String::from_utf8(output.stdout)?;
         Ok((text.matches("read").count(), text.matches("kept").count()))
     };
     let (own, _) = read(0)?;
@@ -166,27 +166,27 @@ fn a_folder_that_is_not_private_is_refused_before_anything_is_made_there() -> Ou
     private("replaceable/deep/run")?;
     refused.push(("replaceable/deep/run", "replaceable has mode 777"));
     for (name, expected) in refused {
-        let (code, said) = launch(&at(name), home.path())?;
-        assert_eq!(code, Some(2), "{name}: {said}");
+        let (code, text) = launch(&at(name), home.path())?;
+        assert_eq!(code, Some(2), "{name}: {text}");
         assert!(
-            said.contains(expected)
-                && said.contains(name)
-                && said.contains("or name another folder with --out"),
-            "{name}: {said}"
+            text.contains(expected)
+                && text.contains(name)
+                && text.contains("or name another folder with --out"),
+            "{name}: {text}"
         );
         assert_eq!(fs::read_dir(at(name))?.count(), 0, "{name}");
     }
     // The folder for temporary files is made in the folder that TMPDIR names.
     let base = format!("coxswain-{}", geteuid().as_raw());
     open(&base, 0o750)?;
-    let (code, said) = launch(&at("new"), home.path())?;
-    assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("mode 750") && said.contains("remove it, or set TMPDIR"), "{said}");
+    let (code, text) = launch(&at("new"), home.path())?;
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("mode 750") && text.contains("remove it, or set TMPDIR"), "{text}");
     assert!(!at("new").exists() && fs::read_dir(at(&base))?.count() == 0);
     fs::remove_dir(at(&base))?;
     private("mine")?;
-    let (code, said) = launch(&at("mine"), home.path())?;
-    assert_eq!(code, Some(0), "{said}");
+    let (code, text) = launch(&at("mine"), home.path())?;
+    assert_eq!(code, Some(0), "{text}");
     Ok(())
 }
 
@@ -291,9 +291,9 @@ fn an_address_that_others_can_reach_is_refused_without_an_explicit_setting() -> 
             .arg(&graph)
             .env("TMPDIR", home.path())
             .output()?;
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains(key) && said.contains("--insecure in words"), "{said}");
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{errors}");
+        assert!(errors.contains(key) && errors.contains("--insecure in words"), "{errors}");
     }
     wait_until("the end of what was refused", || {
         fs::read_dir(home.path()).is_ok_and(|entries| entries.count() == 1)

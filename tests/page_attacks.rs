@@ -101,11 +101,11 @@ fn takes_nothing(place: &str, own: &str) -> Outcome {
         ["POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT", "PROPFIND", "get", "G"]
     {
         for target in ["/", "/events", "/set"] {
-            let said =
+            let reply =
                 answer(place, format!("{method} {target} HTTP/1.1\r\n{own}\r\n{body}").as_bytes())?;
             assert!(
-                said.starts_with("HTTP/1.1 405 ") && said.contains("Allow: GET"),
-                "{method} {target}: {said}"
+                reply.starts_with("HTTP/1.1 405 ") && reply.contains("Allow: GET"),
+                "{method} {target}: {reply}"
             );
         }
     }
@@ -136,10 +136,10 @@ fn refuses_strangers(place: &str, own: &str) -> Outcome {
             ("/", format!("{host}:{port}")),
             ("/events", format!("{host}:{port}")),
         ] {
-            let said = answer(place, get(target, &format!("Host: {host}")).as_bytes())?;
+            let reply = answer(place, get(target, &format!("Host: {host}")).as_bytes())?;
             assert!(
-                said.starts_with("HTTP/1.1 403 ") && !said.contains("mecanum"),
-                "{host}: {said}"
+                reply.starts_with("HTTP/1.1 403 ") && !reply.contains("mecanum"),
+                "{host}: {reply}"
             );
         }
     }
@@ -150,10 +150,10 @@ fn refuses_strangers(place: &str, own: &str) -> Outcome {
         "Origin: null",
         "Origin: https://localhost",
     ] {
-        let said = answer(place, get("/events", &format!("{own}\r\n{foreign}")).as_bytes())?;
+        let reply = answer(place, get("/events", &format!("{own}\r\n{foreign}")).as_bytes())?;
         assert!(
-            said.starts_with("HTTP/1.1 403 ") && !said.contains("mecanum"),
-            "{foreign}: {said}"
+            reply.starts_with("HTTP/1.1 403 ") && !reply.contains("mecanum"),
+            "{foreign}: {reply}"
         );
     }
     Ok(())
@@ -179,8 +179,8 @@ fn refuses_the_rest(place: &str, own: &str) -> Outcome {
     for headers in
         ["X: y", "Host: localhost\r\nHost: evil.example", "Host : localhost", "Host: local\0host"]
     {
-        let said = answer(place, get("/", headers).as_bytes())?;
-        assert!(said.starts_with("HTTP/1.1 400 "), "{headers:?}: {said}");
+        let reply = answer(place, get("/", headers).as_bytes())?;
+        assert!(reply.starts_with("HTTP/1.1 400 "), "{headers:?}: {reply}");
     }
     let endless = format!("GET / HTTP/1.1\r\n{own}\r\nX: {}", "x".repeat(100_000));
     assert!(answer(place, endless.as_bytes())?.starts_with("HTTP/1.1 431 "));
@@ -190,10 +190,10 @@ fn refuses_the_rest(place: &str, own: &str) -> Outcome {
         b"GET / HTTP/9\r\n\r\n",
         b"\xff\xfe\r\n\r\n",
     ] {
-        let said = answer(place, garbage)?;
+        let reply = answer(place, garbage)?;
         assert!(
-            said.starts_with("HTTP/1.1 400 ") || said.starts_with("HTTP/1.1 408 "),
-            "{garbage:?}: {said}"
+            reply.starts_with("HTTP/1.1 400 ") || reply.starts_with("HTTP/1.1 408 "),
+            "{garbage:?}: {reply}"
         );
     }
     Ok(())

@@ -144,9 +144,9 @@ fn a_driver_that_contradicts_the_controllers_settings_is_reported() -> Outcome {
         let driven = driven(&clients().join("robot.py"), Record::Kept, &arguments)?;
         let summary = fs::read_to_string(driven.home.path().join("run/summary.json"))?;
         let summary: serde_json::Value = serde_json::from_str(&summary)?;
-        let told =
+        let text =
             summary["told"][0].as_str().ok_or_else(|| format!("{arguments:?}: {summary}"))?;
-        assert!(driven.told.contains(told), "{arguments:?}: {told} is not in {}", driven.told);
+        assert!(driven.told.contains(text), "{arguments:?}: {text} is not in {}", driven.told);
         assert_eq!(summary["figures_of"], "measured");
     }
     Ok(())

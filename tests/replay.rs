@@ -217,10 +217,10 @@ fn moves_nothing(graph: &str) -> Outcome {
     assert_eq!(refused, played);
     let counted = record.of("state").next_back().ok_or("no state")?;
     assert!(counted.count("refused") >= played, "{} refused of {played}", counted.count("refused"));
-    let heard =
+    let recorded =
         record.of("command").filter(|command| strangers.contains(&command.stamp("writer"))).count()
             as u64;
-    assert_eq!(heard, played, "the recorder has heard them");
+    assert_eq!(recorded, played, "the recorder has heard them");
     let braked =
         record.of("state").filter(|state| state.word("fallback_level") == "brake").count() as u64;
     assert!(

@@ -26,13 +26,13 @@ struct Manager {
 impl Manager {
     /// Receives all pending notifications.
     fn listen(&mut self) -> io::Result<usize> {
-        let mut said = [0; 256];
+        let mut message = [0; 256];
         let mut count = 0;
         loop {
-            match self.socket.recv(&mut said) {
+            match self.socket.recv(&mut message) {
                 Ok(length) => {
                     self.heard.push(
-                        String::from_utf8_lossy(said.get(..length).unwrap_or_default())
+                        String::from_utf8_lossy(message.get(..length).unwrap_or_default())
                             .into_owned(),
                     );
                     count += 1;
@@ -45,7 +45,8 @@ impl Manager {
 
     /// Waits until `what` has arrived `times` more times.
     fn wait_for(&mut self, launched: &Launched, what: &str, times: usize) -> Outcome {
-        let count = |heard: &[String]| heard.iter().filter(|said| said.as_str() == what).count();
+        let count =
+            |heard: &[String]| heard.iter().filter(|message| message.as_str() == what).count();
         let before = count(&self.heard);
         launched.wait_until(&format!("{times} more {what}"), || {
             self.listen().is_ok() && count(&self.heard) >= before + times
@@ -59,8 +60,8 @@ impl Manager {
         let (begin, before) = (Instant::now(), self.heard.len());
         while begin.elapsed() < SILENT {
             self.listen()?;
-            if let Some(said) = self.heard.get(before) {
-                return Err(format!("a loop has stopped, and {said} came").into());
+            if let Some(message) = self.heard.get(before) {
+                return Err(format!("a loop has stopped, and {message} came").into());
             }
             thread::sleep(Duration::from_millis(20));
         }
@@ -113,14 +114,14 @@ fn only_the_loops_notify_the_watchdog() -> Outcome {
 
     for pid in launched.processes() {
         let environment = fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
-        let told = String::from_utf8_lossy(&environment).contains("NOTIFY_SOCKET");
-        assert!(!told, "a process of the graph could speak for the launcher");
+        let is_set = String::from_utf8_lossy(&environment).contains("NOTIFY_SOCKET");
+        assert!(!is_set, "a process of the graph could speak for the launcher");
     }
     signal(launched.pid(), Signal::TERM)?;
     let (ended, _home) = launched.end()?;
     manager.listen()?;
     assert_eq!(manager.heard.last().map(String::as_str), Some("STOPPING=1"), "{}", ended.text);
-    assert_eq!(manager.heard.iter().filter(|said| *said == "READY=1").count(), 1);
+    assert_eq!(manager.heard.iter().filter(|message| *message == "READY=1").count(), 1);
     Ok(())
 }
 
@@ -144,9 +145,9 @@ fn the_watchdog_of_another_process_is_not_notified_and_a_missing_manager_is_name
         .env("TMPDIR", home.path())
         .env("NOTIFY_SOCKET", home.path().join("nobody"))
         .output()?;
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("NOTIFY_SOCKET") && !home.path().join("again").exists(), "{said}");
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert!(errors.contains("NOTIFY_SOCKET") && !home.path().join("again").exists(), "{errors}");
     Ok(())
 }
 

@@ -65,8 +65,8 @@ fn order(launched: &Launched, order: &str) -> Result<(Option<i32>, String), Box<
         .arg(order)
         .env("TMPDIR", launched.home())
         .output()?;
-    let said = [output.stdout, output.stderr].concat();
-    Ok((output.status.code(), String::from_utf8_lossy(&said).into_owned()))
+    let text = [output.stdout, output.stderr].concat();
+    Ok((output.status.code(), String::from_utf8_lossy(&text).into_owned()))
 }
 
 /// Ends the launch as a user would. Returns its output and the record.

@@ -153,9 +153,9 @@ fn end(launched: Launched) -> Result<Record, Box<dyn Error>> {
 
 /// The changes in the record, by process and number.
 fn on_record(record: &Record) -> Result<BTreeMap<(String, u64), Settled>, Box<dyn Error>> {
-    let said =
+    let text =
         record.of("set").map(|message| serde_json::from_value::<Settled>(message.says.clone()));
-    Ok(said
+    Ok(text
         .collect::<Result<Vec<_>, _>>()?
         .into_iter()
         .map(|settled| ((settled.process.clone(), settled.number), settled))
@@ -168,7 +168,7 @@ fn each_of_a_thousand_random_settings_is_used_within_two_ticks_or_refused_and_re
     let launched = Launched::new(&SCENARIO)?;
     launched.wait_for_log("controller", "version=2 ", 1)?;
     let (home, run) = (launched.home().to_path_buf(), launched.folder());
-    let told: controller::Settings = read_settings(&run.join("settings/controller.toml"))?;
+    let settings: controller::Settings = read_settings(&run.join("settings/controller.toml"))?;
     let mut random = Random(7);
     let mut refused = 0;
     for number in 0..COUNT {
@@ -202,7 +202,7 @@ fn each_of_a_thousand_random_settings_is_used_within_two_ticks_or_refused_and_re
             .all(|settled| !settled.request.who.is_empty() && settled.request.asked_unix_nanos > 0)
     );
     let mut ways = BTreeMap::new();
-    let mut in_use = vec![(0, told.clone())];
+    let mut in_use = vec![(0, settings.clone())];
     for settled in settled.values() {
         let Came::Applied { taken_at_tick, ready_at_tick, acts_from_tick, .. } =
             settled.answer.outcome

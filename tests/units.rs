@@ -71,13 +71,13 @@ fn folder() -> std::path::PathBuf {
 
 /// The values of each key in a unit; a key may occur more than once.
 fn directives(text: &str) -> BTreeMap<&str, Vec<&str>> {
-    let mut said: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    let mut values: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for (key, value) in
         text.lines().filter(|line| !line.starts_with('#')).filter_map(|line| line.split_once('='))
     {
-        said.entry(key).or_default().push(value);
+        values.entry(key).or_default().push(value);
     }
-    said
+    values
 }
 
 #[test]
@@ -91,18 +91,18 @@ fn every_unit_contains_its_restrictions_and_the_needs_of_the_graph() -> Outcome 
     assert_eq!(found, ["coxswain-control.service", "coxswain-robot.service", "coxswain@.service"]);
     for (unit, _) in UNITS {
         let text = fs::read_to_string(folder().join(unit))?;
-        let said = directives(&text);
+        let keys = directives(&text);
         for (key, value, why) in SAID {
             assert_eq!(
-                said.get(key).map(Vec::as_slice),
+                keys.get(key).map(Vec::as_slice),
                 Some(&[value][..]),
                 "{unit}: {key} ({why})"
             );
         }
         for key in UNSAID {
-            assert!(!said.contains_key(key), "{unit}: {key}");
+            assert!(!keys.contains_key(key), "{unit}: {key}");
         }
-        let graph = said
+        let graph = keys
             .get("ExecStart")
             .and_then(|starts| starts.first()?.rsplit('/').next())
             .ok_or("it starts nothing")?;
@@ -112,7 +112,7 @@ fn every_unit_contains_its_restrictions_and_the_needs_of_the_graph() -> Outcome 
         );
         // The path of a socket in a graph's folder: user ids of up to five digits, a name of eight
         // characters.
-        let runtime = said
+        let runtime = keys
             .get("RuntimeDirectory")
             .and_then(|names| names.first())
             .ok_or("no runtime folder")?
@@ -120,7 +120,7 @@ fn every_unit_contains_its_restrictions_and_the_needs_of_the_graph() -> Outcome 
         let root = format!("/run/{runtime}/coxswain-65534/abcdefgh");
         assert!(root.len() <= 49, "{unit}: {root} is too long for sockets in it");
         let temporary =
-            said.get("Environment").and_then(|values| values.first()).ok_or("no TMPDIR")?;
+            keys.get("Environment").and_then(|values| values.first()).ok_or("no TMPDIR")?;
         assert_eq!(temporary.replace("%i", "local"), format!("TMPDIR=%t/{runtime}"), "{unit}");
     }
     Ok(())
@@ -163,16 +163,16 @@ fn systemd_accepts_every_unit_and_finds_none_exposed() -> Outcome {
             .args(["security", "--offline=true", "--no-pager", "--threshold", EXPOSURE_MOST])
             .arg(&unit)
             .output()?;
-        let said = String::from_utf8_lossy(&judged.stdout);
+        let report = String::from_utf8_lossy(&judged.stdout);
         assert!(
-            judged.status.success() && said.contains("Overall exposure level"),
-            "{}: {said}",
+            judged.status.success() && report.contains("Overall exposure level"),
+            "{}: {report}",
             unit.display()
         );
         let verified = Command::new("systemd-analyze").arg("verify").arg(&unit).output()?;
-        let said = String::from_utf8_lossy(&verified.stderr);
-        let ours: Vec<&str> = said.lines().filter(|line| line.contains("coxswain")).collect();
-        assert!(verified.status.success() && ours.is_empty(), "{}: {said}", unit.display());
+        let report = String::from_utf8_lossy(&verified.stderr);
+        let ours: Vec<&str> = report.lines().filter(|line| line.contains("coxswain")).collect();
+        assert!(verified.status.success() && ours.is_empty(), "{}: {report}", unit.display());
     }
     Ok(())
 }

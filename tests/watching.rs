@@ -67,11 +67,11 @@ fn a_robot_that_disconnects_and_returns_is_reported_once_each() -> Outcome {
     launched.process("gateway", Some(gateway))?;
     watcher.wait_for_error("is back", 1)?;
     watcher.lines(5)?;
-    let said = watcher.errors();
+    let errors = watcher.errors();
     assert_eq!(
-        (said.matches("no word").count(), said.matches("is back").count()),
+        (errors.matches("no word").count(), errors.matches("is back").count()),
         (1, 1),
-        "{said}"
+        "{errors}"
     );
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);

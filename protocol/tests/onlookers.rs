@@ -43,14 +43,14 @@ fn a_watcher_that_does_not_read_delays_no_process_and_then_sees_the_newest() -> 
         let mut onlooker = gateway.watcher::<PlantState>()?;
         let mut sink = plant.sink::<PlantState>()?;
         let many = 3 * Topic::State.quality(true).depth as u64;
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         for tick in 0..many {
             let mut state = PlantState::zeroed();
             state.stamp.tick = tick;
             sink.send(&mut state)?;
-            heard.append(&mut ticks(&mut member)?);
+            received.append(&mut ticks(&mut member)?);
         }
-        assert_eq!(heard, (0..many).collect::<Vec<_>>(), "the member has lost something");
+        assert_eq!(received, (0..many).collect::<Vec<_>>(), "the member has lost something");
         assert_eq!(onlooker.latest()?.map(|state| state.stamp.tick), Some(many - 1));
         Ok(())
     })

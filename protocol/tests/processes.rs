@@ -184,10 +184,10 @@ fn replace_killed_writers(graph: &Graph) -> Outcome {
     // More instances than the topic has places for writers.
     for epoch in 1..=7 {
         let writer = graph.start("commands", epoch)?;
-        let heard = until(&mut commands, |command| {
+        let received = until(&mut commands, |command| {
             command.stamp.epoch == epoch && command.stamp.tick >= 5
         })?;
-        assert_eq!(heard.stamp.sequence, heard.stamp.tick, "its sequence started at 1");
+        assert_eq!(received.stamp.sequence, received.stamp.tick, "its sequence started at 1");
         writer.kill()?;
     }
     assert_eq!(commands.tally().refused, 0);
@@ -282,7 +282,7 @@ fn a_link_that_was_cut_is_taken_up_again() -> Outcome {
     let mut credits = graph.ports()?.source::<Credit>(Since::Joining)?;
     let _reader = graph.start("credits", 1)?;
     let _writer = graph.start("commands", 1)?;
-    let mut heard = until(&mut credits, |credit| credit.through_tick > 0)?;
+    let mut received = until(&mut credits, |credit| credit.through_tick > 0)?;
     for _ in 0..3 {
         let endpoints = graph.links.connect.clone();
         drop(graph.router.take());
@@ -291,7 +291,7 @@ fn a_link_that_was_cut_is_taken_up_again() -> Outcome {
             while credits.next()?.is_some() {}
         }
         graph.router = Some(Router::open(&endpoints, &[])?);
-        heard = until(&mut credits, |credit| credit.through_tick > heard.through_tick)?;
+        received = until(&mut credits, |credit| credit.through_tick > received.through_tick)?;
     }
     Ok(())
 }

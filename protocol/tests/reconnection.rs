@@ -183,29 +183,29 @@ fn messages_sent_while_the_link_reconnects_are_not_lost_in_lock_step() -> Outcom
     let endpoints = router.endpoints().to_vec();
     let mut commands = ports(first(&router)?, true)?.source::<Command>(Since::First)?;
     let mut sink = ports(first(&router)?, true)?.sink::<Command>()?;
-    let mut said = 1;
-    sink.send(&mut command(said))?;
-    until(&mut commands, |command| command.stamp.tick == said)?;
+    let mut sent = 1;
+    sink.send(&mut command(sent))?;
+    until(&mut commands, |command| command.stamp.tick == sent)?;
     for _ in 0..5 {
         drop(router);
         router = Router::open(&endpoints, &[])?;
         // Sends until a message sent after the cut is received, and beyond; but no more than the
         // link remembers.
-        let before = said;
-        let mut heard = before;
+        let before = sent;
+        let mut received = before;
         for _ in 0..Topic::Command.quality(true).depth - 6 {
-            said += 1;
-            sink.send(&mut command(said))?;
-            commands.wait(Duration::from_millis(if heard > before { 0 } else { 5 }))?;
+            sent += 1;
+            sink.send(&mut command(sent))?;
+            commands.wait(Duration::from_millis(if received > before { 0 } else { 5 }))?;
             while let Some(command) = commands.next()? {
-                heard = command.stamp.tick;
+                received = command.stamp.tick;
             }
         }
-        if heard < said {
-            until(&mut commands, |command| command.stamp.tick == said)?;
+        if received < sent {
+            until(&mut commands, |command| command.stamp.tick == sent)?;
         }
     }
-    assert_eq!((commands.tally().received, commands.tally().lost), (said, 0));
+    assert_eq!((commands.tally().received, commands.tally().lost), (sent, 0));
     Ok(())
 }
 
@@ -244,10 +244,10 @@ impl Relay {
                     .hang_ups
                     .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1))
                     .is_ok();
-                let heard = if hangs_up { HANDSHAKE } else { u32::MAX };
+                let forwarded = if hangs_up { HANDSHAKE } else { u32::MAX };
                 let cuts = shared.cuts.load(Ordering::Relaxed);
                 for (from, to, most) in
-                    [(near.try_clone(), far.try_clone(), u32::MAX), (Ok(far), Ok(near), heard)]
+                    [(near.try_clone(), far.try_clone(), u32::MAX), (Ok(far), Ok(near), forwarded)]
                 {
                     if let (Ok(from), Ok(to)) = (from, to) {
                         let shared = Arc::clone(&shared);

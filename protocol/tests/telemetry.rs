@@ -80,9 +80,9 @@ fn any_client_can_read_a_message_as_json() -> Outcome {
         .map_err(|error| error.to_string())?;
     let sample = publish_until(&mut publisher, || states.recv_timeout(SOON).ok().flatten())?;
     assert_eq!(sample.key_expr().as_str(), "coxswain/test/state/json");
-    let said: Value = serde_json::from_slice(&sample.payload().to_bytes())?;
-    let tick = said["stamp"]["tick"].as_u64().ok_or("no tick")?;
-    assert_eq!(said, serde_json::to_value(View(&state(tick)))?);
+    let value: Value = serde_json::from_slice(&sample.payload().to_bytes())?;
+    let tick = value["stamp"]["tick"].as_u64().ok_or("no tick")?;
+    assert_eq!(value, serde_json::to_value(View(&state(tick)))?);
     Ok(())
 }
 

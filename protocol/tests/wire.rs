@@ -208,8 +208,8 @@ fn every_bit_of_a_number_survives() -> Result<(), DecodeError> {
     let signalling_nan = f64::from_bits(0xfff0_0000_0000_0001);
     let sent =
         Command { input: [quiet_nan_with_payload, signalling_nan, -0.0], ..Command::zeroed() };
-    let heard: Command = wire::decode(&encoded(sent))?;
-    assert_eq!(heard.input.map(f64::to_bits), sent.input.map(f64::to_bits));
+    let received: Command = wire::decode(&encoded(sent))?;
+    assert_eq!(received.input.map(f64::to_bits), sent.input.map(f64::to_bits));
     Ok(())
 }
 

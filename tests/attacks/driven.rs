@@ -135,14 +135,14 @@ fn no_repeated_or_forged_command_under_the_controllers_certificate_ever_acts() -
     let data = format!("coxswain-link/{graph}/command/data");
     let _thief =
         thief.declare_subscriber(format!("{data}/*")).callback(hear).wait().map_err(failed)?;
-    let mut said = 0_usize;
+    let mut sent = 0_usize;
     launched.wait_until("a hundred commands", || {
         let known: Vec<Stolen> =
             stolen.lock().unwrap_or_else(PoisonError::into_inner).values().cloned().collect();
         // The newest at once, and some older ones.
         for (command, number, key) in known.iter().rev().take(3).chain(known.iter().step_by(7)) {
             for (_, forge) in FORGERIES {
-                said += forged(&forger, *command, number.as_deref(), key, forge).unwrap_or(0);
+                sent += forged(&forger, *command, number.as_deref(), key, forge).unwrap_or(0);
             }
         }
         thread::sleep(Duration::from_millis(20));
@@ -165,14 +165,14 @@ fn no_repeated_or_forged_command_under_the_controllers_certificate_ever_acts() -
         .for_each(|state: &Message| *reasons.entry(state.word("reason")).or_default() += 1);
     let refused = record.of("state").next_back().map_or(0, |state| state.count("refused"));
     print(format_args!(
-        "commands: {said} said again or forged in 6 ways, {theirs} acted, {refused} refused by \
+        "commands: {sent} said again or forged in 6 ways, {theirs} acted, {refused} refused by \
         the gate: {reasons:?}"
     ));
     print(format_args!(
         "the own controller's: the oldest state whose answer acted was {oldest:.2} T old, {back} \
         acted after one to a later state"
     ));
-    assert!(said > 1_000, "only {said} were said");
+    assert!(sent > 1_000, "only {sent} were said");
     assert_eq!(theirs, 0, "{acted:?}");
     assert!(oldest <= BRAKES_AFTER_PERIODS + ROUNDING, "{oldest} T");
     assert_eq!(back, 0, "an old command acted again");

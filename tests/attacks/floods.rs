@@ -49,9 +49,9 @@ fn assert_floods_are_logged(log: &str, connections: usize, subscriptions: usize)
     let lines = log.lines().filter(|line| line.contains("rejected at the network")).count();
     let of_subscriptions =
         log.lines().filter(|line| line.contains("may not Declare Subscriber on command count="));
-    let told: usize =
+    let logged: usize =
         of_subscriptions.filter_map(|line| line.rsplit('=').next()?.parse::<usize>().ok()).sum();
-    assert_eq!(told, subscriptions, "each refused subscription is told once:\n{log}");
+    assert_eq!(logged, subscriptions, "each refused subscription is told once:\n{log}");
     assert!(
         log.contains("rejected at the network: received corrupt message"),
         "nothing is told of {connections} strangers:\n{log}"

@@ -102,7 +102,7 @@ fn a_role_that_floods_heartbeats_silences_no_process_and_imitates_no_other_role(
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "20"])?;
     let learner = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
     let key = format!("coxswain-link/{graph}/health/data/learner.flood");
-    let (begin, mut said) = (Instant::now(), 0_usize);
+    let (begin, mut sent) = (Instant::now(), 0_usize);
     launched.wait_until("five seconds of the flood", || {
         let burst = Instant::now();
         while burst.elapsed() < Duration::from_millis(500) {
@@ -110,7 +110,7 @@ fn a_role_that_floods_heartbeats_silences_no_process_and_imitates_no_other_role(
                 [(Participant::Learner, Phase::Running), (Participant::Plant, Phase::Finished)]
             {
                 let put = learner.put(&key, heartbeat(participant, NO_PROCESS, phase));
-                said += usize::from(put.congestion_control(CongestionControl::Drop).wait().is_ok());
+                sent += usize::from(put.congestion_control(CongestionControl::Drop).wait().is_ok());
             }
         }
         begin.elapsed() > LIES_FOR
@@ -128,11 +128,11 @@ fn a_role_that_floods_heartbeats_silences_no_process_and_imitates_no_other_role(
     let fresh =
         record.of("state").filter(|state| state.word("fallback_level") == "fresh plan").count();
     print(format_args!(
-        "heartbeats: {said} said by one role in {lasted:.1} s, {} of them recorded; {fresh} of \
+        "heartbeats: {sent} said by one role in {lasted:.1} s, {} of them recorded; {fresh} of \
         201 periods on fresh plans",
         forged.len()
     ));
-    assert!(said > 10_000, "{said}");
+    assert!(sent > 10_000, "{sent}");
     // The limits are fifty per second of one writer, and sixteen at once; the last may be received
     // a little after it was published.
     assert!(
@@ -278,11 +278,11 @@ fn tokens_of_another_protocol_version_prevent_no_restart() -> Outcome {
     };
     let _tokens = others.map(show).into_iter().collect::<Result<Vec<_>, _>>()?;
     for (role, says) in [("recorder", "started"), ("controller", "answering a plant")] {
-        let said = fs::read_to_string(launched.folder().join(format!("{role}.log")))?
+        let count = fs::read_to_string(launched.folder().join(format!("{role}.log")))?
             .matches(says)
             .count();
         signal(launched.process(role, None)?, Signal::KILL)?;
-        launched.wait_for_log(role, says, said + 1)?;
+        launched.wait_for_log(role, says, count + 1)?;
     }
     // As long as they would take to end because of what they observe.
     thread::sleep(LIES_FOR / 2);
@@ -305,9 +305,9 @@ fn a_writer_under_a_learners_name_silences_that_learner_alone_and_is_reported() 
     let pid = launched.process("learner", None)?;
     let key = format!("coxswain-link/{graph}/health/data/{name}");
     let word = || heartbeat(Participant::Learner, NO_PROCESS, Phase::Running);
-    let (begin, from, mut said) = (Instant::now(), monotonic_nanos(), 0_usize);
+    let (begin, from, mut sent) = (Instant::now(), monotonic_nanos(), 0_usize);
     while begin.elapsed() < LIES_FOR {
-        said += usize::from(
+        sent += usize::from(
             attacker.put(&key, word()).congestion_control(CongestionControl::Drop).wait().is_ok(),
         );
     }
@@ -340,7 +340,7 @@ fn a_writer_under_a_learners_name_silences_that_learner_alone_and_is_reported() 
     let states = || record.of("state").filter(|state| state.stamp("sent_nanos") > flood.start);
     let fresh = states().filter(|state| state.word("fallback_level") == "fresh plan").count();
     print(format_args!(
-        "heartbeats: {said} said under the learner's own name in 5 s; meanwhile \
+        "heartbeats: {sent} said under the learner's own name in 5 s; meanwhile \
         recorded {} of the learner, {} of the plant, {} of the \
          controller; {fresh} of {} periods on fresh plans since",
         heard("learner"),
@@ -348,7 +348,7 @@ fn a_writer_under_a_learners_name_silences_that_learner_alone_and_is_reported() 
         heard("controller"),
         states().count()
     ));
-    assert!(said > 10_000, "{said}");
+    assert!(sent > 10_000, "{sent}");
     assert!(heard("plant") > 10 && heard("controller") > 10, "they are silenced as well");
     assert!(fresh * 10 >= states().count() * 9, "{fresh} of {}", states().count());
     let models: Vec<u64> = record.of("plan").map(|plan| plan.count("model_version")).collect();

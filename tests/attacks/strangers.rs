@@ -280,15 +280,15 @@ fn no_stranger_publishes_or_receives_anything_on_a_link() -> Outcome {
     let strangers = strangers(&certificates)?;
     let let_in = let_in(&strangers, &|shows| connect(&endpoint, shows))?;
     let expected = said_by("honest", &["PUT"]);
-    let heard = on_the_links(&honest, &let_in, &|heard| expected.is_subset(heard))?;
+    let received = on_the_links(&honest, &let_in, &|received| expected.is_subset(received))?;
     let names: Vec<&str> = let_in.iter().map(|stranger| stranger.name).collect();
-    let arrived = heard.difference(&expected).count();
+    let arrived = received.difference(&expected).count();
     let cells = strangers.len() * Topic::ALL.len() * STRANGE_DEEDS;
     print(format_args!(
         "strangers at the links: {cells} cells, 0 allowed, {arrived} arrived; a session, in which \
         nothing passes: {names:?}"
     ));
-    assert_eq!(heard, expected);
+    assert_eq!(received, expected);
     assert!(names.iter().all(|name| *name == "certificate of another robot"), "{names:?}");
     Ok(())
 }
@@ -306,8 +306,8 @@ fn without_certificates_every_operation_of_strangers_on_a_link_takes_effect() ->
         expected.extend(said_by(&format!("stranger-{number}"), &["PUT", "DELETE"]));
         expected.extend(Topic::ALL.map(|topic| Ears::theft(name, topic)));
     }
-    let heard = on_the_links(&|_| open(), &let_in, &|heard| expected.is_subset(heard))?;
-    assert_eq!(heard, expected);
+    let received = on_the_links(&|_| open(), &let_in, &|received| expected.is_subset(received))?;
+    assert_eq!(received, expected);
     assert_eq!(expected.len(), 24 + 6 * Topic::ALL.len() * STRANGE_DEEDS);
     Ok(())
 }

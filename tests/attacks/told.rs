@@ -21,18 +21,18 @@ const LONG_BYTES: usize = 100_000;
 
 /// Reasons of refusals, and how often each occurred, from a log.
 fn told(log: &str) -> BTreeMap<String, (usize, usize)> {
-    let mut told: BTreeMap<String, (usize, usize)> = BTreeMap::new();
+    let mut refusals: BTreeMap<String, (usize, usize)> = BTreeMap::new();
     for line in log.lines() {
         let reason = line
             .split_once("rejected at the network: ")
             .and_then(|(_, said)| said.rsplit_once(" count="));
         if let Some((reason, count)) = reason {
-            let (lines, times) = told.entry(reason.to_owned()).or_default();
+            let (lines, times) = refusals.entry(reason.to_owned()).or_default();
             *lines += 1;
             *times += count.parse::<usize>().unwrap_or(0);
         }
     }
-    told
+    refusals
 }
 
 /// Publishes a message as the writer or watcher that `key` names, and waits as long as needed:
@@ -86,18 +86,18 @@ fn are_told<'a>(
     begin: Instant,
     expected: impl Iterator<Item = (&'a str, usize)>,
 ) {
-    let told = told(log);
-    for (reason, (lines, times)) in &told {
+    let refusals = told(log);
+    for (reason, (lines, times)) in &refusals {
         print(format_args!("{door}: {times} times in {lines} lines: {reason}"));
     }
     // The first line comes at once, then one every ten seconds, and the rest at the end.
     let most = 2 + begin.elapsed().as_secs() / 10;
     assert!(
-        told.values().all(|(lines, _)| *lines as u64 <= most),
-        "{door}: more than {most} lines: {told:?}"
+        refusals.values().all(|(lines, _)| *lines as u64 <= most),
+        "{door}: more than {most} lines: {refusals:?}"
     );
     for (begins, expected) in expected {
-        let times: usize = told
+        let times: usize = refusals
             .iter()
             .filter(|(reason, _)| reason.starts_with(begins))
             .map(|(_, (_, times))| times)

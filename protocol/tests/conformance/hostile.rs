@@ -30,8 +30,8 @@ pub(crate) fn another_version_is_refused_with_both_named<F: Fixture>() -> Outcom
     count_until(&mut source, |source| source.tally().refused == 1)?;
     let refusal = source.last_refusal().ok_or("nothing was refused")?;
     assert_eq!(refusal, DecodeError::Version { expected: VERSION, got: 77 });
-    let said = refusal.to_string();
-    assert!(said.contains("77") && said.contains(&VERSION.to_string()), "{said}");
+    let text = refusal.to_string();
+    assert!(text.contains("77") && text.contains(&VERSION.to_string()), "{text}");
     Ok(())
 }
 
