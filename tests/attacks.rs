@@ -1,4 +1,5 @@
-//! Promise: on a network with certificates exactly those take part who should, and nobody else moves the robot.
+//! Promise: on a network with certificates only authorised roles take part, and no other peer moves
+//! the robot.
 
 #[path = "attacks/driven.rs"]
 mod driven;

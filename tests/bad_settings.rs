@@ -1,4 +1,5 @@
-//! Promise: bad input gets an error that says what, where and what was expected, and nothing is started.
+//! Promise: invalid input gets an error with place, value and expectation, and no process is
+//! started.
 
 use promises::{Launched, Outcome, launch_command, repository};
 use std::fs;
@@ -151,11 +152,11 @@ fn a_folder_that_holds_another_run_is_refused() -> Outcome {
 }
 
 #[test]
-fn whoever_waits_for_a_launch_that_refuses_to_start_is_told_what_it_said() -> Outcome {
+fn a_wait_for_a_launch_that_refuses_to_start_returns_its_error() -> Outcome {
     let launched = Launched::new(&["--scenario", "papyrus"])?;
-    let told = launched
+    let text = launched
         .wait_for_log("gateway", "watchers are welcome", 1)
         .map_err(|error| error.to_string());
-    assert!(told.as_ref().is_err_and(|told| told.contains("papyrus")), "{told:?}");
+    assert!(text.as_ref().is_err_and(|text| text.contains("papyrus")), "{text:?}");
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! A real Chromium without a window, spoken to in its DevTools protocol through a pipe.
+//! A real Chromium without a window, controlled by its DevTools protocol through a pipe.
 
 use crate::{Outcome, wait_until};
 use rustix::process::{Pid, Signal, kill_process_group};
@@ -14,11 +14,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Where it may be called, in the order in which it is looked for.
+/// Names of its program, in the order of the search.
 const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
-/// How long an answer may take. Far beyond what it takes.
+/// Time for an answer. Far longer than needed.
 const ANSWERS_WITHIN: Duration = Duration::from_mins(2);
-/// It starts with what it reads as descriptor 3 and what it writes as descriptor 4; what it complains of goes into the file `$0`.
+/// Chromium reads descriptor 3 and writes descriptor 4; its errors go into the file `$0`.
 const WITH_PIPE: &str = "exec \"$@\" 3<&0 4>&1 0</dev/null 1>\"$0\" 2>&1";
 const ARGUMENTS: [&str; 12] = [
     "--headless",
@@ -35,7 +35,7 @@ const ARGUMENTS: [&str; 12] = [
     "--remote-debugging-pipe",
 ];
 
-/// One tab of a browser of its own; neither outlives this value.
+/// One tab of a browser of its own; both end with this value.
 pub struct Browser {
     child: Child,
     input: ChildStdin,
@@ -72,8 +72,8 @@ impl Browser {
         thread::spawn(move || {
             let mut message = Vec::new();
             while output.read_until(0, &mut message).is_ok_and(|count| count > 0) {
-                let told = serde_json::from_slice(message.strip_suffix(&[0]).unwrap_or(&message));
-                if !told.is_ok_and(|told: Value| heard.send(told).is_ok()) {
+                let parsed = serde_json::from_slice(message.strip_suffix(&[0]).unwrap_or(&message));
+                if !parsed.is_ok_and(|parsed: Value| heard.send(parsed).is_ok()) {
                     break;
                 }
                 message.clear();
@@ -98,7 +98,7 @@ impl Browser {
     /// Goes to `url`, in a window of this size.
     ///
     /// # Errors
-    /// If it cannot.
+    /// If the page cannot be opened.
     pub fn open(&mut self, url: &str, width: u32, height: u32) -> Outcome {
         self.resize(width, height, false)?;
         let opened = self.call("Page.navigate", &json!({"url": url}))?;
@@ -108,19 +108,24 @@ impl Browser {
         self.wait_for("document.readyState === 'complete'")
     }
 
-    /// Has a window of this size, or the screen of a phone.
+    /// Sets the size of the window, or the screen of a phone.
     ///
     /// # Errors
-    /// If it cannot.
+    /// If the browser refuses it.
     pub fn resize(&mut self, width: u32, height: u32, phone: bool) -> Outcome {
-        let metrics = json!({"width": width, "height": height, "deviceScaleFactor": if phone { 2 } else { 1 }, "mobile": phone});
+        let metrics = json!({
+            "width": width,
+            "height": height,
+            "deviceScaleFactor": if phone { 2 } else { 1 },
+            "mobile": phone,
+        });
         self.call("Emulation.setDeviceMetricsOverride", &metrics).map(drop)
     }
 
-    /// Prefers `dark` or `light` from now on.
+    /// Sets the preferred colour scheme, `dark` or `light`.
     ///
     /// # Errors
-    /// If it cannot.
+    /// If the browser refuses it.
     pub fn prefer(&mut self, scheme: &str) -> Outcome {
         let features = json!({"features": [{"name": "prefers-color-scheme", "value": scheme}]});
         self.call("Emulation.setEmulatedMedia", &features).map(drop)
@@ -129,7 +134,7 @@ impl Browser {
     /// Presses and releases a key, such as `Tab`, `Enter` or `Space`.
     ///
     /// # Errors
-    /// If it cannot.
+    /// If the browser refuses it.
     pub fn press(&mut self, key: &str) -> Outcome {
         let (key, code, text) = match key {
             "Tab" => ("Tab", 9, ""),
@@ -149,7 +154,7 @@ impl Browser {
         .map(drop)
     }
 
-    /// What `expression` comes to on the page.
+    /// Value of `expression` on the page.
     ///
     /// # Errors
     /// If it throws.
@@ -176,7 +181,7 @@ impl Browser {
     /// Waits until `condition` is true on the page.
     ///
     /// # Errors
-    /// If it never is; says what the page shows.
+    /// If it never is; the error contains the text of the page.
     pub fn wait_for(&mut self, condition: &str) -> Outcome {
         let mut failed = None;
         let waited = wait_until(condition, || match self.ask(condition) {
@@ -204,13 +209,15 @@ impl Browser {
         decoded(picture["data"].as_str().ok_or("no picture")?).ok_or_else(|| "not base64".into())
     }
 
-    /// So many pixels of the element that `selector` finds are seen in the colour that the page's style calls `colour`.
+    /// Counts the pixels of the element found by `selector` that have the colour called `colour` in
+    /// the page's style.
     ///
     /// # Errors
     /// If there is no such element or colour, or no picture can be taken.
     pub fn seen(&mut self, selector: &str, colour: &str) -> Result<u64, Box<dyn Error>> {
         let place = self.ask(&format!(
-            "(({{x, y, width, height}}) => ({{x: x + scrollX, y: y + scrollY, width, height, scale: 1}}))
+            "(({{x, y, width, height}}) => \
+            ({{x: x + scrollX, y: y + scrollY, width, height, scale: 1}}))
                 (document.querySelector({selector:?}).getBoundingClientRect())"
         ))?;
         let picture = self.call(
@@ -219,7 +226,8 @@ impl Browser {
         )?;
         let count = self.ask(&format!(
             "(async () => {{
-                const wanted = getComputedStyle(document.documentElement).getPropertyValue('--{colour}').trim();
+                const wanted = \
+                getComputedStyle(document.documentElement).getPropertyValue('--{colour}').trim();
                 if (!CSS.supports('color', wanted)) throw new Error('no colour {colour}');
                 const image = new Image();
                 image.src = 'data:image/png;base64,' + {};
@@ -231,7 +239,8 @@ impl Browser {
                 const probe = pen.getImageData(0, 0, 1, 1).data;
                 const {{data}} = pen.getImageData(0, 1, image.width, image.height);
                 let count = 0;
-                for (let at = 0; at < data.length; at += 4) count += [0, 1, 2].every((part) => Math.abs(data[at + part] - probe[part]) < 12);
+                for (let at = 0; at < data.length; at += 4) count += \
+                [0, 1, 2].every((part) => Math.abs(data[at + part] - probe[part]) < 12);
                 return count;
             }})()",
             picture["data"]
@@ -242,18 +251,18 @@ impl Browser {
     /// Sends a signal to all of its processes.
     ///
     /// # Errors
-    /// If they are gone.
+    /// If they have ended.
     pub fn signal(&self, signal: Signal) -> Outcome {
         let group = Pid::from_raw(i32::try_from(self.child.id())?).ok_or("no such group")?;
         Ok(kill_process_group(group, signal)?)
     }
 
-    /// Every address that was asked for so far.
+    /// Every address requested so far.
     pub fn requested(&self) -> &[String] {
         &self.requested
     }
 
-    /// Exceptions, and what the console and the policy of the page complain of.
+    /// Exceptions, and the errors of the console and of the page's policy.
     pub fn complaints(&self) -> &[String] {
         &self.complaints
     }
@@ -272,16 +281,16 @@ impl Browser {
         let begin = Instant::now();
         loop {
             let left = ANSWERS_WITHIN.saturating_sub(begin.elapsed());
-            let mut told = self
+            let mut answer = self
                 .answers
                 .recv_timeout(left)
                 .map_err(|error| format!("{method}: {error}; {}", self.last_words()))?;
-            if told["id"] != json!(self.calls) {
-                self.overhear(&told);
-            } else if told.get("error").is_some() {
-                return Err(format!("{method}: {}", told["error"]).into());
+            if answer["id"] != json!(self.calls) {
+                self.overhear(&answer);
+            } else if answer.get("error").is_some() {
+                return Err(format!("{method}: {}", answer["error"]).into());
             } else {
-                return Ok(told["result"].take());
+                return Ok(answer["result"].take());
             }
         }
     }
@@ -303,16 +312,16 @@ impl Browser {
     }
 
     fn last_words(&self) -> String {
-        let said =
+        let text =
             fs::read_to_string(self.profile.path().join("complaints.log")).unwrap_or_default();
-        format!("the browser said: {}", said.trim())
+        format!("the browser said: {}", text.trim())
     }
 }
 
 impl Drop for Browser {
     fn drop(&mut self) {
         self.session = None;
-        // Its helpers end with it if it may say goodbye.
+        // Its helper processes end with it if it closes in order.
         let asked = self.call("Browser.close", &json!({}));
         let ended = asked.and_then(|_| {
             wait_until("the end of the browser", || !matches!(self.child.try_wait(), Ok(None)))
@@ -331,7 +340,11 @@ fn program() -> Result<PathBuf, String> {
         .flat_map(|name| std::env::split_paths(&folders).map(move |folder| folder.join(name)))
         .find(|path| path.is_file());
     found.ok_or_else(|| {
-        format!("the live page is tested in a real browser, but PATH has none of {}: install Debian's chromium", NAMES.join(", "))
+        format!(
+            "the live page is tested in a real browser, but PATH has none of {}: install \
+            Debian's chromium",
+            NAMES.join(", ")
+        )
     })
 }
 

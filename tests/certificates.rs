@@ -1,4 +1,5 @@
-//! Promise: with certificates the graph runs over the network as it does without, on one machine and across three.
+//! Promise: with certificates the graph runs over the network as it does without, on one machine
+//! and across three.
 
 use bytemuck::Zeroable;
 use coxswain::assembly::Assembly;
@@ -37,25 +38,26 @@ fn certificates(home: &Path, addresses: &[String]) -> Result<PathBuf, Box<dyn Er
     }
     let output = command.output()?;
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let told = String::from_utf8_lossy(&output.stdout);
+    let text = String::from_utf8_lossy(&output.stdout);
     for said in ["new authority", "keep it off the robot", "valid until", "robot-host", "watcher"] {
-        assert!(told.contains(said), "{told}");
+        assert!(text.contains(said), "{text}");
     }
     Ok(folder)
 }
 
-/// Makes `folder` for this user alone, whatever the umask of whoever runs the tests.
+/// Makes `folder` for this user alone, whatever the umask of the user that runs the tests.
 fn private(folder: &Path) -> std::io::Result<()> {
     fs::DirBuilder::new().recursive(true).mode(0o700).create(folder)
 }
 
-/// Whether the launch into `home` has tried, before anything started, to get in without a certificate.
+/// Whether the launch into `home` has tried to connect without a certificate before any process
+/// started.
 fn tried_as_a_stranger(home: &TempDir) -> std::io::Result<bool> {
     Ok(fs::read_to_string(home.path().join("run/coxswain.log"))?
         .contains("strangers are kept out of the network"))
 }
 
-/// What the machine of `roles` is given of `certificates`.
+/// Copies the certificates of `roles` for one machine from `certificates`.
 fn carried(certificates: &Path, to: &Path, roles: &[&str]) -> Result<String, Box<dyn Error>> {
     for role in roles {
         private(&to.join(role))?;
@@ -66,12 +68,12 @@ fn carried(certificates: &Path, to: &Path, roles: &[&str]) -> Result<String, Box
     Ok(to.to_str().ok_or("no text")?.to_owned())
 }
 
-/// Messages that each of two says to the other.
+/// Messages that each of two ends sends to the other.
 const CROWD: u64 = 20_000;
-/// How many more one has said than heard, at most: fewer than find room at the other.
+/// Largest lead of the messages sent over those received: fewer than find room at the other end.
 const LEAD_MAX: u64 = 200;
 
-/// Says `CROWD` messages and hears as many, on one link, once `both` are there to hear.
+/// Sends `CROWD` messages and receives as many on one link, once `both` are connected.
 fn crowd<S: OnTopic, H: OnTopic>(
     links: &Links,
     both: &Barrier,
@@ -81,27 +83,27 @@ fn crowd<S: OnTopic, H: OnTopic>(
         .and_then(|ports| Ok((ports.sink::<S>()?, ports.source::<H>(Since::First)?)));
     both.wait();
     let (mut sink, mut source) = opened?;
-    let (mut said, mut heard) = (0, Vec::new());
-    while said < CROWD || heard.len() < CROWD as usize {
-        if said < CROWD && said < heard.len() as u64 + LEAD_MAX {
-            said += 1;
-            message.stamp_mut().tick = said;
+    let (mut sent, mut received) = (0, Vec::new());
+    while sent < CROWD || received.len() < CROWD as usize {
+        if sent < CROWD && sent < received.len() as u64 + LEAD_MAX {
+            sent += 1;
+            message.stamp_mut().tick = sent;
             sink.send(&mut message)?;
         } else if !source.wait(GIVES_UP_AFTER)? {
             return Err(format!(
-                "{said} said and {} heard of {CROWD}, then nothing for {GIVES_UP_AFTER:?}",
-                heard.len()
+                "{sent} said and {} heard of {CROWD}, then nothing for {GIVES_UP_AFTER:?}",
+                received.len()
             )
             .into());
         }
         while let Some(message) = source.next()? {
-            heard.push(message.stamp().tick);
+            received.push(message.stamp().tick);
         }
     }
-    Ok(heard)
+    Ok(received)
 }
 
-/// A router with certificates, and the links of each role by it.
+/// A router with certificates, and the links of each role through it.
 struct Meeting {
     folder: TempDir,
     given: PathBuf,
@@ -129,9 +131,9 @@ impl Meeting {
     }
 }
 
-/// Routers limit how often snapshots, and pieces of them, may come.
+/// Routers limit the rate of snapshots, and of pieces of them.
 #[test]
-fn in_real_time_snapshots_of_a_megabyte_cross_a_link_with_certificates_whole_and_one_behind_the_other()
+fn snapshots_of_a_megabyte_cross_a_link_with_certificates_whole_and_in_order_in_real_time()
 -> Outcome {
     let meeting = Meeting::new(false)?;
     let ports = |role| Ports::open(&meeting.links(role), Identity::new(1));
@@ -160,7 +162,7 @@ fn in_real_time_snapshots_of_a_megabyte_cross_a_link_with_certificates_whole_and
 }
 
 #[test]
-fn what_crosses_a_link_with_certificates_in_both_directions_at_once_arrives_whole() -> Outcome {
+fn messages_in_both_directions_at_once_cross_a_link_with_certificates_whole() -> Outcome {
     let meeting = Meeting::new(true)?;
     let (robot, controller, both) =
         (meeting.links(Role::Robot), meeting.links(Role::Controller), Barrier::new(2));
@@ -170,15 +172,15 @@ fn what_crosses_a_link_with_certificates_in_both_directions_at_once_arrives_whol
             scope.spawn(|| crowd::<Said, PlantState>(&controller, &both, Said::zeroed()));
         (robot.join(), controller.join())
     });
-    for heard in [robot, controller] {
-        let heard = heard.map_err(|_| "it panicked")?.map_err(|error| error.to_string())?;
-        assert!(heard.iter().copied().eq(1..=CROWD), "{} heard", heard.len());
+    for received in [robot, controller] {
+        let received = received.map_err(|_| "it panicked")?.map_err(|error| error.to_string())?;
+        assert!(received.iter().copied().eq(1..=CROWD), "{} heard", received.len());
     }
     Ok(())
 }
 
 #[test]
-fn a_program_that_is_not_told_of_its_networks_threads_tells_itself() -> Outcome {
+fn a_program_without_the_setting_of_zenohs_threads_sets_it_itself() -> Outcome {
     let folder = home()?;
     let given = certificates(folder.path(), &[])?;
     let options = [
@@ -216,10 +218,10 @@ fn in_lock_step_certificates_change_no_bit() -> Outcome {
             ["--pace", "lock-step", "--duration", "10"].iter().chain(options).copied().collect();
         let (ended, home) = Launched::graph("network", &options)?.end()?;
         assert!(ended.status.success(), "{}", ended.text);
-        let told = ended.text.contains("certificates of robot mecanum")
+        let logged = ended.text.contains("certificates of robot mecanum")
             && ended.text.contains("listening at tls/");
-        assert_eq!(told, options.contains(&"--certificates"), "{}", ended.text);
-        assert_eq!(tried_as_a_stranger(&home)?, told, "{}", ended.text);
+        assert_eq!(logged, options.contains(&"--certificates"), "{}", ended.text);
+        assert_eq!(tried_as_a_stranger(&home)?, logged, "{}", ended.text);
         commands(&home.path().join("run"))
     };
     let (without, with) = (run(&[])?, run(&["--certificates", given])?);
@@ -228,20 +230,20 @@ fn in_lock_step_certificates_change_no_bit() -> Outcome {
     Ok(())
 }
 
-/// Two drives over a network whose errors differ by no more than that are alike [m]; in five runs it was 0.001, at 150 and 149 of 151 periods on
-/// fresh plans.
+/// Largest difference between the errors of two equal drives over a network [m]. In five runs it
+/// was 0.001, at 150 and 149 of 151 periods on fresh plans.
 const SAME_WITHIN_M: f64 = 0.03;
 
 /// A run over three hosts.
 struct Drive {
-    /// The robot's machine, and the controller's.
+    /// The launches on the robot's machine and on the controller's.
     near: Launched,
     far: Launched,
 }
 
 impl Drive {
-    /// Launches both. The robot shows itself on its cable to the third host, the watcher's. `tables` goes into its graph file, the rest is said
-    /// on the command line.
+    /// Launches both. The robot publishes its telemetry over its cable to the third host, the
+    /// watcher's. `tables` goes into its graph file, the rest into the command line.
     fn begin(
         hosts: &Hosts,
         tables: &str,
@@ -272,8 +274,8 @@ impl Drive {
         Ok(Self { near, far })
     }
 
-    /// Waits for the end of both, and gives the record. Both have tried to get in as strangers, and say nothing of strangers who could; or
-    /// neither, and they do.
+    /// Waits for the end of both, and returns the record. Either both have tried to connect without
+    /// a certificate, and report no exposure; or neither has, and both report one.
     fn end(self, with_certificates: bool) -> Result<Record, Box<dyn Error>> {
         let ends = [self.near.end()?, self.far.end()?];
         for (ended, home) in &ends {
@@ -285,7 +287,8 @@ impl Drive {
     }
 }
 
-/// Holds a run of 15 s against what is to be of it. Gives the control tick [ns], the middle one, and the error of the position [m].
+/// Compares a run of 15 s with the expectation. Returns the median control tick [ns], and the error
+/// of the position [m].
 fn completed(record: &Record, kind: &str) -> Result<(u64, f64), Box<dyn Error>> {
     acquit(record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file("plant-host")))?))?;
     assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(150), "{kind}");
@@ -302,18 +305,18 @@ fn completed(record: &Record, kind: &str) -> Result<(u64, f64), Box<dyn Error>> 
     ticks.sort_unstable();
     let middle = ticks.get(ticks.len() / 2).copied().ok_or("no plan")?;
     let error = record.summary["position_rmse_m"].as_f64().ok_or("no error")?;
-    let told = format!(
-        "{kind}: {fresh} of 151 periods on fresh plans, control tick p50 {} us, position error {error:.3} m",
+    let line = format!(
+        "{kind}: {fresh} of 151 periods on fresh plans, control tick p50 {} us, position error \
+        {error:.3} m",
         middle / 1000
     );
-    writeln!(std::io::stderr(), "{told}")?;
-    assert!(fresh >= 140, "{told}");
+    writeln!(std::io::stderr(), "{line}")?;
+    assert!(fresh >= 140, "{line}");
     Ok((middle, error))
 }
 
 #[test]
-fn robot_controller_and_watcher_on_three_hosts_meet_with_certificates_alone_and_drive_as_without()
--> Outcome {
+fn three_hosts_connect_with_certificates_alone_and_the_robot_drives_as_without() -> Outcome {
     let hosts = Hosts::with_others(2)?;
     let folder = home()?;
     let (towards_control, towards_watcher) = (hosts.address_towards(1), hosts.address_towards(2));
@@ -323,7 +326,7 @@ fn robot_controller_and_watcher_on_three_hosts_meet_with_certificates_alone_and_
     let control = of("control", &["control-host", "controller", "learner"])?;
     let watcher = of("watcher", &["watcher"])?;
 
-    // A graph file may say where the certificates are as well.
+    // A graph file may contain the folder of the certificates as well.
     let drive = Drive::begin(
         &hosts,
         &format!("[certificates]\nfolder = \"{robot}\""),
@@ -347,7 +350,7 @@ fn robot_controller_and_watcher_on_three_hosts_meet_with_certificates_alone_and_
     let (with_nanos, with_error) = completed(&drive.end(true)?, "with certificates")?;
     let drive = Drive::begin(&hosts, "", &["--insecure"], &["--insecure"])?;
     let (without_nanos, without_error) = completed(&drive.end(false)?, "without")?;
-    // One run each says little of a ratio: `docs/certificates_tick.py` takes many by turns.
+    // One run each gives little evidence for a ratio: `docs/certificates_tick.py` alternates many.
     writeln!(
         std::io::stderr(),
         "control tick with certificates to without: {:.2}",
@@ -361,7 +364,7 @@ fn robot_controller_and_watcher_on_three_hosts_meet_with_certificates_alone_and_
 }
 
 #[test]
-fn certificates_that_will_not_do_are_refused_before_anything_starts() -> Outcome {
+fn unusable_certificates_are_refused_before_any_process_starts() -> Outcome {
     let folder = home()?;
     let given = certificates(folder.path(), &[])?;
     let refusal = |certificates: &Path,
@@ -390,11 +393,11 @@ fn certificates_that_will_not_do_are_refused_before_anything_starts() -> Outcome
         &["--listen", "tls/127.0.0.1:0"],
     )?
     .output()?;
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(
         output.status.code() == Some(2)
-            && told.contains("network.listen = \"tls/127.0.0.1:0\": expected certificates"),
-        "{told}"
+            && text.contains("network.listen = \"tls/127.0.0.1:0\": expected certificates"),
+        "{text}"
     );
     let address = refusal(&given, "plant-host", &["--listen", "tcp/10.98.0.1:7447"])?;
     assert!(

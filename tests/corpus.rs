@@ -1,5 +1,5 @@
-//! Promise: whatever is read from outside is used or refused, and nothing panics. Every seed of the fuzzer is read in every run of the tests,
-//! and so are seeds that were damaged at random.
+//! Promise: input from outside is used or refused, and never causes a panic. Every run of the tests
+//! reads every seed of the fuzzer, and seeds that were damaged at random.
 
 use promises::Outcome;
 use promises::decoders::{ALL, Decoder, Fate, corpus};
@@ -12,10 +12,10 @@ use std::error::Error;
 use std::fs;
 use std::path::Path;
 
-/// Damaged seeds that each decoder is given.
+/// Damaged seeds for each decoder.
 const CASES: u32 = 300;
 
-/// What no setting should be, or not everywhere.
+/// Values that no setting should have, or not everywhere.
 const HOSTILE: &[&str] = &[
     "nan",
     "-nan",
@@ -104,15 +104,15 @@ fn every_decoder_has_a_corpus_and_a_fuzz_target_and_there_are_no_others() -> Out
 /// One way to damage a file.
 #[derive(Debug, Clone)]
 enum Damage {
-    /// One bit is another.
+    /// One bit is flipped.
     Flip(Index, u32),
     /// The rest is missing.
     Cut(Index),
-    /// A part comes twice, or in another place.
+    /// A part is repeated, or moved to another place.
     Splice(Index, Index, Index),
-    /// Other bytes stand in place of some.
+    /// Other bytes replace some.
     Replace(Index, Vec<u8>),
-    /// Another number of 8 bytes stands there.
+    /// Another number of 8 bytes replaces some.
     Number(Index, u64),
 }
 
@@ -138,7 +138,7 @@ impl Damage {
     }
 }
 
-/// Writes `by` over what stands at `place`, as far as there is room.
+/// Writes `by` over the bytes at `place`, as far as there is room.
 fn overwrite(bytes: &mut [u8], place: Index, by: &[u8]) {
     let place = place.index(bytes.len());
     bytes[place..].iter_mut().zip(by).for_each(|(byte, by)| *byte = *by);
@@ -166,7 +166,7 @@ fn damage() -> impl Strategy<Value = Damage> {
     ]
 }
 
-/// A value that a setting should not have; sometimes nested deeper than anyone would.
+/// A value that a setting should not have; sometimes nested deeper than in any real file.
 fn hostile() -> impl Strategy<Value = String> {
     prop_oneof![
         8 => select(HOSTILE).prop_map(str::to_owned),
@@ -176,7 +176,7 @@ fn hostile() -> impl Strategy<Value = String> {
     ]
 }
 
-/// Lines of a TOML file that are replaced: by another value, by a key that goes deep, or by nothing.
+/// Replaces lines of a TOML file: by another value, by a deep key, or by nothing.
 fn with_lines_replaced(seed: &[u8], changes: &[(Index, String)]) -> Vec<u8> {
     let text = String::from_utf8_lossy(seed);
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
@@ -192,7 +192,7 @@ fn with_lines_replaced(seed: &[u8], changes: &[(Index, String)]) -> Vec<u8> {
     lines.join("\n").into_bytes()
 }
 
-/// Gives `decoder` what `strategy` makes of its seeds.
+/// Passes to `decoder` the inputs that `strategy` makes of its seeds.
 fn given<T: std::fmt::Debug>(
     name: &str,
     decoder: Decoder,
@@ -220,7 +220,7 @@ fn a_damaged_seed_is_used_or_refused_and_nothing_panics() -> Outcome {
 }
 
 #[test]
-fn a_setting_that_cannot_be_is_refused_with_its_line_and_nothing_panics() -> Outcome {
+fn an_impossible_setting_is_refused_with_its_line_and_nothing_panics() -> Outcome {
     let is_toml = |name: &str| {
         corpus().join(name).read_dir().is_ok_and(|mut files| {
             files.any(|file| {

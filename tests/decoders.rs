@@ -1,7 +1,9 @@
-//! Bytes from outside → what reads them: one function per decoder, for the corpus, the property tests and the fuzzer alike.
+//! Bytes from outside → their reader: one function per decoder, for the corpus, the property tests
+//! and the fuzzer alike.
 //!
-//! Each takes any bytes at all, never panics, and says which promise was broken, if one was. The corpus of a decoder, files that it is given
-//! in every run of the tests, is in `tests/fuzz/corpus` in the folder of its name.
+//! Each accepts any bytes, never panics, and names the promise that was broken, if one was. The
+//! corpus of a decoder is the folder of its name in `tests/fuzz/corpus`. Every run of the tests
+//! passes these files to the decoder.
 //!
 //! | module     | what it decodes                                                              |
 //! |------------|------------------------------------------------------------------------------|
@@ -21,19 +23,19 @@ use std::io::{self, Write};
 use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
 
-/// What became of the bytes.
+/// Result for the bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fate {
-    /// They are what they should be.
+    /// They are valid, and were used.
     Used,
-    /// They are not, and that was said.
+    /// They are invalid, and an error reported it.
     Refused,
 }
 
-/// What became of the bytes, or a sentence if a promise was broken.
+/// Result for the bytes, or a sentence if a promise was broken.
 pub type Verdict = Result<Fate, String>;
 
-/// Gives bytes to a decoder.
+/// Passes bytes to a decoder.
 pub type Decoder = fn(&[u8]) -> Verdict;
 
 /// Every decoder, by name.
@@ -62,7 +64,7 @@ pub const ALL: [(&str, Decoder); 22] = [
     ("certificate", others::certificate),
 ];
 
-/// The decoder that is called `name`.
+/// The decoder named `name`.
 pub fn named(name: &str) -> Option<Decoder> {
     ALL.into_iter().find(|(known, _)| *known == name).map(|(_, decoder)| decoder)
 }
@@ -72,23 +74,23 @@ pub fn corpus() -> PathBuf {
     crate::repository().join("tests/fuzz/corpus")
 }
 
-/// A promise that is kept if it `holds`.
+/// Checks a promise: it is kept if it `holds`.
 fn promise(holds: bool, broken: impl FnOnce() -> String) -> Result<(), String> {
     if holds { Ok(()) } else { Err(broken()) }
 }
 
-/// A refusal that says `text`, which has to be something.
+/// A refusal with the error `text`, which must not be empty.
 fn refused(text: &str) -> Verdict {
     promise(!text.is_empty(), || "a refusal says nothing".into())?;
     Ok(Fate::Refused)
 }
 
-/// What became of one of several attempts: used if any was.
+/// Result of several attempts: used if any was.
 fn either(one: Fate, other: Fate) -> Fate {
     if one == Fate::Used { one } else { other }
 }
 
-/// Shows `bytes` to `read` as a file, which is only in memory.
+/// Passes `bytes` to `read` as a file that exists only in memory.
 fn as_file(bytes: &[u8], read: impl FnOnce(&Path) -> Verdict) -> Verdict {
     let file = in_memory(bytes).map_err(|error| format!("no file in memory: {error}"))?;
     read(Path::new(&format!("/proc/self/fd/{}", file.as_raw_fd())))

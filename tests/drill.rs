@@ -1,4 +1,5 @@
-//! Promise: whatever dies, hangs, lies or is cut off, nothing unsafe comes of it at the wheels, and anybody can see that with one command.
+//! Promise: a process that dies, hangs, sends false data or is cut off causes nothing unsafe at the
+//! wheels, and one command shows it.
 
 use promises::{Outcome, binaries, repository};
 use serde_json::Value;
@@ -10,7 +11,7 @@ use std::process::{Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Far longer than anything here takes.
+/// Far longer than any step here takes.
 const GIVES_UP_AFTER: Duration = Duration::from_mins(2);
 
 fn drill(home: &Path, options: &[&str]) -> Result<Output, Box<dyn Error>> {
@@ -23,7 +24,8 @@ fn drill(home: &Path, options: &[&str]) -> Result<Output, Box<dyn Error>> {
     Ok(command.output()?)
 }
 
-/// Sentences of the drill that say that something good came, but later than it should: `{}` is a number, `*` a process.
+/// Findings of the drill about a recovery that came later than required: `{}` is a number, `*` a
+/// process.
 const LATE: [&str; 4] = [
     "* was in use again {} s after fault {}, expected {} s at most",
     "launch {} drove after {} s, expected {} s at most",
@@ -31,8 +33,9 @@ const LATE: [&str; 4] = [
     "below a fresh plan for {} s until tick {}, expected {} s at most",
 ];
 
-/// A time that a machine with other work may not keep. Whether it is kept is for the drill alone to say, on a machine of its own. That something came
-/// not at all is no such time.
+/// Whether `found` is about a time limit, which a busy machine may exceed. Only the drill, on a
+/// machine of its own, judges time limits. A recovery that did not happen at all is no such
+/// finding.
 fn is_late(found: &str) -> bool {
     let says = |word: &str, expected: &str| match expected.strip_suffix(',') {
         _ if expected == "*" => {
@@ -50,7 +53,7 @@ fn is_late(found: &str) -> bool {
 }
 
 #[test]
-fn only_what_came_too_late_is_late() {
+fn only_a_late_recovery_counts_as_late() {
     for late in [
         "plant was in use again 1.20 s after fault 3, expected 1 s at most",
         "launch 2 drove after 2.53 s, expected 2 s at most",
@@ -64,16 +67,17 @@ fn only_what_came_too_late_is_late() {
         "launch 2 never drove",
         "cut 0, of 1000 ms: driving again never, expected 2 s at most",
         "it does not drive at the end",
-        "stored tail (command missing) at tick 9, expected fresh plans alone: nobody was touched whom the robot needs",
-        "Age at tick 9 of epoch 1: a command acted that was in use again 3.20 T after its state, expected 3 T at most",
+        "stored tail (command missing) at tick 9, expected fresh plans alone: nobody was touched \
+        whom the robot needs",
+        "Age at tick 9 of epoch 1: a command acted that was in use again 3.20 T after its state, \
+        expected 3 T at most",
     ] {
         assert!(!is_late(worse), "{worse}");
     }
 }
 
 #[test]
-fn a_quick_drill_of_everything_violates_nothing_but_perhaps_the_time_that_coming_back_takes()
--> Outcome {
+fn a_quick_drill_of_everything_violates_at_most_the_recovery_time() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let output = drill(home.path(), &["--quick", "--seed", "2", "--jobs", "2"])?;
     let (table, errors) =
@@ -112,7 +116,7 @@ fn a_quick_drill_of_everything_violates_nothing_but_perhaps_the_time_that_coming
 }
 
 #[test]
-fn what_could_not_be_done_is_a_violation_with_its_exit_code_and_is_kept() -> Outcome {
+fn a_failed_step_is_a_violation_with_its_exit_code_and_is_kept() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let output = drill(
         home.path(),
@@ -151,7 +155,7 @@ fn without_wheels(home: &Path) -> Result<String, Box<dyn Error>> {
 }
 
 #[test]
-fn what_cannot_be_kept_hides_nothing_that_was_found() -> Outcome {
+fn a_result_that_cannot_be_kept_hides_no_finding() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     fs::write(home.path().join("kept"), "a file where a folder should be")?;
     let output = drill(
@@ -168,7 +172,7 @@ fn what_cannot_be_kept_hides_nothing_that_was_found() -> Outcome {
     Ok(())
 }
 
-/// A part of the processes whose environment has this in it.
+/// Some processes whose environment contains this home.
 fn of_home(home: &Path) -> Vec<String> {
     let ours = format!("TMPDIR={}", home.display());
     let has_it = |process: &Path| {
@@ -181,7 +185,7 @@ fn of_home(home: &Path) -> Vec<String> {
 }
 
 #[test]
-fn a_drill_that_is_killed_leaves_nobody_running() -> Outcome {
+fn a_killed_drill_leaves_no_process_running() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let mut command = Command::new(binaries()?.join("coxswain"));
     command.args([
@@ -213,7 +217,7 @@ fn a_drill_that_is_killed_leaves_nobody_running() -> Outcome {
 }
 
 #[test]
-fn what_cannot_be_asked_for_is_refused_with_what_can() -> Outcome {
+fn an_unknown_request_is_refused_with_the_known_ones() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     for (options, expected) in [
         (["--fault", "earthquake", "--quick"], ["earthquake", "kill all"]),

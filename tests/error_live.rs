@@ -1,4 +1,5 @@
-//! Promise: short programs, in Python and in Rust, draw the tracking error live, and it is the one of the record.
+//! Promise: short programs, in Python and in Rust, draw the tracking error live, and it equals that
+//! of the record.
 
 use promises::{
     Launched, Outcome, Reader, Record, binaries, python, repository, signal, wait_until,
@@ -9,7 +10,7 @@ use std::error::Error;
 use std::fs;
 use std::process::{Command, Stdio};
 
-/// Half of the last digit that is printed, and a little for rounding.
+/// Half of the last printed digit, and a little for rounding.
 const DIGIT_M: f64 = 0.5e-4 + 1e-9;
 
 /// Both programs, without arguments.
@@ -19,7 +20,7 @@ fn programs() -> Result<[Command; 2], Box<dyn Error>> {
     Ok([python, Command::new(binaries()?.join("examples/error_live"))])
 }
 
-/// Tick, error \[m\] and length of the bar of a line.
+/// Tick, error \[m\] and length of the bar in a line.
 fn parts(line: &str) -> Option<(u64, f64, usize)> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let ["tick", tick, "error", error, "m", bar @ ..] = words.as_slice() else { return None };
@@ -31,7 +32,7 @@ fn parts(line: &str) -> Option<(u64, f64, usize)> {
     ))
 }
 
-/// The error that the record holds, by tick \[m\].
+/// The error in the record, by tick \[m\].
 fn recorded(record: &Record) -> BTreeMap<u64, f64> {
     let error = |says: &serde_json::Value| {
         let place = |row: &str, axis: usize| says[row][0][axis].as_f64().unwrap_or(f64::NAN);
@@ -68,7 +69,7 @@ fn both_draw_the_error_of_the_record_and_end_on_ctrl_c() -> Outcome {
                 (error - true_error).abs() <= DIGIT_M,
                 "tick {tick}: {error} was drawn, {true_error} is recorded"
             );
-            // Five powers of ten on forty signs.
+            // Five powers of ten on forty characters.
             let expected = 8.0 * (true_error.max(1e-4).log10() + 4.0);
             assert!(
                 (bar as f64 - expected).abs() <= 0.51,
@@ -80,7 +81,7 @@ fn both_draw_the_error_of_the_record_and_end_on_ctrl_c() -> Outcome {
 }
 
 #[test]
-fn both_say_what_they_need() -> Outcome {
+fn both_print_their_usage() -> Outcome {
     for mut program in programs()? {
         let output = program.output()?;
         assert_eq!(output.status.code(), Some(2));
@@ -90,7 +91,7 @@ fn both_say_what_they_need() -> Outcome {
 }
 
 #[test]
-fn both_say_so_when_nobody_answers() -> Outcome {
+fn both_report_a_missing_gateway() -> Outcome {
     for mut program in programs()? {
         let output = program.arg("tcp/127.0.0.1:1").output()?;
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -106,7 +107,7 @@ fn both_say_so_when_nobody_answers() -> Outcome {
 }
 
 #[test]
-fn both_say_so_when_no_robot_of_that_name_speaks() -> Outcome {
+fn both_report_an_unknown_robot() -> Outcome {
     let programs = programs()?;
     let launched = Launched::new(&["--duration", "60"])?;
     let endpoint = launched.gateway_endpoint()?;

@@ -1,4 +1,4 @@
-//! Promise: whoever looks at a robot that strangers can reach sees that they can, wherever he looks.
+//! Promise: every view of a robot that unauthenticated peers can reach shows that they can.
 
 use promises::{
     Browser, Launched, Outcome, Reader, Record, Screen, binaries, graph_file, launch_command,
@@ -36,7 +36,7 @@ fn watch(launched: &Launched) -> Result<Command, Box<dyn Error>> {
     Ok(command)
 }
 
-/// What is said of the graph everywhere: by the launch, page, terminal, lines, record, summary and report.
+/// The exposure that each output shows: launch, page, terminal, lines, record, summary and report.
 fn is_shown(
     changes: &[(&str, &str)],
     options: &[&str],
@@ -62,9 +62,9 @@ fn is_shown(
             line.ends_with(&format!("  INSECURE: {exposure}"))
         }
     };
-    // The first may come before any process has said how it is.
-    let said = lines.lines(25)?;
-    assert!(said.iter().skip(15).all(wanted), "{said:?}");
+    // The first line may come before any process has reported its health.
+    let printed = lines.lines(25)?;
+    assert!(printed.iter().skip(15).all(wanted), "{printed:?}");
     let mut screen = Screen::start(&watch(&launched)?, (80, 24))?;
     let shown = screen.wait_for(&[" live", "gateway    running"])?;
     let wanted = if exposure == "closed" {
@@ -82,13 +82,14 @@ fn is_shown(
     let run = home.path().join("run");
     let record = Record::read(&run)?;
     for who in ["plant", "controller", "learner", "recorder", "gateway"] {
-        let said = record.health_of(who).all(|health| health.word("exposure") == exposure);
-        assert!(said && record.health_of(who).count() > 0, "{who}");
+        let reported = record.health_of(who).all(|health| health.word("exposure") == exposure);
+        assert!(reported && record.health_of(who).count() > 0, "{who}");
     }
     assert_eq!(record.summary["exposure"], Value::from(exposure));
     let report = fs::read_to_string(run.join("report.html"))?;
     assert!(report.contains(&format!(
-        "<tr data-key=\"exposure\"><th scope=\"row\">reached by strangers on the network</th><td data-value=\"{exposure}\">"
+        "<tr data-key=\"exposure\"><th scope=\"row\">reached by strangers on the network</th><td \
+        data-value=\"{exposure}\">"
     )));
     assert_eq!(report.contains("INSECURE"), !in_report.is_empty());
     assert!(report.contains(in_report));
@@ -96,7 +97,7 @@ fn is_shown(
 }
 
 #[test]
-fn that_strangers_can_drive_is_seen_wherever_one_looks() -> Outcome {
+fn every_view_shows_that_strangers_can_drive() -> Outcome {
     let changes =
         [("default = \"shared-memory\"", "default = \"shared-memory\"\nsnapshot = \"network\"")];
     let on_page = "insecure: strangers on the network can drive this robot";
@@ -112,7 +113,7 @@ fn that_strangers_can_drive_is_seen_wherever_one_looks() -> Outcome {
 }
 
 #[test]
-fn that_strangers_can_watch_is_seen_wherever_one_looks() -> Outcome {
+fn every_view_shows_that_strangers_can_watch() -> Outcome {
     let changes = [
         ("listen = [\"tcp/127.0.0.1:0\"]", "listen = [\"tcp/0.0.0.0:0\"]"),
         ("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\""),
@@ -124,7 +125,7 @@ fn that_strangers_can_watch_is_seen_wherever_one_looks() -> Outcome {
 }
 
 #[test]
-fn of_a_robot_that_no_stranger_reaches_nothing_of_the_kind_is_said() -> Outcome {
-    // That it would be permitted makes nobody reach it.
+fn no_view_shows_an_exposure_that_does_not_exist() -> Outcome {
+    // Permission alone lets no peer reach it.
     is_shown(&[], &["--insecure"], "closed", "", "")
 }

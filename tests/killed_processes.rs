@@ -1,4 +1,5 @@
-//! Promise: kill -9 of any process, mid-run: no stale command acts on the wheels, the rest goes on, the killed one is back and in use.
+//! Promise: after kill -9 of any process in mid-run no stale command acts on the wheels, the others
+//! continue, and the killed process returns and is used again.
 
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
@@ -7,7 +8,7 @@ use promises::{Launched, Message, Outcome, Record, repository, signal};
 use rustix::process::Signal;
 use std::collections::BTreeSet;
 
-/// Runs 12 s of the scenario in real time, kills `program` 3 s in, and reads what was recorded.
+/// Runs 12 s of the scenario in real time, kills `program` after 3 s, and reads the record.
 fn kill_in_real_time(
     program: &str,
     back: (&str, &str, usize),
@@ -41,7 +42,7 @@ fn last<'a>(record: &'a Record, topic: &'a str) -> &'a Message {
     record.of(topic).next_back().unwrap_or_else(|| unreachable!("nothing of {topic} was recorded"))
 }
 
-/// Every tick from the first to the last, of the last plant epoch.
+/// Asserts that no tick is missing between the first and the last of the last plant epoch.
 fn no_tick_is_missing(record: &Record) {
     let epoch = last(record, "state").stamp("epoch");
     let ticks: BTreeSet<u64> = record
@@ -53,7 +54,7 @@ fn no_tick_is_missing(record: &Record) {
 }
 
 #[test]
-fn a_killed_learner_is_back_and_its_models_are_adopted_while_the_robot_drives_on() -> Outcome {
+fn a_killed_learner_returns_and_its_models_are_adopted_while_the_robot_drives_on() -> Outcome {
     let record = kill_in_real_time("learner", ("learner", "published version", 8))?;
     assert_eq!(epochs(&record, "snapshot").len(), 2, "two instances have published");
     assert_eq!(
@@ -80,7 +81,7 @@ fn a_killed_learner_is_back_and_its_models_are_adopted_while_the_robot_drives_on
 }
 
 #[test]
-fn a_killed_recorder_is_back_with_a_second_segment_while_the_robot_drives_on() -> Outcome {
+fn a_killed_recorder_returns_with_a_second_segment_while_the_robot_drives_on() -> Outcome {
     let record = kill_in_real_time("recorder", ("recorder", "started", 2))?;
     assert_eq!(record.summary["segments"], 2);
     assert_eq!(
@@ -138,7 +139,7 @@ fn a_killed_plant_restarts_at_the_scenarios_start_and_is_driven_again() -> Outco
 }
 
 #[test]
-fn in_lock_step_the_clock_waits_for_whoever_was_killed() -> Outcome {
+fn in_lock_step_the_clock_waits_for_a_killed_process() -> Outcome {
     for program in ["learner", "recorder", "controller", "plant-sim"] {
         let launched = Launched::new(&["--pace", "lock-step", "--duration", "100"])?;
         launched.wait_for_log("controller", "version=5 ", 1)?;
@@ -164,7 +165,8 @@ fn in_lock_step_a_learner_that_dies_before_its_first_model_does_not_stop_the_clo
     let launched = Launched::new(&["--pace", "lock-step", "--duration", "20"])?;
     signal(launched.process("learner", None)?, Signal::KILL)?;
     let (ended, home) = launched.end()?;
-    // Killed before it was ready, it ends the run with its name; killed later, it is started again and the run goes to its end.
+    // Killed before it was ready, it ends the run with its name. Killed later, it is restarted and
+    // the run goes to its end.
     if ended.status.success() {
         let record = Record::read(&home.path().join("run"))?;
         assert_eq!(last(&record, "state").stamp("tick"), 200);

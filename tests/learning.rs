@@ -1,4 +1,5 @@
-//! Promise: learning pays. In lock step, so that the numbers are the same on every machine.
+//! Promise: learning improves control. In lock step, so that the numbers are the same on every
+//! machine.
 
 use promises::{Launched, Outcome, Record};
 

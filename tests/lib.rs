@@ -1,6 +1,7 @@
-//! The harness of the promises: real processes, launched as a person would, and their records.
+//! The harness of the promises: real processes, launched as a user would, and their records.
 //!
-//! Every launch has a temporary folder of its own for its files and its run, so that tests run side by side.
+//! Every launch has a temporary folder of its own for its files and its run, so that tests run side
+//! by side.
 
 mod browser;
 pub mod decoders;
@@ -30,10 +31,10 @@ use std::thread;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// What a test returns.
+/// Result of a test.
 pub type Outcome = Result<(), Box<dyn Error>>;
 
-/// How long something that must happen may take before the test gives up on it. Far beyond what it takes.
+/// Time for an event that must happen, before the test fails. Far longer than it takes.
 pub const GIVES_UP_AFTER: Duration = Duration::from_mins(2);
 
 /// The repository.
@@ -57,15 +58,20 @@ fn build() -> io::Result<PathBuf> {
     let mut cargo = Command::new(env!("CARGO"));
     cargo.args(["build", "--quiet", "--workspace", "--bins"]).current_dir(repository());
     cargo.env("CARGO_TARGET_DIR", folder.parent().unwrap_or(folder));
-    // What the cargo that runs this test says of its package: a dependency that asks for it would be built anew, and all that needs it.
-    let said = |name: &str| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_");
-    for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_str().is_some_and(said)) {
+    // The variables that cargo sets for the package of this test. A dependency that reads one of
+    // them would be rebuilt, with everything that depends on it.
+    let is_of_package =
+        |name: &str| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_");
+    for (name, _) in
+        std::env::vars_os().filter(|(name, _)| name.to_str().is_some_and(is_of_package))
+    {
         cargo.env_remove(name);
     }
     if folder.ends_with("release") {
         cargo.arg("--release");
     } else {
-        // With the tests, which are there already, the libraries have the same features as theirs, and are not built once more without.
+        // With the tests, which are already built, the libraries have the same features as theirs,
+        // and are not built again with others.
         cargo.args(["--tests", "--examples"]);
     }
     if !cargo.status()?.success() {
@@ -78,7 +84,7 @@ fn build() -> io::Result<PathBuf> {
 pub struct Launched {
     child: Child,
     home: TempDir,
-    /// What it tells a person, in a file without a name.
+    /// Its output, in a file without a name.
     said: File,
 }
 
@@ -87,7 +93,7 @@ pub struct Launched {
 pub struct Ended {
     /// Its exit status.
     pub status: ExitStatus,
-    /// What a person saw.
+    /// Its output.
     pub text: String,
 }
 
@@ -110,7 +116,7 @@ impl Launched {
         Self::by(command, home)
     }
 
-    /// Launches the local graph in a home where others may have been before.
+    /// Launches the local graph in a home that other launches may have used before.
     ///
     /// # Errors
     /// If it cannot be started.
@@ -119,7 +125,7 @@ impl Launched {
         Self::by(command, home)
     }
 
-    /// Launches by `command`, which says that the run goes into the folder `run` of `home`.
+    /// Launches by `command`, whose arguments put the run into the folder `run` of `home`.
     ///
     /// # Errors
     /// If it cannot be started.
@@ -138,7 +144,7 @@ impl Launched {
         self.home.path().join("run")
     }
 
-    /// Where the graph keeps its files while it runs.
+    /// Folder of the graph's files while it runs.
     pub fn home(&self) -> &Path {
         self.home.path()
     }
@@ -148,7 +154,8 @@ impl Launched {
         self.child.id()
     }
 
-    /// The process of the program `name` that this launcher started last, as soon as there is one other than `not`.
+    /// The process of the program `name` that this launcher started last, as soon as there is one
+    /// other than `not`.
     ///
     /// # Errors
     /// If there is none in time.
@@ -169,7 +176,7 @@ impl Launched {
         children(self.pid())
     }
 
-    /// Waits until the log of `name` says `text` at least `times` times.
+    /// Waits until the log of `name` contains `text` at least `times` times.
     ///
     /// # Errors
     /// If it does not in time.
@@ -180,7 +187,7 @@ impl Launched {
         })
     }
 
-    /// The name of the graph, once its first process has been told.
+    /// The name of the graph, once its first process has received it.
     ///
     /// # Errors
     /// If it never is.
@@ -188,74 +195,76 @@ impl Launched {
         self.told("recorder", "graph")
     }
 
-    /// What the process `name` has been told under `key`, a single text, once it has been.
+    /// The value of the setting `key` of the process `name`, a single text, once the process has
+    /// received it.
     ///
     /// # Errors
     /// If it never is.
     pub fn told(&self, name: &str, key: &str) -> Result<String, Box<dyn Error>> {
         let (file, key) =
             (self.folder().join("settings").join(name).with_extension("toml"), format!("{key} = "));
-        let mut told = None;
+        let mut value = None;
         self.wait_until(&format!("{key:?} in {}", file.display()), || {
             let text = fs::read_to_string(&file).unwrap_or_default();
-            told = text.lines().find_map(|line| {
+            value = text.lines().find_map(|line| {
                 Some(line.strip_prefix(&key)?.trim_matches(['[', ']', '"']).to_owned())
             });
-            told.is_some()
+            value.is_some()
         })?;
-        told.ok_or_else(|| format!("nothing under {key:?}").into())
+        value.ok_or_else(|| format!("nothing under {key:?}").into())
     }
 
-    /// The rest of the line in which a person has been told `what`, once that was so.
+    /// The rest of the output line that contains `what`, once it was printed.
     ///
     /// # Errors
     /// If it never is.
     pub fn told_a_person(&self, what: &str) -> Result<String, Box<dyn Error>> {
-        let mut told = None;
+        let mut rest = None;
         self.wait_until(&format!("{what:?} on the terminal"), || {
             let text = self.text().unwrap_or_default();
-            told = text.lines().find_map(|line| Some(line.split_once(what)?.1.to_owned()));
-            told.is_some()
+            rest = text.lines().find_map(|line| Some(line.split_once(what)?.1.to_owned()));
+            rest.is_some()
         })?;
-        told.ok_or_else(|| format!("nothing of {what:?}").into())
+        rest.ok_or_else(|| format!("nothing of {what:?}").into())
     }
 
-    /// Where the gateway listens, once it does.
+    /// Endpoint of the gateway, once it listens.
     ///
     /// # Errors
     /// If it never does.
     pub fn gateway_endpoint(&self) -> Result<String, Box<dyn Error>> {
         self.wait_for_log("gateway", "watchers are welcome", 1)?;
         let log = fs::read_to_string(self.folder().join("gateway.log"))?;
-        let told = log
+        let endpoint = log
             .lines()
             .find_map(|line| line.split_once("endpoints="))
             .ok_or("no endpoint was told")?;
-        Ok(told.1.trim().to_owned())
+        Ok(endpoint.1.trim().to_owned())
     }
 
-    /// Where the live page is, once it is served.
+    /// Address of the live page, once it is served.
     ///
     /// # Errors
     /// If it never is.
     pub fn page_address(&self) -> Result<String, Box<dyn Error>> {
         self.wait_for_log("gateway", "the live page is served", 1)?;
         let log = fs::read_to_string(self.folder().join("gateway.log"))?;
-        let told = log
+        let address = log
             .lines()
             .find_map(|line| line.split_once("address="))
             .ok_or("no address was told")?;
-        Ok(format!("http://{}/", told.1.trim()))
+        Ok(format!("http://{}/", address.1.trim()))
     }
 
-    /// Waits until `condition` holds, as long as the launch goes on.
+    /// Waits until `condition` holds, as long as the launch runs.
     ///
     /// # Errors
-    /// If it never does; says what was waited for and, of a launch that has ended, what it told.
+    /// If it never does. The error names the awaited condition and, for a launch that has ended,
+    /// its output.
     pub fn wait_until(&self, what: &str, mut condition: impl FnMut() -> bool) -> Outcome {
         let mut holds = false;
         wait_until(what, || {
-            // Asked first, so that what it did last counts.
+            // Checked first, so that its last actions count.
             let over = !lives(self.pid());
             holds = condition();
             holds || over
@@ -267,15 +276,16 @@ impl Launched {
         }
     }
 
-    /// What a person has been told so far.
+    /// The output so far.
     fn text(&self) -> io::Result<String> {
         let mut text = vec![0; usize::try_from(self.said.metadata()?.len()).unwrap_or(0)];
-        // The launch writes at the place that this file has in common with its own; reading leaves it alone.
+        // The launch writes at the offset that this file shares with its own; reading at an offset
+        // does not move it.
         self.said.read_exact_at(&mut text, 0)?;
         Ok(String::from_utf8_lossy(&text).into_owned())
     }
 
-    /// Waits until it has ended by itself, and gives back its home.
+    /// Waits until it has ended by itself, and returns its home.
     ///
     /// # Errors
     /// If it does not end in time.
@@ -307,7 +317,8 @@ pub fn graph_file(graph: &str) -> PathBuf {
     repository().join("deploy/graphs").join(graph).with_extension("toml")
 }
 
-/// The graph in `deploy/graphs/` that is called `graph`, with these tables for its processes in place of its own: a file in `home`.
+/// The graph in `deploy/graphs/` that is called `graph`, with these tables in place of those of its
+/// processes: a file in `home`.
 ///
 /// # Errors
 /// If there is no such graph, or the file cannot be written.
@@ -346,7 +357,7 @@ pub fn signal(pid: u32, signal: Signal) -> Outcome {
 /// Waits until `condition` holds.
 ///
 /// # Errors
-/// If it never does; says what was waited for.
+/// If it never does. The error names the awaited condition.
 pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) -> Outcome {
     let begin = Instant::now();
     while !condition() {
@@ -358,7 +369,8 @@ pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) -> Outcome {
     Ok(())
 }
 
-/// Whether a process exists and is no zombie. One of whose threads any is still ending still holds its files and locks.
+/// Whether a process exists and is no zombie. A process with a thread that is still ending still
+/// holds its files and locks.
 pub fn lives(pid: u32) -> bool {
     let threads = fs::read_dir(format!("/proc/{pid}/task")).map_or(0, Iterator::count);
     threads > 1
@@ -394,7 +406,7 @@ mod tests {
     use super::{Outcome, repository};
     use std::fs;
 
-    /// Cargo.toml lists the test targets. A file that is missing there is not run.
+    /// Cargo.toml lists the test targets. A file that is missing there does not run.
     #[test]
     fn every_file_of_this_folder_is_a_test_or_a_module() -> Outcome {
         let folder = repository().join("tests");

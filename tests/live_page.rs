@@ -1,6 +1,8 @@
-//! Promise: a browser shows the robot live while it learns, on any screen, and comes back by itself.
+//! Promise: a browser shows the robot live while it learns, on any screen, and reconnects by
+//! itself.
 //!
-//! With `COXSWAIN_PICTURE=1` in the environment it also takes the picture of the README, `docs/images/live.png`.
+//! With `COXSWAIN_PICTURE=1` in the environment it also takes the picture of the README,
+//! `docs/images/live.png`.
 
 use promises::{Browser, Launched, Outcome, repository, signal};
 use rustix::process::Signal;
@@ -8,24 +10,26 @@ use std::collections::BTreeSet;
 use std::error::Error;
 use std::fs;
 
-/// Pixels of `canvas` in the colour of the style that is called `colour`.
+/// Pixels of `canvas` in the colour named `colour` in the style.
 fn pixels(canvas: &str, colour: &str) -> String {
     pixels_within(canvas, colour, "canvas.width")
 }
 
-/// The same of its left part, so wide.
+/// The same for its left part of width `width`.
 fn pixels_within(canvas: &str, colour: &str, width: &str) -> String {
     format!(
         "(() => {{
             const canvas = document.getElementById('{canvas}');
             const probe = document.createElement('canvas').getContext('2d');
-            probe.fillStyle = getComputedStyle(document.documentElement).getPropertyValue('--{colour}').trim();
+            probe.fillStyle = \
+            getComputedStyle(document.documentElement).getPropertyValue('--{colour}').trim();
             probe.fillRect(0, 0, 1, 1);
             const wanted = probe.getImageData(0, 0, 1, 1).data;
             const {{data}} = canvas.getContext('2d').getImageData(0, 0, {width}, canvas.height);
             let count = 0;
             for (let at = 0; at < data.length; at += 4) {{
-                count += data[at + 3] > 200 && [0, 1, 2].every((part) => Math.abs(data[at + part] - wanted[part]) < 12);
+                count += data[at + 3] > 200 && \
+                [0, 1, 2].every((part) => Math.abs(data[at + part] - wanted[part]) < 12);
             }}
             return count;
         }})()"
@@ -40,7 +44,7 @@ fn open(launched: &Launched) -> Result<(Browser, String), Box<dyn Error>> {
     Ok((browser, address))
 }
 
-/// The robot is elsewhere than just now.
+/// Waits until the robot has moved.
 fn wait_for_movement(browser: &mut Browser) -> Outcome {
     let place = browser.text("place")?;
     browser.wait_for(&format!("document.getElementById('place').innerText !== {place:?}"))?;
@@ -48,7 +52,8 @@ fn wait_for_movement(browser: &mut Browser) -> Outcome {
     browser.wait_for(&format!("document.getElementById('place').innerText !== {place:?}"))
 }
 
-/// Nothing that the browser asked for was anywhere else, and it had nothing to complain of but lost connections.
+/// Asserts that all requests of the browser went to `address`, and that it reported no error but
+/// lost connections.
 fn is_self_contained(browser: &Browser, address: &str) {
     let elsewhere = |url: &&String| !url.starts_with(address) && !url.starts_with("data:");
     assert_eq!(browser.requested().iter().find(elsewhere), None);
@@ -141,12 +146,12 @@ fn an_open_page_outlives_a_killed_gateway() -> Outcome {
     browser.wait_for("/connected again/.test(document.getElementById('log').innerText)")?;
     browser.wait_for("document.getElementById('status').innerText === 'live'")?;
     wait_for_movement(&mut browser)?;
-    // The new gateway knows nothing of the first seconds; the page still does.
+    // The new gateway has no data of the first seconds; the page still has.
     let first = pixels_within("error-chart", "with", "72");
     browser.wait_for(&format!(
         "parseFloat(document.getElementById('time').innerText) > 50 || {first} > 5"
     ))?;
-    // A killed controller may be back before anything was missed; one that hangs is not.
+    // A killed controller may return before a deadline is missed; one that hangs does not.
     let controller = launched.process("controller", None)?;
     signal(controller, Signal::STOP)?;
     browser

@@ -1,4 +1,5 @@
-//! Promise: on its own machine a graph is its user's alone: nobody else reads or replaces what it makes, or reaches what it listens at.
+//! Promise: on its own machine a graph is private to its user: no other user reads or replaces its
+//! files, or reaches its sockets.
 
 use promises::{
     Launched, Outcome, binaries, graph_file, launch_command, repository, signal, wait_until,
@@ -13,14 +14,14 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use tempfile::TempDir;
 
-/// What others than the owner may do, in a mode.
+/// Permissions of all users but the owner, in a mode.
 const GROUP_AND_OTHERS: u32 = 0o077;
 
 fn home() -> Result<TempDir, Box<dyn Error>> {
     Ok(tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?)
 }
 
-/// Launches `graph` with `options` as somebody would whose files are everybody's unless he says otherwise.
+/// Launches `graph` with `options` under a umask that makes new files accessible to every user.
 fn careless(graph: &str, options: &[&str]) -> Result<Launched, Box<dyn Error>> {
     let home = home()?;
     let plain = launch_command(&graph_file(graph), &home.path().join("run"), options)?;
@@ -40,13 +41,13 @@ fn below(folder: &Path) -> Vec<PathBuf> {
         .collect()
 }
 
-/// Waits until the robot drives on a learned model, so that everything there is has been made.
+/// Waits until the robot drives on a learned model, so that all files have been made.
 fn drives(launched: &Launched) -> Outcome {
     launched.wait_for_log("controller", "version=3 ", 1)
 }
 
 #[test]
-fn whatever_a_graph_makes_is_its_users_alone_in_folders_and_in_shared_memory() -> Outcome {
+fn files_and_shared_memory_of_a_graph_are_private_to_its_user() -> Outcome {
     for graph in ["local", "mixed"] {
         let launched = careless(graph, &["--duration", "110"])?;
         drives(&launched)?;
@@ -56,7 +57,7 @@ fn whatever_a_graph_makes_is_its_users_alone_in_folders_and_in_shared_memory() -
             shared.filter(|path| path.to_string_lossy().contains(&name)).collect();
         assert!(shared.len() > 20, "{graph}: {shared:?}");
         let base = launched.home().join(format!("coxswain-{}", geteuid().as_raw()));
-        // Sockets are behind a folder that nobody else enters.
+        // Sockets are in a folder that no other user can enter.
         let places = fs::read_dir(&base)?
             .flatten()
             .map(|entry| entry.path())
@@ -65,7 +66,7 @@ fn whatever_a_graph_makes_is_its_users_alone_in_folders_and_in_shared_memory() -
         let folders = [below(&launched.folder()), places];
         assert!(folders.iter().all(|found| found.len() > 2), "{graph}: {folders:?}");
         for path in shared.iter().chain(folders.iter().flatten()) {
-            // What a process has just removed is nobody's any more.
+            // A file that a process has just removed no longer counts.
             let Ok(found) = fs::symlink_metadata(path) else { continue };
             let (mode, owner) = (found.mode(), found.uid());
             assert_eq!(
@@ -91,23 +92,31 @@ fn whatever_a_graph_makes_is_its_users_alone_in_folders_and_in_shared_memory() -
 #[test]
 fn another_user_reads_nothing_of_a_graph_in_shared_memory() -> Outcome {
     if !geteuid().is_root() {
-        // Only root can be another user for a moment; the modes are held in the test above by whoever runs it.
+        // Only root can become another user for a moment; the test above checks the modes for every
+        // user.
         return Ok(());
     }
     let launched = careless("local", &["--duration", "110"])?;
     drives(&launched)?;
     let name = launched.graph_name()?;
     let read = |user: u32| -> Result<(usize, usize), Box<dyn Error>> {
-        let said = Command::new("setpriv")
-            .args([&format!("--reuid={user}"), "--regid=65534", "--clear-groups", "--inh-caps=-all", "--"])
+        let output = Command::new("setpriv")
+            .args([
+                &format!("--reuid={user}"),
+                "--regid=65534",
+                "--clear-groups",
+                "--inh-caps=-all",
+                "--",
+            ])
             .args([
                 "sh",
                 "-c",
-                "for f in /dev/shm/*\"$0\"*; do if head -c 1 \"$f\" >/dev/null 2>&1; then echo read; else echo kept; fi; done",
+                "for f in /dev/shm/*\"$0\"*; do if head -c 1 \"$f\" >/dev/null 2>&1; then echo \
+                read; else echo kept; fi; done",
             ])
             .arg(&name)
             .output()?;
-        let text = String::from_utf8(said.stdout)?;
+        let text = String::from_utf8(output.stdout)?;
         Ok((text.matches("read").count(), text.matches("kept").count()))
     };
     let (own, _) = read(0)?;
@@ -117,7 +126,8 @@ fn another_user_reads_nothing_of_a_graph_in_shared_memory() -> Outcome {
     Ok(())
 }
 
-/// `coxswain launch` of a second of the local graph into `out`, with temporary files in `temporary`: its exit code, and what it said.
+/// Runs `coxswain launch` with a second of the local graph into `out`, and with temporary files in
+/// `temporary`. Returns its exit code and its output.
 fn launch(out: &Path, temporary: &Path) -> Result<(Option<i32>, String), Box<dyn Error>> {
     let mut command =
         launch_command(&graph_file("local"), out, &["--duration", "1", "--pace", "lock-step"])?;
@@ -126,7 +136,7 @@ fn launch(out: &Path, temporary: &Path) -> Result<(Option<i32>, String), Box<dyn
 }
 
 #[test]
-fn a_folder_that_is_not_its_users_alone_is_refused_before_anything_is_made_there() -> Outcome {
+fn a_folder_that_is_not_private_is_refused_before_anything_is_made_there() -> Outcome {
     let (home, elsewhere) = (home()?, home()?);
     let at = |name: &str| home.path().join(name);
     let private = |name: &str| fs::DirBuilder::new().mode(0o700).create(at(name));
@@ -156,27 +166,27 @@ fn a_folder_that_is_not_its_users_alone_is_refused_before_anything_is_made_there
     private("replaceable/deep/run")?;
     refused.push(("replaceable/deep/run", "replaceable has mode 777"));
     for (name, expected) in refused {
-        let (code, said) = launch(&at(name), home.path())?;
-        assert_eq!(code, Some(2), "{name}: {said}");
+        let (code, text) = launch(&at(name), home.path())?;
+        assert_eq!(code, Some(2), "{name}: {text}");
         assert!(
-            said.contains(expected)
-                && said.contains(name)
-                && said.contains("or name another folder with --out"),
-            "{name}: {said}"
+            text.contains(expected)
+                && text.contains(name)
+                && text.contains("or name another folder with --out"),
+            "{name}: {text}"
         );
         assert_eq!(fs::read_dir(at(name))?.count(), 0, "{name}");
     }
-    // Of temporary files the base is made in the folder that TMPDIR names.
+    // The folder for temporary files is made in the folder that TMPDIR names.
     let base = format!("coxswain-{}", geteuid().as_raw());
     open(&base, 0o750)?;
-    let (code, said) = launch(&at("new"), home.path())?;
-    assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("mode 750") && said.contains("remove it, or set TMPDIR"), "{said}");
+    let (code, text) = launch(&at("new"), home.path())?;
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("mode 750") && text.contains("remove it, or set TMPDIR"), "{text}");
     assert!(!at("new").exists() && fs::read_dir(at(&base))?.count() == 0);
     fs::remove_dir(at(&base))?;
     private("mine")?;
-    let (code, said) = launch(&at("mine"), home.path())?;
-    assert_eq!(code, Some(0), "{said}");
+    let (code, text) = launch(&at("mine"), home.path())?;
+    assert_eq!(code, Some(0), "{text}");
     Ok(())
 }
 
@@ -187,7 +197,7 @@ struct Listening {
     inode: u64,
 }
 
-/// Every socket that waits for others: of TCP those that listen, of UDP all.
+/// Every socket that waits for peers: of TCP those that listen, of UDP all.
 fn listening() -> Result<Vec<Listening>, Box<dyn Error>> {
     let mut found = Vec::new();
     for (table, listens) in
@@ -224,7 +234,7 @@ fn address(text: &str) -> Option<SocketAddr> {
     Some(SocketAddr::new(ip, u16::from_str_radix(port, 16).ok()?))
 }
 
-/// Where the launch and its processes wait for others.
+/// Addresses where the launch and its processes wait for peers.
 fn waits_at(launched: &Launched) -> Result<BTreeSet<SocketAddr>, Box<dyn Error>> {
     let mut own = BTreeMap::new();
     for pid in launched.processes().into_iter().chain([launched.pid()]) {
@@ -246,8 +256,7 @@ fn waits_at(launched: &Launched) -> Result<BTreeSet<SocketAddr>, Box<dyn Error>>
 }
 
 #[test]
-fn nothing_that_a_launch_listens_at_can_be_reached_from_elsewhere_unless_it_is_told_so() -> Outcome
-{
+fn no_other_machine_reaches_a_socket_of_a_launch_without_an_explicit_setting() -> Outcome {
     for (graph, least) in [("local", 2), ("network", 1), ("mixed", 1)] {
         let launched = Launched::graph(graph, &["--duration", "110"])?;
         drives(&launched)?;
@@ -255,7 +264,7 @@ fn nothing_that_a_launch_listens_at_can_be_reached_from_elsewhere_unless_it_is_t
         assert!(at.len() >= least, "{graph}: {at:?}");
         assert!(at.iter().all(|address| address.ip().is_loopback()), "{graph}: {at:?}");
     }
-    // What it is told in words it does, and this test would see it.
+    // With an explicit setting it listens there, and this test would detect it.
     let launched = Launched::graph(
         "network",
         &["--duration", "110", "--insecure", "--listen", "tcp/0.0.0.0:0"],
@@ -267,7 +276,7 @@ fn nothing_that_a_launch_listens_at_can_be_reached_from_elsewhere_unless_it_is_t
 }
 
 #[test]
-fn an_address_that_others_can_reach_is_refused_unless_it_is_said_in_words() -> Outcome {
+fn an_address_that_others_can_reach_is_refused_without_an_explicit_setting() -> Outcome {
     let home = home()?;
     let text = fs::read_to_string(graph_file("local"))?
         .replace("\"../", &format!("\"{}/deploy/", repository().display()));
@@ -282,9 +291,9 @@ fn an_address_that_others_can_reach_is_refused_unless_it_is_said_in_words() -> O
             .arg(&graph)
             .env("TMPDIR", home.path())
             .output()?;
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains(key) && said.contains("--insecure in words"), "{said}");
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{errors}");
+        assert!(errors.contains(key) && errors.contains("--insecure in words"), "{errors}");
     }
     wait_until("the end of what was refused", || {
         fs::read_dir(home.path()).is_ok_and(|entries| entries.count() == 1)

@@ -1,4 +1,5 @@
-//! Promise: whatever happens to the messages of a link, the wheels do nothing unsafe, and the robot drives on when it is over.
+//! Promise: with any fault in the messages of a link the wheels do nothing unsafe, and the robot
+//! drives on afterwards.
 
 use coxswain::assembly::Assembly;
 use coxswain::in_process;
@@ -12,8 +13,9 @@ use std::fmt::Write;
 use std::fs;
 use std::path::Path;
 
-/// The kinds, in the order of their windows, with their keys in real time and in lock step. The last is for a learner that has all its
-/// points: a stuck model has as many numbers as the one it replaces.
+/// The kinds, in the order of their windows, with their keys in real time and in lock step. The
+/// last is for a learner that has all its points: a stuck model has as many numbers as the one that
+/// it replaces.
 const KINDS: [(&str, &str, &str); 10] = [
     ("drop", "", ""),
     ("duplicate", "", ""),
@@ -34,10 +36,10 @@ const STRIDE: u64 = 15;
 /// Length of a run \[s\]: the last window ends 1.5 s before.
 const DURATION: &str = "17";
 
-/// A link, the end and the process where it is disturbed, and a field that is not a number there.
+/// A link, the end and the process where it is disturbed, and a field for NaN there.
 type Place = (&'static str, &'static str, &'static str, &'static str);
 
-/// Where a link is read.
+/// Faults where a link is read.
 const READERS: [Place; 4] = [
     ("command", "reader", "plant", "input"),
     ("state", "reader", "controller", "velocity"),
@@ -45,7 +47,7 @@ const READERS: [Place; 4] = [
     ("snapshot", "reader", "controller", "points"),
 ];
 
-/// Where a link is written: all its readers get what is left, the recorder too.
+/// Faults where a link is written: all its readers receive the result, the recorder too.
 const WRITERS: [Place; 2] =
     [("command", "writer", "controller", "input"), ("state", "writer", "plant", "velocity")];
 
@@ -61,7 +63,8 @@ fn faults_of(
         let keys = if kind == "nan" { format!("{keys}{field:?}") } else { keys.to_owned() };
         writeln!(
             text,
-            "[[fault]]\ntopic = {topic:?}\nat = {at:?}\nparticipant = {participant:?}\nkind = {kind:?}"
+            "[[fault]]\ntopic = {topic:?}\nat = {at:?}\nparticipant = {participant:?}\n\
+            kind = {kind:?}"
         )?;
         writeln!(
             text,
@@ -72,7 +75,8 @@ fn faults_of(
     Ok(text)
 }
 
-/// How often each fault was injected, by its place in the file, as the process that did it has logged.
+/// How often each fault was injected, by its place in the file, from the log of the process that
+/// injected it.
 fn injected(log: &Path) -> Result<BTreeMap<usize, u64>, Box<dyn Error>> {
     let mut injected = BTreeMap::new();
     for line in
@@ -108,7 +112,8 @@ fn survives(place: Place, pace: &str) -> Outcome {
     let limits = Limits::of(&Assembly::read(&Options::of_graph(
         &repository().join("deploy/graphs/local.toml"),
     ))?);
-    // What is stuck on its way to the plant acts there, and is not what was said: the recorder heard that.
+    // A stuck command acts at the plant, and differs from the published one that the recorder
+    // received.
     let misquoted = place == READERS[0] && KINDS.last().is_some_and(|(kind, ..)| *kind == "freeze");
     let window = WINDOW.0 + STRIDE * (KINDS.len() as u64 - 1);
     let known = |found: &Violation| {
@@ -122,7 +127,8 @@ fn survives(place: Place, pace: &str) -> Outcome {
 
     let injected = injected(&run.join(participant).with_extension("log"))?;
     for (index, (kind, ..)) in KINDS.iter().enumerate() {
-        // In real time models come when they are ready, so that a window may be over without two of them.
+        // In real time models arrive when they are ready, so that a window may end without two of
+        // them.
         let rare = topic == "snapshot" && pace == "real-time";
         assert!(
             rare || injected.get(&index).is_some_and(|&count| count > 0),
@@ -132,7 +138,7 @@ fn survives(place: Place, pace: &str) -> Outcome {
     assert!(injected.values().sum::<u64>() > 0, "{topic} in {pace}");
 
     if matches!(topic, "command" | "state") {
-        // The gate has refused something, or somebody has braked, and the oracle has seen how.
+        // The gate has refused a command, or the robot has braked, and the oracle has found it.
         let braked = record.of("state").any(|state| state.word("fallback_level") == "brake");
         assert!(braked, "{topic} in {pace}: {}", record.summary);
     }

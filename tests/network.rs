@@ -1,4 +1,5 @@
-//! Promise: the graph runs over the network as it does on one machine, and across two machines, through cuts.
+//! Promise: the graph runs over the network as it does on one machine, and across two machines,
+//! through cuts.
 
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
@@ -10,12 +11,12 @@ use std::path::Path;
 use std::thread;
 use std::time::Duration;
 
-/// Longest way back to a fresh plan, once the cable is in again \[s\].
+/// Longest time until a fresh plan, once the cable is connected again \[s\].
 const BACK_WITHIN_S: f64 = 2.0;
-/// How long the cable is out.
+/// How long the cable is disconnected.
 const CUT: Duration = Duration::from_secs(3);
 
-/// Everything that a run commanded.
+/// All commands of a run.
 fn commands(folder: &Path) -> Result<Vec<String>, Box<dyn Error>> {
     let record = Record::read(folder)?;
     let of = |message: &Message| {
@@ -51,13 +52,15 @@ fn in_lock_step_every_carrier_gives_the_same_bits() -> Outcome {
     Ok(())
 }
 
-/// Periods below a fresh plan in which the machine, as far as `gaps` tell, let whoever wanted to run. Each with its fallback level.
+/// Periods below a fresh plan in which, by `gaps`, the machine ran all threads that were ready.
+/// Each with its fallback level.
 fn unexplained(record: &Record, gaps: &[Gap]) -> Vec<String> {
     let states: Vec<_> = record.of("state").collect();
     let below = states
         .windows(3)
         .filter(|three| !matches!(three[2].word("fallback_level"), "fresh plan" | "waiting"));
-    // The state that says so comes after the period, which began with the state before; whoever should have answered it may have been late already.
+    // The state with this fallback level follows the period, which began with the state before. The
+    // process that should have answered that state may have been late already.
     let explained = |three: &&[&Message]| {
         let [begin, end] = [0, 2].map(|at| three[at].stamp("sent_nanos"));
         gaps.iter().any(|gap| gap.from_nanos < end && begin < gap.to_nanos)
@@ -70,7 +73,7 @@ fn unexplained(record: &Record, gaps: &[Gap]) -> Vec<String> {
         .collect()
 }
 
-/// Drives in real time on fresh plans alone, but for periods in which the machine let nobody run.
+/// Drives in real time on fresh plans alone, except for periods in which the machine ran no thread.
 fn drive(graph: &str, scenario: &str, duration: &str) -> Outcome {
     let witness = Witness::begin();
     let (ended, home) =

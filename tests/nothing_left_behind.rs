@@ -1,11 +1,12 @@
-//! Promise: whatever ends a graph, nothing of it stays: no process, no shared memory, no socket.
+//! Promise: after any end of a graph nothing of it remains: no process, no shared memory, no
+//! socket.
 
 use promises::{Launched, Outcome, lives, shared_memory_of, signal, wait_until};
 use rustix::process::Signal;
 use std::fs;
 use std::path::Path;
 
-/// What is left in a launch's home beside the run's own folder.
+/// Files in a launch's home beside the run's own folder.
 fn left_in(home: &Path) -> Vec<String> {
     let entries = fs::read_dir(home).into_iter().flatten().flatten();
     entries
@@ -33,7 +34,7 @@ fn a_run_that_is_interrupted_ends_cleanly_with_a_summary() -> Outcome {
 }
 
 #[test]
-fn two_graphs_run_at_the_same_time_without_hearing_each_other() -> Outcome {
+fn two_graphs_run_at_the_same_time_without_exchanging_messages() -> Outcome {
     let options = |seed| ["--pace", "lock-step", "--duration", "5", "--seed", seed];
     let (one, other) = (Launched::new(&options("1"))?, Launched::new(&options("2"))?);
     for launched in [one, other] {

@@ -1,4 +1,5 @@
-//! Promise: the oracle finds nothing in a good run, and in a bad one exactly what is bad.
+//! Promise: the oracle finds no violation in a good run, and in a bad one exactly the injected
+//! violations.
 
 use coxswain::assembly::Assembly;
 use coxswain::drill::catalogue::Launch;
@@ -37,7 +38,7 @@ fn run(assembly: &Assembly) -> Result<Record, Box<dyn Error>> {
     Ok(Record::read(&run)?)
 }
 
-/// Ten seconds of the scenario that the drill follows, in lock step.
+/// Ten seconds of the scenario of the drill, in lock step.
 fn good_eight() -> Result<(Record, Limits, Course), Box<dyn Error>> {
     let mut assembly = assembly()?;
     let scenarios = repository().join("deploy/scenarios");
@@ -50,7 +51,8 @@ fn good_eight() -> Result<(Record, Limits, Course), Box<dyn Error>> {
     Ok((record, limits, course))
 }
 
-/// The record in which the tail of the answer to tick 49 acted in the period that began with tick 50, as it was said, or as `said` changes it.
+/// The record in which the tail of the answer to tick 49 acted in the period that began with tick
+/// 50, as it was sent, or as `said` changes it.
 fn bridged(record: &Record, said: impl Fn(&mut Value)) -> Vec<Message> {
     let mut messages = record.messages().to_vec();
     let answer = messages
@@ -59,7 +61,7 @@ fn bridged(record: &Record, said: impl Fn(&mut Value)) -> Vec<Message> {
         .map(|message| message.says.clone());
     for message in &mut messages {
         match (message.topic.as_str(), message.stamp("tick")) {
-            // The wheels keep what they had, so that is what the tail must have been.
+            // The wheels keep their previous speed, so that must be the tail.
             ("command", 49) => {
                 message.says["tail"][0] = message.says["input"].clone();
                 said(&mut message.says["tail"][0]);
@@ -78,7 +80,8 @@ fn bridged(record: &Record, said: impl Fn(&mut Value)) -> Vec<Message> {
     messages
 }
 
-/// The rules that `record` violates once `change` was made to the messages of `topic` at `tick`.
+/// The rules that `record` violates after `change` was applied to the messages of `topic` at
+/// `tick`.
 fn violated(
     record: &Record,
     limits: &Limits,
@@ -95,8 +98,8 @@ fn violated(
     judge(&Record::of_messages(messages), limits).iter().map(|violation| violation.rule).collect()
 }
 
-/// The record with the plant's messages changed as if it had braked by itself from straight on, between tick 50 and `until`, with
-/// commands accepted again from `answered_from` on.
+/// The record with the plant's messages changed as if it had braked by itself from straight motion,
+/// between tick 50 and `until`. Commands are accepted again from `answered_from` on.
 fn braked(record: &Record, limits: &Limits, until: u64, answered_from: u64) -> Vec<Message> {
     let mut messages = record.messages().to_vec();
     let mut body = messages
@@ -134,7 +137,7 @@ fn wheels_of([forward, left, yaw]: [f64; 3], limits: &Limits) -> [f64; 4] {
         .map(|rim| rim / limits.wheel_radius_m)
 }
 
-/// And back.
+/// The inverse.
 fn body_of(wheels: &[f64], limits: &Limits) -> [f64; 3] {
     let &[front_right, front_left, rear_left, rear_right] = wheels else { return [0.0; 3] };
     let quarter = limits.wheel_radius_m / 4.0;
@@ -150,7 +153,7 @@ fn rules(messages: Vec<Message>, limits: &Limits) -> Vec<Rule> {
 }
 
 #[test]
-fn a_good_run_is_acquitted_and_each_bad_one_is_found_out_for_what_is_bad() -> Outcome {
+fn a_good_run_has_no_violation_and_each_bad_one_exactly_its_own() -> Outcome {
     let (record, limits) = good_run()?;
     assert_eq!(judge(&record, &limits), []);
     assert_eq!(record.of("truth").count(), 101);
@@ -241,7 +244,7 @@ fn a_brake_is_a_ramp_to_rest_that_is_left_after_three_good_periods() -> Outcome 
 }
 
 #[test]
-fn what_bridges_a_gap_is_the_tail_that_was_said() -> Outcome {
+fn a_gap_is_bridged_by_the_tail_that_was_sent() -> Outcome {
     let (record, limits) = good_run()?;
     assert_eq!(rules(bridged(&record, |_| ()), &limits), []);
     assert_eq!(rules(bridged(&record, |entry| entry[0] = json!(0.5)), &limits), [Rule::Said]);
@@ -313,8 +316,8 @@ fn a_wheel_that_turns_against_the_others_is_found_although_the_body_command_is_l
     Ok(())
 }
 
-/// The record with the true position `offset(tick)` to the left of where it was, and the brake
-/// reported in `braking`.
+/// The record with the true position moved by `offset(tick)` to the left, and the brake reported in
+/// `braking`.
 fn displaced(
     record: &Record,
     braking: std::ops::Range<u64>,
@@ -327,7 +330,7 @@ fn displaced(
             "truth" => {
                 let left = message.says["pose"][1].as_f64().unwrap_or(0.0);
                 message.says["pose"][1] = json!(left + offset(tick));
-                // The heading is 0, so left is left.
+                // The heading is 0, so left in the body is left in the world.
                 let speed = message.says["velocity"][1].as_f64().unwrap_or(0.0);
                 let moved = (offset(tick + 1) - offset(tick)) / 0.02;
                 message.says["velocity"][1] = json!(speed + moved);
@@ -349,7 +352,7 @@ fn a_robot_that_leaves_its_path_on_fresh_plans_is_found() -> Outcome {
     assert_eq!(good.violations, []);
     assert!(good.share.is_some_and(|share| share > 0.0 && share < 0.5), "{:?}", good.share);
 
-    // 0.3 m/s off, on fresh plans alone.
+    // 0.3 m/s of deviation, on fresh plans alone.
     let after = |tick: u64, from: u64| tick.saturating_sub(from) as f64 * 0.02;
     let drifting = judged(0..0, &|tick| 0.3 * after(tick, 300))?;
     let rules: Vec<Rule> = drifting.violations.iter().map(|violation| violation.rule).collect();
@@ -360,14 +363,14 @@ fn a_robot_that_leaves_its_path_on_fresh_plans_is_found() -> Outcome {
 }
 
 #[test]
-fn a_brake_explains_a_way_and_a_time_to_catch_up_and_no_more() -> Outcome {
+fn a_brake_explains_a_distance_and_a_time_to_catch_up_and_no_more() -> Outcome {
     let (record, limits, course) = good_eight()?;
     let judged = |offset: &dyn Fn(u64) -> f64| {
         let record = displaced(&record, 300..315, offset);
         tracking::judge(&record, &limits, &course, Windows::default())
             .map(|tracked| tracked.violations.len())
     };
-    // Left behind by 0.2 m while it brakes for 0.3 s.
+    // Behind by 0.2 m while it brakes for 0.3 s.
     let behind = |tick: u64| 0.2 * (tick.clamp(300, 315) - 300) as f64 / 15.0;
     let back_within = |ticks: f64| {
         move |tick: u64| {
@@ -385,8 +388,8 @@ fn a_brake_explains_a_way_and_a_time_to_catch_up_and_no_more() -> Outcome {
 
 const MS: u64 = 1_000_000;
 
-/// States of a drive in which nothing is recorded between two ticks, and what the plant counted as
-/// missed in the Healths before and after.
+/// States of a drive in which nothing is recorded between two ticks, and the periods that the plant
+/// counted as missed, in the Health messages before and after.
 fn in_the_dark(dark: std::ops::Range<u64>, missed: u64) -> Record {
     let state = |tick: u64| Message {
         topic: "state".to_owned(),
@@ -432,7 +435,7 @@ fn a_late_wake_up_excuses_no_more_unseen_periods_than_it_overlaps() {
 fn a_late_wake_up_excuses_a_recorded_period_only_if_the_two_overlap() -> Outcome {
     let limits = Limits { period_s: 0.02, ..Limits::of(&assembly()?) };
     let launch = Launch { undisturbed: true, ..Launch::default() };
-    // The period from tick - 1 to tick is missed, and told.
+    // The period from tick - 1 to tick is missed, and counted.
     let excused = |tick: u64, gap: [u64; 2]| {
         let mut messages = in_the_dark(20..34, 0).messages().to_vec();
         for message in messages
@@ -454,7 +457,7 @@ fn a_late_wake_up_excuses_a_recorded_period_only_if_the_two_overlap() -> Outcome
 }
 
 #[test]
-fn a_message_that_nobody_has_counted_is_missed_whoever_sent_it() -> Outcome {
+fn an_uncounted_missing_message_is_found_for_every_sender() -> Outcome {
     let (record, limits) = good_run()?;
     for topic in ["state", "command", "residual", "snapshot", "plan", "truth"] {
         let mut messages = record.messages().to_vec();

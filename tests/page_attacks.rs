@@ -1,5 +1,5 @@
-//! Promise: the live page of a robot that drives can be read by whom it is meant for, and by nobody else; nothing can be sent to it, and no name
-//! on it is more than text.
+//! Promise: only the intended readers can read the live page of a driving robot. Nothing can be
+//! sent to the page, and every name on it is plain text.
 
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
@@ -15,9 +15,9 @@ use std::net::TcpStream;
 use std::process::Command;
 use std::time::Duration;
 
-/// How long an answer may take. Far beyond what it takes.
+/// Time for an answer. Far longer than needed.
 const ANSWERS_WITHIN: Duration = Duration::from_mins(1);
-/// What a page would do with it if it were more than text.
+/// A page would execute this if it were more than text.
 const MARKUP: &str =
     "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'<script>";
 
@@ -26,11 +26,11 @@ fn place(address: &str) -> &str {
     address.trim_start_matches("http://").trim_end_matches('/')
 }
 
-/// Everything that is answered to `bytes`, or its head alone where the answer has no end.
+/// The complete answer to `bytes`, or its head alone if the answer has no end.
 fn answer(place: &str, bytes: &[u8]) -> Result<String, Box<dyn Error>> {
     let mut stream = TcpStream::connect(place)?;
     stream.set_read_timeout(Some(ANSWERS_WITHIN))?;
-    // Who is refused early may find that nobody listens any more.
+    // A request that is refused early may find the connection closed.
     let _ = stream.write_all(bytes);
     let mut text = Vec::new();
     let mut part = [0; 4096];
@@ -58,7 +58,7 @@ fn get(target: &str, headers: &str) -> String {
     format!("GET {target} HTTP/1.1\r\n{headers}\r\n\r\n")
 }
 
-/// What it says to whom it is meant for.
+/// Asserts the answers to its intended readers.
 fn answers_its_readers(place: &str, own: &str) -> Outcome {
     let page = answer(place, get("/", own).as_bytes())?;
     let (head, body) = page.split_once("\r\n\r\n").ok_or("no body")?;
@@ -94,18 +94,18 @@ fn answers_its_readers(place: &str, own: &str) -> Outcome {
     Ok(())
 }
 
-/// Nothing can be sent.
+/// Asserts that nothing can be sent.
 fn takes_nothing(place: &str, own: &str) -> Outcome {
     let body = "Content-Length: 17\r\n\r\n{\"mpc\":{\"x\": 1}}\n";
     for method in
         ["POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT", "PROPFIND", "get", "G"]
     {
         for target in ["/", "/events", "/set"] {
-            let said =
+            let reply =
                 answer(place, format!("{method} {target} HTTP/1.1\r\n{own}\r\n{body}").as_bytes())?;
             assert!(
-                said.starts_with("HTTP/1.1 405 ") && said.contains("Allow: GET"),
-                "{method} {target}: {said}"
+                reply.starts_with("HTTP/1.1 405 ") && reply.contains("Allow: GET"),
+                "{method} {target}: {reply}"
             );
         }
     }
@@ -117,7 +117,8 @@ fn takes_nothing(place: &str, own: &str) -> Outcome {
     Ok(())
 }
 
-/// A name that has come to mean this machine is not this machine's, and another site's script gets nothing of what the robot does.
+/// Asserts two refusals. A foreign name that resolves to this machine is not accepted, and a script
+/// of another site gets no data of the robot.
 fn refuses_strangers(place: &str, own: &str) -> Outcome {
     let port = place.rsplit(':').next().unwrap_or_default();
     for host in [
@@ -135,10 +136,10 @@ fn refuses_strangers(place: &str, own: &str) -> Outcome {
             ("/", format!("{host}:{port}")),
             ("/events", format!("{host}:{port}")),
         ] {
-            let said = answer(place, get(target, &format!("Host: {host}")).as_bytes())?;
+            let reply = answer(place, get(target, &format!("Host: {host}")).as_bytes())?;
             assert!(
-                said.starts_with("HTTP/1.1 403 ") && !said.contains("mecanum"),
-                "{host}: {said}"
+                reply.starts_with("HTTP/1.1 403 ") && !reply.contains("mecanum"),
+                "{host}: {reply}"
             );
         }
     }
@@ -149,16 +150,16 @@ fn refuses_strangers(place: &str, own: &str) -> Outcome {
         "Origin: null",
         "Origin: https://localhost",
     ] {
-        let said = answer(place, get("/events", &format!("{own}\r\n{foreign}")).as_bytes())?;
+        let reply = answer(place, get("/events", &format!("{own}\r\n{foreign}")).as_bytes())?;
         assert!(
-            said.starts_with("HTTP/1.1 403 ") && !said.contains("mecanum"),
-            "{foreign}: {said}"
+            reply.starts_with("HTTP/1.1 403 ") && !reply.contains("mecanum"),
+            "{foreign}: {reply}"
         );
     }
     Ok(())
 }
 
-/// What is nowhere, and what is no request at all.
+/// Asserts the refusal of unknown paths, and of bytes that are no request.
 fn refuses_the_rest(place: &str, own: &str) -> Outcome {
     let elsewhere = [
         "/../../etc/passwd",
@@ -178,8 +179,8 @@ fn refuses_the_rest(place: &str, own: &str) -> Outcome {
     for headers in
         ["X: y", "Host: localhost\r\nHost: evil.example", "Host : localhost", "Host: local\0host"]
     {
-        let said = answer(place, get("/", headers).as_bytes())?;
-        assert!(said.starts_with("HTTP/1.1 400 "), "{headers:?}: {said}");
+        let reply = answer(place, get("/", headers).as_bytes())?;
+        assert!(reply.starts_with("HTTP/1.1 400 "), "{headers:?}: {reply}");
     }
     let endless = format!("GET / HTTP/1.1\r\n{own}\r\nX: {}", "x".repeat(100_000));
     assert!(answer(place, endless.as_bytes())?.starts_with("HTTP/1.1 431 "));
@@ -189,22 +190,21 @@ fn refuses_the_rest(place: &str, own: &str) -> Outcome {
         b"GET / HTTP/9\r\n\r\n",
         b"\xff\xfe\r\n\r\n",
     ] {
-        let said = answer(place, garbage)?;
+        let reply = answer(place, garbage)?;
         assert!(
-            said.starts_with("HTTP/1.1 400 ") || said.starts_with("HTTP/1.1 408 "),
-            "{garbage:?}: {said}"
+            reply.starts_with("HTTP/1.1 400 ") || reply.starts_with("HTTP/1.1 408 "),
+            "{garbage:?}: {reply}"
         );
     }
     Ok(())
 }
 
 #[test]
-fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refuses_everything_else()
--> Outcome {
+fn a_page_of_a_driving_robot_answers_its_own_readers_and_refuses_everything_else() -> Outcome {
     let launched = Launched::new(&["--duration", "110"])?;
     let address = launched.page_address()?;
     let place = place(&address);
-    // The page may be there before the robot drives.
+    // The page may be served before the robot drives.
     launched.wait_for_log("controller", "answering a plant", 1)?;
     for check in [
         answers_its_readers,
@@ -230,7 +230,7 @@ fn a_page_that_is_served_while_the_robot_drives_answers_its_own_readers_and_refu
     Ok(())
 }
 
-/// Nothing of `MARKUP` has become part of the page, which shows it as it is.
+/// Asserts that no part of `MARKUP` has become part of the page, which shows it as text.
 fn is_text(browser: &mut Browser, shown: &str) -> Outcome {
     let elements =
         browser.ask("document.querySelectorAll('img, iframe, object, [onerror]').length")?;
@@ -263,7 +263,8 @@ fn a_name_with_markup_is_text_on_the_page_and_in_the_report() -> Outcome {
     browser.wait_for("/Described as/.test(document.getElementById('scenario').innerText)")?;
     let named = browser.text("scenario")?;
     assert_eq!(named.matches(MARKUP).count(), 2, "name and description: {named}");
-    // What a person says who changes something, and why it was refused, is shown and recorded, too.
+    // The name of a person that changes a setting, and the reason of a refusal, are shown and
+    // recorded, too.
     let mut set = Command::new(binaries()?.join("coxswain"));
     set.args(["set", &format!("mpc.solver={MARKUP}")])
         .env("TMPDIR", launched.home())
@@ -288,7 +289,7 @@ fn a_name_with_markup_is_text_on_the_page_and_in_the_report() -> Outcome {
     signal(launched.pid(), Signal::TERM)?;
     let (ended, home) = launched.end()?;
     assert_eq!(ended.status.code(), Some(143), "{}", ended.text);
-    // The report calls a run by its folder.
+    // The report names a run by its folder.
     let run = home.path().join(MARKUP);
     fs::rename(home.path().join("run"), &run)?;
     let page = home.path().join("both.html");

@@ -7,7 +7,8 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// The Python of a virtual environment with the requirements of clients and tests, made once per target folder and list of requirements.
+/// The Python of a virtual environment with the requirements of clients and tests, made once per
+/// target folder and list of requirements.
 ///
 /// # Errors
 /// A sentence, if it cannot be made.
@@ -34,10 +35,10 @@ fn make() -> Result<PathBuf, Box<dyn Error>> {
     Ok(python)
 }
 
-/// What `command` writes to its standard output.
+/// Standard output of `command`.
 ///
 /// # Errors
-/// What it writes to its standard error, if it fails.
+/// Its standard error, if it fails.
 pub fn text_of(command: &mut Command) -> Result<String, Box<dyn Error>> {
     let output = command.output()?;
     if !output.status.success() {

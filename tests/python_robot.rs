@@ -1,4 +1,5 @@
-//! Promise: a robot that was written in another language, from `protocol/WIRE.md` alone, is driven and learned.
+//! Promise: a robot written in another language, from `protocol/WIRE.md` alone, is driven and
+//! learned.
 
 use promises::{Launched, Outcome, graph_file, launch_command, python, repository, text_of};
 use std::error::Error;
@@ -7,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use tempfile::TempDir;
 
-/// The error that a controller without a learner keeps on this circle is 0.1 m.
+/// Bound on the error of a learned drive \[m\]: without a learner, the controller keeps an error of
+/// 0.1 m on this circle.
 const LEARNED_M: f64 = 0.05;
 
 fn clients() -> PathBuf {
@@ -21,7 +23,8 @@ enum Record {
     Kept,
 }
 
-/// Controller and learner, as `control-host.toml` has them, in a graph that is called `graph` and meets no other launch.
+/// Controller and learner, as in `control-host.toml`, in a graph called `graph` that is connected
+/// to no other launch.
 fn control_host(graph: &str, record: Record, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
     let mut text = fs::read_to_string(graph_file("control-host"))?;
     if record == Record::Kept {
@@ -41,17 +44,18 @@ fn control_host(graph: &str, record: Record, home: &Path) -> Result<PathBuf, Box
     Ok(file)
 }
 
-/// What came of a circle of 15 s.
+/// Result of a circle of 15 s.
 struct Driven {
-    /// What the robot said.
+    /// Output of the robot.
     text: String,
-    /// What the launch told a person.
+    /// Output of the launch.
     told: String,
     /// Its folder.
     home: TempDir,
 }
 
-/// What `script` says of a circle of 15 s in lock step, driven by a real controller that a real learner helps.
+/// Output of `script` for a circle of 15 s in lock step, driven by a real controller with a real
+/// learner.
 fn circle_of(script: &Path, record: Record) -> Result<String, Box<dyn Error>> {
     Ok(driven(script, record, &[])?.text)
 }
@@ -123,10 +127,10 @@ fn a_robot_in_python_drives_a_circle_and_is_learned_through_losses_too() -> Outc
     Ok(())
 }
 
-/// A robot whose driver has another period than the controller was told, and one whose wheels may do
-/// much less than the robot file says.
+/// Two robots: the driver of one has another period than the controller's settings, and the wheels
+/// of the other may do much less than the robot file contains.
 #[test]
-fn a_driver_that_differs_from_what_the_controller_was_told_is_told_to_a_person() -> Outcome {
+fn a_driver_that_contradicts_the_controllers_settings_is_reported() -> Outcome {
     let weak = tempfile::NamedTempFile::new()?;
     let robot = fs::read_to_string(repository().join("deploy/robots/mecanum.toml"))?;
     let lines = robot.lines().map(|line| match line.split_once('=') {
@@ -140,9 +144,9 @@ fn a_driver_that_differs_from_what_the_controller_was_told_is_told_to_a_person()
         let driven = driven(&clients().join("robot.py"), Record::Kept, &arguments)?;
         let summary = fs::read_to_string(driven.home.path().join("run/summary.json"))?;
         let summary: serde_json::Value = serde_json::from_str(&summary)?;
-        let told =
+        let text =
             summary["told"][0].as_str().ok_or_else(|| format!("{arguments:?}: {summary}"))?;
-        assert!(driven.told.contains(told), "{arguments:?}: {told} is not in {}", driven.told);
+        assert!(driven.told.contains(text), "{arguments:?}: {text} is not in {}", driven.told);
         assert_eq!(summary["figures_of"], "measured");
     }
     Ok(())

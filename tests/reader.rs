@@ -7,10 +7,10 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
-/// What was printed so far.
+/// The lines printed so far.
 type Said = Arc<Mutex<Vec<String>>>;
 
-/// The program; it does not outlive this value.
+/// The program; it ends with this value.
 pub struct Reader {
     child: Child,
     output: Said,
@@ -39,7 +39,7 @@ impl Reader {
     /// The next `count` lines.
     ///
     /// # Errors
-    /// If they do not come in time; says what it complained of.
+    /// If they do not arrive in time; the error contains its standard error.
     pub fn lines(&mut self, count: usize) -> Result<Vec<String>, Box<dyn Error>> {
         let end = self.read + count;
         wait_until(&format!("{count} lines"), || lock(&self.output).len() >= end)
@@ -49,12 +49,12 @@ impl Reader {
         Ok(lines)
     }
 
-    /// What it said on the standard error so far.
+    /// Its standard error so far.
     pub fn errors(&self) -> String {
         lock(&self.errors).join("\n")
     }
 
-    /// Waits until it has said `text` on the standard error at least `times` times.
+    /// Waits until its standard error contains `text` at least `times` times.
     ///
     /// # Errors
     /// If it does not in time.

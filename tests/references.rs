@@ -1,4 +1,5 @@
-//! Promise: every reference is driven on fresh plans alone, with learner and observer, under noise and tight rates.
+//! Promise: every reference is driven on fresh plans alone, with learner and observer, under noise
+//! and tight rates.
 
 use coxswain::assembly::Assembly;
 use coxswain::in_process;
@@ -9,7 +10,8 @@ use recorder::summary::Summary;
 use std::error::Error;
 use std::fs;
 
-/// Drives the paper's robot along `reference` (TOML) for 12 s in lock step, with `change` made to it.
+/// Drives the paper's robot along `reference` (TOML) for 12 s in lock step, with `change` applied
+/// to the assembly.
 fn drive(reference: &str, change: impl Fn(&mut Assembly)) -> Result<Summary, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     let paper = fs::read_to_string(repository().join("deploy/scenarios/paper.toml"))?;
@@ -52,16 +54,21 @@ fn every_reference_is_driven_on_fresh_plans_alone() -> Outcome {
     for (reference, rmse_m) in [
         ("path.circle = { radius_m = 1.5, speed_mps = 1.0 }\nheading = \"tangent\"", 0.05),
         (
-            "path.figure-eight = { length_m = 4.0, width_m = 2.0, lap_s = 10.0 }\nheading = { fixed-rad = 0.4 }",
+            "path.figure-eight = { length_m = 4.0, width_m = 2.0, lap_s = 10.0 }\n\
+            heading = { fixed-rad = 0.4 }",
             0.05,
         ),
         ("path.square = { side_m = 2.0, speed_mps = 1.0 }\nheading = { fixed-rad = 0.0 }", 0.15),
         (
-            "path.stop-and-go = { stretch_m = 2.0, speed_mps = 1.5, acceleration_mps2 = 2.0, pause_s = 1.0 }\nheading = \"tangent\"",
+            "path.stop-and-go = \
+            { stretch_m = 2.0, speed_mps = 1.5, acceleration_mps2 = 2.0, pause_s = 1.0 }\n\
+            heading = \"tangent\"",
             0.10,
         ),
         (
-            "path.point-to-point = { to = [2.0, 1.0, 0.5], speed_mps = 1.0, acceleration_mps2 = 1.0 }\nheading = \"given\"",
+            "path.point-to-point = \
+            { to = [2.0, 1.0, 0.5], speed_mps = 1.0, acceleration_mps2 = 1.0 }\n\
+            heading = \"given\"",
             0.05,
         ),
     ] {

@@ -1,4 +1,5 @@
-//! Promise: commands of an earlier run that somebody has recorded move nothing, however well he times them and whoever is silent meanwhile.
+//! Promise: recorded commands of an earlier run move nothing, at any timing and while any process
+//! is silent.
 
 use bytemuck::Zeroable;
 use coxswain::assembly::Assembly;
@@ -22,11 +23,12 @@ use std::time::Duration;
 
 /// Ticks in which the recording is played.
 const PLAYED: u64 = 120;
-/// The controller falls silent, for far longer than another writer of its epoch has to wait to be heard.
+/// Tick at which the controller becomes silent, for far longer than another writer of its epoch
+/// must wait to be accepted.
 const SILENT_FROM: u64 = 40;
-/// For so long.
+/// Length of the silence \[ticks\].
 const SILENT_FOR: u64 = 40;
-/// What was said in the same run is said again so many periods later: its states are old then.
+/// Commands of the same run are repeated so many periods later: their states are old then.
 const AGAIN_AFTER: usize = 4;
 
 /// A recorded command as it was sent.
@@ -53,14 +55,14 @@ fn command(message: &Message) -> Option<Command> {
     Some(command)
 }
 
-/// One who may write commands, and has recordings.
+/// An attacker that may publish commands, and has recordings.
 struct Player {
     states: Source<PlantState>,
     commands: Source<Command>,
     sink: RawSink,
     carrier: Carrier,
     recording: VecDeque<Command>,
-    /// The last of what the controller of this very run has said.
+    /// The last commands of the controller of this run.
     overheard: VecDeque<Command>,
     played: u64,
 }
@@ -85,7 +87,8 @@ impl Player {
         })
     }
 
-    /// Waits a little for the next state, and plays what was the answer to its tick in the recorded run. The tick, if a state came.
+    /// Waits a little for the next state, and plays the answer to its tick from the recorded run.
+    /// Returns the tick, if a state arrived.
     fn play(&mut self) -> Result<Option<u64>, Box<dyn Error>> {
         self.states.wait(Duration::from_millis(20))?;
         let Some(state) = self.states.next()? else { return Ok(None) };
@@ -95,7 +98,7 @@ impl Player {
             self.played += 1;
         }
         while let Some(said) = self.commands.next()? {
-            // It hears itself, too.
+            // It receives its own commands, too.
             if said.plant_epoch == state.stamp.epoch {
                 self.overheard.push_back(said);
             }
@@ -121,7 +124,7 @@ impl Player {
     }
 }
 
-/// What the controller of a run in real time has said.
+/// The commands of the controller of a run in real time.
 fn recording(graph: &str) -> Result<Vec<Command>, Box<dyn Error>> {
     let (ended, home) =
         Launched::graph(graph, &["--duration", &(PLAYED / 10).to_string()])?.end()?;
@@ -140,7 +143,7 @@ fn recording(graph: &str) -> Result<Vec<Command>, Box<dyn Error>> {
     Ok(commands)
 }
 
-/// Launches a graph whose launcher leaves a controller that hangs as it is.
+/// Launches a graph whose launcher does not kill a controller that hangs.
 fn launch(graph: &str) -> Result<Launched, Box<dyn Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let text = fs::read_to_string(graph_file(graph))?
@@ -157,7 +160,8 @@ fn launch(graph: &str) -> Result<Launched, Box<dyn Error>> {
     Launched::by(command, home)
 }
 
-/// Plays the answers of one run to the states of another of the same robot, while its own controller speaks and while it is silent.
+/// Plays the answers of one run to the states of another run of the same robot, while its own
+/// controller publishes and while it is silent.
 fn moves_nothing(graph: &str) -> Outcome {
     let recording = recording(graph)?;
     let strangers: BTreeSet<u64> = recording.iter().map(|command| command.stamp.writer).collect();
@@ -170,9 +174,9 @@ fn moves_nothing(graph: &str) -> Outcome {
             .map(|settings| settings.run.links);
         links.is_some()
     })?;
-    // There before the controller is: the first writer of an epoch would be obeyed.
+    // It joins before the controller: the first writer of an epoch would be accepted.
     let mut player = Player::join(&links.ok_or("no links")?, recording)?;
-    // Meanwhile nobody speaks but the recording.
+    // Meanwhile only the recording publishes commands.
     let mut next = Some((SILENT_FROM, Signal::STOP));
     let mut play = || -> Result<bool, Box<dyn Error>> {
         let Some(tick) = player.play()? else { return Ok(false) };
@@ -205,7 +209,7 @@ fn moves_nothing(graph: &str) -> Outcome {
         .map(|truth| truth.stamp("tick"))
         .collect();
     assert!(acted.is_empty(), "something recorded acted in ticks {acted:?}");
-    // The gate has seen every single one, and says why none may act.
+    // The gate has received every one of them, and logs why none may act.
     let log = fs::read_to_string(run.join("plant.log"))?;
     let lines = log.lines().filter(|line| line.contains("commands refused: old plant epoch"));
     let refused: u64 =
@@ -213,10 +217,10 @@ fn moves_nothing(graph: &str) -> Outcome {
     assert_eq!(refused, played);
     let counted = record.of("state").next_back().ok_or("no state")?;
     assert!(counted.count("refused") >= played, "{} refused of {played}", counted.count("refused"));
-    let heard =
+    let recorded =
         record.of("command").filter(|command| strangers.contains(&command.stamp("writer"))).count()
             as u64;
-    assert_eq!(heard, played, "the recorder has heard them");
+    assert_eq!(recorded, played, "the recorder has heard them");
     let braked =
         record.of("state").filter(|state| state.word("fallback_level") == "brake").count() as u64;
     assert!(

@@ -1,4 +1,5 @@
-//! Promise: every run leaves a page with every figure, whose numbers are those of its summary, whatever its record has been through.
+//! Promise: every run leaves a page with every figure, whose numbers are those of its summary, for
+//! any state of its record.
 
 use bytemuck::Zeroable;
 use coxswain::assembly::Assembly;
@@ -28,7 +29,7 @@ const FIGURES: [&str; 9] = [
     "fallback_levels",
 ];
 
-/// Numbers of the table that are numbers of the summary.
+/// Numbers of the table that are in the summary too.
 const NUMBERS: [&str; 13] = [
     "arrival_s",
     "speed_settle_s",
@@ -76,12 +77,12 @@ fn figure<'a>(page: &'a str, id: &str) -> Result<&'a str, String> {
     Ok(from.split_once("</figure>").map_or(from, |(figure, _)| figure))
 }
 
-/// How many points the lines of a class have in a figure.
+/// Number of points in the lines of a class in a figure.
 fn points(figure: &str, class: &str) -> usize {
     let lines = figure.split("<path class=\"").skip(1).filter(|path| path.starts_with(class));
     let data =
         lines.filter_map(|path| path.split_once("d=\"")?.1.split_once('"')).map(|(data, _)| data);
-    // Each difference is two numbers, apart by a space or a minus.
+    // Each difference is two numbers, separated by a space or a minus.
     data.map(|data| data.matches(['l', ' ', '-', 'M']).count() / 2).sum()
 }
 
@@ -153,8 +154,8 @@ fn a_launch_leaves_a_page_with_every_figure_and_the_numbers_of_its_summary() -> 
 }
 
 #[test]
-fn in_a_browser_every_figure_is_seen_in_the_light_and_in_the_dark_and_nothing_else_is_asked_for()
--> Outcome {
+fn in_a_browser_every_figure_is_visible_in_light_and_dark_and_nothing_else_is_requested() -> Outcome
+{
     let home = tempfile::tempdir()?;
     let (on, off, out) = (
         run(&home, "on", 8.0, true)?,
@@ -165,7 +166,7 @@ fn in_a_browser_every_figure_is_seen_in_the_light_and_in_the_dark_and_nothing_el
     assert!(both.status.success(), "{both:?}");
     let alone = report(&[&on], &on.join("report.html"))?;
     assert!(alone.status.success(), "{alone:?}");
-    // Those of the second record that the first one does not have a part in.
+    // Figures that also show the second record, in its own colour.
     let shared = ["path", "errors", "velocities", "wheels", "residual", "ticks", "fallback_levels"];
     for (page, second) in [(on.join("report.html"), &[][..]), (out, &shared[..])] {
         let address = format!("file://{}", page.canonicalize()?.display());
@@ -224,7 +225,7 @@ fn several_records_are_drawn_in_the_same_figures_and_have_a_column_each() -> Out
 }
 
 #[test]
-fn a_record_that_was_cut_off_is_read_as_far_as_it_goes_and_the_page_says_so() -> Outcome {
+fn a_truncated_record_is_read_as_far_as_possible_and_the_page_reports_it() -> Outcome {
     let home = tempfile::tempdir()?;
     let folder = run(&home, "cut", 10.0, true)?;
     let whole = fs::read(folder.join("record.mcap"))?;
@@ -244,7 +245,7 @@ fn a_record_that_was_cut_off_is_read_as_far_as_it_goes_and_the_page_says_so() ->
 }
 
 #[test]
-fn what_is_no_record_is_refused_with_its_name_and_nothing_is_written() -> Outcome {
+fn a_file_that_is_no_record_is_refused_with_its_name_and_nothing_is_written() -> Outcome {
     let home = tempfile::tempdir()?;
     let at = |name: &str| home.path().join(name);
     fs::write(at("poem.mcap"), "The boy stood on the burning deck")?;
@@ -274,15 +275,15 @@ fn what_is_no_record_is_refused_with_its_name_and_nothing_is_written() -> Outcom
     Ok(())
 }
 
-/// What a recorder would be told of a run in `folder`, at 50 Hz.
+/// Settings of a recorder for a run in `folder`, at 50 Hz.
 fn described(folder: &Path) -> Result<Run, Box<dyn Error>> {
     fs::create_dir_all(folder)?;
     let links = Links::on_this_machine("test", folder.to_owned(), true, 1000);
     Ok(Run::new(folder, 20_000_000, links))
 }
 
-/// Writes a record of so many ticks at 50 Hz whose every number is another one every time, the worst that a page can have; at tick 7777
-/// the third wheel has a peak.
+/// Writes a record of `ticks` ticks at 50 Hz in which every number changes every time, the worst
+/// case for a page. At tick 7777 the third wheel has a peak.
 fn write_noise(folder: &Path, ticks: u64) -> Outcome {
     let mut segment = Segment::create(&described(folder)?)?;
     let (mut state, mut truth): (PlantState, Truth) = (Zeroable::zeroed(), Zeroable::zeroed());
@@ -328,14 +329,13 @@ fn write_noise(folder: &Path, ticks: u64) -> Outcome {
     Ok(segment.finish()?)
 }
 
-/// The largest step upwards of a panel's lines.
+/// The largest upward step of a panel's lines.
 fn leap(panel: &str) -> Option<i32> {
     panel.split(['l', ' ']).filter_map(|word| word.rsplit_once('-')?.1.parse().ok()).max()
 }
 
 #[test]
-fn an_hour_at_fifty_hertz_is_a_page_of_three_megabytes_at_most_and_its_one_peak_is_in_it() -> Outcome
-{
+fn an_hour_at_fifty_hertz_is_a_page_of_three_megabytes_at_most_with_its_one_peak() -> Outcome {
     let home = tempfile::tempdir()?;
     let (hour, out) = (home.path().join("hour"), home.path().join("hour.html"));
     write_noise(&hour, 180_000)?;

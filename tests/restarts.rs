@@ -1,4 +1,5 @@
-//! Promise: either end of the loop can be killed again and again, over any carrier: nothing unsafe happens, and the loop comes back.
+//! Promise: either end of the loop can be killed again and again, over any carrier. Nothing unsafe
+//! happens, and the loop recovers.
 
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
@@ -14,14 +15,15 @@ use std::time::Duration;
 
 /// Kills of each end.
 const KILLS: u32 = 20;
-/// Longest way back to a fresh plan \[periods\]: 1 s.
+/// Longest time until a fresh plan \[periods\]: 1 s.
 const BACK_WITHIN: u64 = 10;
 
-/// A graph like `name`, but whose processes may die often.
+/// A graph like `name`, whose processes may die often.
 fn patient(name: &str, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
     let many = |role: &str| {
         format!(
-            "[processes.{role}]\nrestarts_per_minute = 1000\nback_off_millis = 0\nback_off_max_millis = 0\n"
+            "[processes.{role}]\nrestarts_per_minute = 1000\n\
+            back_off_millis = 0\nback_off_max_millis = 0\n"
         )
     };
     graph_with(name, &format!("{}{}", many("plant"), many("controller")), home)
@@ -69,7 +71,7 @@ fn kill_both_ends_often(graph: &str) -> Outcome {
         let mut below: u64 = 0;
         for (tick, fallback_level) in ticks {
             below = if *fallback_level == "fresh plan" { 0 } else { below + 1 };
-            // The state of a tick tells of the period before it.
+            // The state of a tick reports the period before it.
             assert!(
                 below <= BACK_WITHIN + 1,
                 "{graph}: no fresh plan for {below} periods at tick {tick} of epoch {epoch}"
@@ -90,11 +92,11 @@ fn over_the_network_both_ends_can_be_killed_again_and_again() -> Outcome {
 }
 
 #[test]
-fn who_is_killed_or_stopped_while_it_starts_is_started_again_and_the_robot_drives() -> Outcome {
+fn a_process_killed_or_stopped_during_its_start_is_restarted_and_the_robot_drives() -> Outcome {
     for sent in [Signal::KILL, Signal::STOP] {
         let launched = Launched::new(&["--duration", "1000"])?;
         let mut struck = Vec::new();
-        // In the order in which they are waited for.
+        // In the order in which the launch waits for them.
         for program in ["recorder", "learner", "controller", "plant-sim"] {
             let pid = launched.process(program, None)?;
             signal(pid, sent)?;

@@ -1,5 +1,5 @@
-//! Promise: the tables of docs/results.md are what this code does: a part of them is measured again.
-//! The whole is measured by docs/results.py.
+//! Promise: the tables of docs/results.md are the results of this code: this test measures a part
+//! of them again. docs/results.py measures all.
 
 use promises::{Outcome, binaries, repository, text_of};
 use serde_json::Value;
@@ -28,7 +28,7 @@ fn written(table: &str) -> Result<BTreeMap<Cell, f64>, Box<dyn Error>> {
     Ok(cells)
 }
 
-/// The same as measured now.
+/// The same, measured now.
 fn measured(profile: &str, scenarios: &str) -> Result<BTreeMap<Cell, f64>, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     let rows = folder.path().join("rows.jsonl");
@@ -47,7 +47,7 @@ fn measured(profile: &str, scenarios: &str) -> Result<BTreeMap<Cell, f64>, Box<d
     Ok(cells)
 }
 
-/// Another processor may round otherwise: by so much a figure may move.
+/// Largest change of a figure: another processor may round differently.
 fn is_like(now: f64, then: f64) -> bool {
     (now - then).abs() < (0.05 * then).max(0.05)
 }

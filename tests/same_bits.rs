@@ -1,4 +1,5 @@
-//! Promise: in lock step the commands are the same bits, in as many processes as one likes and over any carrier.
+//! Promise: in lock step the commands are the same bits, in any number of processes and over any
+//! carrier.
 
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
@@ -6,7 +7,7 @@ use promises::{Launched, Outcome, Record, repository};
 use std::error::Error;
 use std::path::Path;
 
-/// Everything that a run commanded: tick, input, tail, model.
+/// All commands of a run: tick, input, tail, model.
 fn commands(folder: &Path) -> Result<Vec<String>, Box<dyn Error>> {
     let record = Record::read(folder)?;
     let of = |message: &promises::Message| {

@@ -1,4 +1,5 @@
-//! Promise: processes run where, with the priority and the memory that their graph says; and what the system does not permit is said, before anything moves.
+//! Promise: processes run with the processors, the priority and the memory of their graph file.
+//! What the system does not permit is reported before the robot moves.
 
 use promises::{Launched, Outcome, graph_with, launch_command};
 use std::fs;
@@ -22,7 +23,7 @@ fn launched_with(tables: &str, before: &[&str]) -> Result<Launched, Box<dyn std:
     Launched::by(command, home)
 }
 
-/// What the system says of a process under `key`.
+/// The system's value of `key` for a process.
 fn status(pid: u32, key: &str) -> Result<String, Box<dyn std::error::Error>> {
     let text = fs::read_to_string(format!("/proc/{pid}/status"))?;
     let line = text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':'));
@@ -38,7 +39,7 @@ fn priority(pid: u32) -> Result<u64, Box<dyn std::error::Error>> {
 }
 
 #[test]
-fn processes_run_where_and_as_their_graph_says() -> Outcome {
+fn processes_run_with_the_scheduling_of_their_graph_file() -> Outcome {
     let last = fs::read_to_string("/proc/self/status")?;
     let mine = last
         .lines()
@@ -49,12 +50,13 @@ fn processes_run_where_and_as_their_graph_says() -> Outcome {
     let first: usize = mine.split([',', '-']).next().ok_or("no processor")?.parse()?;
     let launched = launched_with(
         &format!(
-            "[processes.controller.scheduling]\nprocessors = [{first}]\nreal_time_priority = 7\nlock_memory = true\n\
+            "[processes.controller.scheduling]\nprocessors = [{first}]\nreal_time_priority = 7\n\
+             lock_memory = true\n\
              [processes.plant.scheduling]\nreal_time_priority = 0\n"
         ),
         &[],
     );
-    // Where priorities or locked memory are not permitted, the other test says what is told.
+    // Where priorities or locked memory are not permitted, the other test checks the report.
     let launched = launched?;
     let driving = launched.wait_for_log("controller", "answering a plant", 1);
     if process::may_go_first() {
@@ -75,7 +77,7 @@ fn processes_run_where_and_as_their_graph_says() -> Outcome {
 }
 
 #[test]
-fn what_the_system_does_not_permit_is_said_before_anything_moves() -> Outcome {
+fn a_scheduling_that_is_not_permitted_is_reported_before_the_robot_moves() -> Outcome {
     let powerless = [
         "setpriv",
         "--bounding-set=-ipc_lock,-sys_nice",

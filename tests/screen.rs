@@ -1,4 +1,4 @@
-//! A program on a terminal of its own: a pseudo-terminal, and what it shows.
+//! A program on a terminal of its own: a pseudo-terminal, and the text on it.
 
 use crate::{Outcome, wait_until};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -15,19 +15,19 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-/// How often its reader looks whether it is still wanted.
+/// How often its reader checks whether it should stop.
 const PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 20_000_000 };
 
-/// A picture is drawn within much less, and the next begins after more.
+/// A frame is drawn within much less, and the next begins after more.
 const MOMENT: Duration = Duration::from_millis(30);
 
-/// The program and its terminal; it does not outlive this value.
+/// The program and its terminal; it ends with this value.
 pub struct Screen {
     child: Child,
     /// The terminal's other end; none once it is unplugged.
     plug: Option<Plug>,
     emulator: Arc<Mutex<vt100::Parser>>,
-    /// The program's end, held so that it can be looked at when the program has gone.
+    /// The program's end, held so that it can be examined after the program has ended.
     terminal: Option<OwnedFd>,
     before: Termios,
 }
@@ -44,7 +44,7 @@ impl Screen {
     /// Starts `command` as the first program of a session on a terminal of its own.
     ///
     /// # Errors
-    /// If there is no terminal to be had, or it cannot be started.
+    /// If no terminal is available, or the program cannot be started.
     pub fn start(command: &Command, (columns, rows): (u16, u16)) -> Result<Self, Box<dyn Error>> {
         let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
         grantpt(&ours)?;
@@ -98,10 +98,10 @@ impl Screen {
         look(lock(&self.emulator).screen())
     }
 
-    /// Waits until the text on the screen is as `condition` says.
+    /// Waits until the text on the screen satisfies `condition`.
     ///
     /// # Errors
-    /// If it never is, or the program ends; with the screen as it was last.
+    /// If it never does, or the program ends; the error contains the last screen.
     pub fn wait(
         &mut self,
         what: &str,
@@ -133,7 +133,7 @@ impl Screen {
     /// The text on the screen, not in the middle of a change.
     ///
     /// # Errors
-    /// If it never stands still for a moment.
+    /// If it changes all the time.
     pub fn settled(&self) -> Result<String, Box<dyn Error>> {
         let mut text = self.text();
         wait_until("a moment without a change", || {
@@ -144,26 +144,26 @@ impl Screen {
         Ok(text)
     }
 
-    /// Types.
+    /// Types `keys`.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system's error.
     pub fn press(&mut self, keys: &str) -> Outcome {
         let plug = self.plug.as_mut().ok_or("the terminal is unplugged")?;
         Ok(plug.writer.write_all(keys.as_bytes())?)
     }
 
-    /// Gives the terminal another size.
+    /// Changes the size of the terminal.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system's error.
     pub fn resize(&mut self, (columns, rows): (u16, u16)) -> Outcome {
         lock(&self.emulator).screen_mut().set_size(rows, columns);
         let terminal = self.terminal.as_ref().ok_or("the terminal is unplugged")?;
         Ok(tcsetwinsize(terminal, window(columns, rows))?)
     }
 
-    /// Closes the terminal, as a person does the window.
+    /// Closes the terminal, as a user closes the window.
     pub fn unplug(&mut self) {
         self.terminal = None;
         if let Some(plug) = self.plug.take() {
@@ -172,7 +172,7 @@ impl Screen {
         }
     }
 
-    /// Waits until the program has ended by itself, and everything that it said is on the screen.
+    /// Waits until the program has ended by itself, and all its output is on the screen.
     ///
     /// # Errors
     /// If it does not in time.
@@ -192,7 +192,8 @@ impl Screen {
         status.ok_or_else(|| "no status".into())
     }
 
-    /// Waits until the terminal is as it was before the program: its modes, its cursor, and its first screen.
+    /// Waits until the terminal is as it was before the program: its modes, its cursor, and its
+    /// first screen.
     ///
     /// # Errors
     /// If it never is.
@@ -219,7 +220,7 @@ fn window(columns: u16, rows: u16) -> Winsize {
     Winsize { ws_row: rows, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 }
 }
 
-/// Shows what comes until it is no longer wanted or the terminal has gone.
+/// Shows the output until it should stop or the terminal is gone.
 fn read(output: &mut File, emulator: &Mutex<vt100::Parser>, done: &AtomicBool, dry: &AtomicBool) {
     let mut bytes = [0; 4096];
     while !done.load(Ordering::Acquire) {

@@ -1,5 +1,5 @@
-//! Promise: what is claimed of the controller holds on physics that nobody here wrote, in MuJoCo.
-//! The whole grid is a campaign (docs/second_world.md); this is a short part of it.
+//! Promise: the claims about the controller hold on independent physics, in MuJoCo. The whole grid
+//! is a campaign (docs/second_world.md); this is a short part of it.
 
 use promises::{Outcome, binaries, repository, text_of};
 use serde_json::Value;
@@ -28,7 +28,7 @@ fn rmse_mm(rows: &[Value], scenario: &str, controller: &str) -> Result<f64, Box<
     Ok(1e3 * rmse.ok_or_else(|| format!("no figure of {controller} in {scenario}"))?)
 }
 
-/// A lag of 60 ms that nobody reports, and a worn wheel.
+/// A lag of 60 ms that no process reports, and a worn wheel.
 #[test]
 fn learning_does_no_harm_on_a_robot_in_another_world() -> Outcome {
     let cases = ["courier+eight+late-60", "scout+circle+worn"];

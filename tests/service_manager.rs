@@ -1,4 +1,5 @@
-//! Promise: a service manager hears that the robot drives from its loops themselves, and nothing once one of them has stopped.
+//! Promise: a service manager is notified by the loops themselves that the robot drives, and gets
+//! no notification once a loop has stopped.
 
 use promises::{Launched, Outcome, graph_file, graph_with, launch_command, signal, wait_until};
 use rustix::process::Signal;
@@ -9,29 +10,29 @@ use std::os::unix::net::UnixDatagram;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long the watchdog waits \[µs\]: it is to be fed four times as often.
+/// Timeout of the watchdog \[µs\]: it must be notified four times as often.
 const PATIENCE_MICROS: u64 = 2_000_000;
-/// What is on its way when a loop stops has come by then.
+/// Notifications on their way when a loop stops have arrived by then.
 const UNDER_WAY: Duration = Duration::from_secs(2);
-/// For so long nothing may come then: longer than the watchdog waits.
+/// Time without notifications: longer than the timeout of the watchdog.
 const SILENT: Duration = Duration::from_secs(3);
 
-/// The end of a service manager.
+/// The service manager's end of the socket.
 struct Manager {
     socket: UnixDatagram,
     heard: Vec<String>,
 }
 
 impl Manager {
-    /// Takes in all that has come since.
+    /// Receives all pending notifications.
     fn listen(&mut self) -> io::Result<usize> {
-        let mut said = [0; 256];
+        let mut message = [0; 256];
         let mut count = 0;
         loop {
-            match self.socket.recv(&mut said) {
+            match self.socket.recv(&mut message) {
                 Ok(length) => {
                     self.heard.push(
-                        String::from_utf8_lossy(said.get(..length).unwrap_or_default())
+                        String::from_utf8_lossy(message.get(..length).unwrap_or_default())
                             .into_owned(),
                     );
                     count += 1;
@@ -42,24 +43,25 @@ impl Manager {
         }
     }
 
-    /// Waits until `what` has come `times` times more.
+    /// Waits until `what` has arrived `times` more times.
     fn wait_for(&mut self, launched: &Launched, what: &str, times: usize) -> Outcome {
-        let count = |heard: &[String]| heard.iter().filter(|said| said.as_str() == what).count();
+        let count =
+            |heard: &[String]| heard.iter().filter(|message| message.as_str() == what).count();
         let before = count(&self.heard);
         launched.wait_until(&format!("{times} more {what}"), || {
             self.listen().is_ok() && count(&self.heard) >= before + times
         })
     }
 
-    /// Hears nothing for a while.
+    /// Asserts that nothing arrives for a while.
     fn hears_nothing(&mut self) -> Outcome {
         thread::sleep(UNDER_WAY);
         self.listen()?;
         let (begin, before) = (Instant::now(), self.heard.len());
         while begin.elapsed() < SILENT {
             self.listen()?;
-            if let Some(said) = self.heard.get(before) {
-                return Err(format!("a loop has stopped, and {said} came").into());
+            if let Some(message) = self.heard.get(before) {
+                return Err(format!("a loop has stopped, and {message} came").into());
             }
             thread::sleep(Duration::from_millis(20));
         }
@@ -67,19 +69,19 @@ impl Manager {
     }
 }
 
-/// The state of a process, as the kernel has it.
+/// Whether the kernel reports a process as stopped.
 fn is_stopped(pid: u32) -> bool {
     fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| stat.contains(") T "))
 }
 
 #[test]
-fn the_watchdog_is_fed_by_the_loops_and_by_nothing_else() -> Outcome {
+fn only_the_loops_notify_the_watchdog() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let path = home.path().join("notify");
     let socket = UnixDatagram::bind(&path)?;
     socket.set_nonblocking(true)?;
     let mut manager = Manager { socket, heard: Vec::new() };
-    // A launcher that mends nothing: who hangs goes on hanging.
+    // A launcher that does not restart: a process that hangs continues to hang.
     let patient = ["plant", "controller"]
         .map(|role| format!("[processes.{role}]\nhung_after_millis = 600000\n"))
         .concat();
@@ -104,7 +106,7 @@ fn the_watchdog_is_fed_by_the_loops_and_by_nothing_else() -> Outcome {
             .wait_for(&launched, "WATCHDOG=1", 2)
             .map_err(|error| format!("{name} turns again: {error}"))?;
     }
-    // A learner drives nothing, and a stopped one is the launcher's to mend.
+    // A learner drives nothing, and the launcher restarts a stopped one.
     let learner = launched.process("learner", None)?;
     signal(learner, Signal::STOP)?;
     wait_until("that it stands still", || is_stopped(learner))?;
@@ -112,19 +114,19 @@ fn the_watchdog_is_fed_by_the_loops_and_by_nothing_else() -> Outcome {
 
     for pid in launched.processes() {
         let environment = fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
-        let told = String::from_utf8_lossy(&environment).contains("NOTIFY_SOCKET");
-        assert!(!told, "a process of the graph could speak for the launcher");
+        let is_set = String::from_utf8_lossy(&environment).contains("NOTIFY_SOCKET");
+        assert!(!is_set, "a process of the graph could speak for the launcher");
     }
     signal(launched.pid(), Signal::TERM)?;
     let (ended, _home) = launched.end()?;
     manager.listen()?;
     assert_eq!(manager.heard.last().map(String::as_str), Some("STOPPING=1"), "{}", ended.text);
-    assert_eq!(manager.heard.iter().filter(|said| *said == "READY=1").count(), 1);
+    assert_eq!(manager.heard.iter().filter(|message| *message == "READY=1").count(), 1);
     Ok(())
 }
 
 #[test]
-fn another_process_s_watchdog_is_not_fed_and_a_manager_that_is_not_there_is_named() -> Outcome {
+fn the_watchdog_of_another_process_is_not_notified_and_a_missing_manager_is_named() -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let path = home.path().join("notify");
     let socket = UnixDatagram::bind(&path)?;
@@ -143,14 +145,15 @@ fn another_process_s_watchdog_is_not_fed_and_a_manager_that_is_not_there_is_name
         .env("TMPDIR", home.path())
         .env("NOTIFY_SOCKET", home.path().join("nobody"))
         .output()?;
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("NOTIFY_SOCKET") && !home.path().join("again").exists(), "{said}");
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert!(errors.contains("NOTIFY_SOCKET") && !home.path().join("again").exists(), "{errors}");
     Ok(())
 }
 
 #[test]
-fn what_the_launcher_mends_does_not_silence_the_watchdog_for_good() -> Result<(), Box<dyn Error>> {
+fn a_restart_by_the_launcher_does_not_silence_the_watchdog_for_good() -> Result<(), Box<dyn Error>>
+{
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let path = home.path().join("notify");
     let socket = UnixDatagram::bind(&path)?;

@@ -1,5 +1,5 @@
-//! Promise: a robot that leaves its path brakes, stands and stays so, whatever commands come and
-//! whichever controller sends them, until a person resumes it. A robot that was cut off catches up.
+//! Promise: a robot that leaves its path brakes, and stands still until a person resumes it, for
+//! any commands of any controller. A robot that was cut off catches up.
 
 use promises::{
     Launched, Message, Outcome, Reader, Record, binaries, graph_file, launch_command, repository,
@@ -13,11 +13,12 @@ use std::process::Command;
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// More than all wheels together can hold, from 4 s on for 0.8 s: some 3 m.
+/// A force above the grip of all wheels together, from 4 s on for 0.8 s: it moves the robot by some
+/// 3 m.
 const PUSH: &str = "\n[truth.push]\nforce_n = [0.0, 450.0]\nfrom_s = 4.0\nuntil_s = 4.8\n";
 /// Well below that, and well above the error at the start.
 const LIMIT: &str = "tracking_error_m = 1.0\n";
-/// First tick at which the ramp of the brake is over for sure, counted from the stop.
+/// Tick after the stop at which the ramp of the brake has ended for sure.
 const STANDS_AFTER_TICKS: u64 = 10;
 
 /// A folder for the files of a launch.
@@ -30,7 +31,7 @@ fn circle() -> Result<String, Box<dyn Error>> {
     Ok(fs::read_to_string(repository().join("deploy/scenarios/circle.toml"))?)
 }
 
-/// A robot that is to hold its place, and is pushed away from it.
+/// A robot that holds its place, and is pushed away from it.
 fn pushed() -> Result<String, Box<dyn Error>> {
     let text = circle()?;
     let circle = "path.circle = { radius_m = 2.0, speed_mps = 1.5 }\nheading = \"tangent\"";
@@ -58,17 +59,17 @@ fn launch(
     Launched::by(command, home)
 }
 
-/// Exit code and words of `coxswain ORDER` for the launch.
+/// Exit code and output of `coxswain ORDER` for the launch.
 fn order(launched: &Launched, order: &str) -> Result<(Option<i32>, String), Box<dyn Error>> {
     let output = Command::new(binaries()?.join("coxswain"))
         .arg(order)
         .env("TMPDIR", launched.home())
         .output()?;
-    let said = [output.stdout, output.stderr].concat();
-    Ok((output.status.code(), String::from_utf8_lossy(&said).into_owned()))
+    let text = [output.stdout, output.stderr].concat();
+    Ok((output.status.code(), String::from_utf8_lossy(&text).into_owned()))
 }
 
-/// Ends the launch as a person would. What a person saw, and the record.
+/// Ends the launch as a user would. Returns its output and the record.
 fn end(launched: Launched) -> Result<(String, Record), Box<dyn Error>> {
     signal(launched.pid(), Signal::TERM)?;
     let (ended, home) = launched.end()?;
@@ -79,7 +80,7 @@ fn is_stopped(state: &Message) -> bool {
     state.word("gate") == "stopped"
 }
 
-/// Ticks of the first and the last state that tell of a stop.
+/// Ticks of the first and the last state that report a stop.
 fn stop_of(record: &Record) -> Result<(u64, u64), Box<dyn Error>> {
     let ticks: Vec<u64> = record
         .of("state")

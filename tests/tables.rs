@@ -1,4 +1,5 @@
-//! Promise: a record's tables hold every message of it, to the last digit, with units, and are there whole or not at all.
+//! Promise: a record's tables hold every message of it, to the last digit, with units. They are
+//! written whole or not at all.
 
 use csv::{Reader, StringRecord};
 use promises::{Launched, Outcome, Record, binaries};
@@ -80,7 +81,7 @@ fn tables_read_back_have_a_row_for_every_message_and_its_very_numbers() -> Outco
 }
 
 #[test]
-fn no_table_is_written_into_a_folder_that_is_not_empty_nor_of_what_is_no_record() -> Outcome {
+fn no_table_is_written_into_a_full_folder_or_from_a_file_that_is_no_record() -> Outcome {
     let home = tempfile::tempdir()?;
     let (full, poem, tables) =
         (home.path().join("full"), home.path().join("poem.mcap"), home.path().join("tables"));

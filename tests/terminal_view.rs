@@ -1,4 +1,5 @@
-//! Promise: on a terminal a person sees the robot drive, be lost and come back, and gets the terminal back as it was.
+//! Promise: on a terminal a person sees the robot drive, disconnect and return, and the terminal is
+//! restored afterwards.
 
 use coxswain::dashboard::screen;
 use coxswain::dashboard::view::KEYS;
@@ -14,11 +15,11 @@ use std::time::Duration;
 const SMALL: (u16, u16) = (80, 24);
 const LARGE: (u16, u16) = (200, 60);
 
-/// Says that the captures in `docs/watch.md` are to be made anew.
+/// Variable that makes the test write the captures in `docs/watch.md` anew.
 const CAPTURES: &str = "COXSWAIN_CAPTURES";
-/// From this tick on the captures are taken: what was learned in between is to be seen.
+/// First tick of the captures: the effect of learning must be visible.
 const CAPTURED_FROM: u64 = 150;
-/// Says that a test is the program that panics.
+/// Variable that makes a test the program that panics.
 const PANICS: &str = "COXSWAIN_TEST_PANICS";
 
 /// `coxswain watch ARGUMENTS…` on a terminal, which looks for graphs in the home of `launched`.
@@ -33,26 +34,26 @@ fn command(launched: &Launched, arguments: &[&str]) -> Result<Command, Box<dyn E
     Ok(command)
 }
 
-/// A robot that drives until it is given up, and can be watched.
+/// A robot that drives until the launch ends, and can be watched.
 fn launch() -> Result<Launched, Box<dyn Error>> {
     let launched = Launched::new(&["--duration", "110"])?;
     launched.wait_for_log("gateway", "watchers are welcome", 1)?;
     Ok(launched)
 }
 
-/// The tick that is shown.
+/// The tick on the screen.
 fn tick(shown: &str) -> Option<u64> {
     let (_, rest) = shown.split_once(" s, tick ")?;
     rest.split_whitespace().next()?.parse().ok()
 }
 
-/// How far the whole path goes, as the map says \[m\].
+/// Length of the whole path on the map \[m\].
 fn whole_path(shown: &str) -> Option<f64> {
     let (_, rest) = shown.split_once("whole path, ")?;
     rest.split_whitespace().next()?.parse().ok()
 }
 
-/// What must be on the screen of a robot that drives.
+/// Words on the screen of a robot that drives.
 const DRIVING: [&str; 12] = [
     "mecanum at tcp/127.0.0.1:",
     " live",
@@ -68,10 +69,10 @@ const DRIVING: [&str; 12] = [
     "? help",
 ];
 
-/// Waits until the robot has been driving with a learned model for a while; with the screen.
+/// Waits until the robot has been driving with a learned model for a while. Returns the screen.
 fn see_it_drive(view: &mut Screen) -> Result<String, Box<dyn Error>> {
     view.wait_for(&DRIVING)?;
-    // By their rows: what happened last, in the last line, may be that one of them "is running".
+    // By their rows: the last line, with the last event, may contain that one of them "is running".
     let is_at_work = |shown: &str, who: &str| shown.contains(&format!("{who:<10} running"));
     let shown = view.wait("all processes at work, and a model", |shown| {
         let all = ["plant", "controller", "learner", "recorder", "gateway"]
@@ -86,7 +87,7 @@ fn see_it_drive(view: &mut Screen) -> Result<String, Box<dyn Error>> {
 }
 
 #[test]
-fn a_person_sees_the_robot_drive_at_both_sizes_and_the_keys_do_what_help_says() -> Outcome {
+fn a_person_sees_the_robot_drive_at_both_sizes_and_the_keys_match_the_help() -> Outcome {
     let launched = launch()?;
     let mut view = Screen::start(&command(&launched, &[])?, SMALL)?;
     let small = see_it_drive(&mut view)?;
@@ -139,7 +140,7 @@ fn a_person_sees_the_robot_drive_at_both_sizes_and_the_keys_do_what_help_says() 
     Ok(())
 }
 
-/// Puts the screens in the place of those in `docs/watch.md`, each in the code block below its size.
+/// Replaces the screens in `docs/watch.md`, each in the code block below its size.
 fn capture(small: &str, large: &str) -> Outcome {
     let page = repository().join("docs/watch.md");
     let mut text = fs::read_to_string(&page)?;
@@ -155,7 +156,7 @@ fn capture(small: &str, large: &str) -> Outcome {
 }
 
 #[test]
-fn a_robot_that_goes_is_greyed_and_one_that_comes_back_is_welcomed() -> Outcome {
+fn a_disconnected_robot_is_greyed_and_shown_again_when_it_returns() -> Outcome {
     let launched = launch()?;
     let mut view = Screen::start(&command(&launched, &[])?, SMALL)?;
     view.wait_for(&DRIVING)?;
@@ -174,7 +175,7 @@ fn a_robot_that_goes_is_greyed_and_one_that_comes_back_is_welcomed() -> Outcome 
     signal(gateway, Signal::STOP)?;
     let lost = view.wait_for(&["LOST for ", "waiting for it", "Tracking error", "fresh plan"])?;
     wait_until("a grey picture", || view.with(is_grey))?;
-    // Keys are heard meanwhile.
+    // Keys work meanwhile.
     view.press("?")?;
     view.wait_for(&[" Help "])?;
     view.press("?")?;
@@ -189,7 +190,7 @@ fn a_robot_that_goes_is_greyed_and_one_that_comes_back_is_welcomed() -> Outcome 
 }
 
 #[test]
-fn the_terminal_is_given_back_however_the_view_ends() -> Outcome {
+fn the_terminal_is_restored_after_any_end_of_the_view() -> Outcome {
     let launched = launch()?;
     for way in ["q", "\x1b", "\x03", "INT", "TERM", "HUP"] {
         let mut view = Screen::start(&command(&launched, &[])?, SMALL)?;
@@ -204,7 +205,7 @@ fn the_terminal_is_given_back_however_the_view_ends() -> Outcome {
         assert_eq!(view.end()?.code(), Some(0), "{way:?}: {}", view.text());
         view.wait_until_restored().map_err(|error| format!("{way:?}: {error}"))?;
     }
-    // A terminal that is closed leaves nobody behind.
+    // A closed terminal leaves no process behind.
     let mut view = Screen::start(&command(&launched, &[])?, SMALL)?;
     view.wait_for(&[" live"])?;
     view.unplug();
@@ -214,7 +215,7 @@ fn the_terminal_is_given_back_however_the_view_ends() -> Outcome {
 
 #[test]
 #[expect(clippy::panic, reason = "it is about a panic")]
-fn a_panic_gives_the_terminal_back_and_is_told() -> Outcome {
+fn a_panic_restores_the_terminal_and_is_reported() -> Outcome {
     if env::var_os(PANICS).is_some() {
         let mut screen = screen::Screen::take()?;
         screen.draw(|frame| frame.render_widget("a picture", frame.area()))?;
@@ -222,7 +223,7 @@ fn a_panic_gives_the_terminal_back_and_is_told() -> Outcome {
     }
     let mut command = Command::new(env::current_exe()?);
     command
-        .args(["--exact", "a_panic_gives_the_terminal_back_and_is_told", "--nocapture"])
+        .args(["--exact", "a_panic_restores_the_terminal_and_is_reported", "--nocapture"])
         .env(PANICS, "1")
         .env("RUST_BACKTRACE", "0");
     let mut view = Screen::start(&command, SMALL)?;
@@ -252,7 +253,7 @@ fn no_color_is_respected() -> Outcome {
 }
 
 #[test]
-fn without_a_robot_the_terminal_is_left_alone() -> Outcome {
+fn without_a_robot_the_terminal_is_not_changed() -> Outcome {
     let home = tempfile::tempdir()?;
     for (arguments, kind, code, told) in [
         (&[][..], "xterm", 1, "no graph with a gateway runs on this machine"),

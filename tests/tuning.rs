@@ -1,4 +1,5 @@
-//! Promise: what a person changes while the robot drives is in use whole, soon, and on record; or nothing of it is, and the person knows why.
+//! Promise: a setting changed by a person while the robot drives is soon in use and on record,
+//! whole; or none of it is, and the person gets the reason.
 
 use controller::control::tuning::RULES;
 use controller::reference::Reference;
@@ -17,11 +18,13 @@ use std::process::{Command, Output};
 
 /// Random settings.
 const COUNT: u64 = 1000;
-/// One of so many is said by the program itself; the others by the function that it calls.
+/// One of so many is sent by the program itself; the others by the function that it calls.
 const BY_PROGRAM: u64 = 25;
-/// Most periods up to its effect that are answered after all is built: the one that is under way, and one before whose state there is no time left.
+/// Most periods between the end of its preparation and its effect: the one under way, and one
+/// before whose state there is no time left.
 const WITHIN: usize = 2;
-/// Where nothing else is asked for: what was under way when a plan was made does not count into its horizon.
+/// For tests without other requirements: inputs under way when a plan was made do not count into
+/// its horizon.
 const SCENARIO: [&str; 4] = ["--scenario", "circle", "--duration", "600"];
 
 /// Random numbers; the same ones every time.
@@ -34,7 +37,7 @@ impl Random {
         (self.0 >> 33) % end
     }
 
-    /// From `from` on, evenly on a scale of ratios.
+    /// A number from `from` on, evenly distributed on a logarithmic scale.
     fn ratio(&mut self, from: f64, to: f64) -> f64 {
         from * (to / from).powf(self.below(1001) as f64 / 1000.0)
     }
@@ -66,7 +69,8 @@ impl Random {
             1 => format!("reference.path.square={{ side_m = {size:.3}, speed_mps = {speed:.3} }}"),
             _ => {
                 format!(
-                    "reference.path.figure-eight={{ length_m = {size:.3}, width_m = {:.3}, lap_s = {:.3} }}",
+                    "reference.path.figure-eight=\
+                    {{ length_m = {size:.3}, width_m = {:.3}, lap_s = {:.3} }}",
                     size / 2.0,
                     20.0 / speed
                 )
@@ -75,7 +79,7 @@ impl Random {
         vec![path, format!("reference.heading={}", self.of(&["tangent", "{ fixed-rad = 0.5 }"]))]
     }
 
-    /// A setting, and the key that it must be refused for, if it must.
+    /// A setting, and the key for which it must be refused, if any.
     fn setting(&mut self) -> (Vec<String>, Option<&'static str>) {
         let good = match self.below(8) {
             0 | 1 => vec![self.weight()],
@@ -103,7 +107,7 @@ impl Random {
         if self.below(4) > 0 {
             return (good, None);
         }
-        // The rest of it is good, and must not be applied either.
+        // The rest of it is valid, and must not be applied either.
         let (key, value) = match self.below(8) {
             0 => ("mpc.horizon_steps", "41"),
             1 => ("mpc.weights.position", "-1.0"),
@@ -119,7 +123,7 @@ impl Random {
     }
 }
 
-/// `coxswain set ARGUMENTS…` of the launch whose files are at `home`.
+/// Runs `coxswain set ARGUMENTS…` for the launch whose files are at `home`.
 fn say(home: &Path, arguments: &[&str]) -> Result<Output, Box<dyn Error>> {
     Ok(Command::new(binaries()?.join("coxswain"))
         .arg("set")
@@ -128,7 +132,7 @@ fn say(home: &Path, arguments: &[&str]) -> Result<Output, Box<dyn Error>> {
         .output()?)
 }
 
-/// What was said on the standard error, and the exit code.
+/// The exit code and the standard error.
 fn refusal(home: &Path, arguments: &[&str]) -> Result<(Option<i32>, String), Box<dyn Error>> {
     let output = say(home, arguments)?;
     Ok((output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned()))
@@ -139,7 +143,7 @@ fn base(home: &Path) -> std::path::PathBuf {
     home.join(format!("coxswain-{}", rustix::process::getuid().as_raw()))
 }
 
-/// Ends a launch as a person would, and reads what it has recorded.
+/// Ends a launch as a user would, and reads its record.
 fn end(launched: Launched) -> Result<Record, Box<dyn Error>> {
     signal(launched.pid(), Signal::TERM)?;
     let (ended, home) = launched.end()?;
@@ -147,11 +151,11 @@ fn end(launched: Launched) -> Result<Record, Box<dyn Error>> {
     Ok(Record::read(&home.path().join("run"))?)
 }
 
-/// What the record says of changes, by process and number.
+/// The changes in the record, by process and number.
 fn on_record(record: &Record) -> Result<BTreeMap<(String, u64), Settled>, Box<dyn Error>> {
-    let said =
+    let text =
         record.of("set").map(|message| serde_json::from_value::<Settled>(message.says.clone()));
-    Ok(said
+    Ok(text
         .collect::<Result<Vec<_>, _>>()?
         .into_iter()
         .map(|settled| ((settled.process.clone(), settled.number), settled))
@@ -159,12 +163,12 @@ fn on_record(record: &Record) -> Result<BTreeMap<(String, u64), Settled>, Box<dy
 }
 
 #[test]
-fn each_of_a_thousand_random_settings_is_in_use_within_two_ticks_or_refused_and_the_record_gives_all_of_them_again()
--> Outcome {
+fn each_of_a_thousand_random_settings_is_used_within_two_ticks_or_refused_and_recorded() -> Outcome
+{
     let launched = Launched::new(&SCENARIO)?;
     launched.wait_for_log("controller", "version=2 ", 1)?;
     let (home, run) = (launched.home().to_path_buf(), launched.folder());
-    let told: controller::Settings = read_settings(&run.join("settings/controller.toml"))?;
+    let settings: controller::Settings = read_settings(&run.join("settings/controller.toml"))?;
     let mut random = Random(7);
     let mut refused = 0;
     for number in 0..COUNT {
@@ -198,7 +202,7 @@ fn each_of_a_thousand_random_settings_is_in_use_within_two_ticks_or_refused_and_
             .all(|settled| !settled.request.who.is_empty() && settled.request.asked_unix_nanos > 0)
     );
     let mut ways = BTreeMap::new();
-    let mut in_use = vec![(0, told.clone())];
+    let mut in_use = vec![(0, settings.clone())];
     for settled in settled.values() {
         let Came::Applied { taken_at_tick, ready_at_tick, acts_from_tick, .. } =
             settled.answer.outcome
@@ -206,7 +210,8 @@ fn each_of_a_thousand_random_settings_is_in_use_within_two_ticks_or_refused_and_
             continue;
         };
         *ways.entry(acts_from_tick - taken_at_tick).or_insert(0) += 1;
-        // How long it is built is a matter of the machine; what is built waits for nothing but the end of a period.
+        // The preparation time depends on the machine; a prepared change waits for nothing but the
+        // end of a period.
         let answered = record
             .of("plan")
             .filter(|plan| (ready_at_tick + 1..acts_from_tick).contains(&plan.stamp("tick")));
@@ -227,7 +232,7 @@ fn each_of_a_thousand_random_settings_is_in_use_within_two_ticks_or_refused_and_
     the_plans_are_of_the_settings_that_the_record_gives(&record, &in_use)
 }
 
-/// Every plan has the horizon, and begins at the reference, of the settings that were in use by then.
+/// Every plan has the horizon of the settings in use then, and begins at their reference.
 fn the_plans_are_of_the_settings_that_the_record_gives(
     record: &Record,
     in_use: &[(u64, controller::Settings)],
@@ -240,7 +245,7 @@ fn the_plans_are_of_the_settings_that_the_record_gives(
     let (mut plans, mut horizons) = (0, std::collections::BTreeSet::new());
     for plan in record.of("plan") {
         let tick = plan.stamp("tick");
-        // Of several that act from the same tick on, the last has taken the place of the others.
+        // Of several that act from the same tick on, the last has replaced the others.
         let index = in_use.iter().rposition(|(from, _)| *from <= tick).ok_or("nothing in use")?;
         let (_, settings) = &in_use[index];
         let under_way = plan.count("delay_micros") / 100_000;
@@ -274,7 +279,7 @@ fn the_plans_are_of_the_settings_that_the_record_gives(
 }
 
 #[test]
-fn what_cannot_be_set_is_named_and_what_was_set_stays_as_it_was() -> Outcome {
+fn an_impossible_setting_is_named_and_the_settings_in_use_stay() -> Outcome {
     let launched = Launched::new(&SCENARIO)?;
     launched.wait_for_log("controller", "version=1 ", 1)?;
     let home = launched.home().to_path_buf();
@@ -341,7 +346,7 @@ fn what_cannot_be_set_is_named_and_what_was_set_stays_as_it_was() -> Outcome {
 }
 
 #[test]
-fn where_nothing_drives_nothing_is_set_and_in_lock_step_nothing_can_be() -> Outcome {
+fn without_a_driving_robot_or_in_lock_step_nothing_can_be_set() -> Outcome {
     let launched = Launched::new(&["--pace", "lock-step", "--duration", "10000"])?;
     launched.wait_for_log("controller", "answering a plant", 1)?;
     let (home, run) = (launched.home().to_path_buf(), launched.folder());
@@ -374,7 +379,7 @@ fn where_nothing_drives_nothing_is_set_and_in_lock_step_nothing_can_be() -> Outc
 }
 
 #[test]
-fn of_two_launches_the_one_that_is_named_is_changed() -> Outcome {
+fn of_two_launches_only_the_named_one_is_changed() -> Outcome {
     let first = Launched::new(&SCENARIO)?;
     first.wait_for_log("controller", "answering a plant", 1)?;
     let home = first.home().to_path_buf();
@@ -399,7 +404,7 @@ fn of_two_launches_the_one_that_is_named_is_changed() -> Outcome {
 }
 
 #[test]
-fn a_controller_that_is_started_again_keeps_what_was_set() -> Outcome {
+fn a_restarted_controller_keeps_its_changed_settings() -> Outcome {
     let launched = Launched::new(&SCENARIO)?;
     launched.wait_for_log("controller", "version=1 ", 1)?;
     let home = launched.home().to_path_buf();
@@ -411,7 +416,7 @@ fn a_controller_that_is_started_again_keeps_what_was_set() -> Outcome {
     assert!(say(&home, &["mpc.horizon_steps=11"])?.status.success());
     let pid = launched.process("controller", None)?;
     signal(pid, Signal::KILL)?;
-    // Nobody is there to answer at once.
+    // No process is there to answer at once.
     let output = say(&home, &["mpc.weights.position=12"])?;
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     launched.process("controller", Some(pid))?;

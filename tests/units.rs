@@ -1,4 +1,5 @@
-//! Promise: the units for a real host keep a graph to what it needs, let it have that, and are what systemd understands.
+//! Promise: the units for a real host restrict a graph to what it needs, grant it that, and are
+//! valid for systemd.
 
 use promises::{Outcome, binaries, repository};
 use std::collections::BTreeMap;
@@ -8,17 +9,17 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::process::Command;
 
-/// Units, and under which name each is looked at.
+/// Units, and the name under which each is checked.
 const UNITS: [(&str, &str); 3] = [
     ("coxswain-robot.service", "coxswain-robot.service"),
     ("coxswain-control.service", "coxswain-control.service"),
     ("coxswain@.service", "coxswain@local.service"),
 ];
 
-/// Exposure that `systemd-analyze security` may find at most, in tenths.
+/// Largest exposure that `systemd-analyze security` may report, in tenths.
 const EXPOSURE_MOST: &str = "20";
 
-/// What every unit must say, and why.
+/// Required directives of every unit, and why.
 const SAID: [(&str, &str, &str); 35] = [
     ("Type", "notify", "it is started once every process is ready"),
     ("WatchdogSec", "10", "loops that hang are noticed"),
@@ -61,26 +62,26 @@ const SAID: [(&str, &str, &str); 35] = [
     ("IPAddressAllow", "localhost", "but who is named"),
 ];
 
-/// Never to be said: a real-time priority would be refused.
+/// Forbidden directives: they would refuse a real-time priority.
 const UNSAID: [&str; 3] = ["RestrictRealtime", "DynamicUser", "PrivateNetwork"];
 
 fn folder() -> std::path::PathBuf {
     repository().join("deploy/systemd")
 }
 
-/// What a unit says under each key; a key may be said more than once.
+/// The values of each key in a unit; a key may occur more than once.
 fn directives(text: &str) -> BTreeMap<&str, Vec<&str>> {
-    let mut said: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    let mut values: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for (key, value) in
         text.lines().filter(|line| !line.starts_with('#')).filter_map(|line| line.split_once('='))
     {
-        said.entry(key).or_default().push(value);
+        values.entry(key).or_default().push(value);
     }
-    said
+    values
 }
 
 #[test]
-fn every_unit_says_what_a_host_is_kept_from_and_what_the_graph_needs() -> Outcome {
+fn every_unit_contains_its_restrictions_and_the_needs_of_the_graph() -> Outcome {
     let mut found: Vec<String> = fs::read_dir(folder())?
         .flatten()
         .map(|entry| entry.file_name().to_string_lossy().into_owned())
@@ -90,18 +91,18 @@ fn every_unit_says_what_a_host_is_kept_from_and_what_the_graph_needs() -> Outcom
     assert_eq!(found, ["coxswain-control.service", "coxswain-robot.service", "coxswain@.service"]);
     for (unit, _) in UNITS {
         let text = fs::read_to_string(folder().join(unit))?;
-        let said = directives(&text);
+        let keys = directives(&text);
         for (key, value, why) in SAID {
             assert_eq!(
-                said.get(key).map(Vec::as_slice),
+                keys.get(key).map(Vec::as_slice),
                 Some(&[value][..]),
                 "{unit}: {key} ({why})"
             );
         }
         for key in UNSAID {
-            assert!(!said.contains_key(key), "{unit}: {key}");
+            assert!(!keys.contains_key(key), "{unit}: {key}");
         }
-        let graph = said
+        let graph = keys
             .get("ExecStart")
             .and_then(|starts| starts.first()?.rsplit('/').next())
             .ok_or("it starts nothing")?;
@@ -109,8 +110,9 @@ fn every_unit_says_what_a_host_is_kept_from_and_what_the_graph_needs() -> Outcom
             graph == "%i.toml" || repository().join("deploy/graphs").join(graph).is_file(),
             "{unit} starts {graph}"
         );
-        // The way to a socket in a graph's folder: user ids of up to five digits, a name of eight characters.
-        let runtime = said
+        // The path of a socket in a graph's folder: user ids of up to five digits, a name of eight
+        // characters.
+        let runtime = keys
             .get("RuntimeDirectory")
             .and_then(|names| names.first())
             .ok_or("no runtime folder")?
@@ -118,18 +120,19 @@ fn every_unit_says_what_a_host_is_kept_from_and_what_the_graph_needs() -> Outcom
         let root = format!("/run/{runtime}/coxswain-65534/abcdefgh");
         assert!(root.len() <= 49, "{unit}: {root} is too long for sockets in it");
         let temporary =
-            said.get("Environment").and_then(|values| values.first()).ok_or("no TMPDIR")?;
+            keys.get("Environment").and_then(|values| values.first()).ok_or("no TMPDIR")?;
         assert_eq!(temporary.replace("%i", "local"), format!("TMPDIR=%t/{runtime}"), "{unit}");
     }
     Ok(())
 }
 
-/// Whether systemd can be asked here.
+/// Whether systemd's program is available here.
 fn is_there(program: &str) -> bool {
     Command::new(program).arg("--version").output().is_ok_and(|output| output.status.success())
 }
 
-/// The units under the names that they are looked at by, with the launcher of these tests for the installed one.
+/// The units under the names for the check, with the launcher of these tests in place of the
+/// installed one.
 fn installed(home: &Path) -> Result<Vec<std::path::PathBuf>, Box<dyn Error>> {
     let launcher = binaries()?.join("coxswain");
     let install = |(unit, name): (&str, &str)| {
@@ -143,13 +146,14 @@ fn installed(home: &Path) -> Result<Vec<std::path::PathBuf>, Box<dyn Error>> {
 }
 
 #[test]
-fn systemd_understands_every_unit_and_finds_none_exposed() -> Outcome {
+fn systemd_accepts_every_unit_and_finds_none_exposed() -> Outcome {
     if !is_there("systemd-analyze") {
         // `.ci/run` installs it where it can.
         let names = UNITS.map(|(_, name)| name).join(", ");
         writeln!(
             io::stdout(),
-            "no systemd-analyze: what {names} say is held against a list alone, syntax and exposure were not looked at"
+            "no systemd-analyze: what {names} say is held against a list alone, syntax and \
+            exposure were not looked at"
         )?;
         return Ok(());
     }
@@ -159,16 +163,16 @@ fn systemd_understands_every_unit_and_finds_none_exposed() -> Outcome {
             .args(["security", "--offline=true", "--no-pager", "--threshold", EXPOSURE_MOST])
             .arg(&unit)
             .output()?;
-        let said = String::from_utf8_lossy(&judged.stdout);
+        let report = String::from_utf8_lossy(&judged.stdout);
         assert!(
-            judged.status.success() && said.contains("Overall exposure level"),
-            "{}: {said}",
+            judged.status.success() && report.contains("Overall exposure level"),
+            "{}: {report}",
             unit.display()
         );
         let verified = Command::new("systemd-analyze").arg("verify").arg(&unit).output()?;
-        let said = String::from_utf8_lossy(&verified.stderr);
-        let ours: Vec<&str> = said.lines().filter(|line| line.contains("coxswain")).collect();
-        assert!(verified.status.success() && ours.is_empty(), "{}: {said}", unit.display());
+        let report = String::from_utf8_lossy(&verified.stderr);
+        let ours: Vec<&str> = report.lines().filter(|line| line.contains("coxswain")).collect();
+        assert!(verified.status.success() && ours.is_empty(), "{}: {report}", unit.display());
     }
     Ok(())
 }

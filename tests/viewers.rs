@@ -1,4 +1,5 @@
-//! Promise: a record opens as it is in public viewers: every drawing fits the standard type that its schema names.
+//! Promise: a record opens unchanged in public viewers: every drawing fits the standard type that
+//! its schema names.
 
 use promises::{Launched, Outcome, Record, python, repository, text_of};
 use serde_json::Value;
@@ -11,11 +12,11 @@ fn a_record_opens_with_the_public_reader_and_its_drawings_fit_the_types_of_the_f
     assert!(ended.status.success(), "{}", ended.text);
     let folder = home.path().join("run");
     let script = repository().join("tests/python/viewers.py");
-    let told =
+    let text =
         text_of(Command::new(python()?).arg("-B").arg(script).arg(folder.join("record.mcap")))?;
-    let told: Value = serde_json::from_str(&told)?;
+    let value: Value = serde_json::from_str(&text)?;
     let record = Record::read(&folder)?;
-    let count = |channel: &str| told["counts"][channel].as_u64().unwrap_or_default();
+    let count = |channel: &str| value["counts"][channel].as_u64().unwrap_or_default();
     for (channel, topic) in [
         ("tf", "state"),
         ("pose", "state"),
@@ -33,11 +34,11 @@ fn a_record_opens_with_the_public_reader_and_its_drawings_fit_the_types_of_the_f
         (count("path"), count("horizon") > 100, count("reference") > 100),
         (26, true, true),
         "{}",
-        told["counts"]
+        value["counts"]
     );
 
     let last = record.of("state").next_back().ok_or("no state")?.numbers("pose");
-    let pose = &told["last"]["pose"]["pose"];
+    let pose = &value["last"]["pose"]["pose"];
     for (name, value) in [("x", last[0]), ("y", last[1])] {
         let drawn = pose["position"][name].as_f64().ok_or("no number")?;
         assert!((drawn - value).abs() < 1e-5, "{name}: {drawn} is drawn, {value} was measured");
@@ -46,8 +47,8 @@ fn a_record_opens_with_the_public_reader_and_its_drawings_fit_the_types_of_the_f
         ["z", "w"].map(|name| pose["orientation"][name].as_f64().unwrap_or(f64::NAN));
     assert!((2.0 * sine.atan2(cosine) - last[2]).sin().abs() < 1e-4, "yaw");
     let plan = record.of("plan").next_back().ok_or("no plan")?;
-    assert_eq!(told["last"]["tracking"]["model_version"], plan.says["model_version"]);
+    assert_eq!(value["last"]["tracking"]["model_version"], plan.says["model_version"]);
     let rows = plan.says["predicted"].as_array().map(Vec::len);
-    assert_eq!(told["last"]["horizon"]["poses"].as_array().map(Vec::len), rows);
+    assert_eq!(value["last"]["horizon"]["poses"].as_array().map(Vec::len), rows);
     Ok(())
 }

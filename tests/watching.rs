@@ -1,4 +1,5 @@
-//! Promise: anyone can watch, through losses and returns, and nobody who watches costs the robot anything.
+//! Promise: any number of watchers can watch, through losses and reconnections, at no cost to the
+//! robot.
 
 use promises::{
     Browser, Launched, Outcome, Reader, Record, binaries, python, repository, signal, wait_until,
@@ -14,12 +15,12 @@ fn watch(launched: &Launched, arguments: &[&str]) -> Result<Reader, Box<dyn Erro
     Reader::start(&mut command)
 }
 
-/// The tick of a line.
+/// The tick in a line.
 fn tick(line: &str) -> Option<u64> {
     line.strip_prefix("tick")?.split_whitespace().next()?.parse().ok()
 }
 
-/// Everything that a run commanded.
+/// All commands of a run.
 fn commands(record: &Record) -> Vec<String> {
     record
         .of("command")
@@ -30,7 +31,7 @@ fn commands(record: &Record) -> Vec<String> {
 }
 
 #[test]
-fn a_watcher_sees_every_period_of_a_slow_robot_and_ends_when_asked_to() -> Outcome {
+fn a_watcher_sees_every_period_of_a_slow_robot_and_ends_on_request() -> Outcome {
     let launched = Launched::new(&["--duration", "6"])?;
     launched.wait_for_log("gateway", "watchers are welcome", 1)?;
     let mut watcher = watch(&launched, &[])?;
@@ -53,7 +54,7 @@ fn a_watcher_sees_every_period_of_a_slow_robot_and_ends_when_asked_to() -> Outco
 }
 
 #[test]
-fn a_robot_that_goes_and_comes_back_is_told_once_each() -> Outcome {
+fn a_robot_that_disconnects_and_returns_is_reported_once_each() -> Outcome {
     let launched = Launched::new(&["--duration", "15"])?;
     launched.wait_for_log("gateway", "watchers are welcome", 1)?;
     let mut watcher = watch(&launched, &[])?;
@@ -61,16 +62,16 @@ fn a_robot_that_goes_and_comes_back_is_told_once_each() -> Outcome {
     let gateway = launched.process("gateway", None)?;
     signal(gateway, Signal::STOP)?;
     watcher.wait_for_error("no word from the robot", 1)?;
-    // A stopped one is killed and started again; its watchers find it where it was.
+    // A stopped gateway is killed and restarted; its watchers reconnect at the same address.
     signal(gateway, Signal::KILL)?;
     launched.process("gateway", Some(gateway))?;
     watcher.wait_for_error("is back", 1)?;
     watcher.lines(5)?;
-    let said = watcher.errors();
+    let errors = watcher.errors();
     assert_eq!(
-        (said.matches("no word").count(), said.matches("is back").count()),
+        (errors.matches("no word").count(), errors.matches("is back").count()),
         (1, 1),
-        "{said}"
+        "{errors}"
     );
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
@@ -80,7 +81,7 @@ fn a_robot_that_goes_and_comes_back_is_told_once_each() -> Outcome {
     Ok(())
 }
 
-/// What happens beside a run.
+/// Events beside a run.
 #[derive(Debug, Clone, Copy)]
 enum Beside {
     Nothing,
@@ -97,7 +98,7 @@ enum Beside {
 /// Length of the runs in lock step \[s\].
 const LENGTH_S: f64 = 100.0;
 
-/// Everything that a run in lock step commands while this happens beside it.
+/// All commands of a run in lock step with this event beside it.
 fn commands_beside(beside: Beside) -> Result<Vec<String>, Box<dyn Error>> {
     let looks = matches!(beside, Beside::Browser | Beside::StoppedBrowser | Beside::KilledBrowser);
     let mut browser = if looks { Some(Browser::start()?) } else { None };
@@ -138,7 +139,8 @@ fn commands_beside(beside: Beside) -> Result<Vec<String>, Box<dyn Error>> {
     Ok(commands(&Record::read(&home.path().join("run"))?))
 }
 
-/// Opens the live page of a run that goes on. Returns up to when the browser has seen it \[s\].
+/// Opens the live page of a running launch. Returns the time up to which the browser has seen it
+/// \[s\].
 fn look_on(browser: &mut Browser, launched: &Launched) -> Result<f64, Box<dyn Error>> {
     browser.open(&launched.page_address()?, 1280, 1120)?;
     browser.wait_for("parseFloat(document.getElementById('time').innerText) > 0")?;
@@ -150,7 +152,7 @@ fn look_on(browser: &mut Browser, launched: &Launched) -> Result<f64, Box<dyn Er
     Ok(seen)
 }
 
-/// Says on every key of the gateway what a process of the graph could say there.
+/// Publishes on every key of the gateway what a process of the graph could publish there.
 fn stranger(launched: &Launched) -> Result<Reader, Box<dyn Error>> {
     let mut command = Command::new(python()?);
     command.arg("-B").arg(repository().join("tests/python/stranger.py"));
@@ -159,7 +161,7 @@ fn stranger(launched: &Launched) -> Result<Reader, Box<dyn Error>> {
     )
 }
 
-/// Whatever happens beside a run in lock step, every command is that of a run beside which nothing does.
+/// With any events beside a run in lock step, every command equals that of a run without events.
 fn nothing_changes_beside(others: &[Beside]) -> Outcome {
     let unwatched = commands_beside(Beside::Nothing)?;
     assert_eq!(unwatched.len(), 1001);
@@ -174,20 +176,18 @@ fn nothing_changes_beside(others: &[Beside]) -> Outcome {
 }
 
 #[test]
-fn in_lock_step_no_watcher_no_stranger_and_no_stopped_gateway_holds_anybody_up_or_changes_a_bit()
--> Outcome {
+fn in_lock_step_no_watcher_stranger_or_stopped_gateway_delays_or_changes_a_run() -> Outcome {
     use Beside::{KilledWatcher, StoppedGateway, StoppedWatcher, Stranger, Watcher};
     nothing_changes_beside(&[Watcher, StoppedWatcher, KilledWatcher, StoppedGateway, Stranger])
 }
 
 #[test]
-fn in_lock_step_no_browser_that_looks_on_is_stopped_or_is_killed_holds_anybody_up_or_changes_a_bit()
--> Outcome {
+fn in_lock_step_no_watching_stopped_or_killed_browser_delays_or_changes_a_run() -> Outcome {
     nothing_changes_beside(&[Beside::Browser, Beside::StoppedBrowser, Beside::KilledBrowser])
 }
 
 #[test]
-fn what_cannot_be_watched_is_told_clearly() -> Outcome {
+fn a_failure_to_watch_is_reported_clearly() -> Outcome {
     let home = tempfile::tempdir()?;
     for (arguments, code, told) in [
         (&["--plain"][..], 1, "no graph with a gateway runs on this machine"),

@@ -79,7 +79,7 @@ pub trait Message: Clone + Send + 'static {
 }
 
 /// A message of fixed size, all of whose bytes are data: its memory is its encoding. On the network
-/// it is encoded with serde.
+/// it is its serde serialisation.
 pub trait Fixed: bytemuck::Pod + Send + Serialize + DeserializeOwned {
     /// See [`Message::NAME`].
     const NAME: &'static str;

@@ -7,8 +7,8 @@
 //! hands less from thread to thread, so that a round trip through a router is shorter.
 //!
 //! A link must end when the certificate of its other end expires. If one thread makes a link and
-//! another watches for the expiry, a link made in the last second of a certificate may be missed:
-//! the watch may look for it before it exists. Such a link never ends. zenoh would make a client's
+//! another watches for the expiry, a link made in the last second of a certificate may be missed.
+//! The watch looks for it before it exists, and the link never ends. zenoh would make a client's
 //! first link with the thread that opens the session, so clients are opened here.
 //!
 //! Two limits remain. When a certificate expires, the thread that makes links flushes and closes a

@@ -77,7 +77,7 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, DecodeError> {
     Ok(message)
 }
 
-/// Reads the header alone, and returns the body.
+/// Reads the header alone, and returns it with the body.
 ///
 /// # Errors
 /// [`DecodeError::TooShort`].

@@ -1,4 +1,4 @@
-//! Whatever the bytes are, decoding them either gives the message that was sent or says why not.
+//! For any bytes, decoding either gives the message that was sent or returns the reason.
 
 use bytemuck::Zeroable;
 use proptest::collection::vec;
@@ -24,7 +24,7 @@ fn sealed<T: Message>(mut message: T) -> (T, Vec<u8>) {
     (message, bytes)
 }
 
-/// What `T` decodes from `bytes`, said as bytes again: NaN is equal to itself there.
+/// The message `T` decoded from `bytes`, encoded again: as bytes, NaN is equal to itself.
 fn reread<T: Message>(bytes: &[u8]) -> Result<Vec<u8>, DecodeError> {
     let message = frame::decode::<T>(bytes)?;
     let mut again = vec![0; message.byte_len()];
@@ -32,7 +32,7 @@ fn reread<T: Message>(bytes: &[u8]) -> Result<Vec<u8>, DecodeError> {
     Ok(again)
 }
 
-/// Decodes `bytes` as every message there is.
+/// Decodes `bytes` as each kind of message.
 fn as_every_message(bytes: &[u8]) -> [Result<Vec<u8>, DecodeError>; 8] {
     [
         reread::<PlantState>(bytes),
@@ -55,7 +55,7 @@ fn fixed<T: message::Fixed>(repair: impl Fn(&mut T, u32)) -> impl Strategy<Value
     })
 }
 
-/// What a controller may ask the gate to stop for, or not.
+/// No reason, and the reasons for which a controller may request a stop of the gate.
 const STOPS: [Reason; 3] = [Reason::None, Reason::PositionError, Reason::HeadingError];
 
 fn pick<T: Copy>(all: &[T], choice: u32) -> T {
@@ -92,7 +92,9 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
             command.reserved = 0;
         }),
         fixed::<ResidualSample>(|sample, choice| sample.usable = choice % 2),
-        fixed::<Credit>(|credit, choice| credit.participant = pick(Participant::ALL, choice).code()),
+        fixed::<Credit>(|credit, choice| {
+            credit.participant = pick(Participant::ALL, choice).code();
+        }),
         fixed::<Truth>(|truth, choice| {
             truth.fallback_level = pick(FallbackLevel::ALL, choice).code();
             truth.reason = pick(Reason::ALL, choice).code();
@@ -113,7 +115,7 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
     ]
 }
 
-/// Bytes behind a stamp that is right in every respect, so that they get as far as the message's own checks.
+/// Bytes behind a valid stamp, so that they reach the message's own checks.
 fn lies() -> impl Strategy<Value = Vec<u8>> {
     let kind = prop_oneof![1_u16..=8, Just(99)];
     (kind, vec(any::<u8>(), 0..1200)).prop_map(|(kind, body)| {
@@ -139,14 +141,18 @@ proptest! {
     }
 
     #[test]
-    fn what_gets_past_the_checksum_is_a_message_or_refused(bytes in lies()) {
+    fn bytes_with_a_valid_checksum_are_a_message_or_refused(bytes in lies()) {
         for read in as_every_message(&bytes).into_iter().flatten() {
             prop_assert_eq!(&read, &bytes);
         }
     }
 
     #[test]
-    fn a_flipped_bit_is_noticed(bytes in messages(), place in any::<proptest::sample::Index>(), bit in 0..8_u32) {
+    fn a_flipped_bit_is_noticed(
+        bytes in messages(),
+        place in any::<proptest::sample::Index>(),
+        bit in 0..8_u32,
+    ) {
         let mut bytes = bytes;
         let place = place.index(bytes.len());
         bytes[place] ^= 1 << bit;
@@ -154,7 +160,11 @@ proptest! {
     }
 
     #[test]
-    fn a_message_cut_short_or_drawn_out_is_noticed(bytes in messages(), length in any::<proptest::sample::Index>(), more in 1..64_usize) {
+    fn a_message_cut_short_or_drawn_out_is_noticed(
+        bytes in messages(),
+        length in any::<proptest::sample::Index>(),
+        more in 1..64_usize,
+    ) {
         let cut = bytes.get(..length.index(bytes.len())).unwrap_or_default();
         prop_assert!(as_every_message(cut).iter().all(Result::is_err));
         let mut drawn_out = bytes;

@@ -1,4 +1,5 @@
-//! Promise: faults are injected as the settings say, and a reader of what is left is never fooled.
+//! Promise: faults are injected as the settings specify, and a reader never accepts a damaged
+//! message as valid.
 
 use bytemuck::Zeroable;
 use protocol::message::{Command, Participant, PlantState};
@@ -36,7 +37,7 @@ fn faults(fault: Vec<Fault>) -> Faults {
     Faults { seed: 7, process: Some(Participant::Plant), fault }
 }
 
-/// A link with a fault on it.
+/// A link with an injected fault.
 struct Link {
     ports: Ports,
     sink: Sink<Command>,
@@ -72,7 +73,8 @@ impl Link {
     }
 }
 
-/// What comes of ticks 0 to 14 with one fault in ticks 5 to 9: the ticks received, the counts, and how often it was injected.
+/// Sends ticks 0 to 14, with one fault in ticks 5 to 9. Returns the ticks received, the counts, and
+/// how often the fault was injected.
 fn run(fault: Fault) -> Result<(Vec<Command>, Tally, u64), Box<dyn Error>> {
     let mut link = Link::new(false, &faults(vec![fault]))?;
     for tick in 0..15 {
@@ -116,7 +118,7 @@ fn duplicates_and_replays_are_stale_and_change_nothing() -> Outcome {
 }
 
 #[test]
-fn what_comes_behind_later_ones_is_stale_and_was_counted_as_lost() -> Outcome {
+fn a_message_behind_later_ones_is_stale_and_was_counted_as_lost() -> Outcome {
     for at in BOTH {
         let (received, tally, injected) = run(fault(at, Kind::Reorder))?;
         assert_eq!(
@@ -127,7 +129,8 @@ fn what_comes_behind_later_ones_is_stale_and_was_counted_as_lost() -> Outcome {
         assert_eq!((tally, injected), (Tally { received: 12, lost: 3, refused: 0, stale: 3 }, 3));
         let (received, tally, injected) =
             run(Fault { messages: Some(2), ..fault(at, Kind::Delay) })?;
-        // All of the window are held equally long, and so keep their order, until the first behind the window overtakes them.
+        // All messages of the window are held equally long and so keep their order, until the first
+        // message behind the window overtakes them.
         assert_eq!(ticks(&received), [0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14]);
         assert_eq!((tally, injected), (Tally { received: 13, lost: 2, refused: 0, stale: 2 }, 5));
         let (received, tally, injected) =
@@ -233,7 +236,7 @@ fn a_flipped_field_has_the_other_sign_and_an_outlier_is_off_by_no_more_than_was_
 }
 
 #[test]
-fn a_delayed_message_comes_when_its_time_is_over_even_if_nobody_says_anything_more() -> Outcome {
+fn a_delayed_message_arrives_after_its_delay_even_without_further_messages() -> Outcome {
     for kind in [Kind::Delay, Kind::Jitter] {
         let mut link = Link::new(
             false,
@@ -254,7 +257,7 @@ fn a_delayed_message_comes_when_its_time_is_over_even_if_nobody_says_anything_mo
 }
 
 #[test]
-fn a_writer_lets_out_what_it_delayed_when_it_next_has_something_to_do() -> Outcome {
+fn a_writer_releases_delayed_messages_with_its_next_message() -> Outcome {
     let mut link = Link::new(
         false,
         &faults(vec![Fault { millis: Some(1), ..fault(End::Writer, Kind::Delay) }]),

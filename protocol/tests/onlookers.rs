@@ -1,4 +1,4 @@
-//! In lock step a link loses nothing for its members, and nobody waits for one who only looks on.
+//! In lock step a link loses nothing for its members, and no writer waits for a watcher.
 
 use bytemuck::Zeroable;
 use protocol::message::PlantState;
@@ -11,7 +11,7 @@ type Outcome = Result<(), Box<dyn Error>>;
 
 const PATIENCE: Duration = Duration::from_millis(200);
 
-/// Runs `promise` on every carrier that has onlookers, in lock step.
+/// Runs `promise` on every carrier that supports watchers, in lock step.
 fn on_each(promise: impl Fn(&dyn Fn() -> Result<Ports, OpenError>) -> Outcome) -> Outcome {
     let exchange = Exchange::new(true, PATIENCE);
     promise(&|| Ok(Ports::in_memory(&exchange, Identity::new(1))))?;
@@ -36,28 +36,28 @@ fn ticks(source: &mut Source<PlantState>) -> Result<Vec<u64>, Box<dyn Error>> {
 }
 
 #[test]
-fn an_onlooker_that_does_not_read_holds_nobody_up_and_then_sees_the_newest() -> Outcome {
+fn a_watcher_that_does_not_read_delays_no_process_and_then_sees_the_newest() -> Outcome {
     on_each(|open| {
         let (plant, controller, gateway) = (open()?, open()?, open()?);
         let mut member = controller.source::<PlantState>(Since::First)?;
         let mut onlooker = gateway.watcher::<PlantState>()?;
         let mut sink = plant.sink::<PlantState>()?;
         let many = 3 * Topic::State.quality(true).depth as u64;
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         for tick in 0..many {
             let mut state = PlantState::zeroed();
             state.stamp.tick = tick;
             sink.send(&mut state)?;
-            heard.append(&mut ticks(&mut member)?);
+            received.append(&mut ticks(&mut member)?);
         }
-        assert_eq!(heard, (0..many).collect::<Vec<_>>(), "the member has lost something");
+        assert_eq!(received, (0..many).collect::<Vec<_>>(), "the member has lost something");
         assert_eq!(onlooker.latest()?.map(|state| state.stamp.tick), Some(many - 1));
         Ok(())
     })
 }
 
 #[test]
-fn a_late_onlooker_sees_the_last_message() -> Outcome {
+fn a_late_watcher_sees_the_last_message() -> Outcome {
     on_each(|open| {
         let (plant, gateway) = (open()?, open()?);
         let mut sink = plant.sink::<PlantState>()?;

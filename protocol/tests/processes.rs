@@ -1,6 +1,7 @@
 //! Separate processes on shared memory and over the network, some of which are killed or stopped.
 //!
-//! Each test starts this very binary again as its children; they do what `CHILD_ROLE` says and are killed in the end.
+//! Each test starts this binary again as its children. They act as `CHILD_ROLE` specifies, and are
+//! killed in the end.
 
 #[path = "said/commands.rs"]
 mod commands;
@@ -27,7 +28,7 @@ type Outcome = Result<(), Box<dyn Error>>;
 
 const PATIENCE: Duration = Duration::from_millis(300);
 
-/// A graph whose links children can join, removed in the end with all that they left.
+/// A graph whose links children can join. It is removed in the end with all its remains.
 struct Graph {
     links: Links,
     router: Option<Router>,
@@ -59,7 +60,7 @@ impl Graph {
         Ok(Ports::open(&self.links, Identity::new(1))?)
     }
 
-    /// Starts a child, which is killed when it goes out of sight.
+    /// Starts a child, which is killed when the returned value is dropped.
     fn start(&self, role: &str, epoch: u64) -> Result<Killed, Box<dyn Error>> {
         let child = std::process::Command::new(env::current_exe()?)
             .args(["--exact", "child"])
@@ -74,7 +75,7 @@ impl Graph {
         Ok(Killed { child })
     }
 
-    /// What the graph has left in the file system.
+    /// Files that the graph has left in the file system.
     fn remains(&self) -> Result<Vec<PathBuf>, Box<dyn Error>> {
         let prefix = format!("cx.{}.", self.links.graph);
         let mut remains: Vec<PathBuf> =
@@ -91,7 +92,7 @@ impl Graph {
 
 impl Drop for Graph {
     fn drop(&mut self) {
-        // A test that fails shall not leave more behind than its message.
+        // A failed test must leave no remains beside its message.
         let _ = sweep(&self.links);
     }
 }
@@ -123,7 +124,7 @@ fn links(graph: String, lock_step: bool, root: PathBuf) -> Links {
     Links::on_this_machine(graph, root, lock_step, PATIENCE.as_millis() as u64)
 }
 
-/// Not a test, but what the children do.
+/// Not a test, but the program of the children.
 #[test]
 fn child() -> Outcome {
     let Ok(role) = env::var("CHILD_ROLE") else {
@@ -180,13 +181,13 @@ fn a_killed_writer_is_replaced_by_its_successor_over_the_network() -> Outcome {
 
 fn replace_killed_writers(graph: &Graph) -> Outcome {
     let mut commands = graph.ports()?.source::<Command>(Since::Joining)?;
-    // More lives than the topic has places for writers.
+    // More instances than the topic has places for writers.
     for epoch in 1..=7 {
         let writer = graph.start("commands", epoch)?;
-        let heard = until(&mut commands, |command| {
+        let received = until(&mut commands, |command| {
             command.stamp.epoch == epoch && command.stamp.tick >= 5
         })?;
-        assert_eq!(heard.stamp.sequence, heard.stamp.tick, "its sequence started at 1");
+        assert_eq!(received.stamp.sequence, received.stamp.tick, "its sequence started at 1");
         writer.kill()?;
     }
     assert_eq!(commands.tally().refused, 0);
@@ -207,7 +208,7 @@ fn replace_killed_readers(graph: &Graph) -> Outcome {
     let ports = graph.ports()?;
     let mut credits = ports.source::<Credit>(Since::Joining)?;
     let mut commands = ports.sink::<Command>()?;
-    // More lives than the topic has places for readers.
+    // More instances than the topic has places for readers.
     for tick in 1..=9 {
         let reader = graph.start("credits", tick)?;
         until(&mut credits, |credit| credit.stamp.epoch == tick)?;
@@ -219,7 +220,7 @@ fn replace_killed_readers(graph: &Graph) -> Outcome {
 }
 
 #[test]
-fn a_killed_reader_holds_a_lossless_writer_up_no_longer_than_its_patience() -> Outcome {
+fn a_killed_reader_delays_a_lossless_writer_no_longer_than_its_patience() -> Outcome {
     let graph = Graph::new(true)?;
     let ports = graph.ports()?;
     let mut credits = ports.source::<Credit>(Since::Joining)?;
@@ -249,9 +250,10 @@ fn a_killed_reader_holds_a_lossless_writer_up_no_longer_than_its_patience() -> O
     Ok(())
 }
 
-/// The network says by itself that the reader is gone, unless the writer fills the reader's room before.
+/// The network reports by itself that the reader is gone, unless the writer fills the reader's room
+/// before.
 #[test]
-fn a_killed_reader_holds_a_lossless_writer_up_once_at_most_over_the_network() -> Outcome {
+fn a_killed_reader_delays_a_lossless_writer_once_at_most_over_the_network() -> Outcome {
     let graph = Graph::on_network(true)?;
     let ports = graph.ports()?;
     let mut credits = ports.source::<Credit>(Since::Joining)?;
@@ -280,16 +282,16 @@ fn a_link_that_was_cut_is_taken_up_again() -> Outcome {
     let mut credits = graph.ports()?.source::<Credit>(Since::Joining)?;
     let _reader = graph.start("credits", 1)?;
     let _writer = graph.start("commands", 1)?;
-    let mut heard = until(&mut credits, |credit| credit.through_tick > 0)?;
+    let mut received = until(&mut credits, |credit| credit.through_tick > 0)?;
     for _ in 0..3 {
         let endpoints = graph.links.connect.clone();
         drop(graph.router.take());
-        // Nothing arrives without the router.
+        // No message arrives without the router.
         while credits.wait(PATIENCE)? {
             while credits.next()?.is_some() {}
         }
         graph.router = Some(Router::open(&endpoints, &[])?);
-        heard = until(&mut credits, |credit| credit.through_tick > heard.through_tick)?;
+        received = until(&mut credits, |credit| credit.through_tick > received.through_tick)?;
     }
     Ok(())
 }
@@ -332,7 +334,7 @@ fn a_stopped_reader_does_not_stop_the_control_path() -> Outcome {
 }
 
 #[test]
-fn a_sweep_leaves_nothing_of_the_dead() -> Outcome {
+fn a_sweep_removes_everything_of_dead_processes() -> Outcome {
     let graph = Graph::new(false)?;
     let (writer, reader) = (graph.start("commands", 1)?, graph.start("credits", 1)?);
     {
@@ -351,7 +353,7 @@ fn a_sweep_leaves_nothing_of_the_dead() -> Outcome {
 }
 
 #[test]
-fn a_sweep_spares_the_living() -> Outcome {
+fn a_sweep_spares_living_processes() -> Outcome {
     let graph = Graph::new(false)?;
     let (writer, doomed) = (graph.start("commands", 1)?, graph.start("commands", 2)?);
     {

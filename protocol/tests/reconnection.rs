@@ -1,4 +1,4 @@
-//! Clients of a router that goes and comes back, and routers that are joined, find each other again whatever the moment.
+//! Clients of a router that goes and returns, and routers that are joined, reconnect at any moment.
 
 #[path = "said/commands.rs"]
 mod commands;
@@ -19,15 +19,16 @@ use std::time::{Duration, Instant};
 
 type Outcome = Result<(), Box<dyn Error>>;
 
-/// Far longer than the way back takes on any test machine.
+/// Far longer than reconnecting takes on any test machine.
 const GIVES_UP_AFTER: Duration = Duration::from_mins(1);
 const SOON: Duration = Duration::from_millis(20);
 /// How long a lossless writer waits for room.
 const PATIENCE: Duration = Duration::from_millis(300);
 
-/// Routers that follow each other.
+/// Number of routers in sequence.
 const REPLACEMENTS: u32 = 10;
-/// Longest time without a router \[ms\]: longer and shorter than zenoh takes to work out new routes.
+/// Longest time without a router \[ms\]: the times are longer and shorter than zenoh takes to
+/// compute new routes.
 const GAP_MILLIS_MAX: u64 = 300;
 
 fn any_port() -> [String; 1] {
@@ -50,7 +51,7 @@ fn ports(endpoint: &str, lock_step: bool) -> Result<Ports, Box<dyn Error>> {
     )?)
 }
 
-/// Two clients, one of which talks to the other.
+/// Two clients, one of which sends to the other.
 struct Pair {
     sink: Sink<Credit>,
     source: Source<Credit>,
@@ -65,7 +66,7 @@ impl Pair {
         Ok(pair)
     }
 
-    /// Talks until something that is said from now on is heard.
+    /// Sends until a message sent from now on is received.
     fn talks(&mut self) -> Outcome {
         let (begin, before) = (Instant::now(), self.said);
         while begin.elapsed() < GIVES_UP_AFTER {
@@ -91,7 +92,8 @@ impl Times {
     }
 }
 
-/// Replaces `router` again and again. Of so many one is given time to be found.
+/// Replaces `router` many times. Once in `found` replacements, the clients get the time to find the
+/// new router.
 fn replace(mut router: Router, pair: &mut Pair, found: u32) -> Outcome {
     let (endpoints, mut times) = (router.endpoints().to_vec(), Times(7));
     for round in 0..REPLACEMENTS {
@@ -108,14 +110,14 @@ fn replace(mut router: Router, pair: &mut Pair, found: u32) -> Outcome {
 }
 
 #[test]
-fn clients_talk_again_after_each_of_many_replacements_of_their_router() -> Outcome {
+fn clients_communicate_again_after_each_of_many_replacements_of_their_router() -> Outcome {
     let router = Router::open(&any_port(), &[])?;
     let mut pair = Pair::new(first(&router)?, first(&router)?)?;
     replace(router, &mut pair, 2)
 }
 
 #[test]
-fn clients_of_joined_routers_talk_again_after_each_of_many_replacements_of_one() -> Outcome {
+fn clients_of_joined_routers_communicate_again_after_each_of_many_replacements_of_one() -> Outcome {
     let near = Router::open(&any_port(), &[])?;
     let far = Router::open(&any_port(), near.endpoints())?;
     let mut pair = Pair::new(first(&near)?, first(&far)?)?;
@@ -131,7 +133,7 @@ fn a_client_whose_router_hangs_up_on_it_as_it_connects_talks_again() -> Outcome 
 }
 
 #[test]
-fn clients_of_joined_routers_talk_again_after_cuts_however_short() -> Outcome {
+fn clients_of_joined_routers_communicate_again_after_cuts_however_short() -> Outcome {
     let near = Router::open(&any_port(), &[])?;
     let relay = Relay::before(first(&near)?)?;
     let far = Router::open(&any_port(), slice::from_ref(&relay.endpoint))?;
@@ -140,7 +142,7 @@ fn clients_of_joined_routers_talk_again_after_cuts_however_short() -> Outcome {
 }
 
 #[test]
-fn who_was_cut_off_gets_the_last_snapshot_once_the_link_is_back() -> Outcome {
+fn a_reader_that_was_cut_off_gets_the_last_snapshot_once_the_link_is_back() -> Outcome {
     let router = Router::open(&any_port(), &[])?;
     let endpoints = router.endpoints().to_vec();
     let mut credits = ports(first(&router)?, false)?.source::<Credit>(Since::Joining)?;
@@ -156,7 +158,7 @@ fn who_was_cut_off_gets_the_last_snapshot_once_the_link_is_back() -> Outcome {
 }
 
 #[test]
-fn what_was_sent_during_a_cut_is_not_lost_in_lock_step() -> Outcome {
+fn messages_sent_during_a_cut_are_not_lost_in_lock_step() -> Outcome {
     let mut router = Router::open(&any_port(), &[])?;
     let endpoints = router.endpoints().to_vec();
     let mut commands = ports(first(&router)?, true)?.source::<Command>(Since::First)?;
@@ -176,37 +178,38 @@ fn what_was_sent_during_a_cut_is_not_lost_in_lock_step() -> Outcome {
 }
 
 #[test]
-fn what_is_said_while_the_link_comes_back_is_not_lost_in_lock_step() -> Outcome {
+fn messages_sent_while_the_link_reconnects_are_not_lost_in_lock_step() -> Outcome {
     let mut router = Router::open(&any_port(), &[])?;
     let endpoints = router.endpoints().to_vec();
     let mut commands = ports(first(&router)?, true)?.source::<Command>(Since::First)?;
     let mut sink = ports(first(&router)?, true)?.sink::<Command>()?;
-    let mut said = 1;
-    sink.send(&mut command(said))?;
-    until(&mut commands, |command| command.stamp.tick == said)?;
+    let mut sent = 1;
+    sink.send(&mut command(sent))?;
+    until(&mut commands, |command| command.stamp.tick == sent)?;
     for _ in 0..5 {
         drop(router);
         router = Router::open(&endpoints, &[])?;
-        // Until something is heard that was said after the cut, and on; but no more than the link remembers.
-        let before = said;
-        let mut heard = before;
+        // Sends until a message sent after the cut is received, and beyond; but no more than the
+        // link remembers.
+        let before = sent;
+        let mut received = before;
         for _ in 0..Topic::Command.quality(true).depth - 6 {
-            said += 1;
-            sink.send(&mut command(said))?;
-            commands.wait(Duration::from_millis(if heard > before { 0 } else { 5 }))?;
+            sent += 1;
+            sink.send(&mut command(sent))?;
+            commands.wait(Duration::from_millis(if received > before { 0 } else { 5 }))?;
             while let Some(command) = commands.next()? {
-                heard = command.stamp.tick;
+                received = command.stamp.tick;
             }
         }
-        if heard < said {
-            until(&mut commands, |command| command.stamp.tick == said)?;
+        if received < sent {
+            until(&mut commands, |command| command.stamp.tick == sent)?;
         }
     }
-    assert_eq!((commands.tally().received, commands.tally().lost), (said, 0));
+    assert_eq!((commands.tally().received, commands.tally().lost), (sent, 0));
     Ok(())
 }
 
-/// A relay before a router. It can hang up.
+/// A relay before a router. It can close connections.
 struct Relay {
     endpoint: String,
     shared: Arc<Shared>,
@@ -214,14 +217,14 @@ struct Relay {
 
 #[derive(Default)]
 struct Shared {
-    /// Connections that are still to be hung up on as soon as the router has accepted them.
+    /// Connections that are still to be closed as soon as the router has accepted them.
     hang_ups: AtomicU32,
-    /// Connections that were made before it was raised are cut.
+    /// Connections made before it was incremented are cut.
     cuts: AtomicU32,
     closed: AtomicBool,
 }
 
-/// What a router says until it has accepted a connection.
+/// Messages that a router sends until it has accepted a connection.
 const HANDSHAKE: u32 = 2;
 
 impl Relay {
@@ -241,10 +244,10 @@ impl Relay {
                     .hang_ups
                     .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1))
                     .is_ok();
-                let heard = if hangs_up { HANDSHAKE } else { u32::MAX };
+                let forwarded = if hangs_up { HANDSHAKE } else { u32::MAX };
                 let cuts = shared.cuts.load(Ordering::Relaxed);
                 for (from, to, most) in
-                    [(near.try_clone(), far.try_clone(), u32::MAX), (Ok(far), Ok(near), heard)]
+                    [(near.try_clone(), far.try_clone(), u32::MAX), (Ok(far), Ok(near), forwarded)]
                 {
                     if let (Ok(from), Ok(to)) = (from, to) {
                         let shared = Arc::clone(&shared);
@@ -258,12 +261,13 @@ impl Relay {
         Ok(relay)
     }
 
-    /// Cuts the connection again and again, and each time hangs up on so many of those that follow at once.
+    /// Cuts the connection again and again. Each time it closes a number of the following
+    /// connections at once.
     fn interrupt(&self, pair: &mut Pair, hang_ups: [u32; 4]) -> Outcome {
         for hang_ups in hang_ups {
             self.shared.hang_ups.store(hang_ups, Ordering::Relaxed);
             self.shared.cuts.fetch_add(1, Ordering::Relaxed);
-            // Until the cut is felt.
+            // Until the cut is noticed.
             thread::sleep(SOON);
             pair.talks().map_err(|error| format!("{hang_ups} hang-ups: {error}"))?;
         }
@@ -280,7 +284,7 @@ impl Drop for Relay {
     }
 }
 
-/// Carries `most` pieces until it is cut.
+/// Forwards at most `most` pieces until it is cut.
 fn carry(mut from: TcpStream, mut to: TcpStream, most: u32, is_cut: impl Fn() -> bool) {
     let mut bytes = vec![0; 64 * 1024];
     let _ = from.set_read_timeout(Some(SOON / 10));

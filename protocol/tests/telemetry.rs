@@ -1,4 +1,5 @@
-//! Telemetry is for looking: whoever connects sees the robot, and nobody can touch it or deceive others.
+//! Telemetry is read-only: every connected client sees the robot, and no client can affect it or
+//! send false data to others.
 
 use bytemuck::Zeroable;
 use protocol::VERSION;
@@ -38,7 +39,7 @@ fn state(tick: u64) -> PlantState {
     state
 }
 
-/// Any zenoh client, as a person would write it.
+/// A plain zenoh client, as a user would write it.
 fn stranger(endpoint: &str) -> Result<Session, Box<dyn Error>> {
     let mut config = Config::default();
     for (key, value) in [
@@ -51,7 +52,7 @@ fn stranger(endpoint: &str) -> Result<Session, Box<dyn Error>> {
     Ok(zenoh::open(config).wait().map_err(|error| error.to_string())?)
 }
 
-/// Publishes states of rising ticks until `done` gives something.
+/// Publishes states of rising ticks until `done` returns a value.
 fn publish_until<V>(
     publisher: &mut Publisher,
     mut done: impl FnMut() -> Option<V>,
@@ -79,14 +80,14 @@ fn any_client_can_read_a_message_as_json() -> Outcome {
         .map_err(|error| error.to_string())?;
     let sample = publish_until(&mut publisher, || states.recv_timeout(SOON).ok().flatten())?;
     assert_eq!(sample.key_expr().as_str(), "coxswain/test/state/json");
-    let said: Value = serde_json::from_slice(&sample.payload().to_bytes())?;
-    let tick = said["stamp"]["tick"].as_u64().ok_or("no tick")?;
-    assert_eq!(said, serde_json::to_value(View(&state(tick)))?);
+    let value: Value = serde_json::from_slice(&sample.payload().to_bytes())?;
+    let tick = value["stamp"]["tick"].as_u64().ok_or("no tick")?;
+    assert_eq!(value, serde_json::to_value(View(&state(tick)))?);
     Ok(())
 }
 
 #[test]
-fn a_watcher_hears_states_and_plans_as_they_were_said() -> Outcome {
+fn a_watcher_receives_states_and_plans_as_they_were_published() -> Outcome {
     let mut publisher = publisher()?;
     let mut watcher = Watcher::open(&endpoint(&publisher)?, Some("test"))?;
     let mut plan = Plan::zeroed();
@@ -107,7 +108,7 @@ fn a_watcher_hears_states_and_plans_as_they_were_said() -> Outcome {
 }
 
 #[test]
-fn what_a_stranger_puts_reaches_no_watcher() -> Outcome {
+fn a_value_put_by_a_stranger_reaches_no_watcher() -> Outcome {
     let mut publisher = publisher()?;
     let endpoint = endpoint(&publisher)?;
     let (forger, witness) = (stranger(&endpoint)?, stranger(&endpoint)?);
@@ -151,8 +152,8 @@ fn two_gateways_that_take_any_port_do_not_fight_and_a_taken_one_is_refused() -> 
 }
 
 #[test]
-fn where_nobody_answers_the_watcher_is_told_so() -> Outcome {
-    // Listens, but never says a word.
+fn a_watcher_without_a_gateway_gets_an_error() -> Outcome {
+    // It listens, but never answers.
     let deaf = TcpListener::bind("127.0.0.1:0")?;
     let endpoint = format!("tcp/{}", deaf.local_addr()?);
     assert!(matches!(Watcher::open(&endpoint, None), Err(TelemetryError::Connect { .. })));
@@ -165,7 +166,7 @@ fn where_nobody_answers_the_watcher_is_told_so() -> Outcome {
 }
 
 #[test]
-fn a_gateway_that_goes_is_noticed() -> Outcome {
+fn a_gateway_that_ends_is_noticed() -> Outcome {
     let publisher = publisher()?;
     let watcher = Watcher::open(&endpoint(&publisher)?, None)?;
     assert!(watcher.is_connected());

@@ -1,7 +1,8 @@
-//! The bytes in `vectors/` are those of the network encoding: what another language is to be tested against.
+//! The bytes in `vectors/` are those of the network encoding: test vectors for implementations in
+//! other languages.
 //!
-//! `cargo test --workspace --test vectors -- --ignored` writes them anew, and the seeds of the fuzzer that
-//! are made of them. A difference is a change of the protocol.
+//! `cargo test --workspace --test vectors -- --ignored` writes them anew, and the seeds of the
+//! fuzzer that are made of them. A difference is a change of the protocol.
 
 use bytemuck::Zeroable;
 use protocol::message::{
@@ -37,14 +38,14 @@ struct Vector<T> {
 /// Inputs, targets, noise scale, weights.
 type Row = (Vec<f64>, [f64; 3], f64, [f64; 3]);
 
-/// A snapshot as it is said in JSON.
+/// A snapshot in its JSON form.
 #[derive(Serialize, Deserialize, Clone)]
 struct Snapshot {
     head: SnapshotHead,
     rows: Vec<Row>,
 }
 
-/// A message whose fields can be said in JSON.
+/// A message whose fields can be written in JSON.
 trait Said: Message + PartialEq + std::fmt::Debug {
     type Fields: Serialize + DeserializeOwned;
 
@@ -52,7 +53,7 @@ trait Said: Message + PartialEq + std::fmt::Debug {
 
     fn of(fields: Self::Fields) -> Self;
 
-    /// Each with a name.
+    /// Examples, each with a name.
     fn examples() -> Vec<(&'static str, Self)>;
 }
 
@@ -123,7 +124,14 @@ said_as_it_is! {
             ..PlantState::zeroed()
         }),
         ("before the first command", PlantState {
-            stamp: Stamp { writer: 7, epoch: 1, sequence: 1, tick: 0, sent_nanos: 1, ..Stamp::default() },
+            stamp: Stamp {
+                writer: 7,
+                epoch: 1,
+                sequence: 1,
+                tick: 0,
+                sent_nanos: 1,
+                ..Stamp::default()
+            },
             fallback_level: FallbackLevel::Waiting.code(),
             reason: Reason::NoCommandYet.code(),
             wheels: 4,
@@ -156,7 +164,11 @@ said_as_it_is! {
             fallback_level: FallbackLevel::FreshPlan.code(),
             ..Command::zeroed()
         }),
-        ("without a tail", Command { stamp: typical(), fallback_level: FallbackLevel::Brake.code(), ..Command::zeroed() }),
+        ("without a tail", Command {
+            stamp: typical(),
+            fallback_level: FallbackLevel::Brake.code(),
+            ..Command::zeroed()
+        }),
         ("extreme", Command {
             stamp: extreme(),
             plant_epoch: u64::MAX,
@@ -182,11 +194,26 @@ said_as_it_is! {
             usable: 1,
             reserved: 0,
         }),
-        ("extreme", ResidualSample { stamp: extreme(), fingerprint: u64::MAX, residual: EDGES, ..ResidualSample::zeroed() }),
+        ("extreme", ResidualSample {
+            stamp: extreme(),
+            fingerprint: u64::MAX,
+            residual: EDGES,
+            ..ResidualSample::zeroed()
+        }),
     ],
     Credit: vec![
-        ("typical", Credit { stamp: typical(), through_tick: 1064, participant: Participant::Recorder.code(), reserved: 0 }),
-        ("extreme", Credit { stamp: extreme(), through_tick: u64::MAX, participant: Participant::Gateway.code(), reserved: 0 }),
+        ("typical", Credit {
+            stamp: typical(),
+            through_tick: 1064,
+            participant: Participant::Recorder.code(),
+            reserved: 0,
+        }),
+        ("extreme", Credit {
+            stamp: extreme(),
+            through_tick: u64::MAX,
+            participant: Participant::Gateway.code(),
+            reserved: 0,
+        }),
     ],
     Truth: vec![
         ("typical", Truth {
@@ -205,7 +232,12 @@ said_as_it_is! {
             fallback_level: FallbackLevel::StoredTail.code(),
             reason: Reason::Missing.code(),
         }),
-        ("extreme", Truth { stamp: extreme(), force: EDGES, acting_tick: u64::MAX, ..Truth::zeroed() }),
+        ("extreme", Truth {
+            stamp: extreme(),
+            force: EDGES,
+            acting_tick: u64::MAX,
+            ..Truth::zeroed()
+        }),
     ],
     Plan: vec![
         ("typical", {
@@ -270,7 +302,12 @@ said_as_it_is! {
             health
         }),
         ("extreme", {
-            let mut health = Health { stamp: extreme(), pid: u32::MAX, lost: [u64::MAX; 8], ..Health::zeroed() };
+            let mut health = Health {
+                stamp: extreme(),
+                pid: u32::MAX,
+                lost: [u64::MAX; 8],
+                ..Health::zeroed()
+            };
             health.set_last_error(&"x".repeat(120));
             health
         }),
@@ -336,7 +373,7 @@ fn path<T: Message>() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("vectors").join(format!("{}.json", T::NAME))
 }
 
-/// As a sink leaves it, and its bytes in hexadecimal.
+/// The message as a sink leaves it, and its bytes in hexadecimal.
 fn encoded<T: Said>(mut message: T) -> (T, String) {
     (message.stamp_mut().version, message.stamp_mut().kind) = (VERSION, T::KIND);
     let mut bytes = Vec::new();
@@ -430,7 +467,7 @@ fn write_vectors() -> Outcome {
 }
 
 #[test]
-fn the_page_speaks_of_this_version() {
+fn the_wire_document_is_of_this_version() {
     let (page, version) = (include_str!("../WIRE.md"), VERSION);
     for said in [
         format!("u16: {version}."),

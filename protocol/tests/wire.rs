@@ -1,4 +1,5 @@
-//! Whatever the network brings, decoding it either gives the message that was sent or says why not.
+//! For any bytes from the network, decoding either gives the message that was sent or returns the
+//! reason.
 
 use bytemuck::Zeroable;
 use proptest::collection::vec;
@@ -20,12 +21,12 @@ fn encoded<T: Message>(mut message: T) -> Vec<u8> {
     bytes
 }
 
-/// What `T` decodes from `bytes`, said as bytes again: NaN is equal to itself there.
+/// The message `T` decoded from `bytes`, encoded again: as bytes, NaN is equal to itself.
 fn reread<T: Message>(bytes: &[u8]) -> Result<Vec<u8>, DecodeError> {
     Ok(encoded(wire::decode::<T>(bytes)?))
 }
 
-/// Decodes `bytes` as every message there is.
+/// Decodes `bytes` as each kind of message.
 fn as_every_message(bytes: &[u8]) -> [Result<Vec<u8>, DecodeError>; 8] {
     [
         reread::<PlantState>(bytes),
@@ -48,7 +49,7 @@ fn fixed<T: message::Fixed>(repair: impl Fn(&mut T, u32)) -> impl Strategy<Value
     })
 }
 
-/// What a controller may ask the gate to stop for, or not.
+/// No reason, and the reasons for which a controller may request a stop of the gate.
 const STOPS: [Reason; 3] = [Reason::None, Reason::PositionError, Reason::HeadingError];
 
 fn pick<T: Copy>(all: &[T], choice: u32) -> T {
@@ -89,7 +90,9 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
             command.reserved = 0;
         }),
         fixed::<ResidualSample>(|sample, choice| sample.usable = choice % 2),
-        fixed::<Credit>(|credit, choice| credit.participant = pick(Participant::ALL, choice).code()),
+        fixed::<Credit>(|credit, choice| {
+            credit.participant = pick(Participant::ALL, choice).code();
+        }),
         fixed::<Truth>(|truth, choice| {
             truth.fallback_level = pick(FallbackLevel::ALL, choice).code();
             truth.reason = pick(Reason::ALL, choice).code();
@@ -110,7 +113,7 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
     ]
 }
 
-/// A body behind a header that is right in every respect, so that it gets as far as the message's own checks.
+/// A body behind a valid header, so that it reaches the message's own checks.
 fn sealed(kind: u16, body: &[u8]) -> Vec<u8> {
     let mut bytes = VERSION.to_le_bytes().to_vec();
     bytes.extend(kind.to_le_bytes());
@@ -141,15 +144,19 @@ proptest! {
     }
 
     #[test]
-    fn what_gets_past_the_checksum_is_a_message_or_refused(bytes in lies()) {
+    fn bytes_with_a_valid_checksum_are_a_message_or_refused(bytes in lies()) {
         for read in as_every_message(&bytes).into_iter().flatten() {
-            // A number may be said with more bytes than it needs.
+            // A number may be encoded with more bytes than it needs.
             prop_assert!(read.len() <= bytes.len());
         }
     }
 
     #[test]
-    fn a_flipped_bit_is_noticed(bytes in messages(), place in any::<proptest::sample::Index>(), bit in 0..8_u32) {
+    fn a_flipped_bit_is_noticed(
+        bytes in messages(),
+        place in any::<proptest::sample::Index>(),
+        bit in 0..8_u32,
+    ) {
         let mut bytes = bytes;
         let place = place.index(bytes.len());
         bytes[place] ^= 1 << bit;
@@ -157,15 +164,27 @@ proptest! {
     }
 
     #[test]
-    fn a_message_cut_short_or_drawn_out_is_noticed(bytes in messages(), length in any::<proptest::sample::Index>(), more in 1..64_usize) {
+    fn a_message_cut_short_or_drawn_out_is_noticed(
+        bytes in messages(),
+        length in any::<proptest::sample::Index>(),
+        more in 1..64_usize,
+    ) {
         let kind = u16::from_le_bytes([bytes[2], bytes[3]]);
         let body = &bytes[wire::HEADER_BYTES..];
         let cut = &body[..length.index(body.len())];
-        prop_assert!(as_every_message(&bytes[..wire::HEADER_BYTES + cut.len()]).iter().all(Result::is_err));
-        prop_assert!(as_every_message(&sealed(kind, cut)).iter().all(Result::is_err), "with a checksum to match");
+        prop_assert!(
+            as_every_message(&bytes[..wire::HEADER_BYTES + cut.len()]).iter().all(Result::is_err)
+        );
+        prop_assert!(
+            as_every_message(&sealed(kind, cut)).iter().all(Result::is_err),
+            "with a checksum to match"
+        );
         let mut drawn_out = body.to_vec();
         drawn_out.resize(body.len() + more, 0);
-        prop_assert!(as_every_message(&sealed(kind, &drawn_out)).iter().all(Result::is_err), "with a checksum to match");
+        prop_assert!(
+            as_every_message(&sealed(kind, &drawn_out)).iter().all(Result::is_err),
+            "with a checksum to match"
+        );
     }
 }
 
@@ -189,13 +208,13 @@ fn every_bit_of_a_number_survives() -> Result<(), DecodeError> {
     let signalling_nan = f64::from_bits(0xfff0_0000_0000_0001);
     let sent =
         Command { input: [quiet_nan_with_payload, signalling_nan, -0.0], ..Command::zeroed() };
-    let heard: Command = wire::decode(&encoded(sent))?;
-    assert_eq!(heard.input.map(f64::to_bits), sent.input.map(f64::to_bits));
+    let received: Command = wire::decode(&encoded(sent))?;
+    assert_eq!(received.input.map(f64::to_bits), sent.input.map(f64::to_bits));
     Ok(())
 }
 
 #[test]
-fn what_a_message_does_not_use_is_not_sent() {
+fn unused_parts_of_a_message_are_not_sent() {
     let short = encoded(Plan { horizon: 1, ..Plan::zeroed() });
     let long = encoded(Plan { horizon: 40, ..Plan::zeroed() });
     assert_eq!(long.len() - short.len(), 39 * (6 + 6 + 3 + 3) * 8);

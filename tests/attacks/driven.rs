@@ -1,4 +1,5 @@
-//! Attacks on a robot that drives: recorded and forged commands in the controller's own role, and strangers at the door while somebody dies.
+//! Attacks on a driving robot: recorded and forged commands in the controller's own role, and
+//! unauthenticated connections while processes are killed.
 
 use crate::session::{Certificates, Failure, Shows, connect, failed, print};
 use coxswain::assembly::Assembly;
@@ -19,12 +20,12 @@ use std::time::Duration;
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
-/// The gate brakes when what would act answers a state so old [T].
+/// The gate brakes when the acting command answers a state older than this [T].
 const BRAKES_AFTER_PERIODS: f64 = 3.0;
-/// Of an age in periods.
+/// Rounding error of an age in periods.
 const ROUNDING: f64 = 1e-6;
 
-/// A launch of every link over the network, where it is to be met, and how its graph is called there.
+/// A launch with every link over the network, its endpoint, and the name of its graph there.
 pub(crate) fn launched(
     certificates: &Certificates,
     options: &[&str],
@@ -38,13 +39,13 @@ pub(crate) fn launched(
     Ok((launched, endpoint, graph))
 }
 
-/// A command that was heard, with its number on the link and its key.
+/// A received command, with its number on the link and its key.
 type Stolen = (Command, Option<Vec<u8>>, String);
 
-/// A way of making a genuine command false.
+/// A way to falsify a genuine command.
 type Forgery = (&'static str, fn(&mut Command));
 
-/// All of them.
+/// All forgeries.
 const FORGERIES: [Forgery; 6] = [
     ("again, word for word", |_| {}),
     ("by another writer", |command| {
@@ -73,7 +74,7 @@ const FORGERIES: [Forgery; 6] = [
     }),
 ];
 
-/// Whose command acted, by writer; 0 is nobody's.
+/// How often commands acted, by their writer; writer 0 means that no command acted.
 pub(crate) fn acted(record: &Record) -> BTreeMap<u64, usize> {
     let mut acted = BTreeMap::new();
     record
@@ -82,8 +83,8 @@ pub(crate) fn acted(record: &Record) -> BTreeMap<u64, usize> {
     acted
 }
 
-/// Age of the oldest state whose answer acted [T], and how often an answer by `writer` acted after one of it to a later state: so a command that is
-/// said again, word for word, would show.
+/// Age of the oldest state whose answer acted [T], and how often an answer by `writer` acted after
+/// its answer to a later state. The second number shows commands that were repeated unchanged.
 fn oldest(record: &Record, writer: u64, limits: &Limits) -> (f64, usize) {
     let (mut oldest, mut back, mut before) = (0.0_f64, 0, 0);
     for truth in record.of("truth") {
@@ -98,18 +99,18 @@ fn oldest(record: &Record, writer: u64, limits: &Limits) -> (f64, usize) {
     (oldest, back)
 }
 
-/// Who is the launch's own controller.
+/// Writer id of the launch's own controller.
 pub(crate) fn genuine(record: &Record) -> Result<u64, Failure> {
     Ok(record.of("plan").next().ok_or("no plan")?.stamp("writer"))
 }
 
 #[test]
-fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificate_ever_acts()
--> Outcome {
+fn no_repeated_or_forged_command_under_the_controllers_certificate_ever_acts() -> Outcome {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "15"])?;
     let open = |role| connect(&endpoint, &Shows::Certificate(certificates.of(role)));
-    // Only the recorder hears commands, and only the controller says them: this one has stolen both certificates.
+    // Only the recorder reads commands, and only the controller publishes them: this attacker has
+    // stolen both certificates.
     let (thief, forger) = (open(Role::Recorder)?, open(Role::Controller)?);
     let stolen: Arc<Mutex<BTreeMap<u64, Stolen>>> = Arc::default();
     let hear = {
@@ -119,7 +120,8 @@ fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificat
             let number = sample.attachment().map(|number| number.to_bytes().to_vec());
             if let Ok(command) = wire::decode::<Command>(&sample.payload().to_bytes()) {
                 let mut stolen = stolen.lock().unwrap_or_else(PoisonError::into_inner);
-                // The first was said before anything was forged, and each of them is heard before it is said again.
+                // The first command was sent before any forgery, and each command is received
+                // before it is repeated.
                 if stolen
                     .values()
                     .next()
@@ -133,14 +135,14 @@ fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificat
     let data = format!("coxswain-link/{graph}/command/data");
     let _thief =
         thief.declare_subscriber(format!("{data}/*")).callback(hear).wait().map_err(failed)?;
-    let mut said = 0_usize;
+    let mut sent = 0_usize;
     launched.wait_until("a hundred commands", || {
         let known: Vec<Stolen> =
             stolen.lock().unwrap_or_else(PoisonError::into_inner).values().cloned().collect();
-        // The newest at once, and some that are long known.
+        // The newest at once, and some older ones.
         for (command, number, key) in known.iter().rev().take(3).chain(known.iter().step_by(7)) {
             for (_, forge) in FORGERIES {
-                said += forged(&forger, *command, number.as_deref(), key, forge).unwrap_or(0);
+                sent += forged(&forger, *command, number.as_deref(), key, forge).unwrap_or(0);
             }
         }
         thread::sleep(Duration::from_millis(20));
@@ -163,16 +165,18 @@ fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificat
         .for_each(|state: &Message| *reasons.entry(state.word("reason")).or_default() += 1);
     let refused = record.of("state").next_back().map_or(0, |state| state.count("refused"));
     print(format_args!(
-        "commands: {said} said again or forged in 6 ways, {theirs} acted, {refused} refused by the gate: {reasons:?}"
+        "commands: {sent} said again or forged in 6 ways, {theirs} acted, {refused} refused by \
+        the gate: {reasons:?}"
     ));
     print(format_args!(
-        "the own controller's: the oldest state whose answer acted was {oldest:.2} T old, {back} acted after one to a later state"
+        "the own controller's: the oldest state whose answer acted was {oldest:.2} T old, {back} \
+        acted after one to a later state"
     ));
-    assert!(said > 1_000, "only {said} were said");
+    assert!(sent > 1_000, "only {sent} were said");
     assert_eq!(theirs, 0, "{acted:?}");
     assert!(oldest <= BRAKES_AFTER_PERIODS + ROUNDING, "{oldest} T");
     assert_eq!(back, 0, "an old command acted again");
-    // Whatever is forged is in the record as well, and counted as lost by nobody.
+    // Forged commands are in the record as well, and no process counts them as lost.
     let violations: Vec<String> = judge(&record, &limits)
         .iter()
         .filter(|found| found.rule != Rule::Count)
@@ -187,7 +191,7 @@ fn no_command_that_is_said_again_or_forged_by_who_has_the_controllers_certificat
     Ok(())
 }
 
-/// Says one command in a false way, under the key of the forger and under that of whom it is stolen from.
+/// Sends one falsified command, under the key of the forger and under the key of the stolen role.
 fn forged(
     forger: &Session,
     mut command: Command,
@@ -199,7 +203,7 @@ fn forged(
     let mut out = Vec::new();
     wire::encode(&command, &mut out);
     let own = key.rsplit_once('/').map_or(key, |(data, _)| data).to_owned() + "/controller.forger";
-    // Closer together most would not even come as far as the gate.
+    // With shorter pauses most would not even reach the gate.
     thread::sleep(Duration::from_micros(300));
     forger.put(own, out.clone()).wait().map_err(failed)?;
     thread::sleep(Duration::from_micros(300));
@@ -211,7 +215,8 @@ fn forged(
     Ok(2)
 }
 
-/// Knocks at `address` with what is no TLS, a hundred times a second, while `while_knocking` runs; says how often.
+/// Connects to `address` and sends bytes that are no TLS, a hundred times a second, while
+/// `while_knocking` runs. Returns how often.
 fn knocking<T>(
     address: &str,
     while_knocking: impl FnOnce() -> Result<T, Failure>,
@@ -221,7 +226,7 @@ fn knocking<T>(
         let mut knocks = 0;
         while !over.load(Ordering::Acquire) {
             if let Ok(mut stream) = TcpStream::connect(address) {
-                // Nobody need hear it.
+                // The write may fail.
                 let _ = stream.write_all(b"let me in");
                 knocks += 1;
             }
@@ -238,13 +243,13 @@ fn knocking<T>(
 }
 
 #[test]
-fn who_dies_while_strangers_knock_at_the_door_is_back_and_nobody_else_goes() -> Outcome {
+fn processes_killed_during_a_flood_of_connections_return_and_no_other_ends() -> Outcome {
     let certificates = Certificates::new()?;
     let (launched, _, _) = launched(&certificates, &["--duration", "30"])?;
     let endpoint = launched.told_a_person("listening at ")?;
     let address = endpoint.split_once('/').ok_or("no endpoint")?.1.to_owned();
     let ((), knocks) = knocking(&address, || {
-        // By then the queue at the door is so long that nobody gets in there for a minute.
+        // By then the queue of connections is so long that none is accepted for a minute.
         thread::sleep(Duration::from_secs(5));
         signal(launched.process("controller", None)?, Signal::KILL)?;
         launched.wait_for_log("controller", "answering a plant", 2)?;
@@ -264,7 +269,8 @@ fn who_dies_while_strangers_knock_at_the_door_is_back_and_nobody_else_goes() -> 
         .filter(|fallback_level| **fallback_level != "fresh plan")
         .count();
     print(format_args!(
-        "{knocks} knocks; controller and recorder killed: {missed} of {} periods without a fresh plan",
+        "{knocks} knocks; controller and recorder killed: {missed} of {} periods without a fresh \
+        plan",
         fallback_levels.len()
     ));
     assert!(knocks > 500, "{knocks}");
@@ -275,7 +281,7 @@ fn who_dies_while_strangers_knock_at_the_door_is_back_and_nobody_else_goes() -> 
         .filter(|fallback_level| **fallback_level == "fresh plan")
         .count();
     assert!(back > 45, "{back} of the last 50 periods are on fresh plans: {}", ended.text);
-    // That of the controller and of the recorder.
+    // The restarts of the controller and of the recorder.
     assert_eq!(ended.text.matches("is started again").count(), 2, "{}", ended.text);
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Floods, by strangers and by who has a certificate of the robot.
+//! Floods by unauthenticated peers and by peers with a certificate of the robot.
 
 use crate::driven::{acted, genuine, launched};
 use crate::session::{Certificates, Failure, Shows, connect, failed, print};
@@ -17,26 +17,26 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::QueryTarget;
 use zenoh::{Session, Wait};
 
-/// Floods, by turns with as long a calm.
+/// Number of floods; each is followed by a calm of the same length.
 const FLOODS: usize = 7;
-/// How long each lasts, at least.
+/// Least length of each flood.
 const FLOOD_LASTS: Duration = Duration::from_secs(1);
 
-/// What one role says or asks in a flood that leaves the processor alone [1/s]: four times what its
-/// router passes on of it.
+/// Messages or queries of one role in a flood that leaves processor time to others [1/s]: four
+/// times what its router forwards.
 const PACED_PER_SECOND: u32 = 20_000;
-/// Pause of such a flood, as often as it takes.
+/// Pause of such a flood, repeated as needed.
 const PACED_PAUSE: Duration = Duration::from_millis(1);
 
-/// Time from a state to its command, in the floods to between them, at most.
+/// Largest ratio of the time from a state to its command: during floods to between them.
 const SLOWER_MOST: f64 = 1.25;
 
-/// Of a long question [bytes]: as long as it may be.
+/// Length of a long query [bytes]: the length limit.
 const LONG_BYTES: usize = 60_000;
-/// A port that is not shown by then is not there.
+/// A port that does not appear within this time does not exist.
 const PORT_SHOWS_WITHIN: Duration = Duration::from_secs(20);
 
-/// Time from a state to its command [ns], the middle one of those plans.
+/// Median time from a state to its command over these plans [ns].
 fn middle(plans: &[&Message]) -> u64 {
     let mut nanos: Vec<u64> = plans.iter().map(|plan| plan.count("tick_nanos")).collect();
     nanos.sort_unstable();
@@ -49,9 +49,9 @@ fn assert_floods_are_logged(log: &str, connections: usize, subscriptions: usize)
     let lines = log.lines().filter(|line| line.contains("rejected at the network")).count();
     let of_subscriptions =
         log.lines().filter(|line| line.contains("may not Declare Subscriber on command count="));
-    let told: usize =
+    let logged: usize =
         of_subscriptions.filter_map(|line| line.rsplit('=').next()?.parse::<usize>().ok()).sum();
-    assert_eq!(told, subscriptions, "each refused subscription is told once:\n{log}");
+    assert_eq!(logged, subscriptions, "each refused subscription is told once:\n{log}");
     assert!(
         log.contains("rejected at the network: received corrupt message"),
         "nothing is told of {connections} strangers:\n{log}"
@@ -91,7 +91,8 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
             gateway.put(format!("{base}/health/data/gateway.flood"), long.clone()).wait().is_ok(),
         );
     };
-    // By turns with as long a calm, so that whatever else the machine does befalls both.
+    // Floods alternate with calms of the same length, so that other load on the machine affects
+    // both.
     let mut floods = Vec::new();
     while floods.len() < FLOODS {
         thread::sleep(FLOOD_LASTS);
@@ -117,7 +118,7 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
     let flooded = |message: &&Message| {
         floods.iter().any(|flood| flood.contains(&message.stamp("sent_nanos")))
     };
-    // Until the first plan there is nothing to wait for, and after the last flood no calm.
+    // Before the first plan there is nothing to compare, and after the last flood there is no calm.
     let last = floods.last().map_or(0, |flood| flood.end);
     let driving = |kind| {
         record.of(kind).filter(move |message| {
@@ -130,7 +131,8 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
     let [connections, subscriptions, fragments] = counts;
     let (calm, flood) = (middle(&before), middle(&during));
     print(format_args!(
-        "floods: {connections} connections, {subscriptions} subscriptions, {fragments} messages of 8 MiB; control tick p50 {} us in {} periods \
+        "floods: {connections} connections, {subscriptions} subscriptions, {fragments} messages of \
+        8 MiB; control tick p50 {} us in {} periods \
          between them, {} us in {} during, ratio {:.2}; {fresh} of {} periods on fresh plans",
         calm / 1000,
         before.len(),
@@ -144,7 +146,8 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
         "{fresh} of {} periods on fresh plans",
         states.len()
     );
-    // By turns with the calm, within one run: a ratio that no other load of the machine makes.
+    // Compared with the calm in the same run: a ratio that does not depend on other load of the
+    // machine.
     assert!(
         flood as f64 <= SLOWER_MOST * calm as f64,
         "control tick p50 {flood} ns in the floods, {calm} ns between them"
@@ -154,22 +157,22 @@ fn floods_of_connections_subscriptions_and_fragments_do_not_stop_the_robot() -> 
     Ok(())
 }
 
-/// What somebody says or asks within his role.
+/// What a role floods within its permissions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Excess {
-    /// The controller, what moves the robot.
+    /// The controller: commands, which move the robot.
     Commands,
-    /// The learner, what the controller drives by.
+    /// The learner: snapshots, which the controller uses.
     Snapshots,
-    /// The learner, to the controller alone, as if that had come late.
+    /// The learner, to the controller alone, as if the controller had joined late.
     History,
-    /// The gateway, whether the robot is there.
+    /// The gateway: queries whether the robot is there.
     Questions,
-    /// The same at length.
+    /// The same queries with a long payload.
     LongQuestions,
-    /// The gateway, that it wants to hear what is said again to somebody.
+    /// The gateway: subscriptions to repetitions for a single reader.
     Subscriptions,
-    /// The gateway, what room it has for states, which nobody may say in real time.
+    /// The gateway: its room for states, which no role may report in real time.
     Room,
 }
 
@@ -194,7 +197,7 @@ impl Excess {
         }
     }
 
-    /// The other end that it is for, if it is for one alone, below the keys of the graph.
+    /// The other end, if the message is for one end alone, below the keys of the graph.
     fn end(self) -> Option<(&'static str, Role)> {
         match self {
             Self::History => Some(("snapshot/reader", Role::Controller)),
@@ -207,7 +210,8 @@ impl Excess {
         }
     }
 
-    /// Says or asks it once at the keys below `link`, in a hurry, to be waited for; `other` is the id of the other end.
+    /// Sends the message or query once at the keys below `link`, as urgent and blocking; `other` is
+    /// the id of the other end.
     fn once(self, session: &Session, link: &str, other: &str) -> bool {
         let key = match self {
             Self::Commands => format!("{link}/command/data/controller.flood"),
@@ -241,8 +245,8 @@ impl Excess {
     }
 }
 
-/// Id of the port of `role` at one end of a topic, below the keys of the graph. On a machine that
-/// has much else to do a router may need a while to tell a new session of it.
+/// Id of the port of `role` at one end of a topic, below the keys of the graph. On a busy machine a
+/// router may need a while to announce it to a new session.
 pub(crate) fn port(
     session: &Session,
     link: &str,
@@ -265,7 +269,7 @@ pub(crate) fn port(
     }
 }
 
-/// How fast somebody floods.
+/// Rate of a flood.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Pace {
     /// [`PACED_PER_SECOND`].
@@ -274,7 +278,7 @@ enum Pace {
     Full,
 }
 
-/// One flood, and when it was [ns].
+/// One flood, and its time [ns].
 struct Flood {
     excess: Excess,
     pace: Pace,
@@ -282,10 +286,11 @@ struct Flood {
     time: Range<u64>,
 }
 
-/// After a flood, until the robot has to drive as before [ns].
+/// Time after a flood until the robot must drive as before [ns].
 const RECOVERS_WITHIN_NANOS: u64 = 2_000_000_000;
 
-/// Of so many periods, those on fresh plans, and the middle time from a state to its command [ns].
+/// Number of periods, number of those on fresh plans, and median time from a state to its command
+/// [ns].
 struct Driven {
     fresh: usize,
     periods: usize,
@@ -299,7 +304,8 @@ impl Display for Driven {
     }
 }
 
-/// The periods whose messages were sent when `within` says so, from the time on that it drives.
+/// The periods whose messages were sent at times that `within` accepts, from the start of the drive
+/// on.
 fn fresh_of(record: &Record, within: impl Fn(u64) -> bool) -> Driven {
     let of = |kind| {
         record
@@ -316,7 +322,7 @@ fn fresh_of(record: &Record, within: impl Fn(u64) -> bool) -> Driven {
 }
 
 #[test]
-fn a_role_that_floods_what_it_may_say_or_ask_silences_nobody() -> Outcome {
+fn a_role_that_floods_within_its_permissions_silences_no_process() -> Outcome {
     let certificates = Certificates::for_a_flood()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "300"])?;
     let link = format!("coxswain-link/{graph}");
@@ -338,7 +344,7 @@ fn a_role_that_floods_what_it_may_say_or_ask_silences_nobody() -> Outcome {
         }
         floods.push(Flood { excess, pace, said, time: from..monotonic_nanos() });
     }
-    // All of the graph is still there after the last.
+    // All processes of the graph are still there after the last flood.
     thread::sleep(Duration::from_nanos(RECOVERS_WITHIN_NANOS) + 2 * FLOOD_LASTS);
     signal(launched.pid(), Signal::TERM)?;
     let (ended, home) = launched.end()?;
@@ -349,12 +355,12 @@ fn a_role_that_floods_what_it_may_say_or_ask_silences_nobody() -> Outcome {
         floods.iter().filter(move |flood| flood.pace == pace).map(|flood| flood.time.clone())
     };
     let last = floods.last().map_or(0, |flood| flood.time.end);
-    // As many seconds of calm as of flood, by turns.
+    // As many seconds of calm as of flood, in turn.
     let calm = fresh_of(&record, |nanos| {
         nanos < last && !floods.iter().any(|flood| flood.time.contains(&nanos))
     });
     let paced = fresh_of(&record, |nanos| flooded(Pace::Fixed).any(|time| time.contains(&nanos)));
-    // A while after the last, in which whoever was kept waiting comes back.
+    // A while after the last flood, in which delayed processes recover.
     let after = fresh_of(&record, |nanos| nanos > last + RECOVERS_WITHIN_NANOS);
     for flood in &floods {
         let of = fresh_of(&record, |nanos| flood.time.contains(&nanos));
@@ -367,9 +373,9 @@ fn a_role_that_floods_what_it_may_say_or_ask_silences_nobody() -> Outcome {
     ));
     assert!(!ended.text.contains("is started again"), "{}", ended.text);
     let all = fresh_of(&record, |nanos| floods.iter().any(|flood| flood.time.contains(&nanos)));
-    // What is said too often is dropped where it arrives, so that such a flood costs no plans. One
-    // at full speed takes the processors that plant and controller need, and the robot may brake. In
-    // all floods together nine tenths of the periods are on fresh plans.
+    // Excess messages are dropped where they arrive, so that such a flood costs no plans. A flood
+    // at full speed takes the processors that plant and controller need, and the robot may brake.
+    // In all floods together nine tenths of the periods are on fresh plans.
     assert!(paced.periods > 50 && paced.fresh * 10 >= paced.periods * 9, "{paced} in paced floods");
     assert!(all.fresh * 10 >= all.periods * 9, "{all} in all floods");
     assert!(after.periods > 10 && after.fresh * 10 >= after.periods * 9, "{after} after the last");

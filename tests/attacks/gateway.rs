@@ -1,4 +1,5 @@
-//! Everybody at the gateway's telemetry × every key × everything that zenoh lets a client do: watchers hear, and nothing else passes.
+//! Every peer at the gateway's telemetry × every key × every operation of a zenoh client: watchers
+//! receive, and nothing else passes.
 
 use crate::session::{Certificates, Failure, ROBOT, Shows, connect, failed, print, router};
 use crate::strangers::strangers;
@@ -17,33 +18,33 @@ use zenoh::query::{ConsolidationMode, Query, QueryTarget, Reply};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
-/// What is said is given so long to arrive, after what may arrive has; and an answer.
+/// Time for a message or an answer to arrive, after the permitted ones have arrived.
 const GRACE: Duration = Duration::from_secs(1);
-/// How often everybody tries everything, at least.
+/// Least number of rounds in which every peer tries every operation.
 const ROUNDS: usize = 3;
-/// How long what may arrive has to arrive. Far longer than it takes on any machine.
+/// Time for permitted messages to arrive. Far longer than it takes on any machine.
 const GIVES_UP_AFTER: Duration = Duration::from_secs(90);
 
-/// What is tried on one key.
+/// An operation tried on one key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Deed {
-    /// Say something.
+    /// Publish a value.
     Put,
-    /// Delete what was said.
+    /// Delete a published value.
     Delete,
-    /// Hear what is said.
+    /// Subscribe.
     Hear,
-    /// Ask.
+    /// Query.
     Ask,
-    /// Be asked.
+    /// Declare a queryable.
     BeAsked,
-    /// Answer.
+    /// Reply to a query.
     Answer,
-    /// Count as somebody who is there.
+    /// Declare a liveliness token.
     Show,
-    /// See who is there.
+    /// Query the liveliness tokens.
     Look,
-    /// See who comes.
+    /// Subscribe to liveliness tokens.
     Watch,
 }
 
@@ -61,10 +62,10 @@ impl Deed {
     ];
 }
 
-/// Who did what to which key.
+/// Peer, operation and key.
 type Cell = (String, Deed, String);
 
-/// What has arrived.
+/// The operations that took effect.
 #[derive(Debug, Clone, Default)]
 struct Book(Arc<Mutex<BTreeSet<Cell>>>);
 
@@ -82,7 +83,8 @@ impl Book {
     }
 }
 
-/// One who tries everything, by name: a session in which it says, and one in which it hears.
+/// A peer that tries everything, by name: one session in which it publishes, and one in which it
+/// subscribes.
 #[derive(Clone)]
 struct Try {
     name: String,
@@ -90,7 +92,8 @@ struct Try {
     hears: Session,
 }
 
-/// Those who get a session of all roles and strangers, each of whom `open`s one.
+/// The peers that get a session, among all roles and unauthenticated peers; `open` connects each of
+/// them.
 fn tries(
     certificates: &Certificates,
     open: &dyn Fn(&Shows) -> Result<Session, Failure>,
@@ -115,15 +118,15 @@ fn keys() -> Vec<String> {
         .collect()
 }
 
-/// Who is named in an attachment or an answer.
+/// The peer named in an attachment or an answer.
 fn named(said: Option<&zenoh::bytes::ZBytes>) -> Option<String> {
     said.and_then(|said| Some(said.try_to_string().ok()?.into_owned()))
 }
 
-/// What an honest one has declared, and those who try. It ends when it is dropped.
+/// Declarations of an authorised peer or of an attacker. They end when they are dropped.
 type Declared = Vec<Box<dyn std::any::Any>>;
 
-/// An honest session that hears and sees whatever passes, and answers and asks on `key`.
+/// An authorised session that receives whatever passes, and answers and queries on `key`.
 fn witness(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<Declared, Failure> {
     let names: Vec<String> = tries.iter().map(|one| one.name.clone()).collect();
     let (heard, asked, seen) = (book.clone(), book.clone(), book.clone());
@@ -134,7 +137,7 @@ fn witness(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<Decla
         }
     };
     let answer = move |query: Query| {
-        // Who asks says who he is; the honest one asks itself too.
+        // A query names its sender; the authorised session queries itself too.
         if !query.parameters().is_empty() {
             asked.write(
                 &query.parameters().as_str().replace('_', " "),
@@ -145,7 +148,7 @@ fn witness(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<Decla
     };
     let see = move |sample: Sample| {
         let (key, id) = sample.key_expr().as_str().rsplit_once('/').unwrap_or_default();
-        // The tokens of the honest ones have no number.
+        // The tokens of authorised sessions have no number.
         if let Some(name) = id.parse::<usize>().ok().and_then(|number| names.get(number)) {
             seen.write(name, Deed::Show, key);
         }
@@ -165,7 +168,7 @@ fn witness(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<Decla
     ])
 }
 
-/// What one who tries declares on `key`.
+/// Declarations of an attacker on `key`.
 fn trial(number: usize, one: &Try, key: &str, book: &Book) -> Result<Declared, Failure> {
     let note = |deed| {
         let (book, name, key) = (book.clone(), one.name.clone(), key.to_owned());
@@ -174,7 +177,7 @@ fn trial(number: usize, one: &Try, key: &str, book: &Book) -> Result<Declared, F
     let (hear, be_asked, watch) = (note(Deed::Hear), note(Deed::BeAsked), note(Deed::Watch));
     let (answer, name) = (key.to_owned(), one.name.clone());
     let asked = move |query: Query| {
-        // Others who try say who asks.
+        // Queries of other attackers name their sender.
         if query.parameters().is_empty() {
             be_asked();
             let _ = query.reply(&answer, name.clone()).wait();
@@ -205,7 +208,7 @@ fn trial(number: usize, one: &Try, key: &str, book: &Book) -> Result<Declared, F
     ])
 }
 
-/// What everybody says and asks on `key`, once.
+/// Publications and queries of every peer on `key`, once.
 fn round(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<(), Failure> {
     for Try { name, says, hears } in tries {
         says.put(key, "forged").attachment(name).wait().map_err(failed)?;
@@ -240,8 +243,9 @@ fn round(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<(), Fai
     question.callback(hear).wait().map_err(failed)
 }
 
-/// What arrives of what everybody tries, at `own` and at themselves, while the gateway `shows` the robot. Ends when all of `expected` has arrived, but
-/// not before everything has been tried several times.
+/// The operations of all peers that took effect, at `own` and at the peers themselves, while the
+/// gateway `shows` the robot. Ends when all of `expected` has arrived, but not before everything
+/// has been tried several times.
 fn tried(
     own: &Session,
     shows: &mut dyn FnMut() -> Result<(), Failure>,
@@ -267,7 +271,7 @@ fn tried(
         shows()?;
         thread::sleep(GRACE / 2);
     }
-    // What is still under way.
+    // Messages that are still on their way.
     thread::sleep(GRACE);
     drop(declared);
     Ok(book.read())
@@ -277,7 +281,7 @@ fn watchers_hear(keys: impl IntoIterator<Item = String>) -> BTreeSet<Cell> {
     keys.into_iter().map(|key| (Role::Watcher.name().to_owned(), Deed::Hear, key)).collect()
 }
 
-/// Says something on every key.
+/// Publishes a value on every key.
 fn on_all_keys(own: &Session) -> Result<(), Failure> {
     keys().into_iter().try_for_each(|key| own.put(key, "honest").wait().map_err(failed))
 }
@@ -299,9 +303,9 @@ fn state() -> PlantState {
     state
 }
 
-/// As another watcher finds.
+/// From the view of another watcher.
 #[test]
-fn at_the_gateway_watchers_hear_and_nobody_says_anything() -> Outcome {
+fn at_the_gateway_watchers_receive_and_no_peer_publishes() -> Outcome {
     let certificates = Certificates::new()?;
     let (mut publisher, endpoint) = gateway(&certificates)?;
     let tries = tries(&certificates, &|shows| connect(&endpoint, shows))?;
@@ -319,9 +323,10 @@ fn at_the_gateway_watchers_hear_and_nobody_says_anything() -> Outcome {
     Ok(())
 }
 
-/// As the gateway itself would find, which asks nobody and listens to nobody: its access control, and a session in its place that does.
+/// From the view of the gateway, which sends no query and subscribes to nothing: a session in its
+/// place, with its access control, does both.
 #[test]
-fn nothing_but_who_watches_reaches_the_gateway() -> Outcome {
+fn only_subscriptions_of_watchers_reach_the_gateway() -> Outcome {
     let certificates = Certificates::new()?;
     let control = [("access_control", of_telemetry(ROBOT))];
     let (own, endpoint) = router(&Shows::Certificate(certificates.of(Role::Gateway)), &control)?;
@@ -338,9 +343,9 @@ fn nothing_but_who_watches_reaches_the_gateway() -> Outcome {
     Ok(())
 }
 
-/// Else the two above would hold whatever the access control did.
+/// Otherwise the two tests above would pass with any access control.
 #[test]
-fn without_access_control_everything_that_is_tried_at_a_gateway_arrives() -> Outcome {
+fn without_access_control_every_operation_at_a_gateway_takes_effect() -> Outcome {
     let certificates = Certificates::new()?;
     let (own, endpoint) = router(&Shows::Nothing, &[])?;
     let tries = tries(&certificates, &|_| connect(&endpoint, &Shows::Nothing))?;

@@ -1,4 +1,4 @@
-//! Heartbeats that are false, or too many: by who has a certificate with which some can be said.
+//! False heartbeats and too many heartbeats, by peers with a certificate that permits some.
 
 use crate::driven::launched;
 use crate::floods::port;
@@ -17,23 +17,24 @@ use std::time::{Duration, Instant};
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
-/// What a controller's log says of a model that it takes up, before its version.
+/// The controller's log line about an adopted model, before its version.
 const ADOPTED: &str = "model adopted version=";
-/// Process that no system has.
+/// A process id that no system uses.
 const NO_PROCESS: u32 = u32::MAX;
-/// The attacker publishes so often.
+/// Interval of the attacker's messages.
 const LIES_EVERY: Duration = Duration::from_millis(50);
-/// Pause before the next name: a router lets go of what comes right behind something else of the same role.
+/// Pause before the next name: a router drops a message right behind another one of the same role.
 const NEXT_AFTER: Duration = Duration::from_millis(2);
-/// How long a robot drives on while somebody lies.
+/// How long a robot drives on during an attack.
 const LIES_FOR: Duration = Duration::from_secs(5);
-/// How often who shows too many tokens does so for [`SHOWS_FOR`], by turns with as long a calm.
+/// How often the attacker declares too many tokens for [`SHOWS_FOR`]. Each time is followed by a
+/// calm of the same length.
 const SHOWS: usize = 3;
 const SHOWS_FOR: Duration = Duration::from_secs(1);
-/// Time that a robot is given to drive again.
+/// Time for a robot to drive again.
 const DRIVES_AGAIN_AFTER_S: f64 = 3.0;
 
-/// That `participant`, as the process `pid`, is in `phase`.
+/// A heartbeat: `participant`, as the process `pid`, is in `phase`.
 fn heartbeat(participant: Participant, pid: u32, phase: Phase) -> Vec<u8> {
     heartbeat_of(0, 1, participant, pid, phase)
 }
@@ -49,7 +50,7 @@ fn heartbeat_of(
     let mut health = Health::zeroed();
     (health.stamp.version, health.stamp.kind, health.stamp.epoch, health.stamp.writer) =
         (VERSION, Health::KIND, epoch, writer);
-    // Always another one, as of a loop that turns.
+    // Changes with each heartbeat, as in a running loop.
     (health.stamp.sent_nanos, health.stamp.sequence, health.heartbeat) =
         (monotonic_nanos(), monotonic_nanos(), monotonic_nanos());
     (health.participant, health.phase, health.pid) = (participant.code(), phase.code(), pid);
@@ -58,13 +59,15 @@ fn heartbeat_of(
     message
 }
 
-/// Says a heartbeat by the writer called `name`, at once: a router takes those that come together for too many.
+/// Publishes a heartbeat under the writer name `name`, as urgent: a router drops heartbeats that
+/// arrive together as too many.
 fn say(session: &Session, graph: &str, name: &str, message: Vec<u8>) -> Outcome {
     let put = session.put(format!("coxswain-link/{graph}/health/data/{name}"), message);
     put.congestion_control(CongestionControl::Drop).express(true).wait().map_err(failed)
 }
 
-/// Says what `word` gives, by one of `names` after the other, with such a pause between, for `time`.
+/// Publishes the messages of `word` under each of `names` in turn, with a pause between them, for
+/// `time`.
 fn lie(
     session: &Session,
     graph: &str,
@@ -84,7 +87,7 @@ fn lie(
     Ok(())
 }
 
-/// Asks a launch to end, and gives what it told, its log and its record.
+/// Ends a launch, and returns its output, its log and its record.
 fn ended(launched: Launched) -> Result<(String, String, Record), Failure> {
     signal(launched.pid(), Signal::TERM)?;
     let (ended, home) = launched.end()?;
@@ -94,12 +97,12 @@ fn ended(launched: Launched) -> Result<(String, String, Record), Failure> {
 }
 
 #[test]
-fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_else() -> Outcome {
+fn a_role_that_floods_heartbeats_silences_no_process_and_imitates_no_other_role() -> Outcome {
     let certificates = Certificates::for_a_flood()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "20"])?;
     let learner = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
     let key = format!("coxswain-link/{graph}/health/data/learner.flood");
-    let (begin, mut said) = (Instant::now(), 0_usize);
+    let (begin, mut sent) = (Instant::now(), 0_usize);
     launched.wait_until("five seconds of the flood", || {
         let burst = Instant::now();
         while burst.elapsed() < Duration::from_millis(500) {
@@ -107,7 +110,7 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
                 [(Participant::Learner, Phase::Running), (Participant::Plant, Phase::Finished)]
             {
                 let put = learner.put(&key, heartbeat(participant, NO_PROCESS, phase));
-                said += usize::from(put.congestion_control(CongestionControl::Drop).wait().is_ok());
+                sent += usize::from(put.congestion_control(CongestionControl::Drop).wait().is_ok());
             }
         }
         begin.elapsed() > LIES_FOR
@@ -125,11 +128,13 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
     let fresh =
         record.of("state").filter(|state| state.word("fallback_level") == "fresh plan").count();
     print(format_args!(
-        "heartbeats: {said} said by one role in {lasted:.1} s, {} of them recorded; {fresh} of 201 periods on fresh plans",
+        "heartbeats: {sent} said by one role in {lasted:.1} s, {} of them recorded; {fresh} of \
+        201 periods on fresh plans",
         forged.len()
     ));
-    assert!(said > 10_000, "{said}");
-    // Fifty in each second are heard, of one writer, and sixteen at once; the last may be heard a little after they are said.
+    assert!(sent > 10_000, "{sent}");
+    // The limits are fifty per second of one writer, and sixteen at once; the last may be received
+    // a little after it was published.
     assert!(
         !forged.is_empty() && forged.len() as f64 <= 50.0 * (lasted + 1.0) + 16.0,
         "{} in {lasted} s",
@@ -156,7 +161,7 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
 }
 
 #[test]
-fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives() -> Outcome {
+fn a_process_that_hangs_is_killed_despite_false_heartbeats_under_its_certificate() -> Outcome {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
     let attacker = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Controller)))?;
@@ -170,7 +175,7 @@ fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives()
     };
     let begin = Instant::now();
     lie_until("some lies", &|| begin.elapsed() > Duration::from_secs(1))?;
-    // Above them there would be none for its successor.
+    // Above these epochs there would be none left for its successor.
     for (writer, epoch) in [(1, u64::MAX), (2, i64::MAX as u64), (3, i64::MAX as u64 - 1)] {
         thread::sleep(LIES_EVERY);
         say(
@@ -198,7 +203,7 @@ fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives()
         epoch.is_some_and(|epoch| epoch < u64::from(u32::MAX)),
         "{epoch:?} follows epochs that somebody else has said"
     );
-    // Who lies has no number of his own.
+    // The attacker has no number of its own.
     let lies = record
         .of("health")
         .filter(|health| health.count("pid") == u64::from(pid) && health.stamp("writer") == 0)
@@ -208,8 +213,7 @@ fn who_hangs_is_killed_though_somebody_with_his_certificate_says_that_he_lives()
 }
 
 #[test]
-fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many_names() -> Outcome
-{
+fn a_killed_learner_returns_and_stays_despite_many_other_writers_in_its_role() -> Outcome {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
     let attacker = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
@@ -226,7 +230,8 @@ fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many
         log.rsplit_once(ADOPTED).and_then(|(_, rest)| rest.split(' ').next()?.parse::<u64>().ok())
     };
     let before = adopted();
-    // Longer than its place is kept, and the second time than one that starts may be silent.
+    // Longer than the learner's place is kept. The second time it is longer than a starting process
+    // may be silent.
     lie_for(LIES_FOR)?;
     let next = launched.process("learner", Some(pid))?;
     lie_for(2 * LIES_FOR)?;
@@ -258,7 +263,7 @@ fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many
 }
 
 #[test]
-fn who_shows_ports_of_another_protocol_keeps_nobody_from_coming_back() -> Outcome {
+fn tokens_of_another_protocol_version_prevent_no_restart() -> Outcome {
     let certificates = Certificates::new()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
     let attacker = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
@@ -273,13 +278,13 @@ fn who_shows_ports_of_another_protocol_keeps_nobody_from_coming_back() -> Outcom
     };
     let _tokens = others.map(show).into_iter().collect::<Result<Vec<_>, _>>()?;
     for (role, says) in [("recorder", "started"), ("controller", "answering a plant")] {
-        let said = fs::read_to_string(launched.folder().join(format!("{role}.log")))?
+        let count = fs::read_to_string(launched.folder().join(format!("{role}.log")))?
             .matches(says)
             .count();
         signal(launched.process(role, None)?, Signal::KILL)?;
-        launched.wait_for_log(role, says, said + 1)?;
+        launched.wait_for_log(role, says, count + 1)?;
     }
-    // For as long as they would take to end by what they see.
+    // As long as they would take to end because of what they observe.
     thread::sleep(LIES_FOR / 2);
     let (text, _, record) = ended(launched)?;
     assert_eq!(text.matches("is started again").count(), 2, "{text}");
@@ -291,8 +296,7 @@ fn who_shows_ports_of_another_protocol_keeps_nobody_from_coming_back() -> Outcom
 }
 
 #[test]
-fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_launch_says_so()
--> Outcome {
+fn a_writer_under_a_learners_name_silences_that_learner_alone_and_is_reported() -> Outcome {
     let certificates = Certificates::for_a_flood()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
     let attacker = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Learner)))?;
@@ -301,14 +305,15 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
     let pid = launched.process("learner", None)?;
     let key = format!("coxswain-link/{graph}/health/data/{name}");
     let word = || heartbeat(Participant::Learner, NO_PROCESS, Phase::Running);
-    let (begin, from, mut said) = (Instant::now(), monotonic_nanos(), 0_usize);
+    let (begin, from, mut sent) = (Instant::now(), monotonic_nanos(), 0_usize);
     while begin.elapsed() < LIES_FOR {
-        said += usize::from(
+        sent += usize::from(
             attacker.put(&key, word()).congestion_control(CongestionControl::Drop).wait().is_ok(),
         );
     }
     let flood = from..monotonic_nanos();
-    // Then the last number that there is: whatever the learner says after it has been said before. Behind the flood it may take several to be heard.
+    // Then the greatest number: every later message of the learner counts as a repetition. Behind
+    // the flood several attempts may be needed.
     launched.wait_until("a word of whom nobody hears", || {
         thread::sleep(LIES_EVERY);
         let put =
@@ -335,14 +340,15 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
     let states = || record.of("state").filter(|state| state.stamp("sent_nanos") > flood.start);
     let fresh = states().filter(|state| state.word("fallback_level") == "fresh plan").count();
     print(format_args!(
-        "heartbeats: {said} said under the learner's own name in 5 s; meanwhile recorded {} of the learner, {} of the plant, {} of the \
+        "heartbeats: {sent} said under the learner's own name in 5 s; meanwhile \
+        recorded {} of the learner, {} of the plant, {} of the \
          controller; {fresh} of {} periods on fresh plans since",
         heard("learner"),
         heard("plant"),
         heard("controller"),
         states().count()
     ));
-    assert!(said > 10_000, "{said}");
+    assert!(sent > 10_000, "{sent}");
     assert!(heard("plant") > 10 && heard("controller") > 10, "they are silenced as well");
     assert!(fresh * 10 >= states().count() * 9, "{fresh} of {}", states().count());
     let models: Vec<u64> = record.of("plan").map(|plan| plan.count("model_version")).collect();
@@ -354,14 +360,14 @@ fn who_speaks_under_a_learners_own_name_silences_that_learner_alone_and_the_laun
 }
 
 #[test]
-fn nobody_ends_a_run_by_saying_that_the_plant_of_another_machine_has_finished() -> Outcome {
+fn a_false_report_that_the_remote_plant_has_finished_ends_no_run() -> Outcome {
     let certificates = Certificates::new()?;
     let folder = certificates.folder();
     let own = ["--certificates", folder.to_str().ok_or("no text")?];
     let home = || tempfile::Builder::new().prefix("cx").tempdir_in("/tmp");
     let launch = |graph: &str, name: &str, options: &[&str]| -> Result<Launched, Failure> {
         let home = home()?;
-        // A name of its own: others run on this machine as well.
+        // A name of its own: other tests run on this machine as well.
         let text = fs::read_to_string(graph_file(graph))?
             .replace("graph = \"mecanum\"", &format!("graph = \"{name}\""));
         let graphs = graph_file(graph).parent().ok_or("no folder")?.display().to_string();
@@ -405,7 +411,7 @@ fn nobody_ends_a_run_by_saying_that_the_plant_of_another_machine_has_finished() 
 }
 
 #[test]
-fn who_shows_thousands_of_tokens_has_nobody_killed_and_the_robot_drives_on_afterwards() -> Outcome {
+fn thousands_of_tokens_kill_no_process_and_the_robot_drives_on_afterwards() -> Outcome {
     let certificates = Certificates::for_a_flood()?;
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
     let gateway = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Gateway)))?;
@@ -438,7 +444,8 @@ fn who_shows_thousands_of_tokens_has_nobody_killed_and_the_robot_drives_on_after
         floods.last().map_or(0, |flood| flood.end) + (DRIVES_AGAIN_AFTER_S * 1e9) as u64;
     let after = fallback_levels(&|nanos| nanos > driven_again);
     print(format_args!(
-        "tokens: {shown} shown in {SHOWS} s by one role; {} of {} periods on fresh plans meanwhile, {} of {} afterwards",
+        "tokens: {shown} shown in {SHOWS} s by one role; {} of {} periods on fresh plans \
+        meanwhile, {} of {} afterwards",
         fresh(&during),
         during.len(),
         fresh(&after),

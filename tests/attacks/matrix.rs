@@ -1,4 +1,4 @@
-//! Every role × every topic × everything that zenoh lets a client do, each judged where it would arrive.
+//! Every role × every topic × every operation of a zenoh client, each judged where it would arrive.
 
 use crate::session::{Certificates, Failure, Shows, connect, failed, no_flood, print};
 use promises::Outcome;
@@ -19,44 +19,45 @@ use zenoh::{Session, Wait};
 
 /// Name of the graph on the network.
 const GRAPH: &str = "maze";
-/// Id of the ports of those who are what they say.
+/// Id of the ports of authorised peers.
 const HONEST: &str = "honest";
-/// Everything is tried so often, so long apart: what has to get through gets its chance on a busy machine, and what must not has it as often.
+/// Number of rounds, and the pause between them. A permitted operation gets several chances on a
+/// busy machine, and so does a forbidden one.
 const ROUNDS: u32 = 5;
 const PAUSE: Duration = Duration::from_millis(300);
-/// How long what is allowed may take. Far longer than it does on any machine.
+/// How long a permitted operation may take. Far longer than it does on any machine.
 const GIVES_UP_AFTER: Duration = Duration::from_secs(90);
 
-/// What is tried on one topic.
+/// An operation tried on one topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Deed {
-    /// Say a message to all readers.
+    /// Publish a message to all readers.
     Put,
-    /// Say it to one reader, as if that had come late.
+    /// Publish it to one reader, as if that reader had joined late.
     PutHistory,
-    /// Say it in the name of a role that one is not.
+    /// Publish it in the name of another role.
     PutInAnotherName,
-    /// Tell a writer how much room there is.
+    /// Report room to a writer.
     PutRoom,
-    /// Delete what a writer has said.
+    /// Delete a message of a writer.
     Delete,
-    /// Hear the messages.
+    /// Subscribe to the messages.
     Subscribe,
-    /// Hear everything about the topic.
+    /// Subscribe to all keys of the topic.
     SubscribeAll,
-    /// Ask a writer whether it is there.
+    /// Query whether a writer is there.
     Query,
-    /// Be asked that.
+    /// Declare a queryable for that.
     Queryable,
-    /// Answer somebody's question with a value.
+    /// Reply to a query with a value.
     Reply,
-    /// Count as a reader.
+    /// Declare the token of a reader.
     ReaderToken,
-    /// Count as a writer.
+    /// Declare the token of a writer.
     WriterToken,
-    /// See who is there.
+    /// Query the tokens.
     TokenQuery,
-    /// See which readers come and go.
+    /// Subscribe to the tokens of readers.
     TokenSubscriber,
 }
 
@@ -78,7 +79,7 @@ impl Deed {
         Self::TokenSubscriber,
     ];
 
-    /// Whether `role` may do so on `topic`.
+    /// Whether `role` may do this on `topic`.
     fn is_allowed(self, role: Role, topic: Topic, lock_step: bool) -> bool {
         let (says, hears) = (role.says().contains(&topic), role.hears().contains(&topic));
         match self {
@@ -92,15 +93,15 @@ impl Deed {
     }
 }
 
-/// Who did what to which topic.
+/// Role, topic and operation.
 type Cell = (Role, Topic, Deed);
 
-/// What has arrived.
+/// The operations that took effect.
 #[derive(Debug, Clone, Default)]
 struct Book(Arc<Mutex<BTreeSet<Cell>>>);
 
 impl Book {
-    /// Notes a deed of the attacker that is named as the last part of `key`.
+    /// Records an operation of the attacker named in the last part of `key`.
     fn note(&self, key: &str, topic: Topic, deed: Deed) {
         let Some((name, role)) = last(key).split_once('.') else { return };
         if let Some(role) = Role::named(role) {
@@ -125,12 +126,13 @@ fn last(key: &str) -> &str {
     key.rsplit('/').next().unwrap_or(key)
 }
 
-/// How one who is `role` calls itself when it says something in the name of `name`.
+/// Name of an attacker of `role` that publishes in the name of `name`.
 fn named(name: Role, role: Role) -> String {
     format!("{}.{}", name.name(), role.name())
 }
 
-/// One in whose name `role` must not speak on `topic`; if there is one, one who may do so there.
+/// A role in whose name `role` must not publish on `topic`; if possible, one that may publish
+/// there.
 fn another(role: Role, topic: Topic) -> Result<Role, Failure> {
     let others =
         Role::ALL.into_iter().filter(|other| *other != role && !role.brings(topic).contains(other));
@@ -147,7 +149,7 @@ fn token(topic: Topic, end: &str, id: &str) -> String {
     format!("{}/{end}/{VERSION}/{}/newest-wins/{id}", base(topic), topic.message())
 }
 
-/// What somebody has declared.
+/// Declarations of one session.
 #[derive(Default)]
 struct Declared {
     subscribers: Vec<Subscriber<()>>,
@@ -185,7 +187,7 @@ impl Declared {
     }
 }
 
-/// Both ends of every topic, as they should be.
+/// Both ends of every topic, as authorised peers.
 struct Honest {
     /// Writer, with its role, and reader of each topic.
     ends: Vec<(Topic, Role, Session, Session)>,
@@ -249,7 +251,7 @@ impl Honest {
         declared.show(reader, token(topic, "reader", HONEST))
     }
 
-    /// Says and asks what honest ones do.
+    /// Publications and queries of the authorised peers.
     fn round(&self) -> Result<(), Failure> {
         for (topic, role, writer, reader) in &self.ends {
             writer
@@ -288,11 +290,12 @@ impl Honest {
     }
 }
 
-/// One who tries everything in one role.
+/// A peer that tries every operation in one role.
 struct Attacker {
     role: Role,
     session: Session,
-    /// Apart from the first, in which whatever one subscriber gets is heard by all that match it.
+    /// Apart from the first session: in one session, every matching subscriber receives what one of
+    /// them receives.
     wide: Session,
     declared: Declared,
     book: Book,
@@ -335,7 +338,7 @@ impl Attacker {
         let key = format!("{}/join/{own}", base(topic));
         let name: KeyExpr<'static> = KeyExpr::try_from(key.clone()).map_err(failed)?;
         let join = session.declare_queryable(key).callback(move |query| {
-            // Those of attackers say who asks.
+            // Queries of attackers name their sender.
             if query.parameters().as_str().is_empty() {
                 asked.write((role, topic, Deed::Queryable));
                 let _ = query.reply(name.clone(), "false").wait();
@@ -379,8 +382,8 @@ impl Attacker {
     }
 }
 
-/// Everything that arrives of what everybody tries; `open` connects in a role. Ends when all of `expected` has arrived, but not before everything
-/// has been tried several times.
+/// All operations that took effect; `open` connects in a role. Ends when all of `expected` has
+/// arrived, but not before everything has been tried several times.
 fn tried(
     open: &dyn Fn(Role) -> Result<Session, Failure>,
     expected: &BTreeSet<Cell>,
@@ -401,7 +404,7 @@ fn tried(
         honest.round()?;
         thread::sleep(PAUSE);
     }
-    // What is still under way.
+    // Messages that are still on their way.
     thread::sleep(3 * PAUSE);
     Ok(book.read())
 }
@@ -415,16 +418,17 @@ fn cells() -> impl Iterator<Item = Cell> {
 }
 
 #[test]
-fn every_role_does_exactly_what_it_may_on_every_key_in_real_time() -> Outcome {
+fn every_role_does_exactly_what_is_permitted_on_every_key_in_real_time() -> Outcome {
     does_exactly_what_it_may(false, 245)
 }
 
 #[test]
-fn every_role_does_exactly_what_it_may_on_every_key_in_lock_step() -> Outcome {
+fn every_role_does_exactly_what_is_permitted_on_every_key_in_lock_step() -> Outcome {
     does_exactly_what_it_may(true, 274)
 }
 
-/// What is allowed is the product's own table; so that nobody is let in by a change to it unseen, its `count` is that of the one that was agreed on.
+/// The permitted operations come from the product's own table. Their `count` is fixed here, so that
+/// a change to the table cannot permit an operation unnoticed.
 fn does_exactly_what_it_may(lock_step: bool, count: usize) -> Outcome {
     let certificates = Certificates::new()?;
     let router = Router::guarded(
@@ -456,9 +460,9 @@ fn does_exactly_what_it_may(lock_step: bool, count: usize) -> Outcome {
     Ok(())
 }
 
-/// Else the matrix would hold whatever the access control did.
+/// Otherwise the matrix would pass with any access control.
 #[test]
-fn without_certificates_everything_that_is_tried_arrives() -> Outcome {
+fn without_certificates_every_operation_takes_effect() -> Outcome {
     let _calm = no_flood();
     let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
     let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();

@@ -1,4 +1,4 @@
-//! A door that keeps nobody out is found out before anything depends on it.
+//! An endpoint that refuses no peer is found before any process depends on it.
 
 use crate::session::{Certificates, Failure, Shows, router};
 use promises::{Ended, Launched, Outcome, graph_file, launch_command, signal};
@@ -17,7 +17,7 @@ use zenoh::Wait;
 const GRAPH: &str = "maze";
 
 #[test]
-fn a_router_as_it_should_be_passes_its_self_test() -> Outcome {
+fn a_correctly_configured_router_passes_its_self_test() -> Outcome {
     let certificates = Certificates::new()?;
     for role in [Role::RobotHost, Role::ControlHost] {
         for lock_step in [false, true] {
@@ -35,7 +35,7 @@ fn a_router_as_it_should_be_passes_its_self_test() -> Outcome {
 }
 
 #[test]
-fn a_router_that_is_configured_wrongly_is_not_relied_on() -> Outcome {
+fn a_router_with_a_wrong_configuration_fails_its_self_test() -> Outcome {
     let certificates = Certificates::new()?;
     let credentials = certificates.of(Role::RobotHost);
     let tested = |shows: Shows,
@@ -56,7 +56,13 @@ fn a_router_that_is_configured_wrongly_is_not_relied_on() -> Outcome {
     let deny = json!({
         "enabled": true,
         "default_permission": "allow",
-        "rules": [{ "id": "r", "messages": ["put"], "flows": ["ingress"], "permission": "deny", "key_exprs": ["coxswain-link/*/residual/**"] }],
+        "rules": [{
+            "id": "r",
+            "messages": ["put"],
+            "flows": ["ingress"],
+            "permission": "deny",
+            "key_exprs": ["coxswain-link/*/residual/**"],
+        }],
         "subjects": [{ "id": "s" }],
         "policies": [{ "rules": ["r"], "subjects": ["s"] }],
     });
@@ -67,8 +73,8 @@ fn a_router_that_is_configured_wrongly_is_not_relied_on() -> Outcome {
     Ok(())
 }
 
-/// In place of the C library's `connect`: whoever connects to any port lands at one of the same address, as behind a packet filter that has been
-/// turned.
+/// Replaces the C library's `connect`: every connection to a port leads to one port at the same
+/// address, as behind a packet filter that redirects.
 const TURNED: &str = r#"
 #define _GNU_SOURCE
 #include <arpa/inet.h>
@@ -84,7 +90,8 @@ int connect(int socket, const struct sockaddr *address, socklen_t length) {
 }
 "#;
 
-/// What a launch of `graph` with certificates comes to whose own doors all lead to `endpoint`.
+/// Result of a launch of `graph` with certificates, in which all connections to its own endpoints
+/// lead to `endpoint`.
 fn launched_behind(
     endpoint: &str,
     graph: &str,
@@ -105,13 +112,13 @@ fn launched_behind(
     let mut command = launch_command(&graph_file(graph), &home.path().join("run"), &options)?;
     let port = endpoint.rsplit_once(':').ok_or("no endpoint")?.1;
     command.env("LD_PRELOAD", &library).env("TURNED_TO", port);
-    // Where nothing may be run from there, the loader would only say so.
+    // If the library may not run from there, the loader would only print an error.
     let loads = Command::new("true").env("LD_PRELOAD", &library).output()?;
     assert!(loads.stderr.is_empty(), "{}", String::from_utf8_lossy(&loads.stderr));
     Launched::by(command, home)?.end()
 }
 
-/// That it ended for `reason`, and the plant was never started.
+/// Asserts that the launch ended for `reason`, and the plant was never started.
 fn assert_never_drove(launched: &(Ended, TempDir), reason: &str) {
     let (ended, home) = launched;
     assert!(!ended.status.success() && ended.text.contains(reason), "{reason}: {}", ended.text);
@@ -119,7 +126,7 @@ fn assert_never_drove(launched: &(Ended, TempDir), reason: &str) {
 }
 
 #[test]
-fn no_robot_drives_whose_router_lets_strangers_in() -> Outcome {
+fn no_robot_drives_if_its_router_accepts_strangers() -> Outcome {
     let certificates = Certificates::new()?;
     let (_open, endpoint) = router(&Shows::Nothing, &[])?;
     let launched = launched_behind(&endpoint, "network", &certificates.folder())?;
@@ -133,7 +140,7 @@ fn no_robot_drives_whose_router_lets_strangers_in() -> Outcome {
 }
 
 #[test]
-fn no_robot_drives_that_strangers_or_other_roles_can_watch() -> Outcome {
+fn no_robot_drives_if_strangers_or_other_roles_can_watch() -> Outcome {
     let certificates = Certificates::new()?;
     let gateway = certificates.of(Role::Gateway);
     let doors = [
@@ -167,15 +174,14 @@ fn no_robot_drives_that_strangers_or_other_roles_can_watch() -> Outcome {
 }
 
 #[test]
-fn a_gateway_that_is_killed_while_it_tries_its_door_tries_it_again_before_watchers_are_welcome()
--> Outcome {
+fn a_gateway_killed_during_its_self_test_repeats_it_before_it_accepts_watchers() -> Outcome {
     let certificates = Certificates::new()?;
     let folder = certificates.folder();
     let launched = Launched::graph(
         "local",
         &["--certificates", folder.to_str().ok_or("no text")?, "--duration", "2"],
     )?;
-    // The next thing that it does takes a second.
+    // The gateway's next step takes a second.
     launched.wait_for_log("gateway", "the live page is served", 1)?;
     signal(launched.process("gateway", None)?, Signal::KILL)?;
     launched.wait_for_log("gateway", "watchers are welcome", 1)?;

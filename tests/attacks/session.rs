@@ -1,4 +1,4 @@
-//! zenoh sessions as somebody opens them who does not use our code.
+//! zenoh sessions as a program without our code opens them.
 
 use coxswain::certificates::issue::{Order, issue};
 use protocol::access::{AUTHORITY_FILE, CERTIFICATE_FILE, Credentials, KEY_FILE, Role};
@@ -14,38 +14,38 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use tempfile::TempDir;
 use zenoh::{Config, Session, Wait};
 
-/// Why something could not be tried.
+/// Why an attempt was not possible.
 pub(crate) type Failure = Box<dyn Error>;
 
-/// The robot that all certificates are of unless it is said.
+/// The robot of all certificates, unless another is given.
 pub(crate) const ROBOT: &str = "mecanum";
 
 /// An hour [s].
 pub(crate) const HOUR_S: i64 = 3_600;
 
-/// Tests that flood a robot run with no other beside them: what that comes to shall not be the other's doing.
+/// Tests that flood a robot run alone, so that no other test changes their result.
 static FLOODED: RwLock<()> = RwLock::new(());
 
-/// Certificates that were made for one test.
+/// Certificates made for one test.
 pub(crate) struct Certificates {
     home: TempDir,
     _beside: Option<RwLockReadGuard<'static, ()>>,
     _alone: Option<RwLockWriteGuard<'static, ()>>,
 }
 
-/// How one who connects shows who it is.
+/// Authentication of a connecting peer.
 #[derive(Debug, Clone)]
 pub(crate) enum Shows {
-    /// It speaks no TLS.
+    /// No TLS.
     Nothing,
-    /// TLS, without a certificate of its own; it believes the authority in this folder.
+    /// TLS, without a certificate of its own; it trusts the authority in this folder.
     NoCertificate(Credentials),
     /// TLS, with this certificate.
     Certificate(Credentials),
 }
 
 impl Certificates {
-    /// Those of [`ROBOT`], for an hour.
+    /// Certificates of [`ROBOT`], valid for an hour.
     pub(crate) fn new() -> Result<Self, Box<dyn Error>> {
         Self::make(Some(no_flood()), None)
     }
@@ -68,7 +68,7 @@ impl Certificates {
         Ok(certificates)
     }
 
-    /// More of them, from so long to so long after now [s].
+    /// Issues more certificates. Their validity begins and ends at these times from now [s].
     pub(crate) fn issue(
         &self,
         authority: &str,
@@ -93,13 +93,13 @@ impl Certificates {
         self.home.path().join("certificates")
     }
 
-    /// That of `role`.
+    /// The certificate of `role`.
     pub(crate) fn of(&self, role: Role) -> Credentials {
         of(&self.folder(), role)
     }
 }
 
-/// While it is held nobody floods a robot.
+/// While this is held, no test floods a robot.
 pub(crate) fn no_flood() -> RwLockReadGuard<'static, ()> {
     FLOODED.read().unwrap_or_else(PoisonError::into_inner)
 }
@@ -109,7 +109,8 @@ pub(crate) fn of(folder: &Path, role: Role) -> Credentials {
     Credentials::in_folder(folder.join(role.name()))
 }
 
-/// A client of whoever listens at `endpoint`. Fails within seconds if nobody answers or wants it.
+/// A client of the router that listens at `endpoint`. Fails within seconds if there is no answer or
+/// the client is refused.
 pub(crate) fn connect(endpoint: &str, shows: &Shows) -> Result<Session, Box<dyn Error>> {
     assert!(
         threads::are_set(),
@@ -138,7 +139,7 @@ pub(crate) fn connect(endpoint: &str, shows: &Shows) -> Result<Session, Box<dyn 
     zenoh::open(config).wait().map_err(|error| error.to_string().into())
 }
 
-/// A router of somebody's own making, and where it listens.
+/// A router of a test, and its endpoint.
 pub(crate) fn router(
     shows: &Shows,
     more: &[(&str, Value)],
@@ -150,7 +151,7 @@ pub(crate) fn router(
         threads::THREADS
     );
     let protocol = if matches!(shows, Shows::Nothing) { "tcp" } else { "tls" };
-    // Between the choice of a port and its use somebody else may take it.
+    // Another process may take the port between its choice and its use.
     for _ in 0..20 {
         let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
         let endpoint = format!("{protocol}/127.0.0.1:{port}");
@@ -158,7 +159,8 @@ pub(crate) fn router(
             ("mode", json!("router")),
             ("listen/endpoints", json!([endpoint])),
             ("scouting/multicast/enabled", json!(false)),
-            // Room for what is too long: the thread that passes it on is the one that would have to make room.
+            // Room for messages that are too long: the forwarding thread would also have to make
+            // the room.
             ("transport/link/tx/queue/size/data", json!(16)),
         ];
         if let Shows::NoCertificate(credentials) | Shows::Certificate(credentials) = shows {
@@ -196,14 +198,14 @@ fn tls(credentials: &Credentials, with_certificate: bool) -> Vec<(&'static str, 
     settings
 }
 
-/// zenoh's own kind of error, of which it gives no other.
+/// zenoh's own error type; zenoh offers no other.
 #[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
 pub(crate) fn failed(error: zenoh::Error) -> Failure {
     error.to_string().into()
 }
 
-/// Prints what was counted.
+/// Prints the counts.
 pub(crate) fn print(counted: impl Display) {
-    // Nobody may be there to read it.
+    // The standard error may be closed.
     let _ = writeln!(io::stderr().lock(), "{counted}");
 }

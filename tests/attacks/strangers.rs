@@ -1,4 +1,5 @@
-//! Strangers at the router of the links: what they say is heard by nobody, and they hear nothing.
+//! Unauthenticated peers at the router of the links: no peer receives their messages, and they
+//! receive none.
 
 use crate::session::{
     Certificates, Failure, HOUR_S, ROBOT, Shows, connect, failed, of, print, router,
@@ -18,16 +19,17 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
-/// What is said is given so long to arrive, after what may arrive has.
+/// Time for a message to arrive, after the permitted ones have arrived.
 const GRACE: Duration = Duration::from_secs(1);
-/// How often a stranger says everything.
+/// How often a stranger publishes everything.
 const ROUNDS: usize = 3;
-/// How long what may arrive has to arrive. Far longer than it takes on any machine.
+/// Time for permitted messages to arrive. Far longer than it takes on any machine.
 const GIVES_UP_AFTER: Duration = Duration::from_secs(90);
-/// What a stranger tries on a topic: put, delete, subscribe, tokens of a writer and of a reader.
+/// Operations that a stranger tries on a topic: put, delete, subscribe, tokens of a writer and of a
+/// reader.
 const STRANGE_DEEDS: usize = 5;
 
-/// Everybody who should not get in, by name.
+/// All peers that must be refused, by name.
 pub(crate) fn strangers(
     certificates: &Certificates,
 ) -> Result<Vec<(&'static str, Shows)>, Failure> {
@@ -35,7 +37,8 @@ pub(crate) fn strangers(
     let expired = certificates.issue("authority", "expired", ROBOT, (-HOUR_S, -60))?;
     let future = certificates.issue("authority", "future", ROBOT, (HOUR_S, 2 * HOUR_S))?;
     let other = certificates.issue("authority", "other", "roomba", (-HOUR_S, HOUR_S))?;
-    // Whoever is foreign believes our authority, else it would not even show what it has.
+    // A stranger with a foreign certificate trusts our authority; otherwise it would not even show
+    // its certificate.
     let ours = certificates.of(Role::Controller);
     std::fs::copy(
         ours.file("authority.pem"),
@@ -51,7 +54,7 @@ pub(crate) fn strangers(
     ])
 }
 
-/// What is heard, of whomever.
+/// Received messages of all peers.
 #[derive(Debug, Clone, Default)]
 struct Ears(Arc<Mutex<BTreeSet<String>>>);
 
@@ -69,7 +72,7 @@ impl Ears {
             .map_err(failed)
     }
 
-    /// Notes who comes and goes.
+    /// Records the tokens that appear and disappear.
     fn see(
         &self,
         session: &Session,
@@ -77,7 +80,7 @@ impl Ears {
     ) -> Result<zenoh::pubsub::Subscriber<()>, Failure> {
         let ears = self.clone();
         let see = move |sample: Sample| {
-            // They go at the end of the test.
+            // They disappear at the end of the test.
             if sample.kind() == SampleKind::Put {
                 ears.note(&sample);
             }
@@ -91,7 +94,7 @@ impl Ears {
             .map_err(failed)
     }
 
-    /// Notes who is there.
+    /// Records the present tokens.
     fn look(&self, session: &Session, key: String) -> Result<(), Failure> {
         let ears = self.clone();
         let see = move |reply: zenoh::query::Reply| {
@@ -102,7 +105,7 @@ impl Ears {
         session.liveliness().get(key).timeout(GRACE).callback(see).wait().map_err(failed)
     }
 
-    /// Notes that the stranger `name` hears something on `topic`.
+    /// Records that the stranger `name` receives a message on `topic`.
     fn stolen(&self, name: &str, topic: Topic) -> impl Fn(Sample) + Send + Sync + 'static {
         let (ears, theft) = (self.clone(), Self::theft(name, topic));
         move |_| ears.write(theft.clone())
@@ -125,14 +128,14 @@ impl Ears {
     }
 }
 
-/// Graph, as it is called on the network.
+/// Name of the graph on the network.
 const GRAPH: &str = "maze";
 
 fn data(topic: Topic, writer: &str) -> String {
     format!("coxswain-link/{GRAPH}/{}/data/{writer}", topic.name())
 }
 
-/// Where somebody says something on `topic` in the name of the role that may.
+/// Key of a message on `topic` in the name of the role that may publish it.
 fn said(topic: Topic, id: &str) -> String {
     let writer = match topic {
         Topic::State | Topic::Health | Topic::Truth => Role::Robot,
@@ -154,21 +157,21 @@ fn token(topic: Topic, end: &str, id: &str) -> String {
 /// A stranger with a session.
 struct LetIn {
     name: &'static str,
-    /// Its number among all that have tried.
+    /// Its number among all strangers.
     number: usize,
     says: Session,
-    /// Another one, since in its own one hears oneself.
+    /// A second session, because a session receives its own messages.
     hears: Session,
 }
 
-/// Those who get a session of all who `connect` in their own way.
+/// Strangers that get a session; each `connect`s in its own way.
 fn let_in(
     strangers: &[(&'static str, Shows)],
     connect: &dyn Fn(&Shows) -> Result<Session, Failure>,
 ) -> Result<Vec<LetIn>, Failure> {
     let mut found = Vec::new();
     for (number, (name, shows)) in strangers.iter().enumerate() {
-        // Some are told at once, some only find that nothing comes of what they do.
+        // Some are refused at once; others only find that their operations have no effect.
         if let Ok(says) = connect(shows) {
             found.push(LetIn { name, number, says, hears: connect(shows)? });
         }
@@ -176,7 +179,8 @@ fn let_in(
     Ok(found)
 }
 
-/// What `strangers` say that honest ones hear, and what they hear, beside what honest ones say to each other: all of it once `is_all` says so.
+/// The messages of `strangers` that authorised peers receive, the messages that strangers receive,
+/// and those between authorised peers. Returns all of them once `is_all` accepts them.
 fn on_the_links(
     honest: &dyn Fn(Role) -> Result<Session, Failure>,
     strangers: &[LetIn],
@@ -252,7 +256,7 @@ fn on_the_links(
     Ok(ears.heard())
 }
 
-/// What is to be heard on the links: of `id`, by honest ones.
+/// Messages that authorised peers should receive on the links from `id`.
 fn said_by(id: &str, kinds: &[&str]) -> BTreeSet<String> {
     let of = |topic| {
         let words = kinds.iter().map(move |kind| format!("{kind} {}", said(topic, id)));
@@ -262,7 +266,7 @@ fn said_by(id: &str, kinds: &[&str]) -> BTreeSet<String> {
 }
 
 #[test]
-fn no_stranger_says_or_hears_anything_on_a_link() -> Outcome {
+fn no_stranger_publishes_or_receives_anything_on_a_link() -> Outcome {
     let certificates = Certificates::new()?;
     let router = Router::guarded(
         &["tcp/127.0.0.1:0".to_owned()],
@@ -276,21 +280,22 @@ fn no_stranger_says_or_hears_anything_on_a_link() -> Outcome {
     let strangers = strangers(&certificates)?;
     let let_in = let_in(&strangers, &|shows| connect(&endpoint, shows))?;
     let expected = said_by("honest", &["PUT"]);
-    let heard = on_the_links(&honest, &let_in, &|heard| expected.is_subset(heard))?;
+    let received = on_the_links(&honest, &let_in, &|received| expected.is_subset(received))?;
     let names: Vec<&str> = let_in.iter().map(|stranger| stranger.name).collect();
-    let arrived = heard.difference(&expected).count();
+    let arrived = received.difference(&expected).count();
     let cells = strangers.len() * Topic::ALL.len() * STRANGE_DEEDS;
     print(format_args!(
-        "strangers at the links: {cells} cells, 0 allowed, {arrived} arrived; a session, in which nothing passes: {names:?}"
+        "strangers at the links: {cells} cells, 0 allowed, {arrived} arrived; a session, in which \
+        nothing passes: {names:?}"
     ));
-    assert_eq!(heard, expected);
+    assert_eq!(received, expected);
     assert!(names.iter().all(|name| *name == "certificate of another robot"), "{names:?}");
     Ok(())
 }
 
-/// Else nothing would be seen of strangers whatever they did.
+/// Otherwise nothing would be received from strangers in any case.
 #[test]
-fn without_certificates_everything_that_strangers_try_on_a_link_arrives() -> Outcome {
+fn without_certificates_every_operation_of_strangers_on_a_link_takes_effect() -> Outcome {
     let certificates = Certificates::new()?;
     let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
     let endpoint = router.endpoints().first().ok_or("it listens nowhere")?.clone();
@@ -301,17 +306,17 @@ fn without_certificates_everything_that_strangers_try_on_a_link_arrives() -> Out
         expected.extend(said_by(&format!("stranger-{number}"), &["PUT", "DELETE"]));
         expected.extend(Topic::ALL.map(|topic| Ears::theft(name, topic)));
     }
-    let heard = on_the_links(&|_| open(), &let_in, &|heard| expected.is_subset(heard))?;
-    assert_eq!(heard, expected);
+    let received = on_the_links(&|_| open(), &let_in, &|received| expected.is_subset(received))?;
+    assert_eq!(received, expected);
     assert_eq!(expected.len(), 24 + 6 * Topic::ALL.len() * STRANGE_DEEDS);
     Ok(())
 }
 
 #[test]
-fn a_client_believes_no_router_that_is_none() -> Outcome {
+fn a_client_refuses_a_router_without_a_matching_certificate() -> Outcome {
     let certificates = Certificates::new()?;
     let other = certificates.issue("authority", "other", "roomba", (-HOUR_S, HOUR_S))?;
-    // As who has stolen a certificate with which one only connects, and waits for others to connect to it.
+    // With a stolen certificate that is meant for clients only, it listens for connections.
     for role in [Role::Watcher, Role::Controller, Role::Robot] {
         let router = Router::guarded(
             &["tcp/127.0.0.1:0".to_owned()],
@@ -327,7 +332,7 @@ fn a_client_believes_no_router_that_is_none() -> Outcome {
             role.name()
         );
     }
-    // A certificate for this address is not one for another.
+    // A certificate for this address is not valid for another.
     let router = Router::guarded(
         &["tcp/127.0.0.2:0".to_owned()],
         &[],
@@ -344,13 +349,14 @@ fn a_client_believes_no_router_that_is_none() -> Outcome {
     Ok(())
 }
 
-/// How long a certificate is valid that ends while it is in use [s]; doubled while the machine takes longer to connect.
+/// Validity of a certificate that expires while it is in use [s]; doubled while the machine takes
+/// longer to connect.
 const SHORT_S: i64 = 4;
-/// How often that is tried.
+/// How often this is tried.
 const SHORTS: i64 = 6;
 
 #[test]
-fn a_router_ends_a_link_when_the_certificate_of_who_has_connected_does() -> Outcome {
+fn a_router_ends_a_link_when_the_certificate_of_its_client_expires() -> Outcome {
     let certificates = Certificates::new()?;
     let router = Router::guarded(
         &["tcp/127.0.0.1:0".to_owned()],
@@ -372,7 +378,8 @@ fn a_router_ends_a_link_when_the_certificate_of_who_has_connected_does() -> Outc
         let Some(session) = connect(&endpoint, &client).ok().filter(is_connected) else { continue };
         let stays = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Robot)))?;
         wait_until("the end of the link", || !is_connected(&session))?;
-        // The second with which a certificate ends is part of it: who connects in it may get in, and is sent away at once.
+        // The last second of a certificate is part of its validity: a peer that connects in it may
+        // get a session, which is closed at once.
         if let Ok(late) = connect(&endpoint, &client) {
             wait_until("the end of a link that was made too late", || !is_connected(&late))?;
         }
@@ -384,7 +391,7 @@ fn a_router_ends_a_link_when_the_certificate_of_who_has_connected_does() -> Outc
     Err("it never connected in time".into())
 }
 
-/// Opens a port like a process of ours.
+/// Opens a port as our processes do.
 fn join(links: &Links) -> Result<(Ports, Source<PlantState>), OpenError> {
     let ports = Ports::open(links, Identity::new(1))?;
     let source = ports.source(Since::First)?;
@@ -392,8 +399,8 @@ fn join(links: &Links) -> Result<(Ports, Source<PlantState>), OpenError> {
 }
 
 #[test]
-fn a_client_ends_a_link_when_the_certificate_of_its_router_does() -> Outcome {
-    /// Each tries once or twice: who finds that its link has ended looks about for a second.
+fn a_client_ends_a_link_when_the_certificate_of_its_router_expires() -> Outcome {
+    /// Each tries once or twice: a client whose link has ended searches for a router for a second.
     const AT_ONCE: usize = 24;
     let certificates = Certificates::new()?;
     for round in 0..SHORTS {
@@ -406,7 +413,7 @@ fn a_client_ends_a_link_when_the_certificate_of_its_router_does() -> Outcome {
         let host = of(&short, Role::RobotHost);
         let end = UNIX_EPOCH + Duration::from_secs(host.read()?.until_s.try_into()?);
         let ended = || SystemTime::now().duration_since(end).ok();
-        // One that keeps its links whatever happens: it is for the clients to end them.
+        // This router keeps its links whatever happens: the clients must end them.
         let (router, endpoint) = router(
             &Shows::Certificate(host),
             &[("transport/link/tls/close_link_on_expiration", json!(false))],
@@ -435,7 +442,8 @@ fn a_client_ends_a_link_when_the_certificate_of_its_router_does() -> Outcome {
             for _ in 0..AT_ONCE {
                 scope.spawn(|| {
                     let mut joined = Vec::new();
-                    // The second with which a certificate ends is part of it: who connects in it may get in.
+                    // The last second of a certificate is part of its validity: a peer that
+                    // connects in it may get a session.
                     while ended().is_none_or(|since| since < Duration::from_secs(1)) {
                         if ended().is_some() {
                             tried.fetch_add(1, Ordering::Relaxed);
@@ -446,7 +454,7 @@ fn a_client_ends_a_link_when_the_certificate_of_its_router_does() -> Outcome {
                         }
                     }
                     all_known.wait();
-                    // They stay until it has been seen what becomes of them.
+                    // They stay until their state has been checked.
                     all_known.wait();
                 });
             }
@@ -457,7 +465,8 @@ fn a_client_ends_a_link_when_the_certificate_of_its_router_does() -> Outcome {
         })?;
         let tried = tried.into_inner();
         print(format_args!(
-            "tries to connect in the last second of a router's certificate: {tried}; no link has outlasted it"
+            "tries to connect in the last second of a router's certificate: {tried}; no link has \
+            outlasted it"
         ));
         assert!(join(&links).is_err(), "it is taken up again");
         if tried > 0 {

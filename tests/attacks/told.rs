@@ -1,4 +1,4 @@
-//! Who is turned away is told in the log: each refusal counts once, in few lines.
+//! Refused operations are logged: each refusal counts once, in few lines.
 
 use crate::driven::launched;
 use crate::session::{Certificates, Failure, Shows, connect, failed, print};
@@ -14,28 +14,29 @@ use std::time::Instant;
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait};
 
-/// How often each is tried.
+/// How often each operation is tried.
 const TIMES: usize = 12;
-/// More than any message may have, and less than twice that [bytes].
+/// More than the length limit of a message, and less than twice that [bytes].
 const LONG_BYTES: usize = 100_000;
 
-/// By what, and how often, somebody has been turned away, as a log tells it.
+/// Reasons of refusals, and how often each occurred, from a log.
 fn told(log: &str) -> BTreeMap<String, (usize, usize)> {
-    let mut told: BTreeMap<String, (usize, usize)> = BTreeMap::new();
+    let mut refusals: BTreeMap<String, (usize, usize)> = BTreeMap::new();
     for line in log.lines() {
         let reason = line
             .split_once("rejected at the network: ")
             .and_then(|(_, said)| said.rsplit_once(" count="));
         if let Some((reason, count)) = reason {
-            let (lines, times) = told.entry(reason.to_owned()).or_default();
+            let (lines, times) = refusals.entry(reason.to_owned()).or_default();
             *lines += 1;
             *times += count.parse::<usize>().unwrap_or(0);
         }
     }
-    told
+    refusals
 }
 
-/// Says something as the writer or watcher that `key` names, however long that takes: behind what is long there may be no room at first.
+/// Publishes a message as the writer or watcher that `key` names, and waits as long as needed:
+/// behind a long message there may be no room at first.
 fn say(session: &Session, key: &str, length: usize) -> Outcome {
     session
         .put(key, vec![0; length])
@@ -44,7 +45,8 @@ fn say(session: &Session, key: &str, length: usize) -> Outcome {
         .map_err(failed)
 }
 
-/// Waits until a log tells that `role` may not say something on `topic`, which `session` of it then tries: so all that the session did before is counted.
+/// Waits until a log contains that `role` may not publish on `topic`; `session` of that role then
+/// tries it. So all earlier operations of the session are counted.
 fn all_is_counted(
     launched: &Launched,
     log: &str,
@@ -57,14 +59,14 @@ fn all_is_counted(
     launched.wait_for_log(log, &format!("{}.mecanum may not Put on {topic}", role.name()), 1)
 }
 
-/// What who watches does below the keys of a link, each of which he may not.
+/// Operations of a watcher below the keys of a link; it may do none of them.
 fn deeds(session: &Session, link: &str) -> Result<(), Failure> {
     let key = |place: &str| format!("{link}/command/{place}");
     say(session, &key("data/watcher.1"), 0)?;
     session.delete(key("data/watcher.1")).wait().map_err(failed)?;
     session.get(key("join/1")).callback(drop).wait().map_err(failed)?;
     session.liveliness().get(key("writer/*")).callback(drop).wait().map_err(failed)?;
-    // Each of these is taken back when it is dropped; what was never let in is not refused once more.
+    // Each of these is undone when it is dropped; undoing a refused operation is not refused again.
     session.declare_queryable(key("join/*")).callback(drop).wait().map_err(failed)?;
     drop(session.liveliness().declare_token(key("reader/watcher.1")).wait().map_err(failed)?);
     session
@@ -77,25 +79,25 @@ fn deeds(session: &Session, link: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Holds what a log tells against who has been turned away, by how the reasons begin and how often each is given.
+/// Compares the refusals in a log with the expected beginnings of the reasons and their counts.
 fn are_told<'a>(
     door: &str,
     log: &str,
     begin: Instant,
     expected: impl Iterator<Item = (&'a str, usize)>,
 ) {
-    let told = told(log);
-    for (reason, (lines, times)) in &told {
+    let refusals = told(log);
+    for (reason, (lines, times)) in &refusals {
         print(format_args!("{door}: {times} times in {lines} lines: {reason}"));
     }
-    // The first at once, then one every ten seconds, and what is left at the end.
+    // The first line comes at once, then one every ten seconds, and the rest at the end.
     let most = 2 + begin.elapsed().as_secs() / 10;
     assert!(
-        told.values().all(|(lines, _)| *lines as u64 <= most),
-        "{door}: more than {most} lines: {told:?}"
+        refusals.values().all(|(lines, _)| *lines as u64 <= most),
+        "{door}: more than {most} lines: {refusals:?}"
     );
     for (begins, expected) in expected {
-        let times: usize = told
+        let times: usize = refusals
             .iter()
             .filter(|(reason, _)| reason.starts_with(begins))
             .map(|(_, (_, times))| times)
@@ -105,7 +107,7 @@ fn are_told<'a>(
 }
 
 #[test]
-fn each_refusal_at_a_router_is_told_once_in_few_lines() -> Outcome {
+fn each_refusal_at_a_router_is_logged_once_in_few_lines() -> Outcome {
     let certificates = Certificates::new()?;
     let begin = Instant::now();
     let (launched, endpoint, graph) = launched(&certificates, &["--duration", "600"])?;
@@ -147,7 +149,7 @@ fn each_refusal_at_a_router_is_told_once_in_few_lines() -> Outcome {
             assert_eq!(session.is_ok(), name == "certificate of another robot");
         }
     }
-    // Who comes after them is let in after them.
+    // A client that connects after them gets its session after them.
     let recorder = connect(&endpoint, &Shows::Certificate(certificates.of(Role::Recorder)))?;
     all_is_counted(
         &launched,
@@ -180,14 +182,14 @@ fn each_refusal_at_a_router_is_told_once_in_few_lines() -> Outcome {
         "peer sent no certificates",
     ];
     let expected = of_watcher.iter().map(String::as_str).chain(once).map(|reason| (reason, TIMES));
-    // Those who speak no TLS, whether they speak zenoh or not.
+    // Peers without TLS, whether they use zenoh's protocol or not.
     are_told("router", &log, begin, expected.chain([("received corrupt message", 2 * TIMES)]));
     assert!(!ended.text.contains("is started again"), "{}", ended.text);
     Ok(())
 }
 
 #[test]
-fn each_refusal_at_a_gateway_is_told_once_in_few_lines() -> Outcome {
+fn each_refusal_at_a_gateway_is_logged_once_in_few_lines() -> Outcome {
     let certificates = Certificates::new()?;
     let folder = certificates.folder();
     let begin = Instant::now();

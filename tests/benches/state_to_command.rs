@@ -1,5 +1,6 @@
-//! How long a robot waits for the answer to a state, end to end: from a real controller process of a real launch, over each carrier, beside the bare
-//! library's round trip between two processes, a state and a bare round in turn.
+//! How long a robot waits for the answer to a state, end to end. Measures a real controller process
+//! of a real launch, over each carrier, beside the bare library's round trip between two processes.
+//! A state and a bare round alternate.
 //!
 //! `cargo bench -p promises --bench state_to_command`
 #![expect(clippy::print_stdout, reason = "figures are what a bench is for")]
@@ -27,10 +28,10 @@ type Failure = Box<dyn Error + Send + Sync>;
 
 /// Longer than any answer takes.
 const LONG: Duration = Duration::from_secs(10);
-/// States that are answered, and the first ones that do not count.
+/// Number of answered states, and of the first ones that do not count.
 const TICKS: u64 = 1500;
 const WARM_UP: u64 = 100;
-/// T, and how long after its answer the bare round comes.
+/// T, and the delay of the bare round after the answer.
 const PERIOD: Duration = Duration::from_millis(20);
 const APART: Duration = Duration::from_millis(5);
 
@@ -77,7 +78,7 @@ fn measure(graph: &str) -> Result<(), Failure> {
         None => Echo::of_iceoryx2(launched.home(), Command::zeroed().byte_len())?,
     };
     let (mut waited, mut bare, mut computed) = (BTreeMap::new(), Vec::new(), BTreeMap::new());
-    // A controller that is not there yet hears nothing.
+    // A controller that is not connected yet receives nothing.
     while robot.drive(Duration::from_millis(100))?.is_none() {}
     for _ in 0..TICKS {
         let begin = monotonic_nanos();
@@ -117,7 +118,7 @@ fn percentiles(mut nanos: Vec<u64>) -> [f64; 2] {
     })
 }
 
-/// A robot that does at once what it is told.
+/// A robot that follows each command at once.
 struct Robot {
     states: Sink<PlantState>,
     commands: Source<Command>,
@@ -125,7 +126,8 @@ struct Robot {
 }
 
 impl Robot {
-    /// Says the next state, and waits for its answer: for how long \[ns\], if it came within `patience`.
+    /// Publishes the next state, and waits for its answer. Returns the waiting time \[ns\], if the
+    /// answer arrived within `patience`.
     fn drive(&mut self, patience: Duration) -> Result<Option<u64>, Failure> {
         self.state.stamp.tick += 1;
         let tick = self.state.stamp.tick;

@@ -1,7 +1,7 @@
-//! Messages in memory and on the network, and the snapshot that a learner begins with.
+//! Messages in memory and on the network, and the snapshot with which a learner begins.
 //!
-//! Bytes are decoded as they came, and once more with version, kind and checksum put right, so that they get as far as the message's own
-//! checks.
+//! Bytes are decoded as received. Then they are decoded once more with valid version, kind and
+//! checksum, so that they reach the message's own checks.
 
 use super::{Fate, Verdict, as_file, either, promise, refused};
 use controller::adopt::{self, Expected};
@@ -21,14 +21,14 @@ use protocol::view::{View, Viewable};
 use protocol::wire::{self, HEADER_BYTES};
 use std::path::Path;
 
-/// Most points of a snapshot that is gone through: all work on it is their square or cube.
+/// Largest number of points in a tested snapshot: all work on it grows with their square or cube.
 const POINTS_MAX: usize = 40;
-/// Largest residual that is believed, on every axis.
+/// Largest residual that is trusted, on every axis.
 const BOUND: f64 = 0.5;
-/// Bytes of the checksum, with which a message in memory begins.
+/// Length of the checksum, with which a message in memory begins \[bytes\].
 const CHECKSUM_BYTES: usize = 4;
 
-/// A message in memory is refused, or says the same bytes again.
+/// A message in memory is refused, or encodes to the same bytes again.
 pub(super) fn frame(bytes: &[u8]) -> Verdict {
     Ok(either(framed(bytes)?, framed(&sealed(bytes, kind(bytes.get(6))))?))
 }
@@ -47,7 +47,7 @@ fn framed(bytes: &[u8]) -> Verdict {
     Ok(fates.into_iter().fold(Fate::Refused, either))
 }
 
-/// A message that was decoded can be shown, and says `bytes` again.
+/// A decoded message can be shown, and encodes to `bytes` again.
 fn shown<T: Viewable>(read: Result<T, DecodeError>, bytes: &[u8]) -> Verdict {
     if let Ok(message) = &read {
         let json = serde_json::to_string(&View(message))
@@ -72,12 +72,12 @@ fn written<T: Message>(read: Result<T, DecodeError>, bytes: &[u8]) -> Verdict {
     Ok(Fate::Used)
 }
 
-/// A kind that there is, by some byte.
+/// A valid kind, chosen by some byte.
 fn kind(byte: Option<&u8>) -> u16 {
     1 + u16::from(byte.copied().unwrap_or(0)) % 8
 }
 
-/// The same with version, kind and checksum of a message in memory.
+/// The same bytes with version, kind and checksum of a message in memory.
 fn sealed(bytes: &[u8], kind: u16) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     if let Some(place) = bytes.get_mut(CHECKSUM_BYTES..CHECKSUM_BYTES + 4) {
@@ -91,7 +91,8 @@ fn sealed(bytes: &[u8], kind: u16) -> Vec<u8> {
     bytes
 }
 
-/// A message on the network is refused, or says bytes that mean the same: as long ones at most, and from then on the same.
+/// A message on the network is refused, or encodes to bytes with the same meaning. These are not
+/// longer, and encode to themselves.
 pub(super) fn wire(bytes: &[u8]) -> Verdict {
     let as_it_came = wired(bytes)?;
     let body = bytes.get(HEADER_BYTES..).unwrap_or_default();
@@ -134,7 +135,8 @@ fn settled<T: Message>(bytes: &[u8]) -> Verdict {
     Ok(Fate::Used)
 }
 
-/// A snapshot on disk is refused with the name of its file, or a learner can begin with it and a controller can use it.
+/// A snapshot on disk is refused with the name of its file, or a learner can begin with it and a
+/// controller can use it.
 pub(super) fn snapshot_file(bytes: &[u8]) -> Verdict {
     let as_it_came = as_file(bytes, |file| resumed(bytes, file))?;
     let sealed = sealed(bytes, ModelSnapshot::KIND);
@@ -166,7 +168,7 @@ fn resumed(bytes: &[u8], file: &Path) -> Verdict {
     adopted(&snapshot)
 }
 
-/// What a learner makes of it.
+/// Result in a learner.
 fn begun_with<const D: usize>(snapshot: &ModelSnapshot) -> Result<(), String> {
     let layout = layout_of(D);
     let kernel = KernelChoice::LinearPlusSquaredExponential;
@@ -197,7 +199,7 @@ fn begun_with<const D: usize>(snapshot: &ModelSnapshot) -> Result<(), String> {
     })
 }
 
-/// A layout of so many inputs, if there is one.
+/// A layout with `inputs` inputs, if there is one.
 fn layout_of(inputs: usize) -> Layout {
     match inputs {
         INPUTS_WITH_HEADING => Layout::VelocitySlipHeading,
@@ -206,7 +208,7 @@ fn layout_of(inputs: usize) -> Layout {
     }
 }
 
-/// What a controller makes of it.
+/// Result in a controller.
 fn adopted(snapshot: &ModelSnapshot) -> Verdict {
     let SnapshotHead { fingerprint, inputs, .. } = snapshot.head;
     let layout = layout_of(inputs as usize);
@@ -219,7 +221,8 @@ fn adopted(snapshot: &ModelSnapshot) -> Verdict {
     let moment = Moment { velocity, input, before, heading: 0.7 };
     let mean = candidate.learned.response(&moment).mean;
     candidate.learned.sample_variance(&moment, &mut candidate.scratch);
-    // Of numbers near the largest ones it may say no number, which the controller looks for in every period.
+    // For numbers near the largest ones the mean may be NaN, which the controller checks in every
+    // period.
     promise(mean.iter().all(|mean| mean.is_nan() || mean.abs() <= BOUND), || {
         format!("a model in use foretells {mean:?}")
     })?;

@@ -1,4 +1,5 @@
-//! What browsers ask of the live page and a person of a controller that drives, the file that says who launched a graph, and certificates.
+//! Requests of browsers to the live page, requests of a person to a driving controller, the file
+//! that names a graph's launcher, and certificates.
 
 use super::{Fate, Verdict, corpus, promise, refused};
 use controller::control::tuning::RULES;
@@ -11,7 +12,8 @@ use settings::change::{Change, changed};
 use std::fs;
 use std::net::{IpAddr, Ipv4Addr};
 
-/// A request gets the page or its events, or a status that says why not: never one of success. Another site gets neither.
+/// A request gets the page or its events, or a status with the reason: never a status of success.
+/// Another site gets neither.
 pub(super) fn request(bytes: &[u8]) -> Verdict {
     let listening = IpAddr::V4(Ipv4Addr::LOCALHOST);
     match gateway::page::asked(bytes, listening) {
@@ -28,8 +30,8 @@ pub(super) fn request(bytes: &[u8]) -> Verdict {
     }
 }
 
-/// A file that says who launched a graph is one of a launcher that lives, whose graph is left alone, or of one that does not, and the graph is
-/// swept. What is no such file is left alone.
+/// A launcher file names a launcher that lives, whose graph is left alone, or one that does not,
+/// whose graph is swept. Any other file is left alone.
 pub(super) fn launcher(bytes: &[u8]) -> Verdict {
     let failed = |error| format!("no folder: {error}");
     let base = tempfile::tempdir().map_err(failed)?;
@@ -47,7 +49,7 @@ pub(super) fn launcher(bytes: &[u8]) -> Verdict {
     Ok(if living + swept > 0 { Fate::Used } else { Fate::Refused })
 }
 
-/// What a controller is told that drives in real time.
+/// Settings of a controller that drives in real time.
 fn told() -> Result<controller::Settings, String> {
     let file = corpus().join("controller_settings/real-time.toml");
     let mut settings: controller::Settings =
@@ -56,7 +58,7 @@ fn told() -> Result<controller::Settings, String> {
     Ok(settings)
 }
 
-/// A change is refused and says why, or makes settings that are possible and differ in nothing that is fixed.
+/// A change is refused with a reason, or gives valid settings that differ in no fixed setting.
 pub(super) fn change(bytes: &[u8]) -> Verdict {
     let Ok(lines) = std::str::from_utf8(bytes) else { return refused("not UTF-8") };
     let before = told()?;
@@ -71,7 +73,8 @@ pub(super) fn change(bytes: &[u8]) -> Verdict {
     }
 }
 
-/// A file that is not a request is taken up all the same, so that it is answered; what it says is a change or not.
+/// A file that is not a request is read all the same, so that it is answered; its content is a
+/// change or not.
 pub(super) fn set_request(bytes: &[u8]) -> Verdict {
     let failed = |error| format!("no folder: {error}");
     let folder = tempfile::tempdir().map_err(failed)?;
@@ -87,7 +90,8 @@ pub(super) fn set_request(bytes: &[u8]) -> Verdict {
     }
 }
 
-/// A certificate is refused with a sentence, or names role and robot, and is valid until the time that everybody reads in it.
+/// A certificate is refused with a sentence, or names role and robot, and all readers find the same
+/// end of its validity.
 pub(super) fn certificate(bytes: &[u8]) -> Verdict {
     let until = valid_until(bytes);
     match Certificate::parse(bytes) {

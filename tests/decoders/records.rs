@@ -40,10 +40,11 @@ pub(super) fn points(bytes: &[u8]) -> Verdict {
     })
 }
 
-/// A record is read as far as it goes, and summed up; the summary can be shown. Its page and its tables are made, or refused.
+/// A record is read as far as possible, and summarised; the summary can be shown. Its page and its
+/// tables are made, or refused.
 pub(super) fn record(bytes: &[u8]) -> Verdict {
     as_file(bytes, |file| {
-        // Twice: what is there already is passed over.
+        // Twice: the second time, the existing content is skipped.
         let segments = [file.to_owned(), file.to_owned()];
         let rows =
             Rows::read(&segments).map_err(|error| format!("a record cannot be read: {error}"))?;

@@ -1,4 +1,4 @@
-//! Every TOML file: refused with file and line, or possible and ready for use.
+//! Every TOML file: refused with file and line, or valid and ready for use.
 
 use super::{Fate, Verdict, as_file, either, promise, refused};
 use controller::control::Controller;
@@ -20,7 +20,7 @@ use settings::SettingsError;
 use std::path::Path;
 use std::time::Instant;
 
-/// Periods of a reference that are looked at.
+/// Periods of a reference that are checked.
 const PERIODS: usize = 30;
 
 pub(super) fn graph(bytes: &[u8]) -> Verdict {
@@ -42,7 +42,7 @@ pub(super) fn robot(bytes: &[u8]) -> Verdict {
     read(bytes, robot_of, |robot| believed(&robot, 0.1))
 }
 
-/// What a learned model may say of a robot has bounds that are numbers.
+/// The bounds of a robot's learned model are finite numbers.
 fn believed(robot: &Robot, period: f64) -> Result<(), String> {
     let bound = bound(&MainModel::new(robot, period), robot);
     promise(bound.iter().all(|bound| bound.is_finite() && *bound >= 0.0), || {
@@ -63,7 +63,7 @@ pub(super) fn scenario(bytes: &[u8]) -> Verdict {
     read(bytes, settings::read, |scenario: Scenario| possible(&scenario))
 }
 
-/// What can be run: its reference and its world are made of numbers.
+/// A valid scenario: its reference and its world consist of finite numbers.
 fn possible(scenario: &Scenario) -> Result<(), String> {
     promise(scenario.period_nanos() > 0, || "a period of no length".into())?;
     let period = scenario.period_millis * 1e-3;
@@ -95,7 +95,7 @@ pub(super) fn scenario_change(bytes: &[u8]) -> Verdict {
     let folder = crate::repository().join("deploy/scenarios");
     match Scenario::named(&folder, "figure-eight+payload", None, &[change.to_owned()]) {
         Ok(scenario) => possible(&scenario).map(|()| Fate::Used),
-        // Lines are those of the merged text, which nobody sees.
+        // Lines are those of the merged text, which no user sees.
         Err(SettingsError::Unreadable { file, reason }) => {
             Err(format!("{}: {reason}", file.display()))
         }
@@ -141,7 +141,7 @@ pub(super) fn controller(bytes: &[u8]) -> Verdict {
         {
             finite_along(&reference)?;
         }
-        // It may refuse: what only its solver can know is found there.
+        // It may refuse: only its solver can find some errors.
         let made = Controller::new(&settings);
         promise(made.is_ok() || made.is_err_and(|error| !error.to_string().is_empty()), || {
             "a refusal says nothing".into()
@@ -166,7 +166,7 @@ pub(super) fn gateway(bytes: &[u8]) -> Verdict {
     })
 }
 
-/// Reads `bytes` as a file: what is possible is `used`, what is not is refused with its place.
+/// Reads `bytes` as a file: valid settings are `used`, invalid ones are refused with their place.
 fn read<T>(
     bytes: &[u8],
     read: impl FnOnce(&Path) -> Result<T, SettingsError>,
@@ -178,7 +178,7 @@ fn read<T>(
     })
 }
 
-/// The error begins `file:line:`, and there is such a line.
+/// The error begins with `file:line:`, and that line exists.
 fn placed(error: &SettingsError, file: &Path, bytes: &[u8]) -> Verdict {
     let line = match error {
         SettingsError::Unreadable { .. } => None,

@@ -33,8 +33,8 @@ pub(crate) fn measure(
     let mut failure = None;
     criterion.bench_function(&format!("round trip/zenoh alone, {name}"), |bencher| {
         bencher.iter(|| {
-            let said = here.put("bare/there", payload.clone()).wait();
-            if let Err(error) = said.and_then(|()| Ok(is_heard.recv_timeout(LONG)?)) {
+            let sent = here.put("bare/there", payload.clone()).wait();
+            if let Err(error) = sent.and_then(|()| Ok(is_heard.recv_timeout(LONG)?)) {
                 failure = Some(error);
             }
         });

@@ -116,8 +116,9 @@ impl Credentials {
         self.folder.join(name)
     }
 
-    /// Reads the certificate. Fails if a file is missing or is no certificate, if other users can
-    /// read the key, or if other users could have replaced a file that is to be trusted.
+    /// Reads the certificate. Fails if a file is missing or is no certificate, or if other users
+    /// can read the key. Also fails if other users could have replaced a file that is to be
+    /// trusted.
     ///
     /// # Errors
     /// [`AccessError`].

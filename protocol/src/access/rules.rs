@@ -279,7 +279,7 @@ pub(crate) fn gaps(graph: &str) -> Value {
 /// and no sender is waited for. Without this, a sender that floods one topic as urgent delays all
 /// others. A sender that requests blocking would end the links of slow receivers.
 pub(crate) fn qualities(graph: &str, priority: fn(Topic) -> &'static str) -> Value {
-    let said = |topic: Topic| {
+    let published = |topic: Topic| {
         let base = base(graph, topic);
         json!({
             "id": topic.name(),
@@ -299,5 +299,5 @@ pub(crate) fn qualities(graph: &str, priority: fn(Topic) -> &'static str) -> Val
         "flows": ["ingress"],
         "overwrite": { "priority": "background", "congestion_control": "drop", "express": false },
     });
-    Value::Array(Topic::ALL.map(said).into_iter().chain([asked]).collect())
+    Value::Array(Topic::ALL.map(published).into_iter().chain([asked]).collect())
 }

@@ -109,7 +109,7 @@ coded! {
         SolverFailed = 13 => "solver failed",
         /// The robot's own measurement was not usable.
         BadState = 14 => "bad state",
-        /// The controller was asked to stop.
+        /// The controller received a request to stop.
         Stopping = 15 => "stopping",
         /// Leaving the brake: not enough good periods yet.
         Recovering = 16 => "recovering",
@@ -141,7 +141,7 @@ coded! {
 }
 
 impl Reason {
-    /// Whether a controller may ask the gate to stop for this reason.
+    /// Whether a controller may request a stop of the gate for this reason.
     pub const fn is_stop_request(self) -> bool {
         matches!(self, Self::PositionError | Self::HeadingError)
     }

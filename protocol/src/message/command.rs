@@ -30,7 +30,7 @@ pub struct Command {
     pub tail_len: u32,
     /// [`FallbackLevel`] of the controller.
     pub fallback_level: u32,
-    /// [`Reason`] for which the gate is asked to stop and latch: a position or a heading error, or
+    /// [`Reason`] of a request to the gate to stop and latch: a position or a heading error, or
     /// none.
     pub stop: u32,
     /// Zero.
@@ -38,7 +38,7 @@ pub struct Command {
 }
 
 impl Command {
-    /// Why the gate is asked to stop; [`Reason::None`] if it is not.
+    /// Reason of a request to the gate to stop; [`Reason::None`] without a request.
     pub fn stop(&self) -> Reason {
         Reason::try_from(self.stop).unwrap_or(Reason::None)
     }

@@ -33,8 +33,8 @@ pub struct Health {
     pub heartbeat: u64,
     /// Periods that it served in time.
     pub deadlines_met: u64,
-    /// Periods that it did not serve in time, one by one: those without an answer, those with a
-    /// late answer, and those with an answer in time that lacked what was required.
+    /// Periods that it did not serve in time, each counted once. The answer was missing, or late,
+    /// or in time but without what was required.
     pub deadlines_missed: u64,
     /// Time in which the machine kept the process from running, and which it took out of its clock;
     /// only for the simulator \[ns\].
@@ -190,7 +190,7 @@ impl<'de> Deserialize<'de> for ErrorText {
 
 impl Serialize for Health {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let said = Said {
+        let serialised = Said {
             stamp: self.stamp,
             participant: self.participant,
             phase: self.phase,
@@ -212,36 +212,36 @@ impl Serialize for Health {
             dropped: self.dropped,
             error: self.last_error(),
         };
-        said.serialize(serializer)
+        serialised.serialize(serializer)
     }
 }
 
 impl<'de> Deserialize<'de> for Health {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let heard = Heard::deserialize(deserializer)?;
+        let decoded = Heard::deserialize(deserializer)?;
         Ok(Self {
-            stamp: heard.stamp,
-            participant: heard.participant,
-            phase: heard.phase,
-            pid: heard.pid,
-            exposure: heard.exposure,
+            stamp: decoded.stamp,
+            participant: decoded.participant,
+            phase: decoded.phase,
+            pid: decoded.pid,
+            exposure: decoded.exposure,
             reserved: 0,
-            heartbeat: heard.heartbeat,
-            deadlines_met: heard.deadlines_met,
-            deadlines_missed: heard.deadlines_missed,
-            stalled_nanos: heard.stalled_nanos,
-            model_version: heard.model_version,
-            learned_axes: heard.learned_axes,
-            models_left: heard.models_left,
-            snapshots: heard.snapshots,
-            snapshots_refused: heard.snapshots_refused,
-            sent: heard.sent,
-            received: heard.received,
-            lost: heard.lost,
-            refused: heard.refused,
-            dropped: heard.dropped,
-            error_len: heard.error.len,
-            error_text: heard.error.bytes,
+            heartbeat: decoded.heartbeat,
+            deadlines_met: decoded.deadlines_met,
+            deadlines_missed: decoded.deadlines_missed,
+            stalled_nanos: decoded.stalled_nanos,
+            model_version: decoded.model_version,
+            learned_axes: decoded.learned_axes,
+            models_left: decoded.models_left,
+            snapshots: decoded.snapshots,
+            snapshots_refused: decoded.snapshots_refused,
+            sent: decoded.sent,
+            received: decoded.received,
+            lost: decoded.lost,
+            refused: decoded.refused,
+            dropped: decoded.dropped,
+            error_len: decoded.error.len,
+            error_text: decoded.error.bytes,
         })
     }
 }

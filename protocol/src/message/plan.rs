@@ -145,7 +145,7 @@ fn first<T>(rows: &[T], count: usize) -> &[T] {
 impl Serialize for Plan {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let horizon = self.horizon as usize;
-        let said = Said {
+        let serialised = Said {
             stamp: self.stamp,
             plant_epoch: self.plant_epoch,
             model_version: self.model_version,
@@ -165,37 +165,39 @@ impl Serialize for Plan {
             variance: first(&self.variance, horizon + 1),
             input: first(&self.input, horizon),
         };
-        said.serialize(serializer)
+        serialised.serialize(serializer)
     }
 }
 
 impl<'de> Deserialize<'de> for Plan {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let heard = Heard::deserialize(deserializer)?;
-        let horizon = heard.input.len;
-        if [heard.predicted.len, heard.reference.len, heard.variance.len] != [horizon + 1; 3] {
+        let received = Heard::deserialize(deserializer)?;
+        let horizon = received.input.len;
+        if [received.predicted.len, received.reference.len, received.variance.len]
+            != [horizon + 1; 3]
+        {
             return Err(D::Error::custom("its rows do not belong to one horizon"));
         }
         Ok(Self {
             horizon: horizon as u32,
-            stamp: heard.stamp,
-            plant_epoch: heard.plant_epoch,
-            model_version: heard.model_version,
-            status: heard.status,
-            iterations: heard.iterations,
-            fallback_level: heard.fallback_level,
-            learned_axes: heard.learned_axes,
-            delay_micros: heard.delay_micros,
-            tick_nanos: heard.tick_nanos,
-            linearise_nanos: heard.linearise_nanos,
-            solve_nanos: heard.solve_nanos,
-            disturbance: heard.disturbance,
-            innovation: heard.innovation,
-            residual: heard.residual,
-            predicted: heard.predicted.items,
-            reference: heard.reference.items,
-            variance: heard.variance.items,
-            input: heard.input.items,
+            stamp: received.stamp,
+            plant_epoch: received.plant_epoch,
+            model_version: received.model_version,
+            status: received.status,
+            iterations: received.iterations,
+            fallback_level: received.fallback_level,
+            learned_axes: received.learned_axes,
+            delay_micros: received.delay_micros,
+            tick_nanos: received.tick_nanos,
+            linearise_nanos: received.linearise_nanos,
+            solve_nanos: received.solve_nanos,
+            disturbance: received.disturbance,
+            innovation: received.innovation,
+            residual: received.residual,
+            predicted: received.predicted.items,
+            reference: received.reference.items,
+            variance: received.variance.items,
+            input: received.input.items,
         })
     }
 }

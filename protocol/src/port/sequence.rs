@@ -58,19 +58,19 @@ impl Sequences {
         if stamp.sequence <= last {
             return Place::Stale;
         }
-        let heard = Heard { writer: stamp.writer, epoch: stamp.epoch, sequence: stamp.sequence };
+        let latest = Heard { writer: stamp.writer, epoch: stamp.epoch, sequence: stamp.sequence };
         let end = if let Some(index) = known {
             index + 1
         } else {
             self.heard.truncate(WRITERS_MAX - 1);
-            self.heard.push(heard);
+            self.heard.push(latest);
             self.heard.len()
         };
         if let Some(fresh) = self.heard.get_mut(..end) {
             fresh.rotate_right(1);
         }
         if let Some(first) = self.heard.first_mut() {
-            *first = heard;
+            *first = latest;
         }
         Place::New { lost: stamp.sequence - last - 1 }
     }

@@ -80,7 +80,7 @@ impl Publisher {
         Ok(())
     }
 
-    /// Closes the sessions of all watchers.
+    /// Closes the session, which ends the sessions of all watchers.
     ///
     /// # Errors
     /// [`TelemetryError::Session`].

@@ -1,4 +1,4 @@
-//! What is sent arrives, in order, whole, and what does not is counted.
+//! Sent messages arrive whole and in order, and lost messages are counted.
 
 use crate::fixture::{
     BRIEF, Failure, Fence, Fixture, LONG, Outcome, PATIENCE, command, count_until, credit, hear,

@@ -1,4 +1,4 @@
-//! A carrier to be tested, alone with itself, that cleans up when it goes.
+//! One carrier under test, in a graph of its own, which removes its files when it is dropped.
 
 use bytemuck::Zeroable;
 use protocol::message::{Command, Credit, Health, Message, ModelSnapshot, SnapshotHead};
@@ -16,13 +16,13 @@ pub(crate) type Failure = Box<dyn Error + Send + Sync>;
 
 pub(crate) type Outcome = Result<(), Failure>;
 
-/// Longer than any test machine needs; a wait that is not to be successful uses [`BRIEF`].
+/// Longer than any test machine needs. A wait that is expected to time out uses [`BRIEF`].
 pub(crate) const LONG: Duration = Duration::from_mins(1);
 
-/// Longer than it takes a reader that has room to say so, on any test machine.
+/// Longer than a reader with room needs to report it, on any test machine.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Long enough to notice that something does not happen.
+/// Long enough to notice that an event does not happen.
 pub(crate) const BRIEF: Duration = Duration::from_millis(40);
 
 /// One graph over one carrier.
@@ -36,7 +36,7 @@ pub(crate) trait Fixture: Sync + Sized {
         Self::with_patience(lock_step, LONG)
     }
 
-    /// The bytes of `message` as this carrier carries them.
+    /// The bytes of `message` on this carrier.
     fn bytes<T: Message>(message: &T) -> Vec<u8> {
         let mut bytes = vec![0; message.byte_len()];
         frame::encode(message, &mut bytes);
@@ -84,7 +84,7 @@ impl Fixture for Shared {
 
 impl Drop for Shared {
     fn drop(&mut self) {
-        // A test that fails shall not leave more behind than its message.
+        // A failed test must leave no remains beside its message.
         let _ = sweep(&self.links);
     }
 }
@@ -116,7 +116,7 @@ impl Fixture for Net {
     }
 }
 
-/// The next message, which is on its way.
+/// The next message; the message is already on its way.
 pub(crate) fn hear<T: OnTopic>(source: &mut Source<T>) -> Result<T, Failure> {
     loop {
         if !source.wait(LONG)? {
@@ -128,7 +128,7 @@ pub(crate) fn hear<T: OnTopic>(source: &mut Source<T>) -> Result<T, Failure> {
     }
 }
 
-/// The newest message, once everything up to `tick` is there.
+/// The newest message, once all messages up to `tick` have arrived.
 pub(crate) fn hear_until<T: OnTopic>(
     source: &mut Source<T>,
     tick: impl Fn(&T) -> bool,
@@ -145,7 +145,7 @@ pub(crate) fn hear_until<T: OnTopic>(
     }
 }
 
-/// Reads until what has been counted is as it should be.
+/// Reads until the counters have the expected values.
 pub(crate) fn count_until<T: OnTopic>(
     source: &mut Source<T>,
     reached: impl Fn(&Source<T>) -> bool,
@@ -161,27 +161,29 @@ pub(crate) fn count_until<T: OnTopic>(
     }
 }
 
-/// Tells when everything that was sent from one place has come to another, without reading it.
+/// Reports when all messages from one place have arrived at another, without reading them.
 pub(crate) struct Fence {
     sink: Sink<Health>,
     source: Source<Health>,
 }
 
 impl Fence {
-    /// Between the writers of `from`, and the readers of `to`, which must be other ports.
+    /// Between the writers of `from` and the readers of `to`, which must be other ports.
     pub(crate) fn between(from: &Ports, to: &Ports) -> Result<Self, Failure> {
         Ok(Self { source: to.source(Since::First)?, sink: from.sink()? })
     }
 
-    /// Ends when what `written` has sent is there: a sink is closed when that has gone, and this follows it.
+    /// Returns when all messages of `written` have arrived: a sink closes after its last message
+    /// has left, and the fence follows it.
     pub(crate) fn pass<T: OnTopic>(&mut self, written: Sink<T>) -> Outcome {
         drop(written);
         self.cross()
     }
 
-    /// Ends when what a reader on the same ports has heard is with all others there too.
+    /// Returns when all messages received by a reader on the same ports have also arrived at all
+    /// other readers.
     pub(crate) fn cross(&mut self) -> Outcome {
-        // Others may cross to the same place.
+        // Other fences may cross to the same place.
         static CROSSINGS: AtomicU64 = AtomicU64::new(0);
         let own = CROSSINGS.fetch_add(1, Ordering::Relaxed);
         self.sink.send(&mut Health { heartbeat: own, ..Health::zeroed() })?;

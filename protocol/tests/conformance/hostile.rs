@@ -1,4 +1,4 @@
-//! Bytes that are no message, or not the one that was asked for.
+//! Bytes that are no message, or another message than the expected one.
 
 use crate::fixture::{Fixture, Outcome, command, count_until, hear, snapshot};
 use protocol::frame::DecodeError;
@@ -7,7 +7,7 @@ use protocol::port::{Since, Tally};
 use protocol::topic::Topic;
 use protocol::{VERSION, message};
 
-/// A valid first message of writer 1, after `change` has had its way with it.
+/// A valid first message of writer 1, modified by `change`.
 fn encoded<F: Fixture, T: Message>(mut message: T, change: impl FnOnce(&mut Stamp)) -> Vec<u8> {
     *message.stamp_mut() = Stamp {
         version: VERSION,
@@ -30,8 +30,8 @@ pub(crate) fn another_version_is_refused_with_both_named<F: Fixture>() -> Outcom
     count_until(&mut source, |source| source.tally().refused == 1)?;
     let refusal = source.last_refusal().ok_or("nothing was refused")?;
     assert_eq!(refusal, DecodeError::Version { expected: VERSION, got: 77 });
-    let said = refusal.to_string();
-    assert!(said.contains("77") && said.contains(&VERSION.to_string()), "{said}");
+    let text = refusal.to_string();
+    assert!(text.contains("77") && text.contains(&VERSION.to_string()), "{text}");
     Ok(())
 }
 

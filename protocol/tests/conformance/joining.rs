@@ -1,4 +1,4 @@
-//! Who comes late, or comes back.
+//! Readers and writers that join late, or join again.
 
 use crate::fixture::{BRIEF, Fixture, LONG, Outcome, command, credit, hear, hear_until, snapshot};
 use protocol::message::{Command, Credit, ModelSnapshot};

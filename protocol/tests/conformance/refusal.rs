@@ -1,4 +1,4 @@
-//! What cannot be opened, and why.
+//! Ports that cannot be opened, and the reasons.
 
 use crate::fixture::{Fixture, Net, Outcome, Shared};
 use protocol::message::{Command, Health};

@@ -1,4 +1,4 @@
-//! Sleeping until there is something to do.
+//! Sleeping until a message waits.
 
 use crate::fixture::{BRIEF, Fixture, LONG, Outcome, command, hear, hear_until};
 use protocol::message::Command;
@@ -77,8 +77,8 @@ pub(crate) fn no_wake_up_is_lost_among_many<F: Fixture>() -> Outcome {
     let ports = graph.ports(1)?;
     let mut questions = ports.sink::<Command>()?;
     let mut answers = ports.source::<protocol::message::Credit>(Since::First)?;
-    let mut heard = ports.source::<Command>(Since::First)?;
-    assert!(heard.next()?.is_none());
+    let mut source = ports.source::<Command>(Since::First)?;
+    assert!(source.next()?.is_none());
     thread::scope(|scope| {
         let (ready, is_ready) = std::sync::mpsc::channel();
         let graph = &graph;

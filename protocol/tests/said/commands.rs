@@ -1,4 +1,4 @@
-//! Commands to say, and waiting for what is said.
+//! Commands to send, and a wait for received messages.
 
 use bytemuck::Zeroable;
 use protocol::message::Command;
@@ -17,7 +17,7 @@ pub(crate) fn command(tick: u64) -> Command {
     command
 }
 
-/// Reads until a message is as wanted.
+/// Reads until a message satisfies the condition.
 pub(crate) fn until<T: OnTopic>(
     source: &mut Source<T>,
     wanted: impl Fn(&T) -> bool,

@@ -14,7 +14,7 @@ use zenoh::{Session, Wait};
 /// Messages that can wait.
 const DEPTH: usize = 4;
 
-/// A process that says again what it hears.
+/// A process that sends back each message that it receives.
 pub(super) struct Echo {
     child: Child,
     way: Way,
@@ -48,13 +48,13 @@ impl Echo {
         Self { child, way: Way::Zenoh { session, heard, bytes, _ears: ears } }.begin()
     }
 
-    /// Until both ends know each other, messages go nowhere.
+    /// Until both ends know each other, messages are lost.
     fn begin(self) -> Result<Self, Failure> {
         while !self.answers(Duration::from_millis(100))? {}
         Ok(self)
     }
 
-    /// There and back \[ns\].
+    /// Time of one round trip \[ns\].
     pub(super) fn round(&self) -> Result<u64, Failure> {
         let begin = monotonic_nanos();
         if self.answers(LONG)? {

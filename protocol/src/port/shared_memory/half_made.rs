@@ -2,8 +2,8 @@
 //! others.
 //!
 //! Shared memory is made in two steps: first its name, then its size. A process that is killed in
-//! between leaves a name without a size. iceoryx2 0.10 waits for that size without end, in every
-//! process that joins and in every process that communicates with the successor.
+//! between leaves a name without a size. iceoryx2 0.10 waits for that size without end: in every
+//! process that joins, and in every process that communicates with the successor.
 
 use super::prefix;
 use super::room::FOLDER;

@@ -12,7 +12,7 @@ use rustix::io::Errno;
 use std::fs::{self, File};
 use std::path::Path;
 
-/// Where POSIX shared memory lies on Linux.
+/// Folder of POSIX shared memory on Linux.
 pub(super) const FOLDER: &str = "/dev/shm";
 
 /// Least free room for a process that joins: more than a whole graph takes in real time \[bytes\].

@@ -257,11 +257,11 @@ mod tests {
                 .services(Topic::Command, Audience::Members, &announcement)
                 .map(drop)
                 .map_err(|error| error.to_string());
-            let said = format!(
+            let expected = format!(
                 "topic command carries Command in protocol version {VERSION}, this program wants \
                 {ours}"
             );
-            assert_eq!(refused, Err(said));
+            assert_eq!(refused, Err(expected));
         }
         drop((services, shared));
         sweep(&links)?;
