@@ -377,8 +377,8 @@ fn a_role_that_floods_what_it_may_say_or_ask_silences_nobody() -> Outcome {
     let acted = acted(&record);
     assert!(acted.keys().all(|writer| [0, genuine].contains(writer)), "{acted:?}: {}", ended.text);
     for who in [
-        "controller.mecanum says more on command",
-        "learner.mecanum says more on snapshot",
+        "controller.mecanum publishes on command above the rate limit",
+        "learner.mecanum publishes on snapshot above the rate limit",
         "gateway.mecanum may not Put on state",
     ] {
         assert!(

@@ -144,11 +144,11 @@ fn a_role_that_floods_the_heartbeats_silences_nobody_and_is_believed_of_nobody_e
     );
     assert!(
         log.contains(
-            "learner says more on health than 50 messages a second from each of 4 writers"
+            "learner publishes more on health than 50 messages a second from each of 4 writers"
         ),
         "{log}"
     );
-    assert!(log.contains("learner says on health what is no word of its own"), "{log}");
+    assert!(log.contains("learner publishes on health what its role may not publish"), "{log}");
     assert!(!ended.text.contains("is started again"), "{}", ended.text);
     assert_eq!(record.of("state").last().map(|state| state.stamp("tick")), Some(200));
     assert!(fresh > 150, "{fresh}");
@@ -240,7 +240,7 @@ fn a_learner_that_dies_is_back_and_stays_though_others_speak_in_its_role_by_many
     assert!(!text.contains("has been silent"), "{text}");
     assert!(
         log.contains(
-            "learner says more on health than 50 messages a second from each of 4 writers"
+            "learner publishes more on health than 50 messages a second from each of 4 writers"
         ),
         "{log}"
     );
@@ -389,7 +389,7 @@ fn nobody_ends_a_run_by_saying_that_the_plant_of_another_machine_has_finished() 
     let (far_ended, far_home) = far.end()?;
     assert!(far_ended.status.success(), "{}", far_ended.text);
     let log = fs::read_to_string(far_home.path().join("run/coxswain.log"))?;
-    assert!(log.contains("learner says on health what is no word of its own"), "{log}");
+    assert!(log.contains("learner publishes on health what its role may not publish"), "{log}");
     let record = Record::read(&home.path().join("run"))?;
     let fallback_levels: Vec<&str> =
         record.of("state").map(|state| state.word("fallback_level")).collect();

@@ -123,7 +123,7 @@ fn no_robot_drives_whose_router_lets_strangers_in() -> Outcome {
     let certificates = Certificates::new()?;
     let (_open, endpoint) = router(&Shows::Nothing, &[])?;
     let launched = launched_behind(&endpoint, "network", &certificates.folder())?;
-    assert_never_drove(&launched, "a stranger without TLS was let in at ");
+    assert_never_drove(&launched, "a peer without TLS was accepted at ");
     assert!(
         !launched.1.path().join("run/recorder.log").exists(),
         "somebody was started: {}",
@@ -137,9 +137,9 @@ fn no_robot_drives_that_strangers_or_other_roles_can_watch() -> Outcome {
     let certificates = Certificates::new()?;
     let gateway = certificates.of(Role::Gateway);
     let doors = [
-        (Shows::Nothing, "a stranger without TLS was let in at "),
-        (Shows::NoCertificate(gateway.clone()), "a stranger without a certificate was let in at "),
-        (Shows::Certificate(gateway), "the role gateway hears at "),
+        (Shows::Nothing, "a peer without TLS was accepted at "),
+        (Shows::NoCertificate(gateway.clone()), "a peer without a certificate was accepted at "),
+        (Shows::Certificate(gateway), "the role gateway receives at "),
     ];
     for (shows, reason) in doors {
         let (session, endpoint) = router(&shows, &[])?;
