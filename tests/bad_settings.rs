@@ -154,7 +154,7 @@ fn a_folder_that_holds_another_run_is_refused() -> Outcome {
 fn whoever_waits_for_a_launch_that_refuses_to_start_is_told_what_it_said() -> Outcome {
     let launched = Launched::new(&["--scenario", "papyrus"])?;
     let told = launched
-        .wait_for_log("gateway", "watchers are welcome", 1)
+        .wait_for_log("gateway", "watchers may connect", 1)
         .map_err(|error| error.to_string());
     assert!(told.as_ref().is_err_and(|told| told.contains("papyrus")), "{told:?}");
     Ok(())

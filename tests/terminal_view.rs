@@ -36,7 +36,7 @@ fn command(launched: &Launched, arguments: &[&str]) -> Result<Command, Box<dyn E
 /// A robot that drives until it is given up, and can be watched.
 fn launch() -> Result<Launched, Box<dyn Error>> {
     let launched = Launched::new(&["--duration", "110"])?;
-    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    launched.wait_for_log("gateway", "watchers may connect", 1)?;
     Ok(launched)
 }
 

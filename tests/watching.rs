@@ -32,7 +32,7 @@ fn commands(record: &Record) -> Vec<String> {
 #[test]
 fn a_watcher_sees_every_period_of_a_slow_robot_and_ends_when_asked_to() -> Outcome {
     let launched = Launched::new(&["--duration", "6"])?;
-    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    launched.wait_for_log("gateway", "watchers may connect", 1)?;
     let mut watcher = watch(&launched, &[])?;
     let lines = watcher.lines(20)?;
     let ticks: Vec<u64> = lines.iter().filter_map(|line| tick(line)).collect();
@@ -55,7 +55,7 @@ fn a_watcher_sees_every_period_of_a_slow_robot_and_ends_when_asked_to() -> Outco
 #[test]
 fn a_robot_that_goes_and_comes_back_is_told_once_each() -> Outcome {
     let launched = Launched::new(&["--duration", "15"])?;
-    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    launched.wait_for_log("gateway", "watchers may connect", 1)?;
     let mut watcher = watch(&launched, &[])?;
     watcher.lines(5)?;
     let gateway = launched.process("gateway", None)?;
@@ -211,7 +211,7 @@ fn what_cannot_be_watched_is_told_clearly() -> Outcome {
 #[test]
 fn a_pipe_that_is_closed_ends_the_watcher_quietly() -> Outcome {
     let launched = Launched::new(&["--duration", "5"])?;
-    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    launched.wait_for_log("gateway", "watchers may connect", 1)?;
     let mut command = Command::new(binaries()?.join("coxswain"));
     command
         .args(["watch", "--plain"])

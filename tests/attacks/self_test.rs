@@ -178,12 +178,12 @@ fn a_gateway_that_is_killed_while_it_tries_its_door_tries_it_again_before_watche
     // The next thing that it does takes a second.
     launched.wait_for_log("gateway", "the live page is served", 1)?;
     signal(launched.process("gateway", None)?, Signal::KILL)?;
-    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    launched.wait_for_log("gateway", "watchers may connect", 1)?;
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     let log = std::fs::read_to_string(home.path().join("run/gateway.log"))?;
     let (tried, welcome) =
-        (log.find("strangers are kept out of the telemetry"), log.find("watchers are welcome"));
+        (log.find("the telemetry rejects unauthenticated peers"), log.find("watchers may connect"));
     assert!(tried.is_some() && tried < welcome, "{log}");
     Ok(())
 }
