@@ -416,7 +416,7 @@ fn a_controller_that_is_started_again_keeps_what_was_set() -> Outcome {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     launched.process("controller", Some(pid))?;
     launched.wait_for_log("controller", "answering a plant", 2)?;
-    launched.wait_for_log("controller", "what was set before is set again", 1)?;
+    launched.wait_for_log("controller", "the earlier changes are restored", 1)?;
     std::thread::sleep(std::time::Duration::from_secs(1));
     let record = end(launched)?;
     let second = record.of("plan").map(|plan| plan.stamp("epoch")).max().ok_or("no plan")?;
