@@ -52,7 +52,7 @@ fn private(folder: &Path) -> std::io::Result<()> {
 /// Whether the launch into `home` has tried, before anything started, to get in without a certificate.
 fn tried_as_a_stranger(home: &TempDir) -> std::io::Result<bool> {
     Ok(fs::read_to_string(home.path().join("run/coxswain.log"))?
-        .contains("strangers are kept out of the network"))
+        .contains("the network rejects unauthenticated peers"))
 }
 
 /// What the machine of `roles` is given of `certificates`.

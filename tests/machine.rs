@@ -139,7 +139,10 @@ fn a_folder_that_is_not_its_users_alone_is_refused_before_anything_is_made_there
     open("world", 0o777)?;
     symlink(elsewhere.path(), at("link"))?;
     let mut refused = vec![
-        ("readable", "expected a folder that nobody else can enter, mode 700, this has mode 755"),
+        (
+            "readable",
+            "expected a folder without access for other users, mode 700, this has mode 755",
+        ),
         ("group", "mode 770"),
         ("world", "mode 777"),
         ("link", "expected a folder, this is a symbolic link"),
@@ -151,7 +154,7 @@ fn a_folder_that_is_not_its_users_alone_is_refused_before_anything_is_made_there
     }
     open("replaceable", 0o777)?;
     private("replaceable/run")?;
-    refused.push(("replaceable/run", "expected to lie where others cannot replace it"));
+    refused.push(("replaceable/run", "expected a path that other users cannot replace"));
     private("replaceable/deep")?;
     private("replaceable/deep/run")?;
     refused.push(("replaceable/deep/run", "replaceable has mode 777"));
@@ -284,7 +287,7 @@ fn an_address_that_others_can_reach_is_refused_unless_it_is_said_in_words() -> O
             .output()?;
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains(key) && said.contains("--insecure in words"), "{said}");
+        assert!(said.contains(key) && said.contains("the option --insecure"), "{said}");
     }
     wait_until("the end of what was refused", || {
         fs::read_dir(home.path()).is_ok_and(|entries| entries.count() == 1)

@@ -100,7 +100,7 @@ fn a_person_sees_the_robot_drive_at_both_sizes_and_the_keys_do_what_help_says() 
     view.wait_for(&["robot in the middle, 10 m across"])?;
 
     view.press(" ")?;
-    view.wait_for(&["HELD, space goes on"])?;
+    view.wait_for(&["HELD, space resumes"])?;
     let held = view.settled()?;
     thread::sleep(Duration::from_secs(1));
     assert_eq!(view.text(), held, "a held picture stands still");
@@ -116,7 +116,7 @@ fn a_person_sees_the_robot_drive_at_both_sizes_and_the_keys_do_what_help_says() 
     view.wait("help to go", |shown| !shown.contains(" Help "))?;
 
     view.resize(LARGE)?;
-    view.wait_for(&["What happened", "with what is learned", "last error", "Tick [ms]"])?;
+    view.wait_for(&["Events", "with what is learned", "last error", "Tick [ms]"])?;
     view.wait_for(&DRIVING)?;
     let large = view.settled()?;
     assert!(

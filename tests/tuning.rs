@@ -348,13 +348,13 @@ fn where_nothing_drives_nothing_is_set_and_in_lock_step_nothing_can_be() -> Outc
     let (code, text) = refusal(&home, &["mpc.weights.position=3"])?;
     assert!(
         code == Some(2)
-            && text.contains("the controller refuses: in lock step settings cannot change"),
+            && text.contains("rejected by the controller: in lock step settings cannot change"),
         "{text}"
     );
     let (code, text) = refusal(&home, &["learner.every_ticks=3"])?;
     assert!(
         code == Some(2)
-            && text.contains("the learner refuses: in lock step settings cannot change"),
+            && text.contains("rejected by the learner: in lock step settings cannot change"),
         "{text}"
     );
     let (code, text) = refusal(&home, &["mpc.weights.position=3", "--run", "/nowhere"])?;

@@ -60,7 +60,7 @@ fn a_robot_that_goes_and_comes_back_is_told_once_each() -> Outcome {
     watcher.lines(5)?;
     let gateway = launched.process("gateway", None)?;
     signal(gateway, Signal::STOP)?;
-    watcher.wait_for_error("no word from the robot", 1)?;
+    watcher.wait_for_error("no message from the robot", 1)?;
     // A stopped one is killed and started again; its watchers find it where it was.
     signal(gateway, Signal::KILL)?;
     launched.process("gateway", Some(gateway))?;
@@ -68,7 +68,7 @@ fn a_robot_that_goes_and_comes_back_is_told_once_each() -> Outcome {
     watcher.lines(5)?;
     let said = watcher.errors();
     assert_eq!(
-        (said.matches("no word").count(), said.matches("is back").count()),
+        (said.matches("no message").count(), said.matches("is back").count()),
         (1, 1),
         "{said}"
     );
