@@ -155,7 +155,7 @@ fn a_folder_that_holds_another_run_is_refused() -> Outcome {
 fn a_wait_for_a_launch_that_refuses_to_start_returns_its_error() -> Outcome {
     let launched = Launched::new(&["--scenario", "papyrus"])?;
     let text = launched
-        .wait_for_log("gateway", "watchers are welcome", 1)
+        .wait_for_log("gateway", "watchers may connect", 1)
         .map_err(|error| error.to_string());
     assert!(text.as_ref().is_err_and(|text| text.contains("papyrus")), "{text:?}");
     Ok(())

@@ -54,7 +54,7 @@ fn private(folder: &Path) -> std::io::Result<()> {
 /// started.
 fn tried_as_a_stranger(home: &TempDir) -> std::io::Result<bool> {
     Ok(fs::read_to_string(home.path().join("run/coxswain.log"))?
-        .contains("strangers are kept out of the network"))
+        .contains("the network rejects unauthenticated peers"))
 }
 
 /// Copies the certificates of `roles` for one machine from `certificates`.

@@ -67,10 +67,10 @@ fn only_a_late_recovery_counts_as_late() {
         "launch 2 never drove",
         "cut 0, of 1000 ms: driving again never, expected 2 s at most",
         "it does not drive at the end",
-        "stored tail (command missing) at tick 9, expected fresh plans alone: nobody was touched \
-        whom the robot needs",
+        "stored tail (command missing) at tick 9, expected fresh plans alone: no process that the \
+         robot needs was touched",
         "Age at tick 9 of epoch 1: a command acted that was in use again 3.20 T after its state, \
-        expected 3 T at most",
+         expected 3 T at most",
     ] {
         assert!(!is_late(worse), "{worse}");
     }

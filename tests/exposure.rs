@@ -88,8 +88,8 @@ fn is_shown(
     assert_eq!(record.summary["exposure"], Value::from(exposure));
     let report = fs::read_to_string(run.join("report.html"))?;
     assert!(report.contains(&format!(
-        "<tr data-key=\"exposure\"><th scope=\"row\">reached by strangers on the network</th><td \
-        data-value=\"{exposure}\">"
+        "<tr data-key=\"exposure\"><th scope=\"row\">access of unauthenticated peers on the \
+         network</th><td data-value=\"{exposure}\">"
     )));
     assert_eq!(report.contains("INSECURE"), !in_report.is_empty());
     assert!(report.contains(in_report));
@@ -100,9 +100,9 @@ fn is_shown(
 fn every_view_shows_that_strangers_can_drive() -> Outcome {
     let changes =
         [("default = \"shared-memory\"", "default = \"shared-memory\"\nsnapshot = \"network\"")];
-    let on_page = "insecure: strangers on the network can drive this robot";
-    let in_report =
-        "<p class=\"note\">run: INSECURE: strangers on the network could drive this robot</p>";
+    let on_page = "insecure: unauthenticated peers on the network can drive this robot";
+    let in_report = "<p class=\"note\">run: INSECURE: unauthenticated peers on the network \
+                     could drive this robot</p>";
     is_shown(
         &changes,
         &["--insecure", "--listen", "tcp/0.0.0.0:0"],
@@ -118,9 +118,9 @@ fn every_view_shows_that_strangers_can_watch() -> Outcome {
         ("listen = [\"tcp/127.0.0.1:0\"]", "listen = [\"tcp/0.0.0.0:0\"]"),
         ("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\""),
     ];
-    let on_page = "insecure: strangers on the network can watch this robot";
-    let in_report =
-        "<p class=\"note\">run: INSECURE: strangers on the network could watch this robot</p>";
+    let on_page = "insecure: unauthenticated peers on the network can watch this robot";
+    let in_report = "<p class=\"note\">run: INSECURE: unauthenticated peers on the network \
+                     could watch this robot</p>";
     is_shown(&changes, &["--insecure"], "strangers can watch", on_page, in_report)
 }
 

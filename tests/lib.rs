@@ -233,7 +233,7 @@ impl Launched {
     /// # Errors
     /// If it never does.
     pub fn gateway_endpoint(&self) -> Result<String, Box<dyn Error>> {
-        self.wait_for_log("gateway", "watchers are welcome", 1)?;
+        self.wait_for_log("gateway", "watchers may connect", 1)?;
         let log = fs::read_to_string(self.folder().join("gateway.log"))?;
         let endpoint = log
             .lines()

@@ -149,7 +149,10 @@ fn a_folder_that_is_not_private_is_refused_before_anything_is_made_there() -> Ou
     open("world", 0o777)?;
     symlink(elsewhere.path(), at("link"))?;
     let mut refused = vec![
-        ("readable", "expected a folder that nobody else can enter, mode 700, this has mode 755"),
+        (
+            "readable",
+            "expected a folder without access for other users, mode 700, this has mode 755",
+        ),
         ("group", "mode 770"),
         ("world", "mode 777"),
         ("link", "expected a folder, this is a symbolic link"),
@@ -161,7 +164,7 @@ fn a_folder_that_is_not_private_is_refused_before_anything_is_made_there() -> Ou
     }
     open("replaceable", 0o777)?;
     private("replaceable/run")?;
-    refused.push(("replaceable/run", "expected to lie where others cannot replace it"));
+    refused.push(("replaceable/run", "expected a path that other users cannot replace"));
     private("replaceable/deep")?;
     private("replaceable/deep/run")?;
     refused.push(("replaceable/deep/run", "replaceable has mode 777"));
@@ -293,7 +296,7 @@ fn an_address_that_others_can_reach_is_refused_without_an_explicit_setting() -> 
             .output()?;
         let errors = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{errors}");
-        assert!(errors.contains(key) && errors.contains("--insecure in words"), "{errors}");
+        assert!(errors.contains(key) && errors.contains("the option --insecure"), "{errors}");
     }
     wait_until("the end of what was refused", || {
         fs::read_dir(home.path()).is_ok_and(|entries| entries.count() == 1)

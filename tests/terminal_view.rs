@@ -37,7 +37,7 @@ fn command(launched: &Launched, arguments: &[&str]) -> Result<Command, Box<dyn E
 /// A robot that drives until the launch ends, and can be watched.
 fn launch() -> Result<Launched, Box<dyn Error>> {
     let launched = Launched::new(&["--duration", "110"])?;
-    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    launched.wait_for_log("gateway", "watchers may connect", 1)?;
     Ok(launched)
 }
 
@@ -101,7 +101,7 @@ fn a_person_sees_the_robot_drive_at_both_sizes_and_the_keys_match_the_help() -> 
     view.wait_for(&["robot in the middle, 10 m across"])?;
 
     view.press(" ")?;
-    view.wait_for(&["HELD, space goes on"])?;
+    view.wait_for(&["HELD, space resumes"])?;
     let held = view.settled()?;
     thread::sleep(Duration::from_secs(1));
     assert_eq!(view.text(), held, "a held picture stands still");
@@ -117,7 +117,7 @@ fn a_person_sees_the_robot_drive_at_both_sizes_and_the_keys_match_the_help() -> 
     view.wait("help to go", |shown| !shown.contains(" Help "))?;
 
     view.resize(LARGE)?;
-    view.wait_for(&["What happened", "with what is learned", "last error", "Tick [ms]"])?;
+    view.wait_for(&["Events", "with what is learned", "last error", "Tick [ms]"])?;
     view.wait_for(&DRIVING)?;
     let large = view.settled()?;
     assert!(

@@ -353,13 +353,13 @@ fn without_a_driving_robot_or_in_lock_step_nothing_can_be_set() -> Outcome {
     let (code, text) = refusal(&home, &["mpc.weights.position=3"])?;
     assert!(
         code == Some(2)
-            && text.contains("the controller refuses: in lock step settings cannot change"),
+            && text.contains("rejected by the controller: in lock step settings cannot change"),
         "{text}"
     );
     let (code, text) = refusal(&home, &["learner.every_ticks=3"])?;
     assert!(
         code == Some(2)
-            && text.contains("the learner refuses: in lock step settings cannot change"),
+            && text.contains("rejected by the learner: in lock step settings cannot change"),
         "{text}"
     );
     let (code, text) = refusal(&home, &["mpc.weights.position=3", "--run", "/nowhere"])?;
@@ -421,7 +421,7 @@ fn a_restarted_controller_keeps_its_changed_settings() -> Outcome {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     launched.process("controller", Some(pid))?;
     launched.wait_for_log("controller", "answering a plant", 2)?;
-    launched.wait_for_log("controller", "what was set before is set again", 1)?;
+    launched.wait_for_log("controller", "the earlier changes are restored", 1)?;
     std::thread::sleep(std::time::Duration::from_secs(1));
     let record = end(launched)?;
     let second = record.of("plan").map(|plan| plan.stamp("epoch")).max().ok_or("no plan")?;

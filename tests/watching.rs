@@ -33,7 +33,7 @@ fn commands(record: &Record) -> Vec<String> {
 #[test]
 fn a_watcher_sees_every_period_of_a_slow_robot_and_ends_on_request() -> Outcome {
     let launched = Launched::new(&["--duration", "6"])?;
-    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    launched.wait_for_log("gateway", "watchers may connect", 1)?;
     let mut watcher = watch(&launched, &[])?;
     let lines = watcher.lines(20)?;
     let ticks: Vec<u64> = lines.iter().filter_map(|line| tick(line)).collect();
@@ -56,12 +56,12 @@ fn a_watcher_sees_every_period_of_a_slow_robot_and_ends_on_request() -> Outcome 
 #[test]
 fn a_robot_that_disconnects_and_returns_is_reported_once_each() -> Outcome {
     let launched = Launched::new(&["--duration", "15"])?;
-    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    launched.wait_for_log("gateway", "watchers may connect", 1)?;
     let mut watcher = watch(&launched, &[])?;
     watcher.lines(5)?;
     let gateway = launched.process("gateway", None)?;
     signal(gateway, Signal::STOP)?;
-    watcher.wait_for_error("no word from the robot", 1)?;
+    watcher.wait_for_error("no message from the robot", 1)?;
     // A stopped gateway is killed and restarted; its watchers reconnect at the same address.
     signal(gateway, Signal::KILL)?;
     launched.process("gateway", Some(gateway))?;
@@ -69,7 +69,7 @@ fn a_robot_that_disconnects_and_returns_is_reported_once_each() -> Outcome {
     watcher.lines(5)?;
     let errors = watcher.errors();
     assert_eq!(
-        (errors.matches("no word").count(), errors.matches("is back").count()),
+        (errors.matches("no message").count(), errors.matches("is back").count()),
         (1, 1),
         "{errors}"
     );
@@ -211,7 +211,7 @@ fn a_failure_to_watch_is_reported_clearly() -> Outcome {
 #[test]
 fn a_pipe_that_is_closed_ends_the_watcher_quietly() -> Outcome {
     let launched = Launched::new(&["--duration", "5"])?;
-    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    launched.wait_for_log("gateway", "watchers may connect", 1)?;
     let mut command = Command::new(binaries()?.join("coxswain"));
     command
         .args(["watch", "--plain"])

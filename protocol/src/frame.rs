@@ -15,7 +15,7 @@ pub enum DecodeError {
         got: usize,
     },
     /// The peer has another protocol version.
-    #[error("protocol version {got} was received, this program speaks version {expected}")]
+    #[error("protocol version {got} was received, this program supports version {expected}")]
     Version {
         /// Version of this program.
         expected: u16,
@@ -61,7 +61,7 @@ pub enum DecodeError {
         reason: &'static str,
     },
     /// A code or count that does not exist.
-    #[error("{message}.{field} is {value}, which no version of it means")]
+    #[error("{message}.{field} is {value}, a value that no version defines")]
     Value {
         /// Message of the topic.
         message: &'static str,

@@ -99,7 +99,7 @@ recorded!(PlantState, "plant → controller: what the sensors saw, and what the 
 });
 
 recorded!(
-    Command, "controller → plant: what the wheels shall do now, and if nothing more is heard.",
+    Command, "controller → plant: what the wheels do now, and if no further command arrives.",
 |command| {
     "plant_epoch": Shape::Integer, "epoch of the plant whose state is answered"
         => command.plant_epoch;
@@ -112,9 +112,9 @@ recorded!(
     "tail": Shape::Rows, "the plan's next inputs, one per period [m/s, m/s, rad/s]"
         => command.tail();
     "fallback_level": Shape::Word(words::fallback_levels),
-        "fallback level that the controller stands on"
+        "fallback level of the controller"
         => command.fallback_level().text();
-    "stop": Shape::Word(words::reasons), "why the gate is asked to stop"
+    "stop": Shape::Word(words::reasons), "reason of the requested stop"
         => words::of_reason(command.stop);
 });
 
@@ -136,7 +136,7 @@ recorded!(
     "residual": Shape::Numbers,
         "velocity at its end, measured minus predicted by the main model [m/s, m/s, rad/s]"
         => sample.residual;
-    "usable": Shape::Integer, "1 if the period teaches something" => sample.usable;
+    "usable": Shape::Integer, "1 if the learner can use the period" => sample.usable;
 });
 
 recorded!(ModelSnapshot, "learner → controller: a better model, without its weights.", |snapshot| {
@@ -182,17 +182,17 @@ recorded!(ModelSnapshot, "learner → controller: a better model, without its we
 });
 
 recorded!(
-    Plan, "controller → watchers: what it intends, what it believes, and what that cost.",
+    Plan, "controller → watchers: its plan, its model, and the time that the plan took.",
 |plan| {
     "plant_epoch": Shape::Integer, "epoch of the plant" => plan.plant_epoch;
     "model_version": Shape::Integer,
         "version of the learned model in use, 0 is the main model alone"
         => plan.model_version;
     "horizon": Shape::Integer, "length of the horizon [periods]" => plan.horizon;
-    "status": Shape::Word(words::statuses), "what the optimiser said" => plan.status().text();
+    "status": Shape::Word(words::statuses), "status of the optimiser" => plan.status().text();
     "iterations": Shape::Integer, "iterations of the optimiser" => plan.iterations;
     "fallback_level": Shape::Word(words::fallback_levels),
-        "fallback level that the controller stands on"
+        "fallback level of the controller"
         => plan.fallback_level().text();
     "learned_axes": Shape::Integer,
         "velocity axes on which the learned model is used: 1 forward, 2 left, 4 yaw, added up"
@@ -225,19 +225,19 @@ recorded!(
 });
 
 recorded!(
-    Health, "every process → launcher and watchers: how it is. Counters are since its start.",
+    Health, "every process → launcher and watchers: its condition. Counters are since its start.",
 |health| {
     "participant": Shape::Word(words::participants), "who reports"
         => health.participant().map_or("?", Participant::text);
-    "phase": Shape::Word(words::phases), "how far it has come" => health.phase().text();
+    "phase": Shape::Word(words::phases), "its phase" => health.phase().text();
     "pid": Shape::Integer, "process id" => health.pid;
-    "exposure": Shape::Word(words::exposures), "what strangers on the network can do"
+    "exposure": Shape::Word(words::exposures), "what unauthenticated peers on the network can do"
         => health.exposure().text();
     "heartbeat": Shape::Integer, "rounds of its loop" => health.heartbeat;
     "deadlines_met": Shape::Integer, "periods served in time" => health.deadlines_met;
     "deadlines_missed": Shape::Integer, "periods not served in time" => health.deadlines_missed;
     "stalled_nanos": Shape::Integer,
-        "time that the machine kept the simulator from running, taken out of its clock [ns]"
+        "time during which the machine suspended the simulator, subtracted from its clock [ns]"
         => health.stalled_nanos;
     "model_version": Shape::Integer,
         "version of the learned model in use, or last published, 0 is none"
@@ -246,7 +246,7 @@ recorded!(
         "velocity axes on which the controller uses it: 1 forward, 2 left, 4 yaw, added up"
         => health.learned_axes;
     "models_left": Shape::Integer,
-        "how often the controller has left a model on an axis, where it had turned worse than none"
+        "how often the controller dropped a model on an axis, where it was worse than none"
         => health.models_left;
     "snapshots": Shape::Integer, "model snapshots published (learner) or adopted (controller)"
         => health.snapshots;
@@ -256,12 +256,12 @@ recorded!(
     "lost": Shape::ByTopic, "messages lost on the way to it" => ByTopic(&health.lost);
     "refused": Shape::ByTopic, "messages refused as malformed" => ByTopic(&health.refused);
     "dropped": Shape::ByTopic,
-        "messages sent that gave way to newer ones in its own queue to the network"
+        "messages that its own queue to the network dropped for newer ones"
         => ByTopic(&health.dropped);
-    "last_error": Shape::Text, "the last error, empty if all is well" => health.last_error();
+    "last_error": Shape::Text, "the last error, empty if there is none" => health.last_error();
 });
 
-recorded!(Truth, "plant-sim → recorder: what is really the case.", |truth| {
+recorded!(Truth, "plant-sim → recorder: the true state.", |truth| {
     "pose": Shape::Numbers, "true pose in the world (x, y, yaw) [m, m, rad]" => truth.pose;
     "velocity": Shape::Numbers, "true body velocity (forward, left, yaw) [m/s, m/s, rad/s]"
         => truth.velocity;

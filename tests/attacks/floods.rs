@@ -383,8 +383,8 @@ fn a_role_that_floods_within_its_permissions_silences_no_process() -> Outcome {
     let acted = acted(&record);
     assert!(acted.keys().all(|writer| [0, genuine].contains(writer)), "{acted:?}: {}", ended.text);
     for who in [
-        "controller.mecanum publishes on command",
-        "learner.mecanum publishes on snapshot",
+        "controller.mecanum publishes on command above the rate limit",
+        "learner.mecanum publishes on snapshot above the rate limit",
         "gateway.mecanum may not Put on state",
     ] {
         assert!(

@@ -130,7 +130,7 @@ fn no_robot_drives_if_its_router_accepts_strangers() -> Outcome {
     let certificates = Certificates::new()?;
     let (_open, endpoint) = router(&Shows::Nothing, &[])?;
     let launched = launched_behind(&endpoint, "network", &certificates.folder())?;
-    assert_never_drove(&launched, "a stranger without TLS was let in at ");
+    assert_never_drove(&launched, "a peer without TLS was accepted at ");
     assert!(
         !launched.1.path().join("run/recorder.log").exists(),
         "somebody was started: {}",
@@ -144,9 +144,9 @@ fn no_robot_drives_if_strangers_or_other_roles_can_watch() -> Outcome {
     let certificates = Certificates::new()?;
     let gateway = certificates.of(Role::Gateway);
     let doors = [
-        (Shows::Nothing, "a stranger without TLS was let in at "),
-        (Shows::NoCertificate(gateway.clone()), "a stranger without a certificate was let in at "),
-        (Shows::Certificate(gateway), "the role gateway hears at "),
+        (Shows::Nothing, "a peer without TLS was accepted at "),
+        (Shows::NoCertificate(gateway.clone()), "a peer without a certificate was accepted at "),
+        (Shows::Certificate(gateway), "the role gateway receives at "),
     ];
     for (shows, reason) in doors {
         let (session, endpoint) = router(&shows, &[])?;
@@ -184,12 +184,12 @@ fn a_gateway_killed_during_its_self_test_repeats_it_before_it_accepts_watchers()
     // The gateway's next step takes a second.
     launched.wait_for_log("gateway", "the live page is served", 1)?;
     signal(launched.process("gateway", None)?, Signal::KILL)?;
-    launched.wait_for_log("gateway", "watchers are welcome", 1)?;
+    launched.wait_for_log("gateway", "watchers may connect", 1)?;
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     let log = std::fs::read_to_string(home.path().join("run/gateway.log"))?;
     let (tried, welcome) =
-        (log.find("strangers are kept out of the telemetry"), log.find("watchers are welcome"));
+        (log.find("the telemetry rejects unauthenticated peers"), log.find("watchers may connect"));
     assert!(tried.is_some() && tried < welcome, "{log}");
     Ok(())
 }

@@ -42,9 +42,9 @@ def main() -> None:
         with zenoh.open(config) as session, session.declare_subscriber(key, lambda sample: plans.put(sample.payload.to_string())):
             draw(plans)
     except zenoh.ZError:
-        sys.exit(f"nobody answers at {endpoint}")
+        sys.exit(f"no robot replies at {endpoint}")
     except queue.Empty:
-        sys.exit(f"no word from a robot at {endpoint} for {SILENCE_S:.0f} s")
+        sys.exit(f"no message from a robot at {endpoint} for {SILENCE_S:.0f} s")
     except KeyboardInterrupt:
         pass
     except BrokenPipeError:  # nobody reads any more; Python must not try to flush again at its end

@@ -327,7 +327,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--check", type=Path, metavar="VECTORS_DIR", help="only try protocol/vectors, and say whether they hold")
     options = parser.parse_args()
     if not options.check and not options.connect:
-        parser.error("--connect is missing: where is the controller's router?")
+        parser.error("--connect is missing: expected the endpoint of the controller's router")
     if not (options.period_ms > 0.0 and options.duration > 0.0 and options.delay_ms >= 0.0 and options.epoch > 0):
         parser.error("--period-ms, --duration and --epoch must be greater than 0, --delay-ms not less")
     return options

@@ -28,8 +28,8 @@ impl Certificate {
     /// # Errors
     /// A sentence with the reason.
     pub fn parse(pem: &[u8]) -> Result<Self, String> {
-        let (_, pem) = parse_x509_pem(pem).map_err(|_| "it is no PEM file".to_owned())?;
-        let certificate = pem.parse_x509().map_err(|_| "it holds no certificate".to_owned())?;
+        let (_, pem) = parse_x509_pem(pem).map_err(|_| "it is not a PEM file".to_owned())?;
+        let certificate = pem.parse_x509().map_err(|_| "it contains no certificate".to_owned())?;
         let name = certificate
             .subject()
             .iter_common_name()
@@ -62,8 +62,8 @@ impl Certificate {
 /// # Errors
 /// A sentence with the reason.
 pub fn valid_until(pem: &[u8]) -> Result<i64, String> {
-    let (_, pem) = parse_x509_pem(pem).map_err(|_| "it is no PEM file".to_owned())?;
-    let certificate = pem.parse_x509().map_err(|_| "it holds no certificate".to_owned())?;
+    let (_, pem) = parse_x509_pem(pem).map_err(|_| "it is not a PEM file".to_owned())?;
+    let certificate = pem.parse_x509().map_err(|_| "it contains no certificate".to_owned())?;
     Ok(certificate.validity().not_after.timestamp())
 }
 
@@ -89,9 +89,9 @@ mod tests {
 
     #[test]
     fn an_invalid_certificate_is_refused_with_a_reason() {
-        assert_eq!(Certificate::parse(b"hello"), Err("it is no PEM file".to_owned()));
+        assert_eq!(Certificate::parse(b"hello"), Err("it is not a PEM file".to_owned()));
         let empty = b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n";
-        assert_eq!(Certificate::parse(empty), Err("it holds no certificate".to_owned()));
+        assert_eq!(Certificate::parse(empty), Err("it contains no certificate".to_owned()));
     }
 
     #[test]

@@ -38,7 +38,7 @@ pub enum AccessError {
     },
     /// Another user could read the key.
     #[error(
-        "{} has mode {mode:o} and can be read by others than its owner: expected mode 0600 (chmod \
+        "{} has mode {mode:o}, so other users can read it: expected mode 0600 (chmod \
         600), as `deploy/certificates` makes it",
         file.display()
     )]
@@ -50,12 +50,12 @@ pub enum AccessError {
     },
     /// Another user could write another authority or key into it.
     #[error(
-        "{0}: expected what is of this user or root and nobody else can write, as \
+        "{0}: expected to be owned by this user or root, and not writable by others, as \
         `deploy/certificates` makes it: folders of mode 700, files of 600"
     )]
     Changeable(Changeable),
     /// Another user could put other certificates in its place.
-    #[error("{}: expected to lie where others cannot replace it, but {above}", file.display())]
+    #[error("{}: expected a path that other users cannot replace, but {above}", file.display())]
     Replaceable {
         /// The file.
         file: PathBuf,
@@ -82,8 +82,7 @@ pub enum AccessError {
     },
     /// The certificate has expired, or is not valid yet.
     #[error(
-        "{} is {what}: `deploy/certificates` makes a new one; else look at this machine's \
-        clock",
+        "{} is {what}: `deploy/certificates` makes a new one; or check this machine's clock",
         file.display()
     )]
     Time {

@@ -17,20 +17,21 @@ const ATTEMPTS: u32 = 3;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Breach {
     /// Any peer can connect without TLS.
-    #[error("a stranger without TLS was let in at {endpoint}")]
+    #[error("a peer without TLS was accepted at {endpoint}")]
     Plain {
         /// The endpoint.
         endpoint: String,
     },
     /// The endpoint does not require certificates.
-    #[error("a stranger without a certificate was let in at {endpoint}")]
+    #[error("a peer without a certificate was accepted at {endpoint}")]
     NoCertificate {
         /// The endpoint.
         endpoint: String,
     },
     /// The access control does not restrict what roles publish.
     #[error(
-        "the role {role} was heard at {endpoint} on the topic {topic}, which it must not write"
+        "a message of role {role} was delivered at {endpoint} on topic {topic}, which it must not \
+         write"
     )]
     WrongRole {
         /// The endpoint.
@@ -41,7 +42,7 @@ pub enum Breach {
         topic: &'static str,
     },
     /// The access control does not restrict which roles watch.
-    #[error("the role {role} hears at {endpoint} what watchers alone may hear")]
+    #[error("the role {role} receives at {endpoint} data that only watchers may receive")]
     NoWatcher {
         /// The endpoint.
         endpoint: String,
@@ -49,7 +50,9 @@ pub enum Breach {
         role: &'static str,
     },
     /// A message of any length passes.
-    #[error("a message of {bytes} bytes passed at {endpoint} where at most {most} do")]
+    #[error(
+        "a message of {bytes} bytes was delivered at {endpoint}, expected at most {most} bytes"
+    )]
     Oversize {
         /// The endpoint.
         endpoint: String,
@@ -59,7 +62,7 @@ pub enum Breach {
         most: usize,
     },
     /// The test gave no result.
-    #[error("whether strangers are kept out at {endpoint} cannot be told: {reason}")]
+    #[error("the access check at {endpoint} could not be completed: {reason}")]
     Unknown {
         /// The endpoint.
         endpoint: String,
@@ -131,5 +134,7 @@ fn gets_in(config: &Config) -> Result<bool, String> {
             return Ok(false);
         }
     }
-    Err(format!("a stranger has got no answer within {ATTEMPT_MILLIS} ms, {ATTEMPTS} times"))
+    Err(format!(
+        "an unauthenticated peer got no reply within {ATTEMPT_MILLIS} ms, {ATTEMPTS} times"
+    ))
 }

@@ -39,8 +39,8 @@ pub enum OpenError {
     },
     /// Shared memory is nearly used up, by this graph or by other processes.
     #[error(
-        "{} has {free} bytes left, expected at least {least}: whoever joins a graph there \
-        would end others",
+        "{} has {free} bytes left, expected at least {least}: a process that joins a graph there \
+         would terminate others",
         folder.display()
     )]
     NoRoom {
@@ -69,8 +69,8 @@ pub enum OpenError {
     },
     /// The other processes of the graph use another message or another version on this topic.
     #[error(
-        "topic {} carries {found_message} in protocol version {found_version}, this program wants \
-        {message} in version {version}",
+        "topic {} carries {found_message} in protocol version {found_version}, this program \
+         expects {message} in version {version}",
         topic.name()
     )]
     Incompatible {
@@ -87,8 +87,8 @@ pub enum OpenError {
     },
     /// All processes of a graph must agree on `lock_step`.
     #[error(
-        "topic {} is not {delivery:?} for the others of the graph, as it is for this program: \
-        lock_step differs",
+        "topic {} is {delivery:?} for this program, and not for the other processes of the graph: \
+         lock_step differs",
         topic.name()
     )]
     Delivery {
@@ -106,7 +106,7 @@ pub enum OpenError {
         reason: String,
     },
     /// The topic has no place left. A dead process that has not been cleaned up may hold one.
-    #[error("topic {} has no place for more than {limit} {role}", topic.name())]
+    #[error("topic {} accepts at most {limit} {role}", topic.name())]
     Full {
         /// The topic.
         topic: Topic,

@@ -310,7 +310,7 @@ impl Fault {
                 return Err(impossible("amount", "a finite number greater than 0"));
             }
             None if self.kind == Kind::Outlier => {
-                return Err(impossible("amount", "it for outlier: the most that a number is off"));
+                return Err(impossible("amount", "it for outlier: the largest error of a number"));
             }
             _ => {}
         }

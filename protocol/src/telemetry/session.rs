@@ -39,7 +39,7 @@ pub(super) fn check_endpoint(endpoint: &str) -> Result<(), TelemetryError> {
     let parsed: EndPoint =
         endpoint.parse().map_err(|error: zenoh::Error| bad(first_line(&error)))?;
     if !["tcp", "tls"].contains(&parsed.protocol().as_str()) {
-        return Err(bad("only tcp and tls are spoken".to_owned()));
+        return Err(bad("only tcp and tls are supported".to_owned()));
     }
     let address = parsed.address().to_string();
     // After the address, an endpoint could switch off the verification of certificates.

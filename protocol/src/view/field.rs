@@ -44,7 +44,7 @@ const STAMP: &[(&str, &str)] = &[
 /// JSON Schema of a message with these fields behind its stamp.
 pub fn schema(title: &str, about: &str, fields: &[Field]) -> Value {
     let stamp = object(
-        "Who said it, and when.",
+        "The writer, and the time.",
         STAMP.iter().map(|&(name, about)| (name, described(json!({"type": "integer"}), about))),
     );
     let fields =

@@ -120,7 +120,7 @@ impl Display for Complaint {
             ),
             Self::Period { ratio, period_s } => write!(
                 f,
-                "the pose moves {ratio:.2} times as far as the velocity says: is the driver's \
+                "the pose moves {ratio:.2} times as far as the velocity implies: is the driver's \
                  period {:.1} ms?",
                 1e3 * period_s
             ),
@@ -131,8 +131,8 @@ impl Display for Complaint {
             ),
             Self::Row { wheels, carried } => write!(
                 f,
-                "plans leave out the current limit of motor {}: it is foretold, and {:.0} % of it \
-                 measured",
+                "plans ignore the current limit of motor {}: the model predicts it, and {:.0} % \
+                 of it is measured",
                 Motors(*wheels),
                 100.0 * carried
             ),

@@ -45,8 +45,8 @@ pub enum ControllerError {
     Reference(#[from] PointsError),
     /// An oracle needs the simulator's own dynamics.
     #[error(
-        "mpc.method = \"oracle\" needs the simulator's own dynamics, which `coxswain experiment` \
-         alone hands out"
+        "mpc.method = \"oracle\" needs the simulator's own dynamics, which only `coxswain \
+         experiment` provides"
     )]
     NoForesight,
 }

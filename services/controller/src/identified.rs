@@ -73,8 +73,8 @@ pub fn resume(controller: &mut Controller, settings: &Settings) {
     let own = Some(file_of(settings)).filter(|file| settings.run.restarted && file.exists());
     let Some(file) = own.or_else(|| settings.identified.clone()) else { return };
     match begin_with(controller, &file) {
-        Ok(()) => tracing::info!(file = %file.display(), "begins with an identified response"),
-        Err(error) => tracing::warn!("{error}; beginning with nothing"),
+        Ok(()) => tracing::info!(file = %file.display(), "starts with an identified response"),
+        Err(error) => tracing::warn!("{error}; starting without it"),
     }
 }
 
@@ -103,7 +103,8 @@ pub fn save(controller: &Controller, settings: &Settings) {
         settings::write(beside, &controller.knowledge().identified()).map_err(io::Error::other)
     });
     if let Err(error) = written {
-        tracing::warn!(file = %file.display(), "what was identified is not kept: {error}");
+        tracing::warn!(file = %file.display(), "the identified response could not be saved: \
+            {error}");
     }
 }
 

@@ -60,8 +60,7 @@ pub enum RunError {
     },
     /// No controller could ever replace one that has the last epoch.
     #[error(
-        "epoch {highest} is the last one there is: no controller can take over from whoever has \
-         it; start the plant anew"
+        "epoch {highest} is the last one there is: no controller can take over; restart the plant"
     )]
     NoEpochLeft {
         /// Highest epoch so far.
@@ -120,11 +119,11 @@ fn told(settings: &Settings) -> Settings {
     match changed_before(settings, Participant::Controller, &RULES) {
         Ok((settings, 0)) => settings,
         Ok((settings, changes)) => {
-            tracing::info!(changes, "what was set before is set again");
+            tracing::info!(changes, "the earlier changes are restored");
             settings
         }
         Err(error) => {
-            tracing::warn!("what was set before is forgotten: {error}");
+            tracing::warn!("the earlier changes are lost: {error}");
             settings.clone()
         }
     }

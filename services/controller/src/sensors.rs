@@ -68,12 +68,12 @@ impl SensorFault {
                  sensors, the robot brakes"
             }
             Self::Velocity => {
-                "the velocity has not changed for periods, and the robot is elsewhere than it \
-                 leads: a stuck sensor, the robot brakes"
+                "the velocity has not changed for periods, and the position contradicts it: a \
+                 stuck sensor, the robot brakes"
             }
             Self::YawRate => {
-                "the yaw rate has not changed for periods, and the heading is not where it \
-                 leads: a stuck sensor, the robot brakes"
+                "the yaw rate has not changed for periods, and the heading contradicts it: a \
+                 stuck sensor, the robot brakes"
             }
         }
     }

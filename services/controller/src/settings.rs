@@ -285,7 +285,7 @@ impl MpcSettings {
         if limits.chance_level.is_some_and(|level| !(0.5..=CHANCE_LEVEL_MAX).contains(&level)) {
             return impossible(
                 "state_limits.chance_level",
-                "0.5, which looks at the mean alone, to 0.999999, or nothing",
+                "0.5 (the mean alone) to 0.999999, or nothing",
             );
         }
         if let DelaySetting::KnownS(seconds) = self.delay
@@ -296,7 +296,7 @@ impl MpcSettings {
         if !(0.0..=1.0).contains(&self.observer_gain) {
             return impossible(
                 "observer_gain",
-                "a number from 0 (never corrects) to 1 (believes the last period alone)",
+                "a number from 0 (never corrects) to 1 (uses the last period alone)",
             );
         }
         if !(self.budget_share > 0.0 && self.budget_share <= 1.0) {
@@ -335,8 +335,8 @@ impl Check for Settings {
             return Err(Impossible::new(
                 "duration_s",
                 format!(
-                    "more than 0 s, and at most {PERIODS_MAX} periods, which the reference has \
-                     room for"
+                    "more than 0 s, and at most {PERIODS_MAX} periods, the capacity of the \
+                     reference"
                 ),
             ));
         }

@@ -21,13 +21,13 @@ fn main() -> anyhow::Result<ExitCode> {
     let (Some(endpoint), robot) = (arguments.next(), arguments.next()) else {
         writeln!(
             io::stderr(),
-            "where? Say an endpoint, as in error_live tcp/127.0.0.1:7448 [robot]"
+            "no endpoint: expected one, as in error_live tcp/127.0.0.1:7448 [robot]"
         )?;
         return Ok(ExitCode::from(2));
     };
     let stop = Stop::new();
     stop.on_signals()?;
-    let mut watcher = Watcher::open(&endpoint, robot.as_deref()).context("nobody answers")?;
+    let mut watcher = Watcher::open(&endpoint, robot.as_deref()).context("no robot replies")?;
     let mut heard = Instant::now();
     while !stop.requested() {
         let word = watcher.next(PATIENCE)?;
@@ -47,7 +47,7 @@ fn main() -> anyhow::Result<ExitCode> {
             }
         }
         if heard.elapsed() > SILENCE {
-            bail!("no word from a robot at {endpoint} for {} s", SILENCE.as_secs());
+            bail!("no message from a robot at {endpoint} for {} s", SILENCE.as_secs());
         }
     }
     Ok(ExitCode::SUCCESS)

@@ -124,8 +124,8 @@ impl Assembly {
         }
         if let Some(Exposed { key, address }) = exposed.first().filter(|_| !options.insecure) {
             let expected = "an address of this machine alone, such as 127.0.0.1, \
-                 certificates (deploy/certificates), or --insecure in words: \
-                 nothing keeps strangers out there"
+                 certificates (deploy/certificates), or the option --insecure: unauthenticated \
+                 peers have access there"
                 .to_owned();
             return Err(SettingsError::Value {
                 file: options.graph.clone(),

@@ -69,7 +69,7 @@ pub fn run(options: &CertificatesOptions) -> Result<(), IssueError> {
     let made = issue(&authority, &options.out, &order)?;
     let whose = if made.new_authority { "new authority" } else { "authority" };
     terminal::print(format_args!(
-        "{whose} {}: keep it off the robot; whoever has its key can make certificates",
+        "{whose} {}: keep it off the robot; anyone with its key can make certificates",
         authority.display()
     ));
     terminal::print(format_args!(

@@ -102,7 +102,7 @@ impl Display for Closing {
             writeln!(
                 f,
                 "  world stood still   {:.3} s, \
-                 in which the machine kept the simulator from running",
+                 in which the machine suspended the simulator",
                 self.world_stalled_s
             )?;
         }
@@ -122,7 +122,7 @@ impl Display for Closing {
             list(lost.map(|(topic, lost)| format!("{topic} {lost}")))
         )?;
         for told in &self.told {
-            write!(f, "\n  told                {told}")?;
+            write!(f, "\n  reported            {told}")?;
         }
         if self.exposure == Exposure::Closed.text() {
             Ok(())
@@ -198,7 +198,7 @@ mod tests {
             .replace("\"position_rmse_m\"", "\"figures_of\": \"measured\", \"position_rmse_m\"");
         fs::write(folder.path().join("summary.json"), summary)?;
         let shown = Closing::read(folder.path())?.to_string();
-        assert!(shown.ends_with("\n  told                controller: slow"), "{shown}");
+        assert!(shown.ends_with("\n  reported            controller: slow"), "{shown}");
         assert!(shown.contains("0.043 m at most, as measured\n"), "{shown}");
         Ok(())
     }

@@ -177,7 +177,7 @@ pub enum DrillError {
         source: io::Error,
     },
     /// A signal interrupted the drill.
-    #[error("{INTERRUPTED}; what was done by then is in the rows")]
+    #[error("{INTERRUPTED}; the rows contain the finished exercises")]
     Interrupted,
 }
 
@@ -299,8 +299,10 @@ fn check(deploy: &Path) -> Result<(), DrillError> {
     if !deploy.join("robots/mecanum.toml").is_file() || !deploy.join("scenarios").is_dir() {
         return Err(DrillError::NoDeploy { folder: deploy.to_path_buf() });
     }
-    let own = std::env::current_exe()
-        .map_err(|source| DrillError::File { path: "the drill's own place".into(), source })?;
+    let own = std::env::current_exe().map_err(|source| DrillError::File {
+        path: "the path of the drill program".into(),
+        source,
+    })?;
     let folder = own.parent().unwrap_or(Path::new("")).to_path_buf();
     let programs = missing_programs(START_ORDER.into_iter(), &folder);
     if programs.is_empty() { Ok(()) } else { Err(DrillError::MissingPrograms { programs, folder }) }

@@ -27,7 +27,7 @@ impl fmt::Display for Exposed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { key, address } = self;
         let what = if self.lets() == Exposure::Driven { "watch and drive" } else { "watch" };
-        write!(f, "{key} is {address}, and whoever reaches it can {what} the robot")
+        write!(f, "{key} is {address}, and every peer that reaches it can {what} the robot")
     }
 }
 

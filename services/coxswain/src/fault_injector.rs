@@ -146,7 +146,7 @@ impl Work {
                 tracing::error!(
                     %participant,
                     kind = deed.kind.name(),
-                    "there was nobody to inject a fault into for {ABSENT:?}"
+                    "no process to inject a fault into for {ABSENT:?}"
                 );
                 return;
             }

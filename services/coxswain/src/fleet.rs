@@ -254,7 +254,7 @@ impl<'a> Fleet<'a> {
             // A process that failed by itself fails again. One that was killed may become ready.
             let policy = self.context.assembly.graph.processes.of(role).restart_policy();
             if ending.is_kill() && member.restarts.after_death(&policy, Instant::now()).is_some() {
-                tracing::warn!(%role, %ending, "ended before it was ready, and is started again");
+                tracing::warn!(%role, %ending, "ended before it was ready, and is restarted");
                 self.start(role)?;
                 return Ok(false);
             }
@@ -446,7 +446,7 @@ fn still_lives(child: &mut Child, folder: &Path, complaints: &mut Vec<String>) -
         }
         Ok(Some(ending)) => {
             complaints.push(format!(
-                "{} ended with {ending} when asked to end{}",
+                "{} ended with {ending} after the stop request{}",
                 child.role(),
                 last_words(folder, child.role())
             ));
@@ -459,7 +459,7 @@ fn still_lives(child: &mut Child, folder: &Path, complaints: &mut Vec<String>) -
 fn end_by_force(mut child: Child) -> String {
     child.kill();
     let complaint = format!(
-        "{} (process {}) did not end when asked to, and was killed",
+        "{} (process {}) did not end after the stop request, and was killed",
         child.role(),
         child.pid()
     );

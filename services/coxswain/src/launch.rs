@@ -162,7 +162,7 @@ pub fn run(options: &Options) -> Result<Outcome, LaunchError> {
     let entry = GraphEntry::register(&base)?;
     let outcome = run_at(&entry, assembly, programs, options.out.as_deref(), &mut person);
     if let Err(complaint) = entry.remove() {
-        person.terminal.say(format_args!("shared memory could not be swept: {complaint}"));
+        person.terminal.say(format_args!("shared memory could not be cleaned up: {complaint}"));
     }
     outcome
 }
@@ -217,7 +217,7 @@ fn run_at(
             Ok(file) => assembly.without_learning = Some(file),
             Err(error) => person
                 .terminal
-                .say(format_args!("the live page shows no run without learning: {error}")),
+                .say(format_args!("the live page cannot show the run without learning: {error}")),
         }
     }
     open_log(&folder, &assembly.log)?;
@@ -234,7 +234,7 @@ fn run_at(
     if let Some(router) = router.as_ref().filter(|_| assembly.certificates.is_some()) {
         // No process has been started yet, so the robot cannot move.
         refusals::unlogged(|| router.self_test())?;
-        tracing::info!("strangers are kept out of the network");
+        tracing::info!("the network rejects unauthenticated peers");
     }
     if let Some(router) = &router {
         person
@@ -247,7 +247,7 @@ fn run_at(
     // From here on the run accepts requests to change its settings.
     requests::welcome(&context.folder).and_then(|()| entry.note_run(&context.folder)).map_err(
         |source| {
-            let what = "the place for changes while it runs";
+            let what = "the folder for requests during the run";
             LaunchError::System { what, source }
         },
     )?;
@@ -305,7 +305,7 @@ fn run_processes(context: &RunContext, person: &mut Person) -> Result<Ended, Lau
     };
     match &outcome {
         Ok(Outcome::Finished) => tracing::info!("the plant has finished"),
-        Ok(Outcome::Signal(signal)) => tracing::info!(signal, "asked to end"),
+        Ok(Outcome::Signal(signal)) => tracing::info!(signal, "stop requested"),
         Err(error) => tracing::error!("{error}"),
     }
     person.manager.stopping();
@@ -454,11 +454,11 @@ fn look_after(
                     tracing::error!(
                         %role,
                         beats,
-                        "runs, but nobody hears its heartbeats on the graph's links"
+                        "runs, but its heartbeats do not arrive on the graph's links"
                     );
                     person.terminal.say(format_args!(
-                        "{role} runs, but on the graph's links nobody has heard \
-                         its last {beats} heartbeats"
+                        "{role} runs, but its last {beats} heartbeats did not arrive on the \
+                         graph's links"
                     ));
                 }
                 Event::GivenUp { role, ending } => {
@@ -471,7 +471,7 @@ fn look_after(
                     tracing::error!(%role, trouble, ?wait, "cannot be started again");
                     let next = wait.map_or_else(
                         || "the run goes on without it".to_owned(),
-                        |wait| format!("it is tried anew in {wait:?}"),
+                        |wait| format!("the next attempt is in {wait:?}"),
                     );
                     person
                         .terminal
@@ -525,8 +525,10 @@ fn heading(assembly: &Assembly) -> String {
 
 /// All binaries are in the same directory.
 fn programs_folder() -> Result<PathBuf, LaunchError> {
-    let own = env::current_exe()
-        .map_err(|source| LaunchError::System { what: "the launcher's own place", source })?;
+    let own = env::current_exe().map_err(|source| LaunchError::System {
+        what: "the path of the launcher program",
+        source,
+    })?;
     Ok(own.parent().unwrap_or(Path::new("")).to_path_buf())
 }
 

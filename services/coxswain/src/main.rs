@@ -105,7 +105,7 @@ enum Experiment {
 
 fn main() -> ExitCode {
     if let Err(error) = threads::set() {
-        Terminal::new().say(format_args!("coxswain: the program cannot be started anew: {error}"));
+        Terminal::new().say(format_args!("coxswain: the program cannot restart itself: {error}"));
         return ExitCode::FAILURE;
     }
     match Arguments::parse().command {

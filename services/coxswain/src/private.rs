@@ -41,7 +41,7 @@ pub enum NotPrivate {
     },
     /// Other users can read or change its contents.
     #[error(
-        "{0}: expected a folder that nobody else can enter, mode 700, this has mode {mode:o}: \
+        "{0}: expected a folder without access for other users, mode 700, this has mode {mode:o}: \
          `chmod 700 {0}` if all in it is yours",
         folder.display()
     )]
@@ -52,7 +52,7 @@ pub enum NotPrivate {
         mode: u32,
     },
     /// Other users can replace it by another directory.
-    #[error("{}: expected to lie where others cannot replace it, but {above}", folder.display())]
+    #[error("{}: expected a path that other users cannot replace, but {above}", folder.display())]
     Replaceable {
         /// The directory.
         folder: PathBuf,
@@ -157,7 +157,7 @@ mod tests {
             let parent = tempfile::tempdir()?;
             let refused = said(parent.path(), |folder| with_mode(folder, mode))?;
             let expected =
-                "FOLDER: expected a folder that nobody else can enter, mode 700, this has mode";
+                "FOLDER: expected a folder without access for other users, mode 700, this has mode";
             assert_eq!(
                 refused,
                 format!("{expected} {mode:o}: `chmod 700 FOLDER` if all in it is yours")
@@ -187,7 +187,7 @@ mod tests {
         fs::set_permissions(parent.path(), fs::Permissions::from_mode(0o777))?;
         let refused = said(parent.path(), |folder| with_mode(folder, 0o700))?;
         assert!(
-            refused.starts_with("FOLDER: expected to lie where others cannot replace it, but ")
+            refused.starts_with("FOLDER: expected a path that other users cannot replace, but ")
                 && refused.ends_with("has mode 777")
         );
         fs::set_permissions(parent.path(), fs::Permissions::from_mode(0o1777))?;
@@ -207,8 +207,8 @@ mod tests {
             assert_eq!(
                 refused,
                 format!(
-                    "FOLDER: expected to lie where others cannot replace it, \
-                     but {} has mode {mode:o}",
+                    "FOLDER: expected a path that other users cannot replace, but {} has mode \
+                     {mode:o}",
                     open.display()
                 )
             );

@@ -98,7 +98,7 @@ impl ServiceManager {
     fn say(&self, what: &str) {
         let Some(socket) = &self.socket else { return };
         if let Err(error) = socket.send(what.as_bytes()) {
-            tracing::warn!(%error, what, "the service manager could not be told");
+            tracing::warn!(%error, what, "the service manager could not be notified");
         }
     }
 }

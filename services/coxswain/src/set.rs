@@ -52,7 +52,7 @@ pub enum SetError {
     #[error("no launch runs on this machine")]
     NothingRuns,
     /// Several launches run.
-    #[error("several launches run on this machine; say which: {}", alternatives(runs))]
+    #[error("several launches run on this machine; name one with --run: {}", alternatives(runs))]
     SeveralRun {
         /// Their run directories.
         runs: Vec<PathBuf>,
@@ -64,7 +64,7 @@ pub enum SetError {
         run: PathBuf,
     },
     /// The process is not part of this launch.
-    #[error("this launch has no {role}: it takes orders on the machine where it runs")]
+    #[error("this launch has no {role}: run this command on the machine of that process")]
     Elsewhere {
         /// Role of the process.
         role: Participant,
@@ -73,7 +73,7 @@ pub enum SetError {
     #[error(transparent)]
     Ask(#[from] AskError),
     /// The process rejected the change.
-    #[error("the {role} refuses: {reason}")]
+    #[error("rejected by the {role}: {reason}")]
     Refused {
         /// Role of the process.
         role: Participant,
@@ -84,7 +84,9 @@ pub enum SetError {
     #[error("the launch has ended, and nothing was changed")]
     Ended,
     /// The process sent no reply in time.
-    #[error("the {role} has not answered for {PATIENCE:?}; it takes the change up when it is back")]
+    #[error(
+        "the {role} has not replied for {PATIENCE:?}; it processes the request when it is back"
+    )]
     NoAnswer {
         /// Role of the process.
         role: Participant,
@@ -116,7 +118,7 @@ pub fn run(options: &SetOptions, base: &Path) -> Result<(), SetError> {
     if let Outcome::Applied { taken_at_tick, acts_from_tick, .. } = settled.answer.outcome {
         let keys = lines.trim_end().replace('\n', ", ");
         terminal::print(format_args!(
-            "{keys}: in use from tick {acts_from_tick} on, taken up at tick {taken_at_tick}"
+            "{keys}: in use from tick {acts_from_tick} on, read at tick {taken_at_tick}"
         ));
     }
     Ok(())

@@ -173,7 +173,7 @@ fn print(
             continue;
         }
         if contact.is_lost(Instant::now()) {
-            terminal.say(format_args!("no word from the robot at {endpoint}; waiting for it"));
+            terminal.say(format_args!("no message from the robot at {endpoint}; waiting for it"));
         }
         if !watcher.is_connected() {
             match target.open() {

@@ -56,7 +56,7 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
         settings.telemetry.credentials.as_ref().filter(|_| place == Place::New)
     {
         refusals::unlogged(|| publisher.self_test(credentials, pulse.health()))?;
-        tracing::info!("strangers are kept out of the telemetry");
+        tracing::info!("the telemetry rejects unauthenticated peers");
     }
     welcome(settings, publisher.endpoints());
     pulse.phase(Phase::Ready);
@@ -114,12 +114,12 @@ fn publisher(settings: &Settings) -> Result<(Publisher, Place), GatewayError> {
 fn welcome(settings: &Settings, endpoints: &[String]) {
     // Written before the log line: its reader may look there at once.
     if let Err(error) = addresses::note(&settings.run.links.root, endpoints) {
-        tracing::warn!(%error, "the endpoints could not be noted for watchers on this machine");
+        tracing::warn!(%error, "the endpoints could not be recorded for watchers on this machine");
     }
     tracing::info!(
         robot = %settings.telemetry.robot,
         endpoints = %endpoints.join(", "),
-        "watchers are welcome"
+        "watchers may connect"
     );
 }
 
@@ -132,7 +132,7 @@ fn page(settings: &Settings) -> Result<Option<Page>, PageError> {
         let address = page.address();
         tracing::info!(%address, "the live page is served");
         if let Err(error) = addresses::note_page(root, address) {
-            tracing::warn!(%error, "the address of the live page could not be noted");
+            tracing::warn!(%error, "the address of the live page could not be recorded");
         }
     }
     Ok(page)

@@ -67,7 +67,7 @@ pub fn to_resume_from(settings: &Settings, fingerprint: u64) -> Option<ModelSnap
             Some(snapshot)
         }
         Err(error) => {
-            tracing::warn!("{error}; beginning without data");
+            tracing::warn!("{error}; starting without data");
             None
         }
     }

@@ -347,7 +347,7 @@ pub(crate) fn fallback_level<'de, D: Deserializer<'de>>(
 ) -> Result<FallbackLevel, D::Error> {
     let word = String::deserialize(deserializer)?;
     words::fallback_level(&word)
-        .ok_or_else(|| D::Error::custom(format_args!("{word:?} is no fallback level")))
+        .ok_or_else(|| D::Error::custom(format_args!("{word:?} is not a fallback level")))
 }
 
 pub(crate) fn closed() -> Exposure {

@@ -152,7 +152,7 @@ impl Shared {
                 match self.begin_session() {
                     Ok(()) => {
                         tracing::info!(
-                            "there was no router for {:.1} s; connected anew",
+                            "the router was not reachable for {:.1} s; reconnected",
                             seen.elapsed().as_secs_f64()
                         );
                         seen = Instant::now();

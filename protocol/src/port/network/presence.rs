@@ -144,7 +144,7 @@ pub(super) fn list(network: &Network, topic: Topic) -> Result<BTreeSet<String>, 
     let mut found: BTreeSet<String> =
         network.own.borrow().iter().filter(|key| keys.include(key)).cloned().collect();
     while let Ok(reply) = replies.recv() {
-        let said = |error| failed(format!("the router does not say who is there: {error}").into());
+        let said = |error| failed(format!("the router does not list its peers: {error}").into());
         found.insert(reply.into_result().map_err(said)?.key_expr().as_str().to_owned());
     }
     Ok(found)
@@ -199,7 +199,7 @@ fn look(network: &Network, topic: Topic, role: Role) -> Result<usize, OpenError>
         tracing::warn!(
             topic = topic.name(),
             strange,
-            "somebody shows ports of another protocol: they do not count"
+            "a peer announces ports of another protocol version; they are ignored"
         );
     }
     Ok(count)
@@ -253,7 +253,7 @@ mod tests {
                 format!("topic {name} carries {said_message} in protocol version {said_version}");
             assert_eq!(
                 refused,
-                format!("{found}, this program wants {message} in version {version}")
+                format!("{found}, this program expects {message} in version {version}")
             );
         }
         Ok(())

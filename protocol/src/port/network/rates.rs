@@ -124,15 +124,18 @@ impl Drop for Rates {
 
 fn tell_false_words(role: Role, topic: Topic, count: u64) {
     let (role, topic) = (role.name(), topic.name());
-    tracing::warn!(count, "{role} says on {topic} what is no word of its own: it is not heard");
+    tracing::warn!(
+        count,
+        "{role} publishes on {topic} what its role may not publish: the message is dropped"
+    );
 }
 
 fn tell_surplus(role: Role, topic: Topic, count: u64) {
     let (role, topic) = (role.name(), topic.name());
     tracing::warn!(
         count,
-        "{role} says more on {topic} than {PER_SECOND} messages a second from each of {PLACES} \
-        writers: the rest is not heard"
+        "{role} publishes more on {topic} than {PER_SECOND} messages a second from each of \
+         {PLACES} writers: the rest is dropped"
     );
 }
 

@@ -255,7 +255,7 @@ impl Keeper {
             }
             lost |= ours && missing.elapsed() > PATIENCE;
             if lost && !self.connect.is_empty() {
-                tracing::info!("another launch's router is gone; joining it anew");
+                tracing::info!("the router of another launch is gone; reconnecting");
                 drop(life);
                 let Some(next) = self.begin_anew() else { return };
                 life = next;
@@ -290,7 +290,7 @@ pub(super) fn with_port(endpoint: &str) -> Result<String, OpenError> {
     let failed = |reason: String| OpenError::Router { endpoints: endpoint.to_owned(), reason };
     let address = host.strip_prefix("tcp/").or_else(|| host.strip_prefix("tls/"));
     let address =
-        address.ok_or_else(|| failed("only tcp and tls have ports to draw from".to_owned()))?;
+        address.ok_or_else(|| failed("only tcp and tls have ports to choose from".to_owned()))?;
     let listener =
         TcpListener::bind(format!("{address}:0")).map_err(|error| failed(error.to_string()))?;
     let port = listener.local_addr().map_err(|error| failed(error.to_string()))?.port();

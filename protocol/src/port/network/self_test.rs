@@ -74,7 +74,9 @@ pub fn self_test(endpoint: &str, graph: &str, credentials: &Credentials) -> Resu
     let arrived = as_another(&open()?, &open()?, &guard.graph, role)
         .map_err(|error| unknown(first_line(&error)))?;
     match arrived {
-        None => Err(unknown(format!("what may pass did not arrive within {ARRIVES_WITHIN:?}"))),
+        None => {
+            Err(unknown(format!("a permitted message did not arrive within {ARRIVES_WITHIN:?}")))
+        }
         Some(Arrived::Nothing) => Ok(()),
         Some(Arrived::Forbidden(topic)) => {
             Err(Breach::WrongRole { endpoint: endpoint(), role: role.name(), topic })
@@ -109,7 +111,9 @@ fn as_another(
     let forbidden =
         Topic::ALL.into_iter().find(|topic| may_be_heard(topic) && !role.says().contains(topic));
     let Some(forbidden) = forbidden else {
-        return Err(format!("{} hears nothing that it may not say", role.name()).into());
+        return Err(
+            format!("the role {} receives no topic that it may not write", role.name()).into()
+        );
     };
     // Others may be testing themselves.
     let own = draw_id(Some(role));

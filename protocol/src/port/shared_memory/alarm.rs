@@ -39,9 +39,9 @@ pub(super) struct Alarm {
 impl Alarm {
     pub(super) fn new(events: &Events) -> Result<Self, &'static str> {
         let listener =
-            events.listener_builder().create().map_err(|_| "no place for one more listener")?;
+            events.listener_builder().create().map_err(|_| "the limit of listeners is reached")?;
         let waitset = WaitSetBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled);
-        let waitset = waitset.create().map_err(|_| "the system gives no event queue")?;
+        let waitset = waitset.create().map_err(|_| "the system provides no event queue")?;
         let guard = waitset
             .attach_notification(&listener)
             .map_err(|_| "its events cannot be waited for")?;

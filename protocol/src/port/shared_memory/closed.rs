@@ -38,7 +38,7 @@ pub(super) fn close(links: &Links) {
             tracing::debug!(
                 %error,
                 name = %entry.file_name().display(),
-                "shared memory is as open as iceoryx2 has made it"
+                "the permissions of shared memory remain as iceoryx2 has set them"
             );
         }
     }

@@ -57,7 +57,7 @@ impl HalfMade {
             } else if fs::remove_file(Path::new(FOLDER).join(&key.0)).is_ok() {
                 tracing::warn!(
                     name = %key.0.display(),
-                    "shared memory that a killed process had left half-made is removed"
+                    "removed the incomplete shared memory of a killed process"
                 );
             }
         }

@@ -111,8 +111,10 @@ impl SharedMemoryOutlet {
     }
 
     fn wake(&self) -> Result<(), SendError> {
-        let failed =
-            |_| SendError::Carrier { topic: self.topic, reason: "the readers could not be woken" };
+        let failed = |_| SendError::Carrier {
+            topic: self.topic,
+            reason: "the readers could not be notified",
+        };
         self.notifier.notify().map(drop).map_err(failed)
     }
 

@@ -258,7 +258,7 @@ mod tests {
                 .map(drop)
                 .map_err(|error| error.to_string());
             let expected = format!(
-                "topic command carries Command in protocol version {VERSION}, this program wants \
+                "topic command carries Command in protocol version {VERSION}, this program expects \
                 {ours}"
             );
             assert_eq!(refused, Err(expected));

@@ -45,7 +45,7 @@ pub enum Refusal {
         newest_epoch: u64,
     },
     /// Its number of points differs from its head.
-    #[error("snapshot {version} promises {promised} points, but has {got}")]
+    #[error("snapshot {version} declares {promised} points, but has {got}")]
     Size {
         /// Version of the snapshot.
         version: u64,
@@ -55,7 +55,7 @@ pub enum Refusal {
         got: usize,
     },
     /// A number is NaN or infinite.
-    #[error("snapshot {version}: {field} holds what is not a finite number")]
+    #[error("snapshot {version}: {field} contains a number that is not finite")]
     NotFinite {
         /// Version of the snapshot.
         version: u64,

@@ -81,14 +81,14 @@ fn write_events(handover: &Handover) {
             }
             Event::Sensors { tick, fault: Some(fault) } => tracing::warn!(tick, "{}", fault.text()),
             Event::Sensors { tick, fault: None } => {
-                tracing::info!(tick, "the sensors are well again");
+                tracing::info!(tick, "the sensors work again");
             }
             Event::Stop { tick, reason } => {
-                tracing::warn!(tick, %reason, "the gate is asked to stop");
+                tracing::warn!(tick, %reason, "requests a stop of the gate");
             }
             Event::Complaint { tick, complaint } => tracing::warn!(tick, "{complaint}"),
             Event::OutOfTime { tick, nanos } => {
-                tracing::warn!(tick, micros = nanos / 1000, "the optimiser was out of time");
+                tracing::warn!(tick, micros = nanos / 1000, "the optimiser ran out of time");
             }
             Event::Late { tick, nanos } => {
                 tracing::warn!(tick, micros = nanos / 1000, "period missed");
@@ -97,6 +97,6 @@ fn write_events(handover: &Handover) {
     }
     let dropped = handover.events_dropped.swap(0, Ordering::Relaxed);
     if dropped > 0 {
-        tracing::warn!(dropped, "events did not fit the ring");
+        tracing::warn!(dropped, "the event buffer was full; these events are not logged");
     }
 }

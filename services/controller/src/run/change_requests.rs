@@ -18,7 +18,7 @@ enum Refusal {
     Change(#[from] ChangeError),
     #[error(transparent)]
     Controller(#[from] ControllerError),
-    #[error("the run has come to its end before it could act")]
+    #[error("the run ended before the change could take effect")]
     Over,
 }
 

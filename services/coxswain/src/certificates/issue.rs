@@ -254,7 +254,7 @@ fn authority_in(
     let (key, certificate) = (read(&key_file)?, read(&certificate_file)?);
     if fs::metadata(&key_file).is_ok_and(|found| found.mode() & GROUP_AND_OTHERS != 0) {
         return Err(failed(format!(
-            "{} can be read by others than its owner: expected mode 0600",
+            "{}: other users can read it; expected mode 0600",
             key_file.display()
         )));
     }
@@ -264,13 +264,15 @@ fn authority_in(
             changeable(path).map_err(|error| failed(format!("{}: {error}", path.display())))?
         {
             return Err(failed(format!(
-                "{found}: expected what is of this user or root and nobody else can write"
+                "{found}: expected to be owned by this user or root, and not writable by others"
             )));
         }
     }
     let until_s = valid_until(certificate.as_bytes()).map_err(failed)?;
     if until_s < order.until_s {
-        return Err(failed("it ends before what it shall sign; make another one".to_owned()));
+        return Err(failed(
+            "it expires before the certificates that it signs; make another one".to_owned(),
+        ));
     }
     let key = KeyPair::from_pem(&key)
         .map_err(|error| failed(format!("its key cannot be used: {error}")))?;
@@ -430,7 +432,7 @@ mod tests {
             let refused = robot.read().err().map_or_else(String::new, |error| error.to_string());
             let expected = format!(
                 "{} has mode {open:o}: \
-                 expected what is of this user or root and nobody else can write",
+                 expected to be owned by this user or root, and not writable by others",
                 path.display()
             );
             assert!(refused.starts_with(&expected), "{refused}");
@@ -440,7 +442,7 @@ mod tests {
         set(folder.path(), 0o777)?;
         let refused = robot.read().err().map_or_else(String::new, |error| error.to_string());
         assert!(
-            refused.contains("expected to lie where others cannot replace it, but ")
+            refused.contains("expected a path that other users cannot replace, but ")
                 && refused.ends_with("has mode 777"),
             "{refused}"
         );
@@ -449,7 +451,7 @@ mod tests {
             .err()
             .map_or_else(String::new, |error| error.to_string());
         assert!(
-            refused.contains("has mode 777: expected what is of this user or root"),
+            refused.contains("has mode 777: expected to be owned by this user or root"),
             "{refused}"
         );
         Ok(())

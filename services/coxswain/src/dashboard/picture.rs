@@ -137,7 +137,7 @@ impl Picture {
             && self.heard.is_some_and(|heard| now.saturating_duration_since(heard) > self.silence)
         {
             self.lost = true;
-            self.note("lost: no word from the robot".to_owned());
+            self.note("lost: no message from the robot".to_owned());
         }
     }
 
@@ -215,7 +215,7 @@ impl Picture {
             && (before.stamp.epoch, before.stamp.writer) != (state.stamp.epoch, state.stamp.writer)
         {
             self.begin_anew();
-            self.note(format!("plant has started anew, epoch {}", state.stamp.epoch));
+            self.note(format!("plant has restarted, epoch {}", state.stamp.epoch));
         }
         if std::mem::take(&mut self.lost) {
             self.back = Some(now);
@@ -264,7 +264,7 @@ impl Picture {
             .map(|process| process.health);
         let started = before.as_ref().is_some_and(|before| before.stamp.writer != writer);
         if started {
-            self.note(format!("{who} has started anew, epoch {epoch}"));
+            self.note(format!("{who} has restarted, epoch {epoch}"));
         } else if before.as_ref().is_some_and(|before| before.phase() != phase) {
             self.note(format!("{who} is {phase}"));
         }
@@ -332,7 +332,7 @@ mod tests {
         assert_eq!(picture.contact(at(begin, 13_100)), Contact::Back);
         assert_eq!(picture.contact(at(begin, 19_000)), Contact::Live);
         let texts: Vec<&str> = picture.events.iter().map(|(_, what)| what.as_str()).collect();
-        assert_eq!(texts, ["lost: no word from the robot", "the robot is back"]);
+        assert_eq!(texts, ["lost: no message from the robot", "the robot is back"]);
     }
 
     #[test]
@@ -386,7 +386,7 @@ mod tests {
             (1, 0, true)
         );
         assert!(
-            picture.events.iter().any(|(_, what)| what == "plant has started anew, epoch 2"),
+            picture.events.iter().any(|(_, what)| what == "plant has restarted, epoch 2"),
             "{:?}",
             picture.events
         );

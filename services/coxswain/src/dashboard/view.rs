@@ -6,11 +6,11 @@ use std::time::Instant;
 
 /// The keys and their effects, as the help shows them. This is the only list of them.
 pub const KEYS: [(&str, &str); 6] = [
-    ("q  Esc  Ctrl-C", "end watching; the robot does not notice"),
-    ("space", "hold the picture, and let it go on"),
+    ("q  Esc  Ctrl-C", "end watching; no effect on the robot"),
+    ("space", "hold the picture, or resume it"),
     ("+  -", "zoom the map in and out"),
     ("f", "follow the robot, or show the whole path"),
-    ("0", "the map as it was at first"),
+    ("0", "reset the map"),
     ("?  h", "this help, and back"),
 ];
 

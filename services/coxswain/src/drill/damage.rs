@@ -163,14 +163,14 @@ fn resident_kibibytes() -> Result<u64, Trouble> {
     let resident = status
         .lines()
         .find_map(|line| line.strip_prefix("VmRSS:")?.split_whitespace().next()?.parse().ok());
-    Ok(resident.ok_or("the system does not say how much memory is in use")?)
+    Ok(resident.ok_or("the system does not report how much memory is in use")?)
 }
 
 fn offer_to_gate(count: u64, random: &mut Pcg64Mcg, offered: &mut Offered) -> Result<(), Trouble> {
     let gate = obeying()?;
     for encoding in Encoding::BOTH {
         accepted(&encoding.sealed(good()), encoding, &gate)
-            .map_err(|reason| format!("the undamaged command was refused: {reason}"))?;
+            .map_err(|reason| format!("the undamaged command was rejected: {reason}"))?;
     }
     for _ in 0..count {
         let encoding = Encoding::any(random);
@@ -191,7 +191,7 @@ fn obeying() -> Result<Gate, Trouble> {
     let mut first = good();
     first.stamp.tick = 0;
     gate.offer(&first, PERIOD / 4)
-        .map_err(|reason: Reason| format!("the first command was refused: {reason}"))?;
+        .map_err(|reason: Reason| format!("the first command was rejected: {reason}"))?;
     gate.decide(PERIOD / 4);
     gate.begin_period(TICK, PERIOD);
     Ok(gate)
@@ -329,7 +329,7 @@ fn offer_to_reader<T: OnTopic + Clone>(
         };
         if taken_in {
             offered.violations.push(format!(
-                "damaged {} {} was taken in",
+                "damaged {} {} was accepted",
                 T::NAME,
                 offered.injections
             ));

@@ -127,7 +127,7 @@ impl Hosts {
             // is pulled at the neighbour.
             Place::Namespaces(_, others) => {
                 let moved = others.first().and_then(|far| far.ip(&["link", "set", "cable", state]));
-                moved.ok_or_else(|| io::Error::other("the cable does not move"))?;
+                moved.ok_or_else(|| io::Error::other("the cable cannot be switched"))?;
             }
             Place::Loopback { silent, .. } => silent.store(is_silent, Ordering::Relaxed),
         }

@@ -160,7 +160,7 @@ fn judge_instances(states: &[&Message], violations: &mut Vec<String>) {
         if count > 1 {
             violations.push(format!(
                 "{count} {who} one after the other, expected one: \
-                 nobody was touched whom the robot needs"
+                 no process that the robot needs was touched"
             ));
         }
     }
@@ -324,7 +324,7 @@ fn judge_driving(
             let (tick, fallback_level, reason) =
                 (state.stamp("tick"), state.word("fallback_level"), state.word("reason"));
             let expected = if launch.undisturbed {
-                "fresh plans alone: nobody was touched whom the robot needs"
+                "fresh plans alone: no process that the robot needs was touched"
             } else {
                 "an answer of the controller"
             };

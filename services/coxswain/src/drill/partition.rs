@@ -64,7 +64,7 @@ pub(super) fn partition(home: &Home<'_>, cuts: &[u64], stop: &Stop) -> Result<Me
         if felt < expected {
             measured.violations.push(format!(
                 "cut {index}, of {millis} ms: {felt} periods without an answer, \
-                 expected {expected} at least: it was no cut"
+                 expected {expected} at least: the cut had no effect"
             ));
         }
         let took = fresh.iter().find(|&&fresh| fresh > at).map(|&fresh| (fresh - at) as f64 * 1e-9);

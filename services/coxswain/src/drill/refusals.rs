@@ -111,14 +111,14 @@ pub(super) fn judge_snapshots(run: &Path, record: &Record) -> io::Result<(u64, V
         }
         if version < newest {
             violations.push(format!(
-                "model {newest} gave way to {version} at tick {tick}, \
+                "model {newest} was replaced by {version} at tick {tick}, \
                  expected the last good one to stay"
             ));
         }
         newest = newest.max(version);
     }
     if newest == 0 {
-        violations.push("no model was ever in use: nothing was shown".to_owned());
+        violations.push("no model was ever in use: the exercise shows nothing".to_owned());
     }
     Ok((sent.len() as u64, violations))
 }

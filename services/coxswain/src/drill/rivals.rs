@@ -245,7 +245,7 @@ fn judge_equals(record: &Record, epoch: u64, killed_at: u64) -> Vec<String> {
         .collect();
     let spoke: BTreeSet<u64> = commands.iter().map(|command| command.stamp("writer")).collect();
     if spoke.len() != 2 {
-        found.push(format!("{} writers spoke in epoch {epoch}, expected two", spoke.len()));
+        found.push(format!("{} writers published in epoch {epoch}, expected two", spoke.len()));
     }
     let acted: BTreeSet<u64> = record
         .of("truth")
@@ -357,13 +357,14 @@ fn judge_woken(record: &Record, woken: &[(u64, u64)], violations: &mut Vec<Strin
         if more < commands {
             violations.push(format!(
                 "{more} commands were refused after epoch {epoch} was woken, \
-                 expected the {commands} that it said"
+                 expected the {commands} that it sent"
             ));
         }
         sent += commands;
     }
     if sent == 0 && !woken.is_empty() {
-        violations.push("nothing was said in an old epoch: nothing was shown".to_owned());
+        violations
+            .push("no command was sent in an old epoch: the exercise shows nothing".to_owned());
     }
     sent
 }

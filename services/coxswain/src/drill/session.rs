@@ -31,7 +31,7 @@ use tempfile::TempDir;
 pub(super) type Trouble = Box<dyn Error + Send + Sync>;
 
 /// Error of an interrupted exercise.
-pub(super) const INTERRUPTED: &str = "somebody asked for the end";
+pub(super) const INTERRUPTED: &str = "interrupted by a signal";
 
 /// The scenario of all drill graphs: it covers every direction, and lasts as long as necessary.
 const SCENARIO: &str = "figure-eight";
@@ -362,7 +362,7 @@ impl Session {
     pub(super) fn graph_name(&self) -> Result<String, Trouble> {
         let log = fs::read_to_string(self.run.join("coxswain.log"))?;
         let name = log.lines().find_map(|line| line.split_once("graph=\"")?.1.split_once('"'));
-        Ok(name.ok_or("the launcher did not tell the graph's name")?.0.to_owned())
+        Ok(name.ok_or("the launcher did not report the graph's name")?.0.to_owned())
     }
 
     /// Waits until the log of `process` contains `text` this many times.

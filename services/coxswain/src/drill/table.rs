@@ -57,14 +57,14 @@ pub(super) fn render(rows: &[Row], may_go_first: bool) -> String {
     let excused: usize = rows.iter().map(|row| row.excused_periods).sum();
     if excused > 0 {
         let witness = if may_go_first {
-            "a witness that goes before all of it"
+            "a witness of higher priority than the graph"
         } else {
-            "a witness, which may not go before it here"
+            "a witness, which has no higher priority here"
         };
         let _ = write!(
             text,
             "\n{excused} periods below a fresh plan are excused: \
-             what kept the graph from running kept {witness} from it as well"
+             the machine suspended {witness} at the same time"
         );
     }
     for (row, why) in rows.iter().filter_map(|row| Some((row, row.impossible?))) {

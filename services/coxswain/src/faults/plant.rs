@@ -141,7 +141,7 @@ impl PlantFault {
         }
         for (key, share) in [("gain", self.gain), ("grip", self.grip)] {
             if share.is_some_and(|share| !(0.0..=1.0).contains(&share)) {
-                return Err(Impossible::new(key, "a part of what is there otherwise, from 0 to 1"));
+                return Err(Impossible::new(key, "a factor from 0 to 1"));
             }
         }
         if self.mass_kg.is_some_and(|mass| !(mass.is_finite() && mass >= 0.0)) {
@@ -151,7 +151,10 @@ impl PlantFault {
             return Err(Impossible::new("from_s", "a finite time that is not negative"));
         }
         if self.millis == Some(0) {
-            return Err(Impossible::new("millis", "at least 1 ms, or nothing for ever"));
+            return Err(Impossible::new(
+                "millis",
+                "at least 1 ms, or no key for an unlimited time",
+            ));
         }
         Ok(())
     }

@@ -4,7 +4,7 @@
 const byId = (id) => document.getElementById(id);
 const SHORT_S = 5;
 // Access of unauthenticated peers on the network, by its code.
-const EXPOSURES = ["", "insecure: strangers on the network can watch this robot", "insecure: strangers on the network can drive this robot"];
+const EXPOSURES = ["", "insecure: unauthenticated peers on the network can watch this robot", "insecure: unauthenticated peers on the network can drive this robot"];
 
 function show(id, text, kind = "") {
   const place = byId(id);
@@ -64,7 +64,7 @@ function showFigures() {
   const names = (list, code) => (list && list[code]) || "?";
   const driving = state[S.fallbackLevel] <= 1;
   show("fallback-level", names(hello.fallback_levels, state[S.fallbackLevel]), driving ? "" : "bad");
-  show("fallback-level-more", state[S.reason] ? names(hello.reasons, state[S.reason]) : "as it should be");
+  show("fallback-level-more", state[S.reason] ? names(hello.reasons, state[S.reason]) : "normal");
   show("place", `x ${state[S.x].toFixed(2)} m, y ${state[S.y].toFixed(2)} m, ${state[S.speed].toFixed(2)} m/s`, "quiet");
   if (!plans.length) return;
   const plan = latest(plans);
@@ -118,6 +118,6 @@ function showLog() {
     item.append(element("span", `${entry.t.toFixed(1)} s`, "quiet"), element("span", entry.who), element("span", entry.text));
     return item;
   }));
-  if (!newest) list.replaceChildren(element("li", "nothing so far", "quiet"));
+  if (!newest) list.replaceChildren(element("li", "no events yet", "quiet"));
 }
 

@@ -105,8 +105,8 @@ const COUNTED: [Counter; 5] = [
     (
         |health| health.models_left,
         Sort::Note,
-        "axis left by the learned model, which had turned worse than none",
-        "axes left by the learned model",
+        "axis where the learned model was dropped, because it was worse than none",
+        "axes where the learned model was dropped",
     ),
 ];
 
@@ -138,16 +138,16 @@ impl Process {
             self.counted = [0; COUNTED.len()];
             tell(Sort::Mended, format!("started again, as process {}", health.pid));
         } else if self.silent {
-            tell(Sort::Mended, "is heard again".to_owned());
+            tell(Sort::Mended, "sends messages again".to_owned());
         }
         self.silent = false;
         let (phase, error) = (health.phase(), health.last_error());
         if !error.is_empty() && (another || error != before.last_error()) {
             tell(if phase == Phase::Degraded { Sort::Fault } else { Sort::Note }, error.to_owned());
         } else if phase != before.phase() && phase == Phase::Degraded {
-            tell(Sort::Fault, "at work, with something missing".to_owned());
+            tell(Sort::Fault, "runs with something missing".to_owned());
         } else if before.phase() == Phase::Degraded && phase == Phase::Running && !another {
-            tell(Sort::Mended, "is well again".to_owned());
+            tell(Sort::Mended, "has recovered".to_owned());
         } else if phase != before.phase() && phase == Phase::Finished {
             tell(Sort::Note, "has finished".to_owned());
         }
@@ -236,7 +236,7 @@ mod tests {
         let texts: Vec<&str> = reported.iter().map(|(_, text)| text.as_str()).collect();
         let expected = [
             "no disk",
-            "is well again",
+            "has recovered",
             "started again, as process 2",
             "3 messages lost on the way to it",
             "2 messages lost on the way to it",

@@ -89,10 +89,14 @@ fn write_facts(html: &mut String, record: &Record) {
     match summary.exposure {
         Exposure::Closed => {}
         Exposure::Watched => {
-            notes.push("INSECURE: strangers on the network could watch this robot".to_owned());
+            notes.push(
+                "INSECURE: unauthenticated peers on the network could watch this robot".to_owned(),
+            );
         }
         Exposure::Driven => {
-            notes.push("INSECURE: strangers on the network could drive this robot".to_owned());
+            notes.push(
+                "INSECURE: unauthenticated peers on the network could drive this robot".to_owned(),
+            );
         }
     }
     if !record.ended_early.is_empty() {

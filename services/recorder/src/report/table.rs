@@ -29,7 +29,7 @@ const FIGURES: [(&str, &str, usize, &str, &str); 19] = [
     ("losses", "messages lost", 0, "", "–"),
     ("plant_epochs", "epochs of the plant", 0, "", "–"),
     ("controller_epochs", "epochs of the controller", 0, "", "–"),
-    ("exposure", "reached by strangers on the network", 0, "", "–"),
+    ("exposure", "access of unauthenticated peers on the network", 0, "", "–"),
 ];
 
 /// Axes of the body.

@@ -7,7 +7,7 @@ use ratatui::text::Line;
 use ratatui::widgets::Paragraph;
 
 pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
-    let block = block(" What happened ", scene.look);
+    let block = block(" Events ", scene.look);
     let events = &scene.picture.events;
     let first = events.len().saturating_sub(usize::from(block.inner(area).height));
     let lines = events

@@ -26,7 +26,7 @@ pub(super) fn draw(
         }
     };
     let (word, style) = if held {
-        (format!("HELD, space goes on; {word}"), style.add_modifier(Modifier::REVERSED))
+        (format!("HELD, space resumes; {word}"), style.add_modifier(Modifier::REVERSED))
     } else {
         (word, style)
     };

@@ -16,7 +16,7 @@ const MEANING: [&str; 7] = [
     "predicted, by the main model alone and with what is learned;",
     "the figures are root mean squares of the last 5 s.",
     "Tick: from a state to its command; must be within the period.",
-    "Watching takes no part: nothing reaches the robot from here.",
+    "Watching only reads: it sends nothing to the robot.",
 ];
 
 pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, look: Look) {

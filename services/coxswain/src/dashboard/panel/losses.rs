@@ -46,7 +46,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
 
 fn in_full(topic: Topic, of: Losses) -> String {
     format!(
-        "{:<8}  {} lost, {} refused, {} gave way in a queue",
+        "{:<8}  {} lost, {} refused, {} dropped in a queue",
         topic.name(),
         of.lost,
         of.refused,

@@ -24,7 +24,7 @@ pub(super) fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
         .iter()
         .map(|who| {
             let Some(process) = scene.picture.processes.get(who) else {
-                return Line::from(format!("{who:<10} not heard"));
+                return Line::from(format!("{who:<10} no message"));
             };
             let (silent, style) = silence(scene, process);
             Line::from(vec![
@@ -48,7 +48,7 @@ pub(super) fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
 pub(super) fn draw_large(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     let rows = Participant::ALL.iter().map(|who| {
         let Some(process) = scene.picture.processes.get(who) else {
-            return Row::new([who.to_string(), "not heard".to_owned()]);
+            return Row::new([who.to_string(), "no message".to_owned()]);
         };
         let (silent, style) = silence(scene, process);
         let health = &process.health;

@@ -113,8 +113,8 @@ fn two_hundred_by_sixty_is_used() -> Result<(), Infallible> {
         " Tick [ms]: longest 412 µs of late, deadline • 100 ms ",
         "silent epoch      pid missed last error",
         "4002      0 the fit was given up",
-        "state     6 lost, 0 refused, 0 gave way in a queue",
-        " What happened ",
+        "state     6 lost, 0 refused, 0 dropped in a queue",
+        " Events ",
         "12.3 s  learner: the fit was given up",
     ];
     assert_all(&shown, &more);
@@ -188,10 +188,10 @@ fn a_held_picture_does_not_hide_that_the_robot_is_lost() -> Result<(), Infallibl
     let mut view = View::new(specimen::picture(begin));
     press(&mut view, ' ', begin);
     view.live().hear(specimen::state(130), begin);
-    assert_all(&text(&view, (80, 24), begin)?, &["HELD, space goes on; live", "tick 123"]);
+    assert_all(&text(&view, (80, 24), begin)?, &["HELD, space resumes; live", "tick 123"]);
     let later = begin + Duration::from_secs(7);
     view.live().look(later);
-    assert_all(&text(&view, (80, 24), later)?, &["HELD, space goes on; LOST for 7 s", "tick 123"]);
+    assert_all(&text(&view, (80, 24), later)?, &["HELD, space resumes; LOST for 7 s", "tick 123"]);
     Ok(())
 }
 
@@ -205,7 +205,7 @@ fn help_shows_every_key_and_closes() -> Result<(), Infallible> {
         for (keys, what) in KEYS {
             assert_all(&shown, &[keys, what]);
         }
-        assert_all(&shown, &["Watching takes no part: nothing reaches the robot from here."]);
+        assert_all(&shown, &["Watching only reads: it sends nothing to the robot."]);
     }
     press(&mut view, '?', begin);
     assert!(!text(&view, (80, 24), begin)?.contains(" Help "));

@@ -175,7 +175,7 @@ fn judge_leap(step: &Step<'_>, limits: &Limits, violate: &mut impl FnMut(Rule, S
             violate(
                 Rule::Leap,
                 format!("axis {axis} commanded {from:.3}, then {to:.3}"),
-                format!("a change of {most:.3} at most, whatever the gate was sent"),
+                format!("a change of {most:.3} at most, for every command"),
             );
         }
     }

@@ -28,7 +28,7 @@ pub(super) fn judge(record: &Record, violations: &mut Vec<Violation>) {
     let [recorder] = recorders.as_slice() else {
         if recorders.is_empty() {
             let (found, expected) =
-                ("no health of a recorder".to_owned(), "one that says what was lost".to_owned());
+                ("no health of a recorder".to_owned(), "one that reports what was lost".to_owned());
             violations.push(Violation { rule: Rule::Count, epoch: 0, tick: 0, found, expected });
         }
         return;
