@@ -96,7 +96,7 @@ fn both_say_so_when_nobody_answers() -> Outcome {
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(1), "{text}");
         assert!(
-            text.contains("nobody answers")
+            text.contains("no router answers")
                 && text.contains("tcp/127.0.0.1:1")
                 && !text.contains("Traceback"),
             "{text}"
@@ -114,7 +114,7 @@ fn both_say_so_when_no_robot_of_that_name_speaks() -> Outcome {
         let output = program.args([endpoint.as_str(), "another"]).output()?;
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(1), "{text}");
-        assert!(text.contains("no word from a robot") && !text.contains("Traceback"), "{text}");
+        assert!(text.contains("no plan from a robot") && !text.contains("Traceback"), "{text}");
     }
     Ok(())
 }
