@@ -109,7 +109,7 @@ class Network:
         self.kept.append(self.session.liveliness().declare_token(reader))
 
     def _on_reader(self, sample: zenoh.Sample) -> None:
-        event = "reader" if sample.kind == zenoh.SampleKind.PUT else "gone"
+        event = "reader" if sample.kind == zenoh.SampleKind.PUT else "reader-left"
         self.events.put((event, str(sample.key_expr).rsplit("/", 1)[1]))
 
     def next(self, timeout: float) -> tuple[str, Any]:
@@ -127,7 +127,7 @@ class Network:
                 payload, number = self.last_state
                 key = f"{self.graph}/state/history/{what}/{self.identity}"
                 self.session.put(key, payload, attachment=number, **self.quality)
-        elif topic == "gone":
+        elif topic == "reader-left":
             self.readers.discard(what)
         return topic, what
 
@@ -235,7 +235,7 @@ class Driver:
         """Moves until `end`, and receives commands meanwhile. Returns the mean command."""
         total, now = [0.0, 0.0, 0.0], start
         while now < end:
-            self._serve(min(GRAIN_S, end - now))
+            self._serve(min(STEP_S, end - now))
             before, now = now, time.monotonic()
             self._move(total, now, now - before)
         return [value / (now - start) for value in total]
