@@ -13,14 +13,14 @@ class Refused(Exception):
         self.key, self.expected = key, expected
 
 
-def number(default: Any, least: float = -math.inf, most: float = math.inf) -> Any:
+def number(default: Any, low: float = -math.inf, high: float = math.inf) -> Any:
     """A field for a finite number, or for a list of them with the length of the default."""
     make = (
         {"default_factory": lambda: list(default)}
         if isinstance(default, list)
         else {"default": default}
     )
-    return field(metadata={"range": (least, most)}, **make)
+    return field(metadata={"range": (low, high)}, **make)
 
 
 @dataclass
@@ -144,25 +144,25 @@ def read(table: dict, kind: type = Settings, path: str = "") -> Any:
 
 def checked(entry: Any, value: Any, place: str) -> Any:
     """Returns `value` if it has the type, length and range of `entry`. Raises `Refused`."""
-    least, most = entry.metadata["range"]
+    low, high = entry.metadata["range"]
     if entry.type is list:
         count = len(entry.default_factory())
         good = (
             isinstance(value, list)
             and len(value) == count
-            and all(is_within(v, least, most) for v in value)
+            and all(is_within(v, low, high) for v in value)
         )
-        expected = f"{count} numbers from {least} to {most}"
+        expected = f"{count} numbers from {low} to {high}"
     elif entry.type is int:
-        good = isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
-        expected = f"a whole number from {least} to {most}"
+        good = isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+        expected = f"a whole number from {low} to {high}"
     else:
-        good, expected = is_within(value, least, most), f"a number from {least} to {most}"
+        good, expected = is_within(value, low, high), f"a number from {low} to {high}"
     if not good:
         raise Refused(place, expected)
     return value
 
 
-def is_within(value: Any, least: float, most: float) -> bool:
+def is_within(value: Any, low: float, high: float) -> bool:
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return is_number and math.isfinite(value) and least <= value <= most
+    return is_number and math.isfinite(value) and low <= value <= high
