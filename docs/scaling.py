@@ -25,11 +25,11 @@ def round_up(value):
 
 def panel(rows, key, title, left):
     rows = sorted(rows, key=lambda row: row[key])
-    most = max(row[key] for row in rows)
+    largest = max(row[key] for row in rows)
     highest = round_up(max(row["step_p50_us"] for row in rows))
 
     def place(row, part):
-        return left + ACROSS * row[key] / most, TOP + DOWN * (1 - row[part] / highest)
+        return left + ACROSS * row[key] / largest, TOP + DOWN * (1 - row[part] / highest)
 
     out = [f'<text x="{left}" y="{TOP - 14}" font-weight="bold">{title}</text>',
            f'<path d="M{left},{TOP}v{DOWN}h{ACROSS}" fill="none" stroke="#444"/>']
@@ -37,7 +37,7 @@ def panel(rows, key, title, left):
         x, y = left + ACROSS * share, TOP + DOWN * (1 - share)
         out.append(f'<text x="{left - 6}" y="{y + 4}" text-anchor="end">{highest * share:g}</text>')
         out.append(f'<text x="{x}" y="{TOP + DOWN + 16}" text-anchor="middle">'
-                   f'{most * share:g}</text>')
+                   f'{largest * share:g}</text>')
         out.append(f'<path d="M{left},{y}h{ACROSS}" stroke="#ddd"/>')
     for part, _, colour in PARTS:
         points = [place(row, part) for row in rows]
