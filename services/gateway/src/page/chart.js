@@ -28,35 +28,35 @@ function running(rows, column) {
 }
 
 // Whole decades around all shown values.
-function decades(series, from, level, least) {
+function decades(series, from, level, minimum) {
   let low = Infinity;
   let high = level || 0;
   for (const { points } of series) {
     for (const [t, value] of points) {
-      if (t < from || value === null || !(value > least)) continue;
+      if (t < from || value === null || !(value > minimum)) continue;
       low = Math.min(low, value);
       high = Math.max(high, value);
     }
   }
-  if (!(low < Infinity)) [low, high] = [least * 10, Math.max(high, least * 100)];
+  if (!(low < Infinity)) [low, high] = [minimum * 10, Math.max(high, minimum * 100)];
   const bottom = Math.floor(Math.log10(low) + 1e-9);
   return [bottom, Math.max(Math.ceil(Math.log10(high) - 1e-9), bottom + 1)];
 }
 
 // `series`: points, colour, width, dash, alpha. `level`: a horizontal line, such as a deadline.
 // `marks`: times of events.
-function drawChart(canvas, { series, seconds, label, level = 0, least = 1e-5, marks = [] }) {
+function drawChart(canvas, { series, seconds, label, level = 0, minimum = 1e-5, marks = [] }) {
   const { pen, width, height } = sheet(canvas);
   const until = Math.max(now(), seconds);
   const from = until - seconds;
-  const [bottom, top] = decades(series, from, level, least);
+  const [bottom, top] = decades(series, from, level, minimum);
   const inner = {
     width: width - MARGIN.left - MARGIN.right,
     height: height - MARGIN.top - MARGIN.bottom,
   };
   const across = (t) => MARGIN.left + ((t - from) / seconds) * inner.width;
   const up = (value) => {
-    const share = (Math.log10(Math.max(value, least)) - bottom) / (top - bottom);
+    const share = (Math.log10(Math.max(value, minimum)) - bottom) / (top - bottom);
     return MARGIN.top + (1 - Math.max(share, 0)) * inner.height;
   };
   pen.fillStyle = colours.quiet;
@@ -112,7 +112,7 @@ function drawCharts(canvases, { window: seconds, axis }) {
   drawChart(canvases.residual, {
     seconds,
     label: (value) => `${+value.toPrecision(1)}`,
-    least: 1e-4,
+    minimum: 1e-4,
     marks: plans.filter(isNewModel).map((row) => row[P.t]),
     series: [
       { points: curve(main), colour: colours.without, width: 1, alpha: 0.35 },
@@ -125,7 +125,7 @@ function drawCharts(canvases, { window: seconds, axis }) {
     seconds,
     label: (value) => (value < 1000 ? `${value} µs` : `${value / 1000} ms`),
     level: hello ? hello.period * 1e6 : 0,
-    least: 1,
+    minimum: 1,
     series: [{ points: curve(P.tick), colour: colours.with, width: 2 }],
   });
 }

@@ -130,7 +130,7 @@ function showProcesses() {
       element("span", phase, healthy ? "good" : "bad"),
       element("span", counts.join(" · "), "quiet"),
     );
-    if (process.text) item.append(element("span", process.text, "says"));
+    if (process.text) item.append(element("span", process.text, "process-error"));
     return item;
   }));
 }

@@ -48,10 +48,10 @@ function camera(view, pose, width, height) {
   return { scale, to, centre };
 }
 
-// 1, 2 or 5 times a power of ten, at least `least`.
-function roundStep(least) {
-  const power = 10 ** Math.floor(Math.log10(least));
-  return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= least * 0.999);
+// 1, 2 or 5 times a power of ten, at least `minimum`.
+function roundStep(minimum) {
+  const power = 10 ** Math.floor(Math.log10(minimum));
+  return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= minimum * 0.999);
 }
 
 function grid(pen, eye, width, height) {
