@@ -1,4 +1,7 @@
-"""Control tick over the network with certificates and without, in turns: python3 docs/certificates_tick.py [ROUNDS [SECONDS [COXSWAIN]]]"""
+"""Measures the control tick over the network, alternately with certificates and without them.
+
+Usage: python3 docs/certificates_tick.py [ROUNDS [SECONDS [COXSWAIN]]]
+"""
 
 import json
 import pathlib
@@ -11,17 +14,23 @@ rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 8
 seconds = sys.argv[2] if len(sys.argv) > 2 else "10"
 coxswain = sys.argv[3] if len(sys.argv) > 3 else "target/release/coxswain"
 graph = str(pathlib.Path(__file__).parent.parent / "deploy/graphs/network.toml")
-taken = {"without": [], "with": []}
+measured = {"without": [], "with": []}
 with tempfile.TemporaryDirectory() as folder:
-    given = f"{folder}/certificates"
-    subprocess.run([coxswain, "certificates", "--robot", "mecanum", "--out", given], check=True, stdout=subprocess.DEVNULL)
+    certificates = f"{folder}/certificates"
+    issue = [coxswain, "certificates", "--robot", "mecanum", "--out", certificates]
+    subprocess.run(issue, check=True, stdout=subprocess.DEVNULL)
+    kinds = {"without": [], "with": ["--certificates", certificates]}
     for number in range(rounds):
-        for kind, options in sorted({"without": [], "with": ["--certificates", given]}.items(), reverse=number % 2 == 1):
+        for kind, options in sorted(kinds.items(), reverse=number % 2 == 1):
             out = f"{folder}/{number}-{kind}"
-            launch = [coxswain, "launch", graph, "--scenario", "paper-20ms", "--duration", seconds, "--out", out, *options]
+            launch = [coxswain, "launch", graph, "--scenario", "paper-20ms"]
+            launch += ["--duration", seconds, "--out", out, *options]
             subprocess.run(launch, check=True, capture_output=True)
             summary = json.loads(pathlib.Path(f"{out}/summary.json").read_text())
-            taken[kind].append(summary["tick_p50_us"])
-            print(f"{kind:8} p50 {summary['tick_p50_us']:.0f} us, p99 {summary['tick_p99_us']:.0f} us, missed {summary['periods_missed']}", flush=True)
-medians = {kind: statistics.median(values) for kind, values in taken.items()}
-print(f"median of p50: without {medians['without']:.1f} us, with {medians['with']:.1f} us, ratio {medians['with'] / medians['without']:.3f}")
+            p50, p99 = summary["tick_p50_us"], summary["tick_p99_us"]
+            measured[kind].append(p50)
+            missed = summary["periods_missed"]
+            print(f"{kind:8} p50 {p50:.0f} us, p99 {p99:.0f} us, missed {missed}", flush=True)
+without, with_ = (statistics.median(measured[kind]) for kind in ("without", "with"))
+ratio = with_ / without
+print(f"median of p50: without {without:.1f} us, with {with_:.1f} us, ratio {ratio:.3f}")

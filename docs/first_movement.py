@@ -1,4 +1,8 @@
-"""From ./deploy/launch, built, or another COMMAND, to the first moving robot in an open browser: python3 docs/first_movement.py [ROUNDS [COMMAND…]]"""
+"""Measures the time from the launch command to the first movement of the robot in a browser.
+
+Usage: python3 docs/first_movement.py [ROUNDS [COMMAND…]]
+The default command is ./deploy/launch, after a build.
+"""
 
 import re
 import signal
@@ -14,13 +18,14 @@ from chromium import Browser
 def seconds(command, out):
     browser = Browser()
     begin = time.monotonic()
-    launch = subprocess.Popen([*command, "--duration", "20", "--out", out], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    launch = subprocess.Popen([*command, "--duration", "20", "--out", out],
+                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     address = None
     for line in launch.stdout:
         if address := re.search(rb"live page: (\S+)", line):
             break
     if not address:
-        sys.exit("the launch told no address")
+        sys.exit("the launch printed no address of a live page")
     browser.open(address[1].decode())
     first = ""
     while not first or browser.text("place") == first:

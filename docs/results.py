@@ -1,4 +1,4 @@
-"""Measures every comparison of docs/results.md anew: writes docs/results.csv, a line per cell with
+"""Repeats all measurements of docs/results.md. Writes docs/results.csv, a line per cell with
 every seed, and the tables of docs/results.md between their marks.
 
 Needs python3 and: cargo build --release --workspace --bins
@@ -17,13 +17,13 @@ HERE = pathlib.Path(__file__).parent
 CSV, PAGE = HERE / "results.csv", HERE / "results.md"
 COXSWAIN = HERE.parent / "target/release/coxswain"
 
-# Weights were found on the first three scenarios; the others are there to judge with.
+# The weights were tuned on the first three scenarios. The others are held out.
 TUNED, HELD_OUT = ["figure-eight", "square", "stop-and-go"], ["slalom", "ring", "shuttle"]
 OURS, ORACLE = "gpr-mpc+observer", "oracle-mpc"
 SIMPLE = ["feedforward-p", "mpc", "mpc+observer", "mpc+kalman", "rls-mpc+observer",
           "physics-mpc+observer"]
 ALL = SIMPLE + ["gpr-mpc", OURS, ORACLE]
-# These begin a warm run with what an earlier one learnt or identified.
+# A warm run of these starts with the model of an earlier run.
 REMEMBER = ["rls-mpc+observer", "physics-mpc+observer", "gpr-mpc", OURS]
 BOTH = ["cold", "warm"]
 
@@ -77,7 +77,7 @@ def mean_of(values):
 
 
 def bar(best):
-    """The bar of no harm for a best baseline, both in mm."""
+    """The no-harm bar for the best baseline, both in mm."""
     return 1.05 * best + min(2.0, 0.2 * best)
 
 
@@ -87,7 +87,7 @@ def geometric_mean(ratios):
 
 
 def table(rows):
-    """Markdown of one table: a line per scenario, and what the columns come to."""
+    """Markdown of one table: a line per scenario, then the summary of the columns."""
     cells, columns, recoveries, coverages = {}, [], {}, {}
     for _, _, _, scenario, controller, start, *lists in rows:
         column = controller, start
@@ -104,7 +104,7 @@ def table(rows):
     name = {OURS: "ours", "feedforward-p": "ff+P"}
 
     def base(controller, start):
-        """The column of a baseline for that start: its own, if there is one, or else cold."""
+        """The column of a baseline: of the same start if there is one, otherwise cold."""
         same = controller, start
         return same if controller in REMEMBER and same in columns else (controller, "cold")
 

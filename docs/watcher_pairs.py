@@ -1,10 +1,21 @@
-"""The control tick with a viewer beside it that looks on, is stopped, or is killed and comes back: interleaved with runs that nobody looks at.
+"""Measures how a viewer affects the control tick.
 
-python3 docs/watcher_pairs.py VIEWER [--rounds N] [--seconds S] [--rows FILE] [LAUNCH OPTIONS…], where VIEWER is `page`, a Chromium on the live
-page, `events`, a client that reads what the page is told and draws nothing, as if the browser were on another machine, or `watch`,
-`coxswain watch --plain`. Each run is the local graph in real time; a round has one of each kind, another one first every
-time. After a quarter of the run the stopped one is stopped and the killed one killed, which comes back at half of it. With --rows, rounds are
-kept in a file and the medians are of all of them, so that a long series can be taken in parts.
+A viewer watches, is stopped, or is killed and starts again. Runs without a viewer are interleaved.
+
+Usage: python3 docs/watcher_pairs.py VIEWER [--rounds N] [--seconds S] [--rows FILE]
+       [LAUNCH OPTIONS…]
+
+| VIEWER   | what watches                                                               |
+|----------|----------------------------------------------------------------------------|
+| `page`   | a Chromium with the live page                                              |
+| `events` | a client that reads the events of the live page and draws nothing; the     |
+|          | load is that of a browser on another machine                               |
+| `watch`  | `coxswain watch --plain`                                                   |
+
+Each run is the local graph in real time. A round has one run of each kind, in rotating order. The
+viewer is stopped or killed after a quarter of the run. A killed viewer starts again at half of it.
+With --rows, the rounds are kept in a file, and the medians cover all rounds in it. So a long series
+can be measured in parts.
 """
 
 import argparse
@@ -35,32 +46,32 @@ coxswain = arguments.binaries / "coxswain"
 
 
 class Page:
-    """A browser, already open."""
+    """A browser on the live page, which is already open."""
 
     def __init__(self, home):
         self.home, self.browser = home, Browser()
 
-    def look(self, address):
+    def connect(self, address):
         self.address = address
         self.browser.open(address)
 
-    def saw(self):
+    def has_content(self):
         return self.browser.text("place") != ""
 
     def signal(self, number):
         self.browser.signal(number)
 
-    def come_back(self):
+    def restart(self):
         self.browser.close()
         self.browser = Browser()
-        self.look(self.address)
+        self.connect(self.address)
 
     def close(self):
         self.browser.close()
 
 
 class Watch:
-    """`coxswain watch`, started once there is something to watch."""
+    """`coxswain watch`, started after the launch."""
 
     def __init__(self, home):
         self.home = home
@@ -68,21 +79,22 @@ class Watch:
     def command(self):
         return [coxswain, "watch", "--plain"]
 
-    def look(self, address):
+    def connect(self, address):
         self.address = address
-        here = {**os.environ, "TMPDIR": self.home}
+        environment = {**os.environ, "TMPDIR": self.home}
         self.lines = open(f"{self.home}/lines", "ab")
-        self.process = subprocess.Popen(self.command(), env=here, stdout=self.lines, stderr=subprocess.DEVNULL)
+        self.process = subprocess.Popen(self.command(), env=environment, stdout=self.lines,
+                                        stderr=subprocess.DEVNULL)
 
-    def saw(self):
+    def has_content(self):
         return os.path.getsize(f"{self.home}/lines") > 0
 
     def signal(self, number):
         self.process.send_signal(number)
 
-    def come_back(self):
+    def restart(self):
         self.close()
-        self.look(self.address)
+        self.connect(self.address)
 
     def close(self):
         self.process.kill()
@@ -91,38 +103,46 @@ class Watch:
 
 
 class Events(Watch):
-    """Reads the stream of the live page."""
+    """A client that reads the events of the live page and draws nothing."""
 
     def command(self):
-        read = "import sys, urllib.request as web\nfor line in web.urlopen(sys.argv[1]): print(len(line), flush=True)"
+        read = ("import sys, urllib.request as web\n"
+                "for line in web.urlopen(sys.argv[1]): print(len(line), flush=True)")
         return [sys.executable, "-c", read, self.address + "events"]
 
 
 def run(kind):
-    """One run: half of all ticks took no longer [us], and periods missed."""
+    """One run. Returns the median time of a tick [us] and the number of missed periods."""
     with tempfile.TemporaryDirectory(prefix="cx", dir="/tmp") as home:
-        viewer = None if kind == "off" else {"page": Page, "events": Events, "watch": Watch}[arguments.viewer](home)
-        time.sleep(1.0)  # whatever has just started or ended is done with it
-        command = [coxswain, "launch", ROOT / "deploy/graphs/local.toml", "--duration", str(arguments.seconds), "--out", f"{home}/run"]
-        here = {**os.environ, "TMPDIR": home}
-        launch = subprocess.Popen([*command, *options], env=here, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        viewers = {"page": Page, "events": Events, "watch": Watch}
+        viewer = None if kind == "off" else viewers[arguments.viewer](home)
+        time.sleep(1.0)  # lets starting and ending processes settle
+        command = [coxswain, "launch", ROOT / "deploy/graphs/local.toml"]
+        command += ["--duration", str(arguments.seconds), "--out", f"{home}/run", *options]
+        environment = {**os.environ, "TMPDIR": home}
+        launch = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE,
+                                  stderr=subprocess.STDOUT)
         address = None
         for line in launch.stdout:
             if address := re.search(rb"live page: (\S+)", line):
                 break
         begin = time.monotonic()
-        until = lambda share: time.sleep(max(0.0, begin + share * arguments.seconds - time.monotonic()))
+
+        def wait_until(share):
+            """Sleeps until this share of the run is over."""
+            time.sleep(max(0.0, begin + share * arguments.seconds - time.monotonic()))
+
         if viewer:
-            viewer.look(address[1].decode())
-            until(0.25)
-            if not viewer.saw():
-                raise SystemExit("the viewer saw nothing in a quarter of the run")
+            viewer.connect(address[1].decode())
+            wait_until(0.25)
+            if not viewer.has_content():
+                raise SystemExit("the viewer received nothing in the first quarter of the run")
             if kind == "stopped":
                 viewer.signal(signal.SIGSTOP)
             if kind == "killed":
                 viewer.signal(signal.SIGKILL)
-                until(0.5)
-                viewer.come_back()
+                wait_until(0.5)
+                viewer.restart()
         launch.communicate()
         if viewer:
             viewer.close()
@@ -130,21 +150,24 @@ def run(kind):
         return summary["tick_p50_us"], summary["periods_missed"]
 
 
-def told(rounds):
-    print(f"{arguments.viewer}, {len(rounds)} rounds; half of all ticks of the runs that nobody looked at: "
-          + " ".join(f"{row['off'][0]:.0f}" for row in rounds) + " µs")
+def report(rounds):
+    medians = " ".join(f"{row['off'][0]:.0f}" for row in rounds)
+    print(f"{arguments.viewer}, {len(rounds)} rounds; median tick without a viewer: {medians} µs")
     for kind in KINDS:
         ratios = [row[kind][0] / row["off"][0] for row in rounds]
         missed = sum(row[kind][1] for row in rounds)
-        print(f"{kind:8} median {statistics.median(ratios):.3f} of {' '.join(f'{ratio:.2f}' for ratio in ratios)}, {missed} periods missed")
+        listed = " ".join(f"{ratio:.2f}" for ratio in ratios)
+        print(f"{kind:8} median {statistics.median(ratios):.3f} of {listed}, "
+              f"{missed} periods missed")
 
 
-before = arguments.rows.read_text().splitlines() if arguments.rows and arguments.rows.exists() else []
-rounds = [json.loads(line) for line in before]
+has_rows = arguments.rows and arguments.rows.exists()
+earlier = arguments.rows.read_text().splitlines() if has_rows else []
+rounds = [json.loads(line) for line in earlier]
 for _ in range(arguments.rounds):
     first = len(rounds) % len(KINDS)
     rounds.append({kind: run(kind) for kind in KINDS[first:] + KINDS[:first]})
     if arguments.rows:
         with arguments.rows.open("a") as file:
             print(json.dumps(rounds[-1]), file=file)
-told(rounds)
+report(rounds)

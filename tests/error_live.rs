@@ -97,7 +97,7 @@ fn both_report_a_missing_gateway() -> Outcome {
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(1), "{text}");
         assert!(
-            text.contains("no robot replies")
+            text.contains("no router answers")
                 && text.contains("tcp/127.0.0.1:1")
                 && !text.contains("Traceback"),
             "{text}"
@@ -115,7 +115,7 @@ fn both_report_an_unknown_robot() -> Outcome {
         let output = program.args([endpoint.as_str(), "another"]).output()?;
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(1), "{text}");
-        assert!(text.contains("no message from a robot") && !text.contains("Traceback"), "{text}");
+        assert!(text.contains("no plan from a robot") && !text.contains("Traceback"), "{text}");
     }
     Ok(())
 }

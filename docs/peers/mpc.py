@@ -197,7 +197,7 @@ def main():
         reference, states, inputs, micros = drive(library, horizon)
     times = dict(zip(["step", "linearise", "qp", "predict"], micros.T))
     figures = p.figures(reference, states, inputs, times)
-    p.say(peer="CasADi, condensed, generated C, DAQP", M=points, N=horizon, **figures)
+    p.report(peer="CasADi, condensed, generated C, DAQP", M=points, N=horizon, **figures)
 
 
 if __name__ == "__main__":

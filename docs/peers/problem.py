@@ -59,7 +59,7 @@ def missed(v, u, functions=math):
 
 
 def samples(count, seed=7):
-    """Inputs (v, u) and noisy observations of what is missed."""
+    """Inputs (v, u) and noisy observations of the missed acceleration."""
     random = SplitMix64(seed)
     inputs, targets = np.zeros((count, 6)), np.zeros((count, 3))
     for i in range(count):
@@ -113,7 +113,7 @@ def reference(periods):
 
 
 def pushes(periods):
-    """What is added to the state before each period: a push of the pose every forty periods."""
+    """Disturbances, added to the state before each period: the pose jumps every forty periods."""
     added = np.zeros((periods, 6))
     for number, period in enumerate(range(0, periods, 40)):
         added[period] = np.array([0.0, 0.8, 0.25, 0.0, 0.0, 0.0]) * (-1) ** number
@@ -121,7 +121,7 @@ def pushes(periods):
 
 
 def figures(points, states, inputs, times, warm_up=20):
-    """Percentiles of the times (microseconds by name), and how the loop followed the reference."""
+    """Percentiles of the times (microseconds by name), position error and input effort."""
     answer = {"steps": len(states) - warm_up}
     for name, micros in times.items():
         tail = np.percentile(micros[warm_up:], [50, 99]).round(1).tolist()
@@ -131,5 +131,5 @@ def figures(points, states, inputs, times, warm_up=20):
     return answer | {"rms_pos_err": round(math.sqrt(apart.mean()), 6), "usum": round(usum, 4)}
 
 
-def say(**figures):
+def report(**figures):
     print(json.dumps(figures), flush=True)

@@ -1,4 +1,5 @@
-"""robot.py on links that lose some of its commands, states and credits, without anybody being told."""
+"""robot.py on links that lose some of its commands, states and credits without notice."""
+
 import signal
 import sys
 from collections import Counter
@@ -11,29 +12,33 @@ import robot
 LOST = {
     "command": lambda number: number % 50 == 25,
     "state": lambda number: number % 50 == 0,
-    "credit": lambda number: number in range(5, 9),  # in a row: all that the recorder grants before it waits for a state
+    # All credits that the recorder sends before it waits for a state.
+    "credit": lambda number: number in range(5, 9),
 }
 
 
 class Lossy(robot.Network):
-    said: Counter[str] = Counter()
+    sent: Counter[str] = Counter()
     lost: Counter[str] = Counter()
 
     def loses(self, topic: str) -> bool:
-        self.said[topic] += 1
-        lost = LOST[topic](self.said[topic])
+        self.sent[topic] += 1
+        lost = LOST[topic](self.sent[topic])
         self.lost[topic] += lost
         return lost
 
-    def next(self, patience: float) -> tuple[str, Any]:
-        topic, what = super().next(patience)
-        return ("nothing", None) if topic in ("command", "credit") and self.loses(topic) else (topic, what)
+    def next(self, timeout: float) -> tuple[str, Any]:
+        topic, what = super().next(timeout)
+        is_lost = topic in ("command", "credit") and self.loses(topic)
+        return ("nothing", None) if is_lost else (topic, what)
 
     def put_state(self, payload: bytes, number: bytes | None) -> None:
         if not self.loses("state"):
             super().put_state(payload, number)
 
 
-signal.alarm(120)  # far longer than it takes: a robot that waits for ever has failed
+signal.alarm(120)  # far longer than a run takes; ends a robot that waits forever
 robot.Network = Lossy
-sys.exit(robot.main() or (0 if all(Lossy.lost[topic] for topic in LOST) else f"lost were only {Lossy.lost}"))
+code = robot.main()
+missing = [topic for topic in LOST if not Lossy.lost[topic]]
+sys.exit(code or (f"lost only {Lossy.lost}: expected also {missing}" if missing else 0))

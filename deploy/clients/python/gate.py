@@ -1,4 +1,8 @@
-"""What a robot driver does with commands: the limits of the robot, and which command acts on its wheels, by the duties of protocol/WIRE.md."""
+"""Commands -> wheels: the limits of the robot, and the gate that selects the acting command.
+
+The duties in the comments are the numbered duties of protocol/WIRE.md.
+"""
+
 import math
 import re
 from dataclasses import dataclass
@@ -6,19 +10,31 @@ from pathlib import Path
 
 from wire import Command, Vector
 
-NOTHING: Vector = (0.0, 0.0, 0.0)
-ROUNDING = 1 + 1e-6  # a command at a limit may be beyond it by so much
+ZERO: Vector = (0.0, 0.0, 0.0)
+ROUNDING = 1 + 1e-6  # tolerance of a limit, as a factor
 WAITING, TAIL, BRAKE, LATCHED = 0, 4, 5, 6  # fallback levels
-NONE, NO_COMMAND_YET, MISSING, MALFORMED, NOT_FINITE, OUT_OF_BOUNDS, RATE_TOO_HIGH, OLD_PLANT_EPOCH = range(8)  # reasons
-OLD_CONTROLLER_EPOCH, SECOND_WRITER, TOO_OLD, NOT_NEWER, FROM_THE_FUTURE, SOLVER_FAILED, BAD_STATE, STOPPING, RECOVERING = range(8, 17)
+# Reasons.
+NONE, NO_COMMAND_YET, MISSING, MALFORMED = range(4)
+NOT_FINITE, OUT_OF_BOUNDS, RATE_TOO_HIGH, OLD_PLANT_EPOCH = range(4, 8)
+OLD_CONTROLLER_EPOCH, SECOND_WRITER, TOO_OLD, NOT_NEWER = range(8, 12)
+FROM_THE_FUTURE, SOLVER_FAILED, BAD_STATE, STOPPING, RECOVERING = range(12, 17)
 POSITION_ERROR, HEADING_ERROR, EMERGENCY_STOP, IS_DISARMED, NO_PLAN = range(17, 22)
 DISARMED, ARMED, DRIVING, STOPPED = range(4)  # states of the gate
-OWN_REASONS = {0: NONE, 1: NONE, 2: SOLVER_FAILED, 3: NO_PLAN, 4: SOLVER_FAILED, 5: BAD_STATE, 6: BAD_STATE}  # of a controller's fallback level
+# Reason for each fallback level of a controller.
+OWN_REASONS = {
+    0: NONE,
+    1: NONE,
+    2: SOLVER_FAILED,
+    3: NO_PLAN,
+    4: SOLVER_FAILED,
+    5: BAD_STATE,
+    6: BAD_STATE,
+}
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What the robot may be asked, from its file, and the control period."""
+    """Limits of the robot, from the robot file, and the control period. SI units."""
 
     period: float
     input: Vector
@@ -30,7 +46,8 @@ class Limits:
 
     @classmethod
     def read(cls, file: Path, period: float) -> "Limits":
-        found = {key: float(value) for key, value in re.findall(r"^(\w+)\s*=\s*([-+.\deE]+)", file.read_text(), re.MULTILINE)}
+        entries = re.findall(r"^(\w+)\s*=\s*([-+.\deE]+)", file.read_text(), re.MULTILINE)
+        found = {key: float(value) for key, value in entries}
 
         def plane_and_yaw(plane: str, yaw: str) -> Vector:
             return (found[plane], found[plane], found[yaw])
@@ -46,76 +63,90 @@ class Limits:
         )
 
     def wheels(self, velocity: Vector) -> tuple[float, ...]:
-        """Wheel speeds of a body velocity [rad/s]: front-right, front-left, rear-left, rear-right."""
+        """Wheel speeds for a body velocity [rad/s].
+
+        Order: front-right, front-left, rear-left, rear-right.
+        """
         forward, left, turn = velocity[0], velocity[1], self.lever * velocity[2]
-        rims = (forward + left + turn, forward - left - turn, forward + left - turn, forward - left + turn)
+        rims = (
+            forward + left + turn,
+            forward - left - turn,
+            forward + left - turn,
+            forward - left + turn,
+        )
         return tuple(rim / self.wheel_radius for rim in rims)
 
     def allow(self, velocity: Vector) -> bool:
-        within = all(abs(value) <= most * ROUNDING for value, most in zip(velocity, self.input))
-        return within and all(abs(wheel) <= self.wheel_speed * ROUNDING for wheel in self.wheels(velocity))
+        within = all(abs(value) <= limit * ROUNDING for value, limit in zip(velocity, self.input))
+        wheel_limit = self.wheel_speed * ROUNDING
+        return within and all(abs(wheel) <= wheel_limit for wheel in self.wheels(velocity))
 
     def allow_step(self, before: Vector, after: Vector) -> bool:
-        return all(abs(b - a) <= 2.2 * rate * self.period * ROUNDING for a, b, rate in zip(before, after, self.rate))
+        steps = zip(before, after, self.rate)
+        return all(abs(b - a) <= 2.2 * rate * self.period * ROUNDING for a, b, rate in steps)
 
 
 class Gate:
-    """Which command acts on the wheels: duties 1 and 3 to 10. Times are seconds of one clock."""
+    """Selects the command that acts on the wheels: duties 1 and 3 to 10.
+
+    All times are seconds of one clock.
+    """
 
     def __init__(self, limits: Limits, epoch: int, delay: float, armed: bool = True) -> None:
         self.limits, self.epoch, self.delay = limits, epoch, delay
         self.tick = 0
         self.published: dict[int, float] = {}
         self.stored: Command | None = None
-        self.since = 0.0  # publication of the state that the stored command answers
-        self.last_heard = 0.0  # of the present writer
+        self.since = 0.0  # publication time of the state that the stored command answers
+        self.last_received = 0.0  # time of the last command of the current writer
         self.refused = 0
-        self.acting = self.begun_with = NOTHING
+        self.acting = self.acting_at_begin = ZERO
         self.state, self.stop_reason = ARMED if armed else DISARMED, NONE
         self.estop = self.braking = False
         self.good_periods = 0
-        self.past = (WAITING, NO_COMMAND_YET)  # fallback level and reason of the past period
-        self.worst = (WAITING, NONE)  # of the present one
+        self.past = (WAITING, NO_COMMAND_YET)  # fallback level and reason of the last period
+        self.worst = (WAITING, NONE)  # fallback level and reason of the current period
         self.last_refusal = NONE
 
     def begin(self, tick: int, now: float) -> None:
-        """A period begins with the publication of `tick`."""
+        """Begins a period: the driver publishes the state of `tick` now."""
         self.tick = tick
         self.published[tick] = now
         self.published.pop(tick - 8, None)
         self.worst, self.last_refusal = (WAITING, NONE), NONE
-        self.begun_with = self.acting
+        self.acting_at_begin = self.acting
 
     def end(self) -> None:
-        """A period is over: duties 8 and 9."""
+        """Ends a period: duties 8 and 9."""
         answered = self.stored is not None and self.stored.stamp.tick == self.tick
-        fallback_level, why = self.worst
+        fallback_level, reason = self.worst
         if self.state == STOPPED:
-            fallback_level, why = LATCHED, self.stop_reason
+            fallback_level, reason = LATCHED, self.stop_reason
         elif self.state == DISARMED:
-            fallback_level, why = WAITING, IS_DISARMED
+            fallback_level, reason = WAITING, IS_DISARMED
         elif self.stored is None:
-            fallback_level, why = WAITING, NO_COMMAND_YET
+            fallback_level, reason = WAITING, NO_COMMAND_YET
         elif self.braking:
-            fallback_level, why = BRAKE, RECOVERING if answered else MISSING
+            fallback_level, reason = BRAKE, RECOVERING if answered else MISSING
         elif answered:
-            fallback_level, why = self.stored.fallback_level, OWN_REASONS[self.stored.fallback_level]
-        self.past = (fallback_level, self.last_refusal or why)
+            fallback_level = self.stored.fallback_level
+            reason = OWN_REASONS[fallback_level]
+        self.past = (fallback_level, self.last_refusal or reason)
         self.good_periods = self.good_periods + 1 if answered and self.braking else 0
 
     def stop(self, reason: int) -> None:
-        """Duty 10: brakes and stands until it is resumed."""
+        """Duty 10: the robot brakes, and stands until an operator resumes it."""
         if self.state != STOPPED:
             self.state, self.stop_reason = STOPPED, reason
 
     def set_estop(self, pressed: bool) -> None:
-        """Duty 10: the robot's own emergency stop."""
+        """Duty 10: reports the state of the robot's own emergency stop."""
         self.estop = pressed
         if pressed:
             self.stop(EMERGENCY_STOP)
 
     def order(self, order: str) -> bool:
-        """Duty 10, what a person orders, "arm" or "resume": whether it had a meaning."""
+        """Duty 10: applies "arm" or "resume" of an operator. False if it has no effect."""
         if self.state != {"arm": DISARMED, "resume": STOPPED}[order] or self.estop:
             return False
         if order == "resume":
@@ -124,13 +155,17 @@ class Gate:
         return True
 
     def hear(self, command: Command | None, now: float) -> int:
-        """Stores a command, or says why not; None stands for bytes that are none."""
+        """Stores a command if it is valid. Returns the reason of a rejection, or NONE.
+
+        `command` is None for bytes that do not decode.
+        """
         reason = self._judge(command, now) if command else MALFORMED
         if command and self.stored and command.stamp.writer == self.stored.stamp.writer:
-            self.last_heard = now
+            self.last_received = now
         if reason == NONE:
-            self.stored, self.since, self.last_heard = command, self.published[command.stamp.tick], now
-            self.braking = self.braking and (self.good_periods < 3 or command.stamp.tick != self.tick)
+            tick = command.stamp.tick
+            self.stored, self.since, self.last_received = command, self.published[tick], now
+            self.braking = self.braking and (self.good_periods < 3 or tick != self.tick)
             if command.stop != NONE:
                 self.stop(command.stop)
             elif self.state == ARMED and not self.braking:
@@ -140,55 +175,65 @@ class Gate:
         return reason
 
     def _judge(self, command: Command, now: float) -> int:
-        """Duty 3, in its order."""
-        inputs, stamp, present, period = (command.input, *command.tail), command.stamp, self.stored, self.limits.period
+        """Duty 3: the checks, in the order of WIRE.md."""
+        inputs, stamp = (command.input, *command.tail), command.stamp
+        current, period = self.stored, self.limits.period
         if not all(math.isfinite(value) for row in inputs for value in row):
             return NOT_FINITE
         if not all(map(self.limits.allow, inputs)):
             return OUT_OF_BOUNDS
         if command.plant_epoch != self.epoch:
             return OLD_PLANT_EPOCH
-        if present and stamp.epoch < present.stamp.epoch:
+        if current and stamp.epoch < current.stamp.epoch:
             return OLD_CONTROLLER_EPOCH
-        second = present and stamp.epoch == present.stamp.epoch and stamp.writer != present.stamp.writer
-        if second and now - self.last_heard < 3 * period:
+        same_epoch = current and stamp.epoch == current.stamp.epoch
+        second = same_epoch and stamp.writer != current.stamp.writer
+        if second and now - self.last_received < 3 * period:
             return SECOND_WRITER
         if stamp.tick > self.tick:
             return FROM_THE_FUTURE
-        last = present and (present.stamp.epoch, present.stamp.tick)
+        last = current and (current.stamp.epoch, current.stamp.tick)
         if last and (stamp.tick < last[1] or (stamp.epoch, stamp.tick) == last):
             return NOT_NEWER
         published = self.published.get(stamp.tick)
         if published is None or now - published > 1.5 * period + self.delay:
             return TOO_OLD
         age = int((now - published) / period + 1e-9)
-        first = inputs[age : age + 1]  # what acts first, if anything does
-        steps = [*zip(inputs, command.tail), *((before, after) for before in (self.begun_with, self.acting) for after in first)]
+        first = inputs[age : age + 1]  # the first input that acts, if any
+        earlier = (self.acting_at_begin, self.acting)
+        steps = [*zip(inputs, command.tail), *((a, b) for a in earlier for b in first)]
         if not all(self.limits.allow_step(*step) for step in steps):
             return RATE_TOO_HIGH
         return NONE
 
     def play(self, now: float, elapsed: float) -> Vector:
-        """Body velocity for the wheels from `now` on, `elapsed` seconds after the last: duties 6 and 7."""
-        chosen, fallback_level, why = self._choose(now)
-        self.worst = max(self.worst, (fallback_level, why))
+        """Body velocity for the wheels from `now` on: duties 6 and 7.
+
+        `elapsed` is the time since the last call [s].
+        """
+        chosen, fallback_level, reason = self._choose(now)
+        self.worst = max(self.worst, (fallback_level, reason))
         if chosen is None:
-            ramp = (math.copysign(max(abs(v) - b * elapsed, 0.0), v) for v, b in zip(self.acting, self.limits.brake))
-            chosen = tuple(ramp)
+            axes = zip(self.acting, self.limits.brake)
+            chosen = tuple(math.copysign(max(abs(v) - b * elapsed, 0.0), v) for v, b in axes)
         self.acting = chosen
         return chosen
 
     def _choose(self, now: float) -> tuple[Vector | None, int, int]:
+        """Velocity (None: the brake ramp), fallback level and reason."""
         if self.state == STOPPED:
             self.braking = True
             return None, LATCHED, self.stop_reason
         if self.state == DISARMED:
-            return NOTHING, WAITING, IS_DISARMED
+            return ZERO, WAITING, IS_DISARMED
         if self.stored is None:
-            return NOTHING, WAITING, NO_COMMAND_YET
+            return ZERO, WAITING, NO_COMMAND_YET
         age = int((now - self.since) / self.limits.period + 1e-9)
         missing = age >= 3 or age > len(self.stored.tail)
         self.braking |= missing
         if self.braking:
             return None, BRAKE, MISSING if missing else RECOVERING
-        return (self.stored.tail[age - 1], TAIL, MISSING) if age else (self.stored.input, self.stored.fallback_level, OWN_REASONS[self.stored.fallback_level])
+        if age:
+            return self.stored.tail[age - 1], TAIL, MISSING
+        fallback_level = self.stored.fallback_level
+        return self.stored.input, fallback_level, OWN_REASONS[fallback_level]

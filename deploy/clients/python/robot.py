@@ -1,8 +1,10 @@
-"""A robot that is simulated here and driven over Zenoh: it takes the part of the plant, as protocol/WIRE.md describes it.
+"""A robot driver with a simulated robot. It is the plant of protocol/WIRE.md, over Zenoh.
 
-Needs Python 3.10 and the public package eclipse-zenoh. The duties in the comments are the numbered ones of WIRE.md. For a robot of your
-own, put its motors and sensors in the place of `Base`; everything else stays.
+Needs Python 3.10 and the public package eclipse-zenoh. The duties in the comments are the numbered
+duties of WIRE.md. For a robot of your own, replace `Base` with its motors and sensors. Everything
+else stays.
 """
+
 import argparse
 import json
 import math
@@ -18,49 +20,59 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
-from gate import BAD_STATE, DISARMED, NOTHING, STOPPED, STOPPING, Gate, Limits
+from gate import BAD_STATE, DISARMED, STOPPED, STOPPING, ZERO, Gate, Limits
 from wire import Command, Credit, Health, PlantState, Refused, Stamp, Vector, Wire
 
 READY, RUNNING, FINISHED = 1, 2, 4  # phases
-GRAIN_S = 0.005  # how often the wheels get a new command
-PATIENCE_S = 1.0  # how long a state may have no answer in lock step before it is said again
+STEP_S = 0.005  # interval between two commands to the wheels
+REPEAT_S = 1.0  # in lock step: the state is sent again after this time without an answer
 
 
 class Base:
-    """How the robot moves: each axis follows its command with a lag, and not all the way. The controller believes otherwise."""
+    """The simulated robot: each axis follows its command with a gain and a lag.
+
+    The model of the controller has other values.
+    """
 
     GAIN = (0.8, 0.75, 0.8)
     LAG_S = (0.6, 0.6, 0.4)
     NOISE = 5e-4  # standard deviation of the sensors [m, rad, m/s, rad/s]
 
     def __init__(self, pose: Vector, seed: int) -> None:
-        self.pose, self.velocity = pose, NOTHING
+        self.pose, self.velocity = pose, ZERO
         self.random = random.Random(seed)
 
     def move(self, command: Vector, elapsed: float) -> None:
-        gone = [1.0 - math.exp(-elapsed / lag) for lag in self.LAG_S]
-        wanted = [gain * value for gain, value in zip(self.GAIN, command)]
-        before, self.velocity = self.velocity, tuple(v + g * (w - v) for v, g, w in zip(self.velocity, gone, wanted))
+        shares = [1.0 - math.exp(-elapsed / lag) for lag in self.LAG_S]
+        targets = [gain * value for gain, value in zip(self.GAIN, command)]
+        before, axes = self.velocity, zip(self.velocity, shares, targets)
+        self.velocity = tuple(v + share * (target - v) for v, share, target in axes)
         forward, left, turn = ((a + b) / 2 * elapsed for a, b in zip(before, self.velocity))
         (x, y, yaw), middle = self.pose, self.pose[2] + turn / 2
         cosine, sine = math.cos(middle), math.sin(middle)
-        self.pose = (x + forward * cosine - left * sine, y + forward * sine + left * cosine, yaw + turn)
+        x, y = x + forward * cosine - left * sine, y + forward * sine + left * cosine
+        self.pose = (x, y, yaw + turn)
 
     def measure(self) -> tuple[Vector, Vector]:
-        """Pose and velocity as the sensors see them."""
-        noisy = [value + self.random.gauss(0.0, self.NOISE) for value in self.pose + self.velocity]
+        """Pose and velocity with sensor noise."""
+        truth = self.pose + self.velocity
+        noisy = [value + self.random.gauss(0.0, self.NOISE) for value in truth]
         return tuple(noisy[:3]), tuple(noisy[3:])
 
 
 class Network:
-    """The links of a driver: it writes state and health, and reads command and, if the run is recorded, credit."""
+    """The links of a driver: it writes state and health, and reads commands.
+
+    It also reads credit, if the run is recorded.
+    """
 
     def __init__(self, endpoint: str, graph: str, lock_step: bool, recorded: bool) -> None:
         config = zenoh.Config()
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", json.dumps([endpoint]))
         config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("transport/shared_memory/enabled", "false")  # else a killed client leaves a file in /dev/shm
+        # Otherwise a killed client leaves a file in /dev/shm.
+        config.insert_json5("transport/shared_memory/enabled", "false")
         self.session = zenoh.open(config)
         self.graph, self.lock_step = f"coxswain-link/{graph}", lock_step
         self.writer = secrets.randbelow((1 << 64) - 1) + 1
@@ -71,32 +83,42 @@ class Network:
         delivery = "lossless" if lock_step else "newest-wins"
         congestion = zenoh.CongestionControl.BLOCK if lock_step else zenoh.CongestionControl.DROP
         self.quality = {"priority": zenoh.Priority.REAL_TIME, "congestion_control": congestion}
-        state = f"{self.graph}/state"
+        state, message = f"{self.graph}/state", f"{Wire.VERSION}/PlantState"
+        readers, join = f"{state}/reader/{message}/*/*", f"{state}/join/{self.identity}"
+        writer = f"{state}/writer/{message}/{delivery}/{self.identity}"
         tokens = self.session.liveliness()
-        self.kept = [tokens.declare_subscriber(f"{state}/reader/{Wire.VERSION}/PlantState/*/*", self._on_reader, history=True)]
-        self.kept.append(self.session.declare_queryable(f"{state}/join/{self.identity}", lambda query: query.drop()))
-        self.kept.append(tokens.declare_token(f"{state}/writer/{Wire.VERSION}/PlantState/{delivery}/{self.identity}"))
+        self.kept = [
+            tokens.declare_subscriber(readers, self._on_reader, history=True),
+            self.session.declare_queryable(join, lambda query: query.drop()),
+            tokens.declare_token(writer),
+        ]
         self._read("command", Command)
         if recorded:
             self._read("credit", Credit)
 
     def _read(self, topic: str, kind: type) -> None:
-        def hear(sample: zenoh.Sample) -> None:
+        def receive(sample: zenoh.Sample) -> None:
             self.events.put((topic, sample.payload.to_bytes()))
 
         link = f"{self.graph}/{topic}"
-        self.kept.append(self.session.declare_subscriber(f"{link}/data/*", hear))
+        self.kept.append(self.session.declare_subscriber(f"{link}/data/*", receive))
         if self.lock_step:
-            self.kept.append(self.session.declare_subscriber(f"{link}/history/{self.identity}/*", hear))
-        self.kept.append(self.session.liveliness().declare_token(f"{link}/reader/{Wire.VERSION}/{kind.__name__}/unpaced/{self.identity}"))
+            history = f"{link}/history/{self.identity}/*"
+            self.kept.append(self.session.declare_subscriber(history, receive))
+        reader = f"{link}/reader/{Wire.VERSION}/{kind.__name__}/unpaced/{self.identity}"
+        self.kept.append(self.session.liveliness().declare_token(reader))
 
     def _on_reader(self, sample: zenoh.Sample) -> None:
-        self.events.put(("reader" if sample.kind == zenoh.SampleKind.PUT else "gone", str(sample.key_expr).rsplit("/", 1)[1]))
+        event = "reader" if sample.kind == zenoh.SampleKind.PUT else "reader-left"
+        self.events.put((event, str(sample.key_expr).rsplit("/", 1)[1]))
 
-    def next(self, patience: float) -> tuple[str, Any]:
-        """What was heard next, within `patience` seconds. A reader of states that comes late gets the last one at once."""
+    def next(self, timeout: float) -> tuple[str, Any]:
+        """The next event within `timeout` seconds: its topic and content.
+
+        A reader of states that joins late receives the last state at once.
+        """
         try:
-            topic, what = self.events.get(timeout=max(patience, 0.0))
+            topic, what = self.events.get(timeout=max(timeout, 0.0))
         except queue.Empty:
             return "nothing", None
         if topic == "reader":
@@ -105,7 +127,7 @@ class Network:
                 payload, number = self.last_state
                 key = f"{self.graph}/state/history/{what}/{self.identity}"
                 self.session.put(key, payload, attachment=number, **self.quality)
-        elif topic == "gone":
+        elif topic == "reader-left":
             self.readers.discard(what)
         return topic, what
 
@@ -115,22 +137,28 @@ class Network:
         self.put_state(payload, number)
 
     def repeat_state(self) -> None:
-        """The same bytes. Without a number, by which it would be taken for one that has been heard."""
+        """Sends the same bytes again.
+
+        There is no sequence number: with one, a reader drops the repetition as a duplicate.
+        """
         if self.last_state:
             self.put_state(self.last_state[0], None)
 
     def put_state(self, payload: bytes, number: bytes | None) -> None:
-        self.session.put(f"{self.graph}/state/data/{self.identity}", payload, attachment=number, **self.quality)
+        key = f"{self.graph}/state/data/{self.identity}"
+        self.session.put(key, payload, attachment=number, **self.quality)
 
     def send_health(self, health: Health) -> None:
-        self.session.put(f"{self.graph}/health/data/{self.identity}", Wire.encode(health), priority=zenoh.Priority.DATA_LOW)
+        key = f"{self.graph}/health/data/{self.identity}"
+        self.session.put(key, Wire.encode(health), priority=zenoh.Priority.DATA_LOW)
 
 
 class Driver:
-    """The loop: publishes a state per period, hears commands, moves the base."""
+    """The loop: publishes a state per period, receives commands, moves the base."""
 
     def __init__(self, options: argparse.Namespace, limits: Limits, network: Network) -> None:
-        self.period, self.lock_step, self.recorded = limits.period, options.pace == "lock-step", options.recorded
+        self.period, self.recorded = limits.period, options.recorded
+        self.lock_step = options.pace == "lock-step"
         self.ticks, self.epoch = round(options.duration / self.period), options.epoch
         self.limits, self.network = limits, network
         self.gate = Gate(limits, self.epoch, options.delay_ms / 1e3, not options.disarmed)
@@ -138,10 +166,10 @@ class Driver:
         self.report = Report(self.period, options.circle)
         self.last_sequence: dict[tuple[int, int], int] = {}
         self.sent: Counter[str] = Counter()
-        self.heard, self.through_tick = 0, -1
+        self.received, self.through_tick = 0, -1
         self.phase, self.next_health = READY, 0.0
-        self.input = NOTHING  # mean over the past period
-        self.ordered = False  # a person wants the robot to drive
+        self.input = ZERO  # mean over the last period
+        self.ordered = False  # an operator has requested arm or resume
 
     def run(self) -> None:
         begin = time.monotonic()
@@ -154,7 +182,8 @@ class Driver:
                 commanded = self._answered_period(tick, start)
             else:
                 start = time.monotonic()
-                begin = max(begin, start - (tick + 1) * self.period)  # who was held up for long begins a new schedule
+                # After a long delay the schedule begins again.
+                begin = max(begin, start - (tick + 1) * self.period)
                 self._publish(tick, start)
                 commanded = self._timed_period(start, begin + (tick + 1) * self.period)
             self.input = tuple(commanded)
@@ -173,31 +202,40 @@ class Driver:
         last = self.gate.stored
         accepted = (last.stamp.epoch, last.stamp.epoch, last.stamp.tick) if last else (0, 0, 0)
         wheels, none = (*self.limits.wheels(velocity), 0.0, 0.0, 0.0, 0.0), (0.0,) * 8
-        measured, valid = (pose, velocity, wheels, none), (len(wheels) - 4, 1, 0)  # four wheels, speeds but no currents
-        gate = (self.gate.refused, *self.gate.past, *valid, 0, self.gate.state, self.gate.stop_reason)
-        said = (*measured, self.input, 0.0, *accepted, *gate)
-        self.network.send_state(PlantState(self._stamp("state"), *said))
+        # Four wheels; their speeds are valid, their currents are not.
+        measured, valid = (pose, velocity, wheels, none), (len(wheels) - 4, 1, 0)
+        gate = (
+            self.gate.refused,
+            *self.gate.past,
+            *valid,
+            0,
+            self.gate.state,
+            self.gate.stop_reason,
+        )
+        fields = (*measured, self.input, 0.0, *accepted, *gate)
+        self.network.send_state(PlantState(self._stamp("state"), *fields))
         self.phase = RUNNING
 
     def _answered_period(self, tick: int, start: float) -> list[float]:
-        """Duty 12: waits for the answer, then lets one period pass. The mean command."""
-        answered, said = False, time.monotonic()
+        """Duty 12: waits for the answer, then simulates one period. Returns the mean command."""
+        answered, sent = False, time.monotonic()
         while not answered:
             command = self._serve(0.1, start)
-            answered = command is not None and (command.plant_epoch, command.stamp.tick) == (self.epoch, tick)
-            if not answered and time.monotonic() - said >= PATIENCE_S:
+            if command is not None:
+                answered = (command.plant_epoch, command.stamp.tick) == (self.epoch, tick)
+            if not answered and time.monotonic() - sent >= REPEAT_S:
                 self.network.repeat_state()
-                said = time.monotonic()
-        total, grains = [0.0, 0.0, 0.0], max(round(self.period / GRAIN_S), 1)
-        for grain in range(grains):
-            self._move(total, start + grain * self.period / grains, self.period / grains)
+                sent = time.monotonic()
+        total, steps = [0.0, 0.0, 0.0], max(round(self.period / STEP_S), 1)
+        for step in range(steps):
+            self._move(total, start + step * self.period / steps, self.period / steps)
         return [value / self.period for value in total]
 
     def _timed_period(self, start: float, end: float) -> list[float]:
-        """Moves until `end`, and hears commands meanwhile. The mean command."""
+        """Moves until `end`, and receives commands meanwhile. Returns the mean command."""
         total, now = [0.0, 0.0, 0.0], start
         while now < end:
-            self._serve(min(GRAIN_S, end - now))
+            self._serve(min(STEP_S, end - now))
             before, now = now, time.monotonic()
             self._move(total, now, now - before)
         return [value / (now - start) for value in total]
@@ -207,9 +245,12 @@ class Driver:
         self.base.move(command, elapsed)
         total[:] = [sum_ + value * elapsed for sum_, value in zip(total, command)]
 
-    def _serve(self, patience: float, now: float | None = None) -> Command | None:
-        """Takes in what is heard next, and shows that it lives. A command, acceptable or not, unless it is stale."""
-        topic, payload = self.network.next(patience)
+    def _serve(self, timeout: float, now: float | None = None) -> Command | None:
+        """Processes the next event and publishes health if it is due.
+
+        Returns a command, accepted or not, unless it is stale.
+        """
+        topic, payload = self.network.next(timeout)
         self.show_health()
         kind = {"command": Command, "credit": Credit}.get(topic)
         if kind is None:
@@ -226,42 +267,50 @@ class Driver:
             return None
         self.last_sequence[source] = message.stamp.sequence
         if kind is Credit:
-            self.through_tick = message.through_tick  # the last one counts
+            self.through_tick = message.through_tick
             return None
-        self.heard += 1
+        self.received += 1
         self.gate.hear(message, now)
         return message
 
     def _stamp(self, topic: str) -> Stamp:
         self.sent[topic] += 1
-        return Stamp(self.network.writer, self.epoch, self.sent[topic], self.gate.tick, time.monotonic_ns())
+        return Stamp(
+            self.network.writer, self.epoch, self.sent[topic], self.gate.tick, time.monotonic_ns()
+        )
 
     def show_health(self, at_once: bool = False) -> None:
-        """Duty 13, ten times a second."""
+        """Duty 13: publishes health ten times a second."""
         now = time.monotonic()
         if now < self.next_health and not at_once:
             return
         self.next_health = now + 0.1
         stamp, none = self._stamp("health"), (0,) * 8
-        sent, received = (self.sent["state"], *none[1:]), (0, self.heard, *none[2:])
+        sent, received = (self.sent["state"], *none[1:]), (0, self.received, *none[2:])
         counts = (sent, received, none, (0, self.gate.refused, *none[2:]), none)
-        shut = {DISARMED: f"disarmed: kill -USR1 {os.getpid()} arms the robot", STOPPED: f"stopped: kill -USR1 {os.getpid()} resumes the robot"}
-        error = shut.get(self.gate.state, "")
-        self.network.send_health(Health(stamp, 0, self.phase, os.getpid(), 0, stamp.sequence, *(0,) * 8, *counts, error))
+        pid = os.getpid()
+        errors = {
+            DISARMED: f"disarmed: kill -USR1 {pid} arms the robot",
+            STOPPED: f"stopped: kill -USR1 {pid} resumes the robot",
+        }
+        error = errors.get(self.gate.state, "")
+        process = (0, self.phase, pid, 0)
+        health = Health(stamp, *process, stamp.sequence, *(0,) * 8, *counts, error)
+        self.network.send_health(health)
 
     def obey(self) -> None:
-        """A person's order, duty 10, which acts from the next period on."""
+        """Duty 10: an operator requests arm or resume. It acts from the next period on."""
         self.ordered = True
 
     def rest(self) -> None:
-        """Duty 14: brakes."""
+        """Duty 14: brakes to standstill."""
         self.gate.stop(STOPPING)
         while any(self.gate.acting):
-            time.sleep(0.0 if self.lock_step else GRAIN_S)
-            self._move([0.0, 0.0, 0.0], 0.0, GRAIN_S)
+            time.sleep(0.0 if self.lock_step else STEP_S)
+            self._move([0.0, 0.0, 0.0], 0.0, STEP_S)
 
     def finish(self) -> None:
-        """Says that the run is over, until nobody listens any more or a second has passed."""
+        """Reports the end of the run until no reader is left, for one second at most."""
         self.rest()
         self.phase, begin = FINISHED, time.monotonic()
         self.show_health(at_once=True)
@@ -270,7 +319,10 @@ class Driver:
 
 
 class Report:
-    """What a person sees: a line per second, and in the end how well a circle was followed, if one was to be."""
+    """The printed report: one line per second, and a summary at the end.
+
+    Both have the position error if `circle` is given.
+    """
 
     SETTLED_S = 3.0
 
@@ -282,54 +334,137 @@ class Report:
         self.refused = self.model_version = 0
 
     def add(self, seconds: float, pose: Vector, gate: Gate) -> None:
-        """A period ends at `seconds` in `pose`."""
+        """Adds the period that ends at `seconds` in `pose`."""
         x, y, yaw = pose
         if self.circle:
             radius, speed = self.circle
             angle = speed * seconds / radius
-            self.error = math.hypot(x - radius * math.sin(angle), y - radius * (1.0 - math.cos(angle)))
+            x_ref, y_ref = radius * math.sin(angle), radius * (1.0 - math.cos(angle))
+            self.error = math.hypot(x - x_ref, y - y_ref)
         if seconds >= self.SETTLED_S:
             self.squares.append(self.error**2)
         self.fallback_levels[gate.past[0]] += 1
-        self.refused, self.model_version = gate.refused, gate.stored.model_version if gate.stored else 0
+        self.refused = gate.refused
+        self.model_version = gate.stored.model_version if gate.stored else 0
         if math.floor(seconds + 1e-9) > math.floor(seconds - self.period + 1e-9):
             error = f"  error {self.error:.3f} m" if self.circle else ""
             at = f"{seconds:6.1f} s  x {x:8.3f} m  y {y:8.3f} m  yaw {yaw:7.3f} rad"
-            print(f"{at}{error}  fallback level {gate.past[0]}, reason {gate.past[1]}, model {self.model_version}", flush=True)
+            fallback = f"fallback level {gate.past[0]}, reason {gate.past[1]}"
+            print(f"{at}{error}  {fallback}, model {self.model_version}", flush=True)
 
     def close(self) -> None:
-        errors = {"final_error_m": self.error, "rmse_m": math.sqrt(sum(self.squares) / max(len(self.squares), 1))} if self.circle else {}
-        fallback_levels = {str(fallback_level): periods for fallback_level, periods in sorted(self.fallback_levels.items())}
-        print(json.dumps({**errors, "model_version": self.model_version, "refused": self.refused, "periods_on_fallback_level": fallback_levels}), flush=True)
+        errors = {}
+        if self.circle:
+            rmse = math.sqrt(sum(self.squares) / max(len(self.squares), 1))
+            errors = {"final_error_m": self.error, "rmse_m": rmse}
+        levels = {str(level): periods for level, periods in sorted(self.fallback_levels.items())}
+        summary = {
+            **errors,
+            "model_version": self.model_version,
+            "refused": self.refused,
+            "periods_on_fallback_level": levels,
+        }
+        print(json.dumps(summary), flush=True)
 
 
-def unheard_of() -> int:
-    """An epoch that no run of before has had, so that no command that was recorded answers this one (duty 11)."""
+def new_epoch() -> int:
+    """Duty 11: an epoch that no earlier run has used. No recorded command answers it."""
     return int(time.time()) << 21 | secrets.randbelow(1 << 21)
 
 
 def arguments() -> argparse.Namespace:
-    ended = "Exit code 0 at the end of the run, 1 if it failed, 2 if it was asked for the impossible, 130 or 143 if somebody ended it."
-    parser = argparse.ArgumentParser(description="A simulated robot, driven over Zenoh.", epilog=ended)
-    parser.add_argument("--connect", metavar="ENDPOINT", help="router of the launch with the controller, such as tcp/127.0.0.1:7447")
-    parser.add_argument("--graph", default="mecanum", help="name of the graph (%(default)s)")
-    parser.add_argument("--robot", type=Path, default=Path("deploy/robots/mecanum.toml"), help="file with its limits (%(default)s)")
-    parser.add_argument("--pace", choices=["lock-step", "real-time"], default="real-time", help="as the launch's (%(default)s)")
-    parser.add_argument("--period-ms", type=float, default=100.0, help="T, as the scenario's (%(default)s)")
-    parser.add_argument("--duration", type=float, default=15.0, metavar="SECONDS", help="(%(default)s)")
-    parser.add_argument("--start", type=float, nargs=3, default=NOTHING, metavar=("X", "Y", "YAW"), help="pose [m, m, rad]")
-    parser.add_argument("--circle", type=float, nargs=2, metavar=("RADIUS", "SPEED"), help="tell the error from this circle [m, m/s]")
-    parser.add_argument("--recorded", action="store_true", help="a recorder takes part: in lock step, wait for its credit")
-    parser.add_argument("--disarmed", action="store_true", help="stand until a person arms the robot: kill -USR1 PID")
-    parser.add_argument("--delay-ms", type=float, default=0.0, help="delay of the link, allowed on top of the age of an answer")
-    parser.add_argument("--epoch", type=int, default=unheard_of(), help="greater than that of the last start, and one that nobody has heard of")
-    parser.add_argument("--seed", type=int, default=1, help="of the sensors' noise (%(default)s)")
-    parser.add_argument("--check", type=Path, metavar="VECTORS_DIR", help="only try protocol/vectors, and say whether they hold")
+    exit_codes = (
+        "Exit code 0 at the end of the run, 1 if it failed, 2 if an argument is invalid, "
+        "130 or 143 if a signal ended it."
+    )
+    parser = argparse.ArgumentParser(
+        description="A simulated robot, driven over Zenoh.", epilog=exit_codes
+    )
+
+    def option(name: str, description: str, **details: Any) -> None:
+        parser.add_argument(name, help=description, **details)
+
+    option(
+        "--connect",
+        "router of the launch with the controller, such as tcp/127.0.0.1:7447",
+        metavar="ENDPOINT",
+    )
+    option("--graph", "name of the graph (%(default)s)", default="mecanum")
+    option(
+        "--robot",
+        "robot file with the limits (%(default)s)",
+        type=Path,
+        default=Path("deploy/robots/mecanum.toml"),
+    )
+    option(
+        "--pace",
+        "pace of the launch (%(default)s)",
+        choices=["lock-step", "real-time"],
+        default="real-time",
+    )
+    option(
+        "--period-ms",
+        "control period of the scenario (%(default)s)",
+        type=float,
+        default=100.0,
+    )
+    option(
+        "--duration",
+        "length of the run (%(default)s)",
+        type=float,
+        default=15.0,
+        metavar="SECONDS",
+    )
+    option(
+        "--start",
+        "pose at the start [m, m, rad]",
+        type=float,
+        nargs=3,
+        default=ZERO,
+        metavar=("X", "Y", "YAW"),
+    )
+    option(
+        "--circle",
+        "print the position error from this circle [m, m/s]",
+        type=float,
+        nargs=2,
+        metavar=("RADIUS", "SPEED"),
+    )
+    option(
+        "--recorded",
+        "a recorder takes part: in lock step, wait for its credit",
+        action="store_true",
+    )
+    option(
+        "--disarmed",
+        "stand until an operator arms the robot: kill -USR1 PID",
+        action="store_true",
+    )
+    option(
+        "--delay-ms",
+        "delay of the link, allowed in addition to the age of an answer",
+        type=float,
+        default=0.0,
+    )
+    option(
+        "--epoch",
+        "epoch of this run; greater than that of every earlier run",
+        type=int,
+        default=new_epoch(),
+    )
+    option("--seed", "seed of the sensor noise (%(default)s)", type=int, default=1)
+    option(
+        "--check",
+        "only check the test vectors in this folder, such as protocol/vectors",
+        type=Path,
+        metavar="VECTORS_DIR",
+    )
     options = parser.parse_args()
     if not options.check and not options.connect:
         parser.error("--connect is missing: expected the endpoint of the controller's router")
-    if not (options.period_ms > 0.0 and options.duration > 0.0 and options.delay_ms >= 0.0 and options.epoch > 0):
-        parser.error("--period-ms, --duration and --epoch must be greater than 0, --delay-ms not less")
+    positive = (options.period_ms, options.duration, options.epoch)
+    if not (all(value > 0 for value in positive) and options.delay_ms >= 0.0):
+        parser.error("expected --period-ms, --duration, --epoch > 0 and --delay-ms >= 0")
     return options
 
 
@@ -337,10 +472,11 @@ def drive(options: argparse.Namespace) -> int:
     try:
         limits = Limits.read(options.robot, options.period_ms / 1e3)
     except (OSError, KeyError) as error:
-        print(f"robot.py: {options.robot}: no robot file, {error!r}", file=sys.stderr)
+        print(f"robot.py: {options.robot}: not a robot file: {error!r}", file=sys.stderr)
         return 2
     try:
-        network = Network(options.connect, options.graph, options.pace == "lock-step", options.recorded)
+        lock_step = options.pace == "lock-step"
+        network = Network(options.connect, options.graph, lock_step, options.recorded)
     except zenoh.ZError as error:
         print(f"robot.py: no router at {options.connect}: {error}", file=sys.stderr)
         return 1

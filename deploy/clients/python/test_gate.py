@@ -1,4 +1,5 @@
-"""The duties of a robot driver, one test each: python -m unittest discover -s deploy/clients/python."""
+"""Tests of the duties of a robot driver: python -m unittest discover -s deploy/clients/python."""
+
 import json
 import math
 import unittest
@@ -6,16 +7,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import gate
-from gate import NOTHING, Gate, Limits
+from gate import ZERO, Gate, Limits
 from wire import Command, Stamp
 
 T = 0.1
 LIMITS = Limits(T, (5.0, 5.0, 6.0), (10.0, 10.0, 20.0), (8.0, 8.0, 16.0), 120.0, 0.05, 0.275)
 AHEAD = (1.0, 0.0, 0.0)
+TAIL = ((0.8, 0.0, 0.0), (0.6, 0.0, 0.0), (0.4, 0.0, 0.0))
 
 
-def command(tick: int, value=AHEAD, tail=((0.8, 0.0, 0.0), (0.6, 0.0, 0.0), (0.4, 0.0, 0.0)), epoch=1, writer=7, plant=3, fallback_level=1, stop=0) -> Command:
-    return Command(Stamp(writer, epoch, tick + 1, tick, 0), plant, 0, value, tail, fallback_level, stop)
+def command(
+    tick: int, value=AHEAD, tail=TAIL, epoch=1, writer=7, plant=3, fallback_level=1, stop=0
+) -> Command:
+    stamp = Stamp(writer, epoch, tick + 1, tick, 0)
+    return Command(stamp, plant, 0, value, tail, fallback_level, stop)
 
 
 class Duties(unittest.TestCase):
@@ -23,7 +28,7 @@ class Duties(unittest.TestCase):
         self.gate = Gate(LIMITS, 3, 0.0)
 
     def period(self, tick: int, answer: Command | None) -> tuple[tuple[float, ...], int, int]:
-        """One period in ten steps: the command at its end, its fallback level and its reason."""
+        """One period in ten steps: the acting command at its end, fallback level and reason."""
         self.gate.begin(tick, tick * T)
         if answer:
             self.gate.hear(answer, tick * T)
@@ -38,7 +43,7 @@ class Duties(unittest.TestCase):
     def test_1_the_wheels_stand_before_the_first_command(self) -> None:
         self.assertEqual(self.period(0, None), ((0.0, 0.0, 0.0), gate.WAITING, gate.NO_COMMAND_YET))
 
-    def test_3_a_command_is_refused_for_each_reason(self) -> None:
+    def test_3_a_command_is_rejected_for_each_reason(self) -> None:
         self.gate.begin(0, 0.0)
         for answer, reason in [
             (None, gate.MALFORMED),
@@ -56,7 +61,8 @@ class Duties(unittest.TestCase):
         self.assertEqual(self.reason(command(0), 0.151), gate.TOO_OLD)
         self.assertEqual(self.reason(command(0, epoch=2), 0.149), gate.NONE)
         self.assertEqual(self.reason(command(0, epoch=2)), gate.NOT_NEWER)
-        self.assertEqual(self.reason(command(0, epoch=3), 0.149), gate.NONE)  # one that takes over may be slower
+        # A new controller may answer an old state.
+        self.assertEqual(self.reason(command(0, epoch=3), 0.149), gate.NONE)
         self.gate.begin(1, 0.2)
         self.assertEqual(self.reason(command(0, epoch=4), 0.2), gate.TOO_OLD)
         self.assertEqual(self.reason(command(1, epoch=3), 0.2), gate.NONE)
@@ -67,7 +73,7 @@ class Duties(unittest.TestCase):
         self.gate.begin(3, 0.7)
         self.assertEqual(self.reason(command(3, epoch=3, writer=8), 0.7), gate.NONE)
 
-    def test_3_only_what_is_beyond_a_limit_by_more_than_a_millionth_of_it_is_refused(self) -> None:
+    def test_3_the_tolerance_of_a_limit_is_one_millionth(self) -> None:
         agile = replace(LIMITS, rate=(100.0, 100.0, 100.0))
         for limits, limit, reason in [
             (agile, (5.0, 0.0, 0.0), gate.OUT_OF_BOUNDS),
@@ -80,26 +86,26 @@ class Duties(unittest.TestCase):
         ]:
             for beyond, expected in [(-1e-9, gate.NONE), (0.9e-6, gate.NONE), (1.1e-6, reason)]:
                 value = tuple(axis * (1 + beyond) for axis in limit)
-                for answer in [command(0, value, tail=()), command(0, NOTHING, tail=(value,))]:
+                for answer in [command(0, value, tail=()), command(0, ZERO, tail=(value,))]:
                     self.gate = Gate(limits, 3, 0.0)
                     self.gate.begin(0, 0.0)
                     self.assertEqual(self.reason(answer), expected, answer)
 
-    def test_3_a_step_of_the_tail_and_a_command_change_no_more_together_than_a_command_alone_may(self) -> None:
+    def test_3_the_rate_limit_applies_to_a_tail_step_and_a_command_together(self) -> None:
         self.period(0, command(0, AHEAD, tail=((-1.0, 0.0, 0.0),)))
         self.gate.begin(1, T)
-        self.gate.play(T, 0.01)  # the tail
+        self.gate.play(T, 0.01)  # the tail acts
         self.assertEqual(self.reason(command(1, (-1.3, 0.0, 0.0), tail=()), T), gate.RATE_TOO_HIGH)
         self.assertEqual(self.reason(command(1, (-1.2, 0.0, 0.0), tail=()), T), gate.NONE)
 
-    def test_4_a_refused_command_shows_that_its_writer_lives(self) -> None:
+    def test_4_a_rejected_command_proves_that_its_writer_is_alive(self) -> None:
         self.period(0, command(0))
         for tick in range(1, 6):
             self.period(tick, command(tick, (9.0, 0.0, 0.0)))
         self.gate.begin(6, 0.6)
         self.assertEqual(self.reason(command(6, writer=8), 0.6), gate.SECOND_WRITER)
 
-    def test_6_and_7_the_tail_is_played_and_from_3_periods_on_the_brake(self) -> None:
+    def test_6_and_7_the_tail_acts_and_after_3_periods_the_brake(self) -> None:
         self.assertEqual(self.period(0, command(0)), (AHEAD, 1, gate.NONE))
         self.assertEqual(self.period(1, None), ((0.8, 0.0, 0.0), gate.TAIL, gate.MISSING))
         self.assertEqual(self.period(2, None), ((0.6, 0.0, 0.0), gate.TAIL, gate.MISSING))
@@ -107,33 +113,39 @@ class Duties(unittest.TestCase):
         self.assertEqual(acting, (0.0, 0.0, 0.0))
         self.assertEqual(rest, [gate.BRAKE, gate.MISSING])
 
-    def test_7_the_ramp_is_the_robots(self) -> None:
+    def test_7_the_brake_ramp_has_the_limits_of_the_robot(self) -> None:
         self.period(0, command(0, (2.0, -1.0, 0.0), tail=()))
         acting, fallback_level, _ = self.period(1, None)
         self.assertEqual(fallback_level, gate.BRAKE)
         for value, expected in zip(acting, (1.2, -0.2, 0.0)):
             self.assertAlmostEqual(value, expected)
 
-    def test_8_the_brake_is_left_after_three_good_periods_in_a_row(self) -> None:
+    def test_8_braking_ends_after_three_good_periods_in_a_row(self) -> None:
         self.period(0, command(0, tail=()))
-        said = [self.period(tick, command(tick) if tick in (2, 3, 5, 6, 7, 8) else None)[1:] for tick in range(1, 9)]
+        answered = (2, 3, 5, 6, 7, 8)
+        past = [
+            self.period(tick, command(tick) if tick in answered else None)[1:]
+            for tick in range(1, 9)
+        ]
         missing, recovering = (gate.BRAKE, gate.MISSING), (gate.BRAKE, gate.RECOVERING)
-        self.assertEqual(said[:3], [missing, recovering, recovering])
-        self.assertEqual([fallback_level for fallback_level, _ in said], [gate.BRAKE] * 7 + [1])
+        self.assertEqual(past[:3], [missing, recovering, recovering])
+        self.assertEqual([fallback_level for fallback_level, _ in past], [gate.BRAKE] * 7 + [1])
 
-    def test_9_the_last_refusal_is_the_reason(self) -> None:
+    def test_9_the_last_rejection_is_the_reason(self) -> None:
         self.period(0, command(0))
         self.assertEqual(self.period(1, command(1, plant=9))[1:], (gate.TAIL, gate.OLD_PLANT_EPOCH))
 
-    def test_9_a_fallback_level_of_the_controllers_own_has_its_reason(self) -> None:
+    def test_9_a_fallback_level_of_the_controller_has_its_reason(self) -> None:
         failed, bad = gate.SOLVER_FAILED, gate.BAD_STATE
         reasons = [gate.NONE, gate.NONE, failed, gate.NO_PLAN, failed, bad, bad]
         for fallback_level, reason in enumerate(reasons):
             self.gate = Gate(LIMITS, 3, 0.0)
-            self.assertEqual(self.period(0, command(0, fallback_level=fallback_level)), (AHEAD, fallback_level, reason))
-            self.assertEqual(self.period(1, None)[1:], (gate.TAIL, gate.MISSING), "it is of the answered period alone")
+            answered = self.period(0, command(0, fallback_level=fallback_level))
+            self.assertEqual(answered, (AHEAD, fallback_level, reason))
+            message = "the reason applies to the answered period only"
+            self.assertEqual(self.period(1, None)[1:], (gate.TAIL, gate.MISSING), message)
 
-    def test_9_a_refusal_tells_more_than_the_controllers_own_fallback_level(self) -> None:
+    def test_9_a_rejection_has_priority_over_the_reason_of_the_controller(self) -> None:
         self.gate.begin(0, 0.0)
         self.reason(command(0, fallback_level=2))
         self.reason(command(0, writer=8, fallback_level=2))
@@ -141,19 +153,20 @@ class Duties(unittest.TestCase):
         self.gate.end()
         self.assertEqual(self.gate.past, (2, gate.SECOND_WRITER))
 
-    def test_10_a_stopped_gate_stands_until_it_is_resumed(self) -> None:
-        for asks in (False, True):
-            with self.subTest(asks=asks):
+    def test_10_a_stopped_robot_stands_until_it_is_resumed(self) -> None:
+        for requested in (False, True):
+            with self.subTest(requested=requested):
                 self.gate = Gate(LIMITS, 3, 0.0)
                 self.assertFalse(self.gate.order("resume"))
                 self.period(0, command(0))
-                reason = gate.HEADING_ERROR if asks else gate.BAD_STATE
-                if not asks:
+                reason = gate.HEADING_ERROR if requested else gate.BAD_STATE
+                if not requested:
                     self.gate.stop(gate.BAD_STATE)
                 for tick in range(1, 6):
-                    acting, *past = self.period(tick, command(tick, stop=gate.HEADING_ERROR if asks and tick == 1 else 0))
+                    stop = gate.HEADING_ERROR if requested and tick == 1 else 0
+                    acting, *past = self.period(tick, command(tick, stop=stop))
                     self.assertEqual(past, [gate.LATCHED, reason])
-                self.assertEqual(acting, NOTHING)
+                self.assertEqual(acting, ZERO)
                 self.assertTrue(self.gate.order("resume"))
                 fallback_levels = [self.period(tick, command(tick))[1] for tick in range(6, 10)]
                 self.assertEqual(fallback_levels, [gate.BRAKE] * 3 + [1])
@@ -162,32 +175,40 @@ class Duties(unittest.TestCase):
     def test_the_vectors_of_the_gate_hold(self) -> None:
         file = json.loads((Path(__file__).parents[3] / "protocol/vectors/gate.json").read_text())
         period, robot = file["period_ms"] / 1e3, file["robot"]
-        limits = Limits(period, *(tuple(robot[key]) for key in ("input", "rate", "brake")), *(robot[key] for key in ("wheel_speed", "wheel_radius", "lever")))
+        vectors = (tuple(robot[key]) for key in ("input", "rate", "brake"))
+        scalars = (robot[key] for key in ("wheel_speed", "wheel_radius", "lever"))
+        limits = Limits(period, *vectors, *scalars)
         for case in file["cases"]:
             with self.subTest(case["name"]):
-                self.run_case(Gate(limits, file["plant_epoch"], 0.0, case.get("armed", True)), case["events"])
+                tried = Gate(limits, file["plant_epoch"], 0.0, case.get("armed", True))
+                self.run_case(tried, case["events"])
 
     def run_case(self, tried: Gate, events: list[dict]) -> None:
         total, since, now = [0.0, 0.0, 0.0], 0, 0
         for event in events:
             while now < event["at_ms"]:
                 acting = tried.play(now / 1e3, 1e-3)
-                total, now = [sum_ + value * 1e-3 for sum_, value in zip(total, acting)], now + 1
+                total = [sum_ + value * 1e-3 for sum_, value in zip(total, acting)]
+                now += 1
             at = now / 1e3
             if "publish" in event:
                 if event["publish"] > 0:
                     tried.end()
-                    found = {"fallback_level": tried.past[0], "reason": tried.past[1], "gate": tried.state, "stop": tried.stop_reason, "refused": tried.refused}
+                    found = {
+                        "fallback_level": tried.past[0],
+                        "reason": tried.past[1],
+                        "gate": tried.state,
+                        "stop": tried.stop_reason,
+                        "refused": tried.refused,
+                    }
                     self.assertEqual(found, {key: event[key] for key in found}, event)
                     for sum_, mean in zip(total, event["input"]):
-                        self.assertAlmostEqual(sum_ / (now - since) * 1e3, mean, delta=0.01, msg=str(event))
+                        found_mean = sum_ / (now - since) * 1e3
+                        self.assertAlmostEqual(found_mean, mean, delta=0.01, msg=str(event))
                 total, since = [0.0, 0.0, 0.0], now
                 tried.begin(event["publish"], at)
             elif "command" in event:
-                said = event["command"]
-                numbers = [tuple(math.nan if value is None else value for value in row) for row in [said["input"], *said["tail"]]]
-                stamp = Stamp(said["writer"], said["epoch"], 0, said["tick"], 0)
-                reason = tried.hear(Command(stamp, said["plant_epoch"], 0, numbers[0], tuple(numbers[1:]), said["fallback_level"], said["stop"]), at)
+                reason = tried.hear(self.command_of(event["command"]), at)
                 self.assertEqual(reason, event["verdict"], event)
             elif "order" in event:
                 self.assertEqual(tried.order(event["order"]), event["followed"], event)
@@ -198,6 +219,21 @@ class Duties(unittest.TestCase):
             else:
                 for found, value in zip(tried.play(at, 0.0), event["output"]):
                     self.assertAlmostEqual(found, value, delta=0.02, msg=str(event))
+
+    def command_of(self, fields: dict) -> Command:
+        """The command of a test vector; null stands for NaN."""
+        rows = [fields["input"], *fields["tail"]]
+        numbers = [tuple(math.nan if value is None else value for value in row) for row in rows]
+        stamp = Stamp(fields["writer"], fields["epoch"], 0, fields["tick"], 0)
+        return Command(
+            stamp,
+            fields["plant_epoch"],
+            0,
+            numbers[0],
+            tuple(numbers[1:]),
+            fields["fallback_level"],
+            fields["stop"],
+        )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,8 @@
-"""The messages of a robot driver as bytes, as protocol/WIRE.md describes them: state, command, credit and health."""
+"""The encoding of the messages of a robot driver: state, command, credit and health.
+
+protocol/WIRE.md defines the encoding.
+"""
+
 import json
 import struct
 from collections.abc import Callable
@@ -10,11 +14,11 @@ Vector = tuple[float, float, float]  # forward, left, yaw, or x, y, yaw
 
 
 class Refused(Exception):
-    """Bytes that are no such message."""
+    """The bytes are not a valid message of the expected kind."""
 
 
 class Cursor:
-    """Bytes that are being read."""
+    """Bytes, and the position of the next one to read."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
@@ -22,19 +26,19 @@ class Cursor:
     def take(self, count: int) -> bytes:
         self.at += count
         if self.at > len(self.data):
-            raise Refused("too short")
+            raise Refused("the message is too short")
         return self.data[self.at - count : self.at]
 
 
 class Codec(NamedTuple):
-    """How values of one type are written and read."""
+    """Encoder and decoder of the values of one type."""
 
     write: Callable[[Any], bytes]
     read: Callable[[Cursor], Any]
 
 
 def varint(limit: int) -> Codec:
-    """Whole numbers below `limit`, seven bits per byte."""
+    """Integers below `limit`, seven bits per byte."""
 
     def write(value: int) -> bytes:
         low, high = value & 0x7F, value >> 7
@@ -46,23 +50,31 @@ def varint(limit: int) -> Codec:
             byte = cursor.take(1)[0]
             value, shift, more = value | (byte & 0x7F) << shift, shift + 7, byte >= 0x80
             if value >= limit or shift > 70:
-                raise Refused("a number too large for its field")
+                raise Refused("an integer is too large for its field")
         return value
 
     return Codec(write, read)
 
 
 def numbers(count: int) -> Codec:
+    """`count` numbers of 64 bits."""
     form = struct.Struct(f"<{count}d")
-    return Codec(lambda values: form.pack(*values), lambda cursor: form.unpack(cursor.take(form.size)))
+    return Codec(
+        lambda values: form.pack(*values), lambda cursor: form.unpack(cursor.take(form.size))
+    )
 
 
 def several(item: Codec, count: int) -> Codec:
-    return Codec(lambda values: b"".join(map(item.write, values)), lambda cursor: tuple(item.read(cursor) for _ in range(count)))
+    """`count` items."""
+    return Codec(
+        lambda values: b"".join(map(item.write, values)),
+        lambda cursor: tuple(item.read(cursor) for _ in range(count)),
+    )
 
 
-def sequence(item: Codec, most: int) -> Codec:
-    length = varint(most + 1)
+def sequence(item: Codec, longest: int) -> Codec:
+    """Up to `longest` items, after their count."""
+    length = varint(longest + 1)
     return Codec(
         lambda values: length.write(len(values)) + several(item, len(values)).write(values),
         lambda cursor: several(item, length.read(cursor)).read(cursor),
@@ -70,35 +82,37 @@ def sequence(item: Codec, most: int) -> Codec:
 
 
 def record(kind: type) -> Codec:
-    """The fields of a dataclass, one after the other."""
-    fields = {name: hint.__metadata__[0] for name, hint in get_type_hints(kind, include_extras=True).items() if name != "KIND"}
+    """The fields of a dataclass in their order."""
+    hints = get_type_hints(kind, include_extras=True)
+    fields = {name: hint.__metadata__[0] for name, hint in hints.items() if name != "KIND"}
     return Codec(
         lambda value: b"".join(codec.write(getattr(value, name)) for name, codec in fields.items()),
         lambda cursor: kind(**{name: codec.read(cursor) for name, codec in fields.items()}),
     )
 
 
-def text(most: int) -> Codec:
+def text(longest: int) -> Codec:
+    """Text of up to `longest` bytes."""
     byte = Codec(lambda value: bytes([value]), lambda cursor: cursor.take(1)[0])
-    raw = sequence(byte, most)
+    raw = sequence(byte, longest)
 
     def read(cursor: Cursor) -> str:
         try:
             return bytes(raw.read(cursor)).decode()
         except UnicodeDecodeError as error:
-            raise Refused("no UTF-8") from error
+            raise Refused("a text is not UTF-8") from error
 
     return Codec(lambda value: raw.write(value.encode()), read)
 
 
 def one_of(allowed: tuple[int, ...]) -> Codec:
-    """Whole numbers of which only a few are allowed."""
+    """Integers from a list of allowed values."""
     write, read_any = varint(1 << 32)
 
     def read(cursor: Cursor) -> int:
         value = read_any(cursor)
         if value not in allowed:
-            raise Refused("no code of its field")
+            raise Refused("a code is not valid in its field")
         return value
 
     return Codec(write, read)
@@ -107,8 +121,11 @@ def one_of(allowed: tuple[int, ...]) -> Codec:
 U32, U64, FALLBACK_LEVEL, REASON = varint(1 << 32), varint(1 << 64), varint(7), varint(21)
 FLAG, WHEELS, GATE_STATE = varint(2), varint(9), varint(4)
 ROW, EIGHT, COUNTS = numbers(3), numbers(8), several(U64, 8)
-ONE = Codec(lambda value: struct.pack("<d", value), lambda cursor: struct.unpack("<d", cursor.take(8))[0])
-STOPS = (0, 17, 18)  # reasons for which a controller may ask for a stop
+ONE = Codec(
+    lambda value: struct.pack("<d", value),
+    lambda cursor: struct.unpack("<d", cursor.take(8))[0],
+)
+STOPS = (0, 17, 18)  # reasons for which a controller may request a stop
 
 
 @dataclass(frozen=True)
@@ -193,12 +210,12 @@ class Health:
 
 
 class Wire:
-    """Messages to bytes and back: a header of version, kind and checksum, then the fields."""
+    """Encodes and decodes messages: a header of version, kind and checksum, then the fields."""
 
     VERSION = 5
     HEADER = struct.Struct("<HHI")
     BODY = {kind: record(kind) for kind in (PlantState, Command, Credit, Health)}
-    TABLE: list[int] = []  # of the checksum, by byte
+    TABLE: list[int] = []  # checksum table, one entry per byte value
     for _byte in range(256):
         for _ in range(8):
             _byte = _byte >> 1 ^ (0x82F63B78 if _byte & 1 else 0)
@@ -218,35 +235,46 @@ class Wire:
 
     @classmethod
     def decode(cls, kind: type, data: bytes) -> Any:
-        """The message of `kind` that `data` is; Refused if it is none."""
+        """Decodes `data` as a message of `kind`. Raises Refused if it is not one."""
         cursor = Cursor(data)
         version, number, checksum = cls.HEADER.unpack(cursor.take(cls.HEADER.size))
         if (version, number) != (cls.VERSION, kind.KIND):
-            raise Refused(f"version {version}, kind {number}")
+            raise Refused(f"unexpected version {version} or kind {number}")
         if cls.crc32c(data[cursor.at :]) != checksum:
-            raise Refused("checksum")
+            raise Refused("wrong checksum")
         message = cls.BODY[kind].read(cursor)
         if cursor.at != len(data):
-            raise Refused("too long")
+            raise Refused("the message is too long")
         return message
 
     @classmethod
     def check(cls, folder: Path) -> int:
-        """Tries the test vectors in `folder`; how many of them hold. AssertionError if one does not."""
+        """Checks the test vectors in `folder` and returns their count.
+
+        Raises AssertionError if one does not hold.
+        """
         assert cls.crc32c(b"123456789") == 0xE3069283, "CRC-32C"
-        held = 0
+        count = 0
         for kind in cls.BODY:
-            for vector in json.loads((folder / f"{kind.__name__}.json").read_text())["vectors"]:
+            file = json.loads((folder / f"{kind.__name__}.json").read_text())
+            for vector in file["vectors"]:
                 data, name = bytes.fromhex(vector["bytes"]), f"{kind.__name__}, {vector['name']}"
                 message = cls.decode(kind, data)
-                assert json.loads(json.dumps(asdict(message))) == vector["fields"], f"{name}: decoded otherwise"
-                assert cls.encode(message) == data, f"{name}: encoded otherwise"
-                other = bytes([data[8] ^ 1])
-                for spoiled in (data[:-1], data + b"\0", data[:8] + other + data[9:], bytes([data[0] ^ 1]) + data[1:], data[:2] + b"\3" + data[3:]):
+                fields = json.loads(json.dumps(asdict(message)))
+                assert fields == vector["fields"], f"{name}: wrong decoding"
+                assert cls.encode(message) == data, f"{name}: wrong encoding"
+                damaged = (
+                    data[:-1],
+                    data + b"\0",
+                    data[:8] + bytes([data[8] ^ 1]) + data[9:],
+                    bytes([data[0] ^ 1]) + data[1:],
+                    data[:2] + b"\3" + data[3:],
+                )
+                for damaged_data in damaged:
                     try:
-                        cls.decode(kind, spoiled)
+                        cls.decode(kind, damaged_data)
                     except Refused:
                         continue
-                    raise AssertionError(f"{name}: spoiled bytes were taken for a message")
-                held += 1
-        return held
+                    raise AssertionError(f"{name}: damaged bytes were accepted")
+                count += 1
+        return count

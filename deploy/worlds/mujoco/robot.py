@@ -1,9 +1,9 @@
-"""Settings -> a MuJoCo model: a base on four mecanum wheels whose rollers are bodies of their own.
+"""Settings -> MuJoCo model: a base on four mecanum wheels. Each roller is a body.
 
-A roller turns freely about an axis at 45 degrees to the wheel's. It is an ellipsoid: with the
-half-length sqrt(2 r0 d) the wheel of radius d + r0 is round to second order under each roller
-(r0: radius of a roller in its middle, d: distance of its axis from the wheel's). Twelve of them
-leave 0.4 % of the radius between one roller and the next.
+A roller turns freely about an axis at 45 degrees to the axis of the wheel. It is an ellipsoid. With
+the half-length sqrt(2 r0 d), the wheel of radius d + r0 is round to second order under each roller.
+Here r0 is the radius of a roller at its middle, and d is the distance between its axis and the axis
+of the wheel. With twelve rollers, the radius between two rollers is 0.4 % smaller.
 
 Frame: x forward, y left, z up. Wheels: front-right, front-left, rear-left, rear-right.
 """
@@ -14,25 +14,25 @@ import mujoco
 
 from settings import Settings
 
-ROLLER_SHARE = 0.2  # of the wheel's radius
+ROLLER_SHARE = 0.2  # share of the radius of the wheel
 HUB_SHARE = 0.6
 LOAD_SIDE_M = 0.16
-GRAVITY = 9.81  # MuJoCo's
-SIGNS = (1, -1, 1, -1)  # of the roller axis below each wheel: (1, sign) / sqrt(2)
-FLOOR, ROLLERS = 1, 2  # collision bits: rollers meet the floor and nothing else
+GRAVITY = 9.81  # default of MuJoCo [m/s2]
+SIGNS = (1, -1, 1, -1)  # the roller axis below each wheel is (1, sign) / sqrt(2)
+FLOOR, ROLLERS = 1, 2  # collision bits: rollers touch only the floor
 
-# Rubber on concrete: about half a millimetre of give under a wheel's share of 20 kg, well damped.
+# Rubber on concrete, well damped: it yields about 0.5 mm under a quarter of 20 kg.
 CONTACT = 'solref="0.01 1" solimp="0.9 0.95 0.001"'
 
 
 def places(settings: Settings) -> list[tuple[float, float]]:
-    """Where the wheels stand, from the middle between them [m]."""
+    """Positions of the wheels, relative to the centre between them [m]."""
     b, a = settings.wheels.half_wheelbase_m, settings.wheels.half_track_m
     return [(b, -a), (b, a), (-b, a), (-b, -a)]
 
 
 def model(settings: Settings) -> mujoco.MjModel:
-    """The compiled model. Joints `wheel0` to `wheel3` have a motor each; body `load` carries it."""
+    """The compiled model. Each joint `wheel0` to `wheel3` has a motor. Body `load` is the load."""
     floor, body = settings.floor, settings.body
     low, high = zip(*((c - s / 2, c + s / 2) for c, s in zip(body.centre_of_mass_m, body.size_m)))
     centre = [0.5 * (a + b) for a, b in zip(low, high)]
@@ -69,7 +69,7 @@ def plane(friction: float, place: str, normal: str) -> str:
 
 
 def planks(settings: Settings) -> list[str]:
-    """Boards across the way, each turned a little more than the one before."""
+    """Planks across the path, each at a different angle."""
     floor, parts = settings.floor, []
     for index in range(floor.planks):
         x = (index - (floor.planks - 1) / 2) * floor.plank_pitch_m
@@ -83,14 +83,14 @@ def planks(settings: Settings) -> list[str]:
 
 
 def front_axle(settings: Settings, wheels: list[str]) -> list[str]:
-    """The front wheels; on a rocker they all keep to a floor that is not even."""
+    """The front wheels. On a rocker, all wheels keep contact with an uneven floor."""
     tilt = settings.body.rocker_rad
     if tilt <= 0.0:
         return wheels
     joint = (
         f'<joint type="hinge" axis="1 0 0" limited="true" range="{-tilt} {tilt}" damping="0.5"/>'
     )
-    # A joint needs some inertia of its own beside the wheels'.
+    # The joint needs some inertia besides that of the wheels.
     beam = f'<geom type="box" size="0.02 {settings.wheels.half_track_m} 0.01" mass="0.2"/>'
     return [f'<body name="front">{joint}{beam}', *wheels, "</body>"]
 
@@ -130,7 +130,7 @@ def wheel(settings: Settings, index: int, place: tuple[float, float]) -> str:
 
 
 def load(settings: Settings) -> str:
-    """A box on the base, which weighs next to nothing until it is set down."""
+    """A box on the base, with almost no mass until the load is applied."""
     load, wheels, body = settings.load, settings.wheels, settings.body
     x, y = load.place[0] * wheels.half_wheelbase_m, load.place[1] * wheels.half_track_m
     z = body.centre_of_mass_m[2] + body.size_m[2] / 2 + LOAD_SIDE_M / 2

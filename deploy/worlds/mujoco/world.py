@@ -1,8 +1,8 @@
-"""A mecanum robot in a contact simulator (MuJoCo), driven over its standard input and output.
+"""A mecanum robot in a contact simulator (MuJoCo), driven over standard input and output.
 
-The other end is Coxswain's `driver` (services/driver/src/piped.rs, which states the protocol):
-one JSON object per line, the settings first. Written from textbooks and MuJoCo's manual, and from
-nothing in `plant-sim`: an error there does not repeat itself here.
+The peer is the `driver` of Coxswain. services/driver/src/piped.rs defines the protocol: one JSON
+object per line, the settings first. The sources are textbooks and the manual of MuJoCo. The code
+shares nothing with `plant-sim`, so an error there is not repeated here.
 """
 
 import json
@@ -18,11 +18,11 @@ import robot
 from drive import Wheel
 from settings import Refused, Settings, read
 
-SETTLE_S = 0.5  # the robot is put down before the clock starts
+SETTLE_S = 0.5  # time for the robot to come to rest before the clock starts
 
 
 class World:
-    """A robot and its floor, and the clock."""
+    """A robot, its floor and the clock."""
 
     def __init__(self, settings: Settings, start: dict, seed: int) -> None:
         self.settings = settings
@@ -34,7 +34,7 @@ class World:
         joints = [self.model.joint(f"wheel{index}") for index in range(4)]
         self.speeds_at = [int(joint.dofadr[0]) for joint in joints]
         self.load = self.model.body("load").id
-        self.load_waits = settings.load.mass_share > 0.0
+        self.load_pending = settings.load.mass_share > 0.0
         self.rollers = [self.rollers_of(wheel) for wheel in range(4)]
         self.grip = [0.0] * 4
         lever = settings.wheels.half_wheelbase_m + settings.wheels.half_track_m
@@ -46,15 +46,15 @@ class World:
         )
         self.steps = self.owed_nanos = self.turns = 0
         self.step_nanos = round(settings.step_s * 1e9)
-        self.put_down(start, joints)
+        self.place(start, joints)
 
     def rollers_of(self, wheel: int) -> numpy.ndarray:
-        """Numbers of the geoms of a wheel's rollers."""
+        """Indices of the geoms of the rollers of a wheel."""
         names = ((geom, self.model.geom(geom).name) for geom in range(self.model.ngeom))
         return numpy.array([geom for geom, name in names if name.startswith(f"roller{wheel}-")])
 
-    def put_down(self, start: dict, joints: list) -> None:
-        """Sets the robot on the floor at its start, at rest, and the clock to zero."""
+    def place(self, start: dict, joints: list) -> None:
+        """Places the robot on the floor at its start, at rest, and resets the clock."""
         x, y, yaw = start["pose"]
         qpos = self.data.qpos
         qpos[0:2] = x, y
@@ -70,7 +70,10 @@ class World:
         self.steps = 0
 
     def drive(self, velocity: list, nanos: int) -> None:
-        """Lets time pass with this body velocity given to the drives. What is left over waits."""
+        """Simulates `nanos` with this body velocity as the command of the drives.
+
+        The rest of a step is carried over to the next call.
+        """
         due = self.owed_nanos + nanos
         wheels = self.wheels_of(velocity)
         for _ in range(due // self.step_nanos):
@@ -79,9 +82,9 @@ class World:
 
     def step(self, wheels: tuple) -> None:
         data = self.data
-        if self.load_waits and self.time() >= self.settings.load.at_s:
-            self.set_load_down()
-        self.look_at_the_floor()
+        if self.load_pending and self.time() >= self.settings.load.at_s:
+            self.apply_load()
+        self.update_grip()
         for index, (drive, at) in enumerate(zip(self.drives, self.speeds_at)):
             data.ctrl[index] = drive.torque(wheels[index], float(data.qvel[at]))
         mujoco.mj_step(self.model, data)
@@ -89,15 +92,15 @@ class World:
         turned = self.heading() - self.yaw
         self.yaw += turned - 2.0 * math.pi * round(turned / (2.0 * math.pi))
 
-    def set_load_down(self) -> None:
+    def apply_load(self) -> None:
         mass = self.settings.load.mass_share * self.settings.body.mass_kg
         self.model.body_mass[self.load] = mass
         self.model.body_inertia[self.load] = mass * robot.LOAD_SIDE_M**2 / 6.0  # of a cube
         mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
-        self.load_waits = False
+        self.load_pending = False
 
-    def look_at_the_floor(self) -> None:
-        """What grip the floor gives to each wheel."""
+    def update_grip(self) -> None:
+        """Sets the friction between the floor and each wheel."""
         floor, wheels = self.settings.floor, self.settings.wheels
         for index, place in enumerate(robot.places(self.settings)):
             friction = floor.friction
@@ -121,7 +124,7 @@ class World:
         return self.steps * self.settings.step_s
 
     def state(self) -> dict:
-        """What is really so: pose and body velocity, seen from above."""
+        """True pose and body velocity, in the plane."""
         data = self.data
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         along, across = float(data.qvel[0]), float(data.qvel[1])
@@ -132,7 +135,7 @@ class World:
         }
 
     def measure(self) -> dict:
-        """What the sensors show, and the truth beside it."""
+        """Sensor readings, and the truth."""
         truth, sensor = self.state(), self.settings.sensor
         noise = self.random.gauss
         planar, turning = sensor.position_noise_m, sensor.heading_noise_rad
@@ -151,17 +154,17 @@ class World:
         }
 
 
-def say(what: dict) -> None:
-    sys.stdout.write(json.dumps(what, allow_nan=False) + "\n")
+def send(message: dict) -> None:
+    sys.stdout.write(json.dumps(message, allow_nan=False) + "\n")
     sys.stdout.flush()
 
 
 def begin(first: dict) -> World | None:
-    """The world that the first line asks for; says what is wrong with it, if something is."""
+    """Creates the world from the first line. Reports an invalid setting and returns None."""
     try:
         return World(read(first["settings"]), first["start"], first["seed"])
     except Refused as refused:
-        say({"refused": {"key": refused.key, "expected": refused.expected}})
+        send({"refused": {"key": refused.key, "expected": refused.expected}})
         return None
 
 
@@ -169,13 +172,13 @@ def main() -> int:
     world = begin(json.loads(sys.stdin.readline()))
     if world is None:
         return 2
-    say({"ready": {"wheels": 4}})
+    send({"ready": {"wheels": 4}})
     for line in sys.stdin:
-        asked: dict[str, Any] = json.loads(line)
-        if "drive" in asked:
-            world.drive(asked["drive"], asked["nanos"])
+        request: dict[str, Any] = json.loads(line)
+        if "drive" in request:
+            world.drive(request["drive"], request["nanos"])
         else:
-            say(world.measure())
+            send(world.measure())
     return 0
 
 

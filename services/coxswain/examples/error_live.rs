@@ -27,7 +27,7 @@ fn main() -> anyhow::Result<ExitCode> {
     };
     let stop = Stop::new();
     stop.on_signals()?;
-    let mut watcher = Watcher::open(&endpoint, robot.as_deref()).context("no robot replies")?;
+    let mut watcher = Watcher::open(&endpoint, robot.as_deref()).context("no router answers")?;
     let mut heard = Instant::now();
     while !stop.requested() {
         let word = watcher.next(PATIENCE)?;
@@ -47,7 +47,7 @@ fn main() -> anyhow::Result<ExitCode> {
             }
         }
         if heard.elapsed() > SILENCE {
-            bail!("no message from a robot at {endpoint} for {} s", SILENCE.as_secs());
+            bail!("no plan from a robot at {endpoint} for {} s", SILENCE.as_secs());
         }
     }
     Ok(ExitCode::SUCCESS)

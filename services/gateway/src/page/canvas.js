@@ -5,7 +5,9 @@ let colours = {};
 
 function readColours() {
   const style = getComputedStyle(document.documentElement);
-  for (const name of ["card", "ink", "quiet", "line", "grid", "with", "without", "reference", "horizon", "good", "bad"]) {
+  const names = ["card", "ink", "quiet", "line", "grid", "with", "without", "reference", "horizon",
+    "good", "bad"];
+  for (const name of names) {
     colours[name] = style.getPropertyValue(`--${name}`).trim();
   }
 }
@@ -48,8 +50,17 @@ function line(pen, points, colour, width, dash = []) {
   pen.setLineDash([]);
 }
 
-const metres = (value) => (value === null ? "–" : value < 0.0995 ? `${(value * 1000).toFixed(value < 0.00995 ? 1 : 0)} mm` : `${value.toFixed(2)} m`);
+function metres(value) {
+  if (value === null) return "–";
+  if (value < 0.0995) return `${(value * 1000).toFixed(value < 0.00995 ? 1 : 0)} mm`;
+  return `${value.toFixed(2)} m`;
+}
+
 const small = (value) => (value === null ? "–" : value < 0.1 ? value.toFixed(3) : value.toFixed(2));
-const duration = (micros) => (micros < 1000 ? `${micros.toFixed(0)} µs` : `${(micros / 1000).toFixed(micros < 10000 ? 1 : 0)} ms`);
+function duration(micros) {
+  if (micros < 1000) return `${micros.toFixed(0)} µs`;
+  return `${(micros / 1000).toFixed(micros < 10000 ? 1 : 0)} ms`;
+}
+
 const times = (ratio) => (ratio >= 10 ? ratio.toFixed(0) : ratio.toFixed(1));
 

@@ -4,7 +4,11 @@
 const byId = (id) => document.getElementById(id);
 const SHORT_S = 5;
 // Access of unauthenticated peers on the network, by its code.
-const EXPOSURES = ["", "insecure: unauthenticated peers on the network can watch this robot", "insecure: unauthenticated peers on the network can drive this robot"];
+const EXPOSURES = [
+  "",
+  "insecure: unauthenticated peers on the network can watch this robot",
+  "insecure: unauthenticated peers on the network can drive this robot",
+];
 
 function show(id, text, kind = "") {
   const place = byId(id);
@@ -34,10 +38,15 @@ function showHead() {
     about.corridor_left_m && `${metres(about.corridor_left_m)} left`,
     about.corridor_right_m && `${metres(about.corridor_right_m)} right`,
   ].filter((limit) => limit);
-  const told = limits.length ? ` Limits: ${limits.join(", ")}.` : "";
-  show("scenario", `${about.scenario}${about.description ? `: ${about.description}` : ""}${told}`, "quiet");
-  show("time", store.states.length ? `${now().toFixed(1)}${about.duration_s ? ` of ${about.duration_s}` : ""} s` : "not driving yet", "quiet");
-  for (const part of document.querySelectorAll("[data-compared]")) part.hidden = !store.without.length;
+  const limitsText = limits.length ? ` Limits: ${limits.join(", ")}.` : "";
+  const description = about.description ? `: ${about.description}` : "";
+  show("scenario", `${about.scenario}${description}${limitsText}`, "quiet");
+  const end = about.duration_s ? ` of ${about.duration_s}` : "";
+  const time = store.states.length ? `${now().toFixed(1)}${end} s` : "not driving yet";
+  show("time", time, "quiet");
+  for (const part of document.querySelectorAll("[data-compared]")) {
+    part.hidden = !store.without.length;
+  }
 }
 
 // RMS without learning over the time of the last rows.
@@ -46,15 +55,23 @@ function showCompared(since) {
   if (!compared) return;
   const end = without.length ? latest(without)[0] : 0;
   const both = plans.filter((row) => row[P.t] <= end + 1e-6);
-  const [ours, theirs] = [rms(both, P.error, since), rms(without.filter((row) => row[0] <= now() + 1e-6), 3, since)];
+  const past = without.filter((row) => row[0] <= now() + 1e-6);
+  const [ours, theirs] = [rms(both, P.error, since), rms(past, 3, since)];
   const ratio = (one, other) => (one > 0 ? other / one : null);
   const start = compared.since * store.hello.period;
-  const soFar = `RMS ${start < 1 ? "so far" : `since ${start.toFixed(0)} s`} ${metres(compared.with)}, without ${metres(compared.without)}`;
-  const [short, whole] = [ours !== null && theirs !== null ? ratio(ours, theirs) : null, ratio(compared.with, compared.without)];
-  const best = short === null ? whole : short;
-  const tell = best === null ? "–" : best >= 1 ? `${times(best)} × less error` : `${times(1 / best)} × more error`;
-  show("compared", tell, best !== null && best >= 1.05 ? "good" : "");
-  show("compared-more", `${short === null ? "" : `last ${SHORT_S} s. `}${soFar}${whole === null ? "" : ` (${times(whole)} ×)`}`);
+  const span = start < 1 ? "so far" : `since ${start.toFixed(0)} s`;
+  const soFar = `RMS ${span} ${metres(compared.with)}, without ${metres(compared.without)}`;
+  const short = ours !== null && theirs !== null ? ratio(ours, theirs) : null;
+  const whole = ratio(compared.with, compared.without);
+  const shown = short === null ? whole : short;
+  let text = "–";
+  if (shown !== null) {
+    text = shown >= 1 ? `${times(shown)} × less error` : `${times(1 / shown)} × more error`;
+  }
+  show("compared", text, shown !== null && shown >= 1.05 ? "good" : "");
+  const before = short === null ? "" : `last ${SHORT_S} s. `;
+  const after = whole === null ? "" : ` (${times(whole)} ×)`;
+  show("compared-more", `${before}${soFar}${after}`);
 }
 
 function showFigures() {
@@ -63,21 +80,26 @@ function showFigures() {
   const state = latest(states);
   const names = (list, code) => (list && list[code]) || "?";
   const driving = state[S.fallbackLevel] <= 1;
-  show("fallback-level", names(hello.fallback_levels, state[S.fallbackLevel]), driving ? "" : "bad");
-  show("fallback-level-more", state[S.reason] ? names(hello.reasons, state[S.reason]) : "normal");
-  show("place", `x ${state[S.x].toFixed(2)} m, y ${state[S.y].toFixed(2)} m, ${state[S.speed].toFixed(2)} m/s`, "quiet");
+  const level = names(hello.fallback_levels, state[S.fallbackLevel]);
+  show("fallback-level", level, driving ? "" : "bad");
+  const reason = state[S.reason] ? names(hello.reasons, state[S.reason]) : "no fault";
+  show("fallback-level-more", reason);
+  const [x, y, speed] = [S.x, S.y, S.speed].map((column) => state[column].toFixed(2));
+  show("place", `x ${x} m, y ${y} m, ${speed} m/s`, "quiet");
   if (!plans.length) return;
   const plan = latest(plans);
   const since = plan[P.t] - SHORT_S;
   show("error", metres(plan[P.error]));
   show("error-more", `RMS ${metres(rms(plans, P.error, since))} in the last ${SHORT_S} s`);
   showCompared(since);
-  show("residual", `${small(rms(plans, P.residual, since))} → ${small(rms(plans, P.innovation, since))} m/s`);
+  const [main, whole] = [P.residual, P.innovation].map((column) => rms(plans, column, since));
+  show("residual", `${small(main)} → ${small(whole)} m/s`);
   show("model", plan[P.version] ? `version ${plan[P.version]}` : "none yet");
   if (model) {
     const plane = (score) => Math.hypot(score[0] || 0, score[1] || 0);
-    const scored = model.samples ? `held out: ${small(plane(model.learned))} instead of ${small(plane(model.main))} m/s` : "not yet scored";
-    show("model-more", `${scored}; ${model.points} points`);
+    const [learned, nominal] = [small(plane(model.learned)), small(plane(model.main))];
+    const heldOut = `held out: ${learned} instead of ${nominal} m/s`;
+    show("model-more", `${model.samples ? heldOut : "not yet scored"}; ${model.points} points`);
   }
   const period = hello.period * 1e6;
   const worst = Math.max(...plans.map((row) => row[P.tick]));
@@ -87,21 +109,28 @@ function showFigures() {
 
 function showProcesses() {
   const list = byId("processes");
-  const told = JSON.stringify(store.processes);
-  if (list.dataset.told === told) return;
-  list.dataset.told = told;
+  const shown = JSON.stringify(store.processes);
+  if (list.dataset.shown === shown) return;
+  list.dataset.shown = shown;
   const total = (key) => store.processes.reduce((sum, process) => sum + process[key], 0);
-  show("losses", `messages lost ${total("lost")}, malformed ${total("refused")}`, total("lost") + total("refused") ? "bad" : "quiet");
+  const [lost, malformed] = [total("lost"), total("refused")];
+  const kind = lost + malformed ? "bad" : "quiet";
+  show("losses", `messages lost ${lost}, malformed ${malformed}`, kind);
   list.replaceChildren(...store.processes.map((process) => {
     const item = document.createElement("li");
-    const alive = process.silent ? `silent ${process.silence.toFixed(0)} s` : process.phase;
-    const well = !process.silent && process.phase !== "degraded";
+    const phase = process.silent ? `silent ${process.silence.toFixed(0)} s` : process.phase;
+    const healthy = !process.silent && process.phase !== "degraded";
     const counts = [`pid ${process.pid}`];
     if (process.starts > 1) counts.push(`started ${process.starts} times`);
     counts.push(`lost ${process.lost}`);
-    if (process.met || process.missed) counts.push(`${process.missed} of ${process.met + process.missed} periods missed`);
-    item.append(element("b", process.who), element("span", alive, well ? "good" : "bad"), element("span", counts.join(" · "), "quiet"));
-    if (process.text) item.append(element("span", process.text, "says"));
+    const periods = process.met + process.missed;
+    if (periods) counts.push(`${process.missed} of ${periods} periods missed`);
+    item.append(
+      element("b", process.who),
+      element("span", phase, healthy ? "good" : "bad"),
+      element("span", counts.join(" · "), "quiet"),
+    );
+    if (process.text) item.append(element("span", process.text, "process-error"));
     return item;
   }));
 }
@@ -109,13 +138,15 @@ function showProcesses() {
 function showLog() {
   const list = byId("log");
   const newest = latest(store.entries);
-  const told = `${store.entries.length} ${newest ? `${newest.n} ${newest.t} ${newest.text}` : ""}`;
-  if (list.dataset.told === told) return;
-  list.dataset.told = told;
+  const last = newest ? `${newest.n} ${newest.t} ${newest.text}` : "";
+  const shown = `${store.entries.length} ${last}`;
+  if (list.dataset.shown === shown) return;
+  list.dataset.shown = shown;
   list.replaceChildren(...store.entries.slice().reverse().map((entry) => {
     const item = document.createElement("li");
     item.dataset.sort = entry.sort;
-    item.append(element("span", `${entry.t.toFixed(1)} s`, "quiet"), element("span", entry.who), element("span", entry.text));
+    const time = element("span", `${entry.t.toFixed(1)} s`, "quiet");
+    item.append(time, element("span", entry.who), element("span", entry.text));
     return item;
   }));
   if (!newest) list.replaceChildren(element("li", "no events yet", "quiet"));

@@ -8,12 +8,13 @@ const SIGMAS = 2;
 const MAGNIFIED = [1, 2, 5, 10, 20, 50, 100];
 const LARGE_PX = 9;
 
-// The present pose of the robot: between two states, along its own prediction.
+// The current pose of the robot: between two states, it follows the predicted poses.
 function poseNow(still) {
   const state = latest(store.states);
   const measured = [state[S.x], state[S.y], state[S.yaw]];
   const { horizon, hello } = store;
-  if (still || !horizon || Math.abs(horizon.t - state[S.t]) > 1e-6 || horizon.predicted.length < 2) return measured;
+  if (still || !horizon || horizon.predicted.length < 2) return measured;
+  if (Math.abs(horizon.t - state[S.t]) > 1e-6) return measured;
   const share = Math.min(1, (performance.now() - store.arrived) / 1000 / hello.period);
   const [from, to] = horizon.predicted;
   return measured.map((value, index) => value + share * (to[index] - from[index]));
@@ -40,13 +41,17 @@ function camera(view, pose, width, height) {
     centre = [(left + right) / 2, (bottom + top) / 2];
     scale = Math.min(width / (right - left + 2), height / (top - bottom + 2));
   }
-  return { scale, to: ([x, y]) => [width / 2 + (x - centre[0]) * scale, height / 2 - (y - centre[1]) * scale], centre };
+  const to = ([x, y]) => [
+    width / 2 + (x - centre[0]) * scale,
+    height / 2 - (y - centre[1]) * scale,
+  ];
+  return { scale, to, centre };
 }
 
-// 1, 2 or 5 times a power of ten, at least `least`.
-function roundStep(least) {
-  const power = 10 ** Math.floor(Math.log10(least));
-  return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= least * 0.999);
+// 1, 2 or 5 times a power of ten, at least `minimum`.
+function roundStep(minimum) {
+  const power = 10 ** Math.floor(Math.log10(minimum));
+  return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= minimum * 0.999);
 }
 
 function grid(pen, eye, width, height) {
@@ -86,7 +91,8 @@ function ellipses(pen, eye, horizon) {
     if (!(ahead > 0 && aside > 0)) return;
     const [px, py] = eye.to([x, y]);
     pen.beginPath();
-    pen.ellipse(px, py, factor * SIGMAS * ahead * eye.scale, factor * SIGMAS * aside * eye.scale, -yaw, 0, 2 * Math.PI);
+    const [long, wide] = [ahead, aside].map((axis) => factor * SIGMAS * axis * eye.scale);
+    pen.ellipse(px, py, long, wide, -yaw, 0, 2 * Math.PI);
     pen.globalAlpha = 0.22;
     pen.fillStyle = colours.horizon;
     pen.fill();
@@ -105,11 +111,14 @@ function robot(pen, eye, [x, y, yaw], colour) {
   pen.fillStyle = colours.ink;
   for (const ahead of [-1, 1]) {
     for (const aside of [-1, 1]) {
-      pen.fillRect((ahead * BODY.length) / 3.2 - BODY.wheel / 2, (aside * BODY.width) / 2 - BODY.wheel / 4, BODY.wheel, BODY.wheel / 2);
+      const left = (ahead * BODY.length) / 3.2 - BODY.wheel / 2;
+      const top = (aside * BODY.width) / 2 - BODY.wheel / 4;
+      pen.fillRect(left, top, BODY.wheel, BODY.wheel / 2);
     }
   }
   pen.fillStyle = colour;
-  pen.fillRect(-BODY.length / 2, -BODY.width / 2 + BODY.wheel / 4, BODY.length, BODY.width - BODY.wheel / 2);
+  const top = -BODY.width / 2 + BODY.wheel / 4;
+  pen.fillRect(-BODY.length / 2, top, BODY.length, BODY.width - BODY.wheel / 2);
   pen.fillStyle = colours.card;
   pen.beginPath();
   pen.moveTo(BODY.length * 0.36, 0);
@@ -119,14 +128,14 @@ function robot(pen, eye, [x, y, yaw], colour) {
   pen.restore();
 }
 
-// Draws the robot without learning at this time, and its path.
+// Draws the path and current position of the robot without learning.
 function drawWithout(pen, eye) {
   const time = now();
-  const way = store.without.filter((row) => row[0] <= time + 1e-6);
-  if (!way.length) return;
-  line(pen, way.map((row) => eye.to([row[1], row[2]])), colours.without, 2, [6, 5]);
-  if (way.length === store.without.length) return;
-  const [, x, y] = latest(way);
+  const path = store.without.filter((row) => row[0] <= time + 1e-6);
+  if (!path.length) return;
+  line(pen, path.map((row) => eye.to([row[1], row[2]])), colours.without, 2, [6, 5]);
+  if (path.length === store.without.length) return;
+  const [, x, y] = latest(path);
   const [px, py] = eye.to([x, y]);
   pen.strokeStyle = colours.without;
   pen.lineWidth = 2.5;
@@ -135,7 +144,7 @@ function drawWithout(pen, eye) {
   pen.stroke();
 }
 
-// Draws everything; returns a text on the scale of the uncertainty.
+// Draws the map. Returns a text with the scale of the uncertainty.
 function drawMap(canvas, view, still) {
   const { pen, width, height } = sheet(canvas);
   if (!store.states.length) {
@@ -146,8 +155,9 @@ function drawMap(canvas, view, still) {
   const pose = poseNow(still);
   const eye = camera(view, pose, width, height);
   grid(pen, eye, width, height);
-  // An old plan, of a controller that has ended, is not drawn.
-  const horizon = store.horizon && now() - store.horizon.t < 3 * store.hello.period ? store.horizon : null;
+  // A plan older than three periods is not drawn: its controller has ended.
+  const isFresh = store.horizon && now() - store.horizon.t < 3 * store.hello.period;
+  const horizon = isFresh ? store.horizon : null;
   const past = store.plans.map((row) => [row[P.rx], row[P.ry]]);
   const reference = horizon ? past.concat(horizon.reference) : past;
   const { corridor_left_m: left, corridor_right_m: right } = store.hello.about;

@@ -1,8 +1,20 @@
-// Data of the page: rows as the gateway sends them, in the order of time.
+// Data of the page: the rows of the gateway, in chronological order.
 
 // Columns of a state row and of a plan row.
 const S = { t: 0, x: 1, y: 2, yaw: 3, speed: 4, fallbackLevel: 5, reason: 6 };
-const P = { t: 0, rx: 1, ry: 2, error: 3, residual: 4, innovation: 5, residualYaw: 6, innovationYaw: 7, tick: 8, version: 9, fallbackLevel: 10 };
+const P = {
+  t: 0,
+  rx: 1,
+  ry: 2,
+  error: 3,
+  residual: 4,
+  innovation: 5,
+  residualYaw: 6,
+  innovationYaw: 7,
+  tick: 8,
+  version: 9,
+  fallbackLevel: 10,
+};
 // Charts show the last minute; the path is longer, with fewer points.
 const KEPT_S = 60;
 const PATH_MAX = 4000;
@@ -14,8 +26,8 @@ const store = {
   horizon: null, model: null, compared: null, processes: [], entries: [],
 };
 
-// Another epoch of the plant: its time starts again.
-function startAgain(run) {
+// A new epoch of the plant: its time starts at zero.
+function startRun(run) {
   Object.assign(store, { run, states: [], plans: [], path: [], horizon: null, compared: null });
 }
 
@@ -31,7 +43,7 @@ function append(rows, more) {
 }
 
 function take(message) {
-  if (message.run !== store.run && message.run !== null) startAgain(message.run);
+  if (message.run !== store.run && message.run !== null) startRun(message.run);
   const fresh = append(store.states, message.states);
   if (fresh.length) store.arrived = performance.now();
   for (const row of fresh) store.path.push([row[S.x], row[S.y]]);
@@ -43,13 +55,13 @@ function take(message) {
   for (const entry of message.entries || []) note(entry);
 }
 
-// The page has connected, for the first time or again.
-function greet(hello) {
+// Handles the first message of a connection.
+function takeHello(hello) {
   const before = store.hello;
-  const again = before && before.gateway === hello.gateway;
+  const isSameGateway = before && before.gateway === hello.gateway;
   store.hello = hello;
   store.without = hello.without;
-  if (!again) store.entries = store.entries.filter((entry) => entry.who === "page");
+  if (!isSameGateway) store.entries = store.entries.filter((entry) => entry.who === "page");
   take(hello);
 }
 

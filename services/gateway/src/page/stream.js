@@ -1,42 +1,44 @@
 // The connection to the gateway: reconnects automatically, and reports its state.
 
-const SILENT_MS = 3000;
-const GIVEN_UP_MS = 8000;
+// Time without a message after which the connection counts as lost, and is opened again.
+const LOST_MS = 3000;
+const REOPEN_MS = 8000;
 
-function listen(said) {
+function subscribe(onState) {
   let source = null;
-  let heard = performance.now();
+  let received = performance.now();
   let state = "waiting";
 
-  const become = (next) => {
+  const report = (sort, text) => note({ t: now(), sort, who: "page", text });
+  const setState = (next) => {
     if (next !== state) {
-      if (next === "lost") note({ t: now(), sort: "fault", who: "page", text: "the connection is lost" });
-      if (next === "live" && state === "lost") note({ t: now(), sort: "mended", who: "page", text: "connected again" });
+      if (next === "lost") report("fault", "the connection is lost");
+      if (next === "live" && state === "lost") report("mended", "connected again");
     }
     state = next;
-    said(state);
+    onState(state);
   };
-  const hear = (what) => (event) => {
-    heard = performance.now();
-    what(JSON.parse(event.data));
-    become("live");
+  const receive = (handle) => (event) => {
+    received = performance.now();
+    handle(JSON.parse(event.data));
+    setState("live");
   };
   const open = () => {
     if (source) source.close();
-    heard = performance.now();
+    received = performance.now();
     source = new EventSource("events");
-    source.addEventListener("hello", hear(greet));
-    source.addEventListener("news", hear((message) => store.hello && take(message)));
+    source.addEventListener("hello", receive(takeHello));
+    source.addEventListener("news", receive((message) => store.hello && take(message)));
     // A browser retries automatically unless the request was refused.
     source.addEventListener("error", () => {
-      become("lost");
+      setState("lost");
       if (source.readyState === EventSource.CLOSED) setTimeout(open, 1000);
     });
   };
   setInterval(() => {
-    const silence = performance.now() - heard;
-    if (silence > SILENT_MS) become("lost");
-    if (silence > GIVEN_UP_MS) open();
+    const silence = performance.now() - received;
+    if (silence > LOST_MS) setState("lost");
+    if (silence > REOPEN_MS) open();
   }, 500);
   open();
 }
