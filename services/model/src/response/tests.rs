@@ -1,0 +1,183 @@
+
+use super::*;
+use proptest::prelude::*;
+use robot::Robot;
+
+/// The identified response of a robot that follows commands of many frequencies, with noise on
+/// its measured velocity.
+fn found(periods: f64, truth: [FirstOrder; AXES], noise: f64, count: usize) -> ResponseEstimator {
+    found_turning(periods, truth, noise, count, 0.0)
+}
+
+/// The same for a robot in which the given share of the turning frame acts.
+fn found_turning(
+    periods: f64,
+    truth: [FirstOrder; AXES],
+    noise: f64,
+    count: usize,
+    kept: f64,
+) -> ResponseEstimator {
+    let main = MainModel::new(&Robot::example(), 0.02);
+    let delay = Delay::of_periods(periods);
+    let (mut sent, mut estimator) = (Sent::default(), ResponseEstimator::new(&main, 0.5));
+    let mut velocity = [0.0; AXES];
+    for k in 0..count {
+        sent.push(std::array::from_fn(|axis| {
+            (0.31 * (k + 7 * axis) as f64).sin() + 0.2 * (1.3 * k as f64).cos()
+        }));
+        let acted = sent.acted(delay);
+        let turning = turning(&main, &velocity).mean;
+        velocity = std::array::from_fn(|axis| {
+            let FirstOrder { decay, gain, offset } = truth[axis];
+            let turned = kept * turning[axis];
+            decay * velocity[axis] + gain * acted[axis] + offset + turned
+        });
+        let measured =
+            std::array::from_fn(|axis| velocity[axis] + noise * (12.9 * (k + axis) as f64).sin());
+        estimator.update(&sent, &measured);
+    }
+    estimator
+}
+
+#[test]
+fn an_estimator_continues_from_the_response_of_an_earlier_one() {
+    let earlier = found(2.5, soft(0.8), 1e-3, 600);
+    let mut later = found(0.0, soft(0.5), 1e-3, 600);
+    assert!(later.begin_with(&earlier.found()));
+    assert_eq!(later.delay(), earlier.delay());
+    assert_eq!(later.response(), earlier.response());
+    assert_eq!(later.found(), earlier.found());
+}
+
+#[test]
+fn a_response_that_is_not_finite_or_of_other_dead_times_is_rejected() {
+    let changes: [fn(&mut FoundResponse); 4] = [
+        |found| found.hypotheses[3].fits[1].covariance[2][0] = f64::NAN,
+        |found| found.hypotheses[3].costs[1] = f64::INFINITY,
+        |found| found.believed = DEAD_TIMES.len(),
+        |found| _ = found.hypotheses.pop(),
+    ];
+    for change in changes {
+        let mut estimator = found(2.5, soft(0.8), 0.0, 600);
+        let mut of = estimator.found();
+        change(&mut of);
+        let before = estimator.found();
+        assert!(!estimator.begin_with(&of));
+        assert_eq!(estimator.found(), before);
+    }
+}
+
+fn soft(decay: f64) -> [FirstOrder; AXES] {
+    [FirstOrder { decay, gain: 1.0 - decay, offset: 0.01 }; AXES]
+}
+
+proptest! {
+    #[test]
+    fn dead_time_and_time_constant_are_distinguished(
+        which in 0..DEAD_TIMES.len(),
+        decay in 0.3..0.95_f64,
+    ) {
+        let estimator = found(DEAD_TIMES[which], soft(decay), 0.0, 600);
+        let delay = estimator.delay().periods();
+        prop_assert!((delay - DEAD_TIMES[which]).abs() <= 0.25, "{delay}: {which}");
+        for axis in estimator.response().axes {
+            prop_assert!((axis.decay - decay).abs() < 0.03, "{axis:?} is not {decay}");
+            prop_assert!((axis.gain + decay - 1.0).abs() < 0.03, "{axis:?} is not {decay}");
+        }
+    }
+
+    #[test]
+    fn a_dead_time_between_two_hypotheses_is_found_within_one_step(
+        periods in 0.0..6.9_f64,
+    ) {
+        let step = if periods < 1.5 { 0.25 } else if periods < 3.0 { 0.5 } else { 1.0 };
+        let delay = found(periods, soft(0.7), 0.0, 150).delay().periods();
+        prop_assert!((delay - periods).abs() < step, "{delay} is not {periods}");
+    }
+
+    #[test]
+    fn noise_on_the_velocity_changes_the_response_little(which in 0..DEAD_TIMES.len()) {
+        let estimator = found(DEAD_TIMES[which], soft(0.7), 0.01, 500);
+        let error = estimator.delay().periods() - DEAD_TIMES[which];
+        prop_assert!(error.abs() <= 0.5, "{error}");
+    }
+}
+
+#[test]
+fn the_response_at_standstill_stays_that_of_the_main_model() {
+    let main = MainModel::new(&Robot::example(), 0.02);
+    let mut estimator = ResponseEstimator::new(&main, 0.5);
+    for _ in 0..10_000 {
+        estimator.update(&Sent::default(), &[0.0; 3]);
+    }
+    assert_eq!(estimator.delay(), Delay::default());
+    for (axis, found) in estimator.response().axes.iter().enumerate() {
+        assert!((found.decay - main.decay[axis]).abs() < 1e-9, "{found:?}");
+        assert!((found.gain - main.gain[axis]).abs() < 1e-9, "{found:?}");
+    }
+    let at = Moment { velocity: [1.0; 3], input: [1.0; 3], before: [1.0; 3], heading: 0.0 };
+    assert!(estimator.response().mean(&at).iter().all(|value| value.abs() < 1e-8));
+}
+
+/// The response of the main model.
+fn as_believed() -> [FirstOrder; AXES] {
+    let main = MainModel::new(&Robot::example(), 0.02);
+    std::array::from_fn(|axis| FirstOrder {
+        decay: main.decay[axis],
+        gain: main.gain[axis],
+        offset: 0.0,
+    })
+}
+
+#[test]
+fn the_turning_frame_is_used_for_a_body_of_constant_world_velocity() {
+    let response = found_turning(0.0, as_believed(), 0.001, 500, 1.0).response();
+    assert!(response.turns);
+    for (axis, truth) in response.axes.iter().zip(as_believed()) {
+        assert!((axis.decay - truth.decay).abs() < 0.03, "{axis:?} is not {truth:?}");
+    }
+}
+
+#[test]
+fn no_turning_frame_is_used_for_wheels_that_hold_their_speed() {
+    assert!(!found_turning(0.0, as_believed(), 0.001, 500, 0.0).response().turns);
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_ignored() {
+    let before = found(2.0, soft(0.8), 0.0, 150);
+    let mut after = before.clone();
+    after.update(&Sent::always([f64::NAN; 3]), &[0.0; 3]);
+    after.update(&Sent::default(), &[f64::INFINITY; 3]);
+    assert_eq!(after.response(), before.response());
+    assert_eq!(after.delay(), before.delay());
+}
+
+#[test]
+fn the_jacobians_are_the_slopes_of_the_mean() {
+    let response = found_turning(0.0, as_believed(), 0.0, 500, 1.0).response();
+    assert!(response.turns);
+    let at = Moment {
+        velocity: [0.3, -0.2, 0.5],
+        input: [0.1, 0.4, -0.6],
+        before: [0.0; 3],
+        heading: 0.0,
+    };
+    let said = response.response(&at);
+    let slope = |change: &dyn Fn(&mut Moment, f64), row: usize| {
+        let [up, down] = [1e-4, -1e-4].map(|by| {
+            let mut moved = at;
+            change(&mut moved, by);
+            response.mean(&moved)[row]
+        });
+        (up - down) / 2e-4
+    };
+    for row in 0..AXES {
+        for column in 0..AXES {
+            let by_velocity = slope(&|moved, by| moved.velocity[column] += by, row);
+            let by_input = slope(&|moved, by| moved.input[column] += by, row);
+            assert!((said.by_velocity[row][column] - by_velocity).abs() < 1e-9);
+            assert!((said.by_input[row][column] - by_input).abs() < 1e-9);
+        }
+    }
+}
