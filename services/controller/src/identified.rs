@@ -66,13 +66,11 @@ pub enum IdentifiedError {
     },
 }
 
-/// Loads into `controller` the parameters that this run identified before a restart, else those
-/// that the settings name. A file that cannot be used is logged, and the controller starts without
-/// them.
+/// Loads into `controller` the parameters that the settings name, if they do. A file that cannot be
+/// used is logged, and the controller starts without them.
 pub fn resume(controller: &mut Controller, settings: &Settings) {
-    let own = Some(file_of(settings)).filter(|file| settings.run.restarted && file.exists());
-    let Some(file) = own.or_else(|| settings.identified.clone()) else { return };
-    match begin_with(controller, &file) {
+    let Some(file) = &settings.identified else { return };
+    match begin_with(controller, file) {
         Ok(()) => tracing::info!(file = %file.display(), "starts with an identified response"),
         Err(error) => tracing::warn!("{error}; starting without it"),
     }

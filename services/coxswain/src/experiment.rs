@@ -369,12 +369,11 @@ impl Bench {
         assembly.scenario.duration_s = self.duration_s.unwrap_or(assembly.scenario.duration_s);
         trial.contender.take_over(&mut assembly);
         let school = self.lesson(trial).and_then(|lesson| schools.get(&lesson));
-        if trial.contender.learns() {
-            assembly.scenario.learner.resume = school.map(|folder| folder.join("snapshot.bin"));
-        }
-        if trial.contender.identifies() {
-            assembly.scenario.identified = school.map(|folder| folder.join("identified.toml"));
-        }
+        let file = |is_used: bool, name| {
+            school.filter(|_| is_used).map(|folder: &PathBuf| folder.join(name))
+        };
+        assembly.scenario.learner.resume = file(trial.contender.learns(), "snapshot.bin");
+        assembly.scenario.identified = file(trial.contender.identifies(), "identified.toml");
         fs::create_dir_all(folder)
             .map_err(|source| ExperimentError::File { path: folder.to_path_buf(), source })?;
         let poison = self.poison.filter(|_| trial.seed != TEACHING_SEED);

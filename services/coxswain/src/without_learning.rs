@@ -64,6 +64,7 @@ pub fn run(assembly: &Assembly, folder: &Path) -> Result<PathBuf, WithoutLearnin
     alone.scenario.mpc.identify = Identify::Off;
     alone.graph.processes.recorder.enabled = false;
     alone.scenario.learner.resume = None;
+    alone.scenario.identified = None;
     alone.faults = FaultsFile::default();
     let longest = LONGEST_S.min(PERIODS_MAX * alone.scenario.period_millis * 1e-3);
     alone.scenario.duration_s = alone.scenario.duration_s.min(longest);
