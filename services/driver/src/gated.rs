@@ -133,7 +133,7 @@ impl<B: Base> GatedBase<B> {
         Ok(())
     }
 
-    /// Drives the base until the end of the period at `now`, and says on which fallback level it was.
+    /// Drives the base until the end of the period at `now`, and returns its fallback level.
     ///
     /// # Errors
     /// [`BaseError`] if the base cannot be driven.

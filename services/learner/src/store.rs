@@ -104,8 +104,8 @@ pub fn load(file: &Path, fingerprint: u64) -> Result<ModelSnapshot, StoreError> 
 }
 
 /// Puts the data of a snapshot back into `dictionary`, and returns the hyperparameters for the next
-/// fit. They are those of the snapshot if it has the kernel and the units of `fit_settings`, and if they
-/// are possible.
+/// fit. They are those of the snapshot if it has the kernel and the units of `fit_settings`, and if
+/// they are possible.
 pub fn resume<const D: usize>(
     snapshot: &ModelSnapshot,
     fit_settings: &FitSettings<D>,

@@ -10,7 +10,7 @@
 //! | `tracking` | path and tracking errors (the paper's figures 3 and 4)                         |
 //! | `motion`   | velocities and wheel speeds (5 and 6)                                          |
 //! | `learning` | residual before and after, models, variance band                               |
-//! | `running`  | tick times, fallback levels and faults                                                   |
+//! | `running`  | tick times, fallback levels and faults                                         |
 //! | `table`    | the summary table                                                              |
 //! | `figure`   | one figure: panels, legend, what is missing                                    |
 //! | `panel`    | axes, lines, bands and marks → SVG                                             |

@@ -385,9 +385,9 @@ impl Ledger {
 }
 
 impl Origin {
-    /// Whether message `number` must not be taken yet. After a cut the link is there again a moment
-    /// before its writer knows who came back, and what is said in that moment overtakes what was
-    /// missed. All of it is said again then, in order.
+    /// Whether message `number` must wait. After a cut the link returns a moment before its writer
+    /// detects the reader. A message of that moment arrives before the missed ones. The writer then
+    /// sends all of them again, in order.
     fn waits_for_what_is_before(&mut self, number: u64) -> bool {
         if self.last == 0 || number == self.last + 1 {
             self.missing = None;

@@ -1,11 +1,13 @@
 //! A client's connection with the routers of its graph, and everything that is declared on it.
 //!
-//! When a router goes, zenoh 1.10 looks for one again by itself, but not after each way of going. A
-//! router that accepts a connection while it ends forgets to close it, and as long as its process
-//! lives, the client has a router that knows nobody. And a connection that closes in the instant in
-//! which it was made is not missed. So a keeper looks whether the router that it is connected to
-//! shows its token. When that has not been so for a while, it ends the session, begins another, and
-//! declares everything once more.
+//! When a router ends, zenoh 1.10 connects to another one by itself, but not in every case:
+//!
+//! - A router that accepts a connection while it ends does not close it. As long as its process
+//!   lives, the client has a router without other peers.
+//! - zenoh does not detect the loss of a connection that closes in the moment in which it opens.
+//!
+//! So a keeper checks that its router shows its token. Without the token for a while, the keeper
+//! ends the session, opens another one, and declares everything again.
 
 use super::guard::Guard;
 use super::{ANSWER_TIMEOUT, config, keys, router};
@@ -176,8 +178,8 @@ impl Shared {
         declared && if *ours { shown } else { !neighbours.is_empty() }
     }
 
-    /// Somebody whose token is declared again before it was taken back seems to have been there all
-    /// the time: so first the end.
+    /// Undeclares all tokens first. A token that is declared again before its end looks to other
+    /// peers as if it had never been missing.
     fn end_session(&self) {
         let mut state = self.state();
         let old = Arc::clone(&state.session);

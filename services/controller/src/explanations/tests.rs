@@ -1,4 +1,3 @@
-
 use super::*;
 use model::delay::Sent;
 use model::gp::posterior::VarianceScratch;
