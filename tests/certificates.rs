@@ -1,18 +1,17 @@
 //! Promise: with certificates the graph runs over the network as it does without, on one machine
 //! and across three.
 
+use access::{Credentials, Role};
 use bytemuck::Zeroable;
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
+use network::threads;
 use promises::oracle::{Limits, acquit};
 use promises::{
     GIVES_UP_AFTER, Hosts, Launched, Outcome, Reader, Record, binaries, graph_file, launch_command,
     repository,
 };
-use protocol::access::{Credentials, Role};
 use protocol::message::{Command as Said, Message as _, ModelSnapshot, PlantState, SnapshotHead};
-use protocol::port::{Carrier, Carriers, Identity, Links, Ports, Router, Since};
-use protocol::threads;
 use protocol::topic::OnTopic;
 use std::error::Error;
 use std::fs;
@@ -23,6 +22,7 @@ use std::process::Command;
 use std::sync::Barrier;
 use std::thread;
 use tempfile::TempDir;
+use transport::{Carrier, Carriers, Identity, Links, Ports, Router, Since};
 
 fn home() -> std::io::Result<TempDir> {
     tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")

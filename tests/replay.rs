@@ -10,7 +10,6 @@ use promises::{
     Launched, Message, Outcome, Record, graph_file, launch_command, repository, signal,
 };
 use protocol::message::{Command, FallbackLevel, Message as _, PlantState};
-use protocol::port::{Carrier, Identity, Links, Ports, RawSink, Since, Source};
 use protocol::topic::Topic;
 use protocol::view::words;
 use protocol::{VERSION, frame, wire};
@@ -20,6 +19,7 @@ use std::collections::{BTreeSet, VecDeque};
 use std::error::Error;
 use std::fs;
 use std::time::Duration;
+use transport::{Carrier, Identity, Links, Ports, RawSink, Since, Source};
 
 /// Ticks in which the recording is played.
 const PLAYED: u64 = 120;

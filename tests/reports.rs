@@ -8,7 +8,6 @@ use coxswain::options::Options;
 use process::Run;
 use promises::{Browser, Launched, Outcome, binaries, repository};
 use protocol::message::{FallbackLevel, Plan, PlantState, ResidualSample, Truth, WHEELS_MAX};
-use protocol::port::Links;
 use recorder::segment::Segment;
 use serde_json::Value;
 use std::error::Error;
@@ -16,6 +15,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 use tempfile::TempDir;
+use transport::Links;
 
 const FIGURES: [&str; 9] = [
     "path",

@@ -18,7 +18,7 @@ pub use settings::Settings;
 use driver::RunError;
 use driver::piped::PipedBase;
 use process::Stop;
-use protocol::port::{Identity, Ports};
+use transport::{Identity, Ports};
 use truth::World;
 
 /// Runs the world of `settings` until the end of the run, or until a stop is requested.

@@ -2,11 +2,11 @@
 //! unauthenticated connections while processes are killed.
 
 use crate::session::{Certificates, Failure, Shows, connect, failed, print};
+use access::Role;
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
 use promises::oracle::{Limits, Rule, judge};
 use promises::{Launched, Message, Outcome, Record, graph_file, signal};
-use protocol::access::Role;
 use protocol::message::Command;
 use protocol::wire;
 use rustix::process::Signal;

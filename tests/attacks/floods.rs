@@ -2,8 +2,8 @@
 
 use crate::driven::{acted, genuine, launched};
 use crate::session::{Certificates, Failure, Shows, connect, failed, print};
+use access::Role;
 use promises::{Message, Outcome, Record, signal};
-use protocol::access::Role;
 use protocol::clock::monotonic_nanos;
 use rustix::process::Signal;
 use std::fmt::{self, Display, Formatter};

@@ -3,12 +3,12 @@
 
 use crate::session::{Certificates, Failure, ROBOT, Shows, connect, failed, print, router};
 use crate::strangers::strangers;
+use access::{Credentials, Role, of_telemetry};
 use bytemuck::Zeroable;
+use network::telemetry::{Publisher, TelemetrySettings, Watcher};
 use promises::{Outcome, wait_until};
 use protocol::VERSION;
-use protocol::access::{Credentials, Role, of_telemetry};
 use protocol::message::{Message, PlantState};
-use protocol::telemetry::{Publisher, TelemetrySettings, Watcher};
 use protocol::topic::Topic;
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};

@@ -3,10 +3,10 @@
 use crate::driven::launched;
 use crate::floods::port;
 use crate::session::{Certificates, Failure, ROBOT, Shows, connect, failed, print};
+use access::Role;
 use bytemuck::Zeroable;
 use promises::{Launched, Outcome, Record, graph_file, launch_command, signal};
 use protocol::VERSION;
-use protocol::access::Role;
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Health, Message, Participant, Phase};
 use protocol::wire;

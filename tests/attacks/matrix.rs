@@ -1,15 +1,15 @@
 //! Every role × every topic × every operation of a zenoh client, each judged where it would arrive.
 
 use crate::session::{Certificates, Failure, Shows, connect, failed, no_flood, print};
+use access::Role;
 use promises::Outcome;
 use protocol::VERSION;
-use protocol::access::Role;
-use protocol::port::Router;
 use protocol::topic::Topic;
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
+use transport::Router;
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;

@@ -1,9 +1,9 @@
 //! An endpoint that refuses no peer is found before any process depends on it.
 
 use crate::session::{Certificates, Failure, Shows, router};
+use access::Role;
+use network::Breach;
 use promises::{Ended, Launched, Outcome, graph_file, launch_command, signal};
-use protocol::access::{Breach, Role};
-use protocol::port::{Router, self_test};
 use rustix::process::Signal;
 use serde_json::json;
 use std::path::Path;
@@ -12,6 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 use tempfile::TempDir;
+use transport::{Router, self_test};
 use zenoh::Wait;
 
 const GRAPH: &str = "maze";

@@ -1,8 +1,8 @@
 //! zenoh sessions as a program without our code opens them.
 
+use access::{AUTHORITY_FILE, CERTIFICATE_FILE, Credentials, KEY_FILE, Role};
 use coxswain::certificates::issue::{Order, issue};
-use protocol::access::{AUTHORITY_FILE, CERTIFICATE_FILE, Credentials, KEY_FILE, Role};
-use protocol::threads;
+use network::threads;
 use serde_json::{Value, json};
 use std::error::Error;
 use std::fmt::Display;

@@ -4,11 +4,10 @@
 use crate::session::{
     Certificates, Failure, HOUR_S, ROBOT, Shows, connect, failed, of, print, router,
 };
+use access::Role;
 use promises::{Outcome, wait_until};
 use protocol::VERSION;
-use protocol::access::Role;
 use protocol::message::PlantState;
-use protocol::port::{Carrier, Carriers, Identity, Links, OpenError, Ports, Router, Since, Source};
 use protocol::topic::Topic;
 use serde_json::json;
 use std::collections::BTreeSet;
@@ -16,6 +15,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Barrier, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use transport::{Carrier, Carriers, Identity, Links, OpenError, Ports, Router, Since, Source};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 

@@ -3,8 +3,8 @@
 use crate::driven::launched;
 use crate::session::{Certificates, Failure, Shows, connect, failed, print};
 use crate::strangers::strangers;
+use access::Role;
 use promises::{Launched, Outcome, signal};
-use protocol::access::Role;
 use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::fs;

@@ -7,7 +7,7 @@
 
 #[path = "state_to_command/bare.rs"]
 mod bare;
-#[path = "../../protocol/benches/round_trip/ends.rs"]
+#[path = "../../services/transport/benches/round_trip/ends.rs"]
 mod ends;
 
 use bare::Echo;
@@ -16,13 +16,13 @@ use process::{PRIORITY, go_first, read_settings};
 use promises::{Launched, graph_with, launch_command};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, Message, Plan, PlantState};
-use protocol::port::{Identity, Links, Ports, Since, Sink, Source};
 use protocol::wire;
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::path::Path;
 use std::thread;
 use std::time::Duration;
+use transport::{Identity, Links, Ports, Since, Sink, Source};
 
 type Failure = Box<dyn Error + Send + Sync>;
 

@@ -2,11 +2,11 @@
 //! that names a graph's launcher, and certificates.
 
 use super::{Fate, Verdict, corpus, promise, refused};
+use access::{Certificate, valid_until};
 use controller::control::tuning::RULES;
 use coxswain::registry;
 use process::requests::{Inbox, NotAsked, welcome};
 use process::{Pace, read_settings};
-use protocol::access::{Certificate, valid_until};
 use protocol::message::Participant;
 use settings::change::{Change, changed};
 use std::fs;

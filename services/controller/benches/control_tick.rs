@@ -21,10 +21,10 @@ use model::{AXES, State};
 use process::Run;
 use protocol::clock::monotonic_nanos;
 use protocol::message::{FallbackLevel, INPUTS_MAX, ModelSnapshot, PlantState, SnapshotHead};
-use protocol::port::Links;
 use robot::Robot;
 use std::error::Error;
 use std::hint::black_box;
+use transport::Links;
 
 const POINTS: usize = 120;
 /// Largest change of a velocity that a model may explain.

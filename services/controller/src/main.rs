@@ -2,8 +2,8 @@
 
 use controller::{Settings, run};
 use protocol::message::Participant;
-use protocol::port::Ports;
 use std::process::ExitCode;
+use transport::Ports;
 
 fn main() -> ExitCode {
     process::main::<Settings>(Participant::Controller, |settings, stop| {

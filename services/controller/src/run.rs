@@ -17,11 +17,11 @@ use process::requests::changed_before;
 use process::{Pace, Pulse, Seat, Stop, step_back};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, Participant, Phase, Plan, PlantState, ResidualSample};
-use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 use protocol::topic::Topic;
 use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
+use transport::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 
 /// Longest wait before stop signals are checked.
 const PATIENCE: Duration = Duration::from_millis(20);

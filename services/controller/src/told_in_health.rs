@@ -16,11 +16,11 @@ use process::{Pace, Stop};
 use protocol::message::{
     Command, FallbackLevel, GateState, Health, INPUTS_MAX, ModelSnapshot, PlantState, SnapshotHead,
 };
-use protocol::port::{Exchange, Identity, Ports, Since, Sink, Source};
 use robot::Robot;
 use std::error::Error;
 use std::thread;
 use std::time::{Duration, Instant};
+use transport::{Exchange, Identity, Ports, Since, Sink, Source};
 
 /// Far longer than any step here takes.
 const GIVES_UP_AFTER: Duration = Duration::from_mins(1);

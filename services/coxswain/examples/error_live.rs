@@ -1,8 +1,8 @@
 //! Draws how far a robot is from its reference, live: `error_live tcp/127.0.0.1:7448 [robot]`.
 
 use anyhow::{Context, bail};
+use network::telemetry::{Heard, Watcher};
 use process::Stop;
-use protocol::telemetry::{Heard, Watcher};
 use std::env;
 use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;

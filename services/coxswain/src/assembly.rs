@@ -8,16 +8,16 @@ use crate::graph::Graph;
 use crate::options::Options;
 use crate::role::{START_ORDER, program};
 use crate::scenario::Scenario;
+use access::{Credentials, Role};
 use controller::settings::LearnedSettings;
 use gateway::settings::About;
 use process::{Pace, Run};
-use protocol::access::{Credentials, Role};
 use protocol::message::{Exposure, Participant};
-use protocol::port::{Carrier, Faults, Links};
 use robot::Robot;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError, WriteError};
 use std::path::{Component, Path, PathBuf};
+use transport::{Carrier, Faults, Links};
 
 /// A graph that can be launched.
 #[derive(Debug, Clone)]

@@ -2,13 +2,13 @@
 
 use process::atomic_file;
 use protocol::message::Participant;
-use protocol::port::Identity;
 use serde::Deserialize;
 use settings::{Check, Impossible};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use transport::Identity;
 
 /// Highest epoch that has a successor in TOML, whose integers are signed.
 const EPOCH_MAX: u64 = i64::MAX as u64 - 1;

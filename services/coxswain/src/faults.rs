@@ -7,10 +7,10 @@ use controller::settings::{SolverFault, SolverFaults};
 use learner::settings::{SnapshotFault, SnapshotFaults};
 use plant_sim::truth::Truth;
 use protocol::message::Participant;
-use protocol::port::{Fault, Faults};
 use serde::Deserialize;
 use settings::{Check, Impossible};
 use std::time::Duration;
+use transport::{Fault, Faults};
 
 pub use plant::{PlantFault, PlantFaultKind};
 

@@ -11,12 +11,12 @@ use crate::silence::{Silence, Unheard};
 use crate::watch::View;
 use process::{Pace, Run};
 use protocol::message::{Participant, Phase};
-use protocol::port::Links;
 use settings::WriteError;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
+use transport::Links;
 
 /// Longest time for a process to become ready.
 const READY_WITHIN: Duration = Duration::from_mins(1);

@@ -4,16 +4,16 @@ use crate::back_off::RestartPolicy;
 use crate::certificates::present::CertificatesTable;
 use crate::role::START_ORDER;
 use gateway::settings::{PageSettings, Rates, check_telemetry};
+use network::telemetry::TelemetrySettings;
 use plant_sim::settings::LINK_DELAY_MILLIS_MAX;
 use process::{Pace, Scheduling};
 use protocol::message::Participant;
-use protocol::port::{Carriers, is_graph_name};
-use protocol::telemetry::TelemetrySettings;
 use protocol::topic::Topic;
 use serde::Deserialize;
 use settings::{Check, Impossible};
 use std::path::PathBuf;
 use std::time::Duration;
+use transport::{Carriers, is_graph_name};
 
 /// Contents of a graph file.
 #[derive(Debug, Clone, PartialEq, Deserialize)]

@@ -11,11 +11,11 @@ use controller::settings::Method;
 use model::foresight::Foresight;
 use process::{Run, Stop};
 use protocol::message::{Health, Participant, Phase};
-use protocol::port::{Exchange, Identity, OpenError, Ports, Since, Source};
 use recorder::summary::Summary;
 use std::path::Path;
 use std::thread::{self, ScopedJoinHandle};
 use std::time::Duration;
+use transport::{Exchange, Identity, OpenError, Ports, Since, Source};
 
 /// Longest wait of a writer for a reader that does not read.
 const PATIENCE: Duration = Duration::from_secs(10);

@@ -17,11 +17,10 @@ use crate::service_manager::ServiceManager;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use crate::without_learning;
+use network::Breach;
 use process::refusals;
 use process::{PRIORITY, Pace, go_first, keep_to_user, requests};
-use protocol::access::Breach;
 use protocol::message::Participant;
-use protocol::port::{HalfMade, OpenError, Router, claim};
 use recorder::report;
 use settings::SettingsError;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -37,6 +36,7 @@ use std::{env, io, slice};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
+use transport::{HalfMade, OpenError, Router, claim};
 
 /// Interval between two rounds of supervision.
 const ROUND: Duration = Duration::from_millis(20);

@@ -4,7 +4,7 @@
 //! overwritten. A directory with wrong permissions is rejected and not corrected, because another
 //! process may have entered it already.
 
-use protocol::access::{Changeable, replaceable};
+use access::{Changeable, replaceable};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::{fs, io};

@@ -12,7 +12,6 @@
 
 use crate::private::{self, NotPrivate};
 use process::atomic_file;
-use protocol::port::{Identity, Links, sweep};
 use serde::{Deserialize, Serialize};
 use std::ffi::{OsStr, OsString};
 use std::io;
@@ -20,6 +19,7 @@ use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use std::{env, fs, thread};
+use transport::{Identity, Links, sweep};
 
 /// Longest time for the processes of a graph to end after its launcher has ended.
 const DYING: Duration = Duration::from_millis(500);

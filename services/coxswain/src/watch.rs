@@ -5,12 +5,12 @@
 
 use process::Stop;
 use protocol::message::{FallbackLevel, Health, Participant, Phase, Plan};
-use protocol::port::{HeldLinks, Identity, Links, OpenError, Ports, ReceiveError, Since, Source};
 use std::collections::BTreeMap;
 use std::sync::mpsc::{self, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
+use transport::{HeldLinks, Identity, Links, OpenError, Ports, ReceiveError, Since, Source};
 
 /// Longest sleep: interval between checks of the health and of the stop request.
 const PATIENCE: Duration = Duration::from_millis(20);

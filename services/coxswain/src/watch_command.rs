@@ -4,11 +4,11 @@
 
 use crate::terminal::Terminal;
 use crate::{dashboard, registry};
+use access::{Credentials, Role};
 use clap::Args;
+use network::telemetry::{Heard, TelemetryError, Watcher, Word};
 use process::Stop;
-use protocol::access::{Credentials, Role};
 use protocol::message::{Exposure, Participant, Plan, PlantState, Reason};
-use protocol::telemetry::{Heard, TelemetryError, Watcher, Word};
 use std::collections::BTreeMap;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};

@@ -8,9 +8,9 @@ use controller::settings::Identify;
 use gateway::comparison::{self, Row};
 use process::{Pace, Pulse, Stop};
 use protocol::message::{Participant, Phase, Plan};
-use protocol::port::{OpenError, Ports, ReceiveError, Since, Source};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use transport::{OpenError, Ports, ReceiveError, Since, Source};
 
 /// Longest compared part of the run \[s\].
 const LONGEST_S: f64 = 30.0;

@@ -149,9 +149,9 @@ mod tests {
     use super::*;
     use process::requests::{ask, welcome};
     use process::{Pace, Run};
-    use protocol::port::Links;
     use std::error::Error;
     use std::path::Path;
+    use transport::Links;
 
     fn run(folder: &Path, lock_step: bool) -> Run {
         Run::new(folder, 1, Links::on_this_machine("orders", folder.to_owned(), lock_step, 0))

@@ -13,9 +13,9 @@ use protocol::clock::monotonic_nanos;
 use protocol::message::{
     Command, Credit, FallbackLevel, Participant, Phase, PlantState, Reason, Truth,
 };
-use protocol::port::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 use protocol::topic::Topic;
 use std::time::{Duration, Instant};
+use transport::{Identity, OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 
 /// Longest wait in lock step between two checks of the stop signals.
 const PATIENCE: Duration = Duration::from_millis(20);

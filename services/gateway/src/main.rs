@@ -2,9 +2,9 @@
 
 use gateway::settings::Settings;
 use protocol::message::Participant;
-use protocol::port::{Identity, Ports};
 use rustix::process::setpriority_process;
 use std::process::ExitCode;
+use transport::{Identity, Ports};
 
 /// Nice value: the controller has precedence when processors are short.
 const NICE: i32 = 10;

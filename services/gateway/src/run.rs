@@ -4,17 +4,17 @@ use crate::addresses;
 use crate::page::{Feed, Page, PageError};
 use crate::settings::{Rates, Settings};
 use crate::topic_relay::{HealthRelay, TopicRelay};
+use network::Breach;
+use network::telemetry::{Publisher, TelemetryError, TelemetrySettings};
 use process::requests::Answers;
 use process::{Pulse, Stop, refusals};
-use protocol::access::Breach;
 use protocol::message::{
     ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
 };
-use protocol::port::{OpenError, Ports, ReceiveError, Tally};
-use protocol::telemetry::{Publisher, TelemetryError, TelemetrySettings};
 use protocol::topic::Topic;
 use std::thread;
 use std::time::{Duration, Instant};
+use transport::{OpenError, Ports, ReceiveError, Tally};
 
 /// Longest sleep. Topics other than the plan are read at least this often.
 const PATIENCE: Duration = Duration::from_millis(20);

@@ -1,8 +1,8 @@
 //! Settings: the endpoints for watchers, the address of the live page, and the rate of each topic.
 
+use network::telemetry::{TelemetryError, TelemetrySettings};
 use process::{HasRun, Run};
 use protocol::message::Exposure;
-use protocol::telemetry::{TelemetryError, TelemetrySettings};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 use std::net::SocketAddr;

@@ -2,12 +2,12 @@
 
 use crate::run::GatewayError;
 use crate::settings::Rates;
+use network::telemetry::Publisher;
 use protocol::message::{Health, Participant};
-use protocol::port::{OpenError, Ports, ReceiveError, Source, Tally};
-use protocol::telemetry::Publisher;
 use protocol::topic::OnTopic;
 use protocol::view::Viewable;
 use std::time::{Duration, Instant};
+use transport::{OpenError, Ports, ReceiveError, Source, Tally};
 
 /// The relay of one topic to the watchers.
 pub(crate) struct TopicRelay<T> {

@@ -4,14 +4,14 @@ use bytemuck::Zeroable;
 use gateway::addresses;
 use gateway::run::GatewayError;
 use gateway::settings::{About, PageSettings, Rates, Settings};
+use network::telemetry::{Heard, TelemetrySettings, Watcher};
 use process::{Run, Stop};
 use protocol::message::{Health, Participant, Phase, PlantState};
-use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
-use protocol::telemetry::{Heard, TelemetrySettings, Watcher};
 use std::error::Error;
 use std::path::Path;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
+use transport::{Exchange, Identity, Links, Ports, Since, Source};
 
 type Outcome = Result<(), Box<dyn Error>>;
 

@@ -2,8 +2,8 @@
 
 use learner::{Settings, run};
 use protocol::message::Participant;
-use protocol::port::{Identity, Ports};
 use std::process::ExitCode;
+use transport::{Identity, Ports};
 
 fn main() -> ExitCode {
     process::main::<Settings>(Participant::Learner, |settings, stop| {

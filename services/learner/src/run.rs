@@ -30,12 +30,12 @@ use model::{AXES, Velocity};
 use process::{Pace, Pulse, Stop};
 use protocol::frame::DecodeError;
 use protocol::message::{ModelSnapshot, Participant, Phase, ResidualSample};
-use protocol::port::{OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 use protocol::topic::Topic;
 use std::collections::VecDeque;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
+use transport::{OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 
 /// Longest wait between two checks of the stop signals.
 const PATIENCE: Duration = Duration::from_millis(20);

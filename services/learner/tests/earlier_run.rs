@@ -6,12 +6,12 @@ use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
 use process::{Run, Stop};
 use protocol::message::{ModelSnapshot, ResidualSample};
-use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
 use robot::Robot;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
+use transport::{Exchange, Identity, Links, Ports, Since, Source};
 
 const EVERY_TICKS: u64 = 5;
 const DELAY_TICKS: u64 = 3;

@@ -6,11 +6,11 @@ use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
 use process::{Run, Stop};
 use protocol::message::{ModelSnapshot, ResidualSample};
-use protocol::port::{Exchange, Identity, Links, Ports, Since, Source};
 use robot::Robot;
 use std::error::Error;
 use std::thread;
 use std::time::Duration;
+use transport::{Exchange, Identity, Links, Ports, Since, Source};
 
 /// Effective ticks of the snapshots that a restarted learner without data publishes, when its first
 /// sample has this tick.

@@ -5,10 +5,10 @@ use crate::{Pace, lifeline};
 use bytemuck::Zeroable;
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Exposure, GateState, Health, Participant, Phase, Reason};
-use protocol::port::{OpenError, Ports, Sink, Tally};
 use protocol::topic::{OnTopic, Topic};
 use std::thread;
 use std::time::Duration;
+use transport::{OpenError, Ports, Sink, Tally};
 
 /// Shortest interval between two heartbeats \[ns\].
 const INTERVAL_NANOS: u64 = 100_000_000;
@@ -162,9 +162,9 @@ fn shut_text(state: GateState, stop: Reason) -> &'static str {
 mod tests {
     use super::*;
     use protocol::message::{Command, ModelSnapshot, SnapshotHead};
-    use protocol::port::{Carrier, Carriers, Exchange, Identity, Links, Router, Since, Source};
     use std::error::Error;
     use std::time::Duration;
+    use transport::{Carrier, Carriers, Exchange, Identity, Links, Router, Since, Source};
 
     fn pair() -> Result<(Pulse, Source<Health>), OpenError> {
         let exchange = Exchange::new(false, Duration::from_secs(1));

@@ -3,11 +3,11 @@
 use crate::Scheduling;
 use crate::priority::{self, PRIORITY};
 use protocol::message::Exposure;
-use protocol::port::{Carrier, Links};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 use std::path::PathBuf;
 use tracing_subscriber::EnvFilter;
+use transport::{Carrier, Links};
 
 /// Longest control period \[ns\]: 1000 s.
 const PERIOD_NANOS_MAX: u64 = 1_000_000_000_000;

@@ -3,8 +3,8 @@
 use crate::{HasRun, Run, Stop, keep_to_user, lifeline, refusals};
 use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches, Parser};
+use network::threads;
 use protocol::message::Participant;
-use protocol::threads;
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;

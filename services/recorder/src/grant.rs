@@ -2,8 +2,8 @@
 
 use process::{Pace, Pulse};
 use protocol::message::{Credit, Participant, Stamp};
-use protocol::port::{OpenError, Ports, SendError, Sink};
 use std::time::{Duration, Instant};
+use transport::{OpenError, Ports, SendError, Sink};
 
 /// Largest lead of the plant over the record \[ticks\]. It is below the depth of every topic with
 /// one message per tick, so that all messages in between have room.

@@ -9,9 +9,9 @@ use process::Pulse;
 use protocol::message::{
     Command, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
 };
-use protocol::port::{OpenError, Ports, Since, Source};
 use protocol::topic::{OnTopic, Topic};
 use protocol::view::Viewable;
+use transport::{OpenError, Ports, Since, Source};
 
 /// A reader for each recorded topic.
 pub(crate) struct Intake {

@@ -1,9 +1,9 @@
 //! The recorder's process: messages in, record and summary out.
 
 use protocol::message::Participant;
-use protocol::port::{Identity, Ports};
 use recorder::settings::Settings;
 use std::process::ExitCode;
+use transport::{Identity, Ports};
 
 fn main() -> ExitCode {
     process::main(Participant::Recorder, |settings: Settings, stop| {

@@ -10,10 +10,10 @@ use crate::store::Store;
 use crate::summary::{Summary, SummaryError};
 use process::{Pace, Pulse, Stop};
 use protocol::message::{Participant, Phase};
-use protocol::port::{OpenError, Ports, ReceiveError, Since};
 use std::error::Error;
 use std::iter::successors;
 use std::time::{Duration, Instant};
+use transport::{OpenError, Ports, ReceiveError, Since};
 
 /// Longest sleep, and so the interval of the topics other than the state.
 const PATIENCE: Duration = Duration::from_millis(20);
@@ -196,8 +196,8 @@ mod tests {
     use super::*;
     use process::Run;
     use protocol::message::{Health, PlantState};
-    use protocol::port::{Exchange, Identity, Links};
     use protocol::topic::Topic;
+    use transport::{Exchange, Identity, Links};
 
     fn settings(folder: &std::path::Path, pace: Pace) -> Settings {
         let links = Links::on_this_machine("test", folder.to_owned(), false, 1000);

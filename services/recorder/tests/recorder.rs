@@ -7,7 +7,6 @@ use bytemuck::Zeroable;
 use graph::{Graph, SNAPSHOT_TICKS};
 use process::{Pace, Run, Stop};
 use protocol::message::{Credit, FallbackLevel, Health, Participant};
-use protocol::port::{Exchange, Identity, Links, Ports, Since};
 use recorder::run::RecorderError;
 use recorder::segment::{self, RecordError};
 use recorder::settings::Settings;
@@ -19,6 +18,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use std::{fs, io};
 use tempfile::TempDir;
+use transport::{Exchange, Identity, Links, Ports, Since};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 

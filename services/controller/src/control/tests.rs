@@ -11,7 +11,7 @@ use model::gp::posterior::{Posterior, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
 use model::predict::Belief;
 use process::Run;
-use protocol::port::Links;
+use transport::Links;
 
 fn controller() -> Result<Controller, ControllerError> {
     Controller::new(&told())

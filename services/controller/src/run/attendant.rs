@@ -8,10 +8,10 @@ use crate::control::Controller;
 use crate::settings::Settings;
 use process::Stop;
 use protocol::message::ModelSnapshot;
-use protocol::port::{Identity, OpenError, Ports, Since, Source};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::Thread;
 use std::time::Duration;
+use transport::{Identity, OpenError, Ports, Since, Source};
 
 /// Longest wait while a change request waits for its answer.
 const PROMPT: Duration = Duration::from_millis(2);

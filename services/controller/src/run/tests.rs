@@ -1,9 +1,9 @@
 use super::*;
 use crate::control::tests::told;
 use bytemuck::Zeroable;
-use protocol::port::Exchange;
 use std::error::Error;
 use std::time::Instant;
+use transport::Exchange;
 
 /// Far longer than an answer takes.
 const GIVES_UP_AFTER: Duration = Duration::from_mins(1);

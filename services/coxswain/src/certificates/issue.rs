@@ -11,8 +11,7 @@
 //! ```
 //! A directory is created atomically, and no file is ever overwritten.
 
-use protocol::access::{AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role, changeable, valid_until};
-use protocol::port::is_graph_name;
+use access::{AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role, changeable, valid_until};
 use rcgen::{
     BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
     KeyUsagePurpose, date_time_ymd,
@@ -22,6 +21,7 @@ use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use transport::is_graph_name;
 
 /// Validity of an authority \[s\]: ten years.
 const AUTHORITY_VALID_S: i64 = 3650 * 86_400;
@@ -333,7 +333,7 @@ fn write(path: &Path, text: &str) -> Result<(), IssueError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::access::Credentials;
+    use access::Credentials;
     use std::error::Error;
 
     fn order() -> Order {

@@ -4,15 +4,13 @@
 use super::{told, unix_s};
 use crate::graph::Graph;
 use crate::role::START_ORDER;
-use protocol::access::{
-    AUTHORITY_FILE, AccessError, Certificate, Credentials, Role, host_in, is_any,
-};
+use access::{AUTHORITY_FILE, AccessError, Certificate, Credentials, Role, host_in, is_any};
 use protocol::message::Participant;
-use protocol::port::Carrier;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
+use transport::Carrier;
 
 /// Place of the certificates: the table `[certificates]` of a graph file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

@@ -2,8 +2,8 @@
 
 use super::Event;
 use crate::watch_command::{RETRY, WatchTarget};
+use network::telemetry::Watcher;
 use process::Stop;
-use protocol::telemetry::Watcher;
 use std::sync::mpsc::SyncSender;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};

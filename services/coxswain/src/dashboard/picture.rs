@@ -2,8 +2,8 @@
 //! arguments.
 
 use super::trail::Trail;
+use network::telemetry::{Heard, Word};
 use protocol::message::{Exposure, FallbackLevel, Health, Participant, Plan, PlantState, Reason};
-use protocol::telemetry::{Heard, Word};
 use protocol::topic::Topic;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};

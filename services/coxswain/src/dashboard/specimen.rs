@@ -1,8 +1,8 @@
 //! A robot for tests of the dashboard: it drives a circle of 2 m.
 
 use super::picture::Picture;
+use network::telemetry::{Heard, Word};
 use protocol::message::{FallbackLevel, Health, Participant, Phase, Plan, PlantState};
-use protocol::telemetry::{Heard, Word};
 use protocol::topic::Topic;
 use std::time::Instant;
 

@@ -15,7 +15,6 @@ use protocol::message::{
     Command, Credit, FallbackLevel, Health, Message, ModelSnapshot, Plan, PlantState, Reason,
     ResidualSample, SnapshotHead, Stamp, TAIL_MAX, Truth,
 };
-use protocol::port::{Exchange, Identity, Ports, Since, Source};
 use protocol::topic::OnTopic;
 use protocol::wire;
 use rand::{Rng, SeedableRng};
@@ -25,6 +24,7 @@ use serde::{Deserialize, Serialize};
 use std::fs;
 use std::process::Command as Process;
 use std::time::Duration;
+use transport::{Exchange, Identity, Ports, Since, Source};
 
 /// T \[ns\].
 const PERIOD: u64 = 20_000_000;

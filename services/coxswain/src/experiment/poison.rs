@@ -1,9 +1,9 @@
 //! Deliberate faults in a trial's messages: wrong samples for the learner, and faulty sensors.
 
 use protocol::message::Participant;
-use protocol::port::{End, Fault, Faults, Kind};
 use protocol::topic::Topic;
 use serde::Serialize;
+use transport::{End, Fault, Faults, Kind};
 
 /// Begin and end of a fault with a window \[s\].
 const FROM_S: f64 = 10.0;
@@ -87,7 +87,7 @@ impl Poison {
 mod tests {
     use super::*;
     use clap::ValueEnum;
-    use protocol::port::ImpossibleFault;
+    use transport::ImpossibleFault;
 
     #[test]
     fn every_poison_is_possible_in_lock_step() -> Result<(), ImpossibleFault> {

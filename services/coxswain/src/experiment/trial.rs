@@ -14,13 +14,13 @@ use process::{Pulse, Stop};
 use protocol::message::{
     FallbackLevel, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
 };
-use protocol::port::{OpenError, Ports, ReceiveError, Since, Source};
 use recorder::rows::Rows;
 use recorder::summary::{self, Summary};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 use std::path::Path;
 use std::time::Duration;
+use transport::{OpenError, Ports, ReceiveError, Since, Source};
 
 /// Time between two checks of the witness whether it must end.
 const PATIENCE: Duration = Duration::from_millis(5);

@@ -4,16 +4,16 @@ use super::Page;
 use crate::comparison::{self, Row};
 use crate::settings::{About, PageSettings, Rates, Settings};
 use bytemuck::Zeroable;
+use network::telemetry::TelemetrySettings;
 use process::Run;
 use protocol::message::{FallbackLevel, Health, Participant, Phase, Plan, PlantState};
-use protocol::port::Links;
-use protocol::telemetry::TelemetrySettings;
 use serde_json::Value;
 use std::error::Error;
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::time::{Duration, Instant};
+use transport::Links;
 
 type Outcome = Result<(), Box<dyn Error>>;
 

@@ -5,7 +5,7 @@
 //! each message that arrives, and "(egress)" for each that leaves. It names the certificate of the
 //! sender when it evaluates a permission, and only the session when it uses a cached one.
 
-use protocol::access::Role;
+use access::Role;
 use protocol::topic::Topic;
 use std::cell::RefCell;
 use std::collections::BTreeMap;

@@ -1,11 +1,11 @@
 use super::*;
 use crate::{HasRun, Pace, Run};
-use protocol::port::Links;
 use settings::Check;
 use settings::change::Rules;
 use std::collections::BTreeSet;
 use std::thread;
 use std::time::Duration;
+use transport::Links;
 
 const RULES: Rules<'static> = Rules { tunable: &["gain"], choices: &[] };
 

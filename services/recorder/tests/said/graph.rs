@@ -5,7 +5,7 @@ use protocol::message::{
     Command, FallbackLevel, Health, ModelSnapshot, Participant, Plan, PlantState, ResidualSample,
     SnapshotHead, SolverStatus, Stamp, Truth,
 };
-use protocol::port::{OpenError, Ports, SendError, Sink};
+use transport::{OpenError, Ports, SendError, Sink};
 
 /// Number of ticks between two snapshots.
 pub(crate) const SNAPSHOT_TICKS: u64 = 25;

@@ -3,7 +3,7 @@ use super::super::picture::Picture;
 use super::super::specimen;
 use super::super::view::{KEYS, View};
 use super::draw;
-use protocol::telemetry::Heard;
+use network::telemetry::Heard;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
