@@ -1,7 +1,8 @@
 //! The table of topics: message, rate, queue depth, and what happens when a queue is full.
 
 use crate::message::{
-    Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Truth,
+    Command, Credit, Health, Message, ModelSnapshot, Participant, Plan, PlantState,
+    ResidualSample, Truth,
 };
 use serde::{Deserialize, Serialize};
 
@@ -120,6 +121,34 @@ impl Topic {
             Self::Truth => <Truth as Message>::NUMBERS,
             Self::Credit => <Credit as Message>::NUMBERS,
         }
+    }
+
+    /// The processes that publish it.
+    pub const fn writers(self) -> &'static [Participant] {
+        match self {
+            Self::State | Self::Truth => &[Participant::Plant],
+            Self::Command | Self::Residual | Self::Plan => &[Participant::Controller],
+            Self::Snapshot => &[Participant::Learner],
+            Self::Health => Participant::ALL,
+            Self::Credit => &[Participant::Recorder],
+        }
+    }
+
+    /// The processes that subscribe to it.
+    pub const fn readers(self) -> &'static [Participant] {
+        use Participant::{Controller, Gateway, Learner, Plant, Recorder};
+        match self {
+            Self::State | Self::Snapshot => &[Controller, Recorder, Gateway],
+            Self::Command => &[Plant, Recorder],
+            Self::Residual => &[Learner, Recorder, Gateway],
+            Self::Plan | Self::Health | Self::Truth => &[Recorder, Gateway],
+            Self::Credit => &[Plant],
+        }
+    }
+
+    /// Whether the launcher of each host subscribes to it as well.
+    pub const fn is_read_by_launchers(self) -> bool {
+        matches!(self, Self::Plan | Self::Health)
     }
 
     /// Place in [`Topic::ALL`].

@@ -160,6 +160,8 @@ coded! {
         Recorder = 3 => "recorder",
         /// Remote telemetry.
         Gateway = 4 => "gateway",
+        /// Carries messages between this host and others.
+        Bridge = 5 => "bridge",
     }
 }
 

@@ -76,9 +76,9 @@ pub enum AccessError {
         /// The file.
         file: PathBuf,
         /// Role of the certificate.
-        found: &'static str,
+        found: Role,
         /// The expected role.
-        expected: &'static str,
+        expected: Role,
     },
     /// The certificate has expired, or is not valid yet.
     #[error(
@@ -159,14 +159,14 @@ impl Credentials {
     ///
     /// # Errors
     /// [`AccessError`].
-    pub fn check(&self, role: Role, now_s: i64) -> Result<Certificate, AccessError> {
+    pub fn check(&self, role: &Role, now_s: i64) -> Result<Certificate, AccessError> {
         let certificate = self.read()?;
         let file = || self.file(CERTIFICATE_FILE);
-        if certificate.role != role {
+        if certificate.role != *role {
             return Err(AccessError::Role {
                 file: file(),
-                found: certificate.role.name(),
-                expected: role.name(),
+                found: certificate.role,
+                expected: role.clone(),
             });
         }
         let hours = |seconds: i64| format!("{:.1} h", seconds as f64 / 3600.0);

@@ -271,7 +271,7 @@ impl<'a> Loop<'a> {
         let waits =
             self.repeated > repeated && monotonic_nanos() >= self.answered_at + UNANSWERED_NANOS;
         if waits && self.answered.is_some() {
-            self.commands.repeat(self.controller.last_answer())?;
+            self.commands.send_stamped(self.controller.last_answer())?;
         }
         Ok(())
     }

@@ -5,25 +5,28 @@ use crate::certificates::present::Certificates;
 use crate::exposure::{Exposed, exposed};
 use crate::faults::{FaultsFile, LockStepFaultsFile};
 use crate::graph::Graph;
+use crate::hosts::Host;
 use crate::options::Options;
 use crate::role::{START_ORDER, program};
 use crate::scenario::Scenario;
-use access::{Credentials, Role};
+use bridge::settings::Remote;
 use controller::settings::LearnedSettings;
 use gateway::settings::About;
-use process::{Pace, Run};
+use process::{PRIORITY, Pace, Run};
 use protocol::message::{Exposure, Participant};
 use robot::Robot;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError, WriteError};
 use std::path::{Component, Path, PathBuf};
-use transport::{Carrier, Faults, Links};
+use transport::{Faults, Links};
 
 /// A graph that can be launched.
 #[derive(Debug, Clone)]
 pub struct Assembly {
     /// The graph, with the changes of the command line.
     pub graph: Graph,
+    /// The host of the graph file that this machine is; none if the graph has no hosts.
+    pub host: Option<String>,
     /// The scenario, with the changes of the command line.
     pub scenario: Scenario,
     /// Name of the scenario: that of its file, without the extension.
@@ -71,6 +74,7 @@ impl Assembly {
             options.robot.clone().unwrap_or_else(|| from(&options.graph, &graph.robot));
         let (mut scenario, scenario_name) =
             scenario_of(options.scenario.as_deref(), &own_scenario)?;
+        let host = host_of(options, &mut graph)?;
         if graph.processes.plant.enabled && scenario.truth.is_none() && scenario.world.is_none() {
             return Err(SettingsError::Value {
                 file: options.scenario.clone().unwrap_or(own_scenario),
@@ -84,30 +88,13 @@ impl Assembly {
         graph.pace = options.pace.unwrap_or(graph.pace);
         graph.processes.learner.enabled =
             options.learner.unwrap_or(graph.processes.learner.enabled);
-        if let Some(endpoint) = &options.listen {
-            graph.network.listen = vec![endpoint.clone()];
-        }
-        if let Some(endpoint) = &options.connect {
-            graph.network.connect = vec![endpoint.clone()];
-            if graph.network.graph.is_none() {
-                let expected = "a name, the same for all launches that meet: \
-                                --connect leads to another launch"
-                    .to_owned();
-                return Err(SettingsError::Value {
-                    file: options.graph.clone(),
-                    line: None,
-                    key: "network.graph".into(),
-                    value: None,
-                    expected,
-                });
-            }
-        }
         let folder = options.certificates.clone();
         let folder = folder.or_else(|| {
             graph.certificates.as_ref().map(|table| from(&options.graph, &table.folder))
         });
-        let certificates =
-            folder.map(|folder| certificates_in(&folder, options, &graph)).transpose()?;
+        let certificates = folder
+            .map(|folder| certificates_in(&folder, options, &graph, host.as_deref()))
+            .transpose()?;
         let exposed = exposed(&graph, certificates.is_some());
         if certificates.is_none()
             && let Some((key, endpoint)) = over_tls(&graph)
@@ -156,6 +143,7 @@ impl Assembly {
             certificates,
             exposed,
             graph,
+            host,
             scenario,
             scenario_name,
             robot,
@@ -170,11 +158,6 @@ impl Assembly {
         START_ORDER.into_iter().filter(|&role| self.graph.processes.of(role).enabled)
     }
 
-    /// Whether any of its links runs over the network.
-    pub fn networked(&self) -> bool {
-        self.graph.links.uses(Carrier::Network)
-    }
-
     /// Access of unauthenticated peers on the network.
     pub fn exposure(&self) -> Exposure {
         self.exposed.iter().map(Exposed::lets).max().unwrap_or(Exposure::Closed)
@@ -185,31 +168,30 @@ impl Assembly {
         self.graph.processes.learner.enabled
     }
 
-    /// Credentials of the process of `role` on the network; none if no link uses the network, or if
-    /// there are no certificates.
-    pub fn credentials_of(&self, role: Participant) -> Option<Credentials> {
-        self.certificates
-            .as_ref()
-            .filter(|_| self.networked())
-            .map(|certificates| certificates.of(role.into()))
+    /// The other hosts with which this one exchanges messages.
+    pub fn remotes(&self) -> Vec<Remote> {
+        self.host.as_ref().map_or_else(Vec::new, |host| self.graph.deployment().remotes(host))
     }
 
-    /// Its links, without faults, for the graph with the id `id`. Their carriers store files in
-    /// `root` and connect to the network at `router`.
-    pub fn links(&self, id: &str, root: &Path, router: &[String]) -> Links {
+    /// The process with which the run ends: the plant, or, on a host without a connection to the
+    /// plant's, the controller.
+    pub fn finishes_with(&self) -> Participant {
+        let knows_plant =
+            self.remotes().iter().any(|remote| remote.processes.contains(&Participant::Plant));
+        if self.host.is_none() || self.graph.processes.plant.enabled || knows_plant {
+            Participant::Plant
+        } else {
+            Participant::Controller
+        }
+    }
+
+    /// Its links, without faults, for the graph with the id `id`. Their files are in `root`.
+    pub fn links(&self, id: &str, root: &Path) -> Links {
         Links {
             graph: id.to_owned(),
             lock_step: self.graph.pace == Pace::LockStep,
             root: root.to_path_buf(),
             patience_millis: self.graph.lock_step_patience_millis,
-            carriers: self.graph.links.clone(),
-            connect: router.to_vec(),
-            network_graph: self.graph.network.graph.clone(),
-            credentials: self
-                .certificates
-                .as_ref()
-                .filter(|_| self.networked())
-                .map(Certificates::of_host),
             faults: Faults::default(),
         }
     }
@@ -230,6 +212,7 @@ impl Assembly {
             Participant::Learner => settings::write(file, &self.learner(run)),
             Participant::Recorder => settings::write(file, &RecorderSettings { run }),
             Participant::Gateway => settings::write(file, &self.gateway(run)),
+            Participant::Bridge => settings::write(file, &self.bridge(run)),
         }
     }
 
@@ -255,7 +238,7 @@ impl Assembly {
 
     /// Known delay of its links \[ms\].
     pub fn link_delay_millis(&self) -> u64 {
-        if self.networked() { self.graph.network.delay_millis } else { 0 }
+        if self.host.is_some() { self.graph.network.delay_millis } else { 0 }
     }
 
     /// Settings of the controller.
@@ -295,9 +278,24 @@ impl Assembly {
             without_learning: self.without_learning.clone(),
         };
         let Graph { mut telemetry, rates, page, .. } = self.graph.clone();
-        telemetry.credentials =
-            self.certificates.as_ref().map(|certificates| certificates.of(Role::Gateway));
+        telemetry.credentials = self.certificates.as_ref().map(Certificates::credentials);
         gateway::settings::Settings { run, telemetry, rates, page, about }
+    }
+
+    /// Settings of the bridge.
+    pub fn bridge(&self, mut run: Run) -> bridge::settings::Settings {
+        // Its threads give way to those of plant and controller.
+        run.scheduling.real_time_priority.get_or_insert(PRIORITY - 1);
+        let host = self.host.clone().unwrap_or_default();
+        let processes = self.graph.hosts.get(&host).map(Host::participants).unwrap_or_default();
+        bridge::settings::Settings {
+            run,
+            graph: self.graph.name.clone(),
+            host,
+            processes,
+            remotes: self.remotes(),
+            credentials: self.certificates.as_ref().map(Certificates::credentials),
+        }
     }
 
     /// Settings of the learner.
@@ -314,14 +312,53 @@ impl Assembly {
 
 /// The first endpoint that requires certificates, and its key in the graph file.
 fn over_tls(graph: &Graph) -> Option<(&'static str, &String)> {
-    let lists = [
-        ("network.listen", &graph.network.listen),
-        ("network.connect", &graph.network.connect),
-        ("telemetry.listen", &graph.telemetry.listen),
-    ];
-    lists.into_iter().find_map(|(key, endpoints)| {
-        Some((key, endpoints.iter().find(|endpoint| endpoint.starts_with("tls/"))?))
-    })
+    let endpoints = &graph.telemetry.listen;
+    let over_tls = endpoints.iter().find(|endpoint| endpoint.starts_with("tls/"))?;
+    Some(("telemetry.listen", over_tls))
+}
+
+/// The host that `options` name. Of the graph then only its processes are left, with the addresses
+/// of `options`.
+fn host_of(options: &Options, graph: &mut Graph) -> Result<Option<String>, SettingsError> {
+    let refused = |key: &str, value: &str, expected: String| SettingsError::Value {
+        file: options.graph.clone(),
+        line: None,
+        key: key.to_owned(),
+        value: Some(format!("\"{value}\"")),
+        expected,
+    };
+    let hosts = || graph.hosts.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+    let Some(name) = &options.host else {
+        return match options.addresses.first() {
+            None => Ok(None),
+            Some((host, _)) => Err(refused("--address", host, "--host NAME beside it".to_owned())),
+        };
+    };
+    if graph.hosts.get(name).is_none_or(|host| host.driver) {
+        let expected = if graph.hosts.is_empty() {
+            "no --host: the graph file has no hosts".to_owned()
+        } else {
+            format!("one of the hosts of the graph file that is no driver: {}", hosts())
+        };
+        return Err(refused("--host", name, expected));
+    }
+    for (other, address) in &options.addresses {
+        let Some(connection) =
+            graph.connections.iter_mut().find(|one| one.other(name) == Some(other.as_str()))
+        else {
+            let expected = format!("a host with a connection to {name}");
+            return Err(refused("--address", other, expected));
+        };
+        if connection.router.is_some() {
+            connection.router = Some(address.clone());
+        } else {
+            (connection.address, connection.listen) = (Some(address.clone()), None);
+        }
+    }
+    // What other hosts use of the other connections does not matter here.
+    graph.connections.retain(|connection| connection.other(name).is_some());
+    graph.keep_host(name);
+    Ok(Some(name.clone()))
 }
 
 /// The certificates in `folder`, if they are valid for a launch of `graph`.
@@ -329,10 +366,11 @@ fn certificates_in(
     folder: &Path,
     options: &Options,
     graph: &Graph,
+    host: Option<&str>,
 ) -> Result<Certificates, SettingsError> {
     // The settings of the processes must be valid in every working directory.
     let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
-    Certificates::check(&folder, graph).map_err(|error| SettingsError::Value {
+    Certificates::check(&folder, graph, host).map_err(|error| SettingsError::Value {
         file: options.graph.clone(),
         line: None,
         key: "certificates.folder".into(),

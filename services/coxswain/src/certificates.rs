@@ -1,10 +1,10 @@
-//! `coxswain certificates`: a private authority, and from it one short-lived certificate per role
-//! and robot.
+//! `coxswain certificates`: a private authority, and from it one short-lived certificate per host,
+//! and for drivers and watchers.
 //!
 //! | module      | contents                                                              |
 //! |-------------|-----------------------------------------------------------------------|
 //! | `issue`     | the authority and the certificates that it signs, as files            |
-//! | `present`   | a directory of these files → credentials of each process of a launch  |
+//! | `present`   | a directory of these files → credentials of this host                 |
 
 pub mod issue;
 pub mod present;
@@ -13,8 +13,13 @@ use crate::folder::utc;
 use crate::terminal;
 use clap::Args;
 use issue::{IssueError, Order, issue};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use transport::is_graph_name;
+
+/// Hosts of a graph if no others are named.
+const HOSTS: [&str; 2] = ["robot", "control"];
 
 /// A day \[s\].
 const DAY_S: i64 = 86_400;
@@ -38,10 +43,11 @@ pub struct CertificatesOptions {
     /// folder and `-authority`. Keep it off the robot.
     #[arg(long, value_name = "DIR")]
     pub authority: Option<PathBuf>,
-    /// A name or address, in addition to the loopback's, at which the robot's or the controller's
-    /// machine is reachable; may be given several times.
-    #[arg(long = "address", value_name = "HOST")]
-    pub addresses: Vec<String>,
+    /// A host of the graph file and, if others connect to it, a name or address at which it is
+    /// reachable in addition to the loopback's, such as robot=10.0.0.1; may be given several times,
+    /// also for one host. By default the hosts robot and control.
+    #[arg(long = "host", value_name = "NAME[=ADDRESS]", value_parser = host)]
+    pub hosts: Vec<(String, Option<String>)>,
     /// Number of days for which they are valid.
     #[arg(
         long,
@@ -60,12 +66,14 @@ pub fn run(options: &CertificatesOptions) -> Result<(), IssueError> {
     let now_s = unix_s(SystemTime::now());
     let authority = options.authority.clone().unwrap_or_else(|| beside(&options.out));
     let (from_s, until_s) = (now_s - CLOCK_SKEW_S, now_s + options.days * DAY_S);
-    let order = Order {
-        robot: options.robot.clone(),
-        addresses: options.addresses.clone(),
-        from_s,
-        until_s,
-    };
+    let mut hosts: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for (name, address) in &options.hosts {
+        hosts.entry(name.clone()).or_default().extend(address.clone());
+    }
+    if hosts.is_empty() {
+        hosts = HOSTS.map(|name| (name.to_owned(), Vec::new())).into();
+    }
+    let order = Order { robot: options.robot.clone(), hosts, from_s, until_s };
     let made = issue(&authority, &options.out, &order)?;
     let whose = if made.new_authority { "new authority" } else { "authority" };
     terminal::print(format_args!(
@@ -78,21 +86,28 @@ pub fn run(options: &CertificatesOptions) -> Result<(), IssueError> {
         told(until_s)
     ));
     for (role, addresses) in &made.certificates {
-        let folder = options.out.join(role.name());
+        let folder = options.out.join(role.to_string());
         let where_to = if addresses.is_empty() {
             String::new()
         } else {
             format!("  at {}", addresses.join(", "))
         };
-        terminal::print(format_args!("  {:<13} {}{where_to}", role.name(), folder.display()));
+        terminal::print(format_args!("  {:<13} {}{where_to}", role.to_string(), folder.display()));
     }
-    let out = options.out.display();
-    terminal::print(format_args!("robot's machine: {out}/{{robot-host,robot,recorder,gateway}}"));
-    terminal::print(format_args!(
-        "controller's machine: {out}/{{control-host,controller,learner}}"
-    ));
-    terminal::print(format_args!("each watcher's machine: {out}/watcher"));
+    terminal::print("copy each folder to the machine that its name tells");
     Ok(())
+}
+
+fn host(text: &str) -> Result<(String, Option<String>), String> {
+    let (name, address) = match text.split_once('=') {
+        Some((name, address)) => (name, Some(address.to_owned())),
+        None => (text, None),
+    };
+    if is_graph_name(name) {
+        Ok((name.to_owned(), address))
+    } else {
+        Err("expected a host of 1 to 32 characters out of a-z, 0-9, _ and -".to_owned())
+    }
 }
 
 /// The folder's name and `-authority`.

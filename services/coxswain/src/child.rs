@@ -2,6 +2,7 @@
 
 use crate::role::program;
 use crate::service_manager::VARIABLES;
+use network::threads;
 use process::Lifeline;
 use protocol::message::Participant;
 use rustix::process::{Pid, Signal, kill_process};
@@ -26,6 +27,12 @@ pub struct Child {
 /// How a process ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Ending(ExitStatus);
+
+impl From<ExitStatus> for Ending {
+    fn from(status: ExitStatus) -> Self {
+        Self(status)
+    }
+}
 
 impl Child {
     /// Starts the program of `role` from `programs`. It gets its own process group, so that Ctrl-C
@@ -56,6 +63,7 @@ impl Child {
             // A process that runs out of memory while it prints a backtrace waits for itself, and
             // never ends.
             .env("RUST_BACKTRACE", "0")
+            .env(threads::VARIABLE, threads::THREADS)
             .spawn()?;
         Ok(Self { role, system, lifeline })
     }

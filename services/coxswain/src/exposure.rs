@@ -16,10 +16,9 @@ pub struct Exposed {
 }
 
 impl Exposed {
-    /// Access that it gives to unauthenticated peers: where the links of the graph meet, commands
-    /// are accepted.
+    /// Access that it gives to unauthenticated peers: where two hosts meet, commands are accepted.
     pub fn lets(&self) -> Exposure {
-        if self.key.starts_with("network") { Exposure::Driven } else { Exposure::Watched }
+        if self.key.starts_with("connections") { Exposure::Driven } else { Exposure::Watched }
     }
 }
 
@@ -34,18 +33,29 @@ impl fmt::Display for Exposed {
 /// All addresses that a graph listens at or connects to, that other machines can reach, and that
 /// require no certificate. The live page never requires one.
 pub fn exposed(graph: &Graph, with_certificates: bool) -> Vec<Exposed> {
-    let lists = [
-        ("network.listen", &graph.network.listen),
-        ("network.connect", &graph.network.connect),
-        ("telemetry.listen", &graph.telemetry.listen),
-    ];
-    let endpoints = lists
-        .into_iter()
-        .flat_map(|(key, endpoints)| endpoints.iter().map(move |endpoint| (key, endpoint)));
-    let mut found: Vec<Exposed> = endpoints
-        .filter(|(_, endpoint)| !with_certificates && !is_here(endpoint))
-        .map(|(key, endpoint)| Exposed { key: key.to_owned(), address: endpoint.clone() })
-        .collect();
+    let mut found = Vec::new();
+    if !with_certificates {
+        for (index, connection) in graph.connections.iter().enumerate() {
+            let addresses = [
+                ("address", &connection.address),
+                ("listen", &connection.listen),
+                ("router", &connection.router),
+            ];
+            for (key, address) in addresses {
+                if let Some(address) = address.as_ref().filter(|address| !is_here(address)) {
+                    let key = format!("connections.{index}.{key}");
+                    found.push(Exposed { key, address: address.clone() });
+                }
+            }
+        }
+        for endpoint in &graph.telemetry.listen {
+            let address = endpoint.split_once('/').map_or(endpoint.as_str(), |(_, rest)| rest);
+            if !is_here(address) {
+                let key = "telemetry.listen".to_owned();
+                found.push(Exposed { key, address: endpoint.clone() });
+            }
+        }
+    }
     if let Ok(Some(page)) = graph.page.address()
         && !page.ip().is_loopback()
     {
@@ -54,10 +64,9 @@ pub fn exposed(graph: &Graph, with_certificates: bool) -> Vec<Exposed> {
     found
 }
 
-/// Whether an endpoint is an address of the loopback. Names are not resolved, because the result
-/// may change.
-fn is_here(endpoint: &str) -> bool {
-    let Some((_, address)) = endpoint.split_once('/') else { return false };
+/// Whether an address is one of the loopback. Names are not resolved, because the result may
+/// change.
+fn is_here(address: &str) -> bool {
     if let Ok(address) = address.parse::<SocketAddr>() {
         return address.ip().is_loopback();
     }
@@ -77,7 +86,7 @@ mod tests {
     fn found(tables: &str, with_certificates: bool) -> Vec<String> {
         let text = format!(
             "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\npace = \"real-time\"\
-             \n[links]\ndefault = \"network\"\n{tables}"
+             \n{tables}"
         );
         let graph = settings::parse::<Graph>(&text, Path::new("g.toml"));
         let keys = |graph: Graph| {
@@ -86,41 +95,42 @@ mod tests {
         graph.map_or_else(|error| vec![error.to_string()], keys)
     }
 
+    const HOSTS: &str = "[hosts.robot]\nprocesses = [\"plant\"]\n[hosts.control]\n\
+                         processes = [\"controller\"]\n[[connections]]\n\
+                         hosts = [\"robot\", \"control\"]\n";
+
     #[test]
     fn a_graph_with_only_loopback_addresses_is_not_reachable() {
         assert_eq!(of(""), Vec::<String>::new());
-        let here = "[network]\n\
-                    listen = [\"tcp/127.0.0.1:0\", \"tcp/[::1]:7447\", \"tcp/localhost:1\"]\
-         \n[page]\nlisten = \"127.9.9.9:80\"\n";
-        assert_eq!(of(here), Vec::<String>::new());
+        for address in ["127.0.0.1:0", "[::1]:7447", "localhost:1"] {
+            let here =
+                format!("{HOSTS}address = \"{address}\"\n[page]\nlisten = \"127.9.9.9:80\"\n");
+            assert_eq!(of(&here), Vec::<String>::new());
+        }
     }
 
     #[test]
     fn with_certificates_only_the_live_page_accepts_unauthenticated_peers() {
-        let tables = "[network]\nlisten = [\"tcp/0.0.0.0:7447\"]\
-         \n[telemetry]\nlisten = [\"tls/10.0.0.1:1\"]\
-         \n[page]\nlisten = \"0.0.0.0:8080\"\n";
-        assert_eq!(found(tables, true), ["page.listen"]);
+        let tables = format!(
+            "{HOSTS}address = \"10.0.0.1:7447\"\n[telemetry]\nlisten = [\"tls/10.0.0.1:1\"]\
+         \n[page]\nlisten = \"0.0.0.0:8080\"\n"
+        );
+        assert_eq!(found(&tables, true), ["page.listen"]);
     }
 
     #[test]
     fn every_address_that_other_machines_can_reach_is_listed() {
-        let network = "[network]\ngraph = \"m\"\n\
-                       listen = [\"tcp/127.0.0.1:0\", \"tcp/0.0.0.0:7447\"]\
-         \nconnect = [\"tcp/10.0.0.2:7447\"]\n";
-        assert_eq!(of(network), ["network.listen", "network.connect"]);
+        let hosts = format!("{HOSTS}address = \"10.0.0.1:7447\"\nlisten = \"0.0.0.0:7447\"\n");
+        assert_eq!(of(&hosts), ["connections.0.address", "connections.0.listen"]);
+        let router = format!("{HOSTS}router = \"10.0.0.9:7447\"\n");
+        assert_eq!(of(&router), ["connections.0.router"]);
         assert_eq!(
             of("[telemetry]\nlisten = [\"tcp/[::]:7448\"]\n[page]\nlisten = \"0.0.0.0:8080\"\n"),
             ["telemetry.listen", "page.listen"]
         );
-        assert_eq!(
-            of("[telemetry]\nlisten = [\"tcp/robot.example:7448\"]\n"),
-            ["telemetry.listen"],
-            "who knows where that is"
-        );
-        assert_eq!(
-            of("[telemetry]\nlisten = [\"tcp/localhost.example:7448\"]\n"),
-            ["telemetry.listen"]
-        );
+        for name in ["robot.example", "localhost.example"] {
+            let tables = format!("[telemetry]\nlisten = [\"tcp/{name}:7448\"]\n");
+            assert_eq!(of(&tables), ["telemetry.listen"], "its address is not known");
+        }
     }
 }

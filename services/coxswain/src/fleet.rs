@@ -7,7 +7,7 @@ use crate::epochs::{Epochs, unheard_of};
 use crate::graph::is_needed;
 use crate::processes_by_role::ProcessesByRole;
 use crate::role::END_ORDER;
-use crate::silence::{Silence, Unheard};
+use crate::silence::Silence;
 use crate::watch::View;
 use process::{Pace, Run};
 use protocol::message::{Participant, Phase};
@@ -92,13 +92,6 @@ pub enum Event {
         /// Time without a heartbeat.
         silence: Duration,
     },
-    /// The loop of a process runs, but its heartbeats do not arrive on the graph's links.
-    Unheard {
-        /// Role of the process.
-        role: Participant,
-        /// Number of lost heartbeats.
-        beats: u64,
-    },
     /// A process that the robot does not need has failed too often, and is not restarted.
     GivenUp {
         /// Role of the process.
@@ -154,7 +147,6 @@ struct Member {
     restarts: Restarts,
     state: State,
     silence: Silence,
-    unheard: Unheard,
 }
 
 #[derive(Debug, Default)]
@@ -172,9 +164,9 @@ impl<'a> Fleet<'a> {
     /// # Errors
     /// If the epochs of the run cannot be read.
     pub fn new(context: &'a RunContext) -> io::Result<Self> {
-        // A launch that joins others uses epochs above those of any earlier launch, because the
+        // A host that meets others uses epochs above those of any earlier launch, because the
         // others may know those.
-        let meets = context.links.network_graph.is_some();
+        let meets = context.assembly.host.is_some();
         let since_1970 =
             SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let floor = if meets { since_1970.as_secs() } else { 0 };
@@ -228,7 +220,6 @@ impl<'a> Fleet<'a> {
             exposure: assembly.exposure(),
             links: Links {
                 faults: assembly.faults.of_messages().in_process(role),
-                credentials: assembly.credentials_of(role),
                 ..links.clone()
             },
         };
@@ -238,7 +229,7 @@ impl<'a> Fleet<'a> {
         tracing::info!(%role, pid = child.pid(), epoch_floor, "started");
         self.processes_by_role.lock().insert(role, child.id());
         member.state = State::Running(child);
-        (member.silence, member.unheard) = (Silence::default(), Unheard::default());
+        member.silence = Silence::default();
         Ok(epoch_floor)
     }
 
@@ -305,10 +296,6 @@ impl<'a> Fleet<'a> {
                     child.kill();
                     events.push(Event::Hung { role, silence });
                 }
-                let heard = view.health(role).map_or(0, |health| health.heard);
-                events.extend(
-                    member.unheard.since(beats, heard).map(|beats| Event::Unheard { role, beats }),
-                );
                 continue;
             };
             member.state = State::Ended;
@@ -317,7 +304,9 @@ impl<'a> Fleet<'a> {
                 continue;
             }
             let policy = self.context.assembly.graph.processes.of(role).restart_policy();
-            let Some(wait) = member.restarts.after_death(&policy, now) else {
+            // In lock step a bridge takes messages with it that no process sends again.
+            let is_lost = role == Participant::Bridge && !real_time;
+            let Some(wait) = member.restarts.after_death(&policy, now).filter(|_| !is_lost) else {
                 // In lock step the other processes would wait forever for a learner or a recorder.
                 if role == Participant::Gateway || real_time && !is_needed(role) {
                     events.push(Event::GivenUp { role, ending });
@@ -334,10 +323,11 @@ impl<'a> Fleet<'a> {
             member.state = State::Due(now + wait);
             events.push(Event::Died { role, ending, wait });
         }
-        // The end of a plant in another launch ends the run too.
-        let elsewhere = !self.members.contains_key(&Participant::Plant);
-        if elsewhere
-            && view.health(Participant::Plant).is_some_and(|health| health.phase == Phase::Finished)
+        // The run ends with the plant, on whichever host it is; on a host that is not connected to
+        // that one, with the controller.
+        let finishes = self.context.assembly.finishes_with();
+        if !self.members.contains_key(&finishes)
+            && view.health(finishes).is_some_and(|health| health.phase == Phase::Finished)
         {
             events.push(Event::Finished);
         }

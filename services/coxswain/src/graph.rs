@@ -1,19 +1,20 @@
-//! The graph file: which processes, which links, which robot and scenario.
+//! The graph file: which processes, on which hosts, which robot and scenario.
 
 use crate::back_off::RestartPolicy;
 use crate::certificates::present::CertificatesTable;
+use crate::hosts::{Connection, Deployment, Host};
 use crate::role::START_ORDER;
 use gateway::settings::{PageSettings, Rates, check_telemetry};
 use network::telemetry::TelemetrySettings;
 use plant_sim::settings::LINK_DELAY_MILLIS_MAX;
 use process::{Pace, Scheduling};
 use protocol::message::Participant;
-use protocol::topic::Topic;
 use serde::Deserialize;
 use settings::{Check, Impossible};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
-use transport::{Carriers, is_graph_name};
+use transport::is_graph_name;
 
 /// Contents of a graph file.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -34,9 +35,13 @@ pub struct Graph {
     /// In lock step: time after which a writer gives up if a reader frees no space \[ms\].
     #[serde(default = "lock_step_patience_millis")]
     pub lock_step_patience_millis: u64,
-    /// Carrier of each link: key `default`, or the name of a topic.
-    pub links: Carriers,
-    /// Network settings, for the links that run over the network.
+    /// Its hosts. Without any, all processes run on this machine.
+    #[serde(default)]
+    pub hosts: BTreeMap<String, Host>,
+    /// Where two hosts meet.
+    #[serde(default)]
+    pub connections: Vec<Connection>,
+    /// Settings of the network between the hosts.
     #[serde(default)]
     pub network: Network,
     /// Where the certificates are that authenticate its processes on the network. Without them
@@ -57,75 +62,25 @@ pub struct Graph {
     pub processes: Processes,
 }
 
-/// Network settings of a launch: its processes connect to its own router, and the routers of
-/// launches that meet connect to each other.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+/// Settings of the network between the hosts.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Network {
-    /// Endpoints where the router listens. Port 0 is any free port.
-    pub listen: Vec<String>,
-    /// Endpoints of the routers of other launches. The router retries them until they reply.
-    pub connect: Vec<String>,
-    /// Name under which launches meet. Without it a launch connects to no other.
-    pub graph: Option<String>,
     /// Age, in addition to 1.5 periods, that the state of a command may have because of the delay
     /// of the network in both directions \[ms\].
     pub delay_millis: u64,
 }
 
-impl Default for Network {
-    fn default() -> Self {
-        Self {
-            listen: vec!["tcp/127.0.0.1:0".to_owned()],
-            connect: Vec::new(),
-            graph: None,
-            delay_millis: 0,
-        }
-    }
-}
-
 impl Network {
     fn check(&self) -> Result<(), Impossible> {
-        for (key, endpoints) in [("listen", &self.listen), ("connect", &self.connect)] {
-            if let Some(index) = endpoints.iter().position(|endpoint| !is_endpoint(endpoint)) {
-                return Err(Impossible::new(
-                    format!("{key}.{index}"),
-                    "an endpoint such as tcp/127.0.0.1:7447",
-                ));
-            }
-        }
-        if self.listen.is_empty() {
-            return Err(Impossible::new(
-                "listen",
-                "at least one endpoint, such as tcp/127.0.0.1:0",
-            ));
-        }
-        if self.graph.as_deref().is_some_and(|name| !is_graph_name(name)) {
-            return Err(Impossible::new("graph", "1 to 32 characters out of a-z, 0-9, _ and -"));
-        }
         if self.delay_millis > LINK_DELAY_MILLIS_MAX {
             return Err(Impossible::new(
                 "delay_millis",
                 format!("at most {LINK_DELAY_MILLIS_MAX} ms"),
             ));
         }
-        if !self.connect.is_empty() && self.graph.is_none() {
-            return Err(Impossible::new("graph", "a name, the same for all launches that meet"));
-        }
         Ok(())
     }
-}
-
-/// Whether `text` consists of a protocol, a host and a port, and nothing else. Further text could
-/// switch off the check of certificates.
-pub fn is_endpoint(text: &str) -> bool {
-    let parts = text
-        .split_once('/')
-        .and_then(|(protocol, address)| Some((protocol, address.rsplit_once(':')?)));
-    let is_host = |host: &str| !host.is_empty() && !host.contains(['?', '#', '/', ';']);
-    parts.is_some_and(|(protocol, (host, port))| {
-        ["tcp", "tls"].contains(&protocol) && is_host(host) && port.parse::<u16>().is_ok()
-    })
 }
 
 fn armed() -> bool {
@@ -145,7 +100,7 @@ const HUNG_AFTER_MILLIS: u64 = 2500;
 
 /// Whether the robot cannot be driven without `role`.
 pub fn is_needed(role: Participant) -> bool {
-    matches!(role, Participant::Plant | Participant::Controller)
+    matches!(role, Participant::Plant | Participant::Controller | Participant::Bridge)
 }
 
 /// Settings of each process.
@@ -163,18 +118,21 @@ pub struct Processes {
     /// Publishes telemetry for watchers. The only process that is not started unless the graph
     /// enables it.
     pub gateway: Treatment,
+    /// Carries messages between hosts; started where the graph has hosts.
+    pub bridge: Treatment,
 }
 
 impl Default for Processes {
     fn default() -> Self {
         let started = Treatment::default();
-        let gateway = Treatment { enabled: false, ..started.clone() };
+        let not_started = Treatment { enabled: false, ..started.clone() };
         Self {
             plant: started.clone(),
             controller: started.clone(),
             learner: started.clone(),
             recorder: started,
-            gateway,
+            gateway: not_started.clone(),
+            bridge: not_started,
         }
     }
 }
@@ -231,6 +189,18 @@ impl Processes {
         Duration::from_millis(self.of(role).hung_after_millis.unwrap_or(default))
     }
 
+    /// The same, to be changed.
+    fn of_mut(&mut self, role: Participant) -> &mut Treatment {
+        match role {
+            Participant::Plant => &mut self.plant,
+            Participant::Controller => &mut self.controller,
+            Participant::Learner => &mut self.learner,
+            Participant::Recorder => &mut self.recorder,
+            Participant::Gateway => &mut self.gateway,
+            Participant::Bridge => &mut self.bridge,
+        }
+    }
+
     /// Settings of `role`.
     pub fn of(&self, role: Participant) -> &Treatment {
         match role {
@@ -239,20 +209,34 @@ impl Processes {
             Participant::Learner => &self.learner,
             Participant::Recorder => &self.recorder,
             Participant::Gateway => &self.gateway,
+            Participant::Bridge => &self.bridge,
+        }
+    }
+}
+
+impl Graph {
+    /// Its hosts and connections.
+    pub fn deployment(&self) -> Deployment<'_> {
+        Deployment { hosts: &self.hosts, connections: &self.connections }
+    }
+
+    /// Only the processes of `host` are started, and its bridge.
+    pub fn keep_host(&mut self, host: &str) {
+        let listed = self.hosts.get(host).map(Host::participants).unwrap_or_default();
+        for role in START_ORDER {
+            let treatment = self.processes.of_mut(role);
+            let by_list = matches!(role, Participant::Gateway | Participant::Bridge);
+            treatment.enabled = listed.contains(&role) && (treatment.enabled || by_list);
         }
     }
 }
 
 impl Check for Graph {
     fn check(&self) -> Result<(), Impossible> {
-        for link in self.links.exceptions.keys() {
-            if !Topic::ALL.iter().any(|topic| topic.name() == link) {
-                let topics = Topic::ALL.map(Topic::name).join(", ");
-                return Err(Impossible::new(
-                    format!("links.{link}"),
-                    format!("default or a topic for the name of a link: {topics}"),
-                ));
-            }
+        self.deployment().check()?;
+        if !self.hosts.is_empty() && !is_graph_name(&self.name) {
+            let expected = "1 to 32 characters out of a-z, 0-9, _ and -: it is a part of all keys";
+            return Err(Impossible::new("name", expected));
         }
         self.network.check().map_err(|impossible| impossible.under("network"))?;
         for role in START_ORDER {
@@ -263,7 +247,7 @@ impl Check for Graph {
                 .check()
                 .map_err(|impossible| impossible.under(&key("scheduling")))?;
             if treatment.scheduling.real_time_priority.is_some() && !is_needed(role) {
-                let expected = "nothing: a command waits for plant and controller alone";
+                let expected = "nothing: a command waits for plant, controller and bridge alone";
                 return Err(Impossible::new(key("scheduling.real_time_priority"), expected));
             }
             if treatment.hung_after_millis.is_some_and(|millis| millis < HUNG_AFTER_LEAST_MILLIS) {
@@ -288,8 +272,7 @@ mod tests {
     use std::path::Path;
 
     const GOOD: &str = "name = \"g\"\nrobot = \"r.toml\"\nscenario = \"s.toml\"\n\
-                        pace = \"real-time\"\
-     \n[links]\ndefault = \"shared-memory\"\n";
+                        pace = \"real-time\"\n";
 
     fn refusal(text: &str) -> Option<String> {
         settings::parse::<Graph>(text, Path::new("g.toml")).err().map(|error| error.to_string())
@@ -298,56 +281,15 @@ mod tests {
     #[test]
     fn settings_of_processes_are_optional_in_a_graph() {
         assert_eq!(refusal(GOOD), None);
-        assert_eq!(
-            refusal(&format!(
-                "{GOOD}state = \"shared-memory\"\n[processes.learner]\nenabled = false\n"
-            )),
-            None
-        );
+        assert_eq!(refusal(&format!("{GOOD}[processes.learner]\nenabled = false\n")), None);
     }
 
     #[test]
-    fn a_link_that_is_not_a_topic_is_rejected() {
-        let topics = "state, command, residual, snapshot, plan, health, truth, credit";
-        assert_eq!(
-            refusal(&format!("{GOOD}stat = \"shared-memory\"\n")),
-            Some(format!(
-                "g.toml:7: links.stat = \"shared-memory\": \
-                 expected default or a topic for the name of a link: {topics}"
-            ))
-        );
-    }
-
-    #[test]
-    fn invalid_endpoints_and_network_settings_are_rejected() {
-        let refused =
-            |network: &str| refusal(&format!("{GOOD}[network]\n{network}\n")).unwrap_or_default();
-        assert_eq!(
-            refused(
-                "listen = [\"tcp/0.0.0.0:7447\"]\nconnect = [\"tcp/10.0.0.2:7447\"]\
-                 \ngraph = \"mecanum\"\ndelay_millis = 5"
-            ),
-            ""
-        );
-        for endpoint in
-            ["7447", "tcp/7447", "udp/127.0.0.1:7447", "tcp/127.0.0.1:70000", "tcp/:7447"]
-        {
-            let text = refused(&format!("listen = [\"{endpoint}\"]"));
-            assert!(
-                text.contains("g.toml:8: network.listen") && text.contains("tcp/127.0.0.1:7447"),
-                "{text}"
-            );
-        }
-        assert!(
-            refused("connect = [\"tcp/10.0.0.2:7447\"]").contains("network.graph"),
-            "which of the launches there is meant?"
-        );
-        assert!(refused("graph = \"A robot\"").contains("network.graph = \"A robot\""));
-        assert!(
-            refused("delay_millis = 18446744073710")
-                .contains("network.delay_millis = 18446744073710: expected at most 10000 ms")
-        );
-        assert!(refused("listen = []").contains("at least one endpoint"));
+    fn an_invalid_delay_of_the_network_is_rejected() {
+        let text = refusal(&format!("{GOOD}[network]\ndelay_millis = 18446744073710\n"));
+        assert!(text.is_some_and(|text| {
+            text.contains("network.delay_millis = 18446744073710: expected at most 10000 ms")
+        }));
     }
 
     #[test]
@@ -360,7 +302,7 @@ mod tests {
         assert_eq!(
             refusal(&format!("{GOOD}[page]\nlisten = \"8080\"\n")).as_deref(),
             Some(
-                "g.toml:8: page.listen = \"8080\": \
+                "g.toml:6: page.listen = \"8080\": \
                  expected an address and a port such as 127.0.0.1:8080, or off"
             )
         );
@@ -378,13 +320,13 @@ mod tests {
         let text = refused("learner", "real_time_priority = 20");
         assert!(
             text.contains(
-                "g.toml:8: processes.learner.scheduling.real_time_priority = 20: expected nothing"
+                "g.toml:6: processes.learner.scheduling.real_time_priority = 20: expected nothing"
             ),
             "{text}"
         );
         assert!(
             refused("plant", "real_time_priority = 99")
-                .contains("g.toml:8: processes.plant.scheduling.real_time_priority = 99")
+                .contains("g.toml:6: processes.plant.scheduling.real_time_priority = 99")
         );
     }
 
@@ -393,8 +335,8 @@ mod tests {
         assert_eq!(
             refusal(&format!("{GOOD}[processes.lerner]\n")).as_deref(),
             Some(
-                "g.toml:7: processes.lerner = a table: unknown key, \
-                 expected one of plant, controller, learner, recorder, gateway"
+                "g.toml:5: processes.lerner = a table: unknown key, \
+                 expected one of plant, controller, learner, recorder, gateway, bridge"
             )
         );
     }

@@ -69,7 +69,7 @@ pub fn drive<W: Send>(
     witness: impl FnOnce(&Ports, &Run, &Stop) -> W + Send,
 ) -> Result<W, InProcessError> {
     let exchange = Exchange::new(true, PATIENCE);
-    let mut links = assembly.links("in-process", folder, &[]);
+    let mut links = assembly.links("in-process", folder);
     links.lock_step = true;
     let run = Run {
         log: assembly.log.clone(),

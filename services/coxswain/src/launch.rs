@@ -4,12 +4,14 @@
 //! ends in the same order: first the robot, last the recorder, then the graph is removed from the
 //! machine.
 
+use crate::all_hosts;
 use crate::assembly::{Assembly, missing_programs};
+use crate::child::Ending;
 use crate::closing::Closing;
 use crate::fault_injector::FaultInjector;
 use crate::fleet::{Event, Fleet, FleetError, RunContext};
 use crate::folder::{self, FolderError};
-use crate::graph::Network;
+use crate::graph::Graph;
 use crate::options::Options;
 use crate::progress;
 use crate::registry::{self, GraphEntry, RegistryError};
@@ -17,16 +19,13 @@ use crate::service_manager::ServiceManager;
 use crate::terminal::{self, Terminal};
 use crate::watch::Watch;
 use crate::without_learning;
-use network::Breach;
-use process::refusals;
-use process::{PRIORITY, Pace, go_first, keep_to_user, requests};
+use process::{Pace, keep_to_user, log_filter, requests};
 use protocol::message::Participant;
 use recorder::report;
 use settings::SettingsError;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::fs::File;
-use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
@@ -36,7 +35,7 @@ use std::{env, io, slice};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
-use transport::{HalfMade, OpenError, Router, claim};
+use transport::{HalfMade, OpenError, claim};
 
 /// Interval between two rounds of supervision.
 const ROUND: Duration = Duration::from_millis(20);
@@ -74,9 +73,14 @@ pub enum LaunchError {
     /// The launcher cannot open its own ports.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// The network would accept unauthenticated peers.
-    #[error("nothing was started: {0}")]
-    Breach(#[from] Breach),
+    /// A host of the graph, on this machine, did not end correctly.
+    #[error("host {host} ended with {ending}")]
+    Host {
+        /// The host.
+        host: String,
+        /// How its launch ended.
+        ending: Ending,
+    },
     /// A process failed.
     #[error(transparent)]
     Fleet(#[from] FleetError),
@@ -136,6 +140,10 @@ impl LaunchError {
 /// [`LaunchError`]. No process is then left running, and nothing is left in shared memory.
 pub fn run(options: &Options) -> Result<Outcome, LaunchError> {
     keep_to_user();
+    let graph: Graph = settings::read(&options.graph)?;
+    if options.host.is_none() && !graph.hosts.is_empty() {
+        return all_hosts::run(options, &graph);
+    }
     let assembly = Assembly::read(options)?;
     let programs = programs_folder()?;
     let missing = missing_programs(assembly.roles(), &programs);
@@ -230,19 +238,7 @@ fn run_at(
         learner = assembly.learns(),
         "launching"
     );
-    let router = assembly.networked().then(|| open_router(&assembly, entry.id())).transpose()?;
-    if let Some(router) = router.as_ref().filter(|_| assembly.certificates.is_some()) {
-        // No process has been started yet, so the robot cannot move.
-        refusals::unlogged(|| router.self_test())?;
-        tracing::info!("the network rejects unauthenticated peers");
-    }
-    if let Some(router) = &router {
-        person
-            .terminal
-            .say(format_args!("network: listening at {}", router.endpoints().join(", ")));
-    }
-    let endpoints = router.as_ref().map(Router::own_endpoints).unwrap_or_default();
-    let links = assembly.links(entry.id(), &entry.root(), endpoints);
+    let links = assembly.links(entry.id(), &entry.root());
     let context = RunContext { assembly, links, programs, folder };
     // From here on the run accepts requests to change its settings.
     requests::welcome(&context.folder).and_then(|()| entry.note_run(&context.folder)).map_err(
@@ -260,33 +256,13 @@ fn run_at(
 /// Access without certificates: peers are not authenticated, but only processes on this machine can
 /// connect.
 fn within_reach(assembly: &Assembly) -> Option<&'static str> {
-    if assembly.networked() {
+    if assembly.host.is_some() {
         Some("network: this machine alone (no certificates); each of its users can drive the robot")
     } else if assembly.roles().any(|role| role == Participant::Gateway) {
         Some("network: this machine alone (no certificates); each of its users can watch the robot")
     } else {
         None
     }
-}
-
-/// A router whose threads have real-time priority in real time, because states and commands pass
-/// through it. Processes that the launcher starts do not inherit that priority.
-fn open_router(assembly: &Assembly, id: &str) -> Result<Router, OpenError> {
-    let open = || {
-        if assembly.graph.pace == Pace::RealTime {
-            go_first(PRIORITY);
-        }
-        let Network { listen, connect, graph, .. } = &assembly.graph.network;
-        let (graph, lock_step) =
-            (graph.as_deref().unwrap_or(id), assembly.graph.pace == Pace::LockStep);
-        match &assembly.certificates {
-            Some(certificates) => {
-                Router::guarded(listen, connect, graph, &certificates.of_host(), lock_step)
-            }
-            None => Router::open(listen, connect),
-        }
-    };
-    thread::scope(|scope| scope.spawn(open).join()).unwrap_or_else(|panic| resume_unwind(panic))
 }
 
 /// Starts, supervises, and stops the processes.
@@ -315,7 +291,6 @@ fn run_processes(context: &RunContext, person: &mut Person) -> Result<Ended, Lau
     for complaint in &complaints {
         tracing::error!("{complaint}");
     }
-    refusals::tell_rest();
     Ok(Ended { outcome, complaints })
 }
 
@@ -403,7 +378,6 @@ fn look_after(
             return Ok(Outcome::Signal(signal));
         }
         let (now, view) = (Instant::now(), watch.view());
-        refusals::tell(now);
         if fault_injector.is_none() && view.plan().is_some() && !faults.process.is_empty() {
             let period = Duration::from_nanos(period_nanos);
             let begun = FaultInjector::begin(
@@ -448,17 +422,6 @@ fn look_after(
                     person.terminal.say(format_args!(
                         "{role} has been silent for {:.1} s, and was killed",
                         silence.as_secs_f64()
-                    ));
-                }
-                Event::Unheard { role, beats } => {
-                    tracing::error!(
-                        %role,
-                        beats,
-                        "runs, but its heartbeats do not arrive on the graph's links"
-                    );
-                    person.terminal.say(format_args!(
-                        "{role} runs, but its last {beats} heartbeats did not arrive on the \
-                         graph's links"
                     ));
                 }
                 Event::GivenUp { role, ending } => {
@@ -539,8 +502,7 @@ fn open_log(folder: &Path, filter: &str) -> Result<(), LaunchError> {
         .append(true)
         .open(folder.join("coxswain.log"))
         .map_err(failed)?;
-    let filter =
-        refusals::log_filter(filter, true).map_err(|error| failed(io::Error::other(error)))?;
+    let filter = log_filter(filter).map_err(|error| failed(io::Error::other(error)))?;
     // If a process makes a second run, as a test does, it keeps the log of the first.
     let lines = tracing_subscriber::fmt::layer().with_ansi(false).with_writer(Mutex::new(file));
     let _ = tracing_subscriber::registry().with(lines.with_filter(filter)).try_init();

@@ -4,6 +4,8 @@
 //! |-----------------------|----------------------------------------------------------------------|
 //! | [`options`]           | options of the command line                                          |
 //! | [`graph`]             | the graph file                                                       |
+//! | [`hosts`]             | its hosts, and where they meet                                       |
+//! | [`all_hosts`]         | a graph with several hosts on this machine                           |
 //! | [`scenario`]          | the scenario file                                                    |
 //! | [`exposure`]          | addresses of a graph that other machines on the network can reach    |
 //! | [`certificates`]      | `coxswain certificates`: identities on the network                   |
@@ -36,6 +38,7 @@
 //! | [`in_process`]        | the whole graph in one process, in lock step                         |
 //! | [`terminal`]          | all printed output                                                   |
 
+pub mod all_hosts;
 pub mod assembly;
 pub mod back_off;
 pub mod certificates;
@@ -51,6 +54,7 @@ pub mod faults;
 pub mod fleet;
 pub mod folder;
 pub mod graph;
+pub mod hosts;
 pub mod in_process;
 pub mod launch;
 mod memory_filler;

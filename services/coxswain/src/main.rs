@@ -104,10 +104,6 @@ enum Experiment {
 }
 
 fn main() -> ExitCode {
-    if let Err(error) = threads::set() {
-        Terminal::new().say(format_args!("coxswain: the program cannot restart itself: {error}"));
-        return ExitCode::FAILURE;
-    }
     match Arguments::parse().command {
         Command::Launch(options) => launch(&options),
         Command::Watch(options) => watch(&options),
@@ -211,6 +207,10 @@ fn end_with_stdin() -> io::Result<()> {
 }
 
 fn watch(options: &WatchOptions) -> ExitCode {
+    if let Err(error) = threads::set() {
+        Terminal::new().say(format_args!("coxswain: the program cannot restart itself: {error}"));
+        return ExitCode::FAILURE;
+    }
     let (stop, mut terminal) = (Stop::new(), Terminal::new());
     let watched = stop.on_signals().map_err(watch_command::WatchError::from);
     let watched =

@@ -1,6 +1,6 @@
 //! Options of the command line.
 
-use crate::graph::is_endpoint;
+use crate::hosts::is_address;
 use crate::scenario::DURATION_MAX_S;
 use clap::Args;
 use process::Pace;
@@ -10,7 +10,7 @@ use tracing_subscriber::EnvFilter;
 /// What to launch, and changes to it.
 #[derive(Debug, Clone, Args)]
 pub struct Options {
-    /// Graph file: processes, links, robot and scenario.
+    /// Graph file: processes, hosts, robot and scenario.
     pub graph: PathBuf,
     /// Another scenario: a file, or the name of one beside the graph's own.
     #[arg(long, value_name = "FILE|NAME")]
@@ -27,13 +27,14 @@ pub struct Options {
     /// Whether the learner runs: on or off.
     #[arg(long, value_name = "on|off", value_parser = switch)]
     pub learner: Option<bool>,
-    /// Where the launch's router listens for the links over the network, instead of the graph
-    /// file's endpoints.
-    #[arg(long, value_name = "ENDPOINT", value_parser = endpoint)]
-    pub listen: Option<String>,
-    /// The router of the launch to connect to, instead of those of the graph file.
-    #[arg(long, value_name = "ENDPOINT", value_parser = endpoint)]
-    pub connect: Option<String>,
+    /// Launch only the processes of this host of the graph file. Without it, all hosts run on this
+    /// machine, and meet on its loopback.
+    #[arg(long, value_name = "NAME")]
+    pub host: Option<String>,
+    /// Host and port of the connection with another host, instead of those of the graph file, such
+    /// as control=10.0.0.2:7447; may be given several times.
+    #[arg(long = "address", value_name = "HOST=ADDRESS", value_parser = address)]
+    pub addresses: Vec<(String, String)>,
     /// Run directory, new or empty; by default a new one under runs/.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -49,7 +50,7 @@ pub struct Options {
     pub seed: Option<u64>,
     /// Folder of certificates, as deploy/certificates creates it, instead of that of the graph
     /// file. All data on the network is then encrypted, and only peers with a certificate are
-    /// accepted, each in its own role.
+    /// accepted.
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
     /// Use addresses that others on the network can reach, without authentication: every peer that
@@ -74,8 +75,8 @@ impl Options {
             duration: None,
             pace: None,
             learner: None,
-            listen: None,
-            connect: None,
+            host: None,
+            addresses: Vec::new(),
             out: None,
             log: "info".into(),
             seed: None,
@@ -101,12 +102,11 @@ fn pace(text: &str) -> Result<Pace, String> {
     }
 }
 
-fn endpoint(text: &str) -> Result<String, String> {
-    if is_endpoint(text) {
-        Ok(text.to_owned())
-    } else {
-        Err("expected an endpoint such as tcp/127.0.0.1:7447".into())
-    }
+fn address(text: &str) -> Result<(String, String), String> {
+    let parts = text.split_once('=').filter(|(_, address)| is_address(address));
+    let (host, address) =
+        parts.ok_or("expected a host, host name and port such as control=10.0.0.2:7447")?;
+    Ok((host.to_owned(), address.to_owned()))
 }
 
 fn switch(text: &str) -> Result<bool, String> {

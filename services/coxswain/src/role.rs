@@ -3,19 +3,21 @@
 use protocol::message::Participant;
 
 /// Subscribers start before publishers, so that no message is missed.
-pub const START_ORDER: [Participant; 5] = [
+pub const START_ORDER: [Participant; 6] = [
     Participant::Recorder,
     Participant::Gateway,
+    Participant::Bridge,
     Participant::Learner,
     Participant::Controller,
     Participant::Plant,
 ];
 
-/// The robot comes to rest first. The recorder records the end of the others. The processes of one
-/// group stop together.
-pub const END_ORDER: [&[Participant]; 3] = [
+/// The robot comes to rest first. The bridge tells other hosts of the end, and the recorder records
+/// it. The processes of one group stop together.
+pub const END_ORDER: [&[Participant]; 4] = [
     &[Participant::Plant],
     &[Participant::Controller, Participant::Learner, Participant::Gateway],
+    &[Participant::Bridge],
     &[Participant::Recorder],
 ];
 

@@ -1,4 +1,4 @@
-//! Detects processes without heartbeats, and heartbeats that do not arrive on the links.
+//! Detects processes without heartbeats.
 
 use std::time::Duration;
 
@@ -43,60 +43,9 @@ impl Silence {
     }
 }
 
-/// Limit of heartbeats in sequence without a received one: those of ten seconds.
-const UNHEARD_MOST: u64 = 100;
-
-/// Number of heartbeats of a running loop that did not arrive on the graph's links. The process
-/// publishes each heartbeat there as well, as a Health.
-#[derive(Debug, Default)]
-pub(crate) struct Unheard {
-    /// Number of received Health messages of its role, from any process.
-    heard: u64,
-    /// Number of heartbeats so far.
-    beats: u64,
-    /// Rounds with a heartbeat since the last Health. A launcher that did not run finds many
-    /// heartbeats at once, before it has received any Health.
-    rounds: u64,
-    told: bool,
-}
-
-impl Unheard {
-    /// Number of heartbeats in sequence that did not arrive, once it is above the limit. Returned
-    /// only once, until the next Health arrives.
-    pub(crate) fn since(&mut self, beats: u64, heard: u64) -> Option<u64> {
-        if heard != self.heard {
-            *self = Self { heard, beats, ..Self::default() };
-        }
-        self.rounds += u64::from(beats != self.beats);
-        self.beats = beats;
-        let is_news = !self.told && self.rounds > UNHEARD_MOST;
-        self.told |= is_news;
-        is_news.then_some(self.rounds)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_running_loop_without_received_heartbeats_is_reported_once() {
-        let reported = |heard: &dyn Fn(u64) -> u64| {
-            let mut unheard = Unheard::default();
-            (1..=1_000).filter_map(|beats| unheard.since(beats, heard(beats))).collect::<Vec<_>>()
-        };
-        assert!(reported(&|beats| beats).is_empty());
-        assert!(reported(&|beats| beats / 100).is_empty(), "one in a hundred is enough");
-        assert_eq!(reported(&|_| 0), [101]);
-        assert_eq!(reported(&|beats| beats.min(500)), [101]);
-        assert_eq!(reported(&|beats| beats / 500), [101, 101], "each time anew");
-        let mut away = Unheard::default();
-        assert_eq!(
-            (away.since(50, 50), away.since(500, 50), away.since(501, 499)),
-            (None, None, None),
-            "the launcher was stopped"
-        );
-    }
 
     const ROUND: Duration = Duration::from_millis(20);
     const PATIENCE: Duration = Duration::from_millis(400);

@@ -32,9 +32,7 @@ pub struct View {
 /// The used part of a Health.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HealthView {
-    /// Number of received Health messages of that role.
-    pub heard: u64,
-    /// Phase in the last of them.
+    /// Phase in the last Health.
     pub phase: Phase,
 }
 
@@ -80,8 +78,7 @@ impl View {
     /// Records a Health.
     pub fn take_in(&mut self, health: &Health) {
         if let Some(role) = health.participant() {
-            let heard = self.health(role).map_or(0, |before| before.heard) + 1;
-            self.health.insert(role, HealthView { heard, phase: health.phase() });
+            self.health.insert(role, HealthView { phase: health.phase() });
             let error = health.last_error();
             if role == Participant::Controller {
                 let was_well = std::mem::replace(&mut self.well, error.is_empty());

@@ -105,7 +105,7 @@ impl WatchTarget {
         let credentials = options
             .certificates
             .as_ref()
-            .map(|folder| Credentials::in_folder(folder.join(Role::Watcher.name())));
+            .map(|folder| Credentials::in_folder(folder.join(Role::Watcher.to_string())));
         Self {
             endpoint: options.endpoint.clone(),
             robot: options.robot.clone(),

@@ -56,7 +56,7 @@ fn fixture(script: &str, other: (Participant, &str)) -> Result<Fixture, Box<dyn 
         fs::set_permissions(&file, fs::Permissions::from_mode(0o755))?;
     }
     let assembly = Assembly::read(&options())?;
-    let links = assembly.links("test", &folder.path().join("links"), &[]);
+    let links = assembly.links("test", &folder.path().join("links"));
     Ok(Fixture {
         context: RunContext { assembly, links, programs, folder: run },
         _folder: folder,

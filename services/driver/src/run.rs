@@ -7,8 +7,7 @@
 use crate::gated::{GatedBase, SLICE_NANOS};
 use crate::orders::Orders;
 use crate::{Base, BaseError, Settings};
-use process::refusals::Book;
-use process::{Pace, Pulse, Stop, step_back};
+use process::{Pace, Pulse, Repeated, Stop, step_back};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{
     Command, Credit, FallbackLevel, Participant, Phase, PlantState, Reason, Truth,
@@ -110,7 +109,7 @@ struct Plant<'a, B> {
     /// Number of malformed commands that the gate has counted.
     malformed: u64,
     /// Commands that were rejected for other reasons.
-    refused: Book<Reason>,
+    refused: Repeated<Reason>,
     orders: Orders,
     epoch: u64,
     driven: bool,
@@ -136,7 +135,7 @@ impl<'a, B: Base> Plant<'a, B> {
             credits: ports.source(Since::Joining)?,
             pulse: Pulse::new(ports, Participant::Plant)?.exposed(settings.run.exposure),
             malformed: 0,
-            refused: Book::new(),
+            refused: Repeated::default(),
             orders: Orders::open(settings.run, identity.epoch),
             epoch: identity.epoch,
             driven: false,
@@ -259,7 +258,7 @@ impl<'a, B: Base> Plant<'a, B> {
                 self.pulse.phase(Phase::Running);
             }
             Ok(()) => {}
-            Err(reason) => self.refused.note(reason),
+            Err(reason) => self.refused.note(reason, 1),
         }
         Ok(())
     }

@@ -7,7 +7,7 @@ use crate::topic_relay::{HealthRelay, TopicRelay};
 use network::Breach;
 use network::telemetry::{Publisher, TelemetryError, TelemetrySettings};
 use process::requests::Answers;
-use process::{Pulse, Stop, refusals};
+use process::{Pulse, Stop};
 use protocol::message::{
     ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
 };
@@ -55,7 +55,7 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
     if let Some(credentials) =
         settings.telemetry.credentials.as_ref().filter(|_| place == Place::New)
     {
-        refusals::unlogged(|| publisher.self_test(credentials, pulse.health()))?;
+        publisher.self_test(credentials, pulse.health())?;
         tracing::info!("the telemetry rejects unauthenticated peers");
     }
     welcome(settings, publisher.endpoints());

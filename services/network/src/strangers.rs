@@ -28,38 +28,13 @@ pub enum Breach {
         /// The endpoint.
         endpoint: String,
     },
-    /// The access control does not restrict what roles publish.
-    #[error(
-        "a message of role {role} was delivered at {endpoint} on topic {topic}, which it must not \
-         write"
-    )]
-    WrongRole {
-        /// The endpoint.
-        endpoint: String,
-        /// The role that was tried.
-        role: &'static str,
-        /// The topic.
-        topic: &'static str,
-    },
     /// The access control does not restrict which roles watch.
     #[error("the role {role} receives at {endpoint} data that only watchers may receive")]
     NoWatcher {
         /// The endpoint.
         endpoint: String,
         /// The role that was tried.
-        role: &'static str,
-    },
-    /// A message of any length passes.
-    #[error(
-        "a message of {bytes} bytes was delivered at {endpoint}, expected at most {most} bytes"
-    )]
-    Oversize {
-        /// The endpoint.
-        endpoint: String,
-        /// Length of the message that passed \[bytes\].
-        bytes: usize,
-        /// Longest message that should pass \[bytes\].
-        most: usize,
+        role: String,
     },
     /// The test gave no result.
     #[error("the access check at {endpoint} could not be completed: {reason}")]

@@ -13,7 +13,7 @@
 //! | `scheduling` | [`Scheduling`]: settings of processors, locked memory and priority            |
 //! | `witness`    | [`Witness`]: detects stalls of the machine                                    |
 //! | `seat`       | [`Seat`]: pins a thread to its processor                                      |
-//! | [`refusals`] | rejected peers and messages ▶ a few lines in the log                          |
+//! | `repeated`   | [`Repeated`]: events without end ▶ a few lines in the log                     |
 //! | [`requests`] | operator ▶ a running process: changes to its settings                         |
 
 pub mod atomic_file;
@@ -21,7 +21,7 @@ mod lifeline;
 mod owner;
 mod priority;
 mod pulse;
-pub mod refusals;
+mod repeated;
 pub mod requests;
 mod run;
 mod scheduling;
@@ -34,9 +34,10 @@ pub use lifeline::Lifeline;
 pub use owner::keep_to_user;
 pub use priority::{PRIORITY, give_way, go_first, may_go_first, step_back};
 pub use pulse::Pulse;
+pub use repeated::Repeated;
 pub use run::{HasRun, Pace, Run};
 pub use scheduling::{Scheduling, SchedulingError};
 pub use seat::Seat;
-pub use start::{main, read_settings};
+pub use start::{log_filter, main, read_settings};
 pub use stop::Stop;
 pub use witness::{Gap, Witness};

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 use std::path::PathBuf;
 use tracing_subscriber::EnvFilter;
-use transport::{Carrier, Links};
+use transport::Links;
 
 /// Longest control period \[ns\]: 1000 s.
 const PERIOD_NANOS_MAX: u64 = 1_000_000_000_000;
@@ -53,6 +53,16 @@ pub enum Pace {
     LockStep,
 }
 
+impl Pace {
+    /// Name in files and options.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::RealTime => "real-time",
+            Self::LockStep => "lock-step",
+        }
+    }
+}
+
 impl Run {
     /// Settings of the first start in a run whose files are in `folder`. It is in lock step if its
     /// links are.
@@ -72,21 +82,16 @@ impl Run {
 
     /// Sets the priority for opening the ports of a process on the control path. Shared memory
     /// takes tens of milliseconds, so the process runs below a running control loop and above all
-    /// others. If the network has threads of its own, the process takes its full priority, because
-    /// they inherit it.
+    /// others.
     pub fn go_first_to_open(&self) {
-        if let Some(priority) = self.priority() {
-            if self.has_threads() {
-                priority::go_first(priority);
-            } else {
-                priority::go_before_the_rest();
-            }
+        if self.priority().is_some() {
+            priority::go_before_the_rest();
         }
     }
 
     /// The same when all ports are open: takes the full priority from now on.
     pub fn go_first_to_run(&self) {
-        if let Some(priority) = self.priority().filter(|_| !self.has_threads()) {
+        if let Some(priority) = self.priority() {
             priority::go_first(priority);
         }
     }
@@ -95,11 +100,6 @@ impl Run {
     fn priority(&self) -> Option<u8> {
         let asked = self.scheduling.real_time_priority.unwrap_or(PRIORITY);
         (self.pace == Pace::RealTime && asked > 0).then_some(asked)
-    }
-
-    /// Whether the ports have threads of their own.
-    fn has_threads(&self) -> bool {
-        self.links.carriers.uses(Carrier::Network)
     }
 }
 

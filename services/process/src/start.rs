@@ -1,9 +1,8 @@
 //! `main` of every process: arguments, settings, log, stop signals, body, exit code.
 
-use crate::{HasRun, Run, Stop, keep_to_user, lifeline, refusals};
+use crate::{HasRun, Run, Stop, keep_to_user, lifeline};
 use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches, Parser};
-use network::threads;
 use protocol::message::Participant;
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::Deserialize;
@@ -16,13 +15,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
 use std::thread;
-use std::time::{Duration, Instant};
-use tracing_subscriber::Layer;
+use std::time::Duration;
+use tracing_subscriber::filter::ParseError;
+use tracing_subscriber::{EnvFilter, Layer};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
-
-/// Interval between two logs of rejected peers.
-const TELLS_EVERY: Duration = Duration::from_secs(1);
 
 /// Longest time for a process to end by itself after its launcher has ended.
 const LAST_WORDS: Duration = Duration::from_secs(15);
@@ -80,10 +77,6 @@ where
     S: DeserializeOwned + Check + HasRun,
 {
     let name = participant.text();
-    if let Err(error) = threads::set() {
-        say(name, format_args!("the program cannot restart itself: {error}"));
-        return ExitCode::from(FAILED);
-    }
     let matches = Arguments::command().name(name).get_matches();
     let arguments = match Arguments::from_arg_matches(&matches) {
         Ok(arguments) => arguments,
@@ -107,9 +100,7 @@ where
         return ExitCode::from(REFUSED);
     }
     tracing::info!(pid = std::process::id(), settings = %arguments.settings.display(), "started");
-    let ended = body(settings, &stop);
-    refusals::tell_rest();
-    match ended {
+    match body(settings, &stop) {
         Ok(()) => {
             tracing::info!(requested = stop.requested(), "ended");
             ExitCode::SUCCESS
@@ -130,22 +121,10 @@ fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow:
     let file = file.with_context(|| format!("the log {} cannot be opened", path.display()))?;
     let lines = tracing_subscriber::fmt::layer().with_ansi(false).with_writer(Mutex::new(file));
     tracing_subscriber::registry()
-        .with(
-            lines.with_filter(refusals::log_filter(&run.log, name == Participant::Gateway.text())?),
-        )
+        .with(lines.with_filter(log_filter(&run.log)?))
         .try_init()
         .map_err(|error| anyhow::anyhow!("the log cannot be started: {error}"))?;
     log_panics();
-    let tell = || {
-        loop {
-            refusals::tell(Instant::now());
-            thread::sleep(TELLS_EVERY);
-        }
-    };
-    thread::Builder::new()
-        .name("refusals".into())
-        .spawn(tell)
-        .context("the thread that logs rejections cannot be started")?;
     stop.on_signals().context("signals cannot be caught")?;
     if stop_with_stdin {
         // A stopped (SIGSTOP) process would not see the end of its input: the signal wakes it.
@@ -168,6 +147,19 @@ fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow:
             .context("the standard input cannot be watched")?;
     }
     Ok(())
+}
+
+/// Filter of a log for `directives`. Unless they name zenoh, its own lines are left out: any peer on
+/// the network can cause them without end.
+///
+/// # Errors
+/// If `directives` are invalid.
+pub fn log_filter(directives: &str) -> Result<EnvFilter, ParseError> {
+    if directives.contains("zenoh") {
+        EnvFilter::try_new(directives)
+    } else {
+        EnvFilter::try_new(format!("{directives},zenoh=off"))
+    }
 }
 
 /// Logs a panic of every thread.
@@ -205,7 +197,7 @@ mod tests {
     const GOOD: &str = r#"
 [run]
 folder = "runs/1"
-log = "info,protocol=debug"
+log = "info,transport=debug"
 epoch_floor = 3
 restarted = true
 period_nanos = 100_000_000
@@ -215,7 +207,6 @@ graph = "a"
 lock_step = true
 root = "/tmp/a"
 patience_millis = 1000
-carriers.default = "shared-memory"
 "#;
 
     fn refusal(from: &str, to: &str) -> Option<String> {
@@ -235,7 +226,7 @@ carriers.default = "shared-memory"
         assert_eq!(refusal("", ""), None);
         let filter = "a level (error, warn, info, debug, trace) or a list of module=level";
         assert_eq!(
-            refusal("info,protocol=debug", "noise=["),
+            refusal("info,transport=debug", "noise=["),
             Some(format!("plant.toml:4: run.log = \"noise=[\": expected {filter}"))
         );
         assert_eq!(

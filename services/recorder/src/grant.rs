@@ -78,7 +78,7 @@ impl Grant {
         match &self.last {
             Some(credit) if self.heard.elapsed() > SILENCE => {
                 self.heard = Instant::now();
-                sink.repeat(credit)
+                sink.send_stamped(credit)
             }
             _ => Ok(()),
         }

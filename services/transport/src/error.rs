@@ -51,19 +51,11 @@ pub enum OpenError {
         /// Least room required \[bytes\].
         least: u64,
     },
-    /// Shared memory or the network is not available at all.
+    /// Shared memory is not available at all.
     #[error("graph {graph:?} cannot be joined: {reason}")]
     Join {
         /// Name of the graph.
         graph: String,
-        /// Error of the carrier.
-        reason: String,
-    },
-    /// The graph's router on the network cannot be opened.
-    #[error("a router at {endpoints} cannot be opened: {reason}")]
-    Router {
-        /// Endpoints where it was to listen.
-        endpoints: String,
         /// Error of the carrier.
         reason: String,
     },

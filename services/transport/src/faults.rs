@@ -29,7 +29,6 @@ mod stage;
 pub(super) use carrier::{FaultyInlet, FaultyOutlet};
 pub(super) use chain::Chain;
 
-use crate::carrier::Encoding;
 use protocol::message::Participant;
 use protocol::topic::{Delivery, OnTopic, Topic};
 use serde::{Deserialize, Serialize};
@@ -376,7 +375,7 @@ impl Injection {
     }
 
     /// The faults at this end of `T`'s link; none if there are none.
-    pub(super) fn chain<T: OnTopic>(&self, at: End, encoding: Encoding) -> Option<Chain> {
+    pub(super) fn chain<T: OnTopic>(&self, at: End) -> Option<Chain> {
         let delivery = T::TOPIC.quality(self.lock_step).delivery;
         let applies = |fault: &Fault| {
             let here = fault
@@ -400,9 +399,8 @@ impl Injection {
                 )
             })
             .collect();
-        (!stages.is_empty()).then(|| {
-            Chain::new(stages, anatomy::Anatomy::of::<T>(encoding), Rc::clone(&self.injected))
-        })
+        (!stages.is_empty())
+            .then(|| Chain::new(stages, anatomy::Anatomy::of::<T>(), Rc::clone(&self.injected)))
     }
 
     /// How often each fault has been injected, in the order of the settings.

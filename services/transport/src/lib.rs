@@ -9,7 +9,6 @@
 //! | `carrier`        | what a carrier must do: move bytes                                        |
 //! | `memory`         | the carrier inside one process, for tests and experiments                 |
 //! | `shared_memory`  | the carrier between the processes of one machine, over iceoryx2           |
-//! | `network`        | the carrier between machines, over zenoh                                  |
 //! | `faults`         | [`Faults`]: what is lost, delayed and damaged on purpose, on any carrier  |
 //! | `watched`        | in lock step, the second outlet for those who only look on                |
 //!
@@ -36,7 +35,6 @@ mod error;
 mod faults;
 mod links;
 mod memory;
-mod network;
 mod sequence;
 mod shared_memory;
 mod sink;
@@ -45,9 +43,8 @@ mod watched;
 
 pub use error::{OpenError, ReceiveError, SendError};
 pub use faults::{End, Fault, Faults, ImpossibleFault, Kind};
-pub use links::{Carrier, Carriers, GRAPH_NAME_MAX, Links, is_graph_name};
+pub use links::{GRAPH_NAME_MAX, Links, is_graph_name};
 pub use memory::Exchange;
-pub use network::{Router, self_test};
 pub use sequence::Since;
 pub use shared_memory::{HalfMade, SweepReport, claim, sweep};
 pub use sink::{RawSink, Sink};
@@ -55,7 +52,6 @@ pub use source::{Source, Tally};
 
 use carrier::{Inlet, Outlet};
 use faults::{FaultyInlet, FaultyOutlet, Injection};
-use network::Network;
 use protocol::message::Message;
 use protocol::topic::{OnTopic, Topic};
 use shared_memory::SharedMemory;
@@ -105,36 +101,25 @@ pub struct HeldLinks(#[expect(dead_code, reason = "held, not used")] Vec<shared_
 enum Place {
     /// In this process.
     Here(Exchange),
-    /// On this machine or beyond. The links give the carrier of each topic.
-    Graph {
-        carriers: Carriers,
-        lock_step: bool,
-        shared_memory: Option<SharedMemory>,
-        network: Option<Network>,
-    },
+    /// In the shared memory of this machine.
+    Machine { lock_step: bool, shared: SharedMemory },
 }
 
 impl Ports {
-    /// Joins the graph that `links` names: its shared memory and its network, each if a topic runs
-    /// over it.
+    /// Joins the graph that `links` names, in the shared memory of this machine.
     ///
-    /// Nothing outside the graph's own prefix, root and endpoints is read or written, and no signal
-    /// handler is installed.
+    /// Nothing outside the graph's own prefix and root is read or written, and no signal handler is
+    /// installed.
     ///
     /// # Errors
     /// [`OpenError`] if the name or the root cannot be used, or a carrier is not available.
     pub fn open(links: &Links, identity: Identity) -> Result<Self, OpenError> {
         links.check()?;
-        let uses = |carrier| links.carriers.uses(carrier);
-        let shared_memory =
-            uses(Carrier::SharedMemory).then(|| SharedMemory::open(links)).transpose()?;
-        let network = uses(Carrier::Network).then(|| Network::open(links)).transpose()?;
-        let (carriers, lock_step) = (links.carriers.clone(), links.lock_step);
-        let injection = Injection::new(&links.faults, lock_step);
+        let lock_step = links.lock_step;
         Ok(Self {
-            place: Place::Graph { carriers, lock_step, shared_memory, network },
+            place: Place::Machine { lock_step, shared: SharedMemory::open(links)? },
             identity,
-            injection,
+            injection: Injection::new(&links.faults, lock_step),
             one_thread: PhantomData,
         })
     }
@@ -174,13 +159,10 @@ impl Ports {
     /// # Errors
     /// [`OpenError`] if a link cannot be made, or exists with another message, version or quality.
     pub fn hold_links(&self) -> Result<HeldLinks, OpenError> {
-        let Place::Graph { carriers, lock_step, shared_memory: Some(shared), .. } = &self.place
-        else {
+        let Place::Machine { lock_step, shared } = &self.place else {
             return Ok(HeldLinks(Vec::new()));
         };
-        let topics =
-            Topic::ALL.into_iter().filter(|&topic| carriers.of(topic) == Carrier::SharedMemory);
-        let services = topics.flat_map(|topic| {
+        let services = Topic::ALL.into_iter().flat_map(|topic| {
             let watchers =
                 Audience::is_split(topic, *lock_step).then_some((topic, Audience::Watchers));
             std::iter::once((topic, Audience::Members)).chain(watchers)
@@ -199,11 +181,7 @@ impl Ports {
     pub fn sink<T: OnTopic>(&self) -> Result<Sink<T>, OpenError> {
         let outlet = self.outlet(T::TOPIC, Reservation::of::<T>())?;
         Ok(Sink::new(
-            match self
-                .injection
-                .as_ref()
-                .and_then(|injection| injection.chain::<T>(End::Writer, outlet.encoding()))
-            {
+            match self.injection.as_ref().and_then(|injection| injection.chain::<T>(End::Writer)) {
                 Some(chain) => Box::new(FaultyOutlet::new(outlet, chain)),
                 None => outlet,
             },
@@ -219,11 +197,7 @@ impl Ports {
     pub fn source<T: OnTopic>(&self, since: Since) -> Result<Source<T>, OpenError> {
         let inlet = self.inlet(T::TOPIC, Audience::Members)?;
         Ok(Source::new(
-            match self
-                .injection
-                .as_ref()
-                .and_then(|injection| injection.chain::<T>(End::Reader, inlet.encoding()))
-            {
+            match self.injection.as_ref().and_then(|injection| injection.chain::<T>(End::Reader)) {
                 Some(chain) => Box::new(FaultyInlet::new(inlet, chain)),
                 None => inlet,
             },
@@ -251,22 +225,14 @@ impl Ports {
     fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<Box<dyn Outlet>, OpenError> {
         match &self.place {
             Place::Here(exchange) => Ok(Box::new(exchange.outlet(topic)?)),
-            Place::Graph { carriers, lock_step, shared_memory, network } => {
-                match (carriers.of(topic), shared_memory, network) {
-                    (Carrier::SharedMemory, Some(shared), _)
-                        if Audience::is_split(topic, *lock_step) =>
-                    {
-                        Ok(Box::new(Watched {
-                            members: shared.outlet(topic, Audience::Members, reservation)?,
-                            watchers: shared.outlet(topic, Audience::Watchers, reservation)?,
-                        }))
-                    }
-                    (Carrier::SharedMemory, Some(shared), _) => {
-                        Ok(Box::new(shared.outlet(topic, Audience::Members, reservation)?))
-                    }
-                    (Carrier::Network, _, Some(network)) => network.outlet(topic, reservation),
-                    (carrier, ..) => Err(not_joined(topic, carrier)),
-                }
+            Place::Machine { lock_step, shared } if Audience::is_split(topic, *lock_step) => {
+                Ok(Box::new(Watched {
+                    members: shared.outlet(topic, Audience::Members, reservation)?,
+                    watchers: shared.outlet(topic, Audience::Watchers, reservation)?,
+                }))
+            }
+            Place::Machine { shared, .. } => {
+                Ok(Box::new(shared.outlet(topic, Audience::Members, reservation)?))
             }
         }
     }
@@ -274,26 +240,16 @@ impl Ports {
     fn inlet(&self, topic: Topic, audience: Audience) -> Result<Box<dyn Inlet>, OpenError> {
         match &self.place {
             Place::Here(exchange) => Ok(Box::new(exchange.inlet(topic, audience)?)),
-            Place::Graph { carriers, lock_step, shared_memory, network } => {
-                match (carriers.of(topic), shared_memory, network) {
-                    (Carrier::SharedMemory, Some(shared), _)
-                        if Audience::is_split(topic, *lock_step) =>
-                    {
-                        Ok(Box::new(shared.inlet(topic, audience)?))
-                    }
-                    (Carrier::SharedMemory, Some(shared), _) => {
-                        Ok(Box::new(shared.inlet(topic, Audience::Members)?))
-                    }
-                    (Carrier::Network, _, Some(network)) => network.inlet(topic, audience),
-                    (carrier, ..) => Err(not_joined(topic, carrier)),
-                }
+            Place::Machine { lock_step, shared } => {
+                let audience = if Audience::is_split(topic, *lock_step) {
+                    audience
+                } else {
+                    Audience::Members
+                };
+                Ok(Box::new(shared.inlet(topic, audience)?))
             }
         }
     }
-}
-
-fn not_joined(topic: Topic, carrier: Carrier) -> OpenError {
-    OpenError::Carrier { topic, reason: format!("{carrier:?} has not been joined") }
 }
 
 /// What a link holds ready for each message.

@@ -1,10 +1,7 @@
 //! The links of one graph, as settings.
 
 use super::{Faults, OpenError};
-use access::Credentials;
-use protocol::topic::Topic;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -29,60 +26,9 @@ pub struct Links {
     pub root: PathBuf,
     /// How long a lossless writer waits for room \[ms\].
     pub patience_millis: u64,
-    /// Carrier of each topic.
-    pub carriers: Carriers,
-    /// Endpoints of the graph's router, where the network is joined, as `tcp/127.0.0.1:7447`. Empty
-    /// if no topic runs over the network.
-    #[serde(default)]
-    pub connect: Vec<String>,
-    /// Name of the graph on the network, of the same form, for launches that share a network graph;
-    /// by default that of the graph.
-    #[serde(default)]
-    pub network_graph: Option<String>,
-    /// Certificate by which the others on the network authenticate this process. Without it no
-    /// traffic there is encrypted, and every peer is trusted.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub credentials: Option<Credentials>,
     /// Faults that are injected on purpose; none by default.
     #[serde(default, skip_serializing_if = "Faults::is_empty")]
     pub faults: Faults,
-}
-
-/// The carrier of a link. In-process memory is not a setting: see [`Exchange`](super::Exchange).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Carrier {
-    /// The shared memory of one machine.
-    SharedMemory,
-    /// Zenoh, on one machine or across several.
-    Network,
-}
-
-/// Carrier of each topic: `default`, and the exceptions by the topics' names.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Carriers {
-    /// Carrier of all topics without an exception.
-    pub default: Carrier,
-    /// Topics with another carrier than the default, by name.
-    #[serde(flatten)]
-    pub exceptions: BTreeMap<String, Carrier>,
-}
-
-impl Carriers {
-    /// Every topic over `carrier`.
-    pub fn all(carrier: Carrier) -> Self {
-        Self { default: carrier, exceptions: BTreeMap::new() }
-    }
-
-    /// Carrier of `topic`.
-    pub fn of(&self, topic: Topic) -> Carrier {
-        self.exceptions.get(topic.name()).copied().unwrap_or(self.default)
-    }
-
-    /// Whether any topic runs over `carrier`.
-    pub fn uses(&self, carrier: Carrier) -> bool {
-        Topic::ALL.into_iter().any(|topic| self.of(topic) == carrier)
-    }
 }
 
 impl Links {
@@ -93,16 +39,11 @@ impl Links {
         lock_step: bool,
         patience_millis: u64,
     ) -> Self {
-        let carriers = Carriers::all(Carrier::SharedMemory);
         Self {
             graph: graph.into(),
             lock_step,
             root: root.into(),
             patience_millis,
-            carriers,
-            connect: Vec::new(),
-            network_graph: None,
-            credentials: None,
             faults: Faults::default(),
         }
     }
@@ -112,19 +53,13 @@ impl Links {
         Duration::from_millis(self.patience_millis).min(PATIENCE_MAX)
     }
 
-    /// Name of the graph on the network.
-    pub fn network_graph(&self) -> &str {
-        self.network_graph.as_deref().unwrap_or(&self.graph)
-    }
-
-    /// Fails unless the names of the graph are valid.
+    /// Fails unless the name of the graph is valid.
     pub(super) fn check(&self) -> Result<(), OpenError> {
-        for name in [self.graph.as_str(), self.network_graph()] {
-            if !is_graph_name(name) {
-                return Err(OpenError::GraphName { graph: name.to_owned() });
-            }
+        if is_graph_name(&self.graph) {
+            Ok(())
+        } else {
+            Err(OpenError::GraphName { graph: self.graph.clone() })
         }
-        Ok(())
     }
 }
 

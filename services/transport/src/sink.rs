@@ -1,9 +1,9 @@
 //! message → carrier: stamps, numbers and encodes.
 
-use super::carrier::{Encoding, Outlet};
+use super::carrier::Outlet;
 use super::{Identity, SendError};
 use protocol::topic::OnTopic;
-use protocol::{VERSION, clock, frame, wire};
+use protocol::{VERSION, clock, frame};
 use std::marker::PhantomData;
 
 /// A writer of `T` on its topic.
@@ -16,14 +16,12 @@ pub struct Sink<T> {
     identity: Identity,
     sequence: u64,
     sent: u64,
-    /// The message as it is on the network; not used on other carriers.
-    encoded: Vec<u8>,
     message: PhantomData<T>,
 }
 
 impl<T: OnTopic> Sink<T> {
     pub(super) fn new(outlet: Box<dyn Outlet>, identity: Identity) -> Self {
-        Self { outlet, identity, sequence: 0, sent: 0, encoded: Vec::new(), message: PhantomData }
+        Self { outlet, identity, sequence: 0, sent: 0, message: PhantomData }
     }
 
     /// Sends `message` to every reader, and fills in its stamp except for `tick`.
@@ -50,28 +48,22 @@ impl<T: OnTopic> Sink<T> {
         sent
     }
 
-    /// Sends `message` again, as [`send`](Self::send) has left it: the same bytes. Readers that
-    /// have received it count it as stale.
+    /// Sends `message` with the stamp that it has: one that [`send`](Self::send) has sent before,
+    /// or one of another host. Readers that have received it already count it as stale.
     ///
     /// # Errors
     /// As for [`send`](Self::send).
-    pub fn repeat(&mut self, message: &T) -> Result<(), SendError> {
+    pub fn send_stamped(&mut self, message: &T) -> Result<(), SendError> {
         self.transmit(message).1
     }
 
     /// Passes a message to the carrier. Returns its checksum too.
     fn transmit(&mut self, message: &T) -> (u32, Result<(), SendError>) {
         let mut checksum = 0;
-        let sent = match self.outlet.encoding() {
-            Encoding::Words => self.outlet.send(message.byte_len(), &mut |out| {
-                frame::encode(message, out);
-                checksum = frame::peek(out).map_or(0, |stamp| stamp.checksum);
-            }),
-            Encoding::Wire => {
-                checksum = wire::encode(message, &mut self.encoded);
-                self.outlet.send(self.encoded.len(), &mut |out| out.copy_from_slice(&self.encoded))
-            }
-        };
+        let sent = self.outlet.send(message.byte_len(), &mut |out| {
+            frame::encode(message, out);
+            checksum = frame::peek(out).map_or(0, |stamp| stamp.checksum);
+        });
         (checksum, sent)
     }
 
@@ -84,12 +76,6 @@ impl<T: OnTopic> Sink<T> {
     /// Messages that reached every reader, in all epochs.
     pub fn sent(&self) -> u64 {
         self.sent
-    }
-
-    /// Messages that count as sent, and were dropped for newer ones in the writer's own queue to
-    /// the network.
-    pub fn dropped(&self) -> u64 {
-        self.outlet.dropped()
     }
 
     /// Sends the history to late joiners while there is no new message. Otherwise they get it with
@@ -112,17 +98,12 @@ impl RawSink {
         Self { outlet }
     }
 
-    /// Sends `bytes` as they are. Where lengths are counted in words, zeros are appended up to a
-    /// multiple of 8.
+    /// Sends `bytes` as they are, with zeros appended up to a multiple of 8.
     ///
     /// # Errors
     /// As for [`Sink::send`].
     pub fn send_raw(&mut self, bytes: &[u8]) -> Result<(), SendError> {
-        let length = match self.outlet.encoding() {
-            Encoding::Words => bytes.len().next_multiple_of(8),
-            Encoding::Wire => bytes.len(),
-        };
-        self.outlet.send(length, &mut |out| {
+        self.outlet.send(bytes.len().next_multiple_of(8), &mut |out| {
             let (head, padding) = out.split_at_mut(bytes.len());
             head.copy_from_slice(bytes);
             padding.fill(0);

@@ -1,11 +1,10 @@
 //! carrier → message: decodes, drops stale messages, and counts.
 
-use super::carrier::{Encoding, Inlet};
+use super::carrier::Inlet;
 use super::sequence::{Place, Sequences};
 use super::{ReceiveError, Since};
 use protocol::frame::{self, DecodeError};
 use protocol::topic::OnTopic;
-use protocol::wire;
 use std::marker::PhantomData;
 use std::time::Duration;
 
@@ -56,13 +55,9 @@ impl<T: OnTopic> Source<T> {
         reason = "an iterator would end where a source only has nothing yet"
     )]
     pub fn next(&mut self) -> Result<Option<T>, ReceiveError> {
-        let decode = match self.inlet.encoding() {
-            Encoding::Words => frame::decode::<T>,
-            Encoding::Wire => wire::decode::<T>,
-        };
         loop {
             let mut taken = None;
-            if !self.inlet.receive(&mut |bytes| taken = Some(decode(bytes)))? {
+            if !self.inlet.receive(&mut |bytes| taken = Some(frame::decode::<T>(bytes)))? {
                 return Ok(None);
             }
             match taken {

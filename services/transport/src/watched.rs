@@ -50,8 +50,4 @@ impl<O: Outlet> Outlet for Watched<O> {
         let _ = self.watchers.refresh();
         self.members.refresh()
     }
-
-    fn dropped(&self) -> u64 {
-        self.members.dropped()
-    }
 }

@@ -58,7 +58,7 @@ fn in_lock_step_a_repeated_state_gets_the_same_bytes_as_its_lost_answer()
             // A receiver that was not connected has lost it.
             let mut second = ports.source::<Command>(Since::First)?;
             while !second.wait(PATIENCE)? {
-                states.repeat(&state)?;
+                states.send_stamped(&state)?;
             }
             assert_eq!(heard(&mut second)?, answer);
             assert_eq!(

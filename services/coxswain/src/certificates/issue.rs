@@ -16,6 +16,7 @@ use rcgen::{
     BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
     KeyUsagePurpose, date_time_ymd,
 };
+use std::collections::BTreeMap;
 use std::fs::{self, DirBuilder, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
@@ -37,8 +38,8 @@ const GROUP_AND_OTHERS: u32 = 0o077;
 pub struct Order {
     /// Name of the robot.
     pub robot: String,
-    /// Addresses of hosts and gateway, in addition to the loopback's.
-    pub addresses: Vec<String>,
+    /// Hosts, with their addresses in addition to the loopback's.
+    pub hosts: BTreeMap<String, Vec<String>>,
     /// Begin of their validity: Unix time \[s\].
     pub from_s: i64,
     /// End of their validity: Unix time \[s\].
@@ -65,7 +66,7 @@ pub enum IssueError {
     },
     /// It is not a name or address.
     #[error(
-        "--address {address:?}: expected a host's name or address, \
+        "--host NAME={address:?}: expected a host's name or address, \
          as 10.0.0.1 or robot.example, without a port"
     )]
     Address {
@@ -125,7 +126,8 @@ impl IssueError {
     }
 }
 
-/// Creates one certificate per role in the new directory `out`. The authority in the directory
+/// Creates one certificate per host, and one for drivers and for watchers, in the new directory
+/// `out`. The authority in the directory
 /// `authority` signs them; it is created if it does not exist.
 ///
 /// # Errors
@@ -134,7 +136,7 @@ pub fn issue(authority: &Path, out: &Path, order: &Order) -> Result<Made, IssueE
     if !is_graph_name(&order.robot) {
         return Err(IssueError::Robot { robot: order.robot.clone() });
     }
-    if let Some(address) = order.addresses.iter().find(|address| !is_host(address)) {
+    if let Some(address) = order.hosts.values().flatten().find(|address| !is_host(address)) {
         return Err(IssueError::Address { address: address.clone() });
     }
     if place_of(authority)?.starts_with(place_of(out)?) {
@@ -151,10 +153,11 @@ pub fn issue(authority: &Path, out: &Path, order: &Order) -> Result<Made, IssueE
     let (issuer, certificate) = authority_in(authority, order)?;
     let mut certificates = Vec::new();
     whole(out, |half| {
-        for role in Role::ALL {
-            let addresses = addresses_of(role, order);
-            let (signed, key) = sign(&issuer, role, &addresses, order)?;
-            let folder = half.join(role.name());
+        let hosts = order.hosts.keys().map(|host| Role::Host(host.clone()));
+        for role in hosts.chain([Role::Driver, Role::Watcher]) {
+            let addresses = addresses_of(&role, order);
+            let (signed, key) = sign(&issuer, &role, &addresses, order)?;
+            let folder = half.join(role.to_string());
             make_folder(&folder)?;
             write(&folder.join(KEY_FILE), &key)?;
             write(&folder.join(CERTIFICATE_FILE), &signed)?;
@@ -185,12 +188,10 @@ fn is_host(text: &str) -> bool {
         && (is_name || text.parse::<std::net::Ipv6Addr>().is_ok())
 }
 
-fn addresses_of(role: Role, order: &Order) -> Vec<String> {
-    if !role.serves() {
-        return Vec::new();
-    }
+fn addresses_of(role: &Role, order: &Order) -> Vec<String> {
+    let Role::Host(host) = role else { return Vec::new() };
     let mut addresses: Vec<String> = LOOPBACK.map(str::to_owned).to_vec();
-    for address in &order.addresses {
+    for address in order.hosts.get(host).into_iter().flatten() {
         if !addresses.contains(address) {
             addresses.push(address.clone());
         }
@@ -201,7 +202,7 @@ fn addresses_of(role: Role, order: &Order) -> Vec<String> {
 /// Certificate and key of `role`, as PEM.
 fn sign(
     issuer: &Issuer<'_, KeyPair>,
-    role: Role,
+    role: &Role,
     addresses: &[String],
     order: &Order,
 ) -> Result<(String, String), IssueError> {
@@ -339,7 +340,11 @@ mod tests {
     fn order() -> Order {
         Order {
             robot: "mecanum".into(),
-            addresses: vec!["10.0.0.1".into(), "robot.example".into()],
+            hosts: [
+                ("robot".to_owned(), vec!["10.0.0.1".into(), "robot.example".into()]),
+                ("control".to_owned(), Vec::new()),
+            ]
+            .into(),
             from_s: 1_000,
             until_s: 2_000,
         }
@@ -351,35 +356,42 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let (authority, out) = (folder.path().join("a"), folder.path().join("deep/out"));
         assert!(issue(&authority, &out, &order())?.new_authority);
-        for role in Role::ALL {
-            let credentials = Credentials::in_folder(out.join(role.name()));
-            let certificate = credentials.check(role, 1_500)?;
+        let host = |name: &str| Role::Host(name.to_owned());
+        for role in [host("robot"), host("control"), Role::Driver, Role::Watcher] {
+            let credentials = Credentials::in_folder(out.join(role.to_string()));
+            let certificate = credentials.check(&role, 1_500)?;
             assert_eq!(
                 (
-                    certificate.role,
+                    certificate.role.clone(),
                     certificate.robot.as_str(),
                     certificate.from_s,
                     certificate.until_s
                 ),
-                (role, "mecanum", 1_000, 2_000)
+                (role.clone(), "mecanum", 1_000, 2_000)
+            );
+            let is_robot = role == host("robot");
+            assert!(
+                ["10.0.0.1", "robot.example"]
+                    .into_iter()
+                    .all(|address| certificate.covers(address) == is_robot)
             );
             assert!(
-                ["10.0.0.1", "robot.example", "127.0.0.1", "localhost"]
+                ["127.0.0.1", "localhost"]
                     .into_iter()
-                    .all(|host| certificate.covers(host) == role.serves())
+                    .all(|address| certificate.covers(address) == role.serves())
             );
             for (now_s, message) in [(2_000, "expired since 0.0 h"), (999, "valid only in 0.0 h")] {
                 assert!(
                     credentials
-                        .check(role, now_s)
+                        .check(&role, now_s)
                         .is_err_and(|error| error.to_string().contains(message)),
                     "{now_s}"
                 );
             }
         }
-        let wrong = Credentials::in_folder(out.join("watcher")).check(Role::Controller, 1_500);
+        let wrong = Credentials::in_folder(out.join("watcher")).check(&Role::Driver, 1_500);
         assert!(wrong.is_err_and(|error| {
-            error.to_string().contains("for the role watcher, expected one for controller")
+            error.to_string().contains("for the role watcher, expected one for driver")
         }));
         Ok(())
     }
@@ -393,9 +405,9 @@ mod tests {
         for path in [
             authority.clone(),
             out.clone(),
-            out.join("robot"),
+            out.join("robot-host"),
             authority.join(KEY_FILE),
-            out.join("robot").join(KEY_FILE),
+            out.join("robot-host").join(KEY_FILE),
         ] {
             assert_eq!(fs::metadata(&path)?.mode() & GROUP_AND_OTHERS, 0, "{}", path.display());
         }
@@ -403,8 +415,11 @@ mod tests {
             !out.join("authority").exists() && !out.join(KEY_FILE).exists(),
             "the authority's key does not travel"
         );
-        fs::set_permissions(out.join("robot").join(KEY_FILE), fs::Permissions::from_mode(0o640))?;
-        let read = Credentials::in_folder(out.join("robot")).read();
+        fs::set_permissions(
+            out.join("robot-host").join(KEY_FILE),
+            fs::Permissions::from_mode(0o640),
+        )?;
+        let read = Credentials::in_folder(out.join("robot-host")).read();
         assert!(read.is_err_and(|error| error.to_string().contains("expected mode 0600")));
         fs::set_permissions(authority.join(KEY_FILE), fs::Permissions::from_mode(0o644))?;
         let refused = issue(&authority, &folder.path().join("more"), &order());
@@ -418,12 +433,12 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
         issue(&authority, &out, &order())?;
-        let robot = Credentials::in_folder(out.join("robot"));
+        let robot = Credentials::in_folder(out.join("robot-host"));
         let set = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode));
         for (path, open, closed) in [
             (out.clone(), 0o777, 0o755),
             (out.clone(), 0o775, 0o700),
-            (out.join("robot"), 0o770, 0o700),
+            (out.join("robot-host"), 0o770, 0o700),
             (robot.file(AUTHORITY_FILE), 0o666, 0o644),
             (robot.file(AUTHORITY_FILE), 0o660, 0o600),
             (robot.file(CERTIFICATE_FILE), 0o606, 0o600),
@@ -494,7 +509,7 @@ mod tests {
         let later = Order { from_s: 1_800, until_s: 9_000, ..order() };
         assert!(!issue(&authority, &next, &later)?.new_authority);
         let authorities =
-            [&out, &next].map(|out| fs::read(out.join("learner").join(AUTHORITY_FILE)));
+            [&out, &next].map(|out| fs::read(out.join("control-host").join(AUTHORITY_FILE)));
         assert_eq!(authorities[0].as_ref().ok(), authorities[1].as_ref().ok());
         let late = Order { until_s: 1_000 + AUTHORITY_VALID_S + 1, ..order() };
         assert!(matches!(
@@ -515,8 +530,11 @@ mod tests {
             ));
         }
         for address in ["", "10.0.0.1:7447", "tcp/10.0.0.1", "a b", "0.0.0.0", "*", "-x"] {
-            let refused =
-                issue(&authority, &out, &Order { addresses: vec![address.into()], ..order() });
+            let refused = issue(
+                &authority,
+                &out,
+                &Order { hosts: [("robot".to_owned(), vec![address.into()])].into(), ..order() },
+            );
             assert!(matches!(refused, Err(IssueError::Address { .. })), "{address}");
         }
         assert!(matches!(

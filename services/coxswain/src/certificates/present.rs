@@ -1,16 +1,15 @@
-//! A directory of certificates → credentials of each process of a launch, checked before any
-//! process starts.
+//! A directory of certificates → credentials of this host, checked before any process starts.
 
 use super::{told, unix_s};
 use crate::graph::Graph;
-use crate::role::START_ORDER;
-use access::{AUTHORITY_FILE, AccessError, Certificate, Credentials, Role, host_in, is_any};
-use protocol::message::Participant;
+use access::{AccessError, Certificate, Credentials, Role, host_in, is_any};
+use bridge::settings::Meeting;
 use serde::{Deserialize, Serialize};
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
-use transport::Carrier;
+
+/// Name of the host of a graph that has no hosts.
+const ONLY_HOST: &str = "robot";
 
 /// Place of the certificates: the table `[certificates]` of a graph file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -21,7 +20,7 @@ pub struct CertificatesTable {
     pub folder: PathBuf,
 }
 
-/// The certificates of one launch.
+/// The certificate of this host.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Certificates {
     folder: PathBuf,
@@ -30,40 +29,26 @@ pub struct Certificates {
     until_s: i64,
 }
 
-/// Why the certificates of a launch cannot be used.
+/// Why the certificate of a host cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum PresentError {
-    /// A certificate is not usable by itself.
+    /// It is not usable by itself.
     #[error(transparent)]
     Access(#[from] AccessError),
-    /// Two certificates do not belong together.
-    #[error(
-        "the certificate of {role} is of {found}, that of {} of {expected}: \
-         make all of them together",
-        host.name()
-    )]
-    Mixed {
-        /// One role.
-        role: &'static str,
-        /// Its robot or authority.
-        found: String,
-        /// Another role.
-        host: Role,
-        /// The other robot or authority.
-        expected: String,
-    },
     /// It is not valid for the address of an endpoint.
     #[error(
         "the certificate of {role} is for {}, and {key} is {endpoint}: \
-         make certificates with --address {host}",
+         make certificates with --host {name}={host}",
         addresses.join(", ")
     )]
     Address {
         /// Role of the certificate.
-        role: &'static str,
+        role: Role,
+        /// Name of the host.
+        name: String,
         /// Addresses for which it is valid.
         addresses: Vec<String>,
-        /// Key of the endpoint in the graph file, as a dotted path.
+        /// Key of the endpoint in the graph file.
         key: &'static str,
         /// The endpoint.
         endpoint: String,
@@ -73,71 +58,32 @@ pub enum PresentError {
 }
 
 impl Certificates {
-    /// Checks the certificates in `folder` that a launch of `graph` needs: its own, and that of
-    /// each process with links over the network.
+    /// Checks the certificate in `folder` of `host`, which its bridge and its gateway present.
     ///
     /// # Errors
     /// [`PresentError`].
-    pub fn check(folder: &Path, graph: &Graph) -> Result<Self, PresentError> {
-        let now_s = unix_s(SystemTime::now());
-        let host = host_of(graph);
-        let networked = graph.links.uses(Carrier::Network);
-        let started = START_ORDER.into_iter().filter(|&role| graph.processes.of(role).enabled);
-        let needed: Vec<Role> = if networked {
-            [host].into_iter().chain(started.map(Role::from)).collect()
-        } else {
-            // Only the gateway publishes beyond this machine.
-            started.filter(|&role| role == Participant::Gateway).map(Role::from).collect()
-        };
-        let mut certificates =
-            Self { folder: folder.to_path_buf(), host, robot: String::new(), until_s: i64::MAX };
-        let mut first: Option<(Role, Vec<u8>)> = None;
-        for role in needed {
-            let credentials = certificates.of(role);
-            let certificate = credentials.check(role, now_s)?;
-            let file = credentials.file(AUTHORITY_FILE);
-            let authority = fs::read(&file).map_err(|source| AccessError::File { file, source })?;
-            let mixed = |host, found: &str, expected: &str| PresentError::Mixed {
-                role: role.name(),
-                found: found.to_owned(),
-                host,
-                expected: expected.to_owned(),
-            };
-            match &first {
-                None => {
-                    certificates.robot.clone_from(&certificate.robot);
-                    first = Some((role, authority));
-                }
-                Some((host, _)) if certificate.robot != certificates.robot => {
-                    return Err(mixed(
-                        *host,
-                        &format!("robot {}", certificate.robot),
-                        &format!("robot {}", certificates.robot),
-                    ));
-                }
-                Some((host, other)) if *other != authority => {
-                    return Err(mixed(*host, "one authority", "another"));
-                }
-                Some(_) => {}
-            }
-            certificates.until_s = certificates.until_s.min(certificate.until_s);
-            if role == host {
-                covers(&certificate, "network.listen", &graph.network.listen)?;
-            } else if role == Role::Gateway {
-                covers(&certificate, "telemetry.listen", &graph.telemetry.listen)?;
+    pub fn check(folder: &Path, graph: &Graph, host: Option<&str>) -> Result<Self, PresentError> {
+        let name = host.unwrap_or(ONLY_HOST);
+        let role = Role::Host(name.to_owned());
+        let credentials = Credentials::in_folder(folder.join(role.to_string()));
+        let certificate = credentials.check(&role, unix_s(SystemTime::now()))?;
+        for remote in graph.deployment().remotes(name) {
+            if let Meeting::Listen(endpoint) = &remote.meeting {
+                covers(&certificate, name, "connections.listen", endpoint)?;
             }
         }
-        Ok(certificates)
+        if graph.processes.gateway.enabled {
+            for endpoint in &graph.telemetry.listen {
+                covers(&certificate, name, "telemetry.listen", endpoint)?;
+            }
+        }
+        let Certificate { robot, until_s, .. } = certificate;
+        Ok(Self { folder: folder.to_path_buf(), host: role, robot, until_s })
     }
 
-    /// Credentials of `role`.
-    pub fn of(&self, role: Role) -> Credentials {
-        Credentials::in_folder(self.folder.join(role.name()))
-    }
-
-    /// Credentials of the launch itself.
-    pub fn of_host(&self) -> Credentials {
-        self.of(self.host)
+    /// Credentials of this host.
+    pub fn credentials(&self) -> Credentials {
+        Credentials::in_folder(self.folder.join(self.host.to_string()))
     }
 
     /// The directory.
@@ -145,7 +91,7 @@ impl Certificates {
         &self.folder
     }
 
-    /// End of the validity of the certificate that expires first: Unix time \[s\].
+    /// End of the validity of the certificate: Unix time \[s\].
     pub fn until_s(&self) -> i64 {
         self.until_s
     }
@@ -153,39 +99,35 @@ impl Certificates {
 
 impl std::fmt::Display for Certificates {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { folder, robot, until_s, .. } = self;
+        let Self { folder, host, robot, until_s } = self;
         write!(
             f,
-            "certificates of robot {robot} in {}, valid until {}",
+            "certificate {} in {}, valid until {}",
+            host.subject(robot),
             folder.display(),
             told(*until_s)
         )
     }
 }
 
-/// Role of the launch on the network: with the robot, or without it.
-fn host_of(graph: &Graph) -> Role {
-    if graph.processes.plant.enabled { Role::RobotHost } else { Role::ControlHost }
-}
-
-/// Fails unless the certificate is valid for the addresses of all `endpoints`.
+/// Fails unless the certificate is valid for the address of `endpoint`.
 fn covers(
     certificate: &Certificate,
+    name: &str,
     key: &'static str,
-    endpoints: &[String],
+    endpoint: &str,
 ) -> Result<(), PresentError> {
-    for endpoint in endpoints {
-        let host = host_in(endpoint);
-        // Peers connect to another address than a wildcard, and it is not known here.
-        if !is_any(host) && !certificate.covers(host) {
-            return Err(PresentError::Address {
-                role: certificate.role.name(),
-                addresses: certificate.addresses.clone(),
-                key,
-                endpoint: endpoint.clone(),
-                host: host.to_owned(),
-            });
-        }
+    let host = host_in(endpoint);
+    // Peers connect to another address than a wildcard, and it is not known here.
+    if is_any(host) || certificate.covers(host) {
+        return Ok(());
     }
-    Ok(())
+    Err(PresentError::Address {
+        role: certificate.role.clone(),
+        name: name.to_owned(),
+        addresses: certificate.addresses.clone(),
+        key,
+        endpoint: endpoint.to_owned(),
+        host: host.to_owned(),
+    })
 }

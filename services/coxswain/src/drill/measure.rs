@@ -264,7 +264,7 @@ fn comebacks(record: &Record, who: Participant) -> Vec<u64> {
                 })
                 .collect()
         }
-        Participant::Recorder | Participant::Gateway => {
+        Participant::Recorder | Participant::Gateway | Participant::Bridge => {
             let ready = record
                 .health_of(who.text())
                 .filter(|health| matches!(health.word("phase"), "ready" | "running"));

@@ -61,7 +61,7 @@ impl Publisher {
         for _ in 0..TIMES {
             self.publish(word).map_err(|error| unknown(error.to_string()))?;
             match heard.recv_timeout(LISTENS_FOR) {
-                Ok(()) => return Err(Breach::NoWatcher { endpoint, role: role.name() }),
+                Ok(()) => return Err(Breach::NoWatcher { endpoint, role: role.to_string() }),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(unknown("the session has ended".to_owned()));

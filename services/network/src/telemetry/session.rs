@@ -4,7 +4,7 @@ use super::{TelemetryError, TelemetrySettings};
 use crate::reason::first_line;
 use crate::threads::Client;
 use crate::{guarded, over_tls};
-use access::{Credentials, of_telemetry, of_watcher};
+use access::{Credentials, of_open_telemetry, of_telemetry};
 use serde_json::json;
 use std::net::TcpListener;
 use zenoh::config::EndPoint;
@@ -112,27 +112,7 @@ fn open_listening(
         .wait()
         .map_err(failed);
     }
-    // Only declarations of interest are needed here. Every message with data is dropped, so that no
-    // watcher receives it either.
-    set(
-        &mut config,
-        "access_control",
-        &json!({
-            "enabled": true,
-            "default_permission": "allow",
-            "rules": [{
-                "id": "look, do not touch",
-                "messages": [
-                    "put", "delete", "query", "reply", "declare_queryable", "liveliness_token",
-                ],
-                "flows": ["ingress"],
-                "permission": "deny",
-                "key_exprs": ["**"],
-            }],
-            "subjects": [{ "id": "anyone" }],
-            "policies": [{ "rules": ["look, do not touch"], "subjects": ["anyone"] }],
-        }),
-    )?;
+    set(&mut config, "access_control", &of_open_telemetry())?;
     zenoh::open(config).wait().map_err(failed)
 }
 
@@ -151,8 +131,9 @@ pub(super) fn connect(
     set(&mut config, "connect/endpoints", &json!([endpoint]))?;
     set(&mut config, "connect/timeout_ms", &json!(0))?;
     if let Some(credentials) = credentials {
-        let control = of_watcher(&robot_of(credentials)?);
-        config = guarded(config, credentials, &[("access_control", control)]).map_err(failed)?;
+        // That the other end is a host of this authority is in its certificate: no other role has
+        // one to which others may connect.
+        config = guarded(config, credentials, &[]).map_err(failed)?;
     }
     Client::open(config).map_err(failed)
 }

@@ -1,7 +1,7 @@
 //! The inlet and the outlet around the real ones. They allocate for every message.
 
 use super::Chain;
-use crate::carrier::{Encoding, Inlet, Outlet};
+use crate::carrier::{Inlet, Outlet};
 use crate::{ReceiveError, SendError};
 use std::time::{Duration, Instant};
 
@@ -28,10 +28,6 @@ impl FaultyOutlet {
 }
 
 impl Outlet for FaultyOutlet {
-    fn encoding(&self) -> Encoding {
-        self.inner.encoding()
-    }
-
     fn send(&mut self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<(), SendError> {
         let now = Instant::now();
         let mut bytes = vec![0; length];
@@ -44,10 +40,6 @@ impl Outlet for FaultyOutlet {
     fn refresh(&mut self) -> Result<(), SendError> {
         self.chain.release(Instant::now());
         self.flush().and(self.inner.refresh())
-    }
-
-    fn dropped(&self) -> u64 {
-        self.inner.dropped()
     }
 }
 
@@ -82,10 +74,6 @@ impl FaultyInlet {
 }
 
 impl Inlet for FaultyInlet {
-    fn encoding(&self) -> Encoding {
-        self.inner.encoding()
-    }
-
     fn receive(&mut self, visit: &mut dyn FnMut(&[u8])) -> Result<bool, ReceiveError> {
         self.pull()?;
         Ok(self.chain.pop().is_some_and(|bytes| {

@@ -1,0 +1,271 @@
+//! The zenoh session with one other host.
+//!
+//! zenoh calls [`Arrivals::receive`] on the thread that reads the link: it only counts, and hands
+//! the piece to the thread of its topic. A callback that waits would starve the link of its
+//! keepalives.
+
+use crate::config::{ConfigError, config, endpoint, subject};
+use crate::hello::Hello;
+use crate::incoming::Queue;
+use crate::keys::{Keys, What};
+use crate::piece::Label;
+use crate::settings::{Meeting, Remote, Settings};
+use network::{Breach, Client, first_line, keeps_strangers_out};
+use protocol::topic::{TOPIC_COUNT, Topic};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock};
+use std::thread::Thread;
+use zenoh::bytes::ZBytes;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Config, Wait};
+
+/// The session cannot be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// There is no configuration for it.
+    #[error("host {host}: {source}")]
+    Config {
+        /// The other host.
+        host: String,
+        /// The reason.
+        source: ConfigError,
+    },
+    /// zenoh does not open it.
+    #[error("host {host}: no session at {endpoint}: {reason}")]
+    Open {
+        /// The other host.
+        host: String,
+        /// Where the two hosts meet.
+        endpoint: String,
+        /// zenoh's error.
+        reason: String,
+    },
+}
+
+/// A connection came or went.
+#[derive(Debug)]
+pub(crate) struct Change {
+    pub(crate) is_up: bool,
+    /// Subject of the certificate at the other end.
+    pub(crate) subject: Option<String>,
+}
+
+/// Up to which piece the other host has acknowledged, and who waits for that.
+#[derive(Debug, Default)]
+pub(crate) struct Acknowledged {
+    through: AtomicU64,
+    waiting: OnceLock<Thread>,
+}
+
+impl Acknowledged {
+    /// Wakes this thread from now on.
+    pub(crate) fn wake_this_thread(&self) {
+        let _ = self.waiting.set(std::thread::current());
+    }
+
+    pub(crate) fn through(&self) -> u64 {
+        self.through.load(Ordering::Relaxed)
+    }
+
+    fn receive(&self, through: u64) {
+        self.through.fetch_max(through, Ordering::Relaxed);
+        if let Some(thread) = self.waiting.get() {
+            thread.unpark();
+        }
+    }
+}
+
+/// What arrives from the other host.
+#[derive(Debug)]
+pub(crate) struct Arrivals {
+    keys: Keys,
+    /// This bridge.
+    instance: u64,
+    pub(crate) queues: [Option<Queue>; TOPIC_COUNT],
+    pub(crate) acknowledged: [Acknowledged; TOPIC_COUNT],
+    hello: Mutex<Option<Hello>>,
+    /// Messages with a key that the other host may not use.
+    pub(crate) not_permitted: AtomicU64,
+}
+
+impl Arrivals {
+    pub(crate) fn new(keys: Keys, instance: u64, queues: [Option<Queue>; TOPIC_COUNT]) -> Self {
+        Self {
+            keys,
+            instance,
+            queues,
+            acknowledged: Default::default(),
+            hello: Mutex::new(None),
+            not_permitted: AtomicU64::new(0),
+        }
+    }
+
+    /// The last hello since the last call.
+    pub(crate) fn hello(&self) -> Option<Hello> {
+        self.hello.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    fn receive(&self, sample: &Sample) {
+        match self.keys.what(sample.key_expr().as_str()) {
+            Some(What::Data(topic)) => {
+                if let Some(queue) = &self.queues[topic.index()] {
+                    queue.offer(sample);
+                    return;
+                }
+            }
+            Some(What::Acknowledgements(topic)) => {
+                let bytes = sample.payload().to_bytes();
+                if let Some(label) = Label::of(&bytes)
+                    && label.instance == self.instance
+                {
+                    self.acknowledged[topic.index()].receive(label.number);
+                }
+                return;
+            }
+            Some(What::Hello) => {
+                if let Some(hello) = Hello::of(&sample.payload().to_bytes()) {
+                    *self.hello.lock().unwrap_or_else(PoisonError::into_inner) = Some(hello);
+                    return;
+                }
+            }
+            None => {}
+        }
+        self.not_permitted.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// The session with one other host.
+pub(crate) struct Link {
+    host: String,
+    endpoint: String,
+    keys: Keys,
+    config: Config,
+    arrivals: Arc<Arrivals>,
+    session: RwLock<Option<Client>>,
+    changes: Sender<Change>,
+    /// In lock step a put waits for room.
+    congestion: CongestionControl,
+    subject: Option<String>,
+}
+
+impl Link {
+    /// Listens or connects, and reports each change of the connection.
+    pub(crate) fn open(
+        settings: &Settings,
+        remote: &Remote,
+        arrivals: Arc<Arrivals>,
+    ) -> Result<(Self, Receiver<Change>), LinkError> {
+        let failed = |source| LinkError::Config { host: remote.host.clone(), source };
+        let (changes, changed) = channel();
+        let link = Self {
+            host: remote.host.clone(),
+            endpoint: endpoint(settings, remote),
+            keys: Keys::new(&settings.graph, &settings.host, &remote.host),
+            config: config(settings, remote).map_err(failed)?,
+            arrivals,
+            session: RwLock::new(None),
+            changes,
+            congestion: if settings.run.links.lock_step {
+                CongestionControl::Block
+            } else {
+                CongestionControl::Drop
+            },
+            subject: subject(settings, remote).map_err(|error| failed(error.into()))?,
+        };
+        link.reopen()?;
+        Ok((link, changed))
+    }
+
+    /// Ends the session, and with it every connection, and opens a new one.
+    pub(crate) fn reopen(&self) -> Result<(), LinkError> {
+        let mut session = self.session.write().unwrap_or_else(PoisonError::into_inner);
+        drop(session.take());
+        let opened = self.connect().map_err(|error| LinkError::Open {
+            host: self.host.clone(),
+            endpoint: self.endpoint.clone(),
+            reason: first_line(&error),
+        });
+        *session = Some(opened?);
+        Ok(())
+    }
+
+    fn connect(&self) -> Result<Client, zenoh::Error> {
+        let session = Client::open(self.config.clone())?;
+        let arrivals = Arc::clone(&self.arrivals);
+        session
+            .declare_subscriber(self.keys.incoming())
+            .callback(move |sample| arrivals.receive(&sample))
+            .background()
+            .wait()?;
+        let changes = self.changes.clone();
+        session
+            .info()
+            .link_events_listener()
+            .history(true)
+            .callback(move |event| {
+                let subject = event.link().auth_identifier().map(str::to_owned);
+                let is_up = event.kind() == SampleKind::Put;
+                // The bridge is about to end if no receiver is left.
+                let _ = changes.send(Change { is_up, subject });
+            })
+            .background()
+            .wait()?;
+        Ok(session)
+    }
+
+    /// Whether a peer with this certificate is the other host.
+    pub(crate) fn accepts(&self, subject: Option<&str>) -> bool {
+        self.subject.as_deref().is_none_or(|expected| subject == Some(expected))
+    }
+
+    /// Where the two hosts meet.
+    pub(crate) fn endpoint(&self) -> &str {
+        &self.endpoint
+    }
+
+    /// Sends bytes to the other host, if it is connected; else they are lost. Express: zenoh does
+    /// not wait for more before it sends them.
+    pub(crate) fn put(&self, what: What, bytes: ZBytes, label: Option<Label>) {
+        let session = self.session.read().unwrap_or_else(PoisonError::into_inner);
+        let Some(session) = session.as_ref() else { return };
+        let put = session
+            .put(self.keys.outgoing(what), bytes)
+            .attachment(label.map(Label::to_bytes))
+            .priority(priority(what))
+            .congestion_control(self.congestion)
+            .express(true);
+        let _ = put.wait();
+    }
+
+    /// Acknowledges the pieces of `topic` up to that of `label`.
+    pub(crate) fn acknowledge(&self, topic: Topic, label: Label) {
+        let bytes = label.to_bytes();
+        self.put(What::Acknowledgements(topic), ZBytes::from(bytes.as_slice()), None);
+    }
+}
+
+/// Fails if this host accepts peers without a certificate of its authority.
+///
+/// # Errors
+/// [`Breach`].
+pub(crate) fn self_test(settings: &Settings, remote: &Remote, link: &Link) -> Result<(), Breach> {
+    match (&remote.meeting, &settings.credentials) {
+        (Meeting::Listen(_), Some(credentials)) => {
+            keeps_strangers_out(&access::from_here(link.endpoint()), credentials)
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Which messages go first where several wait for one link.
+const fn priority(what: What) -> Priority {
+    match what {
+        What::Data(Topic::State | Topic::Command) => Priority::RealTime,
+        What::Acknowledgements(_) | What::Hello => Priority::InteractiveHigh,
+        What::Data(Topic::Residual | Topic::Credit) => Priority::DataHigh,
+        What::Data(Topic::Plan | Topic::Health | Topic::Truth) => Priority::DataLow,
+        What::Data(Topic::Snapshot) => Priority::Background,
+    }
+}

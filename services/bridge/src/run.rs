@@ -1,0 +1,466 @@
+//! Opens all parts of the bridge, watches them, and reports.
+
+use crate::hello::{self, Hello};
+use crate::incoming::{Incoming, IncomingError, Queue};
+use crate::keys::{Keys, What};
+use crate::link::{Arrivals, Change, Link, LinkError, self_test};
+use crate::outgoing::{Flow, Outgoing, OutgoingError, Sent};
+use crate::rate::Rate;
+use crate::settings::{Remote, Settings};
+use network::Breach;
+use process::{Pulse, Repeated, Stop};
+use protocol::message::{
+    Command, Credit, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample,
+    Truth,
+};
+use protocol::topic::{OnTopic, TOPIC_COUNT, Topic};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::{self, ScopedJoinHandle};
+use std::time::{Duration, Instant};
+use transport::{Identity, OpenError, Ports};
+use zenoh::bytes::ZBytes;
+
+/// Interval between two looks at the links.
+const ROUND: Duration = Duration::from_millis(10);
+/// Far longer than it takes to open the links in shared memory.
+const OPENS_WITHIN: Duration = Duration::from_secs(30);
+
+/// How long the other host may take to connect before its absence is reported.
+const STARTS_WITHIN: Duration = Duration::from_secs(5);
+
+/// The bridge failed.
+#[derive(Debug, thiserror::Error)]
+pub enum BridgeError {
+    /// It could not join the graph.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// A session with another host could not be opened.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// This host accepts peers without a certificate.
+    #[error("nothing is carried: {0}")]
+    Breach(#[from] Breach),
+    /// A topic cannot be sent.
+    #[error("topic {}: {source}", topic.name())]
+    Outgoing {
+        /// The topic.
+        topic: Topic,
+        /// The reason.
+        source: OutgoingError,
+    },
+    /// A topic cannot be delivered.
+    #[error("topic {}: {source}", topic.name())]
+    Incoming {
+        /// The topic.
+        topic: Topic,
+        /// The reason.
+        source: IncomingError,
+    },
+    /// A thread ended, or did not begin.
+    #[error("a thread {0}")]
+    Thread(&'static str),
+}
+
+/// Carries messages between this host and the others until `stop` is requested.
+///
+/// # Errors
+/// [`BridgeError`].
+pub fn run(settings: &Settings, stop: &Stop) -> Result<(), BridgeError> {
+    let identity = Identity::new(settings.run.epoch_floor + 1);
+    let ports = Ports::open(&settings.run.links, identity)?;
+    let pulse = Pulse::new(&ports, Participant::Bridge)?.exposed(settings.run.exposure);
+    let own = Hello::new(identity.writer, settings.run.links.lock_step);
+    let remotes = settings.remotes.iter().map(|remote| Connection::open(settings, remote, own));
+    let mut remotes = remotes.collect::<Result<Vec<_>, _>>()?;
+    let ended = Stop::new();
+    thread::scope(|scope| {
+        let carried = carry(scope, settings, &mut remotes, pulse, [stop, &ended]);
+        ended.request();
+        carried
+    })
+}
+
+/// Runs all threads until the stop request.
+fn carry<'scope, 'env>(
+    scope: &'scope thread::Scope<'scope, 'env>,
+    settings: &'env Settings,
+    connections: &mut Vec<Connection<'env>>,
+    mut pulse: Pulse,
+    [stop, ended]: [&'env Stop; 2],
+) -> Result<(), BridgeError> {
+    let (opened, is_open) = channel();
+    let mut threads = Vec::new();
+    for connection in &*connections {
+        for topic in settings.outgoing(connection.remote) {
+            let (lane, opened) = (Arc::clone(&connection.shared), opened.clone());
+            threads.push(spawn(scope, format!("to {}", topic.name()), move || {
+                lane.send(settings, topic, ended, &opened)
+            })?);
+        }
+        for topic in settings.incoming(connection.remote) {
+            let (lane, opened) = (Arc::clone(&connection.shared), opened.clone());
+            threads.push(spawn(scope, format!("from {}", topic.name()), move || {
+                lane.deliver(settings, topic, ended, &opened)
+            })?);
+        }
+    }
+    for _ in 0..threads.len() {
+        if let Err(RecvTimeoutError::Timeout) = is_open.recv_timeout(OPENS_WITHIN) {
+            return Err(BridgeError::Thread("has not opened its link in shared memory"));
+        }
+        if let Some(index) = threads.iter().position(ScopedJoinHandle::is_finished) {
+            return join(threads.swap_remove(index));
+        }
+    }
+    pulse.phase(Phase::Ready);
+    let mut report = Report::default();
+    while !stop.requested() {
+        let now = Instant::now();
+        for connection in &mut *connections {
+            connection.look(now)?;
+        }
+        report.show(connections, &mut pulse, now);
+        pulse.beat();
+        if let Some(index) = threads.iter().position(ScopedJoinHandle::is_finished) {
+            return join(threads.swap_remove(index));
+        }
+        thread::sleep(ROUND);
+    }
+    ended.request();
+    threads.into_iter().try_for_each(join)?;
+    pulse.last_words(Phase::Finished, settings.run.pace);
+    report.rest();
+    Ok(())
+}
+
+type Lane<'scope> = ScopedJoinHandle<'scope, Result<(), BridgeError>>;
+
+fn spawn<'scope, 'env>(
+    scope: &'scope thread::Scope<'scope, 'env>,
+    name: String,
+    body: impl FnOnce() -> Result<(), BridgeError> + Send + 'scope,
+) -> Result<Lane<'scope>, BridgeError> {
+    thread::Builder::new()
+        .name(name)
+        .spawn_scoped(scope, body)
+        .map_err(|_| BridgeError::Thread("cannot be started"))
+}
+
+fn join(thread: Lane<'_>) -> Result<(), BridgeError> {
+    thread.join().unwrap_or(Err(BridgeError::Thread("panicked")))
+}
+
+/// One other host: the session, and what is known of it.
+struct Connection<'a> {
+    remote: &'a Remote,
+    shared: Arc<Shared<'a>>,
+    changes: Receiver<Change>,
+    /// What this bridge tells about itself, and when it told it last.
+    own: Hello,
+    told: Option<Instant>,
+    /// What the other bridge told about itself, and when.
+    heard: Option<(Hello, Instant)>,
+    /// Connections with the right certificate.
+    links: usize,
+    /// Peers with another certificate that were sent away.
+    sent_away: u64,
+    was_connected: bool,
+    begun: Instant,
+}
+
+/// What the threads of one other host share.
+struct Shared<'a> {
+    remote: &'a Remote,
+    link: Link,
+    arrivals: Arc<Arrivals>,
+    /// How often the other host has connected.
+    connections: AtomicU64,
+    sent: [Sent; TOPIC_COUNT],
+    instance: u64,
+}
+
+impl<'a> Connection<'a> {
+    fn open(settings: &'a Settings, remote: &'a Remote, own: Hello) -> Result<Self, BridgeError> {
+        let now = Instant::now();
+        let incoming = settings.incoming(remote);
+        let queues = Topic::ALL.map(|topic| {
+            incoming.contains(&topic).then(|| {
+                let period_s = settings.run.period_nanos as f64 * 1e-9;
+                let rate = || Rate::of(topic, period_s, remote.processes.len(), now);
+                Queue::new((!own.lock_step).then(rate))
+            })
+        });
+        let keys = Keys::new(&settings.graph, &settings.host, &remote.host);
+        let arrivals = Arc::new(Arrivals::new(keys, own.instance, queues));
+        let (link, changes) = Link::open(settings, remote, Arc::clone(&arrivals))?;
+        // A restarted bridge skips this test: its endpoint has been tested, and the robot waits.
+        if !settings.run.restarted {
+            self_test(settings, remote, &link)?;
+        }
+        tracing::info!(host = remote.host, endpoint = link.endpoint(), "carrying messages");
+        let shared = Shared {
+            remote,
+            link,
+            arrivals,
+            connections: AtomicU64::new(0),
+            sent: Default::default(),
+            instance: own.instance,
+        };
+        Ok(Self {
+            remote,
+            shared: Arc::new(shared),
+            changes,
+            own,
+            told: None,
+            heard: None,
+            links: 0,
+            sent_away: 0,
+            was_connected: false,
+            begun: now,
+        })
+    }
+
+    /// Whether the other host is there, and fits.
+    fn is_connected(&self, now: Instant) -> bool {
+        if self.remote.driver {
+            return self.links > 0;
+        }
+        self.heard.is_some_and(|(hello, at)| {
+            now.saturating_duration_since(at) < hello::LOST_AFTER && self.own.check(hello).is_ok()
+        })
+    }
+
+    /// Takes in what has changed, and tells the other bridge that this one is here.
+    fn look(&mut self, now: Instant) -> Result<(), BridgeError> {
+        let link = &self.shared.link;
+        let mut is_evicted = false;
+        while let Ok(Change { is_up, subject }) = self.changes.try_recv() {
+            if !link.accepts(subject.as_deref()) {
+                let peer = subject.as_deref().unwrap_or("none");
+                if is_up {
+                    tracing::warn!(host = self.remote.host, peer, "another certificate: refused");
+                    self.sent_away += 1;
+                    is_evicted = true;
+                }
+            } else if is_up {
+                self.links += 1;
+                // It gets the last messages again as soon as it has told that it is here.
+                self.heard = None;
+            } else {
+                self.links = self.links.saturating_sub(1);
+            }
+        }
+        if is_evicted {
+            // The peer holds the one session that there is. zenoh closes no single one.
+            self.links = 0;
+            link.reopen()?;
+        }
+        if let Some(hello) = self.shared.arrivals.hello() {
+            let before = self.heard.replace((hello, now));
+            let is_new = before.is_none_or(|(before, at)| {
+                before.instance != hello.instance
+                    || now.saturating_duration_since(at) >= hello::LOST_AFTER
+            });
+            if is_new {
+                self.shared.connections.fetch_add(1, Ordering::Relaxed);
+                if let Err(mismatch) = self.own.check(hello) {
+                    tracing::error!(host = self.remote.host, "{mismatch}");
+                }
+            }
+        }
+        if self.told.is_none_or(|told| now.saturating_duration_since(told) >= hello::EVERY) {
+            self.told = Some(now);
+            link.put(What::Hello, ZBytes::from(self.own.to_bytes()), None);
+        }
+        let is_connected = self.is_connected(now);
+        if is_connected != self.was_connected {
+            let what = if is_connected { "connected" } else { "connection lost" };
+            tracing::info!(host = self.remote.host, "{what}");
+            self.was_connected = is_connected;
+        }
+        Ok(())
+    }
+
+    /// What is wrong; none if all is well.
+    fn trouble(&self, now: Instant) -> Option<String> {
+        let host = &self.remote.host;
+        if let Some((hello, _)) = self.heard
+            && let Err(mismatch) = self.own.check(hello)
+        {
+            return Some(format!("host {host}: {mismatch}"));
+        }
+        // At the start the other host may be slower.
+        let is_due = self.shared.connections.load(Ordering::Relaxed) > 0
+            || now.saturating_duration_since(self.begun) >= STARTS_WITHIN;
+        (is_due && !self.is_connected(now)).then(|| format!("host {host}: not connected"))
+    }
+}
+
+impl Shared<'_> {
+    fn send(
+        &self,
+        settings: &Settings,
+        topic: Topic,
+        stop: &Stop,
+        opened: &Sender<()>,
+    ) -> Result<(), BridgeError> {
+        let ports = Ports::open(&settings.run.links, Identity::new(0))?;
+        let lane = Outgoing {
+            topic,
+            flow: Flow::of(topic, settings.run.links.lock_step, self.remote.driver),
+            link: &self.link,
+            acknowledged: &self.arrivals.acknowledged[topic.index()],
+            connections: &self.connections,
+            sent: &self.sent[topic.index()],
+            stop,
+            instance: self.instance,
+            processes: &settings.processes,
+        };
+        let opened = || opened.send(()).unwrap_or_default();
+        let ended = match topic {
+            Topic::State => lane.run::<PlantState>(&ports, of_plant, opened),
+            Topic::Command => lane.run::<Command>(&ports, of_controller, opened),
+            Topic::Residual => lane.run::<ResidualSample>(&ports, of_controller, opened),
+            Topic::Snapshot => lane.run::<ModelSnapshot>(&ports, of_learner, opened),
+            Topic::Plan => lane.run::<Plan>(&ports, of_controller, opened),
+            Topic::Health => lane.run::<Health>(&ports, Health::participant, opened),
+            Topic::Truth => lane.run::<Truth>(&ports, of_plant, opened),
+            Topic::Credit => lane.run::<Credit>(&ports, of_recorder, opened),
+        };
+        ended.map_err(|source| BridgeError::Outgoing { topic, source })
+    }
+
+    fn deliver(
+        &self,
+        settings: &Settings,
+        topic: Topic,
+        stop: &Stop,
+        opened: &Sender<()>,
+    ) -> Result<(), BridgeError> {
+        let ports = Ports::open(&settings.run.links, Identity::new(0))?;
+        // A queue exists for every topic of `Settings::incoming`.
+        let Some(queue) = &self.arrivals.queues[topic.index()] else { return Ok(()) };
+        let lane = Incoming {
+            topic,
+            flow: Flow::of(topic, settings.run.links.lock_step, self.remote.driver),
+            link: &self.link,
+            queue,
+            stop,
+            processes: &self.remote.processes,
+        };
+        let opened = || opened.send(()).unwrap_or_default();
+        let ended = match topic {
+            Topic::State => lane.run::<PlantState>(&ports, of_plant, opened),
+            Topic::Command => lane.run::<Command>(&ports, of_controller, opened),
+            Topic::Residual => lane.run::<ResidualSample>(&ports, of_controller, opened),
+            Topic::Snapshot => lane.run::<ModelSnapshot>(&ports, of_learner, opened),
+            Topic::Plan => lane.run::<Plan>(&ports, of_controller, opened),
+            Topic::Health => lane.run::<Health>(&ports, Health::participant, opened),
+            Topic::Truth => lane.run::<Truth>(&ports, of_plant, opened),
+            Topic::Credit => lane.run::<Credit>(&ports, of_recorder, opened),
+        };
+        ended.map_err(|source| BridgeError::Incoming { topic, source })
+    }
+}
+
+/// Every topic but Health has one writer.
+fn of_plant<T: OnTopic>(_: &T) -> Option<Participant> {
+    Some(Participant::Plant)
+}
+
+fn of_controller<T: OnTopic>(_: &T) -> Option<Participant> {
+    Some(Participant::Controller)
+}
+
+fn of_learner<T: OnTopic>(_: &T) -> Option<Participant> {
+    Some(Participant::Learner)
+}
+
+fn of_recorder<T: OnTopic>(_: &T) -> Option<Participant> {
+    Some(Participant::Recorder)
+}
+
+/// Counters → Health, and a few lines in the log.
+#[derive(Default)]
+struct Report {
+    refusals: Repeated<Refusal>,
+    /// What the log has been told of, per kind.
+    counted: std::collections::BTreeMap<Refusal, u64>,
+}
+
+/// Messages of another host that were not delivered.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+struct Refusal {
+    host: String,
+    topic: Option<Topic>,
+    reason: &'static str,
+}
+
+impl Report {
+    fn show(&mut self, connections: &[Connection<'_>], pulse: &mut Pulse, now: Instant) {
+        let health = pulse.health();
+        let (mut sent, mut received) = ([0; TOPIC_COUNT], [0; TOPIC_COUNT]);
+        let (mut refused, mut dropped) = ([0; TOPIC_COUNT], [0; TOPIC_COUNT]);
+        for Connection { remote, shared, sent_away, .. } in connections {
+            for topic in Topic::ALL {
+                let index = topic.index();
+                sent[index] += count(&shared.sent[index].messages);
+                dropped[index] += count(&shared.sent[index].given_up);
+                let Some(queue) = &shared.arrivals.queues[index] else { continue };
+                let from = &queue.received;
+                received[index] += count(&from.messages);
+                dropped[index] += count(&from.overflowed);
+                for (counter, reason) in [
+                    (&from.too_many, "more messages than the largest rate"),
+                    (&from.malformed, "malformed"),
+                    (&from.of_another_host, "in the name of a process of another host"),
+                ] {
+                    refused[index] += count(counter);
+                    self.note(remote, Some(topic), reason, count(counter));
+                }
+            }
+            let not_permitted = count(&shared.arrivals.not_permitted);
+            self.note(remote, None, "a topic that this host does not publish", not_permitted);
+            self.note(remote, None, "a peer with another certificate", *sent_away);
+        }
+        health.sent = sent;
+        health.received = received;
+        health.refused = refused;
+        health.dropped = dropped;
+        let trouble = connections.iter().find_map(|connection| connection.trouble(now));
+        health.set_last_error(trouble.as_deref().unwrap_or_default());
+        let are_connected = connections.iter().all(|connection| connection.is_connected(now));
+        match trouble {
+            None if are_connected => pulse.phase(Phase::Running),
+            None => {}
+            Some(_) => pulse.phase(Phase::Degraded),
+        }
+        self.refusals.due(now).iter().for_each(tell);
+    }
+
+    fn note(&mut self, remote: &Remote, topic: Option<Topic>, reason: &'static str, total: u64) {
+        if total == 0 {
+            return;
+        }
+        let refusal = Refusal { host: remote.host.clone(), topic, reason };
+        let before = self.counted.insert(refusal.clone(), total).unwrap_or(0);
+        if total > before {
+            self.refusals.note(refusal, total - before);
+        }
+    }
+
+    fn rest(&mut self) {
+        self.refusals.rest().iter().for_each(tell);
+    }
+}
+
+fn count(counter: &AtomicU64) -> u64 {
+    counter.load(Ordering::Relaxed)
+}
+
+fn tell((Refusal { host, topic, reason }, count): &(Refusal, u64)) {
+    let topic = topic.map_or("-", Topic::name);
+    tracing::warn!(count, host, topic, "refused: {reason}");
+}
