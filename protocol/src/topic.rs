@@ -1,8 +1,8 @@
 //! The table of topics: message, rate, queue depth, and what happens when a queue is full.
 
 use crate::message::{
-    Command, Credit, Health, Message, ModelSnapshot, Participant, Plan, PlantState,
-    ResidualSample, Truth,
+    Command, Credit, Health, Message, ModelSnapshot, Participant, Plan, PlantState, ResidualSample,
+    Truth,
 };
 use serde::{Deserialize, Serialize};
 
@@ -195,6 +195,11 @@ const WATCHED_DEPTH: usize = 2;
 pub trait OnTopic: Message {
     /// The topic.
     const TOPIC: Topic;
+
+    /// The process that it comes from; none if it names none.
+    fn publisher(&self) -> Option<Participant> {
+        Self::TOPIC.writers().first().copied()
+    }
 }
 
 macro_rules! on_topic {
@@ -209,7 +214,14 @@ on_topic! {
     ResidualSample => Residual,
     ModelSnapshot => Snapshot,
     Plan => Plan,
-    Health => Health,
     Truth => Truth,
     Credit => Credit,
+}
+
+impl OnTopic for Health {
+    const TOPIC: Topic = Topic::Health;
+
+    fn publisher(&self) -> Option<Participant> {
+        self.participant()
+    }
 }

@@ -17,8 +17,10 @@ use transport::{OpenError, Ports, SendError, Sink};
 use zenoh::bytes::ZBytes;
 use zenoh::sample::Sample;
 
-/// Longest sleep: interval between two looks at the stop request and for late joiners.
+/// Longest sleep: interval between two looks at the stop request.
 const PATIENCE: Duration = Duration::from_millis(20);
+/// Interval between two looks for late joiners.
+const JOINS_EVERY: Duration = Duration::from_millis(100);
 /// Pieces that can wait.
 const DEPTH: usize = 256;
 
@@ -118,28 +120,29 @@ pub enum IncomingError {
 
 impl Incoming<'_> {
     /// Delivers until the stop request. Reports on `opened` when the link in shared memory is open.
-    /// `writer` is the process that a message comes from.
     pub(crate) fn run<T: OnTopic>(
         &self,
         ports: &Ports,
-        writer: fn(&T) -> Option<Participant>,
         opened: impl FnOnce(),
     ) -> Result<(), IncomingError> {
         let _ = self.queue.reader.set(thread::current());
         let mut delivery = Delivery {
             lane: self,
-            sink: ports.sink()?,
-            writer,
+            sink: ports.sink::<T>()?,
             assembly: Assembly::default(),
             last: None,
         };
         opened();
+        let mut refreshed = Instant::now();
         while !self.stop.requested() {
             while let Some(piece) = self.queue.pieces.pop() {
                 delivery.take(&piece)?;
             }
+            if refreshed.elapsed() >= JOINS_EVERY {
+                delivery.sink.refresh()?;
+                refreshed = Instant::now();
+            }
             thread::park_timeout(PATIENCE);
-            delivery.sink.refresh()?;
         }
         Ok(())
     }
@@ -149,7 +152,6 @@ impl Incoming<'_> {
 struct Delivery<'a, T> {
     lane: &'a Incoming<'a>,
     sink: Sink<T>,
-    writer: fn(&T) -> Option<Participant>,
     assembly: Assembly,
     /// In lock step: the last piece that was delivered.
     last: Option<Label>,
@@ -194,8 +196,7 @@ impl<T: OnTopic> Delivery<'_, T> {
             received.malformed.fetch_add(1, Ordering::Relaxed);
             return Ok(());
         };
-        let is_there =
-            (self.writer)(&message).is_some_and(|from| self.lane.processes.contains(&from));
+        let is_there = message.publisher().is_some_and(|from| self.lane.processes.contains(&from));
         if !is_there {
             received.of_another_host.fetch_add(1, Ordering::Relaxed);
             return Ok(());

@@ -87,13 +87,11 @@ pub(crate) struct Outgoing<'a> {
 }
 
 impl Outgoing<'_> {
-    /// Sends until the stop request. Reports on `opened` when the link in shared memory is open.
-    /// `writer` is the process that a message comes from: of those that other hosts have sent,
-    /// none goes out again.
+    /// Sends until the stop request. Reports on `opened` when the link in shared memory is open. Of
+    /// the messages that other hosts have sent, none goes out again.
     pub(crate) fn run<T: OnTopic>(
         &self,
         ports: &Ports,
-        writer: fn(&T) -> Option<Participant>,
         opened: impl FnOnce(),
     ) -> Result<(), OutgoingError> {
         self.acknowledged.wake_this_thread();
@@ -122,7 +120,8 @@ impl Outgoing<'_> {
             pieces.tend();
             let is_read = !pieces.window.is_full() && source.wait(PATIENCE)?;
             if is_read && let Some(message) = source.next()? {
-                let is_ours = writer(&message).is_some_and(|from| self.processes.contains(&from));
+                let is_ours =
+                    message.publisher().is_some_and(|from| self.processes.contains(&from));
                 if is_ours {
                     wire::encode(&message, &mut pieces.message);
                     pieces.send();

@@ -13,7 +13,7 @@ use protocol::message::{
     Command, Credit, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample,
     Truth,
 };
-use protocol::topic::{OnTopic, TOPIC_COUNT, Topic};
+use protocol::topic::{TOPIC_COUNT, Topic};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -298,6 +298,23 @@ impl<'a> Connection<'a> {
     }
 }
 
+/// `$body` for the message `$message` of a topic.
+macro_rules! of_topic {
+    ($topic:expr, $message:ident => $body:expr) => {
+        of_topic!($topic, $message => $body,
+            State PlantState, Command Command, Residual ResidualSample, Snapshot ModelSnapshot,
+            Plan Plan, Health Health, Truth Truth, Credit Credit)
+    };
+    ($topic:expr, $message:ident => $body:expr, $($variant:ident $of:ident),+) => {
+        match $topic {
+            $(Topic::$variant => {
+                type $message = $of;
+                $body
+            })+
+        }
+    };
+}
+
 impl Shared<'_> {
     fn send(
         &self,
@@ -319,16 +336,7 @@ impl Shared<'_> {
             processes: &settings.processes,
         };
         let opened = || opened.send(()).unwrap_or_default();
-        let ended = match topic {
-            Topic::State => lane.run::<PlantState>(&ports, of_plant, opened),
-            Topic::Command => lane.run::<Command>(&ports, of_controller, opened),
-            Topic::Residual => lane.run::<ResidualSample>(&ports, of_controller, opened),
-            Topic::Snapshot => lane.run::<ModelSnapshot>(&ports, of_learner, opened),
-            Topic::Plan => lane.run::<Plan>(&ports, of_controller, opened),
-            Topic::Health => lane.run::<Health>(&ports, Health::participant, opened),
-            Topic::Truth => lane.run::<Truth>(&ports, of_plant, opened),
-            Topic::Credit => lane.run::<Credit>(&ports, of_recorder, opened),
-        };
+        let ended = of_topic!(topic, T => lane.run::<T>(&ports, opened));
         ended.map_err(|source| BridgeError::Outgoing { topic, source })
     }
 
@@ -351,35 +359,9 @@ impl Shared<'_> {
             processes: &self.remote.processes,
         };
         let opened = || opened.send(()).unwrap_or_default();
-        let ended = match topic {
-            Topic::State => lane.run::<PlantState>(&ports, of_plant, opened),
-            Topic::Command => lane.run::<Command>(&ports, of_controller, opened),
-            Topic::Residual => lane.run::<ResidualSample>(&ports, of_controller, opened),
-            Topic::Snapshot => lane.run::<ModelSnapshot>(&ports, of_learner, opened),
-            Topic::Plan => lane.run::<Plan>(&ports, of_controller, opened),
-            Topic::Health => lane.run::<Health>(&ports, Health::participant, opened),
-            Topic::Truth => lane.run::<Truth>(&ports, of_plant, opened),
-            Topic::Credit => lane.run::<Credit>(&ports, of_recorder, opened),
-        };
+        let ended = of_topic!(topic, T => lane.run::<T>(&ports, opened));
         ended.map_err(|source| BridgeError::Incoming { topic, source })
     }
-}
-
-/// Every topic but Health has one writer.
-fn of_plant<T: OnTopic>(_: &T) -> Option<Participant> {
-    Some(Participant::Plant)
-}
-
-fn of_controller<T: OnTopic>(_: &T) -> Option<Participant> {
-    Some(Participant::Controller)
-}
-
-fn of_learner<T: OnTopic>(_: &T) -> Option<Participant> {
-    Some(Participant::Learner)
-}
-
-fn of_recorder<T: OnTopic>(_: &T) -> Option<Participant> {
-    Some(Participant::Recorder)
 }
 
 /// Counters → Health, and a few lines in the log.

@@ -37,23 +37,19 @@ pub enum PresentError {
     Access(#[from] AccessError),
     /// It is not valid for the address of an endpoint.
     #[error(
-        "the certificate of {role} is for {}, and {key} is {endpoint}: \
-         make certificates with --host {name}={host}",
-        addresses.join(", ")
+        "the certificate of {} is for {}, and {key} is {endpoint}: make certificates with --host \
+         NAME={}",
+        certificate.role,
+        certificate.addresses.join(", "),
+        host_in(endpoint)
     )]
     Address {
-        /// Role of the certificate.
-        role: Role,
-        /// Name of the host.
-        name: String,
-        /// Addresses for which it is valid.
-        addresses: Vec<String>,
+        /// The certificate.
+        certificate: Box<Certificate>,
         /// Key of the endpoint in the graph file.
         key: &'static str,
         /// The endpoint.
         endpoint: String,
-        /// Name or address in the endpoint.
-        host: String,
     },
 }
 
@@ -69,12 +65,12 @@ impl Certificates {
         let certificate = credentials.check(&role, unix_s(SystemTime::now()))?;
         for remote in graph.deployment().remotes(name) {
             if let Meeting::Listen(endpoint) = &remote.meeting {
-                covers(&certificate, name, "connections.listen", endpoint)?;
+                covers(&certificate, "connections.listen", endpoint)?;
             }
         }
         if graph.processes.gateway.enabled {
             for endpoint in &graph.telemetry.listen {
-                covers(&certificate, name, "telemetry.listen", endpoint)?;
+                covers(&certificate, "telemetry.listen", endpoint)?;
             }
         }
         let Certificate { robot, until_s, .. } = certificate;
@@ -113,7 +109,6 @@ impl std::fmt::Display for Certificates {
 /// Fails unless the certificate is valid for the address of `endpoint`.
 fn covers(
     certificate: &Certificate,
-    name: &str,
     key: &'static str,
     endpoint: &str,
 ) -> Result<(), PresentError> {
@@ -122,12 +117,6 @@ fn covers(
     if is_any(host) || certificate.covers(host) {
         return Ok(());
     }
-    Err(PresentError::Address {
-        role: certificate.role.clone(),
-        name: name.to_owned(),
-        addresses: certificate.addresses.clone(),
-        key,
-        endpoint: endpoint.to_owned(),
-        host: host.to_owned(),
-    })
+    let certificate = Box::new(certificate.clone());
+    Err(PresentError::Address { certificate, key, endpoint: endpoint.to_owned() })
 }
