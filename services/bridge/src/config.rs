@@ -57,16 +57,18 @@ pub(crate) fn subject(settings: &Settings, remote: &Remote) -> Result<Option<Str
     credentials.map(|credentials| Ok(remote.role().subject(&credentials.read()?.robot))).transpose()
 }
 
-/// A peer that listens or connects, again and again, and has one session at most: a second one is
-/// refused while the first lives.
+/// A session that listens or connects, again and again, and has one other end at most: a second one
+/// is refused while the first lives.
 pub(crate) fn config(settings: &Settings, remote: &Remote) -> Result<Config, ConfigError> {
     let endpoint = endpoint(settings, remote);
     let (listen, connect) = match remote.meeting {
         Meeting::Listen(_) => (vec![endpoint], Vec::new()),
         Meeting::Connect(_) | Meeting::Router(_) => (Vec::new(), vec![endpoint]),
     };
+    // A zenoh router passes nothing on between two peers.
+    let mode = if matches!(remote.meeting, Meeting::Router(_)) { "client" } else { "peer" };
     let settings_of_zenoh = [
-        ("mode", json!("peer")),
+        ("mode", json!(mode)),
         ("listen/endpoints", json!(listen)),
         ("listen/timeout_ms", json!(0)),
         ("listen/exit_on_failure", json!(true)),

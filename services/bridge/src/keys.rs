@@ -60,6 +60,12 @@ impl Keys {
         format!("coxswain-link/{graph}/{here}/{there}/{what}")
     }
 
+    /// A key of the other host that carries nothing: a test whether this host can use it.
+    pub(crate) fn probe(&self) -> String {
+        let Self { graph, here, there } = self;
+        format!("coxswain-link/{graph}/{there}/{here}/probe")
+    }
+
     /// What any host sends to this one.
     pub(crate) fn incoming(&self) -> String {
         format!("coxswain-link/{}/*/{}/*", self.graph, self.here)
@@ -98,6 +104,7 @@ mod tests {
             "coxswain-link/g/control/robot/speed",
             "coxswain-link/g/control/robot/state/more",
             "coxswain-link/g/control/robot",
+            &keys.probe(),
             "",
         ] {
             assert_eq!(keys.what(key), None, "{key}");

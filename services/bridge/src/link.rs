@@ -15,11 +15,18 @@ use protocol::topic::{TOPIC_COUNT, Topic};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock};
-use std::thread::Thread;
+use std::thread::{self, Thread};
+use std::time::{Duration, Instant};
 use zenoh::bytes::ZBytes;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Config, Wait};
+
+/// How long the router may take to answer at the start.
+const ROUTER_ANSWERS_WITHIN: Duration = Duration::from_secs(10);
+/// How often the probe is sent, and the pause after each.
+const PROBES: usize = 10;
+const PROBE_PAUSE: Duration = Duration::from_millis(50);
 
 /// The session cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -62,7 +69,7 @@ pub(crate) struct Acknowledged {
 impl Acknowledged {
     /// Wakes this thread from now on.
     pub(crate) fn wake_this_thread(&self) {
-        let _ = self.waiting.set(std::thread::current());
+        let _ = self.waiting.set(thread::current());
     }
 
     pub(crate) fn through(&self) -> u64 {
@@ -239,6 +246,32 @@ impl Link {
         let _ = put.wait();
     }
 
+    /// Behind a router the certificate of the link is the router's own. So the router must reject
+    /// what a host publishes in the name of another one. A second session of this host tries it.
+    fn is_alone_behind_router(&self) -> Result<(), Breach> {
+        let unknown = |reason: String| Breach::Unknown { endpoint: self.endpoint.clone(), reason };
+        let probe = Client::open(self.config.clone());
+        let probe = probe.map_err(|error| unknown(first_line(&error)))?;
+        let begin = Instant::now();
+        while probe.info().peers_zid().wait().chain(probe.info().routers_zid().wait()).count() == 0
+        {
+            if begin.elapsed() > ROUTER_ANSWERS_WITHIN {
+                return Err(unknown("the router does not answer".to_owned()));
+            }
+            thread::sleep(PROBE_PAUSE);
+        }
+        for _ in 0..PROBES {
+            let put = probe.put(self.keys.probe(), "probe").wait();
+            put.map_err(|error| unknown(first_line(&error)))?;
+            thread::sleep(PROBE_PAUSE);
+        }
+        if self.arrivals.not_permitted.load(Ordering::Relaxed) > 0 {
+            let endpoint = self.endpoint.clone();
+            return Err(Breach::Name { endpoint, host: self.host.clone() });
+        }
+        Ok(())
+    }
+
     /// Acknowledges the pieces of `topic` up to that of `label`.
     pub(crate) fn acknowledge(&self, topic: Topic, label: Label) {
         let bytes = label.to_bytes();
@@ -246,7 +279,7 @@ impl Link {
     }
 }
 
-/// Fails if this host accepts peers without a certificate of its authority.
+/// Fails if a peer that is not the other host can send messages in its name.
 ///
 /// # Errors
 /// [`Breach`].
@@ -255,6 +288,7 @@ pub(crate) fn self_test(settings: &Settings, remote: &Remote, link: &Link) -> Re
         (Meeting::Listen(_), Some(credentials)) => {
             keeps_strangers_out(&access::from_here(link.endpoint()), credentials)
         }
+        (Meeting::Router(_), Some(_)) => link.is_alone_behind_router(),
         _ => Ok(()),
     }
 }

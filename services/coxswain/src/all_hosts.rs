@@ -60,7 +60,8 @@ pub fn run(options: &Options, graph: &Graph) -> Result<Outcome, LaunchError> {
     for (host, table) in graph.hosts.iter().filter(|(_, table)| !table.driver) {
         let mut command = command(options, host, &out).map_err(system("the launcher program"))?;
         for (connection, port) in graph.connections.iter().zip(&ports) {
-            if let Some(other) = connection.other(host) {
+            // A router is where the graph file says.
+            if let Some(other) = connection.other(host).filter(|_| connection.router.is_none()) {
                 command.arg("--address").arg(format!("{other}=127.0.0.1:{port}"));
             }
         }

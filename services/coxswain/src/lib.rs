@@ -32,6 +32,7 @@
 //! | [`closing`]           | `summary.json` → the table at the end                                |
 //! | [`order`]             | `coxswain arm`, `coxswain resume`: an order to the plant of a run    |
 //! | [`set`]               | `coxswain set`: a change of settings while the robot drives          |
+//! | [`router`]            | `coxswain router`: a zenoh router at which hosts meet                |
 //! | [`records`]           | `coxswain report`, `coxswain export`: reports and tables             |
 //! | [`experiment`]        | comparison of controllers in scenarios                               |
 //! | [`without_learning`]  | the same run without learning, for comparison on the live page       |
@@ -66,6 +67,7 @@ pub mod progress;
 pub mod records;
 pub mod registry;
 pub mod role;
+pub mod router;
 pub mod scenario;
 pub mod service_manager;
 pub mod set;

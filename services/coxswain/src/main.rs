@@ -10,8 +10,9 @@ use coxswain::options::Options;
 use coxswain::order::{self, OrderOptions};
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
 use coxswain::registry;
+use coxswain::router::RouterOptions;
 use coxswain::set::{SetError, SetOptions};
-use coxswain::terminal::Terminal;
+use coxswain::terminal::{self, Terminal};
 use coxswain::watch_command::{self, WatchOptions};
 use gate::Order;
 use network::threads;
@@ -47,6 +48,10 @@ enum Command {
     /// Exit code 0 if they were created, 2 if an option is invalid or a file exists already, 1 if
     /// the file system reports an error.
     Certificates(CertificatesOptions),
+    /// Print the configuration of a zenoh router at which the hosts of a graph meet.
+    ///
+    /// Exit code 2 if the graph file or the certificate cannot be used.
+    Router(RouterOptions),
     /// Inject real faults into every part, and print their effects at the wheels.
     ///
     /// Exit code 0 if every promise held, 1 if one was broken or the drill failed, 2 if an option
@@ -108,6 +113,7 @@ fn main() -> ExitCode {
         Command::Launch(options) => launch(&options),
         Command::Watch(options) => watch(&options),
         Command::Certificates(options) => certificates(&options),
+        Command::Router(options) => router(&options),
         Command::Drill(options) => drill(&options),
         Command::Offer(options) => offer(&options),
         Command::Set(options) => set(coxswain::set::run(&options, &registry::base())),
@@ -125,6 +131,19 @@ fn certificates(options: &CertificatesOptions) -> ExitCode {
         Err(error) => {
             Terminal::new().say(format_args!("coxswain: {error}"));
             ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn router(options: &RouterOptions) -> ExitCode {
+    match coxswain::router::configuration(options) {
+        Ok(configuration) => {
+            terminal::print(format_args!("{configuration:#}"));
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::from(2)
         }
     }
 }

@@ -36,6 +36,17 @@ pub enum Breach {
         /// The role that was tried.
         role: String,
     },
+    /// A router does not restrict what a host publishes.
+    #[error(
+        "the router at {endpoint} delivers what this host publishes in the name of host {host}: \
+         run it with the configuration that `coxswain router` prints"
+    )]
+    Name {
+        /// The endpoint.
+        endpoint: String,
+        /// The host whose name was used.
+        host: String,
+    },
     /// The test gave no result.
     #[error("the access check at {endpoint} could not be completed: {reason}")]
     Unknown {
