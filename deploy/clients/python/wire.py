@@ -212,7 +212,7 @@ class Health:
 class Wire:
     """Encodes and decodes messages: a header of version, kind and checksum, then the fields."""
 
-    VERSION = 5
+    VERSION = 6
     HEADER = struct.Struct("<HHI")
     BODY = {kind: record(kind) for kind in (PlantState, Command, Credit, Health)}
     TABLE: list[int] = []  # checksum table, one entry per byte value
