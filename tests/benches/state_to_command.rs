@@ -1,6 +1,7 @@
 //! How long a robot waits for the answer to a state, end to end. Measures a real controller process
-//! of a real launch, over each carrier, beside the bare library's round trip between two processes.
-//! A state and a bare round alternate.
+//! of a real launch, on this host and on another one, beside the bare library's round trip between
+//! two processes. A state and a bare round alternate. The two hosts use certificates, and so does
+//! the bare library.
 //!
 //! `cargo bench -p promises --bench state_to_command`
 #![expect(clippy::print_stdout, reason = "figures are what a bench is for")]
@@ -12,8 +13,9 @@ mod ends;
 
 use bare::Echo;
 use bytemuck::Zeroable;
+use network::threads;
 use process::{PRIORITY, go_first, read_settings};
-use promises::{Launched, graph_with, launch_command};
+use promises::{Launched, Outcome, binaries, graph_with, launch_command};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{Command, Message, Plan, PlantState};
 use protocol::wire;
@@ -36,29 +38,57 @@ const PERIOD: Duration = Duration::from_millis(20);
 const APART: Duration = Duration::from_millis(5);
 
 fn main() -> Result<(), Failure> {
+    threads::set()?;
     let arguments: Vec<String> = std::env::args().collect();
     if let Some(place) = arguments.iter().position(|argument| argument == "--echo") {
         return bare::answer(arguments.get(place + 1..).unwrap_or_default());
     }
-    for graph in ["local", "network"] {
+    for graph in [LOCAL, TWO_HOSTS] {
         measure(graph)?;
     }
     Ok(())
 }
 
-/// A launch without a robot: this bench is the robot.
+/// The graphs.
+const LOCAL: &str = "local";
+const TWO_HOSTS: &str = "two-hosts";
+
+/// A launch without a robot: this bench is the robot. Returns the links of the robot's host.
 fn launch(graph: &str) -> Result<(Launched, Links), Box<dyn Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-    let alone = ["plant", "learner", "recorder"]
+    let alone = ["plant", "learner", "recorder", "gateway"]
         .map(|role| format!("[processes.{role}]\nenabled = false\n"))
         .concat();
     let file = graph_with(graph, &alone, home.path())?;
-    let options = ["--scenario", "paper-20ms", "--duration", "600"];
-    let launched = Launched::by(launch_command(&file, &home.path().join("run"), &options)?, home)?;
-    launched.wait_for_log("controller", "started", 1)?;
-    let settings: controller::Settings =
-        read_settings(&launched.folder().join("settings/controller.toml"))?;
-    Ok((launched, settings.run.links))
+    let mut options = vec!["--scenario", "paper-20ms", "--duration", "600"];
+    let certificates = home.path().join("certificates");
+    let certificates = certificates.to_string_lossy();
+    let (controller, robot) = if graph == TWO_HOSTS {
+        issue(graph, &certificates)?;
+        options.extend(["--certificates", &certificates]);
+        ("control/controller", "robot/settings/bridge.toml")
+    } else {
+        ("controller", "settings/controller.toml")
+    };
+    let command = launch_command(&file, &home.path().join("run"), &options)?;
+    let launched = Launched::by(command, home)?;
+    launched.wait_for_log(controller, "started", 1)?;
+    let robot = launched.folder().join(robot);
+    let links = if graph == TWO_HOSTS {
+        read_settings::<bridge::settings::Settings>(&robot)?.run.links
+    } else {
+        read_settings::<controller::Settings>(&robot)?.run.links
+    };
+    Ok((launched, links))
+}
+
+/// Certificates of the hosts of `graph`.
+fn issue(graph: &str, folder: &str) -> Outcome {
+    let coxswain = binaries()?.join("coxswain");
+    let issued = std::process::Command::new(coxswain)
+        .args(["certificates", "--robot", graph, "--out", folder])
+        .output()?;
+    if issued.status.success() { Ok(()) } else { Err(format!("{issued:?}").into()) }
 }
 
 fn measure(graph: &str) -> Result<(), Failure> {
@@ -73,9 +103,10 @@ fn measure(graph: &str) -> Result<(), Failure> {
     let mut plans: Source<Plan> = ports.watcher()?;
     let mut encoded = Vec::new();
     wire::encode(&Command::zeroed(), &mut encoded);
-    let echo = match links.connect.first() {
-        Some(endpoint) => Echo::of_zenoh(endpoint, encoded.len())?,
-        None => Echo::of_iceoryx2(launched.home(), Command::zeroed().byte_len())?,
+    let echo = if graph == TWO_HOSTS {
+        Echo::of_zenoh(&launched.home().join("certificates"), encoded.len())?
+    } else {
+        Echo::of_iceoryx2(launched.home(), Command::zeroed().byte_len())?
     };
     let (mut waited, mut bare, mut computed) = (BTreeMap::new(), Vec::new(), BTreeMap::new());
     // A controller that is not connected yet receives nothing.
@@ -104,9 +135,9 @@ fn measure(graph: &str) -> Result<(), Failure> {
         ("of it, the way", beyond),
         ("bare round trip", bare),
     ] {
-        println!("{graph:8} {what:30} p50 {p50:7.1} µs  p99 {p99:7.1} µs");
+        println!("{graph:9} {what:30} p50 {p50:7.1} µs  p99 {p99:7.1} µs");
     }
-    println!("{graph:8} way / bare round trip: {:.2}", beyond[0] / bare[0]);
+    println!("{graph:9} way / bare round trip: {:.2}", beyond[0] / bare[0]);
     Ok(())
 }
 

@@ -7,22 +7,17 @@
 mod bare;
 #[path = "round_trip/ends.rs"]
 mod ends;
-#[path = "round_trip/network.rs"]
-mod network;
 
 use bytemuck::Zeroable;
 use criterion::Criterion;
 use protocol::message::{Command, Message, ModelSnapshot, SnapshotHead};
 use protocol::topic::{OnTopic, Topic};
-use protocol::wire;
 use std::error::Error;
 use std::path::Path;
 use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
-use transport::{
-    Carrier, Carriers, Exchange, Identity, Links, Ports, Router, Since, Sink, Source, sweep,
-};
+use transport::{Exchange, Identity, Links, Ports, Since, Sink, Source, sweep};
 
 type Failure = Box<dyn Error + Send + Sync>;
 
@@ -32,7 +27,7 @@ const LONG: Duration = Duration::from_secs(10);
 /// Ends the echo.
 const LAST: u64 = u64::MAX;
 
-/// Data points of 6 inputs: about as many as the network carries at once.
+/// Data points of 6 inputs: a snapshot of 416 kB.
 const POINTS: u32 = 4_000;
 
 fn main() -> Result<(), Failure> {
@@ -65,28 +60,8 @@ fn main() -> Result<(), Failure> {
         words(snapshot()?.byte_len()),
         Topic::Snapshot.quality(false).depth,
     )?;
-
-    let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
-    let (carriers, connect) = (Carriers::all(Carrier::Network), router.endpoints().to_vec());
-    let remote =
-        shared.map(|links| Links { carriers: carriers.clone(), connect: connect.clone(), ..links });
-    measure_both(&mut criterion, "network", |end| {
-        Ok(Ports::open(&remote[end], Identity::new(1))?)
-    })?;
-    for (name, bytes) in
-        [("command", encoded_len(&Command::zeroed())), ("snapshot", encoded_len(&snapshot()?))]
-    {
-        let endpoint = router.endpoints().first().ok_or("the router listens nowhere")?;
-        network::measure(&mut criterion, endpoint, name, bytes)?;
-    }
     criterion.final_summary();
     Ok(())
-}
-
-fn encoded_len<T: Message>(message: &T) -> usize {
-    let mut bytes = Vec::new();
-    wire::encode(message, &mut bytes);
-    bytes.len()
 }
 
 fn snapshot() -> Result<ModelSnapshot, Failure> {

@@ -28,12 +28,6 @@ macro_rules! every_carrier_keeps {
                 crate::$file::$promise::<crate::fixture::Shared>()
             })+)+
         }
-        mod network {
-            $($(#[test]
-            fn $promise() -> crate::fixture::Outcome {
-                crate::$file::$promise::<crate::fixture::Net>()
-            })+)+
-        }
     };
 }
 

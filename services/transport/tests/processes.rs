@@ -1,15 +1,11 @@
-//! Separate processes on shared memory and over the network, some of which are killed or stopped.
+//! Separate processes on shared memory, some of which are killed or stopped.
 //!
 //! Each test starts this binary again as its children. They act as `CHILD_ROLE` specifies, and are
 //! killed in the end.
 
-#[path = "said/commands.rs"]
-mod commands;
-
 use bytemuck::Zeroable;
-use commands::{command, until};
 use protocol::message::{Command, Credit};
-use protocol::topic::Topic;
+use protocol::topic::{OnTopic, Topic};
 use rustix::process::{Pid, Signal, kill_process};
 use std::env;
 use std::error::Error;
@@ -21,17 +17,19 @@ use std::thread;
 use std::time::Duration;
 use tempfile::TempDir;
 use transport::{
-    Carrier, Carriers, Identity, Links, Ports, Router, SendError, Since, SweepReport, sweep,
+    Identity, Links, Ports, SendError, Since, Source, SweepReport, sweep,
 };
 
 type Outcome = Result<(), Box<dyn Error>>;
+
+/// Longer than any test machine needs.
+const LONG: Duration = Duration::from_mins(1);
 
 const PATIENCE: Duration = Duration::from_millis(300);
 
 /// A graph whose links children can join. It is removed in the end with all its remains.
 struct Graph {
     links: Links,
-    router: Option<Router>,
     _folder: TempDir,
 }
 
@@ -42,18 +40,8 @@ impl Graph {
         let graph = format!("p{}-{}", std::process::id(), GRAPHS.fetch_add(1, Ordering::Relaxed));
         Ok(Self {
             links: links(graph, lock_step, folder.path().join("r")),
-            router: None,
             _folder: folder,
         })
-    }
-
-    fn on_network(lock_step: bool) -> Result<Self, Box<dyn Error>> {
-        let mut graph = Self::new(lock_step)?;
-        let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
-        graph.links.carriers = Carriers::all(Carrier::Network);
-        graph.links.connect = router.endpoints().to_vec();
-        graph.router = Some(router);
-        Ok(graph)
     }
 
     fn ports(&self) -> Result<Ports, Box<dyn Error>> {
@@ -67,7 +55,6 @@ impl Graph {
             .env("CHILD_ROLE", role)
             .env("CHILD_GRAPH", &self.links.graph)
             .env("CHILD_ROOT", &self.links.root)
-            .env("CHILD_CONNECT", self.links.connect.join(","))
             .env("CHILD_LOCK_STEP", self.links.lock_step.to_string())
             .env("CHILD_EPOCH", epoch.to_string())
             .stdout(Stdio::null())
@@ -131,12 +118,7 @@ fn child() -> Outcome {
         return Ok(());
     };
     let root = Path::new(&env::var("CHILD_ROOT")?).to_path_buf();
-    let mut links = links(env::var("CHILD_GRAPH")?, env::var("CHILD_LOCK_STEP")?.parse()?, root);
-    let connect = env::var("CHILD_CONNECT")?;
-    if !connect.is_empty() {
-        links.carriers = Carriers::all(Carrier::Network);
-        links.connect = connect.split(',').map(ToOwned::to_owned).collect();
-    }
+    let links = links(env::var("CHILD_GRAPH")?, env::var("CHILD_LOCK_STEP")?.parse()?, root);
     let ports = Ports::open(&links, Identity::new(env::var("CHILD_EPOCH")?.parse()?))?;
     match role.as_str() {
         "commands" => say_commands(&ports),
@@ -171,15 +153,7 @@ fn answer_with_credits(ports: &Ports) -> Outcome {
 
 #[test]
 fn a_killed_writer_is_replaced_by_its_successor() -> Outcome {
-    replace_killed_writers(&Graph::new(false)?)
-}
-
-#[test]
-fn a_killed_writer_is_replaced_by_its_successor_over_the_network() -> Outcome {
-    replace_killed_writers(&Graph::on_network(false)?)
-}
-
-fn replace_killed_writers(graph: &Graph) -> Outcome {
+    let graph = Graph::new(false)?;
     let mut commands = graph.ports()?.source::<Command>(Since::Joining)?;
     // More instances than the topic has places for writers.
     for epoch in 1..=7 {
@@ -196,15 +170,7 @@ fn replace_killed_writers(graph: &Graph) -> Outcome {
 
 #[test]
 fn a_killed_reader_is_replaced_by_its_successor() -> Outcome {
-    replace_killed_readers(&Graph::new(false)?)
-}
-
-#[test]
-fn a_killed_reader_is_replaced_by_its_successor_over_the_network() -> Outcome {
-    replace_killed_readers(&Graph::on_network(false)?)
-}
-
-fn replace_killed_readers(graph: &Graph) -> Outcome {
+    let graph = Graph::new(false)?;
     let ports = graph.ports()?;
     let mut credits = ports.source::<Credit>(Since::Joining)?;
     let mut commands = ports.sink::<Command>()?;
@@ -247,72 +213,6 @@ fn a_killed_reader_delays_a_lossless_writer_no_longer_than_its_patience() -> Out
     until(&mut credits, |credit| credit.stamp.epoch == 2)?;
     commands.send(&mut command(10_000))?;
     until(&mut credits, |credit| credit.through_tick == 10_000)?;
-    Ok(())
-}
-
-/// The network reports by itself that the reader is gone, unless the writer fills the reader's room
-/// before.
-#[test]
-fn a_killed_reader_delays_a_lossless_writer_once_at_most_over_the_network() -> Outcome {
-    let graph = Graph::on_network(true)?;
-    let ports = graph.ports()?;
-    let mut credits = ports.source::<Credit>(Since::Joining)?;
-    let mut commands = ports.sink::<Command>()?;
-    let reader = graph.start("credits", 1)?;
-    until(&mut credits, |_| true)?;
-    commands.send(&mut command(1))?;
-    until(&mut credits, |credit| credit.through_tick == 1)?;
-    reader.kill()?;
-
-    let sent = (2..=3 * Topic::Command.quality(true).depth as u64)
-        .map(|tick| commands.send(&mut command(tick)));
-    let failures = sent.filter(Result::is_err).count();
-    assert!(failures <= 1, "{failures}");
-
-    let _successor = graph.start("credits", 2)?;
-    until(&mut credits, |credit| credit.stamp.epoch == 2)?;
-    commands.send(&mut command(10_000))?;
-    until(&mut credits, |credit| credit.through_tick == 10_000)?;
-    Ok(())
-}
-
-#[test]
-fn a_link_that_was_cut_is_taken_up_again() -> Outcome {
-    let mut graph = Graph::on_network(false)?;
-    let mut credits = graph.ports()?.source::<Credit>(Since::Joining)?;
-    let _reader = graph.start("credits", 1)?;
-    let _writer = graph.start("commands", 1)?;
-    let mut received = until(&mut credits, |credit| credit.through_tick > 0)?;
-    for _ in 0..3 {
-        let endpoints = graph.links.connect.clone();
-        drop(graph.router.take());
-        // No message arrives without the router.
-        while credits.wait(PATIENCE)? {
-            while credits.next()?.is_some() {}
-        }
-        graph.router = Some(Router::open(&endpoints, &[])?);
-        received = until(&mut credits, |credit| credit.through_tick > received.through_tick)?;
-    }
-    Ok(())
-}
-
-#[test]
-fn two_routers_join_and_join_again_after_one_was_gone() -> Outcome {
-    let mut here = Graph::on_network(false)?;
-    let mut there = Graph::new(false)?;
-    let far = Router::open(&["tcp/127.0.0.1:0".to_owned()], &here.links.connect)?;
-    there.links = Links { connect: far.endpoints().to_vec(), ..here.links.clone() };
-    there.router = Some(far);
-    let mut commands = there.ports()?.source::<Command>(Since::Joining)?;
-    let _writer = here.start("commands", 1)?;
-    until(&mut commands, |_| true)?;
-    let endpoints = here.links.connect.clone();
-    drop(here.router.take());
-    while commands.wait(PATIENCE)? {
-        while commands.next()?.is_some() {}
-    }
-    here.router = Some(Router::open(&endpoints, &[])?);
-    until(&mut commands, |_| true)?;
     Ok(())
 }
 
@@ -385,4 +285,28 @@ fn a_folder_that_holds_something_else_survives_the_sweep() -> Outcome {
     assert_eq!(fs::read_dir(&graph.links.root)?.count(), 1);
     fs::remove_file(note)?;
     Ok(())
+}
+
+/// A command that answers `tick`.
+fn command(tick: u64) -> Command {
+    let mut command = Command::zeroed();
+    command.stamp.tick = tick;
+    command
+}
+
+/// Reads until a message satisfies the condition.
+fn until<T: OnTopic>(
+    source: &mut Source<T>,
+    wanted: impl Fn(&T) -> bool,
+) -> Result<T, Box<dyn Error>> {
+    loop {
+        if !source.wait(LONG)? {
+            return Err("nothing comes any more".into());
+        }
+        while let Some(message) = source.next()? {
+            if wanted(&message) {
+                return Ok(message);
+            }
+        }
+    }
 }

@@ -1,9 +1,12 @@
 //! The libraries alone: as many bytes to another process and back, with events, and nothing else.
 
-use super::ends::{End, client, sweep};
+use super::ends::{End, sweep};
 use super::{Failure, LONG, bare_folder};
+use access::Credentials;
+use network::guarded;
 use process::{PRIORITY, go_first};
 use protocol::clock::monotonic_nanos;
+use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{self, Receiver};
@@ -37,14 +40,20 @@ impl Echo {
         echo.begin()
     }
 
-    pub(super) fn of_zenoh(endpoint: &str, bytes: usize) -> Result<Self, Failure> {
-        let session = client(endpoint)?;
+    /// Two peers with the certificates in `folder`.
+    pub(super) fn of_zenoh(folder: &Path, bytes: usize) -> Result<Self, Failure> {
+        // Another program may take the port first; then the bench fails.
+        let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
+        let endpoint = format!("tls/127.0.0.1:{port}");
+        let credentials = folder.join("robot-host");
+        let session = peer("listen", &endpoint, &credentials)?;
         let (note, heard) = mpsc::channel();
         let ears = session
             .declare_subscriber("bare/back")
             .callback(move |_| note.send(()).unwrap_or_default())
             .wait()?;
-        let child = start(&["zenoh", endpoint])?;
+        let credentials = folder.join("control-host");
+        let child = start(&["zenoh", &endpoint, &credentials.to_string_lossy()])?;
         Self { child, way: Way::Zenoh { session, heard, bytes, _ears: ears } }.begin()
     }
 
@@ -71,7 +80,7 @@ impl Echo {
                 Ok(end.hear(patience)?.is_some())
             }
             Way::Zenoh { session, heard, bytes, .. } => {
-                session.put("bare/there", vec![1_u8; *bytes]).wait()?;
+                session.put("bare/there", vec![1_u8; *bytes]).express(true).wait()?;
                 Ok(heard.recv_timeout(patience).is_ok())
             }
         }
@@ -97,6 +106,23 @@ fn start(arguments: &[&str]) -> Result<Child, Failure> {
         .spawn()?)
 }
 
+/// One of two peers that know each other by `endpoint` alone. `side` is listen or connect.
+fn peer(side: &str, endpoint: &str, credentials: &Path) -> Result<Session, Failure> {
+    let mut config = zenoh::Config::default();
+    let settings = [
+        ("mode", "\"peer\""),
+        ("scouting/multicast/enabled", "false"),
+        ("scouting/gossip/enabled", "false"),
+        ("connect/timeout_ms", "-1"),
+        ("listen/endpoints", "[]"),
+    ];
+    for (key, value) in settings {
+        config.insert_json5(key, value)?;
+    }
+    config.insert_json5(&format!("{side}/endpoints"), &format!("[\"{endpoint}\"]"))?;
+    zenoh::open(guarded(config, &Credentials::in_folder(credentials), &[])?).wait()
+}
+
 /// The other process.
 pub(super) fn answer(arguments: &[String]) -> Result<(), Failure> {
     go_first(PRIORITY);
@@ -113,18 +139,19 @@ pub(super) fn answer(arguments: &[String]) -> Result<(), Failure> {
             }
             Ok(())
         }
-        [library, endpoint, ..] if library == "zenoh" => {
-            let session = client(endpoint)?;
+        [library, endpoint, credentials, ..] if library == "zenoh" => {
+            let session = peer("connect", endpoint, Path::new(credentials))?;
             let echo = session.clone();
             let back = move |sample: zenoh::sample::Sample| {
-                drop(echo.put("bare/back", sample.payload().clone()).wait());
+                drop(echo.put("bare/back", sample.payload().clone()).express(true).wait());
             };
             let _ears = session.declare_subscriber("bare/there").callback(back).wait()?;
             std::io::copy(&mut std::io::stdin(), &mut std::io::sink())?;
             Ok(())
         }
         _ => {
-            Err("expected iceoryx2 with folder, prefix and words, or zenoh with an endpoint".into())
+            Err("expected iceoryx2 with folder, prefix and words, or zenoh with endpoint and folder"
+                .into())
         }
     }
 }

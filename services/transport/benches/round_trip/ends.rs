@@ -11,25 +11,6 @@ use iceoryx2::prelude::{
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
-use zenoh::{Session, Wait};
-
-/// A zenoh client of the router at `endpoint`.
-pub(crate) fn client(endpoint: &str) -> Result<Session, Failure> {
-    let mut config = zenoh::Config::default();
-    let settings = [
-        ("mode", "\"client\""),
-        ("scouting/multicast/enabled", "false"),
-        ("scouting/gossip/enabled", "false"),
-        // Room for a whole snapshot, as in the project's own sessions: the answering thread also
-        // makes the room.
-        ("transport/link/tx/queue/size/data", "16"),
-    ];
-    for (key, value) in settings {
-        config.insert_json5(key, value)?;
-    }
-    config.insert_json5("connect/endpoints", &format!("[\"{endpoint}\"]"))?;
-    zenoh::open(config).wait()
-}
 
 /// One end: it reads from one service and writes to the other.
 pub(crate) struct End {

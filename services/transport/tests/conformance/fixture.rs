@@ -3,14 +3,12 @@
 use bytemuck::Zeroable;
 use protocol::message::{Command, Credit, Health, Message, ModelSnapshot, SnapshotHead};
 use protocol::topic::OnTopic;
-use protocol::{frame, wire};
+use protocol::frame;
 use std::error::Error;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 use tempfile::TempDir;
-use transport::{
-    Carrier, Carriers, Exchange, Identity, Links, Ports, Router, Since, Sink, Source, sweep,
-};
+use transport::{Exchange, Identity, Links, Ports, Since, Sink, Source, sweep};
 
 pub(crate) type Failure = Box<dyn Error + Send + Sync>;
 
@@ -34,13 +32,6 @@ pub(crate) trait Fixture: Sync + Sized {
 
     fn new(lock_step: bool) -> Result<Self, Failure> {
         Self::with_patience(lock_step, LONG)
-    }
-
-    /// The bytes of `message` on this carrier.
-    fn bytes<T: Message>(message: &T) -> Vec<u8> {
-        let mut bytes = vec![0; message.byte_len()];
-        frame::encode(message, &mut bytes);
-        bytes
     }
 }
 
@@ -86,33 +77,6 @@ impl Drop for Shared {
     fn drop(&mut self) {
         // A failed test must leave no remains beside its message.
         let _ = sweep(&self.links);
-    }
-}
-
-pub(crate) struct Net {
-    pub(crate) links: Links,
-    _router: Router,
-}
-
-impl Fixture for Net {
-    fn with_patience(lock_step: bool, patience: Duration) -> Result<Self, Failure> {
-        let router = Router::open(&["tcp/127.0.0.1:0".to_owned()], &[])?;
-        let links = Links {
-            carriers: Carriers::all(Carrier::Network),
-            connect: router.endpoints().to_vec(),
-            ..Links::on_this_machine("t", "", lock_step, u64::try_from(patience.as_millis())?)
-        };
-        Ok(Self { links, _router: router })
-    }
-
-    fn ports(&self, epoch: u64) -> Result<Ports, Failure> {
-        Ok(Ports::open(&self.links, Identity::new(epoch))?)
-    }
-
-    fn bytes<T: Message>(message: &T) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        wire::encode(message, &mut bytes);
-        bytes
     }
 }
 
@@ -190,6 +154,13 @@ impl Fence {
         while hear(&mut self.source)?.heartbeat != own {}
         Ok(())
     }
+}
+
+/// The bytes of `message` in shared memory.
+pub(crate) fn bytes<T: Message>(message: &T) -> Vec<u8> {
+    let mut bytes = vec![0; message.byte_len()];
+    frame::encode(message, &mut bytes);
+    bytes
 }
 
 pub(crate) fn command(tick: u64) -> Command {

@@ -1,6 +1,6 @@
 //! Bytes that are no message, or another message than the expected one.
 
-use crate::fixture::{Fixture, Outcome, command, count_until, hear, snapshot};
+use crate::fixture::{Fixture, Outcome, bytes, command, count_until, hear, snapshot};
 use protocol::frame::DecodeError;
 use protocol::message::{Command, Message, ModelSnapshot, Stamp};
 use protocol::topic::Topic;
@@ -8,7 +8,7 @@ use protocol::{VERSION, message};
 use transport::{Since, Tally};
 
 /// A valid first message of writer 1, modified by `change`.
-fn encoded<F: Fixture, T: Message>(mut message: T, change: impl FnOnce(&mut Stamp)) -> Vec<u8> {
+fn encoded<T: Message>(mut message: T, change: impl FnOnce(&mut Stamp)) -> Vec<u8> {
     *message.stamp_mut() = Stamp {
         version: VERSION,
         kind: T::KIND,
@@ -18,7 +18,7 @@ fn encoded<F: Fixture, T: Message>(mut message: T, change: impl FnOnce(&mut Stam
         ..Stamp::default()
     };
     change(message.stamp_mut());
-    F::bytes(&message)
+    bytes(&message)
 }
 
 pub(crate) fn another_version_is_refused_with_both_named<F: Fixture>() -> Outcome {
@@ -26,7 +26,7 @@ pub(crate) fn another_version_is_refused_with_both_named<F: Fixture>() -> Outcom
     let ports = graph.ports(1)?;
     let mut source = ports.source::<Command>(Since::First)?;
     let mut raw = ports.raw_sink(Topic::Command)?;
-    raw.send_raw(&encoded::<F, _>(command(1), |stamp| stamp.version = 77))?;
+    raw.send_raw(&encoded(command(1), |stamp| stamp.version = 77))?;
     count_until(&mut source, |source| source.tally().refused == 1)?;
     let refusal = source.last_refusal().ok_or("nothing was refused")?;
     assert_eq!(refusal, DecodeError::Version { expected: VERSION, got: 77 });
@@ -41,7 +41,7 @@ pub(crate) fn another_kind_is_refused_with_both_named<F: Fixture>() -> Outcome {
     let mut source = ports.source::<Command>(Since::First)?;
     let state: message::PlantState = bytemuck::Zeroable::zeroed();
     let mut raw = ports.raw_sink(Topic::Command)?;
-    raw.send_raw(&encoded::<F, _>(state, |_| {}))?;
+    raw.send_raw(&encoded(state, |_| {}))?;
     count_until(&mut source, |source| source.tally().refused == 1)?;
     let refusal = source.last_refusal().ok_or("nothing was refused")?;
     assert_eq!(refusal, DecodeError::Kind { message: "Command", expected: 2, got: 1 });
@@ -53,7 +53,7 @@ pub(crate) fn damaged_truncated_and_oversize_bytes_are_refused<F: Fixture>() -> 
     let ports = graph.ports(1)?;
     let mut source = ports.source::<Command>(Since::First)?;
     let mut raw = ports.raw_sink(Topic::Command)?;
-    let good = encoded::<F, _>(command(1), |_| {});
+    let good = encoded(command(1), |_| {});
     let mut oversize = good.clone();
     oversize.resize(300_000, 0xA5);
     let mut damaged = good.clone();
@@ -80,7 +80,7 @@ pub(crate) fn a_message_sent_twice_is_received_once<F: Fixture>() -> Outcome {
     let mut source = ports.source::<Command>(Since::First)?;
     let mut raw = ports.raw_sink(Topic::Command)?;
     for sequence in [1, 2, 2, 1, 5] {
-        raw.send_raw(&encoded::<F, _>(command(1), |stamp| stamp.sequence = sequence))?;
+        raw.send_raw(&encoded(command(1), |stamp| stamp.sequence = sequence))?;
     }
     for sequence in [1, 2, 5] {
         assert_eq!(hear(&mut source)?.stamp.sequence, sequence);
@@ -97,7 +97,7 @@ pub(crate) fn a_snapshot_that_promises_more_points_than_it_has_is_refused<F: Fix
     for points in [11, 16_384, u32::MAX] {
         let mut forged = snapshot(1, 10)?;
         forged.head.points = points;
-        raw.send_raw(&encoded::<F, _>(forged, |_| {}))?;
+        raw.send_raw(&encoded(forged, |_| {}))?;
     }
     count_until(&mut source, |source| source.tally().refused == 3)?;
     assert_eq!(source.tally(), Tally { refused: 3, ..Tally::default() });

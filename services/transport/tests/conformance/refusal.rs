@@ -1,6 +1,6 @@
 //! Ports that cannot be opened, and the reasons.
 
-use crate::fixture::{Fixture, Net, Outcome, Shared};
+use crate::fixture::{Fixture, Outcome, Shared};
 use protocol::message::{Command, Health};
 use protocol::topic::{Delivery, Topic};
 use std::path::PathBuf;
@@ -22,42 +22,6 @@ fn processes_that_disagree_about_lock_step_refuse_each_other() -> Outcome {
         "{refused:?}"
     );
     let _health = ports.sink::<Health>()?;
-    Ok(())
-}
-
-#[test]
-fn processes_that_disagree_about_lock_step_refuse_each_other_on_the_network() -> Outcome {
-    let graph = Net::new(true)?;
-    let _source = graph.ports(1)?.source::<Command>(Since::First)?;
-    let mut links = graph.links.clone();
-    links.lock_step = false;
-    let ports = Ports::open(&links, Identity::new(1))?;
-    let refused = ports.sink::<Command>().map(drop);
-    assert!(
-        matches!(
-            &refused,
-            Err(OpenError::Delivery { topic: Topic::Command, delivery: Delivery::NewestWins })
-        ),
-        "{refused:?}"
-    );
-    let _health = ports.sink::<Health>()?;
-    Ok(())
-}
-
-#[test]
-fn a_network_without_a_router_is_refused_with_its_endpoint_named() -> Outcome {
-    let mut links = Net::new(false)?.links.clone();
-    let refused =
-        Ports::open(&links, Identity::new(1)).map(drop).map_err(|error| error.to_string());
-    let endpoint = links.connect.first().cloned().unwrap_or_default();
-    assert!(
-        matches!(&refused, Err(said) if said.contains(&endpoint) && !said.contains(".rs")),
-        "{refused:?}"
-    );
-    links.connect.clear();
-    let refused =
-        Ports::open(&links, Identity::new(1)).map(drop).map_err(|error| error.to_string());
-    assert!(matches!(&refused, Err(said) if said.contains("connect")), "{refused:?}");
     Ok(())
 }
 
