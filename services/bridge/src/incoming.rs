@@ -1,7 +1,7 @@
 //! Link ▶ shared memory: the messages of one topic, from one other host.
 
 use crate::link::Link;
-use crate::outgoing::Flow;
+use crate::outgoing::{Flow, LOSSLESS_WINDOW};
 use crate::piece::{Assembly, Label};
 use crate::rate::Rate;
 use crossbeam_queue::ArrayQueue;
@@ -21,6 +21,9 @@ use zenoh::sample::Sample;
 const PATIENCE: Duration = Duration::from_millis(20);
 /// Interval between two looks for late joiners.
 const JOINS_EVERY: Duration = Duration::from_millis(100);
+/// In lock step: pieces for one acknowledgement, a part of the window. It comes earlier if no piece
+/// follows.
+const ACKNOWLEDGED_TOGETHER: u32 = LOSSLESS_WINDOW as u32 / 4;
 /// Pieces that can wait.
 const DEPTH: usize = 256;
 
@@ -131,12 +134,17 @@ impl Incoming<'_> {
             sink: ports.sink::<T>()?,
             assembly: Assembly::default(),
             last: None,
+            unacknowledged: 0,
         };
         opened();
-        let mut refreshed = Instant::now();
+        let (mut refreshed, mut taken) = (Instant::now(), Instant::now());
         while !self.stop.requested() {
             while let Some(piece) = self.queue.pieces.pop() {
                 delivery.take(&piece)?;
+                taken = Instant::now();
+            }
+            if taken.elapsed() >= PATIENCE {
+                delivery.acknowledge();
             }
             if refreshed.elapsed() >= JOINS_EVERY {
                 delivery.sink.refresh()?;
@@ -155,17 +163,19 @@ struct Delivery<'a, T> {
     assembly: Assembly,
     /// In lock step: the last piece that was delivered.
     last: Option<Label>,
+    /// Pieces since the last acknowledgement.
+    unacknowledged: u32,
 }
 
 impl<T: OnTopic> Delivery<'_, T> {
     fn take(&mut self, piece: &Piece) -> Result<(), SendError> {
         let bytes = piece.bytes.to_bytes();
         let Some(label) = piece.label else { return self.deliver(&bytes) };
-        let Incoming { flow, link, topic, .. } = *self.lane;
+        let flow = self.lane.flow;
         if flow == Flow::Lossless && !self.follows(label) {
             // What has been delivered is acknowledged again: the acknowledgement may be lost.
-            if let Some(last) = self.last.filter(|last| last.instance == label.instance) {
-                link.acknowledge(topic, last);
+            if self.last.is_some_and(|last| last.instance == label.instance) {
+                self.unacknowledged += 1;
             }
             return Ok(());
         }
@@ -177,10 +187,21 @@ impl<T: OnTopic> Delivery<'_, T> {
         self.assembly = assembly;
         delivered?;
         self.last = Some(label);
-        if flow.is_acknowledged() {
-            link.acknowledge(topic, label);
+        self.unacknowledged += 1;
+        if flow == Flow::Paced || self.unacknowledged >= ACKNOWLEDGED_TOGETHER {
+            self.acknowledge();
         }
         Ok(())
+    }
+
+    /// Acknowledges all pieces so far, unless they are already.
+    fn acknowledge(&mut self) {
+        let Incoming { flow, link, topic, .. } = *self.lane;
+        let Some(last) = self.last.filter(|_| self.unacknowledged > 0) else { return };
+        self.unacknowledged = 0;
+        if flow.is_acknowledged() {
+            link.acknowledge(topic, last);
+        }
     }
 
     /// Whether it is the piece behind the last one.

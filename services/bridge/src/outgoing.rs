@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_millis(20);
 /// How long messages are still sent after the stop request, if they go on coming.
 const DRAINS_WITHIN: Duration = Duration::from_secs(1);
 /// In lock step: pieces on their way.
-const LOSSLESS_WINDOW: usize = 32;
+pub(crate) const LOSSLESS_WINDOW: usize = 32;
 /// In real time: pieces of a long message on their way. The link is free for a state after them.
 const PACED_WINDOW: usize = 2;
 
@@ -95,7 +95,7 @@ impl Outgoing<'_> {
         opened: impl FnOnce(),
     ) -> Result<(), OutgoingError> {
         self.acknowledged.wake_this_thread();
-        let mut source: Source<T> = ports.source(Since::Joining)?;
+        let mut source: Source<T> = ports.source(Since::Relaying)?;
         source.wait(Duration::ZERO)?;
         opened();
         let mut pieces = Pieces {
@@ -120,9 +120,7 @@ impl Outgoing<'_> {
             pieces.tend();
             let is_read = !pieces.window.is_full() && source.wait(PATIENCE)?;
             if is_read && let Some(message) = source.next()? {
-                let is_ours =
-                    message.publisher().is_some_and(|from| self.processes.contains(&from));
-                if is_ours {
+                if self.is_of_this_host(&message) {
                     wire::encode(&message, &mut pieces.message);
                     pieces.send();
                     self.sent.messages.fetch_add(1, Ordering::Relaxed);
@@ -135,6 +133,15 @@ impl Outgoing<'_> {
                 return Ok(());
             }
         }
+    }
+
+    /// Whether a process of this host sent it. Each host has a bridge: of their heartbeats only the
+    /// own one is.
+    fn is_of_this_host<T: OnTopic>(&self, message: &T) -> bool {
+        message.publisher().is_some_and(|from| match from {
+            Participant::Bridge => message.stamp().writer == self.instance,
+            from => self.processes.contains(&from),
+        })
     }
 }
 

@@ -14,7 +14,7 @@
 //!
 //! ```
 //! use protocol::message::Credit;
-//! use protocol::port::{Exchange, Identity, Ports, Since};
+//! use transport::{Exchange, Identity, Ports, Since};
 //! use std::time::Duration;
 //!
 //! let exchange = Exchange::new(false, Duration::from_secs(1));

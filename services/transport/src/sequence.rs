@@ -13,6 +13,9 @@ pub enum Since {
     First,
     /// A late joiner: counting begins with the first message seen of each writer.
     Joining,
+    /// A late joiner that passes messages on: one that its writer repeats is new, because it may
+    /// have been lost behind the joiner.
+    Relaying,
 }
 
 /// Result of a stamp, compared with the messages before it.
@@ -56,7 +59,12 @@ impl Sequences {
             .and_then(|index| self.heard.get(index))
             .map_or_else(|| self.start(stamp), |heard| heard.sequence);
         if stamp.sequence <= last {
-            return Place::Stale;
+            let is_repeated = known.is_some() && stamp.sequence == last;
+            return if is_repeated && self.since == Since::Relaying {
+                Place::New { lost: 0 }
+            } else {
+                Place::Stale
+            };
         }
         let latest = Heard { writer: stamp.writer, epoch: stamp.epoch, sequence: stamp.sequence };
         let end = if let Some(index) = known {
@@ -79,8 +87,8 @@ impl Sequences {
     fn start(&self, stamp: &Stamp) -> u64 {
         let new_epoch = self.heard.iter().any(|heard| heard.writer == stamp.writer);
         match self.since {
-            Since::Joining if !new_epoch => stamp.sequence.saturating_sub(1),
-            Since::First | Since::Joining => 0,
+            Since::Joining | Since::Relaying if !new_epoch => stamp.sequence.saturating_sub(1),
+            Since::First | Since::Joining | Since::Relaying => 0,
         }
     }
 }
@@ -99,6 +107,19 @@ mod tests {
         assert_eq!(sequences.place(&stamp(1, 1, 3)), Place::New { lost: 2 });
         assert_eq!(sequences.place(&stamp(1, 1, 4)), Place::New { lost: 0 });
         assert_eq!(sequences.place(&stamp(1, 1, u64::MAX)), Place::New { lost: u64::MAX - 5 });
+    }
+
+    #[test]
+    fn a_relay_takes_the_last_message_again_and_no_older_one() {
+        let mut sequences = Sequences::new(Since::Relaying);
+        for (sequence, place) in [
+            (3, Place::New { lost: 0 }),
+            (4, Place::New { lost: 0 }),
+            (4, Place::New { lost: 0 }),
+            (3, Place::Stale),
+        ] {
+            assert_eq!(sequences.place(&stamp(1, 1, sequence)), place);
+        }
     }
 
     #[test]
