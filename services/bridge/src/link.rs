@@ -12,7 +12,7 @@ use crate::piece::Label;
 use crate::settings::{Meeting, Remote, Settings};
 use network::{Breach, Client, first_line, keeps_strangers_out};
 use protocol::topic::{TOPIC_COUNT, Topic};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock};
 use std::thread::{self, Thread};
@@ -93,18 +93,27 @@ pub(crate) struct Arrivals {
     pub(crate) queues: [Option<Queue>; TOPIC_COUNT],
     pub(crate) acknowledged: [Acknowledged; TOPIC_COUNT],
     hello: Mutex<Option<Hello>>,
+    /// Whether the other host fits this one, by its last hello. Before that no message is taken in.
+    pub(crate) fits: AtomicBool,
     /// Messages with a key that the other host may not use.
     pub(crate) not_permitted: AtomicU64,
 }
 
 impl Arrivals {
-    pub(crate) fn new(keys: Keys, instance: u64, queues: [Option<Queue>; TOPIC_COUNT]) -> Self {
+    /// For an other host that fits without a hello if `fits`.
+    pub(crate) fn new(
+        keys: Keys,
+        instance: u64,
+        queues: [Option<Queue>; TOPIC_COUNT],
+        fits: bool,
+    ) -> Self {
         Self {
             keys,
             instance,
             queues,
             acknowledged: Default::default(),
             hello: Mutex::new(None),
+            fits: AtomicBool::new(fits),
             not_permitted: AtomicU64::new(0),
         }
     }
@@ -118,7 +127,9 @@ impl Arrivals {
         match self.keys.what(sample.key_expr().as_str()) {
             Some(What::Data(topic)) => {
                 if let Some(queue) = &self.queues[topic.index()] {
-                    queue.offer(sample);
+                    if self.fits.load(Ordering::Relaxed) {
+                        queue.offer(sample);
+                    }
                     return;
                 }
             }

@@ -74,7 +74,7 @@ impl Assembly {
             self.bytes.clear();
         } else {
             let follows = before.is_some_and(|before| {
-                (before.instance, before.number + 1) == (label.instance, label.number)
+                (before.instance, before.number.wrapping_add(1)) == (label.instance, label.number)
             });
             if !follows || label.offset as usize != self.bytes.len() {
                 self.bytes.clear();

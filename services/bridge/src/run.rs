@@ -193,7 +193,7 @@ impl<'a> Connection<'a> {
             })
         });
         let keys = Keys::new(&settings.graph, &settings.host, &remote.host);
-        let arrivals = Arc::new(Arrivals::new(keys, own.instance, queues));
+        let arrivals = Arc::new(Arrivals::new(keys, own.instance, queues, remote.driver));
         let (link, changes) = Link::open(settings, remote, Arc::clone(&arrivals))?;
         // A restarted bridge skips this test: its endpoint has been tested, and the robot waits.
         if !settings.run.restarted {
@@ -247,7 +247,7 @@ impl<'a> Connection<'a> {
             } else if is_up {
                 self.links += 1;
                 // It gets the last messages again as soon as it has told that it is here.
-                self.heard = None;
+                (self.heard, self.told) = (None, None);
             } else {
                 self.links = self.links.saturating_sub(1);
             }
@@ -263,9 +263,13 @@ impl<'a> Connection<'a> {
                 before.instance != hello.instance
                     || now.saturating_duration_since(at) >= hello::LOST_AFTER
             });
+            let fit = self.own.check(hello);
+            self.shared.arrivals.fits.store(fit.is_ok(), Ordering::Relaxed);
             if is_new {
                 self.shared.connections.fetch_add(1, Ordering::Relaxed);
-                if let Err(mismatch) = self.own.check(hello) {
+                // It may have connected too late for the last hello.
+                self.told = None;
+                if let Err(mismatch) = fit {
                     tracing::error!(host = self.remote.host, "{mismatch}");
                 }
             }

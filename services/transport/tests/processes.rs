@@ -16,9 +16,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::Duration;
 use tempfile::TempDir;
-use transport::{
-    Identity, Links, Ports, SendError, Since, Source, SweepReport, sweep,
-};
+use transport::{Identity, Links, Ports, SendError, Since, Source, SweepReport, sweep};
 
 type Outcome = Result<(), Box<dyn Error>>;
 
@@ -38,10 +36,7 @@ impl Graph {
         static GRAPHS: AtomicU32 = AtomicU32::new(0);
         let folder = tempfile::tempdir()?;
         let graph = format!("p{}-{}", std::process::id(), GRAPHS.fetch_add(1, Ordering::Relaxed));
-        Ok(Self {
-            links: links(graph, lock_step, folder.path().join("r")),
-            _folder: folder,
-        })
+        Ok(Self { links: links(graph, lock_step, folder.path().join("r")), _folder: folder })
     }
 
     fn ports(&self) -> Result<Ports, Box<dyn Error>> {

@@ -1,9 +1,9 @@
 //! One carrier under test, in a graph of its own, which removes its files when it is dropped.
 
 use bytemuck::Zeroable;
+use protocol::frame;
 use protocol::message::{Command, Credit, Health, Message, ModelSnapshot, SnapshotHead};
 use protocol::topic::OnTopic;
-use protocol::frame;
 use std::error::Error;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
