@@ -243,8 +243,7 @@ impl Link {
         &self.endpoint
     }
 
-    /// Sends bytes to the other host, if it is connected; else they are lost. Express: zenoh does
-    /// not wait for more before it sends them.
+    /// Sends bytes to the other host, if it is connected; else they are lost.
     pub(crate) fn put(&self, what: What, bytes: ZBytes, label: Option<Label>) {
         let session = self.session.read().unwrap_or_else(PoisonError::into_inner);
         let Some(session) = session.as_ref() else { return };
@@ -253,7 +252,7 @@ impl Link {
             .attachment(label.map(Label::to_bytes))
             .priority(priority(what))
             .congestion_control(self.congestion)
-            .express(true);
+            .express(is_express(what));
         let _ = put.wait();
     }
 
@@ -301,6 +300,17 @@ pub(crate) fn self_test(settings: &Settings, remote: &Remote, link: &Link) -> Re
         }
         (Meeting::Router(_), Some(_)) => link.is_alone_behind_router(),
         _ => Ok(()),
+    }
+}
+
+/// Whether zenoh sends it at once. Otherwise zenoh waits up to a millisecond for more.
+const fn is_express(what: What) -> bool {
+    match what {
+        What::Data(topic) | What::Acknowledgements(topic) => match topic {
+            Topic::State | Topic::Command | Topic::Snapshot | Topic::Credit => true,
+            Topic::Residual | Topic::Plan | Topic::Health | Topic::Truth => false,
+        },
+        What::Hello => true,
     }
 }
 
