@@ -31,6 +31,7 @@ struct HostLaunch {
     has_plant: bool,
     child: Child,
     ending: Option<Ending>,
+    is_asked: bool,
 }
 
 /// Launches all hosts of `graph`, prints what they print, and ends them together.
@@ -69,7 +70,7 @@ pub fn run(options: &Options, graph: &Graph) -> Result<Outcome, LaunchError> {
         follow(host, child.stdout.take(), &print);
         follow(host, child.stderr.take(), &print);
         let has_plant = table.participants().contains(&Participant::Plant);
-        launches.push(HostLaunch { host: host.clone(), has_plant, child, ending: None });
+        launches.push(HostLaunch { host: host.clone(), has_plant, child, ending: None, is_asked: false });
     }
     drop(print);
     supervise(&mut launches, &mut signals, &printed)
@@ -87,7 +88,8 @@ fn supervise(
     while launches.iter().any(|launch| launch.ending.is_none()) {
         if let Some(signal) = signals.pending().next() {
             outcome = Outcome::Signal(signal);
-            launches.iter().for_each(HostLaunch::ask_to_end);
+            // The second signal ends them at once.
+            launches.iter_mut().for_each(HostLaunch::ask_to_end);
         }
         for index in 0..launches.len() {
             let Some(launch) = launches.get_mut(index) else { continue };
@@ -104,7 +106,8 @@ fn supervise(
                 failed = Some(LaunchError::Host { host: launch.host.clone(), ending });
             }
             if !ending.is_success() || launch.has_plant {
-                launches.iter().for_each(HostLaunch::ask_to_end);
+                let others = launches.iter_mut().filter(|launch| !launch.is_asked);
+                others.for_each(HostLaunch::ask_to_end);
             }
         }
         while let Ok(line) = printed.try_recv() {
@@ -119,7 +122,8 @@ fn supervise(
 }
 
 impl HostLaunch {
-    fn ask_to_end(&self) {
+    fn ask_to_end(&mut self) {
+        self.is_asked = true;
         if self.ending.is_none() {
             let _ = kill_process(Pid::from_child(&self.child), Signal::TERM);
         }
