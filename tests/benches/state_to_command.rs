@@ -10,6 +10,8 @@
 mod bare;
 #[path = "../../services/transport/benches/round_trip/ends.rs"]
 mod ends;
+#[path = "state_to_command/lock_step.rs"]
+mod lock_step;
 
 use bare::Echo;
 use bytemuck::Zeroable;
@@ -43,9 +45,16 @@ fn main() -> Result<(), Failure> {
     if let Some(place) = arguments.iter().position(|argument| argument == "--echo") {
         return bare::answer(arguments.get(place + 1..).unwrap_or_default());
     }
+    if let Some(place) = arguments.iter().position(|argument| argument == "--controller") {
+        return lock_step::answer(Path::new(arguments.get(place + 1).ok_or("no settings")?));
+    }
     for graph in [LOCAL, TWO_HOSTS] {
         measure(graph)?;
     }
+    println!(
+        "{TWO_HOSTS:9} lock step with nothing to compute: {:.0} ticks/s",
+        lock_step::ticks_per_s()?
+    );
     Ok(())
 }
 
@@ -53,12 +62,14 @@ fn main() -> Result<(), Failure> {
 const LOCAL: &str = "local";
 const TWO_HOSTS: &str = "two-hosts";
 
-/// A launch without a robot: this bench is the robot. Returns the links of the robot's host.
-fn launch(graph: &str) -> Result<(Launched, Links), Box<dyn Error>> {
+/// A launch without a robot: this bench is the robot. Returns the links of the robot's host. In lock
+/// step there is no controller either.
+fn launch(graph: &str, lock_step: bool) -> Result<(Launched, Links), Box<dyn Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-    let alone = ["plant", "learner", "recorder", "gateway"]
-        .map(|role| format!("[processes.{role}]\nenabled = false\n"))
-        .concat();
+    let without = ["plant", "learner", "recorder", "controller"];
+    let without = &without[..if lock_step { 4 } else { 3 }];
+    let off = |role: &&str| format!("[processes.{role}]\nenabled = false\n");
+    let alone = without.iter().map(off).collect::<Vec<_>>().concat();
     let file = graph_with(graph, &alone, home.path())?;
     let mut options = vec!["--scenario", "paper-20ms", "--duration", "600"];
     let certificates = home.path().join("certificates");
@@ -70,9 +81,19 @@ fn launch(graph: &str) -> Result<(Launched, Links), Box<dyn Error>> {
     } else {
         ("controller", "settings/controller.toml")
     };
+    if lock_step {
+        options.extend(["--pace", "lock-step"]);
+    }
     let command = launch_command(&file, &home.path().join("run"), &options)?;
     let launched = Launched::by(command, home)?;
-    launched.wait_for_log(controller, "started", 1)?;
+    if graph == TWO_HOSTS {
+        for host in ["robot", "control"] {
+            launched.wait_for_log(&format!("{host}/bridge"), "connected", 1)?;
+        }
+    }
+    if !lock_step {
+        launched.wait_for_log(controller, "started", 1)?;
+    }
     let robot = launched.folder().join(robot);
     let links = if graph == TWO_HOSTS {
         read_settings::<bridge::settings::Settings>(&robot)?.run.links
@@ -92,7 +113,7 @@ fn issue(graph: &str, folder: &str) -> Outcome {
 }
 
 fn measure(graph: &str) -> Result<(), Failure> {
-    let (launched, links) = launch(graph).map_err(|error| error.to_string())?;
+    let (launched, links) = launch(graph, false).map_err(|error| error.to_string())?;
     go_first(PRIORITY);
     let ports = Ports::open(&links, Identity::new(1))?;
     let mut robot = Robot {

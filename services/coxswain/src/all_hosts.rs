@@ -70,7 +70,13 @@ pub fn run(options: &Options, graph: &Graph) -> Result<Outcome, LaunchError> {
         follow(host, child.stdout.take(), &print);
         follow(host, child.stderr.take(), &print);
         let has_plant = table.participants().contains(&Participant::Plant);
-        launches.push(HostLaunch { host: host.clone(), has_plant, child, ending: None, is_asked: false });
+        launches.push(HostLaunch {
+            host: host.clone(),
+            has_plant,
+            child,
+            ending: None,
+            is_asked: false,
+        });
     }
     drop(print);
     supervise(&mut launches, &mut signals, &printed)

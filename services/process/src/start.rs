@@ -17,9 +17,9 @@ use std::sync::Mutex;
 use std::thread;
 use std::time::Duration;
 use tracing_subscriber::filter::ParseError;
-use tracing_subscriber::{EnvFilter, Layer};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{EnvFilter, Layer};
 
 /// Longest time for a process to end by itself after its launcher has ended.
 const LAST_WORDS: Duration = Duration::from_secs(15);

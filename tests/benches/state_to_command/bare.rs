@@ -149,9 +149,9 @@ pub(super) fn answer(arguments: &[String]) -> Result<(), Failure> {
             std::io::copy(&mut std::io::stdin(), &mut std::io::sink())?;
             Ok(())
         }
-        _ => {
-            Err("expected iceoryx2 with folder, prefix and words, or zenoh with endpoint and folder"
-                .into())
-        }
+        _ => Err(
+            "expected iceoryx2 with folder, prefix and words, or zenoh with endpoint and folder"
+                .into(),
+        ),
     }
 }
