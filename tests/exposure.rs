@@ -81,7 +81,8 @@ fn is_shown(
     assert_eq!(ended.text.contains("INSECURE"), exposure != "closed", "{}", ended.text);
     let run = home.path().join("run");
     let record = Record::read(&run)?;
-    for who in ["plant", "controller", "learner", "recorder", "gateway"] {
+    let other = if options.contains(&"--host") { "bridge" } else { "learner" };
+    for who in ["plant", "controller", other, "recorder", "gateway"] {
         let reported = record.health_of(who).all(|health| health.word("exposure") == exposure);
         assert!(reported && record.health_of(who).count() > 0, "{who}");
     }
@@ -98,14 +99,18 @@ fn is_shown(
 
 #[test]
 fn every_view_shows_that_strangers_can_drive() -> Outcome {
-    let changes =
-        [("default = \"shared-memory\"", "default = \"shared-memory\"\nsnapshot = \"network\"")];
+    // The bridge listens for another host.
+    let hosts = "[hosts.robot]\n\
+                 processes = [\"plant\", \"controller\", \"recorder\", \"gateway\"]\n\
+                 [hosts.training]\nprocesses = [\"learner\"]\n[[connections]]\n\
+                 hosts = [\"robot\", \"training\"]\naddress = \"127.0.0.1:0\"\n[telemetry]";
+    let changes = [("[telemetry]", hosts)];
     let on_page = "insecure: unauthenticated peers on the network can drive this robot";
     let in_report = "<p class=\"note\">run: INSECURE: unauthenticated peers on the network \
                      could drive this robot</p>";
     is_shown(
         &changes,
-        &["--insecure", "--listen", "tcp/0.0.0.0:0"],
+        &["--insecure", "--host", "robot", "--address", "training=0.0.0.0:0"],
         "strangers can drive",
         on_page,
         in_report,

@@ -162,7 +162,7 @@ impl Launched {
     pub fn process(&self, name: &str, not: Option<u32>) -> Result<u32, Box<dyn Error>> {
         let mut found = None;
         self.wait_until(&format!("a process {name}"), || {
-            found = children(self.pid())
+            found = descendants(self.pid())
                 .into_iter()
                 .rev()
                 .find(|&pid| Some(pid) != not && name_of(pid).as_deref() == Some(name));
@@ -173,7 +173,7 @@ impl Launched {
 
     /// All processes of the graph that live at this moment.
     pub fn processes(&self) -> Vec<u32> {
-        children(self.pid())
+        descendants(self.pid())
     }
 
     /// Waits until the log of `name` contains `text` at least `times` times.
@@ -201,8 +201,9 @@ impl Launched {
     /// # Errors
     /// If it never is.
     pub fn told(&self, name: &str, key: &str) -> Result<String, Box<dyn Error>> {
-        let (file, key) =
-            (self.folder().join("settings").join(name).with_extension("toml"), format!("{key} = "));
+        let (host, name) = name.rsplit_once('/').unwrap_or(("", name));
+        let settings = self.folder().join(host).join("settings");
+        let (file, key) = (settings.join(name).with_extension("toml"), format!("{key} = "));
         let mut value = None;
         self.wait_until(&format!("{key:?} in {}", file.display()), || {
             let text = fs::read_to_string(&file).unwrap_or_default();
@@ -382,6 +383,15 @@ pub fn shared_memory_of(names: &[String]) -> Vec<String> {
     let files = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
     let all = files.filter_map(|file| file.file_name().into_string().ok());
     all.filter(|file| names.iter().any(|name| file.contains(name.as_str()))).collect()
+}
+
+/// The processes that `pid` started, and those that they started, the oldest first.
+fn descendants(pid: u32) -> Vec<u32> {
+    let children = children(pid);
+    let further = children.iter().copied().flat_map(descendants).collect::<Vec<u32>>();
+    let mut all = [children, further].concat();
+    all.sort_unstable();
+    all
 }
 
 fn children(pid: u32) -> Vec<u32> {

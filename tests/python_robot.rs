@@ -1,9 +1,14 @@
 //! Promise: a robot written in another language, from `protocol/WIRE.md` alone, is driven and
 //! learned.
 
-use promises::{Launched, Outcome, graph_file, launch_command, python, repository, text_of};
+use promises::{
+    Launched, Outcome, Reader, binaries, graph_file, launch_command, python, repository, signal,
+    text_of,
+};
+use rustix::process::Signal;
 use std::error::Error;
 use std::fs;
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use tempfile::TempDir;
@@ -16,35 +21,45 @@ fn clients() -> PathBuf {
     repository().join("deploy/clients/python")
 }
 
-/// Whether a recorder takes part.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Record {
-    None,
-    Kept,
+/// Whether bridge and driver have certificates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Access {
+    Open,
+    Certificates,
 }
 
-/// Controller and learner, as in `control-host.toml`, in a graph called `graph` that is connected
-/// to no other launch.
-fn control_host(graph: &str, record: Record, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
-    let mut text = fs::read_to_string(graph_file("control-host"))?;
-    if record == Record::Kept {
-        text = text.replace(
-            "[processes.recorder]\nenabled = false",
-            "[processes.recorder]\nenabled = true",
-        );
+/// A launch of the host `control` of `foreign-driver.toml` for a circle, and the command of its
+/// driver. No other test has its port.
+fn control_host(
+    script: &Path,
+    access: Access,
+    pace: &str,
+) -> Result<(Launched, Command), Box<dyn Error>> {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
+    let address = format!("127.0.0.1:{port}");
+    let mut robot = Command::new(python()?);
+    robot.arg("-B").arg(script).arg("--robot").arg(repository().join("deploy/robots/mecanum.toml"));
+    robot.args(["--graph", "mecanum", "--host", "driver", "--to", "control", "--pace", pace]);
+    robot.args(["--circle", "2", "1.5", "--recorded", "--connect"]);
+    let options = ["--host", "control", "--scenario", "circle", "--pace", pace];
+    let mut launch =
+        launch_command(&graph_file("foreign-driver"), &home.path().join("run"), &options)?;
+    launch.args(["--address", &format!("driver={address}"), "--duration", "600"]);
+    if access == Access::Certificates {
+        let certificates = home.path().join("certificates");
+        let mut issue = Command::new(binaries()?.join("coxswain"));
+        issue.args(["certificates", "--robot", "mecanum", "--host", "control", "--out"]);
+        text_of(issue.arg(&certificates))?;
+        launch.arg("--certificates").arg(&certificates);
+        robot.arg(format!("tls/{address}")).arg("--certificates").arg(certificates);
+    } else {
+        robot.arg(format!("tcp/{address}"));
     }
-    let deploy = format!("\"{}/", repository().join("deploy").display());
-    let lines = text.lines().map(|line| match line.split_once(" = ") {
-        Some(("graph", _)) => format!("graph = \"{graph}\""),
-        Some(("connect", _)) => "connect = []".to_owned(),
-        _ => line.replace("\"../", &deploy),
-    });
-    let file = home.join("control-host.toml");
-    fs::write(&file, lines.collect::<Vec<_>>().join("\n"))?;
-    Ok(file)
+    Ok((Launched::by(launch, home)?, robot))
 }
 
-/// Result of a circle of 15 s.
+/// Result of a circle of 15 s in lock step.
 struct Driven {
     /// Output of the robot.
     text: String,
@@ -54,59 +69,19 @@ struct Driven {
     home: TempDir,
 }
 
-/// Output of `script` for a circle of 15 s in lock step, driven by a real controller with a real
-/// learner.
-fn circle_of(script: &Path, record: Record) -> Result<String, Box<dyn Error>> {
-    Ok(driven(script, record, &[])?.text)
-}
-
-/// The same with more arguments for the robot.
-fn driven(script: &Path, record: Record, arguments: &[&str]) -> Result<Driven, Box<dyn Error>> {
-    let python = python()?;
-    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-    let graph = format!("robot-{}", std::process::id());
-    let options = ["--pace", "lock-step", "--listen", "tcp/127.0.0.1:0"];
-    let mut command = launch_command(
-        &control_host(&graph, record, home.path())?,
-        &home.path().join("run"),
-        &options,
-    )?;
-    command.arg("--scenario").arg(repository().join("deploy/scenarios/circle.toml"));
-    let launched = Launched::by(command, home)?;
-    let text = text_of(
-        Command::new(python)
-            .arg("-B")
-            .arg(script)
-            .args([
-                "--connect",
-                &launched.told("controller", "connect")?,
-                "--graph",
-                &graph,
-                "--pace",
-                "lock-step",
-                "--circle",
-                "2",
-                "1.5",
-            ])
-            .arg("--robot")
-            .arg(repository().join("deploy/robots/mecanum.toml"))
-            .args((record == Record::Kept).then_some("--recorded"))
-            .args(arguments),
-    )?;
+/// A circle of 15 s in lock step, driven by a real controller with a real learner, with more
+/// `arguments` for the robot.
+fn driven(script: &Path, access: Access, arguments: &[&str]) -> Result<Driven, Box<dyn Error>> {
+    let (launched, mut robot) = control_host(script, access, "lock-step")?;
+    let text = text_of(robot.args(arguments))?;
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
-    assert_eq!(
-        home.path().join("run/record.mcap").exists(),
-        record == Record::Kept,
-        "{}",
-        ended.text
-    );
     Ok(Driven { text, told: ended.text, home })
 }
 
 #[test]
 fn a_robot_in_python_drives_a_circle_and_is_learned_through_losses_too() -> Outcome {
-    let text = circle_of(&clients().join("robot.py"), Record::None)?;
+    let text = driven(&clients().join("robot.py"), Access::Open, &[])?.text;
     let summary: serde_json::Value =
         serde_json::from_str(text.lines().last().ok_or("the robot said nothing")?)?;
     assert_eq!(text.lines().count(), 16, "a line for each of 15 s, and the summary: {text}");
@@ -119,11 +94,40 @@ fn a_robot_in_python_drives_a_circle_and_is_learned_through_losses_too() -> Outc
         (Some(0), Some(150)),
         "{text}"
     );
-    let lossy = circle_of(&repository().join("tests/python/lossy_robot.py"), Record::Kept)?;
+    let lossy = repository().join("tests/python/lossy_robot.py");
     assert_eq!(
-        lossy, text,
-        "a state, command or credit that was lost is said again, with the same bits"
+        driven(&lossy, Access::Certificates, &[])?.text,
+        text,
+        "a state, command or credit that was lost is sent again, with the same bits"
     );
+    Ok(())
+}
+
+/// The fallback level in a line of the robot.
+fn fallback_level(line: &str) -> Option<u32> {
+    let (_, rest) = line.split_once("fallback level ")?;
+    rest.split(',').next()?.parse().ok()
+}
+
+#[test]
+fn a_robot_in_python_drives_on_after_the_bridge_is_killed() -> Outcome {
+    for access in [Access::Open, Access::Certificates] {
+        let (launched, mut robot) = control_host(&clients().join("robot.py"), access, "real-time")?;
+        let mut robot = Reader::start(robot.args(["--duration", "600"]))?;
+        let mut drives = |robot: &mut Reader| -> Outcome {
+            while fallback_level(robot.lines(1)?.first().ok_or("no line")?) != Some(1) {}
+            Ok(())
+        };
+        drives(&mut robot)?;
+        let bridge = launched.process("bridge", None)?;
+        signal(bridge, Signal::KILL)?;
+        launched.process("bridge", Some(bridge))?;
+        // Commands from before the kill act for three periods at most.
+        robot.lines(3)?;
+        drives(&mut robot)?;
+        signal(robot.pid(), Signal::TERM)?;
+        assert_eq!(robot.end()?.code(), Some(128 + 15), "{access:?}: {}", robot.errors());
+    }
     Ok(())
 }
 
@@ -141,7 +145,7 @@ fn a_driver_that_contradicts_the_controllers_settings_is_reported() -> Outcome {
     let weak = weak.path().display().to_string();
     for (key, value) in [("--period-ms", "20"), ("--robot", weak.as_str())] {
         let arguments = [key, value, "--duration", "6"];
-        let driven = driven(&clients().join("robot.py"), Record::Kept, &arguments)?;
+        let driven = driven(&clients().join("robot.py"), Access::Open, &arguments)?;
         let summary = fs::read_to_string(driven.home.path().join("run/summary.json"))?;
         let summary: serde_json::Value = serde_json::from_str(&summary)?;
         let text =

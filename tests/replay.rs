@@ -12,14 +12,14 @@ use promises::{
 use protocol::message::{Command, FallbackLevel, Message as _, PlantState};
 use protocol::topic::Topic;
 use protocol::view::words;
-use protocol::{VERSION, frame, wire};
+use protocol::{VERSION, frame};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::collections::{BTreeSet, VecDeque};
 use std::error::Error;
 use std::fs;
 use std::time::Duration;
-use transport::{Carrier, Identity, Links, Ports, RawSink, Since, Source};
+use transport::{Identity, Links, Ports, RawSink, Since, Source};
 
 /// Ticks in which the recording is played.
 const PLAYED: u64 = 120;
@@ -60,7 +60,6 @@ struct Player {
     states: Source<PlantState>,
     commands: Source<Command>,
     sink: RawSink,
-    carrier: Carrier,
     recording: VecDeque<Command>,
     /// The last commands of the controller of this run.
     overheard: VecDeque<Command>,
@@ -75,12 +74,10 @@ impl Player {
             ports.source(Since::Joining)?,
             ports.raw_sink(Topic::Command)?,
         );
-        let carrier = links.carriers.of(Topic::Command);
         Ok(Self {
             states,
             commands,
             sink,
-            carrier,
             recording: recording.into(),
             overheard: VecDeque::new(),
             played: 0,
@@ -112,14 +109,8 @@ impl Player {
     }
 
     fn say(&mut self, command: &Command) -> Outcome {
-        let mut bytes = Vec::new();
-        match self.carrier {
-            Carrier::SharedMemory => {
-                bytes.resize(command.byte_len(), 0);
-                frame::encode(command, &mut bytes);
-            }
-            Carrier::Network => drop(wire::encode(command, &mut bytes)),
-        }
+        let mut bytes = vec![0; command.byte_len()];
+        frame::encode(command, &mut bytes);
         Ok(self.sink.send_raw(&bytes)?)
     }
 }
@@ -162,10 +153,11 @@ fn launch(graph: &str) -> Result<Launched, Box<dyn Error>> {
 
 /// Plays the answers of one run to the states of another run of the same robot, while its own
 /// controller publishes and while it is silent.
-fn moves_nothing(graph: &str) -> Outcome {
-    let recording = recording(graph)?;
+#[test]
+fn a_recording_played_in_a_later_run_moves_nothing() -> Outcome {
+    let recording = recording("local")?;
     let strangers: BTreeSet<u64> = recording.iter().map(|command| command.stamp.writer).collect();
-    let launched = launch(graph)?;
+    let launched = launch("local")?;
     let file = launched.folder().join("settings/recorder.toml");
     let mut links = None;
     launched.wait_until("the links of the graph", || {
@@ -202,7 +194,7 @@ fn moves_nothing(graph: &str) -> Outcome {
 
     let run = home.path().join("run");
     let record = Record::read(&run)?;
-    acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file(graph)))?))?;
+    acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file("local")))?))?;
     let acted: Vec<u64> = record
         .of("truth")
         .filter(|truth| strangers.contains(&truth.count("acting_writer")))
@@ -229,14 +221,4 @@ fn moves_nothing(graph: &str) -> Outcome {
     );
     assert_eq!(counted.word("fallback_level"), "fresh plan", "its own controller drives");
     Ok(())
-}
-
-#[test]
-fn a_recording_played_in_a_later_run_over_shared_memory_moves_nothing() -> Outcome {
-    moves_nothing("local")
-}
-
-#[test]
-fn a_recording_played_in_a_later_run_over_the_network_moves_nothing() -> Outcome {
-    moves_nothing("network")
 }

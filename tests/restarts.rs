@@ -1,5 +1,5 @@
-//! Promise: either end of the loop can be killed again and again, over any carrier. Nothing unsafe
-//! happens, and the loop recovers.
+//! Promise: either end of the loop can be killed again and again, on one host and on two. Nothing
+//! unsafe happens, and the loop recovers.
 
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
@@ -29,12 +29,13 @@ fn patient(name: &str, home: &Path) -> Result<PathBuf, Box<dyn Error>> {
     graph_with(name, &format!("{}{}", many("plant"), many("controller")), home)
 }
 
-fn kill_both_ends_often(graph: &str) -> Outcome {
+/// `robot` and `control` are the directories of the hosts in the run's.
+fn kill_both_ends_often(graph: &str, robot: &str, control: &str) -> Outcome {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let file = patient(graph, home.path())?;
     let command = launch_command(&file, &home.path().join("run"), &["--duration", "1000"])?;
     let launched = Launched::by(command, home)?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_log(&format!("{control}controller"), "answering a plant", 1)?;
     // A seeded, even spread of moments within the periods.
     let mut random: u64 = 0x9e37_79b9_7f4a_7c15;
     for round in 0..2 * KILLS {
@@ -50,7 +51,7 @@ fn kill_both_ends_often(graph: &str) -> Outcome {
     signal(launched.pid(), Signal::TERM)?;
     let (ended, home) = launched.end()?;
     assert_eq!(ended.status.code(), Some(128 + 15), "{}", ended.text);
-    let record = Record::read(&home.path().join("run"))?;
+    let record = Record::read(&home.path().join("run").join(robot))?;
     acquit(&record, &Limits::of(&Assembly::read(&Options::of_graph(&graph_file(graph)))?))?;
 
     let mut fallback_levels: BTreeMap<u64, BTreeMap<u64, &str>> = BTreeMap::new();
@@ -83,12 +84,12 @@ fn kill_both_ends_often(graph: &str) -> Outcome {
 
 #[test]
 fn over_shared_memory_both_ends_can_be_killed_again_and_again() -> Outcome {
-    kill_both_ends_often("local")
+    kill_both_ends_often("local", "", "")
 }
 
 #[test]
-fn over_the_network_both_ends_can_be_killed_again_and_again() -> Outcome {
-    kill_both_ends_often("network")
+fn over_two_hosts_both_ends_can_be_killed_again_and_again() -> Outcome {
+    kill_both_ends_often("two-hosts", "robot", "control/")
 }
 
 #[test]

@@ -1,5 +1,4 @@
-//! Promise: in lock step the commands are the same bits, in any number of processes and over any
-//! carrier.
+//! Promise: in lock step the commands are the same bits, in any number of processes and hosts.
 
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
@@ -45,6 +44,22 @@ fn three_runs_of_the_processes_and_one_in_a_single_process_command_the_same_bits
             assert_eq!(ours, theirs, "run {} differs", number + 2);
         }
         assert_eq!(first.len(), other.len());
+    }
+    Ok(())
+}
+
+#[test]
+fn a_graph_on_several_hosts_commands_the_same_bits_as_on_one() -> Outcome {
+    let run = |graph: &str, recorder: &str| -> Result<Vec<String>, Box<dyn Error>> {
+        let (ended, home) =
+            Launched::graph(graph, &["--pace", "lock-step", "--duration", "10"])?.end()?;
+        assert!(ended.status.success(), "{graph}: {}", ended.text);
+        commands(&home.path().join("run").join(recorder))
+    };
+    let alone = run("local", "")?;
+    assert_eq!(alone.len(), 101);
+    for graph in ["two-hosts", "three-hosts"] {
+        assert_eq!(run(graph, "robot")?, alone, "{graph}");
     }
     Ok(())
 }

@@ -9,7 +9,6 @@ use std::fmt::Display;
 use std::io::{self, Write};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use std::time::{SystemTime, UNIX_EPOCH};
 use tempfile::TempDir;
 use zenoh::{Config, Session, Wait};
@@ -20,17 +19,15 @@ pub(crate) type Failure = Box<dyn Error>;
 /// The robot of all certificates, unless another is given.
 pub(crate) const ROBOT: &str = "mecanum";
 
+/// Hosts with certificates.
+pub(crate) const HOSTS: [&str; 3] = ["robot", "control", "training"];
+
 /// An hour [s].
 pub(crate) const HOUR_S: i64 = 3_600;
-
-/// Tests that flood a robot run alone, so that no other test changes their result.
-static FLOODED: RwLock<()> = RwLock::new(());
 
 /// Certificates made for one test.
 pub(crate) struct Certificates {
     home: TempDir,
-    _beside: Option<RwLockReadGuard<'static, ()>>,
-    _alone: Option<RwLockWriteGuard<'static, ()>>,
 }
 
 /// Authentication of a connecting peer.
@@ -47,23 +44,7 @@ pub(crate) enum Shows {
 impl Certificates {
     /// Certificates of [`ROBOT`], valid for an hour.
     pub(crate) fn new() -> Result<Self, Box<dyn Error>> {
-        Self::make(Some(no_flood()), None)
-    }
-
-    /// The same, for a test that floods.
-    pub(crate) fn for_a_flood() -> Result<Self, Box<dyn Error>> {
-        Self::make(None, Some(FLOODED.write().unwrap_or_else(PoisonError::into_inner)))
-    }
-
-    fn make(
-        beside: Option<RwLockReadGuard<'static, ()>>,
-        alone: Option<RwLockWriteGuard<'static, ()>>,
-    ) -> Result<Self, Box<dyn Error>> {
-        let certificates = Self {
-            home: tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?,
-            _beside: beside,
-            _alone: alone,
-        };
+        let certificates = Self { home: tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")? };
         certificates.issue("authority", "certificates", ROBOT, (-HOUR_S, HOUR_S))?;
         Ok(certificates)
     }
@@ -79,7 +60,7 @@ impl Certificates {
         let now_s = i64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_secs())?;
         let order = Order {
             robot: robot.to_owned(),
-            addresses: Vec::new(),
+            hosts: HOSTS.map(|host| (host.to_owned(), Vec::new())).into(),
             from_s: now_s + from_s,
             until_s: now_s + until_s,
         };
@@ -94,19 +75,14 @@ impl Certificates {
     }
 
     /// The certificate of `role`.
-    pub(crate) fn of(&self, role: Role) -> Credentials {
+    pub(crate) fn of(&self, role: &Role) -> Credentials {
         of(&self.folder(), role)
     }
 }
 
-/// While this is held, no test floods a robot.
-pub(crate) fn no_flood() -> RwLockReadGuard<'static, ()> {
-    FLOODED.read().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// The certificate of `role` in `folder`.
-pub(crate) fn of(folder: &Path, role: Role) -> Credentials {
-    Credentials::in_folder(folder.join(role.name()))
+pub(crate) fn of(folder: &Path, role: &Role) -> Credentials {
+    Credentials::in_folder(folder.join(role.to_string()))
 }
 
 /// A client of the router that listens at `endpoint`. Fails within seconds if there is no answer or
@@ -181,6 +157,35 @@ pub(crate) fn router(
         }
     }
     Err("no port is free".into())
+}
+
+/// The certificate of the host `name`.
+pub(crate) fn host(name: &str) -> Role {
+    Role::Host(name.to_owned())
+}
+
+/// All peers that must be refused, by name. Their certificates are for the host `name`.
+pub(crate) fn strangers(
+    certificates: &Certificates,
+    name: &str,
+) -> Result<Vec<(&'static str, Shows)>, Failure> {
+    let role = host(name);
+    let foreign = certificates.issue("another-authority", "foreign", ROBOT, (-HOUR_S, HOUR_S))?;
+    let expired = certificates.issue("authority", "expired", ROBOT, (-HOUR_S, -60))?;
+    let future = certificates.issue("authority", "future", ROBOT, (HOUR_S, 2 * HOUR_S))?;
+    let other = certificates.issue("authority", "other", "roomba", (-HOUR_S, HOUR_S))?;
+    // A stranger with a foreign certificate trusts our authority; otherwise it would not even show
+    // its certificate.
+    let ours = certificates.of(&role);
+    std::fs::copy(ours.file(AUTHORITY_FILE), of(&foreign, &role).file(AUTHORITY_FILE))?;
+    Ok(vec![
+        ("TCP", Shows::Nothing),
+        ("TLS without a certificate", Shows::NoCertificate(ours)),
+        ("certificate of a foreign authority", Shows::Certificate(of(&foreign, &role))),
+        ("expired certificate", Shows::Certificate(of(&expired, &role))),
+        ("certificate of the future", Shows::Certificate(of(&future, &role))),
+        ("certificate of another robot", Shows::Certificate(of(&other, &role))),
+    ])
 }
 
 fn tls(credentials: &Credentials, with_certificate: bool) -> Vec<(&'static str, Value)> {

@@ -62,8 +62,8 @@ fn main() -> Result<(), Failure> {
 const LOCAL: &str = "local";
 const TWO_HOSTS: &str = "two-hosts";
 
-/// A launch without a robot: this bench is the robot. Returns the links of the robot's host. In lock
-/// step there is no controller either.
+/// A launch without a robot: this bench is the robot. Returns the links of the robot's host. In
+/// lock step there is no controller either.
 fn launch(graph: &str, lock_step: bool) -> Result<(Launched, Links), Box<dyn Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let without = ["plant", "learner", "recorder", "controller"];

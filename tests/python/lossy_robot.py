@@ -4,7 +4,6 @@ import signal
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "deploy/clients/python"))
 import robot
@@ -17,7 +16,7 @@ LOST = {
 }
 
 
-class Lossy(robot.Network):
+class Lossy(robot.Connection):
     sent: Counter[str] = Counter()
     lost: Counter[str] = Counter()
 
@@ -27,18 +26,17 @@ class Lossy(robot.Network):
         self.lost[topic] += lost
         return lost
 
-    def next(self, timeout: float) -> tuple[str, Any]:
-        topic, what = super().next(timeout)
-        is_lost = topic in ("command", "credit") and self.loses(topic)
-        return ("nothing", None) if is_lost else (topic, what)
+    def next(self, timeout: float) -> tuple[str, bytes]:
+        topic, message = super().next(timeout)
+        return ("", b"") if topic and self.loses(topic) else (topic, message)
 
-    def put_state(self, payload: bytes, number: bytes | None) -> None:
-        if not self.loses("state"):
-            super().put_state(payload, number)
+    def put(self, topic: str, message: bytes) -> None:
+        if topic not in LOST or not self.loses(topic):
+            super().put(topic, message)
 
 
 signal.alarm(120)  # far longer than a run takes; ends a robot that waits forever
-robot.Network = Lossy
+robot.Connection = Lossy
 code = robot.main()
 missing = [topic for topic in LOST if not Lossy.lost[topic]]
 sys.exit(code or (f"lost only {Lossy.lost}: expected also {missing}" if missing else 0))

@@ -2,11 +2,11 @@
 //!
 //! A certificate names role and robot in its subject, as `control-host.mecanum`:
 //!
-//! | role        | held by                                    | may                                 |
-//! |-------------|--------------------------------------------|-------------------------------------|
-//! | `NAME-host` | the machine `NAME` of the graph file       | publish the topics of its processes |
-//! | `driver`    | a robot's driver that is no process of ours | publish the topics of the plant     |
-//! | `watcher`   | a machine that reads telemetry             | subscribe to the gateway            |
+//! | role        | held by                              | may                                 |
+//! |-------------|--------------------------------------|-------------------------------------|
+//! | `NAME-host` | the machine `NAME` of the graph file | publish the topics of its processes |
+//! | `driver`    | a robot's driver outside the graph   | publish the topics of the plant     |
+//! | `watcher`   | a machine that reads telemetry       | subscribe to the gateway            |
 //!
 //! What the processes of a machine publish follows from the graph file; the receiving bridge checks
 //! each message against it. Only hosts have a certificate to which other processes may connect.

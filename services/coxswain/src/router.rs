@@ -1,5 +1,5 @@
-//! `coxswain router`: the configuration of a zenoh router at which hosts meet that cannot reach each
-//! other, such as robots behind NAT.
+//! `coxswain router`: the configuration of a zenoh router at which hosts meet that cannot reach
+//! each other, such as robots behind NAT.
 //!
 //! The router sees the certificate of each host, and the hosts see only that of the router. So the
 //! router must let each host publish below its own keys alone.

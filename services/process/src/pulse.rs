@@ -12,8 +12,8 @@ use transport::{OpenError, Ports, Sink, Tally};
 
 /// Shortest interval between two heartbeats \[ns\].
 const INTERVAL_NANOS: u64 = 100_000_000;
-/// Pauses before the last heartbeat in real time, and before its repetitions. A link to another host
-/// may drop one of them.
+/// Pauses before the last heartbeat in real time, and before its repetitions. A link to another
+/// host may drop one of them.
 const LAST_AFTER: [Duration; 3] =
     [Duration::from_millis(2), Duration::from_millis(20), Duration::from_millis(80)];
 

@@ -149,8 +149,8 @@ fn prepare(name: &str, run: &Run, stop: &Stop, stop_with_stdin: bool) -> anyhow:
     Ok(())
 }
 
-/// Filter of a log for `directives`. Unless they name zenoh, its own lines are left out: any peer on
-/// the network can cause them without end.
+/// Filter of a log for `directives`. Unless they name zenoh, its own lines are left out: any peer
+/// on the network can cause them without end.
 ///
 /// # Errors
 /// If `directives` are invalid.

@@ -2,7 +2,7 @@
 
 mod messages;
 
-use protocol::message::Participant::{self, Controller, Gateway, Learner, Plant, Recorder};
+use protocol::message::Participant::{self, Bridge, Controller, Gateway, Learner, Plant, Recorder};
 use std::fmt::Write;
 use std::ops::Range;
 
@@ -12,10 +12,10 @@ use std::ops::Range;
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Carrier {
-    /// All links use shared memory.
+    /// All processes run on one host, and all links use shared memory.
     SharedMemory,
-    /// All links use the network, on the loopback or between two hosts.
-    Network,
+    /// Two hosts, with a bridge each.
+    Hosts,
     /// No graph: the exercise calls one function.
     None,
 }
@@ -25,7 +25,7 @@ impl Carrier {
     pub const fn name(self) -> &'static str {
         match self {
             Self::SharedMemory => "shared memory",
-            Self::Network => "network",
+            Self::Hosts => "two hosts",
             Self::None => "-",
         }
     }
@@ -40,8 +40,8 @@ pub enum Task {
     KillAll(u32),
     /// Starts a second controller beside that of the launcher; number of rounds.
     Rivals(Rivalry, u32),
-    /// Starts two launches that compete for one resource; number of rounds.
-    Compete(Prize, u32),
+    /// Starts two launches that compete for one run directory; number of rounds.
+    Compete(u32),
     /// Starts two independent launches of one user.
     SideBySide,
     /// Runs plant and controller on two hosts and pulls their cable; length of each cut \[ms\].
@@ -62,34 +62,6 @@ pub enum Rivalry {
     EqualEpochs,
     /// The epoch of the second controller is out of date when the controller continues.
     OldEpoch,
-}
-
-/// The resource for which two launches compete.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Prize {
-    /// The run directory.
-    Folder,
-    /// The address at which the robot's machine listens.
-    Address,
-}
-
-impl Prize {
-    /// Exit code of the launch that fails: 2 for a setting of the user, 1 for an error of the
-    /// system.
-    pub const fn exit_code(self) -> i32 {
-        match self {
-            Self::Folder => 2,
-            Self::Address => 1,
-        }
-    }
-
-    /// What the launch that fails prints.
-    pub const fn message(self) -> &'static str {
-        match self {
-            Self::Folder => "expected a new or empty folder",
-            Self::Address => "a router at",
-        }
-    }
 }
 
 /// What must be rejected once per injected fault.
@@ -187,45 +159,44 @@ const EARLY_S: f64 = 0.3;
 /// SIGKILL, swept over the phase of the period. Every fifth kill has a second one, swept over the
 /// start-up time of the successor.
 fn kills(extent: Extent, all: &mut Vec<Exercise>) {
-    for (participant, every_s) in
-        [(Controller, 0.9), (Plant, 1.3), (Learner, 2.5), (Recorder, 1.0), (Gateway, 1.0)]
-    {
+    for (participant, every_s) in [
+        (Controller, 0.9),
+        (Plant, 1.3),
+        (Learner, 2.5),
+        (Recorder, 1.0),
+        (Gateway, 1.0),
+        (Bridge, 2.0),
+    ] {
         let (quick, whole) = (if participant == Learner { 3 } else { 6 }, 210_u32);
-        for carrier in [Carrier::SharedMemory, Carrier::Network] {
-            if extent == Extent::Quick && carrier == Carrier::Network && !needed(participant) {
-                continue;
-            }
-            let regular = extent.pick(quick, whole - whole / 5);
-            let early = regular / 5;
-            let mut faults = process("kill", participant, 1.5, every_s, regular, "");
-            if early > 0 {
-                let step = EARLY_S / f64::from(early);
-                faults += &process(
-                    "kill",
-                    participant,
-                    1.5 + 0.5 * step,
-                    5.0 * every_s + step,
-                    early,
-                    "",
-                );
-            }
-            let duration_s =
-                1.5 + f64::from(regular) * every_s + if participant == Learner { 4.0 } else { 2.0 };
-            let launch = Launch {
-                duration_s,
-                faults,
-                restarts: Some(participant),
-                undisturbed: !needed(participant),
-                ..Launch::default()
-            };
-            all.push(Exercise {
-                fault: "kill",
-                target: participant.text(),
-                carrier,
-                task: Task::Launch(launch),
-            });
+        let regular = extent.pick(quick, whole - whole / 5);
+        let early = regular / 5;
+        let mut faults = process("kill", participant, 1.5, every_s, regular, "");
+        if early > 0 {
+            let step = EARLY_S / f64::from(early);
+            faults +=
+                &process("kill", participant, 1.5 + 0.5 * step, 5.0 * every_s + step, early, "");
         }
+        let duration_s =
+            1.5 + f64::from(regular) * every_s + if participant == Learner { 4.0 } else { 2.0 };
+        let launch = Launch {
+            duration_s,
+            faults,
+            restarts: Some(participant),
+            undisturbed: !needed(participant),
+            ..Launch::default()
+        };
+        all.push(Exercise {
+            fault: "kill",
+            target: participant.text(),
+            carrier: carrier_of(participant),
+            task: Task::Launch(launch),
+        });
     }
+}
+
+/// A bridge runs where there are two hosts. Both bridges then get its faults at the same moments.
+fn carrier_of(participant: Participant) -> Carrier {
+    if participant == Bridge { Carrier::Hosts } else { Carrier::SharedMemory }
 }
 
 fn needed(participant: Participant) -> bool {
@@ -234,48 +205,36 @@ fn needed(participant: Participant) -> bool {
 
 /// SIGSTOP for one period to ten seconds, then SIGCONT.
 fn stops(extent: Extent, all: &mut Vec<Exercise>) {
-    for participant in [Controller, Plant, Learner, Recorder, Gateway] {
-        for carrier in [Carrier::SharedMemory, Carrier::Network] {
-            if carrier == Carrier::Network && extent == Extent::Quick {
-                continue;
-            }
-            let millis: &[u64] =
-                extent.pick(&[20, 60, 1000], &[20, 40, 60, 100, 200, 350, 500, 1000, 4000, 10_000]);
-            let (mut faults, mut at) = (String::new(), 1.5);
-            for millis in millis {
-                let rounds = extent.pick(1, 3);
-                let every = *millis as f64 * 1e-3 + 2.0;
-                faults += &process(
-                    "stop",
-                    participant,
-                    at,
-                    every,
-                    rounds,
-                    &format!("millis = {millis}\n"),
-                );
-                at += f64::from(rounds) * every;
-            }
-            let launch = Launch {
-                duration_s: at + 2.0,
-                faults,
-                undisturbed: !needed(participant),
-                restarts: Some(participant),
-                ..Launch::default()
-            };
-            all.push(Exercise {
-                fault: "stop",
-                target: participant.text(),
-                carrier,
-                task: Task::Launch(launch),
-            });
+    for participant in [Controller, Plant, Learner, Recorder, Gateway, Bridge] {
+        let millis: &[u64] =
+            extent.pick(&[20, 60, 1000], &[20, 40, 60, 100, 200, 350, 500, 1000, 4000, 10_000]);
+        let (mut faults, mut at) = (String::new(), 1.5);
+        for millis in millis {
+            let rounds = extent.pick(1, 3);
+            let every = *millis as f64 * 1e-3 + 2.0;
+            faults +=
+                &process("stop", participant, at, every, rounds, &format!("millis = {millis}\n"));
+            at += f64::from(rounds) * every;
         }
+        let launch = Launch {
+            duration_s: at + 2.0,
+            faults,
+            undisturbed: !needed(participant),
+            restarts: Some(participant),
+            ..Launch::default()
+        };
+        all.push(Exercise {
+            fault: "stop",
+            target: participant.text(),
+            carrier: carrier_of(participant),
+            task: Task::Launch(launch),
+        });
     }
 }
 
 fn shared_fates(extent: Extent) -> Vec<Exercise> {
-    let whole = extent == Extent::Whole;
     let of = |fault, target, carrier, task| Exercise { fault, target, carrier, task };
-    let mut all = vec![
+    vec![
         of("kill all", "everybody", Carrier::SharedMemory, Task::KillAll(extent.pick(3, 100))),
         of(
             "two controllers",
@@ -295,23 +254,12 @@ fn shared_fates(extent: Extent) -> Vec<Exercise> {
             Carrier::SharedMemory,
             Task::Rivals(Rivalry::OldEpoch, extent.pick(3, 50)),
         ),
-        of(
-            "two launchers",
-            "one folder",
-            Carrier::SharedMemory,
-            Task::Compete(Prize::Folder, extent.pick(2, 20)),
-        ),
-        of(
-            "two launchers",
-            "one address",
-            Carrier::Network,
-            Task::Compete(Prize::Address, extent.pick(2, 20)),
-        ),
+        of("two launchers", "one folder", Carrier::SharedMemory, Task::Compete(extent.pick(2, 20))),
         of("two launchers", "side by side", Carrier::SharedMemory, Task::SideBySide),
         of(
             "partition",
             "cable",
-            Carrier::Network,
+            Carrier::Hosts,
             Task::Partition(extent.pick(vec![1000], partitions())),
         ),
         of(
@@ -326,23 +274,7 @@ fn shared_fates(extent: Extent) -> Vec<Exercise> {
             Carrier::None,
             Task::Damaged(extent.pick(100_000, 1_000_000)),
         ),
-    ];
-    if whole {
-        all.push(of("kill all", "everybody", Carrier::Network, Task::KillAll(100)));
-        all.push(of(
-            "two controllers",
-            "greater epoch",
-            Carrier::Network,
-            Task::Rivals(Rivalry::GreaterEpoch, 50),
-        ));
-        all.push(of(
-            "two controllers",
-            "old epoch",
-            Carrier::Network,
-            Task::Rivals(Rivalry::OldEpoch, 50),
-        ));
-    }
-    all
+    ]
 }
 
 /// Ten cuts of each length \[ms\].

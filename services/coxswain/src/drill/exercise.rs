@@ -60,11 +60,9 @@ pub(super) fn run(
                 Rivalry::OldEpoch => rivals::old_epoch(home, *times, seed, stop),
             })
         }
-        Task::Compete(prize, times) => {
-            in_home(exercise.carrier, &plain, ground, seed, kept, |home| {
-                launchers::compete(home, *prize, *times, seed, stop)
-            })
-        }
+        Task::Compete(times) => in_home(exercise.carrier, &plain, ground, seed, kept, |home| {
+            launchers::compete(home, *times, seed, stop)
+        }),
         Task::Partition(cuts) => in_home(exercise.carrier, &plain, ground, seed, kept, |home| {
             partition(home, cuts, stop)
         }),

@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
-/// Port of the router on the first host, in its own namespace.
+/// Port of the bridge on the first host, in its own namespace.
 const PORT: u16 = 7447;
 /// How often a relay checks whether its cable is plugged in.
 const LOOK: Duration = Duration::from_millis(10);
@@ -69,19 +69,19 @@ impl Hosts {
         }
     }
 
-    /// The endpoint at which the first host listens.
-    pub fn endpoint(&self) -> String {
+    /// Host and port at which the first host listens.
+    pub fn address(&self) -> String {
         match &self.place {
-            Place::Namespaces(..) => format!("tcp/10.99.0.1:{PORT}"),
-            Place::Loopback { port, .. } => format!("tcp/127.0.0.1:{port}"),
+            Place::Namespaces(..) => format!("10.99.0.1:{PORT}"),
+            Place::Loopback { port, .. } => format!("127.0.0.1:{port}"),
         }
     }
 
-    /// The same endpoint, as the second host sees it.
-    pub fn far_endpoint(&self) -> String {
+    /// The same, as the second host sees it.
+    pub fn far_address(&self) -> String {
         match &self.place {
-            Place::Namespaces(..) => self.endpoint(),
-            Place::Loopback { relay, .. } => format!("tcp/127.0.0.1:{relay}"),
+            Place::Namespaces(..) => self.address(),
+            Place::Loopback { relay, .. } => format!("127.0.0.1:{relay}"),
         }
     }
 

@@ -1,13 +1,12 @@
 //! Two launches of one robot at once: one drives, and the other reports why it does not.
 
-use super::catalogue::{Launch, Prize};
+use super::catalogue::Launch;
 use super::exercise::{judge_tracking, left_behind, worse};
 use super::measure::{Measured, measure};
 use super::session::{Home, Trouble};
 use process::{Stop, Witness};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use std::net::TcpListener;
 use std::thread;
 use std::time::Duration;
 
@@ -16,13 +15,17 @@ const DURATION_S: f64 = 2.0;
 /// Every second pair starts at the same time; the others start up to this far apart \[µs\].
 const APART_MICROS: u64 = 50_000;
 
-/// Two launches that compete for one resource, several times.
+/// Exit code of the launch that does not get the run directory.
+const REFUSED: i32 = 2;
+/// What it prints.
+const REFUSAL: &str = "expected a new or empty folder";
+
+/// Two launches that compete for one run directory, several times.
 ///
 /// # Errors
 /// If the exercise could not be done.
 pub(super) fn compete(
     home: &Home<'_>,
-    prize: Prize,
     times: u32,
     seed: u64,
     stop: &Stop,
@@ -40,19 +43,11 @@ pub(super) fn compete(
         } else {
             random.random_range(0..APART_MICROS)
         });
-        let endpoint = match prize {
-            Prize::Folder => None,
-            Prize::Address => {
-                Some(format!("tcp/{}", TcpListener::bind("127.0.0.1:0")?.local_addr()?))
-            }
-        };
         let mut sessions = Vec::new();
         for place in ["one", "other"] {
             let name = format!("{place}-{round}");
-            let run =
-                if prize == Prize::Folder { format!("run-{round}") } else { format!("run-{name}") };
-            sessions
-                .push((home.launch_beside(&name, &run, endpoint.as_deref(), DURATION_S)?, name));
+            let run = format!("run-{round}");
+            sessions.push((home.launch_beside(&name, &run, DURATION_S)?, name));
             thread::sleep(apart);
         }
         measured.injections += 1;
@@ -62,12 +57,11 @@ pub(super) fn compete(
             let said = home.said(name);
             if status.success() {
                 drove.push(&*session);
-            } else if status.code() != Some(prize.exit_code()) || !said.contains(prize.message()) {
+            } else if status.code() != Some(REFUSED) || !said.contains(REFUSAL) {
                 measured.violations.push(format!(
-                    "round {round}: {name} ended with {status}: {}; expected exit code {} and {:?}",
+                    "round {round}: {name} ended with {status}: {}; \
+                     expected exit code {REFUSED} and {REFUSAL:?}",
                     said.lines().next_back().unwrap_or_default(),
-                    prize.exit_code(),
-                    prize.message()
                 ));
             }
         }

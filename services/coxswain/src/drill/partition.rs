@@ -6,7 +6,7 @@ use super::exercise::{SETTLED, judge_tracking, judge_wheels, left_behind, worse}
 use super::hosts::Hosts;
 use super::measure::Measured;
 use super::record::Record;
-use super::session::{Home, Place, Trouble};
+use super::session::{Home, Trouble};
 use process::Stop;
 use protocol::clock::monotonic_nanos;
 use std::thread;
@@ -26,9 +26,9 @@ const DURATION_S: f64 = 5000.0;
 /// If the exercise could not be done.
 pub(super) fn partition(home: &Home<'_>, cuts: &[u64], stop: &Stop) -> Result<Measured, Trouble> {
     let hosts = Hosts::new()?;
-    let mut control = home.launch_on(&hosts, Place::Control, "control", DURATION_S)?;
+    let mut control = home.launch_on(&hosts, "control", DURATION_S)?;
     control.wait_for_log("controller", "started", 1)?;
-    let mut plant = home.launch_on(&hosts, Place::Plant, "plant", DURATION_S)?;
+    let mut plant = home.launch_on(&hosts, "robot", DURATION_S)?;
     control.wait_for_log("controller", "answering a plant", 1)?;
     thread::sleep(SETTLED);
     let (mut pulled, mut healed) = (Vec::new(), Vec::new());

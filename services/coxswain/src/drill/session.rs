@@ -44,28 +44,10 @@ const GIVES_UP_AFTER: Duration = Duration::from_mins(2);
 const PATIENT: &str =
     "restarts_per_minute = 1000000\nback_off_millis = 0\nback_off_max_millis = 0\n";
 
-/// A part of a graph.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Place {
-    /// The whole graph.
-    Everybody,
-    /// Robot and recorder.
-    Plant,
-    /// Controller and learner.
-    Control,
-}
-
-impl Place {
-    const ALL: [Self; 3] = [Self::Everybody, Self::Plant, Self::Control];
-
-    const fn file(self) -> &'static str {
-        match self {
-            Self::Everybody => "graph.toml",
-            Self::Plant => "plant-host.toml",
-            Self::Control => "control-host.toml",
-        }
-    }
-}
+/// The hosts of a graph with two.
+const HOSTS: &str = "[hosts.robot]\nprocesses = [\"plant\", \"recorder\"]\n\
+    [hosts.control]\nprocesses = [\"controller\", \"learner\"]\n\
+    [[connections]]\nhosts = [\"robot\", \"control\"]\naddress = \"127.0.0.1:7447\"\n";
 
 /// The folder in which the files of the graphs are written, and from which they are launched.
 #[derive(Debug)]
@@ -73,6 +55,8 @@ pub(super) struct Home<'a> {
     ground: &'a Ground,
     folder: TempDir,
     graph: PathBuf,
+    /// Whether it runs on two hosts.
+    has_hosts: bool,
     /// Size of the shared memory, if it is limited \[MiB\].
     shared_memory: Option<u64>,
 }
@@ -103,36 +87,29 @@ impl<'a> Home<'a> {
         fs::write(folder.path().join("scenario.toml"), scenario)?;
         fs::write(folder.path().join("faults.toml"), format!("seed = {seed}\n{}", launch.faults))?;
         let robot = deploy.join("robots/mecanum.toml").canonicalize()?;
-        let (pace, link) = (
-            if launch.lock_step { "lock-step" } else { "real-time" },
-            if carrier == Carrier::Network { "network" } else { "shared-memory" },
+        let pace = if launch.lock_step { "lock-step" } else { "real-time" };
+        let mut text = format!(
+            "name = \"drill\"\nrobot = \"{}\"\nscenario = \"scenario.toml\"\npace = \"{pace}\"\n\
+             [telemetry]\nlisten = [\"tcp/127.0.0.1:0\"]\n",
+            robot.display()
         );
-        let graph = folder.path().join("graph.toml");
-        for place in Place::ALL {
-            let mut text = format!(
-                "name = \"drill\"\nrobot = \"{}\"\nscenario = \"scenario.toml\"\n\
-                 pace = \"{pace}\"\n[links]\ndefault = \"{link}\"\n\
-                 [telemetry]\nlisten = [\"tcp/127.0.0.1:0\"]\n[network]\ngraph = \"drill\"\n",
-                robot.display()
-            );
-            for role in START_ORDER {
-                let enabled = match place {
-                    // Over the network there is a gateway only if the exercise is about it.
-                    Place::Everybody => {
-                        role != Participant::Gateway
-                            || carrier == Carrier::SharedMemory
-                            || launch.restarts == Some(role)
-                    }
-                    Place::Plant => matches!(role, Participant::Plant | Participant::Recorder),
-                    Place::Control => {
-                        matches!(role, Participant::Controller | Participant::Learner)
-                    }
-                };
-                let _ = write!(text, "[processes.{}]\nenabled = {enabled}\n{PATIENT}", role.text());
-            }
-            fs::write(folder.path().join(place.file()), text)?;
+        if carrier == Carrier::Hosts {
+            text += HOSTS;
         }
-        Ok(Self { ground, folder, graph, shared_memory: launch.shared_memory_mebibytes })
+        for role in START_ORDER {
+            let exists = match role {
+                Participant::Bridge => carrier == Carrier::Hosts,
+                Participant::Gateway => carrier == Carrier::SharedMemory,
+                _ => true,
+            };
+            if exists {
+                let _ = write!(text, "[processes.{}]\n{PATIENT}", role.text());
+            }
+        }
+        let graph = folder.path().join("graph.toml");
+        fs::write(&graph, text)?;
+        let has_hosts = carrier == Carrier::Hosts;
+        Ok(Self { ground, folder, graph, has_hosts, shared_memory: launch.shared_memory_mebibytes })
     }
 
     /// Limits of the robot and the period.
@@ -170,10 +147,12 @@ impl<'a> Home<'a> {
     /// # Errors
     /// If it cannot be started.
     pub(super) fn launch(&self, run: &str, duration_s: f64) -> Result<Session, Trouble> {
-        let command = self.command(Place::Everybody, run, duration_s)?;
+        let command = self.command(run, duration_s)?;
+        // The record is that of the robot's host.
+        let directory = if self.has_hosts { format!("{run}/robot") } else { run.to_owned() };
         self.begin(
             run,
-            run,
+            &directory,
             match self.shared_memory {
                 Some(mebibytes) => little_shared_memory(&command, mebibytes),
                 None => command,
@@ -184,8 +163,7 @@ impl<'a> Home<'a> {
     /// Launches the graph for `duration_s` as one of several.
     ///
     /// The launch writes its output to a file of `name`, and its run directory is `run`, which
-    /// another launch may use as well. It listens at `endpoint`, if there is one, under the name
-    /// that all graphs of the drill have.
+    /// another launch may use as well.
     ///
     /// # Errors
     /// If it cannot be started.
@@ -193,44 +171,37 @@ impl<'a> Home<'a> {
         &self,
         name: &str,
         run: &str,
-        endpoint: Option<&str>,
         duration_s: f64,
     ) -> Result<Session, Trouble> {
-        let mut command = self.command(Place::Everybody, run, duration_s)?;
-        if let Some(endpoint) = endpoint {
-            command.args(["--listen", endpoint]);
-        }
+        let command = self.command(run, duration_s)?;
         self.begin(name, run, command)
     }
 
-    /// Launches one host's part of the graph for `duration_s`, with the run directory `run`.
+    /// Launches the processes of the host `name` for `duration_s`, on one of two hosts. The run
+    /// directory is `name`.
     ///
     /// # Errors
     /// If it cannot be started.
     pub(super) fn launch_on(
         &self,
         hosts: &Hosts,
-        place: Place,
-        run: &str,
+        name: &str,
         duration_s: f64,
     ) -> Result<Session, Trouble> {
-        let mut command = self.command(place, run, duration_s)?;
-        let far = place == Place::Control;
-        if far {
-            command.args(["--insecure", "--connect", &hosts.far_endpoint()]);
+        let (number, address) = if name == "robot" {
+            (0, format!("control={}", hosts.address()))
         } else {
-            command.args(["--insecure", "--listen", &hosts.endpoint()]);
-        }
-        self.begin(run, run, hosts.on(usize::from(far), command))
+            (1, format!("robot={}", hosts.far_address()))
+        };
+        let mut command = self.command(name, duration_s)?;
+        command.args(["--insecure", "--host", name, "--address", &address]);
+        self.begin(name, name, hosts.on(number, command))
     }
 
-    fn command(&self, place: Place, run: &str, duration_s: f64) -> Result<Command, Trouble> {
+    fn command(&self, run: &str, duration_s: f64) -> Result<Command, Trouble> {
         let home = self.folder.path();
         let mut command = Command::new(std::env::current_exe()?);
-        command
-            .arg("launch")
-            .arg(home.join(place.file()))
-            .args(["--duration", &duration_s.to_string()]);
+        command.arg("launch").arg(&self.graph).args(["--duration", &duration_s.to_string()]);
         command
             .arg("--faults")
             .arg(home.join("faults.toml"))

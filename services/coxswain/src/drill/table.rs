@@ -100,7 +100,7 @@ mod tests {
         let good = Row {
             fault: "kill",
             target: "plant",
-            carrier: Carrier::Network,
+            carrier: Carrier::Hosts,
             injections: 300,
             violations: 0,
             worst_reaction_periods: Some(2.5),
@@ -115,7 +115,7 @@ mod tests {
         };
         let bad = Row { violations: 2, kept: Some(PathBuf::from("runs/drill/x")), ..good.clone() };
         let text = render(&[good, bad], true);
-        assert!(text.contains("kill of plant over network: two network namespaces"), "{text}");
+        assert!(text.contains("kill of plant over two hosts: two network namespaces"), "{text}");
         assert!(text.contains("6 periods below a fresh plan are excused"), "{text}");
         let lines: Vec<&str> = text.lines().collect();
         assert!(

@@ -41,91 +41,83 @@ pub(super) fn on_control_links(extent: Extent, apart: bool, all: &mut Vec<Exerci
     for (topic, participant, field) in
         [("command", Plant, "input"), ("state", Controller, "velocity")]
     {
-        for carrier in [Carrier::SharedMemory, Carrier::Network] {
-            if extent == Extent::Quick && (carrier == Carrier::Network) != (topic == "command") {
-                continue;
-            }
-            let each: Vec<Vec<Kind>> = KINDS.iter().map(|kind| vec![*kind]).collect();
-            let groups =
-                if extent == Extent::Quick && !apart { vec![KINDS.to_vec()] } else { each };
-            for kinds in groups {
-                let rounds = extent.pick(1, 10);
-                let (mut faults, mut from) = (String::new(), STRIDE);
-                let (mut misquoted, mut misled) = (Vec::new(), Vec::new());
-                for (_, kind, levels) in &kinds {
-                    for level in
-                        extent.pick(levels.get(levels.len() - 1..).unwrap_or_default(), levels)
-                    {
-                        for _ in 0..rounds {
-                            let named = if *kind == "nan" {
-                                format!("field = {field:?}\n")
-                            } else {
-                                String::new()
-                            };
-                            let until = from + extent.pick(12, WINDOW);
-                            faults += &message(
-                                topic,
-                                participant,
-                                kind,
-                                from,
-                                until,
-                                &format!("{level}{named}"),
-                            );
-                            if *kind == "freeze" {
-                                let windows =
-                                    if topic == "command" { &mut misquoted } else { &mut misled };
-                                windows.push(from..until);
-                            }
-                            from += extent.pick(STRIDE / 2, STRIDE);
+        let each: Vec<Vec<Kind>> = KINDS.iter().map(|kind| vec![*kind]).collect();
+        let groups = if extent == Extent::Quick && !apart { vec![KINDS.to_vec()] } else { each };
+        for kinds in groups {
+            let rounds = extent.pick(1, 10);
+            let (mut faults, mut from) = (String::new(), STRIDE);
+            let (mut misquoted, mut misled) = (Vec::new(), Vec::new());
+            for (_, kind, levels) in &kinds {
+                for level in extent.pick(levels.get(levels.len() - 1..).unwrap_or_default(), levels)
+                {
+                    for _ in 0..rounds {
+                        let named = if *kind == "nan" {
+                            format!("field = {field:?}\n")
+                        } else {
+                            String::new()
+                        };
+                        let until = from + extent.pick(12, WINDOW);
+                        faults += &message(
+                            topic,
+                            participant,
+                            kind,
+                            from,
+                            until,
+                            &format!("{level}{named}"),
+                        );
+                        if *kind == "freeze" {
+                            let windows =
+                                if topic == "command" { &mut misquoted } else { &mut misled };
+                            windows.push(from..until);
                         }
+                        from += extent.pick(STRIDE / 2, STRIDE);
                     }
                 }
-                let fault = if let [(only, ..)] = kinds.as_slice() { *only } else { "bad link" };
-                let duration_s = from as f64 * 0.02 + 2.0;
-                let launch = Launch {
-                    duration_s,
-                    faults,
-                    misquoted,
-                    misled,
-                    refused: Some(Refused::Messages),
-                    ..Launch::default()
-                };
-                all.push(Exercise { fault, target: topic, carrier, task: Task::Launch(launch) });
             }
+            let fault = if let [(only, ..)] = kinds.as_slice() { *only } else { "bad link" };
+            let duration_s = from as f64 * 0.02 + 2.0;
+            let launch = Launch {
+                duration_s,
+                faults,
+                misquoted,
+                misled,
+                refused: Some(Refused::Messages),
+                ..Launch::default()
+            };
+            all.push(Exercise {
+                fault,
+                target: topic,
+                carrier: Carrier::SharedMemory,
+                task: Task::Launch(launch),
+            });
         }
     }
 }
 
 /// Messages of another protocol version with a valid checksum, for every reader.
 pub(super) fn of_other_versions(extent: Extent, all: &mut Vec<Exercise>) {
-    for carrier in [Carrier::SharedMemory, Carrier::Network] {
-        if extent == Extent::Quick && carrier == Carrier::Network {
-            continue;
-        }
-        let ticks = extent.pick(150, 1500);
-        let mut faults = String::new();
-        for (topic, participant) in [
-            ("command", Plant),
-            ("state", Controller),
-            ("snapshot", Controller),
-            ("residual", Learner),
-            ("residual", Recorder),
-            ("snapshot", Recorder),
-            ("plan", Recorder),
-        ] {
-            faults +=
-                &message(topic, participant, "version", 50, 50 + ticks, "probability = 0.1\n");
-        }
-        let duration_s = (50 + ticks) as f64 * 0.02 + 2.0;
-        let launch =
-            Launch { duration_s, faults, refused: Some(Refused::Messages), ..Launch::default() };
-        all.push(Exercise {
-            fault: "other version",
-            target: "every topic",
-            carrier,
-            task: Task::Launch(launch),
-        });
+    let ticks = extent.pick(150, 1500);
+    let mut faults = String::new();
+    for (topic, participant) in [
+        ("command", Plant),
+        ("state", Controller),
+        ("snapshot", Controller),
+        ("residual", Learner),
+        ("residual", Recorder),
+        ("snapshot", Recorder),
+        ("plan", Recorder),
+    ] {
+        faults += &message(topic, participant, "version", 50, 50 + ticks, "probability = 0.1\n");
     }
+    let duration_s = (50 + ticks) as f64 * 0.02 + 2.0;
+    let launch =
+        Launch { duration_s, faults, refused: Some(Refused::Messages), ..Launch::default() };
+    all.push(Exercise {
+        fault: "other version",
+        target: "every topic",
+        carrier: Carrier::SharedMemory,
+        task: Task::Launch(launch),
+    });
 }
 
 /// Damaged snapshots, and snapshots with wrong content from a faulty learner, in lock step, where

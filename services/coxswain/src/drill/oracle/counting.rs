@@ -83,8 +83,10 @@ fn was_killed(health: &Message) -> bool {
 fn sent_by(last_words: Option<&Message>, topic: &str, epochs: &Stored) -> u64 {
     let seen =
         |epochs: &Stored| -> u64 { epochs.values().filter_map(|sequences| sequences.last()).sum() };
+    // A bridge counts the messages of others that it has passed on.
+    let is_own = |health: &Message| topic == "health" || health.word("participant") != "bridge";
     match last_words {
-        Some(health) if health.word("phase") == "finished" => {
+        Some(health) if health.word("phase") == "finished" && is_own(health) => {
             let earlier = epochs
                 .range(..health.stamp("epoch"))
                 .map(|(epoch, sequences)| (*epoch, sequences.clone()))
