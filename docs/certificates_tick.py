@@ -1,4 +1,4 @@
-"""Measures the control tick over the network, alternately with certificates and without them.
+"""Measures the control tick on two hosts, alternately with certificates and without them.
 
 Usage: python3 docs/certificates_tick.py [ROUNDS [SECONDS [COXSWAIN]]]
 """
@@ -13,7 +13,7 @@ import tempfile
 rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 8
 seconds = sys.argv[2] if len(sys.argv) > 2 else "10"
 coxswain = sys.argv[3] if len(sys.argv) > 3 else "target/release/coxswain"
-graph = str(pathlib.Path(__file__).parent.parent / "deploy/graphs/network.toml")
+graph = str(pathlib.Path(__file__).parent.parent / "deploy/graphs/two-hosts.toml")
 measured = {"without": [], "with": []}
 with tempfile.TemporaryDirectory() as folder:
     certificates = f"{folder}/certificates"
@@ -26,7 +26,7 @@ with tempfile.TemporaryDirectory() as folder:
             launch = [coxswain, "launch", graph, "--scenario", "paper-20ms"]
             launch += ["--duration", seconds, "--out", out, *options]
             subprocess.run(launch, check=True, capture_output=True)
-            summary = json.loads(pathlib.Path(f"{out}/summary.json").read_text())
+            summary = json.loads(pathlib.Path(f"{out}/robot/summary.json").read_text())
             p50, p99 = summary["tick_p50_us"], summary["tick_p99_us"]
             measured[kind].append(p50)
             missed = summary["periods_missed"]

@@ -114,7 +114,7 @@ fn a_robot_in_python_drives_on_after_the_bridge_is_killed() -> Outcome {
     for access in [Access::Open, Access::Certificates] {
         let (launched, mut robot) = control_host(&clients().join("robot.py"), access, "real-time")?;
         let mut robot = Reader::start(robot.args(["--duration", "600"]))?;
-        let mut drives = |robot: &mut Reader| -> Outcome {
+        let drives = |robot: &mut Reader| -> Outcome {
             while fallback_level(robot.lines(1)?.first().ok_or("no line")?) != Some(1) {}
             Ok(())
         };

@@ -1,15 +1,19 @@
 //! Attacks on the bridge of a driving robot's host. The bridge's own tests count what it rejects.
 
-use crate::session::{Certificates, Failure, ROBOT, Shows, connect, host, print, strangers};
+use crate::session::{
+    Certificates, Failure, ROBOT, Shows, connect, host, print, router, strangers,
+};
 use access::Role;
 use bytemuck::Zeroable;
 use coxswain::assembly::Assembly;
 use coxswain::options::Options;
+use network::{Breach, keeps_strangers_out};
 use process::read_settings;
 use promises::oracle::{Limits, acquit};
 use promises::{Launched, Outcome, Record, graph_file, launch_command, repository};
 use protocol::message::{Command, Message, ModelSnapshot, SnapshotHead};
 use protocol::{VERSION, wire};
+use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::Write;
@@ -90,6 +94,64 @@ fn no_peer_but_the_other_host_reaches_the_bridge_of_a_driving_robot() -> Outcome
         record.of("state").filter(|state| state.word("fallback_level") == "fresh plan").count();
     print(format_args!("{forged} forged commands; {fresh} of 151 periods on fresh plans"));
     assert!(fresh > 130, "{fresh} of 151 periods on fresh plans");
+    Ok(())
+}
+
+#[test]
+fn an_endpoint_that_accepts_strangers_fails_the_self_test() -> Outcome {
+    let certificates = Certificates::new()?;
+    let credentials = certificates.of(&host("robot"));
+    let tested = |shows: Shows| -> Result<Option<Breach>, Failure> {
+        let (_session, endpoint) = router(&shows, &[])?;
+        Ok(keeps_strangers_out(&endpoint, &credentials).err())
+    };
+    let plain = tested(Shows::Nothing)?;
+    assert!(matches!(plain, Some(Breach::Plain { .. })), "{plain:?}");
+    let asks_for_none = tested(Shows::NoCertificate(credentials.clone()))?;
+    assert!(matches!(asks_for_none, Some(Breach::NoCertificate { .. })), "{asks_for_none:?}");
+    assert_eq!(tested(Shows::Certificate(credentials.clone()))?, None);
+    Ok(())
+}
+
+/// Launches two hosts that meet at a zenoh router with this access control.
+fn meeting(
+    certificates: &Certificates,
+    control: &[(&str, Value)],
+) -> Result<(Launched, Session), Failure> {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let (session, endpoint) =
+        router(&Shows::Certificate(certificates.of(&host("training"))), control)?;
+    let address = endpoint.split_once('/').ok_or("no address")?.1;
+    let deploy = format!("\"{}/", repository().join("deploy").display());
+    let text = fs::read_to_string(graph_file("two-hosts"))?.replace("\"../", &deploy);
+    let text = text.replace("address = \"127.0.0.1:7447\"", &format!("router = \"{address}\""));
+    let file = home.path().join("graph.toml");
+    fs::write(&file, text)?;
+    let folder = certificates.folder();
+    let given = folder.to_str().ok_or("no text")?;
+    let options = ["--duration", "8", "--certificates", given];
+    let command = launch_command(&file, &home.path().join("run"), &options)?;
+    let launched = Launched::by(command, home)?;
+    Ok((launched, session))
+}
+
+#[test]
+fn hosts_meet_at_a_zenoh_router_that_checks_their_names_and_at_no_other() -> Outcome {
+    let certificates = Certificates::new()?;
+    let hosts = ["robot", "control"].map(str::to_owned);
+    let control = access::of_meeting_point("two-hosts", ROBOT, &hosts);
+    let (launched, _router) = meeting(&certificates, &[("access_control", control)])?;
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let record = Record::read(&home.path().join("run/robot"))?;
+    let fresh =
+        record.of("state").filter(|state| state.word("fallback_level") == "fresh plan").count();
+    print(format_args!("at a zenoh router {fresh} of 81 periods are on fresh plans"));
+    assert!(fresh > 65, "{fresh} of 81 periods on fresh plans");
+    let (launched, _router) = meeting(&certificates, &[])?;
+    let (ended, home) = launched.end()?;
+    assert!(!ended.status.success(), "{}", ended.text);
+    assert!(!home.path().join("run/robot/plant.log").exists(), "{}", ended.text);
     Ok(())
 }
 

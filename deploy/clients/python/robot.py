@@ -1,4 +1,4 @@
-"""A robot driver with a simulated robot. It is the plant of protocol/WIRE.md, over Zenoh.
+"""A robot driver with a simulated robot. It is the plant of protocol/WIRE.md, over zenoh.
 
 Needs Python 3.10 and the public package eclipse-zenoh. The duties in the comments are the numbered
 duties of WIRE.md. For a robot of your own, replace `Base` with its motors and sensors. Everything
@@ -9,7 +9,6 @@ import argparse
 import json
 import math
 import os
-import queue
 import random
 import secrets
 import signal
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
+from connection import Connection, configuration
 from gate import BAD_STATE, DISARMED, STOPPED, STOPPING, ZERO, Gate, Limits
 from wire import Command, Credit, Health, PlantState, Refused, Stamp, Vector, Wire
 
@@ -60,107 +60,17 @@ class Base:
         return tuple(noisy[:3]), tuple(noisy[3:])
 
 
-class Network:
-    """The links of a driver: it writes state and health, and reads commands.
-
-    It also reads credit, if the run is recorded.
-    """
-
-    def __init__(self, endpoint: str, graph: str, lock_step: bool, recorded: bool) -> None:
-        config = zenoh.Config()
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-        config.insert_json5("scouting/multicast/enabled", "false")
-        # Otherwise a killed client leaves a file in /dev/shm.
-        config.insert_json5("transport/shared_memory/enabled", "false")
-        self.session = zenoh.open(config)
-        self.graph, self.lock_step = f"coxswain-link/{graph}", lock_step
-        self.writer = secrets.randbelow((1 << 64) - 1) + 1
-        self.identity = f"robot.{self.writer:016x}"
-        self.events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
-        self.readers: set[str] = set()
-        self.last_state: tuple[bytes, bytes] | None = None
-        delivery = "lossless" if lock_step else "newest-wins"
-        congestion = zenoh.CongestionControl.BLOCK if lock_step else zenoh.CongestionControl.DROP
-        self.quality = {"priority": zenoh.Priority.REAL_TIME, "congestion_control": congestion}
-        state, message = f"{self.graph}/state", f"{Wire.VERSION}/PlantState"
-        readers, join = f"{state}/reader/{message}/*/*", f"{state}/join/{self.identity}"
-        writer = f"{state}/writer/{message}/{delivery}/{self.identity}"
-        tokens = self.session.liveliness()
-        self.kept = [
-            tokens.declare_subscriber(readers, self._on_reader, history=True),
-            self.session.declare_queryable(join, lambda query: query.drop()),
-            tokens.declare_token(writer),
-        ]
-        self._read("command", Command)
-        if recorded:
-            self._read("credit", Credit)
-
-    def _read(self, topic: str, kind: type) -> None:
-        def receive(sample: zenoh.Sample) -> None:
-            self.events.put((topic, sample.payload.to_bytes()))
-
-        link = f"{self.graph}/{topic}"
-        self.kept.append(self.session.declare_subscriber(f"{link}/data/*", receive))
-        if self.lock_step:
-            history = f"{link}/history/{self.identity}/*"
-            self.kept.append(self.session.declare_subscriber(history, receive))
-        reader = f"{link}/reader/{Wire.VERSION}/{kind.__name__}/unpaced/{self.identity}"
-        self.kept.append(self.session.liveliness().declare_token(reader))
-
-    def _on_reader(self, sample: zenoh.Sample) -> None:
-        event = "reader" if sample.kind == zenoh.SampleKind.PUT else "reader-left"
-        self.events.put((event, str(sample.key_expr).rsplit("/", 1)[1]))
-
-    def next(self, timeout: float) -> tuple[str, Any]:
-        """The next event within `timeout` seconds: its topic and content.
-
-        A reader of states that joins late receives the last state at once.
-        """
-        try:
-            topic, what = self.events.get(timeout=max(timeout, 0.0))
-        except queue.Empty:
-            return "nothing", None
-        if topic == "reader":
-            self.readers.add(what)
-            if self.last_state:
-                payload, number = self.last_state
-                key = f"{self.graph}/state/history/{what}/{self.identity}"
-                self.session.put(key, payload, attachment=number, **self.quality)
-        elif topic == "reader-left":
-            self.readers.discard(what)
-        return topic, what
-
-    def send_state(self, state: PlantState) -> None:
-        payload, number = Wire.encode(state), state.stamp.sequence.to_bytes(8, "little")
-        self.last_state = payload, number
-        self.put_state(payload, number)
-
-    def repeat_state(self) -> None:
-        """Sends the same bytes again.
-
-        There is no sequence number: with one, a reader drops the repetition as a duplicate.
-        """
-        if self.last_state:
-            self.put_state(self.last_state[0], None)
-
-    def put_state(self, payload: bytes, number: bytes | None) -> None:
-        key = f"{self.graph}/state/data/{self.identity}"
-        self.session.put(key, payload, attachment=number, **self.quality)
-
-    def send_health(self, health: Health) -> None:
-        key = f"{self.graph}/health/data/{self.identity}"
-        self.session.put(key, Wire.encode(health), priority=zenoh.Priority.DATA_LOW)
-
-
 class Driver:
     """The loop: publishes a state per period, receives commands, moves the base."""
 
-    def __init__(self, options: argparse.Namespace, limits: Limits, network: Network) -> None:
+    def __init__(
+        self, options: argparse.Namespace, limits: Limits, connection: Connection
+    ) -> None:
         self.period, self.recorded = limits.period, options.recorded
         self.lock_step = options.pace == "lock-step"
         self.ticks, self.epoch = round(options.duration / self.period), options.epoch
-        self.limits, self.network = limits, network
+        self.limits, self.connection = limits, connection
+        self.writer = secrets.randbelow((1 << 64) - 1) + 1
         self.gate = Gate(limits, self.epoch, options.delay_ms / 1e3, not options.disarmed)
         self.base = Base(tuple(options.start), options.seed)
         self.report = Report(self.period, options.circle)
@@ -213,7 +123,8 @@ class Driver:
             self.gate.stop_reason,
         )
         fields = (*measured, self.input, 0.0, *accepted, *gate)
-        self.network.send_state(PlantState(self._stamp("state"), *fields))
+        self.state = Wire.encode(PlantState(self._stamp("state"), *fields))
+        self.connection.put("state", self.state)
         self.phase = RUNNING
 
     def _answered_period(self, tick: int, start: float) -> list[float]:
@@ -224,7 +135,7 @@ class Driver:
             if command is not None:
                 answered = (command.plant_epoch, command.stamp.tick) == (self.epoch, tick)
             if not answered and time.monotonic() - sent >= REPEAT_S:
-                self.network.repeat_state()
+                self.connection.put("state", self.state)
                 sent = time.monotonic()
         total, steps = [0.0, 0.0, 0.0], max(round(self.period / STEP_S), 1)
         for step in range(steps):
@@ -250,7 +161,7 @@ class Driver:
 
         Returns a command, accepted or not, unless it is stale.
         """
-        topic, payload = self.network.next(timeout)
+        topic, payload = self.connection.next(timeout)
         self.show_health()
         kind = {"command": Command, "credit": Credit}.get(topic)
         if kind is None:
@@ -276,7 +187,7 @@ class Driver:
     def _stamp(self, topic: str) -> Stamp:
         self.sent[topic] += 1
         return Stamp(
-            self.network.writer, self.epoch, self.sent[topic], self.gate.tick, time.monotonic_ns()
+            self.writer, self.epoch, self.sent[topic], self.gate.tick, time.monotonic_ns()
         )
 
     def show_health(self, at_once: bool = False) -> None:
@@ -293,10 +204,10 @@ class Driver:
             DISARMED: f"disarmed: kill -USR1 {pid} arms the robot",
             STOPPED: f"stopped: kill -USR1 {pid} resumes the robot",
         }
-        error = errors.get(self.gate.state, "")
+        error = errors.get(self.gate.state, "") if self.phase != FINISHED else ""
         process = (0, self.phase, pid, 0)
         health = Health(stamp, *process, stamp.sequence, *(0,) * 8, *counts, error)
-        self.network.send_health(health)
+        self.connection.put("health", Wire.encode(health))
 
     def obey(self) -> None:
         """Duty 10: an operator requests arm or resume. It acts from the next period on."""
@@ -310,11 +221,11 @@ class Driver:
             self._move([0.0, 0.0, 0.0], 0.0, STEP_S)
 
     def finish(self) -> None:
-        """Reports the end of the run until no reader is left, for one second at most."""
+        """Duty 13: reports the end of the run for one second."""
         self.rest()
         self.phase, begin = FINISHED, time.monotonic()
         self.show_health(at_once=True)
-        while self.network.readers and time.monotonic() < begin + 1.0:
+        while time.monotonic() < begin + 1.0:
             self._serve(0.1)
 
 
@@ -378,7 +289,7 @@ def arguments() -> argparse.Namespace:
         "130 or 143 if a signal ended it."
     )
     parser = argparse.ArgumentParser(
-        description="A simulated robot, driven over Zenoh.", epilog=exit_codes
+        description="A simulated robot, driven over zenoh.", epilog=exit_codes
     )
 
     def option(name: str, description: str, **details: Any) -> None:
@@ -386,10 +297,18 @@ def arguments() -> argparse.Namespace:
 
     option(
         "--connect",
-        "router of the launch with the controller, such as tcp/127.0.0.1:7447",
+        "endpoint of the bridge, such as tcp/127.0.0.1:7447, or tls/… with certificates",
         metavar="ENDPOINT",
     )
     option("--graph", "name of the graph (%(default)s)", default="mecanum")
+    option("--host", "host of the graph file that this driver is (%(default)s)", default="driver")
+    option("--to", "host of the graph file with the bridge (%(default)s)", default="control")
+    option(
+        "--certificates",
+        "folder of certificates with that of the role driver",
+        type=Path,
+        metavar="DIR",
+    )
     option(
         "--robot",
         "robot file with the limits (%(default)s)",
@@ -461,7 +380,7 @@ def arguments() -> argparse.Namespace:
     )
     options = parser.parse_args()
     if not options.check and not options.connect:
-        parser.error("--connect is missing: expected the endpoint of the controller's router")
+        parser.error("--connect is missing: expected the endpoint of a bridge")
     positive = (options.period_ms, options.duration, options.epoch)
     if not (all(value > 0 for value in positive) and options.delay_ms >= 0.0):
         parser.error("expected --period-ms, --duration, --epoch > 0 and --delay-ms >= 0")
@@ -475,13 +394,14 @@ def drive(options: argparse.Namespace) -> int:
         print(f"robot.py: {options.robot}: not a robot file: {error!r}", file=sys.stderr)
         return 2
     try:
-        lock_step = options.pace == "lock-step"
-        network = Network(options.connect, options.graph, lock_step, options.recorded)
+        config = configuration(options.connect, options.certificates)
+        ends = (options.graph, options.host, options.to)
+        connection = Connection(config, *ends, wait=options.pace == "lock-step")
     except zenoh.ZError as error:
-        print(f"robot.py: no router at {options.connect}: {error}", file=sys.stderr)
+        print(f"robot.py: no bridge at {options.connect}: {error}", file=sys.stderr)
         return 1
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    driver = Driver(options, limits, network)
+    driver = Driver(options, limits, connection)
     signal.signal(signal.SIGUSR1, lambda *_: driver.obey())
     try:
         driver.run()
@@ -491,7 +411,7 @@ def drive(options: argparse.Namespace) -> int:
         return 130
     finally:
         driver.rest()
-        network.session.close()
+        connection.close()
     return 0
 
 

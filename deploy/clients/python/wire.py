@@ -119,7 +119,7 @@ def one_of(allowed: tuple[int, ...]) -> Codec:
 
 
 U32, U64, FALLBACK_LEVEL, REASON = varint(1 << 32), varint(1 << 64), varint(7), varint(21)
-FLAG, WHEELS, GATE_STATE = varint(2), varint(9), varint(4)
+FLAG, WHEELS, GATE_STATE, PARTICIPANT = varint(2), varint(9), varint(4), varint(6)
 ROW, EIGHT, COUNTS = numbers(3), numbers(8), several(U64, 8)
 ONE = Codec(
     lambda value: struct.pack("<d", value),
@@ -181,14 +181,14 @@ class Credit:
     KIND: ClassVar[int] = 4
     stamp: Annotated[Stamp, STAMP]
     through_tick: Annotated[int, U64]
-    participant: Annotated[int, varint(5)]
+    participant: Annotated[int, PARTICIPANT]
 
 
 @dataclass(frozen=True)
 class Health:
     KIND: ClassVar[int] = 7
     stamp: Annotated[Stamp, STAMP]
-    participant: Annotated[int, varint(5)]
+    participant: Annotated[int, PARTICIPANT]
     phase: Annotated[int, varint(5)]
     pid: Annotated[int, U32]
     exposure: Annotated[int, varint(3)]

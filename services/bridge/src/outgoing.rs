@@ -103,15 +103,11 @@ impl Outgoing<'_> {
             window: Window::new(self.flow.window(), Instant::now()),
             number: 0,
             message: Vec::new(),
+            stopped: None,
         };
         let has_history = self.topic.quality(false).history > 0 && self.flow != Flow::Lossless;
         let mut connections = self.connections.load(Ordering::Relaxed);
-        let mut stopped: Option<Instant> = None;
         loop {
-            let now = Instant::now();
-            if stopped.is_none() && self.stop.requested() {
-                stopped = Some(now);
-            }
             let again = self.connections.load(Ordering::Relaxed);
             if again != connections && has_history && !pieces.message.is_empty() {
                 pieces.send();
@@ -129,7 +125,7 @@ impl Outgoing<'_> {
                 thread::park_timeout(PATIENCE);
             }
             let is_idle = !is_read && (pieces.window.is_empty() || self.flow != Flow::Lossless);
-            if stopped.is_some_and(|since| is_idle || now - since >= DRAINS_WITHIN) {
+            if pieces.is_over() || is_idle && pieces.stopped.is_some() {
                 return Ok(());
             }
         }
@@ -164,17 +160,26 @@ struct Pieces<'a> {
     number: u64,
     /// The last message, encoded.
     message: Vec<u8>,
+    /// Time of the stop request.
+    stopped: Option<Instant>,
 }
 
 impl Pieces<'_> {
+    /// Whether the stop request is so old that nothing is sent any more.
+    fn is_over(&mut self) -> bool {
+        if self.lane.stop.requested() {
+            self.stopped.get_or_insert_with(Instant::now);
+        }
+        self.stopped.is_some_and(|since| since.elapsed() >= DRAINS_WITHIN)
+    }
+
     /// Sends the message, piece by piece.
     fn send(&mut self) {
         let length = u32::try_from(self.message.len()).unwrap_or(u32::MAX);
         for range in ranges(self.message.len()) {
             while self.window.is_full() {
                 thread::park_timeout(PATIENCE);
-                let was_given_up = self.tend();
-                if was_given_up || self.lane.stop.requested() && self.lane.flow == Flow::Paced {
+                if self.tend() || self.is_over() {
                     return;
                 }
             }

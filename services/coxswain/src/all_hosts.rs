@@ -20,10 +20,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 /// Interval between two looks at the launches.
 const ROUND: Duration = Duration::from_millis(20);
+
+/// Time for the other hosts to end by themselves after that of the plant.
+const ENDS_WITHIN: Duration = Duration::from_secs(10);
 
 /// The launch of one host. It does not outlive this value.
 struct HostLaunch {
@@ -82,15 +85,14 @@ pub fn run(options: &Options, graph: &Graph) -> Result<Outcome, LaunchError> {
     supervise(&mut launches, &mut signals, &printed)
 }
 
-/// Waits for the end of all launches. The end of the plant's host, or of any that fails, and a
-/// signal end the others.
+/// Waits for the end of all launches. A signal, or the failure of any of them, ends the others.
 fn supervise(
     launches: &mut [HostLaunch],
     signals: &mut Signals,
     printed: &Receiver<String>,
 ) -> Result<Outcome, LaunchError> {
     let mut terminal = Terminal::new();
-    let (mut outcome, mut failed) = (Outcome::Finished, None);
+    let (mut outcome, mut failed, mut finished) = (Outcome::Finished, None, None::<Instant>);
     while launches.iter().any(|launch| launch.ending.is_none()) {
         if let Some(signal) = signals.pending().next() {
             outcome = Outcome::Signal(signal);
@@ -111,10 +113,18 @@ fn supervise(
             if !ending.is_success() && !is_over {
                 failed = Some(LaunchError::Host { host: launch.host.clone(), ending });
             }
-            if !ending.is_success() || launch.has_plant {
+            if ending.is_success() && launch.has_plant {
+                finished = Some(Instant::now());
+            }
+            if !ending.is_success() {
                 let others = launches.iter_mut().filter(|launch| !launch.is_asked);
                 others.for_each(HostLaunch::ask_to_end);
             }
+        }
+        // The other hosts hear of the plant's end by themselves, and end in order.
+        if finished.is_some_and(|since| since.elapsed() > ENDS_WITHIN) {
+            let others = launches.iter_mut().filter(|launch| !launch.is_asked);
+            others.for_each(HostLaunch::ask_to_end);
         }
         while let Ok(line) = printed.try_recv() {
             terminal.say(line);

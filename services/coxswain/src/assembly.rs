@@ -37,6 +37,8 @@ pub struct Assembly {
     pub log: String,
     /// The certificates that the launch and its processes present, if there are any.
     pub certificates: Option<Certificates>,
+    /// Whether another host runs the learner.
+    pub learns_elsewhere: bool,
     /// Its addresses that unauthenticated peers on the network can reach.
     pub exposed: Vec<Exposed>,
     /// Faults to inject.
@@ -74,7 +76,11 @@ impl Assembly {
             options.robot.clone().unwrap_or_else(|| from(&options.graph, &graph.robot));
         let (mut scenario, scenario_name) =
             scenario_of(options.scenario.as_deref(), &own_scenario)?;
+        graph.processes.learner.enabled =
+            options.learner.unwrap_or(graph.processes.learner.enabled);
+        let has_learner = graph.processes.learner.enabled;
         let host = host_of(options, &mut graph)?;
+        let learns_elsewhere = has_learner && !graph.processes.learner.enabled && host.is_some();
         if graph.processes.plant.enabled && scenario.truth.is_none() && scenario.world.is_none() {
             return Err(SettingsError::Value {
                 file: options.scenario.clone().unwrap_or(own_scenario),
@@ -86,8 +92,6 @@ impl Assembly {
         }
         let robot = robot_of(&robot_file)?;
         graph.pace = options.pace.unwrap_or(graph.pace);
-        graph.processes.learner.enabled =
-            options.learner.unwrap_or(graph.processes.learner.enabled);
         let folder = options.certificates.clone();
         let folder = folder.or_else(|| {
             graph.certificates.as_ref().map(|table| from(&options.graph, &table.folder))
@@ -144,6 +148,7 @@ impl Assembly {
             exposed,
             graph,
             host,
+            learns_elsewhere,
             scenario,
             scenario_name,
             robot,
@@ -163,9 +168,9 @@ impl Assembly {
         self.exposed.iter().map(Exposed::lets).max().unwrap_or(Exposure::Closed)
     }
 
-    /// Whether its learner is enabled.
+    /// Whether a learner is enabled, here or on another host.
     pub fn learns(&self) -> bool {
-        self.graph.processes.learner.enabled
+        self.graph.processes.learner.enabled || self.learns_elsewhere
     }
 
     /// The other hosts with which this one exchanges messages.

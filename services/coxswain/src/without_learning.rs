@@ -61,6 +61,7 @@ pub fn run(assembly: &Assembly, folder: &Path) -> Result<PathBuf, WithoutLearnin
     let mut alone = assembly.clone();
     alone.graph.pace = Pace::LockStep;
     alone.graph.processes.learner.enabled = false;
+    alone.learns_elsewhere = false;
     alone.scenario.mpc.identify = Identify::Off;
     alone.graph.processes.recorder.enabled = false;
     alone.scenario.learner.resume = None;
