@@ -1,22 +1,26 @@
 //! Hosts and cables between them: network namespaces if the system permits them, else a relay on
-//! the loopback that stops relaying.
+//! the loopback.
 //!
 //! The namespaces have no name. Each lives as long as a process is in it. At first this is a
 //! process that waits for the end of its input. Its input ends when the process that made it ends
 //! for any reason.
 
+use protocol::VERSION;
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
 /// Port of the bridge on the first host, in its own namespace.
 const PORT: u16 = 7447;
-/// How often a relay checks whether its cable is plugged in.
+/// How often a relay checks the state of its cable.
 const LOOK: Duration = Duration::from_millis(10);
+/// Longest packet of a relay \[bytes\].
+const PACKET_BYTES: usize = 1500;
+/// Depth of the token bucket of a slow cable: packets within this time pass at once.
+const BURST: Duration = Duration::from_millis(1);
 /// Far longer than it takes to make a namespace.
 const MADE_WITHIN: Duration = Duration::from_secs(10);
 
@@ -35,7 +39,22 @@ enum Place {
     /// The namespace of the first host, and those of the others.
     Namespaces(Namespace, Vec<Namespace>),
     /// Port of the first host, and of the relay to it.
-    Loopback { port: u16, relay: u16, silent: Arc<AtomicBool>, closed: Arc<AtomicBool> },
+    Loopback { port: u16, relay: u16, cable: Arc<Mutex<Cable>> },
+}
+
+/// State of the cable to host 1. The last two need a relay.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cable {
+    /// It carries everything.
+    Plugged,
+    /// It carries nothing, and neither end is notified.
+    Pulled,
+    /// It carries this many bits per second in each direction.
+    Slow(u64),
+    /// Each bridge receives the other's hello with another protocol version.
+    OtherVersion,
+    /// The hosts are gone.
+    Gone,
 }
 
 impl Hosts {
@@ -45,6 +64,14 @@ impl Hosts {
     /// If not even the loopback has free ports.
     pub fn new() -> io::Result<Self> {
         Self::with_others(1)
+    }
+
+    /// Two hosts with a relay between them.
+    ///
+    /// # Errors
+    /// If the loopback has no free ports.
+    pub fn with_relay() -> io::Result<Self> {
+        Ok(Self { place: relay()? })
     }
 
     /// A first host, and this many others.
@@ -110,7 +137,7 @@ impl Hosts {
     /// # Errors
     /// If the system refuses.
     pub fn pull_cable(&self) -> io::Result<()> {
-        self.cable("down", true)
+        self.set(Cable::Pulled)
     }
 
     /// Restores the connection to host 1.
@@ -118,18 +145,25 @@ impl Hosts {
     /// # Errors
     /// If the system refuses.
     pub fn plug_cable(&self) -> io::Result<()> {
-        self.cable("up", false)
+        self.set(Cable::Plugged)
     }
 
-    fn cable(&self, state: &str, is_silent: bool) -> io::Result<()> {
+    /// Sets the state of the cable to host 1.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn set(&self, state: Cable) -> io::Result<()> {
         match &self.place {
             // Only the far end goes down. The near end keeps its address, as it does when the cable
             // is pulled at the neighbour.
             Place::Namespaces(_, others) => {
+                let state = if state == Cable::Plugged { "up" } else { "down" };
                 let moved = others.first().and_then(|far| far.ip(&["link", "set", "cable", state]));
                 moved.ok_or_else(|| io::Error::other("the cable cannot be switched"))?;
             }
-            Place::Loopback { silent, .. } => silent.store(is_silent, Ordering::Relaxed),
+            Place::Loopback { cable, .. } => {
+                *cable.lock().unwrap_or_else(PoisonError::into_inner) = state;
+            }
         }
         Ok(())
     }
@@ -137,8 +171,8 @@ impl Hosts {
 
 impl Drop for Hosts {
     fn drop(&mut self) {
-        if let Place::Loopback { closed, .. } = &self.place {
-            closed.store(true, Ordering::Relaxed);
+        if let Place::Loopback { cable, .. } = &self.place {
+            *cable.lock().unwrap_or_else(PoisonError::into_inner) = Cable::Gone;
         }
     }
 }
@@ -217,52 +251,93 @@ fn relay() -> io::Result<Place> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let relay = listener.local_addr()?.port();
     listener.set_nonblocking(true)?;
-    let (silent, closed) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
+    let cable = Arc::new(Mutex::new(Cable::Plugged));
     thread::spawn({
-        let (silent, closed) = (Arc::clone(&silent), Arc::clone(&closed));
-        move || {
-            while !closed.load(Ordering::Relaxed) {
-                let met =
-                    (!silent.load(Ordering::Relaxed)).then(|| listener.accept().ok()).flatten();
-                let Some((near, far)) = met.and_then(|(near, _)| {
-                    Some((near, TcpStream::connect(("127.0.0.1", port)).ok()?))
-                }) else {
-                    thread::sleep(LOOK);
-                    continue;
-                };
-                for (from, to) in [(near.try_clone(), far.try_clone()), (Ok(far), Ok(near))] {
-                    if let (Ok(from), Ok(to)) = (from, to) {
-                        let (silent, closed) = (Arc::clone(&silent), Arc::clone(&closed));
-                        thread::spawn(move || carry(from, to, &silent, &closed));
-                    }
-                }
+        let cable = Arc::clone(&cable);
+        move || loop {
+            let state = *cable.lock().unwrap_or_else(PoisonError::into_inner);
+            if state == Cable::Gone {
+                return;
+            }
+            let met = (state != Cable::Pulled).then(|| listener.accept().ok()).flatten();
+            // The first host may not listen yet.
+            if met.is_none_or(|(near, _)| join(near, port, &cable).is_err()) {
+                thread::sleep(LOOK);
             }
         }
     });
-    Ok(Place::Loopback { port, relay, silent, closed })
+    Ok(Place::Loopback { port, relay, cable })
 }
 
-/// Copies bytes until an end closes, but not while the cable is pulled.
-fn carry(mut from: TcpStream, mut to: TcpStream, silent: &AtomicBool, closed: &AtomicBool) {
-    let mut bytes = vec![0; 64 * 1024];
-    let _ = from.set_nonblocking(false);
-    let _ = from.set_read_timeout(Some(LOOK));
-    while !closed.load(Ordering::Relaxed) {
-        if silent.load(Ordering::Relaxed) {
-            thread::sleep(LOOK);
-            continue;
-        }
-        match from.read(&mut bytes) {
-            Ok(0) => break,
-            Ok(count) => {
-                if bytes.get(..count).is_none_or(|bytes| to.write_all(bytes).is_err()) {
-                    break;
-                }
+/// Copies both ways between `near` and `port`, each on a thread of its own.
+fn join(near: TcpStream, port: u16, cable: &Arc<Mutex<Cable>>) -> io::Result<()> {
+    let far = TcpStream::connect(("127.0.0.1", port))?;
+    near.set_nonblocking(false)?;
+    for stream in [&near, &far] {
+        stream.set_nodelay(true)?;
+        stream.set_read_timeout(Some(LOOK))?;
+    }
+    for (from, to) in [(near.try_clone()?, far.try_clone()?), (far, near)] {
+        let cable = Arc::clone(cable);
+        thread::spawn(move || {
+            // It ends as soon as one end does.
+            let _ = carry(&from, &to, &cable);
+            let _ = to.shutdown(Shutdown::Both);
+        });
+    }
+    Ok(())
+}
+
+/// Copies bytes until an end closes, as the state of the cable permits.
+fn carry(mut from: &TcpStream, mut to: &TcpStream, cable: &Mutex<Cable>) -> io::Result<()> {
+    let mut packet = vec![0; PACKET_BYTES];
+    let mut is_free_at = Instant::now();
+    loop {
+        let state = *cable.lock().unwrap_or_else(PoisonError::into_inner);
+        match state {
+            Cable::Gone => return Ok(()),
+            Cable::Pulled => {
+                thread::sleep(LOOK);
+                continue;
             }
+            Cable::Plugged | Cable::Slow(_) | Cable::OtherVersion => {}
+        }
+        let count = match from.read(&mut packet) {
+            Ok(0) => return Ok(()),
+            Ok(count) => count,
             Err(error)
-                if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {}
-            Err(_) => break,
+                if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) =>
+            {
+                continue;
+            }
+            Err(error) => return Err(error),
+        };
+        let bytes = packet.get_mut(..count).unwrap_or_default();
+        if state == Cable::OtherVersion {
+            change_version(bytes);
+        }
+        if let Cable::Slow(bits_per_s) = state {
+            let takes = Duration::from_secs_f64(8.0 * count as f64 / bits_per_s as f64);
+            is_free_at = is_free_at.max(Instant::now()) + takes;
+            let wait = is_free_at.saturating_duration_since(Instant::now());
+            if wait > BURST {
+                thread::sleep(wait);
+            }
+        }
+        to.write_all(bytes)?;
+    }
+}
+
+/// Changes the protocol version of each hello in `bytes`. A hello is JSON, see `WIRE.md`.
+fn change_version(bytes: &mut [u8]) {
+    let own = format!("\"version\":{VERSION},");
+    // As many digits as the own one.
+    let other = format!("\"version\":{},", VERSION ^ 1);
+    for start in 0..bytes.len().saturating_sub(own.len()) {
+        if let Some(hello) = bytes.get_mut(start..start + own.len())
+            && hello == own.as_bytes()
+        {
+            hello.copy_from_slice(other.as_bytes());
         }
     }
-    let _ = to.shutdown(Shutdown::Both);
 }
