@@ -197,7 +197,7 @@ fn three_hosts_connect_with_certificates_alone_and_the_robot_drives_as_without()
     let (with_nanos, with_error) = completed(&drive.end()?, "with certificates")?;
     let drive = Drive::begin(&hosts, "", &["--insecure"], &["--insecure"])?;
     let (without_nanos, without_error) = completed(&drive.end()?, "without")?;
-    // One run each gives little evidence for a ratio: `docs/certificates_tick.py` alternates many.
+    // One run each gives little evidence for a ratio.
     writeln!(
         std::io::stderr(),
         "control tick with certificates to without: {:.2}",

@@ -4,7 +4,8 @@ use coxswain::assembly::Assembly;
 use coxswain::options::Options;
 use process::{Gap, Witness};
 use promises::oracle::{Limits, acquit};
-use promises::{Hosts, Launched, Message, Outcome, Record, graph_file, launch_command};
+use promises::{Hosts, Launched, Message, Outcome, Record, graph_file, launch_command, signal};
+use rustix::process::Signal;
 use std::error::Error;
 use std::thread;
 use std::time::Duration;
@@ -137,5 +138,49 @@ fn two_hosts_drive_together_and_survive_a_cable_that_is_pulled() -> Outcome {
         "{fallback_levels:?}"
     );
     assert_eq!(fallback_levels.last().map(|(tick, _)| *tick), Some(200));
+    Ok(())
+}
+
+/// Launches of the three hosts, as on machines of their own.
+fn three_hosts() -> Result<[Launched; 3], Box<dyn Error>> {
+    let ports = [(); 3].map(|()| std::net::TcpListener::bind("127.0.0.1:0"));
+    let mut addresses = Vec::new();
+    for port in &ports {
+        let port = port.as_ref().map_err(ToString::to_string)?.local_addr()?.port();
+        addresses.push(format!("127.0.0.1:{port}"));
+    }
+    // Another program may take one of them first; then the test fails.
+    drop(ports);
+    let launch = |host: &str, others: [(&str, usize); 2]| -> Result<Launched, Box<dyn Error>> {
+        let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+        let addresses = others.map(|(other, index)| format!("{other}={}", addresses[index]));
+        let [first, second] = &addresses;
+        let options = ["--host", host, "--address", first, "--address", second, "--duration", "20"];
+        let graph = graph_file("three-hosts");
+        Launched::by(launch_command(&graph, &home.path().join("run"), &options)?, home)
+    };
+    Ok([
+        launch("robot", [("control", 0), ("training", 2)])?,
+        launch("control", [("robot", 0), ("training", 1)])?,
+        launch("training", [("control", 1), ("robot", 2)])?,
+    ])
+}
+
+#[test]
+fn of_three_hosts_the_one_that_learns_can_disappear() -> Outcome {
+    let [robot, control, training] = three_hosts()?;
+    control.wait_for_log("controller", "version=3 ", 1)?;
+    signal(training.pid(), Signal::KILL)?;
+    let (ended, home) = robot.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let record = Record::read(&home.path().join("run"))?;
+    let options = Options::of_graph(&graph_file("three-hosts"));
+    acquit(&record, &Limits::of(&Assembly::read(&options)?))?;
+    let levels: Vec<&str> = record.of("state").map(|state| state.word("fallback_level")).collect();
+    let fresh = levels.iter().filter(|level| **level == "fresh plan").count();
+    assert!(fresh * 10 >= levels.len() * 8, "{fresh} of {} periods on fresh plans", levels.len());
+    assert_eq!(levels.last(), Some(&"fresh plan"));
+    let (ended, _) = control.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
     Ok(())
 }

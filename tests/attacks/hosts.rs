@@ -1,7 +1,7 @@
 //! Attacks on the bridge of a driving robot's host. The bridge's own tests count what it rejects.
 
 use crate::session::{
-    Certificates, Failure, ROBOT, Shows, connect, host, print, router, strangers,
+    Certificates, Failure, HOUR_S, ROBOT, Shows, connect, host, print, router, strangers,
 };
 use access::Role;
 use bytemuck::Zeroable;
@@ -152,6 +152,27 @@ fn hosts_meet_at_a_zenoh_router_that_checks_their_names_and_at_no_other() -> Out
     let (ended, home) = launched.end()?;
     assert!(!ended.status.success(), "{}", ended.text);
     assert!(!home.path().join("run/robot/plant.log").exists(), "{}", ended.text);
+    Ok(())
+}
+
+/// Validity of certificates that end while the robot drives [s].
+const ENDS_AFTER_S: i64 = 15;
+
+#[test]
+fn when_a_certificate_ends_while_driving_the_robot_brakes() -> Outcome {
+    let certificates = Certificates::new()?;
+    let short = certificates.issue("authority", "short", ROBOT, (-HOUR_S, ENDS_AFTER_S))?;
+    let given = short.to_str().ok_or("no text")?;
+    let launched = Launched::graph("two-hosts", &["--duration", "25", "--certificates", given])?;
+    launched.wait_for_log("control/controller", "answering a plant", 1)?;
+    let (ended, home) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let record = Record::read(&home.path().join("run/robot"))?;
+    let options = Options::of_graph(&graph_file("two-hosts"));
+    acquit(&record, &Limits::of(&Assembly::read(&options)?))?;
+    let levels: Vec<&str> = record.of("state").map(|state| state.word("fallback_level")).collect();
+    assert!(levels.contains(&"fresh plan"), "{levels:?}");
+    assert_eq!(levels.last(), Some(&"brake"), "{levels:?}");
     Ok(())
 }
 

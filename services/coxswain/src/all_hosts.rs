@@ -109,7 +109,7 @@ fn supervise(
                 .map_err(|source| LaunchError::System { what: "the launch of a host", source })?;
             let Some(ending) = status.map(Ending::from) else { continue };
             launch.ending = Some(ending);
-            let is_over = outcome != Outcome::Finished || failed.is_some();
+            let is_over = outcome != Outcome::Finished || failed.is_some() || launch.is_asked;
             if !ending.is_success() && !is_over {
                 failed = Some(LaunchError::Host { host: launch.host.clone(), ending });
             }

@@ -6,7 +6,7 @@
 //! | `exercise`  | runs one exercise and judges it                                   |
 //! | `rivals`    | two controllers of one robot                                      |
 //! | `launchers` | two launches of one robot                                         |
-//! | `partition` | two hosts whose cable is pulled                                   |
+//! | `between`   | hosts between which something fails for a time                    |
 //! | `ground`    | what all exercises share, and the twin runs without faults        |
 //! | `tracking`  | record → how far the robot was from its reference                 |
 //! | `session`   | a graph that the drill launches                                   |
@@ -18,6 +18,7 @@
 //! | `measure`   | record → reaction times, restart times, and other violations      |
 //! | `table`     | rows → the table that is printed                                  |
 
+mod between;
 pub mod catalogue;
 pub mod damage;
 mod exercise;
@@ -26,7 +27,6 @@ pub mod hosts;
 mod launchers;
 pub mod measure;
 pub mod oracle;
-mod partition;
 pub mod record;
 mod refusals;
 mod rivals;

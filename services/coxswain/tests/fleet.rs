@@ -104,7 +104,7 @@ fn the_plant_ends_first_and_the_recorder_last() -> Outcome {
     let complaints = fleet.end(|_| Duration::from_mins(1), || false);
     assert_eq!(complaints, [""; 0]);
     let order = ended(context);
-    assert_eq!(order.len(), 5, "{order:?}");
+    assert_eq!(order.len(), 6, "{order:?}");
     assert_eq!(order.first().map(String::as_str), Some("plant-sim"));
     assert_eq!(order.last().map(String::as_str), Some("recorder"));
     Ok(())
@@ -133,7 +133,7 @@ fn a_process_that_ignores_sigterm_is_killed_and_the_others_end_in_order() -> Out
     let mut order = ended(context);
     // Processes of one row end in any order.
     order.get_mut(1..3).ok_or("too few have ended")?.sort();
-    assert_eq!(order, ["plant-sim", "gateway", "learner", "recorder"]);
+    assert_eq!(order, ["plant-sim", "gateway", "learner", "bridge", "recorder"]);
     Ok(())
 }
 
@@ -142,7 +142,7 @@ fn an_urgent_end_does_not_wait_for_the_processes() -> Outcome {
     let Fixture { context, .. } = &fixture(DEAF, (Participant::Plant, DEAF))?;
     let mut fleet = Fleet::new(context)?;
     start_all(&mut fleet, context)?;
-    assert_eq!(fleet.end(|_| Duration::from_hours(1), || true).len(), 5);
+    assert_eq!(fleet.end(|_| Duration::from_hours(1), || true).len(), 6);
     Ok(())
 }
 

@@ -242,7 +242,7 @@ patience_millis = 1000
                 .err()
                 .map(|error| error.to_string()),
             Some(
-                "plant.toml:19: run.links.faults.fault.0.millis = 5: \
+                "plant.toml:18: run.links.faults.fault.0.millis = 5: \
                  expected messages instead: in lock step time does not count"
                     .into()
             )

@@ -16,6 +16,8 @@ pub enum Carrier {
     SharedMemory,
     /// Two hosts, with a bridge each.
     Hosts,
+    /// The same, and the learner on a third host.
+    ThreeHosts,
     /// No graph: the exercise calls one function.
     None,
 }
@@ -26,6 +28,7 @@ impl Carrier {
         match self {
             Self::SharedMemory => "shared memory",
             Self::Hosts => "two hosts",
+            Self::ThreeHosts => "three hosts",
             Self::None => "-",
         }
     }
@@ -44,14 +47,50 @@ pub enum Task {
     Compete(u32),
     /// Starts two independent launches of one user.
     SideBySide,
-    /// Runs plant and controller on two hosts and pulls their cable; length of each cut \[ms\].
-    Partition(Vec<u64>),
+    /// Launches each host by itself, and lets something between them fail for a time; length of
+    /// each failure \[ms\].
+    Between(Failure, Vec<u64>),
     /// Launches on machines with little shared memory; size for each launch \[MiB\]. Each launch
     /// drives normally, or is rejected before the robot moves.
     LittleSharedMemory(Vec<u64>),
     /// Offers damaged messages to the readers of all topics and to the gate; number of messages.
     Damaged(u64),
 }
+
+/// What fails between two hosts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Failure {
+    /// The cable between robot and controller is pulled.
+    Cut,
+    /// That cable carries this many bits per second.
+    Slow(u64),
+    /// Both bridges appear to each other as ones of another protocol version.
+    OtherVersion,
+    /// The certificates of both hosts expire. Then there are new ones, and the bridges are killed.
+    Expiry,
+    /// One bridge is killed: that of the robot and that of the controller in turn.
+    KilledBridge,
+    /// One of them is stopped, in turn. The launcher kills it when it finds it to hang.
+    StoppedBridge,
+    /// The controller's host is switched off, and on again.
+    LostController,
+    /// The learner's host is switched off, and on again.
+    LostLearner,
+}
+
+impl Failure {
+    /// Whether the robot drives on fresh plans all the time.
+    pub const fn is_harmless(self) -> bool {
+        match self {
+            Self::Slow(bits_per_s) => bits_per_s >= ENOUGH_BITS_PER_S,
+            Self::LostLearner => true,
+            _ => false,
+        }
+    }
+}
+
+/// Rate of a cable that suffices for all messages.
+const ENOUGH_BITS_PER_S: u64 = 100_000_000;
 
 /// The conflict between two controllers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -144,6 +183,7 @@ pub fn exercises(extent: Extent, apart: bool) -> Vec<Exercise> {
     kills(extent, &mut all);
     stops(extent, &mut all);
     all.extend(shared_fates(extent));
+    all.extend(between_hosts(extent));
     messages::on_control_links(extent, apart, &mut all);
     messages::of_other_versions(extent, &mut all);
     messages::snapshots(extent, &mut all);
@@ -257,12 +297,6 @@ fn shared_fates(extent: Extent) -> Vec<Exercise> {
         of("two launchers", "one folder", Carrier::SharedMemory, Task::Compete(extent.pick(2, 20))),
         of("two launchers", "side by side", Carrier::SharedMemory, Task::SideBySide),
         of(
-            "partition",
-            "cable",
-            Carrier::Hosts,
-            Task::Partition(extent.pick(vec![1000], partitions())),
-        ),
-        of(
             "shared memory",
             "launch",
             Carrier::SharedMemory,
@@ -277,9 +311,32 @@ fn shared_fates(extent: Extent) -> Vec<Exercise> {
     ]
 }
 
-/// Ten cuts of each length \[ms\].
-fn partitions() -> Vec<u64> {
-    [60, 300, 1000, 3000, 10_000].into_iter().cycle().take(50).collect()
+/// Faults between hosts.
+fn between_hosts(extent: Extent) -> Vec<Exercise> {
+    let of = |fault, target, failure, quick: &[u64], whole: &[u64], rounds: usize| {
+        let carrier =
+            if failure == Failure::LostLearner { Carrier::ThreeHosts } else { Carrier::Hosts };
+        let millis = extent.pick(quick.to_vec(), whole.repeat(rounds));
+        Exercise { fault, target, carrier, task: Task::Between(failure, millis) }
+    };
+    vec![
+        of("partition", "cable", Failure::Cut, &[300, 3000], &[60, 300, 1000, 3000, 10_000], 10),
+        of("slow link", "1 Mbit/s", Failure::Slow(1_000_000), &[3000], &[3000, 10_000], 10),
+        of("slow link", "100 Mbit/s", Failure::Slow(ENOUGH_BITS_PER_S), &[5000], &[10_000], 10),
+        of("other version", "bridge", Failure::OtherVersion, &[2000], &[1000, 4000], 10),
+        of("certificate ends", "both hosts", Failure::Expiry, &[2000], &[2000], 10),
+        of("kill", "one bridge", Failure::KilledBridge, &[0, 0], &[0, 0], 25),
+        of(
+            "stop",
+            "one bridge",
+            Failure::StoppedBridge,
+            &[100, 1000],
+            &[100, 300, 1000, 4000, 9000],
+            6,
+        ),
+        of("lost host", "controller", Failure::LostController, &[1000], &[1000, 4000], 10),
+        of("lost host", "learner", Failure::LostLearner, &[1000], &[1000, 4000], 10),
+    ]
 }
 
 /// Results of the optimiser, in lock step, for several ticks in a row.

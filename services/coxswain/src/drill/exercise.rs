@@ -4,11 +4,10 @@ use super::catalogue::{Carrier, Exercise, Launch, Refused, Rivalry, Task};
 use super::ground::Ground;
 use super::measure::{Measured, acts_until, is_stopped_astray, measure, worst_reaction};
 use super::oracle::{Limits, judge};
-use super::partition::partition;
 use super::record::Record;
 use super::session::{Home, Trouble, permits_little_shared_memory};
 use super::tracking::{self, Tracked, Windows};
-use super::{damage, launchers, refusals, rivals};
+use super::{between, damage, launchers, refusals, rivals};
 use crate::fault_injector::{Injected, LIST};
 use crate::faults::FaultsFile;
 use process::{Stop, Witness};
@@ -63,9 +62,11 @@ pub(super) fn run(
         Task::Compete(times) => in_home(exercise.carrier, &plain, ground, seed, kept, |home| {
             launchers::compete(home, *times, seed, stop)
         }),
-        Task::Partition(cuts) => in_home(exercise.carrier, &plain, ground, seed, kept, |home| {
-            partition(home, cuts, stop)
-        }),
+        Task::Between(failure, millis) => {
+            in_home(exercise.carrier, &plain, ground, seed, kept, |home| {
+                between::run(home, *failure, millis, stop)
+            })
+        }
         Task::LittleSharedMemory(sizes) => {
             little_shared_memory(exercise.carrier, sizes, ground, seed, kept, stop)
         }

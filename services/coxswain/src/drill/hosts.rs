@@ -17,7 +17,8 @@ use std::{fs, thread};
 const PORT: u16 = 7447;
 /// How often a relay checks the state of its cable.
 const LOOK: Duration = Duration::from_millis(10);
-/// Longest packet of a relay \[bytes\].
+/// Most bytes that a relay copies at once, and that a slow cable carries at once.
+const COPIED_BYTES: usize = 64 * 1024;
 const PACKET_BYTES: usize = 1500;
 /// Depth of the token bucket of a slow cable: packets within this time pass at once.
 const BURST: Duration = Duration::from_millis(1);
@@ -290,19 +291,20 @@ fn join(near: TcpStream, port: u16, cable: &Arc<Mutex<Cable>>) -> io::Result<()>
 
 /// Copies bytes until an end closes, as the state of the cable permits.
 fn carry(mut from: &TcpStream, mut to: &TcpStream, cable: &Mutex<Cable>) -> io::Result<()> {
-    let mut packet = vec![0; PACKET_BYTES];
+    let mut buffer = vec![0; COPIED_BYTES];
     let mut is_free_at = Instant::now();
     loop {
         let state = *cable.lock().unwrap_or_else(PoisonError::into_inner);
-        match state {
+        let most = match state {
             Cable::Gone => return Ok(()),
             Cable::Pulled => {
                 thread::sleep(LOOK);
                 continue;
             }
-            Cable::Plugged | Cable::Slow(_) | Cable::OtherVersion => {}
-        }
-        let count = match from.read(&mut packet) {
+            Cable::Slow(_) => PACKET_BYTES,
+            Cable::Plugged | Cable::OtherVersion => COPIED_BYTES,
+        };
+        let count = match from.read(buffer.get_mut(..most).unwrap_or_default()) {
             Ok(0) => return Ok(()),
             Ok(count) => count,
             Err(error)
@@ -312,7 +314,7 @@ fn carry(mut from: &TcpStream, mut to: &TcpStream, cable: &Mutex<Cable>) -> io::
             }
             Err(error) => return Err(error),
         };
-        let bytes = packet.get_mut(..count).unwrap_or_default();
+        let bytes = buffer.get_mut(..count).unwrap_or_default();
         if state == Cable::OtherVersion {
             change_version(bytes);
         }

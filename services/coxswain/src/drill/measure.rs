@@ -418,7 +418,10 @@ mod tests {
             [back_within_s(who, &fault(None)), back_within_s(who, &fault(Some(4000)))]
         });
         let limits: Vec<_> = limits.collect();
-        assert_eq!(limits, [[1.0, 1.0], [1.0, 1.0], [5.0, 7.5], [1.0, 3.5], [1.0, 3.5]]);
+        assert_eq!(
+            limits,
+            [[1.0, 1.0], [1.0, 1.0], [5.0, 7.5], [1.0, 3.5], [1.0, 3.5], [1.0, 1.0]]
+        );
     }
 
     #[test]

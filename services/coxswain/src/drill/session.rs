@@ -19,6 +19,8 @@ use std::error::Error;
 use std::ffi::OsStr;
 use std::fmt::Write;
 use std::fs::{self, File};
+use std::io;
+use std::net::TcpListener;
 use std::os::unix::process::CommandExt;
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
@@ -44,19 +46,13 @@ const GIVES_UP_AFTER: Duration = Duration::from_mins(2);
 const PATIENT: &str =
     "restarts_per_minute = 1000000\nback_off_millis = 0\nback_off_max_millis = 0\n";
 
-/// The hosts of a graph with two.
-const HOSTS: &str = "[hosts.robot]\nprocesses = [\"plant\", \"recorder\"]\n\
-    [hosts.control]\nprocesses = [\"controller\", \"learner\"]\n\
-    [[connections]]\nhosts = [\"robot\", \"control\"]\naddress = \"127.0.0.1:7447\"\n";
-
 /// The folder in which the files of the graphs are written, and from which they are launched.
 #[derive(Debug)]
 pub(super) struct Home<'a> {
     ground: &'a Ground,
     folder: TempDir,
     graph: PathBuf,
-    /// Whether it runs on two hosts.
-    has_hosts: bool,
+    carrier: Carrier,
     /// Size of the shared memory, if it is limited \[MiB\].
     shared_memory: Option<u64>,
 }
@@ -93,13 +89,12 @@ impl<'a> Home<'a> {
              [telemetry]\nlisten = [\"tcp/127.0.0.1:0\"]\n",
             robot.display()
         );
-        if carrier == Carrier::Hosts {
-            text += HOSTS;
-        }
+        text += &hosts_of(carrier)?;
+        let has_hosts = carrier != Carrier::SharedMemory;
         for role in START_ORDER {
             let exists = match role {
-                Participant::Bridge => carrier == Carrier::Hosts,
-                Participant::Gateway => carrier == Carrier::SharedMemory,
+                Participant::Bridge => has_hosts,
+                Participant::Gateway => !has_hosts,
                 _ => true,
             };
             if exists {
@@ -108,8 +103,7 @@ impl<'a> Home<'a> {
         }
         let graph = folder.path().join("graph.toml");
         fs::write(&graph, text)?;
-        let has_hosts = carrier == Carrier::Hosts;
-        Ok(Self { ground, folder, graph, has_hosts, shared_memory: launch.shared_memory_mebibytes })
+        Ok(Self { ground, folder, graph, carrier, shared_memory: launch.shared_memory_mebibytes })
     }
 
     /// Limits of the robot and the period.
@@ -137,6 +131,11 @@ impl<'a> Home<'a> {
         Ok(Assembly::read(&Options { faults, ..Options::of_graph(&self.graph) })?)
     }
 
+    /// Carrier of its links.
+    pub(super) fn carrier(&self) -> Carrier {
+        self.carrier
+    }
+
     /// The folder of its files.
     pub(super) fn folder(&self) -> &Path {
         self.folder.path()
@@ -149,7 +148,8 @@ impl<'a> Home<'a> {
     pub(super) fn launch(&self, run: &str, duration_s: f64) -> Result<Session, Trouble> {
         let command = self.command(run, duration_s)?;
         // The record is that of the robot's host.
-        let directory = if self.has_hosts { format!("{run}/robot") } else { run.to_owned() };
+        let has_hosts = self.carrier != Carrier::SharedMemory;
+        let directory = if has_hosts { format!("{run}/robot") } else { run.to_owned() };
         self.begin(
             run,
             &directory,
@@ -177,25 +177,33 @@ impl<'a> Home<'a> {
         self.begin(name, run, command)
     }
 
-    /// Launches the processes of the host `name` for `duration_s`, on one of two hosts. The run
-    /// directory is `name`.
+    /// Launches the processes of the host `name` for `duration_s`, with the run directory `run`.
+    /// Robot and controller meet on `hosts`, with the certificates in a folder if there is one.
     ///
     /// # Errors
     /// If it cannot be started.
     pub(super) fn launch_on(
         &self,
         hosts: &Hosts,
-        name: &str,
+        (name, run): (&str, &str),
+        certificates: Option<&Path>,
         duration_s: f64,
     ) -> Result<Session, Trouble> {
-        let (number, address) = if name == "robot" {
-            (0, format!("control={}", hosts.address()))
-        } else {
-            (1, format!("robot={}", hosts.far_address()))
+        let mut command = self.command(run, duration_s)?;
+        command.args(["--host", name]);
+        match certificates {
+            Some(folder) => command.arg("--certificates").arg(folder),
+            None => command.arg("--insecure"),
         };
-        let mut command = self.command(name, duration_s)?;
-        command.args(["--insecure", "--host", name, "--address", &address]);
-        self.begin(name, name, hosts.on(number, command))
+        let (number, address) = match name {
+            "robot" => (0, Some(format!("control={}", hosts.address()))),
+            "control" => (1, Some(format!("robot={}", hosts.far_address()))),
+            _ => (0, None),
+        };
+        if let Some(address) = address {
+            command.args(["--address", &address]);
+        }
+        self.begin(run, run, hosts.on(number, command))
     }
 
     fn command(&self, run: &str, duration_s: f64) -> Result<Command, Trouble> {
@@ -259,6 +267,37 @@ impl<'a> Home<'a> {
         fs::create_dir_all(folder)?;
         copy_all(self.folder.path(), folder)
     }
+}
+
+/// The part of a graph file about its hosts. The hosts meet on free ports of the loopback.
+fn hosts_of(carrier: Carrier) -> io::Result<String> {
+    let (hosts, connected): (&[(&str, &str)], &[(&str, &str)]) = match carrier {
+        Carrier::SharedMemory | Carrier::None => (&[], &[]),
+        Carrier::Hosts => (
+            &[("robot", "\"plant\", \"recorder\""), ("control", "\"controller\", \"learner\"")],
+            &[("robot", "control")],
+        ),
+        Carrier::ThreeHosts => (
+            &[
+                ("robot", "\"plant\", \"recorder\""),
+                ("control", "\"controller\""),
+                ("training", "\"learner\""),
+            ],
+            &[("robot", "control"), ("control", "training"), ("robot", "training")],
+        ),
+    };
+    let mut text = String::new();
+    for (host, processes) in hosts {
+        let _ = writeln!(text, "[hosts.{host}]\nprocesses = [{processes}]");
+    }
+    for (one, other) in connected {
+        let address = TcpListener::bind("127.0.0.1:0")?.local_addr()?;
+        let _ = writeln!(
+            text,
+            "[[connections]]\nhosts = [{one:?}, {other:?}]\naddress = \"{address}\""
+        );
+    }
+    Ok(text)
 }
 
 fn copy_all(from: &Path, to: &Path) -> Result<(), Trouble> {
