@@ -54,12 +54,18 @@ fn each_wrong_setting_is_named_with_its_file_and_line_and_nothing_is_started() -
         ),
         (
             "graphs/local.toml",
-            "shared-memory\" ",
-            "carrier-pigeon\" ",
-            ["local.toml:", "carrier-pigeon", "shared-memory"],
+            "pace = \"real-time\"",
+            "pace = \"carrier-pigeon\"",
+            ["local.toml:", "carrier-pigeon", "real-time"],
         ),
         ("graphs/local.toml", "paper.toml", "papyrus.toml", ["papyrus.toml", "", ""]),
-        ("graphs/local.toml", "[links]", "[links", ["local.toml:", "", ""]),
+        ("graphs/local.toml", "[telemetry]", "[telemetry", ["local.toml:", "", ""]),
+        (
+            "graphs/local.toml",
+            "[telemetry]",
+            "[links]\n[telemetry]",
+            ["local.toml:", "links", "hosts"],
+        ),
     ] {
         let home = tempfile::tempdir_in("/tmp")?;
         deploy_with(home.path(), file, from, by)?;

@@ -53,6 +53,7 @@ pub const ALL: [(&str, Decoder); 22] = [
     ("controller_settings", settings::controller),
     ("learner_settings", settings::learner),
     ("recorder_settings", settings::recorder),
+    ("bridge_settings", settings::bridge),
     ("gateway_settings", settings::gateway),
     ("points", records::points),
     ("record", records::record),

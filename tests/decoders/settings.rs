@@ -15,6 +15,7 @@ use model::residual::bound;
 use plant_sim::truth::World;
 use process::{Pace, read_settings};
 use protocol::message::Participant;
+use protocol::topic::TOPIC_COUNT;
 use robot::Robot;
 use settings::SettingsError;
 use std::path::Path;
@@ -157,6 +158,14 @@ pub(super) fn learner(bytes: &[u8]) -> Verdict {
 
 pub(super) fn recorder(bytes: &[u8]) -> Verdict {
     read(bytes, read_settings, |_: recorder::settings::Settings| Ok(()))
+}
+
+pub(super) fn bridge(bytes: &[u8]) -> Verdict {
+    read(bytes, read_settings, |settings: bridge::settings::Settings| {
+        let topics = settings.remotes.iter().map(|remote| settings.outgoing(remote).len());
+        let most = topics.max().unwrap_or(0);
+        promise(most <= TOPIC_COUNT, || format!("{most} topics go to one host"))
+    })
 }
 
 pub(super) fn gateway(bytes: &[u8]) -> Verdict {

@@ -69,8 +69,8 @@ class Connection:
         """`host` is the driver, `to` the host of the bridge. With `wait`, a put waits for room."""
         self.received: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
         self.keys = f"coxswain-link/{graph}/{host}/{to}"
-        congestion = zenoh.CongestionControl.BLOCK if wait else zenoh.CongestionControl.DROP
-        self.quality = {"congestion_control": congestion, "express": True}
+        control = zenoh.CongestionControl
+        self.congestion = control.BLOCK if wait else control.DROP
         self.session = open_session(config)
         incoming = f"coxswain-link/{graph}/{to}/{host}"
         self.subscribers = [self._subscribe(incoming, topic) for topic in RECEIVED]
@@ -90,8 +90,13 @@ class Connection:
 
     def put(self, topic: str, message: bytes) -> None:
         """Sends a message if the bridge is connected; else it is lost."""
-        key, priority = f"{self.keys}/{topic}", PRIORITIES[topic]
-        self.session.put(key, message, priority=priority, **self.quality)
+        self.session.put(
+            f"{self.keys}/{topic}",
+            message,
+            priority=PRIORITIES[topic],
+            congestion_control=self.congestion,
+            express=topic == "state",
+        )
 
     def close(self) -> None:
         self.session.close()

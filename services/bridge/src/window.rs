@@ -6,8 +6,9 @@ use zenoh::bytes::ZBytes;
 
 use crate::piece::Label;
 
-/// Time without an acknowledgement after which a piece counts as lost.
-pub(crate) const LOST_AFTER: Duration = Duration::from_millis(100);
+/// Time without an acknowledgement after which a piece counts as lost. A full window in real time
+/// takes that long at half a megabit per second.
+pub(crate) const LOST_AFTER: Duration = Duration::from_millis(500);
 
 /// Pieces on their way, in order.
 #[derive(Debug)]

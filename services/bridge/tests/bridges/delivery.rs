@@ -4,6 +4,7 @@ use crate::hosts::{Host, Outcome, Pair, is_silent, receive};
 use crate::messages::{bits, command, credit, health, plan, residual, snapshot, state, truth};
 use protocol::message::{Command, Health, ModelSnapshot, Participant, Phase, PlantState};
 use protocol::topic::OnTopic;
+use std::thread;
 use std::time::Duration;
 use transport::{Identity, Ports, Since};
 
@@ -62,7 +63,7 @@ fn in_lock_step_many_cuts_lose_no_message_and_double_none() -> Outcome {
     let mut states = pair.control.source::<PlantState>()?;
     let mut snapshots = pair.control.source::<ModelSnapshot>()?;
     let links = pair.robot.settings.run.links.clone();
-    let writer = std::thread::spawn(move || -> Outcome {
+    let writer = thread::spawn(move || -> Outcome {
         let ports = Ports::open(&links, Identity::new(1))?;
         let (mut states, mut snapshots) = (ports.sink()?, ports.sink()?);
         for tick in 1..=STATES {
@@ -176,5 +177,28 @@ fn bridges_of_different_pace_exchange_no_message_and_report_it() -> Outcome {
         command_sink.send(&mut command(1))?;
         assert!(is_silent(&mut states)? && is_silent(&mut commands)?, "{paces:?}");
     }
+    Ok(())
+}
+
+/// 1 Mbit/s.
+const SLOW: u64 = 125_000;
+
+#[test]
+fn over_a_slow_link_a_long_message_arrives_and_no_state_is_lost_by_it() -> Outcome {
+    let (pair, _relay) = Pair::slow(SLOW)?;
+    let _bridges = pair.start()?;
+    let mut states = pair.control.source::<PlantState>()?;
+    let mut models = pair.control.source::<ModelSnapshot>()?;
+    let (mut state_sink, mut model_sink) = (pair.robot.ports.sink()?, pair.robot.ports.sink()?);
+    // It takes more than a second.
+    let mut model = snapshot(1, 1_500);
+    model_sink.send(&mut model)?;
+    for tick in 1..=50 {
+        state_sink.send(&mut state(tick))?;
+        assert_eq!(receive(&mut states, |_| true)?.stamp.tick, tick);
+        thread::sleep(Duration::from_millis(20));
+    }
+    assert_eq!(receive(&mut models, |_| true)?.head.version, 1);
+    assert_eq!(states.tally().lost, 0);
     Ok(())
 }

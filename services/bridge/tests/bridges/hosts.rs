@@ -193,6 +193,13 @@ impl Pair {
         Ok((pair, relay))
     }
 
+    /// The robot connects over a relay that lets so many bytes per second pass.
+    pub(crate) fn slow(bytes_per_s: u64) -> Result<(Self, Relay), Failure> {
+        let (pair, relay) = Self::relayed(false)?;
+        relay.limit(bytes_per_s);
+        Ok((pair, relay))
+    }
+
     /// With certificates.
     pub(crate) fn guarded(authority: &Authority) -> Result<Self, Failure> {
         let mut pair = Self::new(false)?;

@@ -1,10 +1,11 @@
 //! A cable between two bridges that can be cut.
 
 use crate::hosts::Failure;
-use std::io;
+use std::io::{self, Read, Write};
 use std::net::{Ipv4Addr, Shutdown, TcpListener, TcpStream};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
+use std::time::{Duration, Instant};
 
 /// A relay in front of a port of the loopback.
 pub(crate) struct Relay {
@@ -16,6 +17,8 @@ pub(crate) struct Relay {
 struct Cable {
     is_pulled: bool,
     is_gone: bool,
+    /// 0 if there is no limit.
+    bytes_per_s: u64,
     open: Vec<TcpStream>,
 }
 
@@ -61,6 +64,11 @@ impl Relay {
         cable.cut();
     }
 
+    /// Lets so many bytes per second pass in each direction, on all later connections.
+    pub(crate) fn limit(&self, bytes_per_s: u64) {
+        self.cable.lock().unwrap_or_else(PoisonError::into_inner).bytes_per_s = bytes_per_s;
+    }
+
     pub(crate) fn plug(&self) {
         self.cable.lock().unwrap_or_else(PoisonError::into_inner).is_pulled = false;
     }
@@ -83,12 +91,35 @@ fn join(cable: &mut Cable, from: TcpStream, port: u16) -> io::Result<()> {
         stream.set_nodelay(true)?;
         cable.open.push(stream.try_clone()?);
     }
+    let bytes_per_s = cable.bytes_per_s;
     for (mut from, mut to) in [(from.try_clone()?, to.try_clone()?), (to, from)] {
         thread::spawn(move || {
             // A cut ends it, as an error or as an end.
-            let _ = io::copy(&mut from, &mut to);
+            let _ = if bytes_per_s == 0 {
+                io::copy(&mut from, &mut to).map(drop)
+            } else {
+                pass(&mut from, &mut to, bytes_per_s)
+            };
             let _ = [from, to].map(|stream| stream.shutdown(Shutdown::Both));
         });
     }
     Ok(())
+}
+
+/// Copies at most so many bytes per second.
+fn pass(from: &mut TcpStream, to: &mut TcpStream, bytes_per_s: u64) -> io::Result<()> {
+    // A few packets: what comes behind waits in the sender.
+    let mut buffer = [0; 4096];
+    let mut free = Instant::now();
+    loop {
+        let length = from.read(&mut buffer)?;
+        let Some(bytes) = buffer.get(..length).filter(|bytes| !bytes.is_empty()) else {
+            return Ok(());
+        };
+        let now = Instant::now();
+        free = free.max(now) + Duration::from_nanos(length as u64 * 1_000_000_000 / bytes_per_s);
+        // The last byte leaves the link at that time.
+        thread::sleep(free - now);
+        to.write_all(bytes)?;
+    }
 }
