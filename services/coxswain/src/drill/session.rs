@@ -271,7 +271,8 @@ impl<'a> Home<'a> {
 
 /// The part of a graph file about its hosts. The hosts meet on free ports of the loopback.
 fn hosts_of(carrier: Carrier) -> io::Result<String> {
-    let (hosts, connected): (&[(&str, &str)], &[(&str, &str)]) = match carrier {
+    type Pairs = &'static [(&'static str, &'static str)];
+    let (hosts, connected): (Pairs, Pairs) = match carrier {
         Carrier::SharedMemory | Carrier::None => (&[], &[]),
         Carrier::Hosts => (
             &[("robot", "\"plant\", \"recorder\""), ("control", "\"controller\", \"learner\"")],
