@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
 /// Writer and time of a message. On the network the first three fields are in the header of the
-/// message, not in its body. The [`Sink`](crate::port::Sink) that sends the message fills in every
+/// message, not in its body. The sink that sends the message fills in every
 /// field except `tick`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, Serialize, Deserialize)]

@@ -197,7 +197,9 @@ impl<'a> Graph<'a> {
 
     fn launch_again(&self, name: &str) -> Result<Session, Trouble> {
         let run = format!("{name}-{}", monotonic_nanos());
-        self.home.launch_on(&self.hosts, (name, &run), None, DURATION_S)
+        let mut session = self.home.launch_on(&self.hosts, (name, &run), None, DURATION_S)?;
+        session.wait_for_log("coxswain", "graph=", 1)?;
+        Ok(session)
     }
 }
 
