@@ -11,7 +11,7 @@
 //!
 //! ```
 //! use protocol::message::{Message, PlantState};
-//! use protocol::telemetry::{Heard, Publisher, TelemetrySettings, Watcher};
+//! use network::telemetry::{Heard, Publisher, TelemetrySettings, Watcher};
 //! use std::time::Duration;
 //!
 //! let settings = TelemetrySettings {
