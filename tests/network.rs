@@ -84,8 +84,8 @@ fn two_hosts_drive_together_and_survive_a_cable_that_is_pulled() -> Outcome {
     thread::sleep(CUT);
     hosts.plug_cable()?;
 
-    let (ended, home) = plant.end()?;
-    assert!(ended.status.success(), "{}", ended.text);
+    let (plant_ended, home) = plant.end()?;
+    assert!(plant_ended.status.success(), "{}", plant_ended.text);
     let (ended, _) = control.end()?;
     assert!(ended.status.success(), "the controllers' launch ends with the plant: {}", ended.text);
 
@@ -135,7 +135,8 @@ fn two_hosts_drive_together_and_survive_a_cable_that_is_pulled() -> Outcome {
             .iter()
             .skip(back)
             .all(|(_, fallback_level)| *fallback_level == "fresh plan"),
-        "{fallback_levels:?}"
+        "{fallback_levels:?}\n{}",
+        plant_ended.text
     );
     assert_eq!(fallback_levels.last().map(|(tick, _)| *tick), Some(200));
     Ok(())
@@ -178,7 +179,12 @@ fn of_three_hosts_the_one_that_learns_can_disappear() -> Outcome {
     acquit(&record, &Limits::of(&Assembly::read(&options)?))?;
     let levels: Vec<&str> = record.of("state").map(|state| state.word("fallback_level")).collect();
     let fresh = levels.iter().filter(|level| **level == "fresh plan").count();
-    assert!(fresh * 10 >= levels.len() * 8, "{fresh} of {} periods on fresh plans", levels.len());
+    assert!(
+        fresh * 10 >= levels.len() * 8,
+        "{fresh} of {} periods on fresh plans\n{}",
+        levels.len(),
+        ended.text
+    );
     assert_eq!(levels.last(), Some(&"fresh plan"));
     let (ended, _) = control.end()?;
     assert!(ended.status.success(), "{}", ended.text);

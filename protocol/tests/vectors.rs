@@ -469,10 +469,7 @@ fn write_vectors() -> Outcome {
 #[test]
 fn the_wire_document_is_of_this_version() {
     let (page, version) = (include_str!("../WIRE.md"), VERSION);
-    for said in [
-        format!("u16: {version}."),
-        format!("It describes protocol version {version}."),
-    ] {
+    for said in [format!("u16: {version}."), format!("It describes protocol version {version}.")] {
         assert!(page.contains(&said), "{said}");
     }
 }

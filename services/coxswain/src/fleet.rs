@@ -282,6 +282,8 @@ impl<'a> Fleet<'a> {
             .replace(now)
             .map_or(Duration::ZERO, |before| now.saturating_duration_since(before));
         let real_time = self.context.assembly.graph.pace == Pace::RealTime;
+        let has_finished =
+            |role| view.health(role).is_some_and(|health| health.phase == Phase::Finished);
         for (&role, member) in &mut self.members {
             let State::Running(child) = &mut member.state else { continue };
             let Some(ending) = bury(&self.processes_by_role, child)? else {
@@ -299,7 +301,9 @@ impl<'a> Fleet<'a> {
                 continue;
             };
             member.state = State::Ended;
-            if role == Participant::Plant && ending.is_success() {
+            // On a busy machine a plant that has finished may take so long to close its ports that
+            // it counts as hung.
+            if role == Participant::Plant && (ending.is_success() || has_finished(role)) {
                 events.push(Event::Finished);
                 continue;
             }
@@ -326,9 +330,7 @@ impl<'a> Fleet<'a> {
         // The run ends with the plant, on whichever host it is; on a host that is not connected to
         // that one, with the controller.
         let finishes = self.context.assembly.finishes_with();
-        if !self.members.contains_key(&finishes)
-            && view.health(finishes).is_some_and(|health| health.phase == Phase::Finished)
-        {
+        if !self.members.contains_key(&finishes) && has_finished(finishes) {
             events.push(Event::Finished);
         }
         for role in self.due(now) {

@@ -32,7 +32,7 @@ mod witness;
 
 pub use lifeline::Lifeline;
 pub use owner::keep_to_user;
-pub use priority::{PRIORITY, give_way, go_first, may_go_first, step_back};
+pub use priority::{PRIORITY, give_way, go_before_everything, go_first, may_go_first, step_back};
 pub use pulse::Pulse;
 pub use repeated::Repeated;
 pub use run::{HasRun, Pace, Run};

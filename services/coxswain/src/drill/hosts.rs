@@ -5,6 +5,7 @@
 //! process that waits for the end of its input. Its input ends when the process that made it ends
 //! for any reason.
 
+use process::go_before_everything;
 use protocol::VERSION;
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -279,6 +280,8 @@ fn join(near: TcpStream, port: u16, cable: &Arc<Mutex<Cable>>) -> io::Result<()>
     for (from, to) in [(near.try_clone()?, far.try_clone()?), (far, near)] {
         let cable = Arc::clone(cable);
         thread::spawn(move || {
+            // A cable does not wait for a processor.
+            go_before_everything();
             // It ends as soon as one end does.
             let _ = carry(&from, &to, &cable);
             let _ = to.shutdown(Shutdown::Both);
