@@ -32,7 +32,7 @@
 //! };
 //! assert_eq!((heard.robot.as_str(), heard.period_nanos), ("mecanum", 100_000_000));
 //! assert!(matches!(heard.said, Heard::State(state) if state.stamp.kind == PlantState::KIND));
-//! # Ok::<(), protocol::telemetry::TelemetryError>(())
+//! # Ok::<(), network::telemetry::TelemetryError>(())
 //! ```
 
 mod publisher;
