@@ -314,7 +314,7 @@ fn create(path: &Path) -> Result<File, DrillError> {
 
 fn folder_name(index: usize, exercise: &Exercise) -> String {
     let Exercise { fault, target, carrier, .. } = exercise;
-    format!("{index:02} {fault} {target} {}", carrier.name()).replace(' ', "-")
+    format!("{index:02} {fault} {target} {}", carrier.name()).replace([' ', '/'], "-")
 }
 
 fn do_one(exercise: &Exercise, ground: &Ground, seed: u64, kept: &Path, stop: &Stop) -> Row {

@@ -1,12 +1,13 @@
 //! Processes are started, restarted and ended as promised. Here the processes are shell scripts.
 
+use bytemuck::Zeroable;
 use coxswain::assembly::Assembly;
 use coxswain::fleet::{Event, Fleet, FleetError, RunContext, settings_file};
 use coxswain::options::Options;
 use coxswain::role::{START_ORDER, program};
 use coxswain::watch::View;
 use process::Pace;
-use protocol::message::Participant;
+use protocol::message::{Health, Participant, Phase};
 use std::error::Error;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -79,8 +80,13 @@ fn start_all(fleet: &mut Fleet<'_>, context: &RunContext) -> Outcome {
 
 /// Tends the fleet until there is an event.
 fn next_events(fleet: &mut Fleet<'_>) -> Result<Vec<Event>, FleetError> {
+    next_events_beside(&View::default(), fleet)
+}
+
+/// The same, beside the last messages of the processes.
+fn next_events_beside(view: &View, fleet: &mut Fleet<'_>) -> Result<Vec<Event>, FleetError> {
     loop {
-        let events = fleet.tend(&View::default(), Instant::now())?;
+        let events = fleet.tend(view, Instant::now())?;
         if !events.is_empty() {
             return Ok(events);
         }
@@ -299,6 +305,25 @@ fn a_plant_that_finishes_ends_the_run_and_one_that_fails_does_not() -> Outcome {
             finished,
             "{script}"
         );
+        fleet.end(|_| Duration::from_mins(1), || false);
+    }
+    Ok(())
+}
+
+#[test]
+fn a_plant_that_has_reported_its_end_and_is_killed_then_ends_the_run() -> Outcome {
+    for (phase, finished) in [(Phase::Finished, true), (Phase::Running, false)] {
+        let Fixture { context, .. } = &fixture(OBEDIENT, (Participant::Plant, "kill -KILL $$"))?;
+        let mut fleet = Fleet::new(context)?;
+        fleet.start(Participant::Plant)?;
+        let mut view = View::default();
+        view.take_in(&Health {
+            participant: Participant::Plant.code(),
+            phase: phase.code(),
+            ..Health::zeroed()
+        });
+        let events = next_events_beside(&view, &mut fleet)?;
+        assert_eq!(events.first() == Some(&Event::Finished), finished, "{phase:?}: {events:?}");
         fleet.end(|_| Duration::from_mins(1), || false);
     }
     Ok(())
