@@ -1,6 +1,6 @@
 //! The keys of messages: `coxswain-link/<graph>/<from>/<to>/<what>`, see `WIRE.md`.
 
-use protocol::topic::Topic;
+use protocol::topic::{TOPIC_COUNT, Topic};
 use std::fmt;
 
 /// The keys between this host and one other.
@@ -38,6 +38,21 @@ impl fmt::Display for What {
 }
 
 impl What {
+    /// All that a key can carry, in the order of [`index`](Self::index).
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        let data = Topic::ALL.into_iter().map(Self::Data);
+        let acknowledgements = Topic::ALL.into_iter().map(Self::Acknowledgements);
+        data.chain(acknowledgements).chain([Self::Hello])
+    }
+
+    pub(crate) const fn index(self) -> usize {
+        match self {
+            Self::Data(topic) => topic.index(),
+            Self::Acknowledgements(topic) => TOPIC_COUNT + topic.index(),
+            Self::Hello => 2 * TOPIC_COUNT,
+        }
+    }
+
     fn named(name: &str) -> Option<Self> {
         let topic = |name| Topic::ALL.into_iter().find(|topic| topic.name() == name);
         match name.strip_suffix(ACKNOWLEDGEMENTS) {
@@ -89,7 +104,8 @@ mod tests {
     fn the_key_of_one_end_is_understood_by_the_other() {
         let (here, there) =
             (Keys::new("g", "robot", "control"), Keys::new("g", "control", "robot"));
-        for what in [What::Data(Topic::State), What::Acknowledgements(Topic::State), What::Hello] {
+        for (index, what) in What::all().enumerate() {
+            assert_eq!(what.index(), index);
             assert_eq!(there.what(&here.outgoing(what)), Some(what));
             assert_eq!(here.what(&here.outgoing(what)), None, "this host is not the other one");
         }

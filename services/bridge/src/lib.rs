@@ -1,10 +1,10 @@
 //! Carries messages between this host and others: shared memory on one side, zenoh on the other.
 //!
 //! One bridge runs on each host of a graph. It has one zenoh session for each other host, and one
-//! thread for each topic and direction:
+//! thread for each topic that it sends. zenoh's thread writes what arrives into shared memory:
 //!
 //! ```text
-//!  shared memory ─▶ outgoing ─▶ link ══ zenoh, TLS ══ link ─▶ queue ─▶ incoming ─▶ shared memory
+//!  shared memory ─▶ outgoing ─▶ link ══ zenoh, TLS ══ link ─▶ incoming ─▶ shared memory
 //! ```
 //!
 //! | module      | contents                                                                    |

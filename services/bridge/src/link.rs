@@ -1,12 +1,10 @@
 //! The zenoh session with one other host.
 //!
-//! zenoh calls [`Arrivals::receive`] on the thread that reads the link: it only counts, and hands
-//! the piece to the thread of its topic. A callback that waits would starve the link of its
-//! keepalives.
+//! zenoh calls [`Arrivals::receive`] on the thread that reads the link. It never waits.
 
 use crate::config::{ConfigError, config, endpoint, subject};
 use crate::hello::Hello;
-use crate::incoming::Queue;
+use crate::incoming::Incoming;
 use crate::keys::{Keys, What};
 use crate::piece::Label;
 use crate::settings::{Meeting, Remote, Settings};
@@ -18,6 +16,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock};
 use std::thread::{self, Thread};
 use std::time::{Duration, Instant};
 use zenoh::bytes::ZBytes;
+use zenoh::key_expr::KeyExpr;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Config, Wait};
@@ -85,36 +84,38 @@ impl Acknowledged {
 }
 
 /// What arrives from the other host.
-#[derive(Debug)]
 pub(crate) struct Arrivals {
     keys: Keys,
     /// This bridge.
     instance: u64,
-    pub(crate) queues: [Option<Queue>; TOPIC_COUNT],
+    pub(crate) incoming: [Option<Incoming>; TOPIC_COUNT],
     pub(crate) acknowledged: [Acknowledged; TOPIC_COUNT],
     hello: Mutex<Option<Hello>>,
     /// Whether the other host fits this one, by its last hello. Before that no message is taken in.
     pub(crate) fits: AtomicBool,
     /// Messages with a key that the other host may not use.
     pub(crate) not_permitted: AtomicU64,
+    /// The thread that tends `incoming`.
+    bridge: Thread,
 }
 
 impl Arrivals {
-    /// For an other host that fits without a hello if `fits`.
+    /// For an other host that fits without a hello if `fits`, tended by this thread.
     pub(crate) fn new(
         keys: Keys,
         instance: u64,
-        queues: [Option<Queue>; TOPIC_COUNT],
+        incoming: [Option<Incoming>; TOPIC_COUNT],
         fits: bool,
     ) -> Self {
         Self {
             keys,
             instance,
-            queues,
+            incoming,
             acknowledged: Default::default(),
             hello: Mutex::new(None),
             fits: AtomicBool::new(fits),
             not_permitted: AtomicU64::new(0),
+            bridge: thread::current(),
         }
     }
 
@@ -126,9 +127,9 @@ impl Arrivals {
     fn receive(&self, sample: &Sample) {
         match self.keys.what(sample.key_expr().as_str()) {
             Some(What::Data(topic)) => {
-                if let Some(queue) = &self.queues[topic.index()] {
-                    if self.fits.load(Ordering::Relaxed) {
-                        queue.offer(sample);
+                if let Some(incoming) = &self.incoming[topic.index()] {
+                    if self.fits.load(Ordering::Relaxed) && incoming.take(sample) {
+                        self.bridge.unpark();
                     }
                     return;
                 }
@@ -154,6 +155,10 @@ impl Arrivals {
     }
 }
 
+/// The keys that this host sends with, in the order of [`What::index`]. zenoh looks the way of a
+/// declared key up once, and not for each message.
+type Declared = Vec<KeyExpr<'static>>;
+
 /// The session with one other host.
 pub(crate) struct Link {
     host: String,
@@ -161,10 +166,9 @@ pub(crate) struct Link {
     keys: Keys,
     config: Config,
     arrivals: Arc<Arrivals>,
-    session: RwLock<Option<Client>>,
+    session: RwLock<Option<(Client, Declared)>>,
     changes: Sender<Change>,
-    /// In lock step a put waits for room.
-    congestion: CongestionControl,
+    lock_step: bool,
     subject: Option<String>,
 }
 
@@ -185,11 +189,7 @@ impl Link {
             arrivals,
             session: RwLock::new(None),
             changes,
-            congestion: if settings.run.links.lock_step {
-                CongestionControl::Block
-            } else {
-                CongestionControl::Drop
-            },
+            lock_step: settings.run.links.lock_step,
             subject: subject(settings, remote).map_err(|error| failed(error.into()))?,
         };
         link.reopen()?;
@@ -209,7 +209,7 @@ impl Link {
         Ok(())
     }
 
-    fn connect(&self) -> Result<Client, zenoh::Error> {
+    fn connect(&self) -> Result<(Client, Declared), zenoh::Error> {
         let session = Client::open(self.config.clone())?;
         let arrivals = Arc::clone(&self.arrivals);
         session
@@ -230,7 +230,9 @@ impl Link {
             })
             .background()
             .wait()?;
-        Ok(session)
+        let keys = What::all().map(|what| session.declare_keyexpr(self.keys.outgoing(what)).wait());
+        let keys = keys.collect::<Result<_, _>>()?;
+        Ok((session, keys))
     }
 
     /// Whether a peer with this certificate is the other host.
@@ -246,12 +248,18 @@ impl Link {
     /// Sends bytes to the other host, if it is connected; else they are lost.
     pub(crate) fn put(&self, what: What, bytes: ZBytes, label: Option<Label>) {
         let session = self.session.read().unwrap_or_else(PoisonError::into_inner);
-        let Some(session) = session.as_ref() else { return };
+        let Some((session, keys)) = session.as_ref() else { return };
+        let Some(key) = keys.get(what.index()) else { return };
+        // In lock step a message waits for room.
+        let congestion = match what {
+            What::Data(_) if self.lock_step => CongestionControl::Block,
+            _ => CongestionControl::Drop,
+        };
         let put = session
-            .put(self.keys.outgoing(what), bytes)
+            .put(key, bytes)
             .attachment(label.map(Label::to_bytes))
             .priority(priority(what))
-            .congestion_control(self.congestion)
+            .congestion_control(congestion)
             .express(is_express(what));
         let _ = put.wait();
     }

@@ -11,7 +11,7 @@ use protocol::wire;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
-use transport::{OpenError, Ports, ReceiveError, Since, Source};
+use transport::{ReceiveError, Source};
 use zenoh::bytes::ZBytes;
 
 /// Longest sleep: interval between two looks at the window and the stop request.
@@ -48,7 +48,7 @@ impl Flow {
     }
 
     /// Whether the other host acknowledges pieces.
-    pub(crate) fn is_acknowledged(self) -> bool {
+    fn is_acknowledged(self) -> bool {
         self != Self::Free
     }
 
@@ -87,17 +87,10 @@ pub(crate) struct Outgoing<'a> {
 }
 
 impl Outgoing<'_> {
-    /// Sends until the stop request. Reports on `opened` when the link in shared memory is open. Of
-    /// the messages that other hosts have sent, none goes out again.
-    pub(crate) fn run<T: OnTopic>(
-        &self,
-        ports: &Ports,
-        opened: impl FnOnce(),
-    ) -> Result<(), OutgoingError> {
+    /// Sends until the stop request. Of the messages that other hosts have sent, none goes out
+    /// again.
+    pub(crate) fn run<T: OnTopic>(&self, mut source: Source<T>) -> Result<(), ReceiveError> {
         self.acknowledged.wake_this_thread();
-        let mut source: Source<T> = ports.source(Since::Relaying)?;
-        source.wait(Duration::ZERO)?;
-        opened();
         let mut pieces = Pieces {
             lane: self,
             window: Window::new(self.flow.window(), Instant::now()),
@@ -139,17 +132,6 @@ impl Outgoing<'_> {
             from => self.processes.contains(&from),
         })
     }
-}
-
-/// The topic cannot be sent any longer.
-#[derive(Debug, thiserror::Error)]
-pub enum OutgoingError {
-    /// The link in shared memory cannot be opened.
-    #[error(transparent)]
-    Open(#[from] OpenError),
-    /// It cannot be read.
-    #[error(transparent)]
-    Receive(#[from] ReceiveError),
 }
 
 /// The pieces of the messages of one topic.

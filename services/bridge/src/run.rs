@@ -1,10 +1,10 @@
 //! Opens all parts of the bridge, watches them, and reports.
 
 use crate::hello::{self, Hello};
-use crate::incoming::{Incoming, IncomingError, Queue};
+use crate::incoming::{Incoming, Target};
 use crate::keys::{Keys, What};
 use crate::link::{Arrivals, Change, Link, LinkError, self_test};
-use crate::outgoing::{Flow, Outgoing, OutgoingError, Sent};
+use crate::outgoing::{Flow, Outgoing, Sent};
 use crate::rate::Rate;
 use crate::settings::{Remote, Settings};
 use network::Breach;
@@ -16,19 +16,33 @@ use protocol::message::{
 use protocol::topic::{TOPIC_COUNT, Topic};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::Receiver;
 use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
-use transport::{Identity, OpenError, Ports};
+use transport::{Identity, Links, OpenError, Ports, ReceiveError, SendError, Since};
 use zenoh::bytes::ZBytes;
 
 /// Interval between two looks at the links.
 const ROUND: Duration = Duration::from_millis(10);
-/// Far longer than it takes to open the links in shared memory.
-const OPENS_WITHIN: Duration = Duration::from_secs(30);
-
 /// How long the other host may take to connect before its absence is reported.
 const STARTS_WITHIN: Duration = Duration::from_secs(5);
+
+/// `$body` for the message `$message` of a topic.
+macro_rules! of_topic {
+    ($topic:expr, $message:ident => $body:expr) => {
+        of_topic!($topic, $message => $body,
+            State PlantState, Command Command, Residual ResidualSample, Snapshot ModelSnapshot,
+            Plan Plan, Health Health, Truth Truth, Credit Credit)
+    };
+    ($topic:expr, $message:ident => $body:expr, $($variant:ident $of:ident),+) => {
+        match $topic {
+            $(Topic::$variant => {
+                type $message = $of;
+                $body
+            })+
+        }
+    };
+}
 
 /// The bridge failed.
 #[derive(Debug, thiserror::Error)]
@@ -48,7 +62,7 @@ pub enum BridgeError {
         /// The topic.
         topic: Topic,
         /// The reason.
-        source: OutgoingError,
+        source: ReceiveError,
     },
     /// A topic cannot be delivered.
     #[error("topic {}: {source}", topic.name())]
@@ -56,7 +70,7 @@ pub enum BridgeError {
         /// The topic.
         topic: Topic,
         /// The reason.
-        source: IncomingError,
+        source: SendError,
     },
     /// A thread ended, or did not begin.
     #[error("a thread {0}")]
@@ -69,14 +83,16 @@ pub enum BridgeError {
 /// [`BridgeError`].
 pub fn run(settings: &Settings, stop: &Stop) -> Result<(), BridgeError> {
     let identity = Identity::new(settings.run.epoch_floor + 1);
-    let ports = Ports::open(&settings.run.links, identity)?;
+    // zenoh's thread writes shared memory, and must not wait for room.
+    let links = Links { patience_millis: 0, ..settings.run.links.clone() };
+    let ports = Ports::open(&links, identity)?;
     let pulse = Pulse::new(&ports, Participant::Bridge)?.exposed(settings.run.exposure);
     let own = Hello::new(identity.writer, settings.run.links.lock_step);
-    let remotes = settings.remotes.iter().map(|remote| Connection::open(settings, remote, own));
-    let mut remotes = remotes.collect::<Result<Vec<_>, _>>()?;
+    let open = |remote| Connection::open(settings, remote, own, &ports);
+    let mut connections = settings.remotes.iter().map(open).collect::<Result<Vec<_>, _>>()?;
     let ended = Stop::new();
     thread::scope(|scope| {
-        let carried = carry(scope, settings, &mut remotes, pulse, [stop, &ended]);
+        let carried = carry(scope, settings, &ports, &mut connections, pulse, [stop, &ended]);
         ended.request();
         carried
     })
@@ -86,32 +102,24 @@ pub fn run(settings: &Settings, stop: &Stop) -> Result<(), BridgeError> {
 fn carry<'scope, 'env>(
     scope: &'scope thread::Scope<'scope, 'env>,
     settings: &'env Settings,
+    ports: &Ports,
     connections: &mut Vec<Connection<'env>>,
     mut pulse: Pulse,
     [stop, ended]: [&'env Stop; 2],
 ) -> Result<(), BridgeError> {
-    let (opened, is_open) = channel();
     let mut threads = Vec::new();
     for connection in &*connections {
         for topic in settings.outgoing(connection.remote) {
-            let (lane, opened) = (Arc::clone(&connection.shared), opened.clone());
-            threads.push(spawn(scope, format!("to {}", topic.name()), move || {
-                lane.send(settings, topic, ended, &opened)
-            })?);
-        }
-        for topic in settings.incoming(connection.remote) {
-            let (lane, opened) = (Arc::clone(&connection.shared), opened.clone());
-            threads.push(spawn(scope, format!("from {}", topic.name()), move || {
-                lane.deliver(settings, topic, ended, &opened)
-            })?);
-        }
-    }
-    for _ in 0..threads.len() {
-        if let Err(RecvTimeoutError::Timeout) = is_open.recv_timeout(OPENS_WITHIN) {
-            return Err(BridgeError::Thread("has not opened its link in shared memory"));
-        }
-        if let Some(index) = threads.iter().position(ScopedJoinHandle::is_finished) {
-            return join(threads.swap_remove(index));
+            let shared = Arc::clone(&connection.shared);
+            threads.push(of_topic!(topic, T => {
+                let mut source = ports.source::<T>(Since::Relaying)?;
+                let failed = move |source| BridgeError::Outgoing { topic, source };
+                // It connects to the writers that there are.
+                source.wait(Duration::ZERO).map_err(failed)?;
+                spawn(scope, format!("to {}", topic.name()), move || {
+                    shared.outgoing(settings, topic, ended).run(source).map_err(failed)
+                })?
+            }));
         }
     }
     pulse.phase(Phase::Ready);
@@ -126,7 +134,13 @@ fn carry<'scope, 'env>(
         if let Some(index) = threads.iter().position(ScopedJoinHandle::is_finished) {
             return join(threads.swap_remove(index));
         }
-        thread::sleep(ROUND);
+        while now.elapsed() < ROUND {
+            for connection in &*connections {
+                connection.shared.tend()?;
+            }
+            // A piece wakes this thread if it is to be acknowledged.
+            thread::park_timeout(ROUND.saturating_sub(now.elapsed()));
+        }
     }
     ended.request();
     threads.into_iter().try_for_each(join)?;
@@ -182,18 +196,28 @@ struct Shared<'a> {
 }
 
 impl<'a> Connection<'a> {
-    fn open(settings: &'a Settings, remote: &'a Remote, own: Hello) -> Result<Self, BridgeError> {
+    fn open(
+        settings: &'a Settings,
+        remote: &'a Remote,
+        own: Hello,
+        ports: &Ports,
+    ) -> Result<Self, BridgeError> {
         let now = Instant::now();
-        let incoming = settings.incoming(remote);
-        let queues = Topic::ALL.map(|topic| {
-            incoming.contains(&topic).then(|| {
-                let period_s = settings.run.period_nanos as f64 * 1e-9;
-                let rate = || Rate::of(topic, period_s, remote.processes.len(), now);
-                Queue::new((!own.lock_step).then(rate))
-            })
-        });
+        let mut incoming = [const { None }; TOPIC_COUNT];
+        for topic in settings.incoming(remote) {
+            let target: Box<dyn Target> = of_topic!(topic, T => Box::new(ports.sink::<T>()?));
+            let period_s = settings.run.period_nanos as f64 * 1e-9;
+            let rate = Rate::of(topic, period_s, remote.processes.len(), now);
+            incoming[topic.index()] = Some(Incoming::new(
+                target,
+                Flow::of(topic, own.lock_step, remote.driver),
+                (!own.lock_step).then_some(rate),
+                remote.processes.clone(),
+                settings.run.links.patience(),
+            ));
+        }
         let keys = Keys::new(&settings.graph, &settings.host, &remote.host);
-        let arrivals = Arc::new(Arrivals::new(keys, own.instance, queues, remote.driver));
+        let arrivals = Arc::new(Arrivals::new(keys, own.instance, incoming, remote.driver));
         let (link, changes) = Link::open(settings, remote, Arc::clone(&arrivals))?;
         // A restarted bridge skips this test: its endpoint has been tested, and the robot waits.
         if !settings.run.restarted {
@@ -302,33 +326,14 @@ impl<'a> Connection<'a> {
     }
 }
 
-/// `$body` for the message `$message` of a topic.
-macro_rules! of_topic {
-    ($topic:expr, $message:ident => $body:expr) => {
-        of_topic!($topic, $message => $body,
-            State PlantState, Command Command, Residual ResidualSample, Snapshot ModelSnapshot,
-            Plan Plan, Health Health, Truth Truth, Credit Credit)
-    };
-    ($topic:expr, $message:ident => $body:expr, $($variant:ident $of:ident),+) => {
-        match $topic {
-            $(Topic::$variant => {
-                type $message = $of;
-                $body
-            })+
-        }
-    };
-}
-
 impl Shared<'_> {
-    fn send(
-        &self,
-        settings: &Settings,
+    fn outgoing<'a>(
+        &'a self,
+        settings: &'a Settings,
         topic: Topic,
-        stop: &Stop,
-        opened: &Sender<()>,
-    ) -> Result<(), BridgeError> {
-        let ports = Ports::open(&settings.run.links, Identity::new(0))?;
-        let lane = Outgoing {
+        stop: &'a Stop,
+    ) -> Outgoing<'a> {
+        Outgoing {
             topic,
             flow: Flow::of(topic, settings.run.links.lock_step, self.remote.driver),
             link: &self.link,
@@ -338,33 +343,19 @@ impl Shared<'_> {
             stop,
             instance: self.instance,
             processes: &settings.processes,
-        };
-        let opened = || opened.send(()).unwrap_or_default();
-        let ended = of_topic!(topic, T => lane.run::<T>(&ports, opened));
-        ended.map_err(|source| BridgeError::Outgoing { topic, source })
+        }
     }
 
-    fn deliver(
-        &self,
-        settings: &Settings,
-        topic: Topic,
-        stop: &Stop,
-        opened: &Sender<()>,
-    ) -> Result<(), BridgeError> {
-        let ports = Ports::open(&settings.run.links, Identity::new(0))?;
-        // A queue exists for every topic of `Settings::incoming`.
-        let Some(queue) = &self.arrivals.queues[topic.index()] else { return Ok(()) };
-        let lane = Incoming {
-            topic,
-            flow: Flow::of(topic, settings.run.links.lock_step, self.remote.driver),
-            link: &self.link,
-            queue,
-            stop,
-            processes: &self.remote.processes,
-        };
-        let opened = || opened.send(()).unwrap_or_default();
-        let ended = of_topic!(topic, T => lane.run::<T>(&ports, opened));
-        ended.map_err(|source| BridgeError::Incoming { topic, source })
+    /// Does what the thread that reads the link leaves.
+    fn tend(&self) -> Result<(), BridgeError> {
+        for topic in Topic::ALL {
+            let Some(incoming) = &self.arrivals.incoming[topic.index()] else { continue };
+            let tended = incoming.tend();
+            if let Some(last) = tended.map_err(|source| BridgeError::Incoming { topic, source })? {
+                self.link.acknowledge(topic, last);
+            }
+        }
+        Ok(())
     }
 }
 
@@ -394,8 +385,8 @@ impl Report {
                 let index = topic.index();
                 sent[index] += count(&shared.sent[index].messages);
                 dropped[index] += count(&shared.sent[index].given_up);
-                let Some(queue) = &shared.arrivals.queues[index] else { continue };
-                let from = &queue.received;
+                let Some(incoming) = &shared.arrivals.incoming[index] else { continue };
+                let from = &incoming.received;
                 received[index] += count(&from.messages);
                 dropped[index] += count(&from.overflowed);
                 for (counter, reason) in [

@@ -32,9 +32,9 @@ pub(super) use chain::Chain;
 use protocol::message::Participant;
 use protocol::topic::{Delivery, OnTopic, Topic};
 use serde::{Deserialize, Serialize};
-use std::cell::Cell;
 use std::ops::Range;
-use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Most messages that one fault holds back or remembers: the depth of the deepest link.
 const HELD_MAX: usize = 256;
@@ -362,16 +362,16 @@ impl Fault {
 /// The faults of one [`Ports`](super::Ports), and how often each has been injected.
 #[derive(Clone)]
 pub(super) struct Injection {
-    faults: Rc<Faults>,
+    faults: Arc<Faults>,
     lock_step: bool,
-    injected: Rc<[Cell<u64>]>,
+    injected: Arc<[AtomicU64]>,
 }
 
 impl Injection {
     /// None if there is nothing to inject.
     pub(super) fn new(faults: &Faults, lock_step: bool) -> Option<Self> {
-        let injected = faults.fault.iter().map(|_| Cell::new(0)).collect();
-        (!faults.is_empty()).then(|| Self { faults: Rc::new(faults.clone()), lock_step, injected })
+        let injected = faults.fault.iter().map(|_| AtomicU64::new(0)).collect();
+        (!faults.is_empty()).then(|| Self { faults: Arc::new(faults.clone()), lock_step, injected })
     }
 
     /// The faults at this end of `T`'s link; none if there are none.
@@ -400,11 +400,11 @@ impl Injection {
             })
             .collect();
         (!stages.is_empty())
-            .then(|| Chain::new(stages, anatomy::Anatomy::of::<T>(), Rc::clone(&self.injected)))
+            .then(|| Chain::new(stages, anatomy::Anatomy::of::<T>(), Arc::clone(&self.injected)))
     }
 
     /// How often each fault has been injected, in the order of the settings.
     pub(super) fn injected(&self) -> Vec<u64> {
-        self.injected.iter().map(Cell::get).collect()
+        self.injected.iter().map(|count| count.load(Ordering::Relaxed)).collect()
     }
 }

@@ -56,8 +56,6 @@ use protocol::message::Message;
 use protocol::topic::{OnTopic, Topic};
 use shared_memory::SharedMemory;
 use std::hash::{BuildHasher, Hasher, RandomState};
-use std::marker::PhantomData;
-use std::rc::Rc;
 use watched::{Audience, Watched};
 
 /// Longest first message that a shared-memory link reserves room for; longer ones make it grow
@@ -83,15 +81,12 @@ impl Identity {
     }
 }
 
-/// Opens the ports of one thread. Neither `Ports` nor a port that it opens can move to another
-/// thread: open them where they are used.
+/// Opens ports. They can move to another thread.
 pub struct Ports {
     place: Place,
     identity: Identity,
     /// The faults to inject, if any.
     injection: Option<Injection>,
-    /// Keeps `Ports` on one thread over every carrier, because shared memory requires it.
-    one_thread: PhantomData<Rc<()>>,
 }
 
 /// Links that exist as long as this value, while processes join and leave.
@@ -120,18 +115,12 @@ impl Ports {
             place: Place::Machine { lock_step, shared: SharedMemory::open(links)? },
             identity,
             injection: Injection::new(&links.faults, lock_step),
-            one_thread: PhantomData,
         })
     }
 
     /// Ports between the threads of one process.
     pub fn in_memory(exchange: &Exchange, identity: Identity) -> Self {
-        Self {
-            place: Place::Here(exchange.clone()),
-            identity,
-            injection: None,
-            one_thread: PhantomData,
-        }
+        Self { place: Place::Here(exchange.clone()), identity, injection: None }
     }
 
     /// Ports between the threads of one process, on which `faults` are injected. A fault that
@@ -222,7 +211,11 @@ impl Ports {
         Ok(RawSink::new(self.outlet(topic, Reservation::Growing)?))
     }
 
-    fn outlet(&self, topic: Topic, reservation: Reservation) -> Result<Box<dyn Outlet>, OpenError> {
+    fn outlet(
+        &self,
+        topic: Topic,
+        reservation: Reservation,
+    ) -> Result<Box<dyn Outlet + Send>, OpenError> {
         match &self.place {
             Place::Here(exchange) => Ok(Box::new(exchange.outlet(topic)?)),
             Place::Machine { lock_step, shared } if Audience::is_split(topic, *lock_step) => {
@@ -237,7 +230,7 @@ impl Ports {
         }
     }
 
-    fn inlet(&self, topic: Topic, audience: Audience) -> Result<Box<dyn Inlet>, OpenError> {
+    fn inlet(&self, topic: Topic, audience: Audience) -> Result<Box<dyn Inlet + Send>, OpenError> {
         match &self.place {
             Place::Here(exchange) => Ok(Box::new(exchange.inlet(topic, audience)?)),
             Place::Machine { lock_step, shared } => {

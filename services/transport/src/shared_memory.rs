@@ -22,15 +22,15 @@ pub use sweep::{SweepReport, sweep};
 use super::links::Links;
 use super::{Audience, OpenError, Reservation};
 use iceoryx2::prelude::{
-    Config, FileName, LogLevel, Node, NodeBuilder, Path, SemanticString, SignalHandlingMode, ipc,
-    set_log_level,
+    Config, FileName, LogLevel, Node, NodeBuilder, Path, SemanticString, SignalHandlingMode,
+    ipc_threadsafe, set_log_level,
 };
 use inlet::SharedMemoryInlet;
 use outlet::SharedMemoryOutlet;
 use protocol::topic::{Quality, Topic};
 use service::{Announcement, Events, Messages};
 use std::os::unix::ffi::OsStrExt;
-use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Longest path of a socket: the system's limit without its closing zero \[bytes\].
@@ -42,9 +42,9 @@ const SOCKET_NAME_MAX: usize = 1 + 39 + 6;
 /// How long a port waits for another thread or process that already removes the dead members.
 const CLEANUP_TIMEOUT: Duration = Duration::from_millis(100);
 
-/// This thread's membership in one graph.
+/// Membership in one graph.
 pub(super) struct SharedMemory {
-    node: Rc<Node<ipc::Service>>,
+    node: Arc<Node<ipc_threadsafe::Service>>,
     graph: String,
     lock_step: bool,
     patience: Duration,
@@ -76,7 +76,7 @@ impl SharedMemory {
             })?;
         closed::close(links);
         Ok(Self {
-            node: Rc::new(node),
+            node: Arc::new(node),
             graph: links.graph.clone(),
             lock_step: links.lock_step,
             patience: links.patience(),

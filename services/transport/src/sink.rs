@@ -12,7 +12,7 @@ use std::marker::PhantomData;
 /// next read. It never receives the messages of a writer that is gone by then. A connected reader
 /// keeps its waiting messages, even when the writer dies.
 pub struct Sink<T> {
-    outlet: Box<dyn Outlet>,
+    outlet: Box<dyn Outlet + Send>,
     identity: Identity,
     sequence: u64,
     sent: u64,
@@ -20,7 +20,7 @@ pub struct Sink<T> {
 }
 
 impl<T: OnTopic> Sink<T> {
-    pub(super) fn new(outlet: Box<dyn Outlet>, identity: Identity) -> Self {
+    pub(super) fn new(outlet: Box<dyn Outlet + Send>, identity: Identity) -> Self {
         Self { outlet, identity, sequence: 0, sent: 0, message: PhantomData }
     }
 
@@ -90,11 +90,11 @@ impl<T: OnTopic> Sink<T> {
 
 /// A writer of arbitrary bytes without any check: for tests of how readers handle garbage.
 pub struct RawSink {
-    outlet: Box<dyn Outlet>,
+    outlet: Box<dyn Outlet + Send>,
 }
 
 impl RawSink {
-    pub(super) fn new(outlet: Box<dyn Outlet>) -> Self {
+    pub(super) fn new(outlet: Box<dyn Outlet + Send>) -> Self {
         Self { outlet }
     }
 

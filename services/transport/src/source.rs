@@ -24,7 +24,7 @@ pub struct Tally {
 
 /// A reader of `T` on its topic.
 pub struct Source<T> {
-    inlet: Box<dyn Inlet>,
+    inlet: Box<dyn Inlet + Send>,
     sequences: Sequences,
     tally: Tally,
     last_refusal: Option<DecodeError>,
@@ -32,7 +32,7 @@ pub struct Source<T> {
 }
 
 impl<T: OnTopic> Source<T> {
-    pub(super) fn new(inlet: Box<dyn Inlet>, since: Since) -> Self {
+    pub(super) fn new(inlet: Box<dyn Inlet + Send>, since: Since) -> Self {
         Self {
             inlet,
             sequences: Sequences::new(since),

@@ -3,7 +3,7 @@
 use crate::hosts::{Host, Outcome, Pair, is_silent, receive};
 use crate::messages::{bits, command, credit, health, plan, residual, snapshot, state, truth};
 use protocol::message::{Command, Health, ModelSnapshot, Participant, Phase, PlantState};
-use protocol::topic::OnTopic;
+use protocol::topic::{OnTopic, Topic};
 use std::thread;
 use std::time::Duration;
 use transport::{Identity, Ports, Since};
@@ -93,6 +93,29 @@ fn in_lock_step_many_cuts_lose_no_message_and_double_none() -> Outcome {
     for tally in [states.tally(), snapshots.tally()] {
         assert_eq!((tally.lost, tally.stale, tally.refused), (0, 0, 0));
     }
+    Ok(())
+}
+
+#[test]
+fn in_lock_step_messages_wait_for_a_reader_without_room() -> Outcome {
+    const STATES: u64 = 1_000;
+    let pair = Pair::new(true)?;
+    let [_robot, mut bridge] = pair.start()?;
+    let mut states = pair.control.source::<PlantState>()?;
+    let links = pair.robot.settings.run.links.clone();
+    let writer = thread::spawn(move || -> Outcome {
+        let mut sink = Ports::open(&links, Identity::new(1))?.sink()?;
+        (1..=STATES).try_for_each(|tick| sink.send(&mut state(tick)).map_err(Into::into))
+    });
+    let depth = Topic::State.quality(true).depth as u64;
+    bridge.until(|health| health.received[Topic::State.index()] == depth)?;
+    for tick in 1..=STATES {
+        let arrived = receive(&mut states, |_: &PlantState| true)?;
+        assert_eq!(arrived.stamp.tick, tick);
+    }
+    writer.join().map_err(|_| "the writer panicked")??;
+    let tally = states.tally();
+    assert_eq!((tally.lost, tally.stale, tally.refused), (0, 0, 0));
     Ok(())
 }
 

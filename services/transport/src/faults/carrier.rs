@@ -7,12 +7,12 @@ use std::time::{Duration, Instant};
 
 /// An outlet that applies faults to messages before they leave.
 pub(crate) struct FaultyOutlet {
-    inner: Box<dyn Outlet>,
+    inner: Box<dyn Outlet + Send>,
     chain: Chain,
 }
 
 impl FaultyOutlet {
-    pub(crate) fn new(inner: Box<dyn Outlet>, chain: Chain) -> Self {
+    pub(crate) fn new(inner: Box<dyn Outlet + Send>, chain: Chain) -> Self {
         Self { inner, chain }
     }
 
@@ -45,12 +45,12 @@ impl Outlet for FaultyOutlet {
 
 /// An inlet that applies faults to messages after they have arrived.
 pub(crate) struct FaultyInlet {
-    inner: Box<dyn Inlet>,
+    inner: Box<dyn Inlet + Send>,
     chain: Chain,
 }
 
 impl FaultyInlet {
-    pub(crate) fn new(inner: Box<dyn Inlet>, chain: Chain) -> Self {
+    pub(crate) fn new(inner: Box<dyn Inlet + Send>, chain: Chain) -> Self {
         Self { inner, chain }
     }
 

@@ -2,10 +2,10 @@
 
 use super::anatomy::Anatomy;
 use super::stage::Stage;
-use std::cell::Cell;
 use std::collections::VecDeque;
 use std::mem::take;
-use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// On a lossless link: how long a reader waits in vain before it gets the withheld messages.
@@ -18,11 +18,11 @@ pub(crate) struct Chain {
     ready: VecDeque<Vec<u8>>,
     /// Since when the reader has found nothing; none if it has not looked since the last message.
     quiet_since: Option<Instant>,
-    injected: Rc<[Cell<u64>]>,
+    injected: Arc<[AtomicU64]>,
 }
 
 impl Chain {
-    pub(super) fn new(stages: Vec<Stage>, anatomy: Anatomy, injected: Rc<[Cell<u64>]>) -> Self {
+    pub(super) fn new(stages: Vec<Stage>, anatomy: Anatomy, injected: Arc<[AtomicU64]>) -> Self {
         Self { stages, anatomy, ready: VecDeque::new(), quiet_since: None, injected }
     }
 
@@ -87,7 +87,7 @@ impl Chain {
                 stage.take(bytes, now, &self.anatomy, &mut batch);
             }
             if let Some(count) = self.injected.get(stage.index) {
-                count.set(count.get() + stage.injected - before);
+                count.fetch_add(stage.injected - before, Ordering::Relaxed);
             }
         }
         self.ready.extend(batch);

@@ -2,7 +2,9 @@
 
 use super::service::Events;
 use iceoryx2::port::listener::Listener;
-use iceoryx2::prelude::{CallbackProgression, SignalHandlingMode, WaitSet, WaitSetBuilder, ipc};
+use iceoryx2::prelude::{
+    CallbackProgression, SignalHandlingMode, WaitSet, WaitSetBuilder, ipc_threadsafe,
+};
 use iceoryx2::waitset::WaitSetRunResult;
 use std::mem;
 use std::thread;
@@ -32,8 +34,8 @@ pub(super) enum Slept {
 /// 100 µs then take up to 12 ms.
 pub(super) struct Alarm {
     /// Declared before the listener, whose socket it watches: fields are dropped in order.
-    waitset: WaitSet<ipc::Service>,
-    listener: Listener<ipc::Service>,
+    waitset: WaitSet<ipc_threadsafe::Service>,
+    listener: Listener<ipc_threadsafe::Service>,
 }
 
 impl Alarm {

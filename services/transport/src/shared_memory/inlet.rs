@@ -6,13 +6,13 @@ use super::{CLEANUP_TIMEOUT, SharedMemory};
 use crate::carrier::Inlet;
 use crate::{Audience, OpenError, ReceiveError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
-use iceoryx2::prelude::ipc;
+use iceoryx2::prelude::ipc_threadsafe;
 use protocol::topic::Topic;
 use std::time::{Duration, Instant};
 
 pub(crate) struct SharedMemoryInlet {
     topic: Topic,
-    subscriber: Subscriber<ipc::Service, [u64], ()>,
+    subscriber: Subscriber<ipc_threadsafe::Service, [u64], ()>,
     events: Events,
     /// Made by the first wait, so that a reader which never waits collects no events.
     alarm: Option<Alarm>,

@@ -9,10 +9,9 @@ use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::port::{BackpressureAction, SendError as CarrierError};
-use iceoryx2::prelude::{AllocationStrategy, Node, PortFactory, ipc};
+use iceoryx2::prelude::{AllocationStrategy, Node, PortFactory, ipc_threadsafe};
 use protocol::clock::monotonic_nanos;
 use protocol::topic::{Delivery, Topic};
-use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::sleep;
@@ -30,9 +29,9 @@ pub(crate) struct SharedMemoryOutlet {
     topic: Topic,
     delivery: Delivery,
     messages: Messages,
-    publisher: Publisher<ipc::Service, [u64], ()>,
-    notifier: Notifier<ipc::Service>,
-    node: Rc<Node<ipc::Service>>,
+    publisher: Publisher<ipc_threadsafe::Service, [u64], ()>,
+    notifier: Notifier<ipc_threadsafe::Service>,
+    node: Arc<Node<ipc_threadsafe::Service>>,
     patience: Duration,
     /// When the present send gives up waiting, on the monotonic clock \[ns\]; one deadline for all
     /// readers together.
@@ -87,7 +86,7 @@ impl SharedMemoryOutlet {
             }
             other => OpenError::Carrier { topic, reason: other.to_string() },
         })?;
-        let node = Rc::clone(&shared.node);
+        let node = Arc::clone(&shared.node);
         let (delivery, patience) = (quality.delivery, shared.patience);
         Ok(Self { topic, delivery, messages, publisher, notifier, node, patience, deadline_nanos })
     }

@@ -3,7 +3,7 @@
 use super::SharedMemory;
 use crate::{Audience, OpenError};
 use iceoryx2::prelude::{
-    AttributeVerifier, EventId, MessagingPattern, Node, Service, ServiceName, ipc,
+    AttributeVerifier, EventId, MessagingPattern, Node, Service, ServiceName, ipc_threadsafe,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeSet, AttributeValue};
 use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
@@ -16,8 +16,8 @@ use protocol::topic::{Delivery, Quality, Topic};
 use std::thread::sleep;
 use std::time::Duration;
 
-pub(super) type Messages = publish_subscribe::PortFactory<ipc::Service, [u64], ()>;
-pub(super) type Events = event::PortFactory<ipc::Service>;
+pub(super) type Messages = publish_subscribe::PortFactory<ipc_threadsafe::Service, [u64], ()>;
+pub(super) type Events = event::PortFactory<ipc_threadsafe::Service>;
 
 const MESSAGE_KEY: &str = "message";
 const VERSION_KEY: &str = "version";
@@ -82,7 +82,7 @@ impl SharedMemory {
     ) -> OpenError {
         match error {
             PublishSubscribeOpenError::IncompatibleAttributes => {
-                let details = ipc::Service::details(
+                let details = ipc_threadsafe::Service::details(
                     name,
                     self.node.config(),
                     MessagingPattern::PublishSubscribe,
@@ -120,7 +120,7 @@ impl SharedMemory {
 }
 
 fn open_messages(
-    node: &Node<ipc::Service>,
+    node: &Node<ipc_threadsafe::Service>,
     name: &ServiceName,
     quality: Quality,
     attributes: &AttributeVerifier,
@@ -138,7 +138,7 @@ fn open_messages(
 }
 
 fn open_events(
-    node: &Node<ipc::Service>,
+    node: &Node<ipc_threadsafe::Service>,
     name: &ServiceName,
     quality: Quality,
 ) -> Result<Events, EventOpenOrCreateError> {

@@ -5,7 +5,9 @@ use super::room::FOLDER;
 use super::{config, prefix};
 use crate::{Links, OpenError};
 use iceoryx2::node::{DeadNodeView, NodeCleanupFailure, NodeView};
-use iceoryx2::prelude::{CallbackProgression, LogLevel, Node, NodeState, ipc, set_log_level};
+use iceoryx2::prelude::{
+    CallbackProgression, LogLevel, Node, NodeState, ipc_threadsafe, set_log_level,
+};
 use std::fs;
 use std::io;
 use std::path::Path;
@@ -42,7 +44,7 @@ pub fn sweep(links: &Links) -> Result<SweepReport, OpenError> {
     let failed = |reason: String| OpenError::Sweep { graph: links.graph.clone(), reason };
     let mut report = SweepReport::default();
     let mut dead = Vec::new();
-    Node::<ipc::Service>::list(&config, |node| {
+    Node::<ipc_threadsafe::Service>::list(&config, |node| {
         match node {
             NodeState::Alive(_) | NodeState::Inaccessible(_) => report.living += 1,
             NodeState::Dead(node) => dead.push(node),
@@ -76,7 +78,10 @@ pub fn sweep(links: &Links) -> Result<SweepReport, OpenError> {
 /// iceoryx2 0.10 does not recognise such a file as its own. Because of it, it fails to remove the
 /// folder of the dead member, and keeps that member for ever. No resource stands behind an
 /// unfinished tag, so the folder can be removed.
-fn remove_dead(links: &Links, node: &DeadNodeView<ipc::Service>) -> Result<(), NodeCleanupFailure> {
+fn remove_dead(
+    links: &Links,
+    node: &DeadNodeView<ipc_threadsafe::Service>,
+) -> Result<(), NodeCleanupFailure> {
     let remove = || node.clone().blocking_remove_stale_resources(CLEANUP_TIMEOUT);
     match remove() {
         Err(error @ NodeCleanupFailure::InternalError) => {
