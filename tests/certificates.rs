@@ -1,7 +1,7 @@
 //! Promise: with certificates the graph runs across hosts as it does without.
 
-use coxswain::assembly::Assembly;
-use coxswain::options::Options;
+use graph::assembly::Assembly;
+use graph::options::Options;
 use promises::oracle::{Limits, acquit};
 use promises::{
     Hosts, Launched, Outcome, Reader, Record, binaries, graph_file, launch_command, repository,

@@ -1,8 +1,8 @@
 //! Promise: after kill -9 of any process in mid-run no stale command acts on the wheels, the others
 //! continue, and the killed process returns and is used again.
 
-use coxswain::assembly::Assembly;
-use coxswain::options::Options;
+use graph::assembly::Assembly;
+use graph::options::Options;
 use promises::oracle::{Limits, acquit};
 use promises::{Launched, Message, Outcome, Record, repository, signal};
 use rustix::process::Signal;

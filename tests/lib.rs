@@ -10,11 +10,11 @@ mod reader;
 mod screen;
 
 pub use browser::Browser;
-pub use coxswain::drill::hosts::Hosts;
-pub use coxswain::drill::measure::excuse;
-pub use coxswain::drill::oracle;
-pub use coxswain::drill::record::{Message, Record};
-pub use coxswain::drill::tracking;
+pub use drill::hosts::Hosts;
+pub use drill::measure::excuse;
+pub use drill::oracle;
+pub use drill::record::{Message, Record};
+pub use drill::tracking;
 pub use python::{python, text_of};
 pub use reader::Reader;
 pub use screen::Screen;

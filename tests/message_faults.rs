@@ -1,9 +1,9 @@
 //! Promise: with any fault in the messages of a link the wheels do nothing unsafe, and the robot
 //! drives on afterwards.
 
-use coxswain::assembly::Assembly;
-use coxswain::in_process;
-use coxswain::options::Options;
+use experiment::in_process;
+use graph::assembly::Assembly;
+use graph::options::Options;
 use process::Pace;
 use promises::oracle::{Limits, Rule, Violation, judge};
 use promises::{Launched, Outcome, Record, repository};

@@ -1,7 +1,7 @@
 //! Promise: the graph drives across two and three hosts as it does on one, and through cuts.
 
-use coxswain::assembly::Assembly;
-use coxswain::options::Options;
+use graph::assembly::Assembly;
+use graph::options::Options;
 use process::{Gap, Witness};
 use promises::oracle::{Limits, acquit};
 use promises::{Hosts, Launched, Message, Outcome, Record, graph_file, launch_command, signal};

@@ -1,12 +1,12 @@
 //! Promise: the oracle finds no violation in a good run, and in a bad one exactly the injected
 //! violations.
 
-use coxswain::assembly::Assembly;
-use coxswain::drill::catalogue::Launch;
-use coxswain::drill::measure::measure;
-use coxswain::in_process;
-use coxswain::options::Options;
-use coxswain::scenario::Scenario;
+use drill::catalogue::Launch;
+use drill::measure::measure;
+use experiment::in_process;
+use graph::assembly::Assembly;
+use graph::options::Options;
+use graph::scenario::Scenario;
 use process::Gap;
 use promises::excuse::{Unseen, unseen};
 use promises::oracle::{Limits, Rule, judge};

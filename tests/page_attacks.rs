@@ -1,8 +1,8 @@
 //! Promise: only the intended readers can read the live page of a driving robot. Nothing can be
 //! sent to the page, and every name on it is plain text.
 
-use coxswain::assembly::Assembly;
-use coxswain::options::Options;
+use graph::assembly::Assembly;
+use graph::options::Options;
 use promises::oracle::{Limits, acquit};
 use promises::{
     Browser, Launched, Outcome, Record, binaries, graph_file, launch_command, repository, signal,

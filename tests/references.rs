@@ -1,9 +1,9 @@
 //! Promise: every reference is driven on fresh plans alone, with learner and observer, under noise
 //! and tight rates.
 
-use coxswain::assembly::Assembly;
-use coxswain::in_process;
-use coxswain::options::Options;
+use experiment::in_process;
+use graph::assembly::Assembly;
+use graph::options::Options;
 use promises::{Outcome, repository};
 use protocol::message::FallbackLevel;
 use recorder::summary::Summary;

@@ -2,8 +2,8 @@
 //! is silent.
 
 use bytemuck::Zeroable;
-use coxswain::assembly::Assembly;
-use coxswain::options::Options;
+use graph::assembly::Assembly;
+use graph::options::Options;
 use process::read_settings;
 use promises::oracle::{Limits, acquit};
 use promises::{

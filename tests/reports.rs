@@ -2,9 +2,9 @@
 //! any state of its record.
 
 use bytemuck::Zeroable;
-use coxswain::assembly::Assembly;
-use coxswain::in_process;
-use coxswain::options::Options;
+use experiment::in_process;
+use graph::assembly::Assembly;
+use graph::options::Options;
 use process::Run;
 use promises::{Browser, Launched, Outcome, binaries, repository};
 use protocol::message::{FallbackLevel, Plan, PlantState, ResidualSample, Truth, WHEELS_MAX};

@@ -1,8 +1,8 @@
 //! Promise: either end of the loop can be killed again and again, on one host and on two. Nothing
 //! unsafe happens, and the loop recovers.
 
-use coxswain::assembly::Assembly;
-use coxswain::options::Options;
+use graph::assembly::Assembly;
+use graph::options::Options;
 use promises::oracle::{Limits, acquit};
 use promises::{Launched, Outcome, Record, graph_file, graph_with, launch_command, signal};
 use rustix::process::Signal;

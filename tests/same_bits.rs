@@ -1,7 +1,7 @@
 //! Promise: in lock step the commands are the same bits, in any number of processes and hosts.
 
-use coxswain::assembly::Assembly;
-use coxswain::options::Options;
+use graph::assembly::Assembly;
+use graph::options::Options;
 use promises::{Launched, Outcome, Record, repository};
 use std::error::Error;
 use std::path::Path;
@@ -34,7 +34,7 @@ fn three_runs_of_the_processes_and_one_in_a_single_process_command_the_same_bits
     let mut assembly =
         Assembly::read(&Options::of_graph(&repository().join("deploy/graphs/local.toml")))?;
     assembly.graph.pace = process::Pace::LockStep;
-    coxswain::in_process::run(&assembly, folder.path())?;
+    experiment::in_process::run(&assembly, folder.path())?;
     runs.push(commands(folder.path())?);
 
     let [first, others @ ..] = runs.as_slice() else { return Err("no runs".into()) };

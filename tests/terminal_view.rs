@@ -1,8 +1,6 @@
 //! Promise: on a terminal a person sees the robot drive, disconnect and return, and the terminal is
 //! restored afterwards.
 
-use coxswain::dashboard::screen;
-use coxswain::dashboard::view::KEYS;
 use promises::{Launched, Outcome, Screen, binaries, repository, signal, wait_until};
 use rustix::process::Signal;
 use std::env;
@@ -11,6 +9,8 @@ use std::fs;
 use std::process::Command;
 use std::thread;
 use std::time::Duration;
+use viewer::dashboard::screen;
+use viewer::dashboard::view::KEYS;
 
 const SMALL: (u16, u16) = (80, 24);
 const LARGE: (u16, u16) = (200, 60);

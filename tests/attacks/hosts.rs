@@ -5,8 +5,8 @@ use crate::session::{
 };
 use access::Role;
 use bytemuck::Zeroable;
-use coxswain::assembly::Assembly;
-use coxswain::options::Options;
+use graph::assembly::Assembly;
+use graph::options::Options;
 use network::{Breach, keeps_strangers_out};
 use process::read_settings;
 use promises::oracle::{Limits, acquit};

@@ -1,7 +1,7 @@
 //! zenoh sessions as a program without our code opens them.
 
 use access::{AUTHORITY_FILE, CERTIFICATE_FILE, Credentials, KEY_FILE, Role};
-use coxswain::certificates::issue::{Order, issue};
+use certificates::issue::{Order, issue};
 use network::threads;
 use serde_json::{Value, json};
 use std::error::Error;

@@ -4,10 +4,10 @@
 use super::{Fate, Verdict, corpus, promise, refused};
 use access::{Certificate, valid_until};
 use controller::control::tuning::RULES;
-use coxswain::registry;
 use process::requests::{Inbox, NotAsked, welcome};
 use process::{Pace, read_settings};
 use protocol::message::Participant;
+use runs::registry;
 use settings::change::{Change, changed};
 use std::fs;
 use std::net::{IpAddr, Ipv4Addr};

@@ -3,10 +3,10 @@
 use super::settings::finite_along;
 use super::{Fate, Verdict, as_file, either, promise, refused};
 use controller::reference::{Heading, PathSettings, Reference, ReferenceSettings};
-use coxswain::closing::Closing;
 use recorder::rows::Rows;
 use recorder::summary::Summary;
 use recorder::{export, report};
+use supervisor::closing::Closing;
 
 /// A file of points is refused with its name, or every number of its reference is finite.
 pub(super) fn points(bytes: &[u8]) -> Verdict {

@@ -1,25 +1,29 @@
 //! The command `coxswain`.
 
+use certificates::CertificatesOptions;
 use clap::{Parser, Subcommand};
-use coxswain::certificates::{self, CertificatesOptions};
-use coxswain::drill::damage::OfferOptions;
-use coxswain::drill::{self, DrillOptions};
-use coxswain::experiment::{self, CompareOptions};
-use coxswain::launch::LaunchError;
-use coxswain::options::Options;
 use coxswain::order::{self, OrderOptions};
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
-use coxswain::registry;
 use coxswain::router::RouterOptions;
 use coxswain::set::{SetError, SetOptions};
-use coxswain::terminal::{self, Terminal};
-use coxswain::watch_command::{self, WatchOptions};
+use drill::DrillOptions;
+use drill::damage::OfferOptions;
+use experiment::CompareOptions;
+use experiment::without_learning;
 use gate::Order;
+use graph::assembly::Assembly;
+use graph::options::Options;
 use network::threads;
 use process::Stop;
+use runs::registry;
 use rustix::process::{Signal, getpid, kill_process, set_parent_process_death_signal};
+use std::error::Error;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{io, thread};
+use supervisor::launch::LaunchError;
+use terminal::Terminal;
+use viewer::{WatchError, WatchOptions};
 
 /// Learning model predictive control for omnidirectional robots, as a graph of processes.
 #[derive(Debug, Parser)]
@@ -203,7 +207,7 @@ fn launch(options: &Options) -> ExitCode {
     let watched = if options.stop_with_stdin { end_with_stdin() } else { Ok(()) };
     let outcome = watched
         .map_err(|source| LaunchError::System { what: "the standard input", source })
-        .and_then(|()| coxswain::launch::run(options));
+        .and_then(|()| supervisor::launch::run(options, without_learning));
     match outcome {
         Ok(outcome) => outcome.exit_code(),
         Err(error) => {
@@ -211,6 +215,11 @@ fn launch(options: &Options) -> ExitCode {
             error.exit_code()
         }
     }
+}
+
+fn without_learning(assembly: &Assembly, run: &Path) -> Result<Option<PathBuf>, Box<dyn Error>> {
+    let wanted = without_learning::is_wanted(assembly);
+    Ok(wanted.then(|| without_learning::run(assembly, run)).transpose()?)
 }
 
 /// Requests the end of this process, as a signal does, when its standard input ends.
@@ -231,9 +240,9 @@ fn watch(options: &WatchOptions) -> ExitCode {
         return ExitCode::FAILURE;
     }
     let (stop, mut terminal) = (Stop::new(), Terminal::new());
-    let watched = stop.on_signals().map_err(watch_command::WatchError::from);
+    let watched = stop.on_signals().map_err(WatchError::from);
     let watched =
-        watched.and_then(|()| watch_command::run(options, &registry::base(), &mut terminal, &stop));
+        watched.and_then(|()| viewer::run(options, &registry::base(), &mut terminal, &stop));
     match watched {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -4,7 +4,6 @@
 //! directory, to which the plant replies beside it.
 
 use crate::set::{SetError, set};
-use crate::terminal;
 use clap::Args;
 use gate::Order;
 use process::requests::Outcome;

@@ -1,10 +1,10 @@
 //! `coxswain report`, `coxswain export`: reports and tables from records.
 
-use crate::terminal::{self, Terminal};
 use clap::Args;
 use recorder::export::{self, ExportError};
 use recorder::report::{self, ReportError};
 use std::path::PathBuf;
+use terminal::Terminal;
 
 /// The records, and the file of the page.
 #[derive(Debug, Clone, Args)]

@@ -4,11 +4,11 @@
 //! The router sees the certificate of each host, and the hosts see only that of the router. So the
 //! router must let each host publish below its own keys alone.
 
-use crate::graph::Graph;
 use access::{
     AUTHORITY_FILE, AccessError, CERTIFICATE_FILE, Credentials, KEY_FILE, of_meeting_point,
 };
 use clap::Args;
+use graph::file::Graph;
 use serde_json::{Value, json};
 use settings::SettingsError;
 use std::path::PathBuf;

@@ -3,16 +3,15 @@
 //! The command line names the changes. The request goes to the process with these settings. Only
 //! that process decides whether the change is possible, and replies ([`process::requests`]).
 
-use crate::fleet::settings_file;
-use crate::registry::{self, GraphEntry};
-use crate::terminal;
 use clap::Args;
 use process::requests::{AskError, Outcome, Request, Settled, ask};
 use protocol::message::Participant;
+use runs::registry::{self, GraphEntry};
 use settings::change::{Change, ChangeError};
 use std::env;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
+use supervisor::fleet::settings_file;
 use toml::Value;
 
 /// Longest time until the reply. A process that is restarted in the meantime replies after its

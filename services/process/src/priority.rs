@@ -52,8 +52,8 @@ pub(crate) fn go_before_the_rest() {
     let _ = set(1, FIFO);
 }
 
-/// Places the calling thread above the threads of [`go_first`], if permitted: for threads that stand
-/// for the machine, as the stall monitor and the cables of the fault drill.
+/// Places the calling thread above the threads of [`go_first`], if permitted: for threads that
+/// stand for the machine, as the stall monitor and the cables of the fault drill.
 pub fn go_before_everything() {
     let _ = set(PRIORITY_OF_WITNESS, FIFO);
 }

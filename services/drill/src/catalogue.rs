@@ -1,0 +1,493 @@
+//! The exercises: which faults, in which process, over which carrier, and what must hold.
+
+mod messages;
+
+use protocol::message::Participant::{self, Bridge, Controller, Gateway, Learner, Plant, Recorder};
+use std::fmt::Write;
+use std::ops::Range;
+
+/// Carrier of the links of a drill graph.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum Carrier {
+    /// All processes run on one host, and all links use shared memory.
+    SharedMemory,
+    /// Two hosts, with a bridge each.
+    Hosts,
+    /// The same, and the learner on a third host.
+    ThreeHosts,
+    /// No graph: the exercise calls one function.
+    None,
+}
+
+impl Carrier {
+    /// Name in the table and in the rows.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SharedMemory => "shared memory",
+            Self::Hosts => "two hosts",
+            Self::ThreeHosts => "three hosts",
+            Self::None => "-",
+        }
+    }
+}
+
+/// What an exercise does.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Task {
+    /// Launches a graph with faults.
+    Launch(Launch),
+    /// Kills all processes at once and launches the graph again; number of rounds.
+    KillAll(u32),
+    /// Starts a second controller beside that of the launcher; number of rounds.
+    Rivals(Rivalry, u32),
+    /// Starts two launches that compete for one run directory; number of rounds.
+    Compete(u32),
+    /// Starts two independent launches of one user.
+    SideBySide,
+    /// Launches each host by itself, and lets something between them fail for a time; length of
+    /// each failure \[ms\].
+    Between(Failure, Vec<u64>),
+    /// Launches on machines with little shared memory; size for each launch \[MiB\]. Each launch
+    /// drives normally, or is rejected before the robot moves.
+    LittleSharedMemory(Vec<u64>),
+    /// Offers damaged messages to the readers of all topics and to the gate; number of messages.
+    Damaged(u64),
+}
+
+/// What fails between two hosts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Failure {
+    /// The cable between robot and controller is pulled.
+    Cut,
+    /// That cable carries this many bits per second.
+    Slow(u64),
+    /// Both bridges appear to each other as ones of another protocol version.
+    OtherVersion,
+    /// The certificates of both hosts expire. Then there are new ones, and the bridges are killed.
+    Expiry,
+    /// One bridge is killed: that of the robot and that of the controller in turn.
+    KilledBridge,
+    /// One of them is stopped, in turn. The launcher kills it when it finds it to hang.
+    StoppedBridge,
+    /// The controller's host is switched off, and on again.
+    LostController,
+    /// The learner's host is switched off, and on again.
+    LostLearner,
+}
+
+impl Failure {
+    /// Whether the robot drives on fresh plans all the time.
+    pub const fn is_harmless(self) -> bool {
+        match self {
+            Self::Slow(bits_per_s) => bits_per_s >= ENOUGH_BITS_PER_S,
+            Self::LostLearner => true,
+            _ => false,
+        }
+    }
+}
+
+/// Rate of a cable that suffices for all messages.
+const ENOUGH_BITS_PER_S: u64 = 100_000_000;
+
+/// The conflict between two controllers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rivalry {
+    /// The second controller has the greater epoch.
+    GreaterEpoch,
+    /// Both controllers have claimed the same epoch.
+    EqualEpochs,
+    /// The epoch of the second controller is out of date when the controller continues.
+    OldEpoch,
+}
+
+/// What must be rejected once per injected fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refused {
+    /// Every malformed message, by each process that reads it.
+    Messages,
+    /// Every bad snapshot, by the controller, which keeps the last good one.
+    Snapshots,
+}
+
+/// A launch with faults.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Launch {
+    /// Length of the run \[s\].
+    pub duration_s: f64,
+    /// Whether the run is in lock step, where wall time does not count.
+    pub lock_step: bool,
+    /// The fault file, without its seed.
+    pub faults: String,
+    /// The participant that the faults end or stop. It must be in use again afterwards.
+    pub restarts: Option<Participant>,
+    /// Ticks in which a link changes the numbers of a command and seals it as valid. The acting
+    /// command then differs from the one that the controller sent.
+    pub misquoted: Vec<Range<u64>>,
+    /// Ticks in which the controller gets an older state as the newest, from a stuck link or
+    /// sensor.
+    pub misled: Vec<Range<u64>>,
+    /// Ticks in which the floor does not permit the acceleration of the reference.
+    pub slippery: Vec<Range<u64>>,
+    /// Why the robot is known to leave its path. This is reported as a note, not as a violation.
+    pub goes_astray: Option<&'static str>,
+    /// What must be rejected once per injected fault, if anything.
+    pub refused: Option<Refused>,
+    /// Number of periods in which the optimiser has no plan. The controller must still answer every
+    /// period, on any fallback level.
+    pub answered: Option<u64>,
+    /// No process that the robot needs is disturbed: the robot must drive on fresh plans alone.
+    pub undisturbed: bool,
+    /// Shared memory of the machine, if it differs from the real size \[MiB\].
+    pub shared_memory_mebibytes: Option<u64>,
+}
+
+/// One exercise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Exercise {
+    /// Name of the fault.
+    pub fault: &'static str,
+    /// The process or the link that the fault affects.
+    pub target: &'static str,
+    /// Carrier of the links.
+    pub carrier: Carrier,
+    /// What is done.
+    pub task: Task,
+}
+
+/// Extent of a drill.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// A short form of each exercise, which takes seconds.
+    Quick,
+    /// All exercises at full length.
+    Whole,
+}
+
+impl Extent {
+    fn pick<T>(self, quick: T, whole: T) -> T {
+        match self {
+            Self::Quick => quick,
+            Self::Whole => whole,
+        }
+    }
+}
+
+/// All exercises of an extent, in the order of the table.
+///
+/// A quick drill runs all message faults of one link in one launch, unless `apart` is set.
+pub fn exercises(extent: Extent, apart: bool) -> Vec<Exercise> {
+    let mut all = Vec::new();
+    kills(extent, &mut all);
+    stops(extent, &mut all);
+    all.extend(shared_fates(extent));
+    all.extend(between_hosts(extent));
+    messages::on_control_links(extent, apart, &mut all);
+    messages::of_other_versions(extent, &mut all);
+    messages::snapshots(extent, &mut all);
+    solvers(extent, &mut all);
+    worlds(extent, &mut all);
+    machine(extent, &mut all);
+    all
+}
+
+/// Longest time between the two kills of a pair \[s\].
+const EARLY_S: f64 = 0.3;
+
+/// SIGKILL, swept over the phase of the period. Every fifth kill has a second one, swept over the
+/// start-up time of the successor.
+fn kills(extent: Extent, all: &mut Vec<Exercise>) {
+    for (participant, every_s) in [
+        (Controller, 0.9),
+        (Plant, 1.3),
+        (Learner, 2.5),
+        (Recorder, 1.0),
+        (Gateway, 1.0),
+        (Bridge, 2.0),
+    ] {
+        let (quick, whole) = (if participant == Learner { 3 } else { 6 }, 210_u32);
+        let regular = extent.pick(quick, whole - whole / 5);
+        let early = regular / 5;
+        let mut faults = process("kill", participant, 1.5, every_s, regular, "");
+        if early > 0 {
+            let step = EARLY_S / f64::from(early);
+            faults +=
+                &process("kill", participant, 1.5 + 0.5 * step, 5.0 * every_s + step, early, "");
+        }
+        let duration_s =
+            1.5 + f64::from(regular) * every_s + if participant == Learner { 4.0 } else { 2.0 };
+        let launch = Launch {
+            duration_s,
+            faults,
+            restarts: Some(participant),
+            undisturbed: !needed(participant),
+            ..Launch::default()
+        };
+        all.push(Exercise {
+            fault: "kill",
+            target: participant.text(),
+            carrier: carrier_of(participant),
+            task: Task::Launch(launch),
+        });
+    }
+}
+
+/// A bridge runs where there are two hosts. Both bridges then get its faults at the same moments.
+fn carrier_of(participant: Participant) -> Carrier {
+    if participant == Bridge { Carrier::Hosts } else { Carrier::SharedMemory }
+}
+
+fn needed(participant: Participant) -> bool {
+    graph::file::is_needed(participant)
+}
+
+/// SIGSTOP for one period to ten seconds, then SIGCONT.
+fn stops(extent: Extent, all: &mut Vec<Exercise>) {
+    for participant in [Controller, Plant, Learner, Recorder, Gateway, Bridge] {
+        let millis: &[u64] =
+            extent.pick(&[20, 60, 1000], &[20, 40, 60, 100, 200, 350, 500, 1000, 4000, 10_000]);
+        let (mut faults, mut at) = (String::new(), 1.5);
+        for millis in millis {
+            let rounds = extent.pick(1, 3);
+            let every = *millis as f64 * 1e-3 + 2.0;
+            faults +=
+                &process("stop", participant, at, every, rounds, &format!("millis = {millis}\n"));
+            at += f64::from(rounds) * every;
+        }
+        let launch = Launch {
+            duration_s: at + 2.0,
+            faults,
+            undisturbed: !needed(participant),
+            restarts: Some(participant),
+            ..Launch::default()
+        };
+        all.push(Exercise {
+            fault: "stop",
+            target: participant.text(),
+            carrier: carrier_of(participant),
+            task: Task::Launch(launch),
+        });
+    }
+}
+
+fn shared_fates(extent: Extent) -> Vec<Exercise> {
+    let of = |fault, target, carrier, task| Exercise { fault, target, carrier, task };
+    vec![
+        of("kill all", "everybody", Carrier::SharedMemory, Task::KillAll(extent.pick(3, 100))),
+        of(
+            "two controllers",
+            "greater epoch",
+            Carrier::SharedMemory,
+            Task::Rivals(Rivalry::GreaterEpoch, extent.pick(3, 50)),
+        ),
+        of(
+            "two controllers",
+            "equal epochs",
+            Carrier::SharedMemory,
+            Task::Rivals(Rivalry::EqualEpochs, extent.pick(2, 20)),
+        ),
+        of(
+            "two controllers",
+            "old epoch",
+            Carrier::SharedMemory,
+            Task::Rivals(Rivalry::OldEpoch, extent.pick(3, 50)),
+        ),
+        of("two launchers", "one folder", Carrier::SharedMemory, Task::Compete(extent.pick(2, 20))),
+        of("two launchers", "side by side", Carrier::SharedMemory, Task::SideBySide),
+        of(
+            "shared memory",
+            "launch",
+            Carrier::SharedMemory,
+            Task::LittleSharedMemory(extent.pick(vec![4, 64], (2..34).step_by(2).collect())),
+        ),
+        of(
+            "damaged bytes",
+            "all readers",
+            Carrier::None,
+            Task::Damaged(extent.pick(100_000, 1_000_000)),
+        ),
+    ]
+}
+
+/// Faults between hosts.
+fn between_hosts(extent: Extent) -> Vec<Exercise> {
+    let of = |fault, target, failure, quick: &[u64], whole: &[u64], rounds: usize| {
+        let carrier =
+            if failure == Failure::LostLearner { Carrier::ThreeHosts } else { Carrier::Hosts };
+        let millis = extent.pick(quick.to_vec(), whole.repeat(rounds));
+        Exercise { fault, target, carrier, task: Task::Between(failure, millis) }
+    };
+    vec![
+        of("partition", "cable", Failure::Cut, &[300, 3000], &[60, 300, 1000, 3000, 10_000], 10),
+        of("slow link", "1 Mbit/s", Failure::Slow(1_000_000), &[3000], &[3000, 10_000], 10),
+        of("slow link", "100 Mbit/s", Failure::Slow(ENOUGH_BITS_PER_S), &[5000], &[10_000], 10),
+        of("other version", "bridge", Failure::OtherVersion, &[2000], &[1000, 4000], 10),
+        of("certificate ends", "both hosts", Failure::Expiry, &[2000], &[2000], 10),
+        of("kill", "one bridge", Failure::KilledBridge, &[0, 0], &[0, 0], 25),
+        of(
+            "stop",
+            "one bridge",
+            Failure::StoppedBridge,
+            &[100, 1000],
+            &[100, 300, 1000, 4000, 9000],
+            6,
+        ),
+        of("lost host", "controller", Failure::LostController, &[1000], &[1000, 4000], 10),
+        of("lost host", "learner", Failure::LostLearner, &[1000], &[1000, 4000], 10),
+    ]
+}
+
+/// Results of the optimiser, in lock step, for several ticks in a row.
+fn solvers(extent: Extent, all: &mut Vec<Exercise>) {
+    for kind in ["infeasible", "out-of-iterations", "nan", "wrong"] {
+        let ticks: u32 = extent.pick(100, 1000);
+        let faults =
+            format!("[[solver]]\nkind = {kind:?}\nfrom_tick = 100\nuntil_tick = {}\n", 100 + ticks);
+        let duration_s = f64::from(200 + ticks) * 0.02;
+        let launch = Launch {
+            duration_s,
+            lock_step: true,
+            faults,
+            answered: Some(u64::from(ticks)),
+            ..Launch::default()
+        };
+        all.push(Exercise {
+            fault: "solver",
+            target: kind,
+            carrier: Carrier::SharedMemory,
+            task: Task::Launch(launch),
+        });
+    }
+}
+
+/// Why a slippery floor throws the robot off its path, even when the floor is dry again.
+const SLIP: &str = "known (issue 21, cause 1): the controller mistakes slip for saturated motors, \
+    and keeps what it learns during the slip";
+
+/// Faults of the robot itself, in lock step and in windows of the run. The robot drives on, except
+/// where it is blind, and nothing unsafe follows.
+fn worlds(extent: Extent, all: &mut Vec<Exercise>) {
+    const WHEELS: [&str; 4] = ["front-right", "front-left", "rear-left", "rear-right"];
+    const SENSORS: [&str; 3] = ["pose", "velocity", "everything"];
+    for (fault, kind) in [
+        ("weak motor", "weak-motor"),
+        ("dead motor", "dead-motor"),
+        ("slip", "slip"),
+        ("payload", "payload"),
+        ("stuck sensor", "stuck-sensor"),
+    ] {
+        // A robot carries one load at most.
+        let windows = if kind == "payload" { 1 } else { extent.pick(4, 24) };
+        let (mut faults, mut ticks) = (String::new(), Vec::new());
+        for window in 0..windows {
+            let (wheel, sensor) = (WHEELS[window % WHEELS.len()], SENSORS[window % SENSORS.len()]);
+            let keys = match kind {
+                "weak-motor" => format!("wheel = {wheel:?}\ngain = 0.5\n"),
+                "dead-motor" => format!("wheel = {wheel:?}\n"),
+                "slip" => "grip = 0.4\n".to_owned(),
+                "payload" => "mass_kg = 11.0\n".to_owned(),
+                _ => format!("sensor = {sensor:?}\n"),
+            };
+            let _ = write!(
+                faults,
+                "[[plant]]\nkind = {kind:?}\nfrom_s = {}.0\nmillis = 2000\n{keys}",
+                3 + 4 * window
+            );
+            let from = 50 * (3 + 4 * window as u64);
+            ticks.push(from..from + 100);
+        }
+        let of = |this: &str| if kind == this { ticks.clone() } else { Vec::new() };
+        let (misled, slippery) = (of("stuck-sensor"), of("slip"));
+        let (duration_s, undisturbed) = (6.0 + 4.0 * windows as f64, kind != "stuck-sensor");
+        let launch = Launch {
+            duration_s,
+            lock_step: true,
+            faults,
+            misled,
+            slippery,
+            goes_astray: (kind == "slip").then_some(SLIP),
+            undisturbed,
+            ..Launch::default()
+        };
+        all.push(Exercise {
+            fault,
+            target: "robot",
+            carrier: Carrier::SharedMemory,
+            task: Task::Launch(launch),
+        });
+    }
+}
+
+/// Faults of the machine.
+fn machine(extent: Extent, all: &mut Vec<Exercise>) {
+    let mut of = |fault, target, faults| {
+        let launch = Launch {
+            duration_s: extent.pick(6.0, 30.0),
+            faults,
+            undisturbed: true,
+            ..Launch::default()
+        };
+        all.push(Exercise {
+            fault,
+            target,
+            carrier: Carrier::SharedMemory,
+            task: Task::Launch(launch),
+        });
+    };
+    let hog = format!(
+        "[[process]]\nkind = \"hog\"\nfrom_s = 1.0\nmillis = {}\n",
+        extent.pick(3000, 25_000)
+    );
+    of("busy machine", "everybody", hog);
+    of("no memory", "learner", process("memory", Learner, 1.0, 1.0, 1, "mebibytes = 1\n"));
+    of("full disk", "recorder", process("disk", Recorder, 1.0, 1.0, 1, "mebibytes = 1\n"));
+    // Another process takes all of the memory, and gives it back.
+    let rounds = extent.pick(1, 10);
+    let faults = format!(
+        "[[process]]\nkind = \"shared-memory\"\nmebibytes = 0\nmillis = 2000\n\
+         from_s = 1.5\nevery_s = 4.0\ntimes = {rounds}\n"
+    );
+    let launch = Launch {
+        duration_s: 2.5 + 4.0 * f64::from(rounds),
+        faults,
+        undisturbed: true,
+        shared_memory_mebibytes: Some(64),
+        ..Launch::default()
+    };
+    all.push(Exercise {
+        fault: "shared memory",
+        target: "running graph",
+        carrier: Carrier::SharedMemory,
+        task: Task::Launch(launch),
+    });
+    if extent == Extent::Whole {
+        let faults = "[[process]]\nkind = \"hog\"\nfrom_s = 1.0\nmillis = 598000\n".to_owned();
+        let launch = Launch { duration_s: 600.0, faults, undisturbed: true, ..Launch::default() };
+        all.push(Exercise {
+            fault: "ten minutes",
+            target: "everybody",
+            carrier: Carrier::SharedMemory,
+            task: Task::Launch(launch),
+        });
+    }
+}
+
+fn process(
+    kind: &str,
+    participant: Participant,
+    from_s: f64,
+    every_s: f64,
+    times: u32,
+    keys: &str,
+) -> String {
+    let name = participant.text();
+    let mut text = String::new();
+    let _ = write!(
+        text,
+        "[[process]]\nkind = {kind:?}\nparticipant = {name:?}\nfrom_s = {from_s:.3}\n\
+         every_s = {every_s:.3}\ntimes = {times}\n{keys}"
+    );
+    text
+}

@@ -1,0 +1,25 @@
+//! The files of a graph, and from them the settings of each process.
+//!
+//! | module           | contents                                                          |
+//! |------------------|-------------------------------------------------------------------|
+//! | [`options`]      | options of the command line                                       |
+//! | [`mod@file`]     | the graph file                                                    |
+//! | [`hosts`]        | its hosts, and where they meet                                    |
+//! | [`role`]         | the processes, and the order in which they start and stop         |
+//! | [`back_off`]     | when to restart a process that has ended                          |
+//! | [`scenario`]     | the scenario file                                                 |
+//! | [`faults`]       | the file of the faults to inject                                  |
+//! | [`exposure`]     | addresses of a graph that other machines on the network can reach |
+//! | [`certificates`] | a directory of certificates → credentials of this host            |
+//! | [`assembly`]     | options + graph + scenario + robot → settings of each process     |
+
+pub mod assembly;
+pub mod back_off;
+pub mod certificates;
+pub mod exposure;
+pub mod faults;
+pub mod file;
+pub mod hosts;
+pub mod options;
+pub mod role;
+pub mod scenario;

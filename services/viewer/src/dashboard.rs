@@ -1,0 +1,130 @@
+//! `coxswain watch` on a terminal: telemetry and keys → pictures.
+//!
+//! | module      | what it holds                                                 |
+//! |-------------|---------------------------------------------------------------|
+//! | [`picture`] | what was received → what is shown                             |
+//! | [`trail`]   | a bounded history                                             |
+//! | [`view`]    | keys → which picture, which part of the map; the list of keys |
+//! | [`look`]    | colours, or none                                              |
+//! | [`panel`]   | the picture → cells, one module per panel                     |
+//! | [`screen`]  | takes the terminal and restores it                            |
+//! | `ear`       | the receive thread                                            |
+//!
+//! Keys also have their own thread, because the library that reads them never returns once the
+//! terminal is closed.
+
+mod ear;
+pub mod look;
+pub mod panel;
+pub mod picture;
+pub mod screen;
+#[cfg(test)]
+mod specimen;
+pub mod trail;
+pub mod view;
+
+use crate::{WatchError, WatchTarget};
+use ear::Ear;
+use look::Look;
+use network::telemetry::Word;
+use picture::Picture;
+use process::Stop;
+use ratatui::crossterm::event;
+use rustix::io::Errno;
+use screen::Screen;
+use std::io;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, SyncSender};
+use std::thread;
+use std::time::{Duration, Instant};
+use view::{AfterKey, View};
+
+/// Time between two pictures. Keys take effect at once.
+const FRAME: Duration = Duration::from_millis(100);
+/// Largest number of waiting events.
+const WAITING_MAX: usize = 256;
+
+/// An input of the loop.
+enum Event {
+    /// A message of a robot or process.
+    Said(Word),
+    /// The endpoint that is watched from now on.
+    At(String),
+    /// A pressed key, or a new size of the terminal.
+    Terminal(event::Event),
+    /// Keys cannot be read any more.
+    Deaf(io::Error),
+}
+
+/// Shows what `target` publishes until the user or `stop` requests the end, or the terminal is
+/// closed.
+///
+/// # Errors
+/// [`WatchError`] if there is nothing to watch at the start, or the terminal cannot be used. The
+/// terminal is restored in either case.
+pub fn run(target: WatchTarget, stop: &Stop) -> Result<(), WatchError> {
+    let (watcher, endpoint) = target.open()?;
+    let (events, heard) = mpsc::sync_channel(WAITING_MAX);
+    let mut screen = Screen::take().map_err(WatchError::Terminal)?;
+    let keys = events.clone();
+    thread::spawn(move || read_keys(&keys));
+    let ear = Ear::listen(target, watcher, events);
+    let shown = show(&mut screen, &heard, &mut View::new(Picture::new(&endpoint)), stop);
+    drop((screen, heard));
+    ear.end();
+    match shown {
+        // The terminal is closed, so there is nothing to report to.
+        Err(error) if has_gone(&error) => Ok(()),
+        shown => shown.map_err(WatchError::Terminal),
+    }
+}
+
+fn show(
+    screen: &mut Screen,
+    heard: &Receiver<Event>,
+    view: &mut View,
+    stop: &Stop,
+) -> io::Result<()> {
+    let look = Look::of_environment();
+    let mut next = Instant::now();
+    while !stop.requested() {
+        let now = Instant::now();
+        if now >= next {
+            view.live().look(now);
+            screen.draw(|frame| panel::draw(frame, view, look, now))?;
+            next = now + FRAME;
+        }
+        match heard.recv_timeout(next.saturating_duration_since(Instant::now())) {
+            Ok(Event::Said(word)) => view.live().hear(word, Instant::now()),
+            Ok(Event::At(endpoint)) => view.live().endpoint = endpoint,
+            Ok(Event::Terminal(event)) => {
+                let after_key =
+                    event.as_key_event().map_or(AfterKey::Watch, |key| view.press(key, now));
+                if after_key == AfterKey::Quit {
+                    return Ok(());
+                }
+                next = now;
+            }
+            Ok(Event::Deaf(error)) => return Err(error),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return Ok(()),
+        }
+    }
+    Ok(())
+}
+
+/// Forwards key events until the receiver is dropped.
+fn read_keys(events: &SyncSender<Event>) {
+    loop {
+        let event = event::read();
+        let over = event.is_err();
+        if events.send(event.map_or_else(Event::Deaf, Event::Terminal)).is_err() || over {
+            return;
+        }
+    }
+}
+
+/// Whether the terminal is closed, or is a pipe without a reader.
+fn has_gone(error: &io::Error) -> bool {
+    error.kind() == io::ErrorKind::BrokenPipe
+        || error.raw_os_error() == Some(Errno::IO.raw_os_error())
+}
