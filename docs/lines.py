@@ -19,7 +19,9 @@ COMMENT = {
     ".rs": "//", ".js": "//", ".css": "/*", ".html": "<!--", ".sh": "#", ".py": "#",
 }
 TESTS = re.compile(r"(^|/)(tests|benches|examples|docs|\.ci)/|(^|/)(test_\w+\.py|tests\.rs)$")
-TEST_MODULE = re.compile(r"^( *)#\[cfg\(test\)\]\n(?: *#\[.*\]\n)* *(?:pub )?mod (\w+)( \{|;)", re.M)
+TEST_MODULE = re.compile(
+    r"^( *)#\[cfg\(test\)\]\n(?: *#\[.*\]\n)* *(?:pub )?mod (\w+)( \{|;)", re.M
+)
 
 
 def without_test_modules(text):

@@ -287,18 +287,18 @@ impl Mpc {
         &self.terminal
     }
 
-    /// Does the work that needs no new state: moves the last plan on by one period
-    /// ([`shift`](Self::shift)), and computes its targets ([`aim`](Self::aim)). `reference` begins
-    /// at the next tick. Does not allocate.
+    /// Does the work that needs no new state: moves the last plan on by one period, so that its
+    /// second input becomes the first, and computes its targets ([`aim`](Self::aim)). `reference`
+    /// begins at the next tick. Does not allocate.
     pub fn prepare(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
-        self.expectation = None;
         self.shift();
         self.aim(reference, belief);
     }
 
-    /// Computes the targets of the plan. `reference` begins at the plan's first tick. Does not
-    /// allocate.
+    /// Computes the targets of the plan. `reference` begins at the plan's first tick. A program
+    /// that was written for other targets is dropped. Does not allocate.
     pub fn aim(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
+        self.expectation = None;
         for (stage, point) in self.stages.iter_mut().zip(reference) {
             stage.target = self.limits.clamp(&target::of(
                 self.formulation,
@@ -344,9 +344,7 @@ impl Mpc {
         }
     }
 
-    /// Moves the last plan on by one period, so that its second input becomes the first. Does not
-    /// allocate.
-    pub fn shift(&mut self) {
+    fn shift(&mut self) {
         self.deviation.rotate_left(1);
         if let [.., before, last] = self.deviation.as_mut_slice() {
             *last = *before;

@@ -10,7 +10,7 @@ pub(crate) const SILENCE_PERIODS: u64 = 3;
 
 /// State of the gate when a command arrives.
 #[derive(Debug, Clone, Copy)]
-pub struct Situation {
+pub struct AtArrival {
     /// The plant's own epoch.
     pub plant_epoch: u64,
     /// Its present tick.
@@ -32,7 +32,7 @@ pub struct Situation {
 ///
 /// # Errors
 /// The [`Reason`] why it may not act.
-pub fn judge(command: &Command, situation: &Situation, bounds: &Bounds) -> Result<(), Reason> {
+pub fn judge(command: &Command, at: &AtArrival, bounds: &Bounds) -> Result<(), Reason> {
     let inputs = || std::iter::once(&command.input).chain(command.tail());
     if !inputs().flatten().all(|value| value.is_finite()) {
         return Err(Reason::NotFinite);
@@ -40,22 +40,22 @@ pub fn judge(command: &Command, situation: &Situation, bounds: &Bounds) -> Resul
     if !inputs().all(|input| bounds.contain(input)) {
         return Err(Reason::OutOfBounds);
     }
-    if command.plant_epoch != situation.plant_epoch {
+    if command.plant_epoch != at.plant_epoch {
         return Err(Reason::OldPlantEpoch);
     }
-    judge_writer(command, situation, bounds)?;
-    if command.stamp.tick > situation.tick {
+    judge_writer(command, at, bounds)?;
+    if command.stamp.tick > at.tick {
         return Err(Reason::FromTheFuture);
     }
     // Epoch before tick: a controller that takes over may answer the state that the previous one
     // has already answered, but no older one.
-    if situation.accepted.is_some_and(|(epoch, tick)| {
+    if at.accepted.is_some_and(|(epoch, tick)| {
         command.stamp.tick < tick || (command.stamp.tick, command.stamp.epoch) == (tick, epoch)
     }) {
         return Err(Reason::NotNewer);
     }
     let oldest = bounds.period_nanos * AGE_LIMIT_HALF_PERIODS / 2 + bounds.link_delay_nanos;
-    let Some(age) = situation.age_nanos.filter(|&age| age <= oldest) else {
+    let Some(age) = at.age_nanos.filter(|&age| age <= oldest) else {
         return Err(Reason::TooOld);
     };
     // At this age, an entry of the tail may be the first input to act. A tail may have advanced
@@ -63,8 +63,8 @@ pub fn judge(command: &Command, situation: &Situation, bounds: &Bounds) -> Resul
     let first = inputs().nth((age / bounds.period_nanos) as usize);
     let leaps = |from: &[f64; 3]| first.is_some_and(|first| !bounds.allow_change(from, first));
     let steps = inputs().zip(command.tail());
-    if leaps(&situation.acting)
-        || leaps(&situation.begun_with)
+    if leaps(&at.acting)
+        || leaps(&at.begun_with)
         || !steps.into_iter().all(|(before, after)| bounds.allow_change(before, after))
     {
         return Err(Reason::TooFast);
@@ -74,8 +74,8 @@ pub fn judge(command: &Command, situation: &Situation, bounds: &Bounds) -> Resul
 
 /// The higher of two epochs wins. Of two writers of the same epoch the first wins until it is
 /// silent.
-fn judge_writer(command: &Command, situation: &Situation, bounds: &Bounds) -> Result<(), Reason> {
-    let Some((epoch, writer, silent_nanos)) = situation.writer else { return Ok(()) };
+fn judge_writer(command: &Command, at: &AtArrival, bounds: &Bounds) -> Result<(), Reason> {
+    let Some((epoch, writer, silent_nanos)) = at.writer else { return Ok(()) };
     if command.stamp.epoch < epoch {
         return Err(Reason::OldEpoch);
     }

@@ -109,7 +109,7 @@ impl Gate {
     /// # Errors
     /// The [`Reason`] why it will not act.
     pub fn offer(&mut self, command: &Command, now: u64) -> Result<(), Reason> {
-        let situation = accept::Situation {
+        let at_arrival = accept::AtArrival {
             plant_epoch: self.plant_epoch,
             tick: self.tick,
             age_nanos: self.published_at(command.stamp.tick).map(|at| now.saturating_sub(at)),
@@ -120,7 +120,7 @@ impl Gate {
             acting: self.input,
             begun_with: self.begun_with,
         };
-        if let Err(reason) = judge(command, &situation, &self.bounds) {
+        if let Err(reason) = judge(command, &at_arrival, &self.bounds) {
             self.refuse(reason);
             if let Some((epoch, writer, heard)) = &mut self.writer
                 && (*epoch, *writer) == (command.stamp.epoch, command.stamp.writer)

@@ -187,8 +187,6 @@ impl<const D: usize> FitSettings<D> {
             priors: Some(priors),
             max_evaluations: self.evaluations_max,
             max_iterations: self.evaluations_max,
-            restarts: 0,
-            seed: 0,
         }
     }
 }

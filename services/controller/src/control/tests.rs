@@ -4,13 +4,14 @@ use crate::reference::{Heading, PathSettings, ReferenceSettings};
 use crate::settings::{
     LearnedSettings, Linearise, SolverFault, SolverFaultKind, SolverFaults, StateLimits,
 };
-use gate::Gate;
+use gate::{Bounds, Gate};
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
 use model::predict::Belief;
 use process::Run;
+use protocol::message::{HORIZON_MAX, TAIL_MAX};
 use transport::Links;
 
 fn controller() -> Result<Controller, ControllerError> {
@@ -243,7 +244,7 @@ fn a_command_that_the_gate_would_refuse_is_replaced_by_the_next_fallback_level()
     let mut controller = controller()?;
     let mut weak = told().robot;
     (weak.limits.input_mps, weak.limits.yaw_input_radps) = (0.1, 0.1);
-    controller.bounds = Bounds::new(&weak, PERIOD_NANOS, 0);
+    controller.guard.bounds = Bounds::new(&weak, PERIOD_NANOS, 0);
     for tick in 0..5 {
         let command = answer(&mut controller, &state(tick));
         assert_eq!(
@@ -252,7 +253,7 @@ fn a_command_that_the_gate_would_refuse_is_replaced_by_the_next_fallback_level()
             "plan and simple controller are too fast"
         );
     }
-    controller.bounds = Bounds::new(&told().robot, PERIOD_NANOS, 0);
+    controller.guard.bounds = Bounds::new(&told().robot, PERIOD_NANOS, 0);
     assert_eq!(answer(&mut controller, &state(5)).fallback_level(), FallbackLevel::FreshPlan);
     Ok(())
 }
@@ -375,6 +376,27 @@ fn nothing_is_allocated(settings: &Settings) -> Result<(), Box<dyn std::error::E
     Ok(())
 }
 
+/// The robot holds its input in the tick without an answer, so nothing but the tick differs from
+/// what the prepared program was written for.
+#[test]
+fn after_a_skipped_tick_no_program_of_the_earlier_tick_is_used()
+-> Result<(), Box<dyn std::error::Error>> {
+    let mut settings = told();
+    settings.mpc.linearise = Linearise::Expected;
+    let (mut skips, mut forgets) = (Robotic::new(&settings)?, Robotic::new(&settings)?);
+    for tick in 0..20 {
+        assert_eq!(skips.drive(tick).1, forgets.drive(tick).1);
+    }
+    forgets.controller.planner.mpc.forget_expectation();
+    let mut later = state(21);
+    (later.pose, later.velocity) = (skips.state.pose, skips.state.velocity);
+    later.input = skips.input;
+    let (ours, theirs) =
+        (answer(&mut skips.controller, &later), answer(&mut forgets.controller, &later));
+    assert_eq!((ours.input, ours.tail), (theirs.input, theirs.tail));
+    Ok(())
+}
+
 /// The parts of a controller whose settings `change` modifies.
 fn tuned(change: impl FnOnce(&mut Settings)) -> Result<Box<Tuned>, ControllerError> {
     let mut settings = told();
@@ -424,7 +446,7 @@ fn a_change_while_driving_does_not_allocate_and_the_next_plan_is_fresh()
         if let (Some((_, horizon)), true) = (changes.get(tick as usize / 10), tick % 10 >= 5) {
             let under_way = robot.controller.knowledge().delay().whole();
             assert_eq!(
-                robot.controller.plan.horizon as usize,
+                robot.controller.explain(0).horizon as usize,
                 (under_way + horizon).min(HORIZON_MAX),
                 "{tick}"
             );
@@ -489,7 +511,7 @@ fn with_a_dead_time_of(periods: usize) -> Result<(usize, f64), ControllerError> 
         (given, fallback_level) = (command.input, command.fallback_level());
         simple += usize::from(fallback_level == FallbackLevel::Simple);
         if tick >= 2000 {
-            let point = controller.reference.at(tick);
+            let point = controller.planner.reference().at(tick);
             let [x, y] = [robot.pose[0] - point.pose[0], robot.pose[1] - point.pose[1]];
             farthest = farthest.max(x.hypot(y));
         }

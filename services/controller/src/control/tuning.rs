@@ -6,7 +6,7 @@
 //!                        answer ◀ free ◀─── exchanged ───         ┘ parts for the new ones only
 //! ```
 
-use super::{Controller, ControllerError};
+use super::ControllerError;
 use crate::mpc::Mpc;
 use crate::reference::{Reference, ReferencePoint};
 use crate::settings::Settings;
@@ -67,28 +67,5 @@ impl Tuned {
             mpc,
             since: None,
         })
-    }
-}
-
-impl Controller {
-    /// Exchanges the parts that depend on settings, for the answer to the first tick from `tick`
-    /// on. Called between two ticks. Planning continues from the previous plan. Does not allocate
-    /// or free.
-    pub fn tune(&mut self, tuned: &mut Tuned, tick: u64) {
-        tuned.mpc.inherit(&self.mpc);
-        std::mem::swap(&mut self.mpc, &mut tuned.mpc);
-        std::mem::swap(&mut self.points, &mut tuned.points);
-        std::mem::swap(&mut self.budget_nanos, &mut tuned.budget_nanos);
-        if let Some(reference) = &mut tuned.reference {
-            std::mem::swap(&mut self.reference, reference);
-            self.tracking.reset();
-            if let Some(judge) = &mut self.loop_judge {
-                judge.reset();
-            }
-        }
-        tuned.since = Some((self.plant_epoch.unwrap_or(0), tick));
-        if let Some(prepared) = self.prepared_for {
-            self.aim(prepared);
-        }
     }
 }

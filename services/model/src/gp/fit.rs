@@ -8,7 +8,6 @@ use crate::gp::hyperparameters::{
 };
 use crate::gp::likelihood::{Evaluation, Likelihood, LikelihoodError};
 use crate::gp::optimise::{Convergence, MinimiseError, MinimiseOptions, SearchBox, minimise};
-use crate::gp::split_mix::SplitMix64;
 
 /// Options of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,28 +16,16 @@ pub struct FitOptions<const D: usize> {
     pub bounds: Bounds<D>,
     /// Priors of the hyperparameters; `None` is the plain marginal likelihood.
     pub priors: Option<Priors<D>>,
-    /// Evaluations of the likelihood, O(n³) each, per start.
+    /// Evaluations of the likelihood, O(n³) each.
     pub max_evaluations: usize,
-    /// Quasi-Newton steps per start.
+    /// Quasi-Newton steps.
     pub max_iterations: usize,
-    /// Number of further starts, drawn around the given one (within a factor of ten, inside the
-    /// bounds). The best result counts.
-    pub restarts: usize,
-    /// Seed of the further starts.
-    pub seed: u64,
 }
 
 impl<const D: usize> Default for FitOptions<D> {
-    /// Wide bounds, no priors, no restarts, at most 100 steps.
+    /// Wide bounds, no priors, at most 100 steps.
     fn default() -> Self {
-        Self {
-            bounds: Bounds::default(),
-            priors: None,
-            max_evaluations: 200,
-            max_iterations: 100,
-            restarts: 0,
-            seed: 0,
-        }
+        Self { bounds: Bounds::default(), priors: None, max_evaluations: 200, max_iterations: 100 }
     }
 }
 
@@ -123,15 +110,13 @@ const LARGEST_STEP: f64 = 3.0;
 /// Curvature of the log likelihood per sample, in a logarithm, before any was measured. (That in ln
 /// σₙ² is at most ½.)
 const CURVATURE_PER_SAMPLE: f64 = 0.1;
-/// Largest factor between a drawn start and the given start.
-const RESTART_SPREAD: f64 = 10.0;
 
 /// Fits the hyperparameters of one output to samples, from the point of the bounds nearest to
 /// `start`.
 ///
 /// The kernel has a linear part, whose variance is fitted too, if and only if `start` has one.
 ///
-/// At most `max_evaluations` (1 + `restarts`) evaluations of O(n³). Their memory is allocated once.
+/// At most `max_evaluations` evaluations of O(n³). Their memory is allocated once.
 pub fn fit<const D: usize>(
     inputs: &[[f64; D]],
     targets: &[f64],
@@ -149,34 +134,10 @@ pub fn fit_likelihood<const D: usize>(
 ) -> Result<Fitted<D>, FitError> {
     options.check(start)?;
     let first = options.bounds.clamp(&start.ln());
-    let (mut cost, mut fitted) = search(likelihood, &first, options)?;
-    let mut random = SplitMix64::new(options.seed);
-    for _ in 0..options.restarts {
-        // The given start has to work. A drawn start that fails costs only its evaluation.
-        let drawn = options.draw_near(&first, &mut random);
-        let Ok((other_cost, other)) = search(likelihood, &drawn, options) else {
-            fitted.evaluations += 1;
-            continue;
-        };
-        let evaluations = fitted.evaluations + other.evaluations;
-        if other_cost < cost {
-            (cost, fitted) = (other_cost, other);
-        }
-        fitted.evaluations = evaluations;
-    }
-    Ok(fitted)
-}
-
-/// The best point from one start, and its cost: minus the log likelihood, minus the log density of
-/// the priors.
-fn search<const D: usize>(
-    likelihood: &mut Likelihood<'_, D>,
-    start: &LogHyperparameters<D>,
-    options: &FitOptions<D>,
-) -> Result<(f64, Fitted<D>), FitError> {
+    // The cost is minus the log likelihood, minus the log density of the priors.
     let mut best_cost = f64::INFINITY;
     let mut best = Fitted {
-        hyperparameters: start.exp(),
+        hyperparameters: first.exp(),
         log_likelihood: f64::NEG_INFINITY,
         jitter: 0.0,
         evaluations: 0,
@@ -207,12 +168,9 @@ fn search<const D: usize>(
         (cost, vector(&prior_slopes) * -1.0 - vector(&gradient))
     };
     let minimum =
-        minimise(objective, &vector(start), &options.search_box(start), &minimise_options)
+        minimise(objective, &vector(&first), &options.search_box(&first), &minimise_options)
             .map_err(|error| failure.map_or(FitError::Minimise(error), FitError::Likelihood))?;
-    Ok((
-        best_cost,
-        Fitted { evaluations: minimum.evaluations, converged: minimum.convergence, ..best },
-    ))
+    Ok(Fitted { evaluations: minimum.evaluations, converged: minimum.convergence, ..best })
 }
 
 impl<const D: usize> FitOptions<D> {
@@ -233,22 +191,6 @@ impl<const D: usize> FitOptions<D> {
             }
         }
         Ok(())
-    }
-
-    /// Uniform in the logarithms, within [`RESTART_SPREAD`] of `centre` and in the bounds.
-    fn draw_near(
-        &self,
-        centre: &LogHyperparameters<D>,
-        random: &mut SplitMix64,
-    ) -> LogHyperparameters<D> {
-        let spread = RESTART_SPREAD.ln();
-        let mut draw = |centre: f64| centre + spread * (2.0 * random.uniform() - 1.0);
-        self.bounds.clamp(&LogHyperparameters {
-            length_scale: centre.length_scale.map(&mut draw),
-            variance: draw(centre.variance),
-            noise_variance: draw(centre.noise_variance),
-            linear_variance: centre.linear_variance.map(draw),
-        })
     }
 
     /// Log density of the priors (without its constant) and its derivatives.
@@ -380,19 +322,6 @@ mod tests {
         );
         assert!((noise_variance.sqrt() - 0.1).abs() < 0.03, "{noise_variance}");
         assert!(fitted.log_likelihood > plain.log_likelihood);
-    }
-
-    #[test]
-    fn restarts_never_lower_the_likelihood_and_depend_on_the_seed_alone() {
-        let (inputs, targets) = samples(40);
-        // From this start the likelihood leads to "everything is noise".
-        let start = Hyperparameters::new([100.0; 2], 1.0, 10.0);
-        let once = fit(&inputs, &targets, &start, &FitOptions::default()).unwrap();
-        let options = FitOptions { restarts: 4, seed: 3, ..FitOptions::default() };
-        let often = fit(&inputs, &targets, &start, &options).unwrap();
-        assert!(often.log_likelihood >= once.log_likelihood);
-        assert!(often.evaluations > once.evaluations);
-        assert_eq!(often, fit(&inputs, &targets, &start, &options).unwrap());
     }
 
     #[test]

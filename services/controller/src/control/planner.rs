@@ -1,0 +1,207 @@
+//! Predict and optimise: the reference ahead, the targets, and the plan. Also the inputs of the
+//! controllers that need no plan.
+
+use super::tuning::Tuned;
+use crate::explanations::Model;
+use crate::fallback;
+use crate::knowledge::Knowledge;
+use crate::mpc::{Mpc, Solved, Turn};
+use crate::reference::{Reference, ReferencePoint};
+use crate::settings::Method;
+use model::{AXES, State, Velocity};
+use protocol::clock::monotonic_nanos;
+
+/// Iterations per period of a controller with foresight. It is meant to be accurate, not fast.
+const FORESEEING_ITERATIONS: usize = 2;
+
+/// The conditions for which plan and targets are ready.
+#[derive(Debug, Clone, Copy)]
+struct Prepared {
+    tick: u64,
+    models: [Model; AXES],
+}
+
+/// Optimiser, reference, and the preparation of the next tick.
+pub(super) struct Planner {
+    /// The optimiser and its last plan.
+    pub(super) mpc: Mpc,
+    method: Method,
+    reference: Reference,
+    /// The reference at the prepared tick and at as many later ticks as delay and horizon can need.
+    points: Vec<ReferencePoint>,
+    /// Time budget of an answer; `None` in lock step \[ns\].
+    budget_nanos: Option<u64>,
+    /// `None` until there is a first plan.
+    prepared: Option<Prepared>,
+}
+
+impl Planner {
+    pub(super) fn new(parts: Tuned, method: Method) -> Self {
+        let Tuned { mpc, reference, points, budget_nanos, .. } = parts;
+        Self {
+            mpc,
+            method,
+            reference: reference.unwrap_or_default(),
+            points,
+            budget_nanos,
+            prepared: None,
+        }
+    }
+
+    /// The reference.
+    pub(super) fn reference(&self) -> &Reference {
+        &self.reference
+    }
+
+    /// The reference at the prepared tick and later.
+    pub(super) fn points(&self) -> &[ReferencePoint] {
+        &self.points
+    }
+
+    /// Whether there is a plan, or has been one since the last reset.
+    pub(super) fn has_begun(&self) -> bool {
+        self.prepared.is_some()
+    }
+
+    /// From now on the current rows of these wheels are inactive.
+    pub(super) fn drop_current_rows(&mut self, wheels: [bool; 4]) {
+        self.mpc.drop_current_rows(wheels);
+    }
+
+    /// Forgets everything: the next plan begins at the next state.
+    pub(super) fn reset(&mut self) {
+        self.mpc.reset();
+        self.prepared = None;
+    }
+
+    /// Drops the last plan.
+    pub(super) fn drop_plan(&mut self) {
+        self.mpc.reset();
+    }
+
+    /// Starts the time budget of the answer to `tick`, and prepares for it if that has not been
+    /// done before the state arrived.
+    pub(super) fn begin_answer(&mut self, tick: u64, measured: &State, knowledge: &mut Knowledge) {
+        let until = self.budget_nanos.map(|budget| monotonic_nanos() + budget);
+        self.mpc.take_turn(Turn { tick: Some(tick), until });
+        if self.prepared.is_none_or(|prepared| prepared.tick != tick) {
+            self.prepare(tick, measured, knowledge);
+        }
+    }
+
+    /// Shifts the plan to `tick` and computes its targets with the present belief. A first plan
+    /// begins at `state`.
+    fn prepare(&mut self, tick: u64, state: &State, knowledge: &mut Knowledge) {
+        knowledge.look(tick);
+        knowledge.settle_delay();
+        if self.prepared.is_none() {
+            self.mpc.begin_at(state);
+        }
+        self.look_ahead(tick);
+        self.mpc.prepare(planned(&self.points, knowledge), &knowledge.belief());
+        self.expect_errors(knowledge);
+        self.prepared = Some(Prepared { tick, models: knowledge.models() });
+    }
+
+    /// Prepares for `tick`, before its state arrives, with all work that does not need this state.
+    /// The robot was in `state` one tick before, and `commanded` is the input since.
+    pub(super) fn prepare_ahead(
+        &mut self,
+        tick: u64,
+        state: &State,
+        commanded: &Velocity,
+        knowledge: &mut Knowledge,
+    ) {
+        self.prepare(tick, state, knowledge);
+        if self.method == Method::Mpc {
+            let points = planned(&self.points, knowledge);
+            self.mpc.expect(commanded, points, &knowledge.belief());
+        }
+    }
+
+    /// The reference at `tick` and later.
+    fn look_ahead(&mut self, tick: u64) {
+        for (slot, offset) in self.points.iter_mut().zip(0..) {
+            *slot = self.reference.at(tick + offset);
+        }
+    }
+
+    fn expect_errors(&mut self, knowledge: &mut Knowledge) {
+        let under_way = knowledge.delay().whole();
+        self.mpc.expect_errors(under_way, |at| knowledge.step_variance(at));
+    }
+
+    /// Exchanges the parts that depend on settings. The plan continues.
+    pub(super) fn tune(&mut self, tuned: &mut Tuned, knowledge: &mut Knowledge) {
+        tuned.mpc.inherit(&self.mpc);
+        std::mem::swap(&mut self.mpc, &mut tuned.mpc);
+        std::mem::swap(&mut self.points, &mut tuned.points);
+        std::mem::swap(&mut self.budget_nanos, &mut tuned.budget_nanos);
+        if let Some(reference) = &mut tuned.reference {
+            std::mem::swap(&mut self.reference, reference);
+        }
+        if let Some(Prepared { tick, .. }) = self.prepared {
+            self.look_ahead(tick);
+            self.mpc.aim(planned(&self.points, knowledge), &knowledge.belief());
+            self.expect_errors(knowledge);
+        }
+    }
+
+    /// Does the work of an answer once, and changes nothing.
+    pub(super) fn rehearse(&mut self, knowledge: &Knowledge) {
+        if self.prepared.is_some() {
+            self.mpc.rehearse(
+                &knowledge.last_command(),
+                planned(&self.points, knowledge),
+                &knowledge.belief(),
+            );
+        }
+    }
+
+    /// Improves the plan for the prepared tick from the measured state.
+    pub(super) fn plan(&mut self, measured: &State, knowledge: &mut Knowledge) -> Solved {
+        if let Some(Prepared { tick, models }) = self.prepared {
+            knowledge.look(tick);
+            if models != knowledge.models() {
+                self.mpc.forget_expectation();
+            }
+        }
+        let (belief, last, begin) =
+            (knowledge.belief(), knowledge.last_command(), knowledge.ahead(measured));
+        let points = planned(&self.points, knowledge);
+        let mut solved = self.mpc.iterate(&begin, &last, points, &belief);
+        if knowledge.foresees() {
+            for _ in 1..FORESEEING_ITERATIONS {
+                solved = self.mpc.iterate(&begin, &last, points, &belief);
+            }
+        }
+        solved
+    }
+
+    /// Input without a plan: the LQR on the main model.
+    pub(super) fn lqr(&self, measured: &State, knowledge: &Knowledge) -> Velocity {
+        let begin = knowledge.ahead(measured);
+        let point = planned(&self.points, knowledge).first().copied().unwrap_or_default();
+        let disturbance = knowledge.disturbance();
+        let main_target =
+            self.mpc.main_target(knowledge.main(), &point, begin.pose[2], &disturbance);
+        fallback::lqr(&self.mpc, &begin, &point, &main_target, &knowledge.last_command())
+    }
+
+    /// Input of the simple controller, for a robot that plans do not hold.
+    pub(super) fn simple(&self, measured: &State, knowledge: &Knowledge) -> Velocity {
+        let point = self.points.first().copied().unwrap_or_default();
+        let last = knowledge.last_command();
+        fallback::simple(&self.mpc, knowledge.main(), &measured.pose, &point, &last)
+    }
+
+    /// Input that brakes to standstill, as fast as inputs may change.
+    pub(super) fn braking(&self, knowledge: &Knowledge) -> Velocity {
+        self.mpc.limits().reach(&[0.0; AXES], &knowledge.last_command())
+    }
+}
+
+/// The part of `points` that can still be changed. It begins where the inputs under way end.
+fn planned<'a>(points: &'a [ReferencePoint], knowledge: &Knowledge) -> &'a [ReferencePoint] {
+    points.get(knowledge.delay().whole()..).unwrap_or(points)
+}
