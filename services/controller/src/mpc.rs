@@ -25,6 +25,8 @@ pub mod active_set;
 pub mod constraint;
 mod cost;
 mod expected;
+#[cfg(feature = "faults")]
+mod faulty;
 mod inherit;
 pub mod interior_point;
 #[cfg(test)]
@@ -37,7 +39,9 @@ mod tightening;
 
 use crate::currents::Foretold;
 use crate::reference::ReferencePoint;
-use crate::settings::{Linearise, MpcSettings, SolverFaults};
+#[cfg(feature = "faults")]
+use crate::settings::SolverFaults;
+use crate::settings::{Linearise, MpcSettings};
 use constraint::{InputLimits, Limits};
 use expected::Expectation;
 use interior_point::SolverError;
@@ -219,9 +223,12 @@ impl Mpc {
         })
     }
 
-    /// Injects these faults into the solver from now on.
-    pub fn inject(&mut self, faults: SolverFaults) {
+    /// The same with these faults of the solver.
+    #[cfg(feature = "faults")]
+    #[must_use]
+    pub fn with_faults(mut self, faults: SolverFaults) -> Self {
         self.solver.inject(faults);
+        self
     }
 
     /// Sets the tick and the deadline of the next iterations. At first no fault happens, and no

@@ -1,5 +1,6 @@
 //! Settings of the controller.
 
+#[cfg(feature = "faults")]
 mod solver_fault;
 
 use crate::reference::{PLACE_MAX, ReferenceSettings, is_place};
@@ -10,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 use std::path::PathBuf;
 
+#[cfg(feature = "faults")]
 pub use solver_fault::{SolverFault, SolverFaultKind, SolverFaults};
 
 /// Largest probability that a bound can be required to hold with.
@@ -40,6 +42,7 @@ pub struct Settings {
     #[serde(default)]
     pub identified: Option<PathBuf>,
     /// Injected faults of the optimiser.
+    #[cfg(feature = "faults")]
     #[serde(default, skip_serializing_if = "SolverFaults::is_empty")]
     pub solver_faults: SolverFaults,
 }
@@ -323,6 +326,7 @@ impl Check for Settings {
         })?;
         self.reference.check().map_err(|e| e.under("reference"))?;
         self.mpc.check().map_err(|e| e.under("mpc"))?;
+        #[cfg(feature = "faults")]
         self.solver_faults.check().map_err(|e| e.under("solver_faults"))?;
         if !is_place(&self.start) {
             return Err(Impossible::new(

@@ -1,19 +1,26 @@
 //! The command `coxswain`.
 
+#[cfg(feature = "workbench")]
 use certificates::CertificatesOptions;
 use clap::{Parser, Subcommand};
 use coxswain::order::{self, OrderOptions};
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
 use coxswain::router::RouterOptions;
 use coxswain::set::{SetError, SetOptions};
+#[cfg(feature = "workbench")]
 use drill::DrillOptions;
+#[cfg(feature = "workbench")]
 use drill::damage::OfferOptions;
+#[cfg(feature = "workbench")]
 use experiment::CompareOptions;
+#[cfg(feature = "workbench")]
 use experiment::without_learning;
 use gate::Order;
 use graph::assembly::Assembly;
 use graph::options::Options;
+#[cfg(feature = "workbench")]
 use network::threads;
+#[cfg(feature = "workbench")]
 use process::Stop;
 use runs::registry;
 use rustix::process::{Signal, getpid, kill_process, set_parent_process_death_signal};
@@ -23,6 +30,7 @@ use std::process::ExitCode;
 use std::{io, thread};
 use supervisor::launch::LaunchError;
 use terminal::Terminal;
+#[cfg(feature = "workbench")]
 use viewer::{WatchError, WatchOptions};
 
 /// Learning model predictive control for omnidirectional robots, as a graph of processes.
@@ -40,12 +48,14 @@ enum Command {
     /// Exit code 0 if the run has finished, 128 plus the signal's number if a signal ended it. Exit
     /// code 2 if a setting is invalid and nothing was started, 1 if anything failed.
     Launch(Options),
+    #[cfg(feature = "workbench")]
     /// Show the state of a running robot, from any machine. It only reads and does not affect the
     /// robot.
     ///
     /// Exit code 0 if a key, a signal or closed output ended it, 2 if an option is invalid, 1 if
     /// there is nothing to watch.
     Watch(WatchOptions),
+    #[cfg(feature = "workbench")]
     /// Create a private authority and one short-lived certificate per role, for links that leave
     /// the machine.
     ///
@@ -56,11 +66,13 @@ enum Command {
     ///
     /// Exit code 2 if the graph file or the certificate cannot be used.
     Router(RouterOptions),
+    #[cfg(feature = "workbench")]
     /// Inject real faults into every part, and print their effects at the wheels.
     ///
     /// Exit code 0 if every promise held, 1 if one was broken or the drill failed, 2 if an option
     /// is invalid.
     Drill(DrillOptions),
+    #[cfg(feature = "workbench")]
     /// Offer damaged messages to decoders and gate, and print the results and this process's
     /// memory: a part of the drill.
     #[command(hide = true)]
@@ -100,11 +112,13 @@ enum Command {
     /// Exit code 2 if there is no record to read or the folder is not empty, 1 if a table cannot be
     /// written.
     Export(ExportOptions),
+    #[cfg(feature = "workbench")]
     /// Compare controllers in closed loops, in lock step and in one process.
     #[command(subcommand)]
     Experiment(Experiment),
 }
 
+#[cfg(feature = "workbench")]
 #[derive(Debug, Subcommand)]
 enum Experiment {
     /// Run every controller in every scenario, for several seeds: a table, and one JSON row per
@@ -115,20 +129,26 @@ enum Experiment {
 fn main() -> ExitCode {
     match Arguments::parse().command {
         Command::Launch(options) => launch(&options),
+        #[cfg(feature = "workbench")]
         Command::Watch(options) => watch(&options),
+        #[cfg(feature = "workbench")]
         Command::Certificates(options) => certificates(&options),
         Command::Router(options) => router(&options),
+        #[cfg(feature = "workbench")]
         Command::Drill(options) => drill(&options),
+        #[cfg(feature = "workbench")]
         Command::Offer(options) => offer(&options),
         Command::Set(options) => set(coxswain::set::run(&options, &registry::base())),
         Command::Resume(options) => set(order::run(Order::Resume, &options, &registry::base())),
         Command::Arm(options) => set(order::run(Order::Arm, &options, &registry::base())),
         Command::Report(options) => made(records::report(&options)),
         Command::Export(options) => made(records::export(&options)),
+        #[cfg(feature = "workbench")]
         Command::Experiment(Experiment::Compare(options)) => compare(&options),
     }
 }
 
+#[cfg(feature = "workbench")]
 fn certificates(options: &CertificatesOptions) -> ExitCode {
     match certificates::run(options) {
         Ok(()) => ExitCode::SUCCESS,
@@ -172,6 +192,7 @@ fn made(outcome: Result<(), RecordsError>) -> ExitCode {
     }
 }
 
+#[cfg(feature = "workbench")]
 fn compare(options: &CompareOptions) -> ExitCode {
     match experiment::compare(options) {
         Ok(()) => ExitCode::SUCCESS,
@@ -182,6 +203,7 @@ fn compare(options: &CompareOptions) -> ExitCode {
     }
 }
 
+#[cfg(feature = "workbench")]
 fn offer(options: &OfferOptions) -> ExitCode {
     match drill::damage::print(options) {
         Ok(()) => ExitCode::SUCCESS,
@@ -192,6 +214,7 @@ fn offer(options: &OfferOptions) -> ExitCode {
     }
 }
 
+#[cfg(feature = "workbench")]
 fn drill(options: &DrillOptions) -> ExitCode {
     match drill::run(options) {
         Ok(true) => ExitCode::SUCCESS,
@@ -217,9 +240,17 @@ fn launch(options: &Options) -> ExitCode {
     }
 }
 
+#[cfg(feature = "workbench")]
 fn without_learning(assembly: &Assembly, run: &Path) -> Result<Option<PathBuf>, Box<dyn Error>> {
     let wanted = without_learning::is_wanted(assembly);
     Ok(wanted.then(|| without_learning::run(assembly, run)).transpose()?)
+}
+
+/// On a robot no run is simulated for comparison.
+#[cfg(not(feature = "workbench"))]
+#[expect(clippy::unnecessary_wraps, reason = "the supervisor takes a function that can fail")]
+fn without_learning(_: &Assembly, _: &Path) -> Result<Option<PathBuf>, Box<dyn Error>> {
+    Ok(None)
 }
 
 /// Requests the end of this process, as a signal does, when its standard input ends.
@@ -234,6 +265,7 @@ fn end_with_stdin() -> io::Result<()> {
     thread::Builder::new().name("stdin".into()).spawn(watch).map(drop)
 }
 
+#[cfg(feature = "workbench")]
 fn watch(options: &WatchOptions) -> ExitCode {
     if let Err(error) = threads::set() {
         Terminal::new().say(format_args!("coxswain: the program cannot restart itself: {error}"));

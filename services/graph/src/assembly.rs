@@ -3,6 +3,7 @@
 
 use crate::certificates::Certificates;
 use crate::exposure::{Exposed, exposed};
+#[cfg(feature = "faults")]
 use crate::faults::{FaultsFile, LockStepFaultsFile};
 use crate::file::Graph;
 use crate::hosts::Host;
@@ -18,7 +19,7 @@ use robot::Robot;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError, WriteError};
 use std::path::{Component, Path, PathBuf};
-use transport::{Faults, Links};
+use transport::Links;
 
 /// A graph that can be launched.
 #[derive(Debug, Clone)]
@@ -42,6 +43,7 @@ pub struct Assembly {
     /// Its addresses that unauthenticated peers on the network can reach.
     pub exposed: Vec<Exposed>,
     /// Faults to inject.
+    #[cfg(feature = "faults")]
     pub faults: FaultsFile,
     /// File with the same run without learning, once there is one.
     pub without_learning: Option<PathBuf>,
@@ -128,21 +130,8 @@ impl Assembly {
         }
         scenario.duration_s = options.duration.unwrap_or(scenario.duration_s);
         scenario.seed = options.seed.unwrap_or(scenario.seed);
-        let faults = options
-            .faults
-            .as_deref()
-            .map_or_else(|| Ok(FaultsFile::default()), |file| faults_of(file, graph.pace))?;
-        let world = faults.in_world(scenario.truth.as_ref());
-        if let (Some(file), Err(impossible)) = (&options.faults, world) {
-            let Impossible { key, expected } = impossible;
-            return Err(SettingsError::Value {
-                file: file.clone(),
-                line: None,
-                key,
-                value: None,
-                expected,
-            });
-        }
+        #[cfg(feature = "faults")]
+        let faults = faults_for(options, graph.pace, scenario.truth.as_ref())?;
         Ok(Self {
             certificates,
             exposed,
@@ -153,6 +142,7 @@ impl Assembly {
             scenario_name,
             robot,
             log: options.log.clone(),
+            #[cfg(feature = "faults")]
             faults,
             without_learning: None,
         })
@@ -192,13 +182,8 @@ impl Assembly {
 
     /// Its links, without faults, for the graph with the id `id`. Their files are in `root`.
     pub fn links(&self, id: &str, root: &Path) -> Links {
-        Links {
-            graph: id.to_owned(),
-            lock_step: self.graph.pace == Pace::LockStep,
-            root: root.to_path_buf(),
-            patience_millis: self.graph.lock_step_patience_millis,
-            faults: Faults::default(),
-        }
+        let lock_step = self.graph.pace == Pace::LockStep;
+        Links::on_this_machine(id, root, lock_step, self.graph.lock_step_patience_millis)
     }
 
     /// Writes all settings of the process of `role` into `file`.
@@ -223,10 +208,11 @@ impl Assembly {
 
     /// Settings of the plant.
     pub fn plant(&self, run: Run) -> plant_sim::Settings {
+        let truth = self.scenario.truth.clone();
         // Both were checked together when they were read. If the scenario was changed since, its
         // own faults take precedence.
-        let truth = self.scenario.truth.as_ref();
-        let truth = self.faults.in_world(truth).unwrap_or_else(|_| truth.cloned());
+        #[cfg(feature = "faults")]
+        let truth = self.faults.in_world(truth.as_ref()).unwrap_or(truth);
         plant_sim::Settings {
             run,
             duration_s: self.scenario.duration_s,
@@ -264,6 +250,7 @@ impl Assembly {
                 delay_ticks: learner.delay_ticks,
                 resumed: learner.resume.is_some(),
             },
+            #[cfg(feature = "faults")]
             solver_faults: self.faults.of_solver(),
         }
     }
@@ -305,12 +292,12 @@ impl Assembly {
 
     /// Settings of the learner.
     pub fn learner(&self, run: Run) -> learner::Settings {
-        let snapshot_faults = self.faults.of_snapshots();
         learner::Settings {
             run,
             robot: self.robot,
             learner: self.scenario.learner.clone(),
-            snapshot_faults,
+            #[cfg(feature = "faults")]
+            snapshot_faults: self.faults.of_snapshots(),
         }
     }
 }
@@ -392,10 +379,28 @@ pub fn robot_of(file: &Path) -> Result<Robot, SettingsError> {
     settings::read(file).map(|RobotFile(robot)| robot)
 }
 
+/// The faults that the options name, for a run of this pace in this world.
+#[cfg(feature = "faults")]
+fn faults_for(
+    options: &Options,
+    pace: Pace,
+    truth: Option<&plant_sim::truth::Truth>,
+) -> Result<FaultsFile, SettingsError> {
+    let Some(file) = &options.faults else { return Ok(FaultsFile::default()) };
+    let faults = faults_of(file, pace)?;
+    match faults.in_world(truth) {
+        Ok(_) => Ok(faults),
+        Err(Impossible { key, expected }) => {
+            Err(SettingsError::Value { file: file.clone(), line: None, key, value: None, expected })
+        }
+    }
+}
+
 /// Reads and checks a file of faults for a run of this pace.
 ///
 /// # Errors
 /// [`SettingsError`] reports the first error and its place.
+#[cfg(feature = "faults")]
 pub fn faults_of(file: &Path, pace: Pace) -> Result<FaultsFile, SettingsError> {
     match pace {
         Pace::RealTime => settings::read(file),

@@ -8,7 +8,7 @@
 //! | [`role`]         | the processes, and the order in which they start and stop         |
 //! | [`back_off`]     | when to restart a process that has ended                          |
 //! | [`scenario`]     | the scenario file                                                 |
-//! | [`faults`]       | the file of the faults to inject                                  |
+//! | `faults`         | the file of the faults to inject, with the feature `faults`       |
 //! | [`exposure`]     | addresses of a graph that other machines on the network can reach |
 //! | [`certificates`] | a directory of certificates → credentials of this host            |
 //! | [`assembly`]     | options + graph + scenario + robot → settings of each process     |
@@ -17,6 +17,7 @@ pub mod assembly;
 pub mod back_off;
 pub mod certificates;
 pub mod exposure;
+#[cfg(feature = "faults")]
 pub mod faults;
 pub mod file;
 pub mod hosts;

@@ -58,6 +58,7 @@ pub struct Options {
     #[arg(long)]
     pub insecure: bool,
     /// Faults to inject, in the format of deploy/faults/example.toml.
+    #[cfg(feature = "faults")]
     #[arg(long, value_name = "FILE")]
     pub faults: Option<PathBuf>,
     /// Stop when the standard input ends, as it does when the parent process ends.
@@ -82,6 +83,7 @@ impl Options {
             seed: None,
             certificates: None,
             insecure: false,
+            #[cfg(feature = "faults")]
             faults: None,
             stop_with_stdin: false,
         }

@@ -7,10 +7,11 @@
 //! | [`fit`]      | a data set in, hyperparameters and posterior out                 |
 //! | [`held_out`] | noise of a new sample, from held-out samples                     |
 //! | [`snapshot`] | scores a fitted model and writes its message                     |
-//! | [`fault_injector`]     | injects faults into the published snapshots                      |
+//! | `fault_injector` | injects faults into the published snapshots, with the feature `faults` |
 //! | [`store`]    | saves the last snapshot to a file and resumes from it            |
 //! | [`run`]      | the loop: receives samples while the fit runs beside it          |
 
+#[cfg(feature = "faults")]
 pub mod fault_injector;
 pub mod fit;
 pub mod held_out;

@@ -10,6 +10,7 @@
 
 mod fitter;
 
+#[cfg(feature = "faults")]
 use crate::fault_injector::SnapshotFaultInjector;
 use crate::fit::{FitSettings, FittedModel};
 use crate::held_out::HeldOut;
@@ -171,6 +172,7 @@ struct Learner<'a, const D: usize> {
     on_trial: bool,
     /// Whether the next fit begins from the initial hyperparameters.
     anew: bool,
+    #[cfg(feature = "faults")]
     fault_injector: SnapshotFaultInjector,
 }
 
@@ -214,6 +216,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             on_trial: resumed.is_some(),
             last: resumed,
             anew: false,
+            #[cfg(feature = "faults")]
             fault_injector: SnapshotFaultInjector::new(settings.snapshot_faults.clone()),
         })
     }
@@ -411,7 +414,10 @@ impl<'a, const D: usize> Learner<'a, D> {
             effective_tick: cut + self.settings.learner.delay_ticks,
         };
         let mut snapshot = snapshot::write(&fitted, &label, &newer)?;
+        #[cfg(feature = "faults")]
         let mut bad = self.fault_injector.in_place_of(&snapshot, cut);
+        #[cfg(not(feature = "faults"))]
+        let mut bad: Option<ModelSnapshot> = None;
         self.snapshots.send(bad.as_mut().unwrap_or(&mut snapshot))?;
         if let Err(error) = store::save(&store::file_of(self.settings), &snapshot) {
             tracing::warn!("{error}");

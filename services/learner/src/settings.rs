@@ -1,5 +1,6 @@
 //! Settings of the learner.
 
+#[cfg(feature = "faults")]
 mod snapshot_fault;
 
 use model::learned::Layout;
@@ -8,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 use std::path::PathBuf;
 
+#[cfg(feature = "faults")]
 pub use snapshot_fault::{SnapshotFault, SnapshotFaultKind, SnapshotFaults};
 
 /// Largest number of data points in a snapshot.
@@ -24,6 +26,7 @@ pub struct Settings {
     /// Settings of the learning.
     pub learner: LearnerSettings,
     /// Faults that it injects into its snapshots.
+    #[cfg(feature = "faults")]
     #[serde(default, skip_serializing_if = "SnapshotFaults::is_empty")]
     pub snapshot_faults: SnapshotFaults,
 }
@@ -99,7 +102,8 @@ impl Check for Settings {
             key: format!("robot.{}", e.key),
             expected: e.expected.into(),
         })?;
-        self.learner.check().map_err(|e| e.under("learner"))?;
-        self.snapshot_faults.check().map_err(|e| e.under("snapshot_faults"))
+        #[cfg(feature = "faults")]
+        self.snapshot_faults.check().map_err(|e| e.under("snapshot_faults"))?;
+        self.learner.check().map_err(|e| e.under("learner"))
     }
 }

@@ -103,6 +103,18 @@ impl Run {
     }
 }
 
+#[cfg(feature = "faults")]
+impl Run {
+    fn check_faults(&self) -> Result<(), Impossible> {
+        let faults = &self.links.faults;
+        let lock_step = if self.links.lock_step { faults.check_lock_step() } else { Ok(()) };
+        faults
+            .check()
+            .and(lock_step)
+            .map_err(|error| Impossible::new(error.key, error.expected).under("links.faults"))
+    }
+}
+
 /// Settings with a table `[run]`.
 pub trait HasRun {
     /// The table.
@@ -121,12 +133,8 @@ impl Check for Run {
         if self.links.lock_step != (self.pace == Pace::LockStep) {
             return Err(Impossible::new("links.lock_step", "true in lock step, else false"));
         }
-        let faults = &self.links.faults;
-        let lock_step = if self.links.lock_step { faults.check_lock_step() } else { Ok(()) };
-        faults
-            .check()
-            .and(lock_step)
-            .map_err(|error| Impossible::new(error.key, error.expected).under("links.faults"))?;
+        #[cfg(feature = "faults")]
+        self.check_faults()?;
         if EnvFilter::try_new(&self.log).is_err() {
             return Err(Impossible::new(
                 "log",

@@ -167,10 +167,11 @@ fn command(options: &Options, host: &str, out: &Path) -> io::Result<Command> {
     let mut command = Command::new(env::current_exe()?);
     command.arg("launch").arg(graph).args(["--host", host, "--stop-with-stdin"]);
     command.arg("--out").arg(out.join(host)).arg("--log").arg(log);
-    let files: [(&str, &Option<PathBuf>); 4] = [
+    let files: &[(&str, &Option<PathBuf>)] = &[
         ("--scenario", scenario),
         ("--robot", robot),
         ("--certificates", &options.certificates),
+        #[cfg(feature = "faults")]
         ("--faults", &options.faults),
     ];
     for (option, file) in files {

@@ -218,10 +218,13 @@ impl<'a> Fleet<'a> {
             period_nanos: assembly.scenario.period_nanos(),
             pace: assembly.graph.pace,
             exposure: assembly.exposure(),
+            #[cfg(feature = "faults")]
             links: Links {
                 faults: assembly.faults.of_messages().in_process(role),
                 ..links.clone()
             },
+            #[cfg(not(feature = "faults"))]
+            links: links.clone(),
         };
         let file = settings_file(folder, role);
         assembly.write_settings(role, run, &file)?;

@@ -7,6 +7,7 @@
 use crate::all_hosts;
 use crate::child::Ending;
 use crate::closing::Closing;
+#[cfg(feature = "faults")]
 use crate::fault_injector::FaultInjector;
 use crate::fleet::{Event, Fleet, FleetError, RunContext};
 use crate::progress;
@@ -370,7 +371,7 @@ fn look_after(
 ) -> Result<Outcome, LaunchError> {
     let scenario = &context.assembly.scenario;
     let (period_nanos, duration_s) = (scenario.period_nanos(), scenario.duration_s);
-    let faults = &context.assembly.faults;
+    #[cfg(feature = "faults")]
     let mut fault_injector = None;
     let mut claimed = Instant::now();
     let mut short = false;
@@ -382,19 +383,9 @@ fn look_after(
             return Ok(Outcome::Signal(signal));
         }
         let (now, view) = (Instant::now(), watch.view());
-        if fault_injector.is_none() && view.plan().is_some() && !faults.process.is_empty() {
-            let period = Duration::from_nanos(period_nanos);
-            let begun = FaultInjector::begin(
-                &faults.process,
-                faults.seed,
-                period,
-                fleet.processes_by_role(),
-                &context.folder,
-            );
-            fault_injector = Some(begun.map_err(|source| LaunchError::System {
-                what: "the list of injected faults",
-                source,
-            })?);
+        #[cfg(feature = "faults")]
+        if fault_injector.is_none() && view.plan().is_some() {
+            fault_injector = begin_faults(fleet, context)?;
         }
         if now.saturating_duration_since(claimed) >= CLAIMS_EVERY {
             claimed = now;
@@ -476,18 +467,37 @@ fn conclude(context: &RunContext, terminal: &mut Terminal) {
     }
 }
 
+/// Begins the faults of processes, if there are any.
+#[cfg(feature = "faults")]
+fn begin_faults(
+    fleet: &Fleet<'_>,
+    context: &RunContext,
+) -> Result<Option<FaultInjector>, LaunchError> {
+    let faults = &context.assembly.faults;
+    if faults.process.is_empty() {
+        return Ok(None);
+    }
+    let period = Duration::from_nanos(context.assembly.scenario.period_nanos());
+    let (roles, folder) = (fleet.processes_by_role(), &context.folder);
+    FaultInjector::begin(&faults.process, faults.seed, period, roles, folder)
+        .map(Some)
+        .map_err(|source| LaunchError::System { what: "the list of injected faults", source })
+}
+
 fn heading(assembly: &Assembly) -> String {
     let pace = if assembly.graph.pace == Pace::LockStep { "lock step" } else { "real time" };
     let learner = if assembly.learns() { "on" } else { "off" };
     let Assembly { graph, scenario, scenario_name, .. } = assembly;
-    let faults = match assembly.faults.count() {
-        0 => String::new(),
-        count => format!("\nFAULTS ARE INJECTED: {count} of them, seed {}", assembly.faults.seed),
-    };
-    format!(
-        "{}: {scenario_name}, {:.1} s in {pace}, learner {learner}\n{}{faults}",
+    let heading = format!(
+        "{}: {scenario_name}, {:.1} s in {pace}, learner {learner}\n{}",
         graph.name, scenario.duration_s, scenario.description
-    )
+    );
+    #[cfg(feature = "faults")]
+    if let count @ 1.. = assembly.faults.count() {
+        let seed = assembly.faults.seed;
+        return format!("{heading}\nFAULTS ARE INJECTED: {count} of them, seed {seed}");
+    }
+    heading
 }
 
 /// All binaries are in the same directory.

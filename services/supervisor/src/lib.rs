@@ -17,9 +17,11 @@
 pub mod all_hosts;
 pub mod child;
 pub mod closing;
+#[cfg(feature = "faults")]
 pub mod fault_injector;
 pub mod fleet;
 pub mod launch;
+#[cfg(feature = "faults")]
 mod memory_filler;
 pub mod processes_by_role;
 pub mod progress;

@@ -26,9 +26,10 @@ mod chain;
 mod random;
 mod stage;
 
-pub(super) use carrier::{FaultyInlet, FaultyOutlet};
+use carrier::{FaultyInlet, FaultyOutlet};
 pub(super) use chain::Chain;
 
+use crate::carrier::{Inlet, Outlet};
 use protocol::message::Participant;
 use protocol::topic::{Delivery, OnTopic, Topic};
 use serde::{Deserialize, Serialize};
@@ -374,8 +375,30 @@ impl Injection {
         (!faults.is_empty()).then(|| Self { faults: Arc::new(faults.clone()), lock_step, injected })
     }
 
+    /// `outlet`, with the faults of `T`'s writers around it if there are any.
+    pub(super) fn around_outlet<T: OnTopic>(
+        &self,
+        outlet: Box<dyn Outlet + Send>,
+    ) -> Box<dyn Outlet + Send> {
+        match self.chain::<T>(End::Writer) {
+            Some(chain) => Box::new(FaultyOutlet::new(outlet, chain)),
+            None => outlet,
+        }
+    }
+
+    /// `inlet`, with the faults of `T`'s readers around it if there are any.
+    pub(super) fn around_inlet<T: OnTopic>(
+        &self,
+        inlet: Box<dyn Inlet + Send>,
+    ) -> Box<dyn Inlet + Send> {
+        match self.chain::<T>(End::Reader) {
+            Some(chain) => Box::new(FaultyInlet::new(inlet, chain)),
+            None => inlet,
+        }
+    }
+
     /// The faults at this end of `T`'s link; none if there are none.
-    pub(super) fn chain<T: OnTopic>(&self, at: End) -> Option<Chain> {
+    fn chain<T: OnTopic>(&self, at: End) -> Option<Chain> {
         let delivery = T::TOPIC.quality(self.lock_step).delivery;
         let applies = |fault: &Fault| {
             let here = fault

@@ -9,7 +9,7 @@
 //! | `carrier`        | what a carrier must do: move bytes                                        |
 //! | `memory`         | the carrier inside one process, for tests and experiments                 |
 //! | `shared_memory`  | the carrier between the processes of one machine, over iceoryx2           |
-//! | `faults`         | [`Faults`]: what is lost, delayed and damaged on purpose, on any carrier  |
+//! | `faults`         | what is lost, delayed and damaged on purpose, with the feature `faults`   |
 //! | `watched`        | in lock step, the second outlet for those who only look on                |
 //!
 //! ```
@@ -32,6 +32,7 @@
 
 mod carrier;
 mod error;
+#[cfg(feature = "faults")]
 mod faults;
 mod links;
 mod memory;
@@ -42,6 +43,7 @@ mod source;
 mod watched;
 
 pub use error::{OpenError, ReceiveError, SendError};
+#[cfg(feature = "faults")]
 pub use faults::{End, Fault, Faults, ImpossibleFault, Kind};
 pub use links::{GRAPH_NAME_MAX, Links, is_graph_name};
 pub use memory::Exchange;
@@ -51,7 +53,8 @@ pub use sink::{RawSink, Sink};
 pub use source::{Source, Tally};
 
 use carrier::{Inlet, Outlet};
-use faults::{FaultyInlet, FaultyOutlet, Injection};
+#[cfg(feature = "faults")]
+use faults::Injection;
 use protocol::message::Message;
 use protocol::topic::{OnTopic, Topic};
 use shared_memory::SharedMemory;
@@ -86,6 +89,7 @@ pub struct Ports {
     place: Place,
     identity: Identity,
     /// The faults to inject, if any.
+    #[cfg(feature = "faults")]
     injection: Option<Injection>,
 }
 
@@ -114,17 +118,24 @@ impl Ports {
         Ok(Self {
             place: Place::Machine { lock_step, shared: SharedMemory::open(links)? },
             identity,
+            #[cfg(feature = "faults")]
             injection: Injection::new(&links.faults, lock_step),
         })
     }
 
     /// Ports between the threads of one process.
     pub fn in_memory(exchange: &Exchange, identity: Identity) -> Self {
-        Self { place: Place::Here(exchange.clone()), identity, injection: None }
+        Self {
+            place: Place::Here(exchange.clone()),
+            identity,
+            #[cfg(feature = "faults")]
+            injection: None,
+        }
     }
 
     /// Ports between the threads of one process, on which `faults` are injected. A fault that
     /// [`Faults::check`] refuses may have no effect.
+    #[cfg(feature = "faults")]
     pub fn in_memory_with(exchange: &Exchange, identity: Identity, faults: &Faults) -> Self {
         Self {
             injection: Injection::new(faults, exchange.lock_step()),
@@ -134,6 +145,7 @@ impl Ports {
 
     /// How often each fault has been injected so far on the open ports, in the order of the
     /// settings.
+    #[cfg(feature = "faults")]
     pub fn injected(&self) -> Vec<u64> {
         self.injection.as_ref().map_or_else(Vec::new, Injection::injected)
     }
@@ -169,13 +181,12 @@ impl Ports {
     /// for one more writer.
     pub fn sink<T: OnTopic>(&self) -> Result<Sink<T>, OpenError> {
         let outlet = self.outlet(T::TOPIC, Reservation::of::<T>())?;
-        Ok(Sink::new(
-            match self.injection.as_ref().and_then(|injection| injection.chain::<T>(End::Writer)) {
-                Some(chain) => Box::new(FaultyOutlet::new(outlet, chain)),
-                None => outlet,
-            },
-            self.identity,
-        ))
+        #[cfg(feature = "faults")]
+        let outlet = match &self.injection {
+            Some(injection) => injection.around_outlet::<T>(outlet),
+            None => outlet,
+        };
+        Ok(Sink::new(outlet, self.identity))
     }
 
     /// Opens a reader of `T` on its topic.
@@ -185,13 +196,12 @@ impl Ports {
     /// for one more reader.
     pub fn source<T: OnTopic>(&self, since: Since) -> Result<Source<T>, OpenError> {
         let inlet = self.inlet(T::TOPIC, Audience::Members)?;
-        Ok(Source::new(
-            match self.injection.as_ref().and_then(|injection| injection.chain::<T>(End::Reader)) {
-                Some(chain) => Box::new(FaultyInlet::new(inlet, chain)),
-                None => inlet,
-            },
-            since,
-        ))
+        #[cfg(feature = "faults")]
+        let inlet = match &self.injection {
+            Some(injection) => injection.around_inlet::<T>(inlet),
+            None => inlet,
+        };
+        Ok(Source::new(inlet, since))
     }
 
     /// Opens a reader of `T` for a watcher, which no writer waits for: the newest messages win, in

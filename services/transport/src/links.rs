@@ -1,6 +1,8 @@
 //! The links of one graph, as settings.
 
-use super::{Faults, OpenError};
+#[cfg(feature = "faults")]
+use super::Faults;
+use super::OpenError;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -27,6 +29,7 @@ pub struct Links {
     /// How long a lossless writer waits for room \[ms\].
     pub patience_millis: u64,
     /// Faults that are injected on purpose; none by default.
+    #[cfg(feature = "faults")]
     #[serde(default, skip_serializing_if = "Faults::is_empty")]
     pub faults: Faults,
 }
@@ -44,6 +47,7 @@ impl Links {
             lock_step,
             root: root.into(),
             patience_millis,
+            #[cfg(feature = "faults")]
             faults: Faults::default(),
         }
     }

@@ -56,6 +56,7 @@ impl Exchange {
         Self { shared: Arc::new(Shared { lock_step, patience, topics }) }
     }
 
+    #[cfg(feature = "faults")]
     pub(super) fn lock_step(&self) -> bool {
         self.shared.lock_step
     }

@@ -52,9 +52,10 @@ impl Tuned {
     /// [`ControllerError`] if the weights, the solver or the reference are invalid.
     pub fn new(settings: &Settings, before: Option<&Settings>) -> Result<Self, ControllerError> {
         let period = settings.run.period_nanos as f64 * 1e-9;
-        let mut mpc =
+        let mpc =
             Mpc::new(&settings.mpc, &settings.robot, &MainModel::new(&settings.robot, period))?;
-        mpc.inject(settings.solver_faults.clone());
+        #[cfg(feature = "faults")]
+        let mpc = mpc.with_faults(settings.solver_faults.clone());
         // Long enough for every horizon that can be set later.
         let ticks = (settings.duration_s / period).ceil() as usize + DELAY_MAX + HORIZON_MAX + 1;
         let build = || Reference::new(&settings.reference, &settings.start, period, ticks);

@@ -3,13 +3,11 @@
 use super::active_set::ActiveSet;
 use super::interior_point::{Clarabel, SolverError};
 use super::qp::QuadraticProgram;
-use crate::settings::{SolverFaultKind, SolverFaults, SolverSetting};
-use model::gp::split_mix::SplitMix64;
+#[cfg(feature = "faults")]
+use crate::settings::SolverFaults;
+use crate::settings::SolverSetting;
 use protocol::clock::monotonic_nanos;
 use protocol::message::SolverStatus as Code;
-
-/// Distance of an injected wrong answer from the limits; rows are scaled to bounds of 1.
-const FAR_OUTSIDE: f64 = 1e3;
 
 /// Tick and deadline of a requested answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -79,6 +77,7 @@ impl Outcome {
 pub struct Solver {
     pub(super) active_set: Option<ActiveSet>,
     clarabel: Clarabel,
+    #[cfg(feature = "faults")]
     faults: SolverFaults,
 }
 
@@ -89,10 +88,16 @@ impl Solver {
     /// [`SolverError`] if Clarabel refuses the structure.
     pub fn new(setting: SolverSetting, program: &QuadraticProgram) -> Result<Self, SolverError> {
         let active_set = (setting == SolverSetting::ActiveSet).then(|| ActiveSet::new(program));
-        Ok(Self { active_set, clarabel: Clarabel::new(program)?, faults: SolverFaults::default() })
+        Ok(Self {
+            active_set,
+            clarabel: Clarabel::new(program)?,
+            #[cfg(feature = "faults")]
+            faults: SolverFaults::default(),
+        })
     }
 
     /// Injects these faults from now on.
+    #[cfg(feature = "faults")]
     pub fn inject(&mut self, faults: SolverFaults) {
         self.faults = faults;
     }
@@ -122,8 +127,9 @@ impl Solver {
         solution: &mut [f64],
         turn: &Turn,
     ) -> Outcome {
-        if let Some((kind, random)) = turn.tick.and_then(|tick| self.faults.strike(tick)) {
-            return go_wrong(kind, random, solution);
+        #[cfg(feature = "faults")]
+        if let Some(outcome) = self.faults.in_place_of_answer(turn, solution) {
+            return outcome;
         }
         let answer = self.active_set.as_mut().map(|method| method.finish(program, solution, turn));
         match answer {
@@ -131,27 +137,4 @@ impl Solver {
             _ => self.clarabel.solve(program, solution, turn),
         }
     }
-}
-
-/// The outcome of an injected fault, in the solver's place.
-fn go_wrong(kind: SolverFaultKind, mut random: SplitMix64, solution: &mut [f64]) -> Outcome {
-    let status = match kind {
-        SolverFaultKind::Infeasible => Status::Infeasible,
-        SolverFaultKind::OutOfIterations => Status::OutOfIterations,
-        SolverFaultKind::Nan => {
-            solution.fill(f64::NAN);
-            Status::Solved
-        }
-        SolverFaultKind::Wrong => {
-            // The first unknown is an input, whose limit no slack relaxes.
-            for value in &mut *solution {
-                *value = random.normal();
-            }
-            if let Some(first) = solution.first_mut() {
-                *first = FAR_OUTSIDE.copysign(*first);
-            }
-            Status::Solved
-        }
-    };
-    Outcome { status, iterations: 0 }
 }
