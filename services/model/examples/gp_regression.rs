@@ -1,7 +1,7 @@
 //! Gaussian-process regression alone: `cargo run -p model --example gp_regression`.
 //!
-//! Fits the hyperparameters to 40 samples of sin(x), and prints mean and deviation of three queries:
-//! two between the samples, and one far away from them.
+//! Fits the hyperparameters to 40 samples of sin(x), and prints mean and deviation of three
+//! queries: two between the samples, and one far away from them.
 
 use model::gp::fit::{FitOptions, fit};
 use model::gp::hyperparameters::Hyperparameters;
