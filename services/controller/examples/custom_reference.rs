@@ -25,10 +25,8 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     for second in 0..SECONDS {
         let point = reference.at((second as f64 / PERIOD_S) as u64);
         let ([x, y, yaw], [forward, left, rate]) = (point.pose, point.velocity);
-        writeln!(
-            io::stdout(),
-            "t {second} x {x:.3} y {y:.3} yaw {yaw:.3} forward {forward:.3} left {left:.3} rate {rate:.3}"
-        )?;
+        write!(io::stdout(), "t {second} x {x:.3} y {y:.3} yaw {yaw:.3} ")?;
+        writeln!(io::stdout(), "forward {forward:.3} left {left:.3} rate {rate:.3}")?;
     }
     Ok(ExitCode::SUCCESS)
 }
