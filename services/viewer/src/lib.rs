@@ -3,10 +3,12 @@
 //! With lines, each loss and each return of the robot is reported once, on the standard error.
 
 pub mod dashboard;
+mod presence;
 
 use access::{Credentials, Role};
 use clap::Args;
 use network::telemetry::{Heard, TelemetryError, Watcher, Word};
+use presence::Presence;
 use process::Stop;
 use protocol::message::{Exposure, Participant, Plan, PlantState, Reason};
 use runs::registry;
@@ -18,9 +20,6 @@ use terminal::Terminal;
 
 /// Interval between checks of the stop request.
 const PATIENCE: Duration = Duration::from_millis(100);
-
-/// Time without a message after which the robot counts as lost, unless its period is longer.
-const SILENCE: Duration = Duration::from_secs(1);
 
 /// Wait before the next attempt to connect to a lost robot.
 pub(crate) const RETRY: Duration = Duration::from_millis(200);
@@ -159,11 +158,12 @@ fn print(
 ) -> Result<(), WatchError> {
     let (mut watcher, mut endpoint) = target.open()?;
     let mut lines = Lines::default();
-    let mut contact = Contact::new(Instant::now());
+    let mut presence = Presence::expected(Instant::now());
     while !stop.requested() {
         // A failed session is opened again below.
         if let Ok(Some(word)) = watcher.next(PATIENCE) {
-            if contact.heard(Instant::now(), &word) {
+            let is_state = matches!(word.said, Heard::State(_));
+            if is_state && presence.heard(Instant::now(), word.period_nanos) {
                 terminal.say(format_args!("the robot {} at {endpoint} is back", word.robot));
             }
             if let Some(line) = lines.take_in(word) {
@@ -174,7 +174,7 @@ fn print(
             }
             continue;
         }
-        if contact.is_lost(Instant::now()) {
+        if presence.falls_silent(Instant::now()) {
             terminal.say(format_args!("no message from the robot at {endpoint}; waiting for it"));
         }
         if !watcher.is_connected() {
@@ -201,36 +201,6 @@ fn find(base: &Path) -> Result<String, WatchError> {
             Err(WatchError::SeveralRun { endpoints })
         }
         (None, _) => Err(WatchError::NothingRuns),
-    }
-}
-
-/// State of the connection to the robot.
-#[derive(Debug)]
-struct Contact {
-    last: Instant,
-    silence: Duration,
-    lost: bool,
-}
-
-impl Contact {
-    fn new(now: Instant) -> Self {
-        Self { last: now, silence: SILENCE, lost: false }
-    }
-
-    /// Records a message about the robot itself. Returns whether the robot was lost before.
-    fn heard(&mut self, now: Instant, word: &Word) -> bool {
-        if !matches!(word.said, Heard::State(_)) {
-            return false;
-        }
-        self.last = now;
-        self.silence = SILENCE.max(Duration::from_nanos(word.period_nanos).saturating_mul(3));
-        std::mem::take(&mut self.lost)
-    }
-
-    /// Whether it was lost since the last call.
-    fn is_lost(&mut self, now: Instant) -> bool {
-        let lost = now.saturating_duration_since(self.last) > self.silence;
-        !std::mem::replace(&mut self.lost, lost) && lost
     }
 }
 
@@ -380,18 +350,6 @@ mod tests {
             end(health(Participant::Plant, Exposure::Closed)).ends_with("watch"),
             "another launch has taken its place"
         );
-    }
-
-    #[test]
-    fn loss_and_return_are_reported_once() {
-        let begin = Instant::now();
-        let after = |seconds| begin + Duration::from_secs(seconds);
-        let mut contact = Contact::new(begin);
-        assert!(!contact.is_lost(after(1)));
-        assert!(contact.is_lost(after(2)) && !contact.is_lost(after(3)));
-        assert!(contact.heard(after(4), &word(Heard::State(Box::new(state(1))))));
-        assert!(!contact.heard(after(5), &word(Heard::State(Box::new(state(2))))));
-        assert!(contact.is_lost(after(7)));
     }
 
     #[test]

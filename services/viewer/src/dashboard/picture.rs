@@ -2,14 +2,12 @@
 //! arguments.
 
 use super::trail::Trail;
+use crate::presence::Presence;
 use network::telemetry::{Heard, Word};
 use protocol::message::{Exposure, FallbackLevel, Health, Participant, Plan, PlantState, Reason};
 use protocol::topic::Topic;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
-
-/// Silence after which the robot counts as lost, unless its period is longer.
-const SILENCE: Duration = Duration::from_secs(1);
 
 /// How long its return is shown.
 const WELCOME: Duration = Duration::from_secs(5);
@@ -89,9 +87,7 @@ pub struct Picture {
     pub processes: BTreeMap<Participant, Process>,
     /// Events, with the time of the run \[s\]; oldest first.
     pub events: Vec<(f64, String)>,
-    heard: Option<Instant>,
-    silence: Duration,
-    lost: bool,
+    presence: Presence,
     back: Option<Instant>,
 }
 
@@ -111,9 +107,7 @@ impl Picture {
             tick_nanos: Trail::default(),
             processes: BTreeMap::new(),
             events: Vec::new(),
-            heard: None,
-            silence: SILENCE,
-            lost: false,
+            presence: Presence::default(),
             back: None,
         }
     }
@@ -133,19 +127,16 @@ impl Picture {
 
     /// Lets time pass: a robot that has been silent for too long is lost.
     pub fn look(&mut self, now: Instant) {
-        if !self.lost
-            && self.heard.is_some_and(|heard| now.saturating_duration_since(heard) > self.silence)
-        {
-            self.lost = true;
+        if self.presence.falls_silent(now) {
             self.note("lost: no message from the robot".to_owned());
         }
     }
 
     /// Whether the robot is present at `now`.
     pub fn contact(&self, now: Instant) -> Contact {
-        match self.heard {
+        match self.presence.silent_for(now) {
             None => Contact::Awaited,
-            Some(heard) if self.lost => Contact::Lost(now.saturating_duration_since(heard)),
+            Some(silent) if self.presence.is_lost() => Contact::Lost(silent),
             Some(_)
                 if self.back.is_some_and(|back| now.saturating_duration_since(back) < WELCOME) =>
             {
@@ -209,15 +200,14 @@ impl Picture {
     }
 
     fn hear_state(&mut self, state: Box<PlantState>, now: Instant) {
-        self.heard = Some(now);
-        self.silence = SILENCE.max(Duration::from_nanos(self.period_nanos).saturating_mul(3));
+        let was_lost = self.presence.heard(now, self.period_nanos);
         if let Some(before) = &self.state
             && (before.stamp.epoch, before.stamp.writer) != (state.stamp.epoch, state.stamp.writer)
         {
             self.begin_anew();
             self.note(format!("plant has restarted, epoch {}", state.stamp.epoch));
         }
-        if std::mem::take(&mut self.lost) {
+        if was_lost {
             self.back = Some(now);
             self.note_at(self.seconds_of(state.stamp.tick), "the robot is back".to_owned());
         }
