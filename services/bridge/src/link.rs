@@ -240,6 +240,14 @@ impl Link {
         self.subject.as_deref().is_none_or(|expected| subject == Some(expected))
     }
 
+    /// Whether a peer with another certificate is connected.
+    pub(crate) fn has_stranger(&self) -> bool {
+        let session = self.session.read().unwrap_or_else(PoisonError::into_inner);
+        session.as_ref().is_some_and(|(session, _)| {
+            session.info().links().wait().any(|link| !self.accepts(link.auth_identifier()))
+        })
+    }
+
     /// Where the two hosts meet.
     pub(crate) fn endpoint(&self) -> &str {
         &self.endpoint

@@ -180,6 +180,8 @@ struct Connection<'a> {
     links: usize,
     /// Peers with another certificate that were sent away.
     sent_away: u64,
+    /// When strangers were last searched for.
+    searched: Instant,
     was_connected: bool,
     begun: Instant,
 }
@@ -241,6 +243,7 @@ impl<'a> Connection<'a> {
             heard: None,
             links: 0,
             sent_away: 0,
+            searched: now,
             was_connected: false,
             begun: now,
         })
@@ -274,6 +277,16 @@ impl<'a> Connection<'a> {
                 (self.heard, self.told) = (None, None);
             } else {
                 self.links = self.links.saturating_sub(1);
+            }
+        }
+        // A link that came up while the session was opened may have had no event.
+        let is_due = now.saturating_duration_since(self.searched) >= hello::LOST_AFTER;
+        if is_due && !self.is_connected(now) {
+            self.searched = now;
+            if !is_evicted && link.has_stranger() {
+                tracing::warn!(host = self.remote.host, "a peer with another certificate: refused");
+                self.sent_away += 1;
+                is_evicted = true;
             }
         }
         if is_evicted {
