@@ -312,7 +312,9 @@ def chapter(title, file, root, folder, all_items, constants):
         lines += ["| key | type | unit | default | meaning |", "|---|---|---|---|---|"]
         for name, kind, of, default, text in fields(item, all_items):
             names, shown = inner(kind)
-            default = constants.get(default, default)
+            known = lambda match: constants.get(match[1], match[0])
+            default = re.sub(r"\b([A-Z][A-Z_]+)\b", known, default)
+            text = re.sub(r"\b\w+::([A-Z_]+)\b", known, text)
             lines.append(
                 f"| `{name}` | {escape(shown)} | {of} | {escape(default)} | {escape(text)} |"
             )
@@ -352,7 +354,8 @@ def main():
     all_items = items()
     constants = {}
     for item in all_items.values():
-        constants |= dict(re.findall(r"const (\w+): [\w:]+ = ([-\d_.e]+);", item.source))
+        value = r'([-\d_.e]+|"[^"]*")'
+        constants |= dict(re.findall(rf"const (\w+): [&\w:]+ = {value};", item.source))
     lines = [
         "# Settings",
         "",

@@ -175,7 +175,32 @@ fn an_example_without_its_argument_reports_what_it_expects() -> Outcome {
     Ok(())
 }
 
-/// So that a new one is not forgotten: its name is in a test, and on the page of examples.
+#[test]
+fn a_file_that_is_none_ends_an_example_with_an_error_and_no_panic() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let (junk, record) = (folder.path().join("junk"), folder.path().join("record.mcap"));
+    fs::write(&junk, "no points, no settings")?;
+    fs::write(&record, "no record")?;
+    fs::write(folder.path().join("summary.json"), "no figures")?;
+    for (name, argument) in [
+        ("custom_reference", junk.as_path()),
+        ("closed_loop", junk.as_path()),
+        ("read_record", folder.path()),
+    ] {
+        let file = binaries()?.join("examples").join(name);
+        let output = Command::new(file).arg(argument).output()?;
+        assert_eq!((output.status.code(), output.stderr.is_empty()), (Some(1), false), "{name}");
+    }
+    for name in ["read_record.py", "compare_runs.py"] {
+        let file = repository().join("deploy/clients/python").join(name);
+        let output = Command::new(python()?).arg("-B").arg(file).arg(folder.path()).output()?;
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!((output.status.code(), errors.lines().count()), (Some(1), 1), "{errors}");
+    }
+    Ok(())
+}
+
+/// So that a new one is not forgotten: a test runs it, and the page of examples lists it.
 #[test]
 fn every_example_is_run_by_a_test_and_listed() -> Outcome {
     let mut tests = String::new();
@@ -202,11 +227,22 @@ fn every_example_is_run_by_a_test_and_listed() -> Outcome {
     }
     assert!(names.len() >= 10, "{names:?}");
     for name in &names {
-        assert!(
-            tests.contains(&format!("\"{name}\"")) || tests.contains(&format!("/{name}\"")),
-            "{name}"
-        );
+        let is_run = tests.contains(&format!("example(\"{name}\""))
+            || tests.contains(&format!("examples/{name}\""));
+        assert!(is_run, "{name}");
         assert!(page.contains(&format!("`{name}`")), "{name} is not on the page of examples");
+    }
+    for file in fs::read_dir(repository().join("deploy/clients/python"))? {
+        let path = file?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let is_python = path.extension().is_some_and(|extension| extension == "py");
+        let is_program = is_python && fs::read_to_string(&path)?.contains("__main__");
+        if is_program && !name.starts_with("test_") {
+            let calls =
+                [format!("/{name}\""), format!("script(\"{name}\""), format!("join(\"{name}\")")];
+            assert!(calls.iter().any(|call| tests.contains(call)), "{name}");
+            assert!(page.contains(&name), "{name} is not on the page of examples");
+        }
     }
     Ok(())
 }

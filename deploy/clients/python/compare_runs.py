@@ -14,8 +14,8 @@ def summary(run: str) -> dict:
     """The figures of one run."""
     try:
         return json.loads((pathlib.Path(run) / "summary.json").read_text())
-    except OSError as error:
-        sys.exit(f"{run}: expected a run directory with summary.json: {error.strerror}")
+    except (OSError, ValueError) as error:
+        sys.exit(f"{run}: expected a run directory with summary.json: {error}")
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ import math
 import pathlib
 import sys
 
+from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 SETTLED_S = 3.0  # figures begin here
@@ -21,8 +22,10 @@ def errors(run: pathlib.Path, counts: collections.Counter) -> list[tuple[float, 
     for file in sorted(run.glob("record*.mcap")):
         with open(file, "rb") as opened:
             reader = make_reader(opened)
-            run_metadata = next(m for m in reader.iter_metadata() if m.name == "coxswain")
-            period_s = 1e-9 * int(run_metadata.metadata["period_nanos"])
+            of_run = next((m.metadata for m in reader.iter_metadata() if m.name == "coxswain"), {})
+            if "period_nanos" not in of_run:
+                sys.exit(f"{file}: expected a record of Coxswain, with its control period")
+            period_s = 1e-9 * int(of_run["period_nanos"])
             for _, channel, message in reader.iter_messages():
                 counts[channel.topic] += 1
                 if channel.topic == "plan":
@@ -38,7 +41,10 @@ def main() -> None:
         print(__doc__, file=sys.stderr)
         sys.exit(2)
     counts: collections.Counter = collections.Counter()
-    found = errors(pathlib.Path(sys.argv[1]), counts)
+    try:
+        found = errors(pathlib.Path(sys.argv[1]), counts)
+    except McapError as error:
+        sys.exit(f"{sys.argv[1]}: the record cannot be read: {error!r}")
     if not found:
         sys.exit(f"no plan in a record of {sys.argv[1]}")
     for topic, count in sorted(counts.items()):

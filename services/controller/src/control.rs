@@ -70,6 +70,49 @@ struct Decision {
 }
 
 /// The controller without its ports.
+///
+/// ```
+/// use controller::Settings;
+/// use controller::adopt::Handover;
+/// use controller::control::Controller;
+/// use model::State;
+/// use process::Run;
+/// use protocol::message::PlantState;
+/// use transport::Links;
+///
+/// let links = Links::on_this_machine("example", "/tmp", true, 0);
+/// let mut settings: toml::Table = toml::from_str(
+///     "duration_s = 5.0
+///      start = [0.0, 0.0, 0.0]
+///      learned = { enabled = false, layout = 'velocity-slip', every_ticks = 5, delay_ticks = 3 }
+///      [reference]
+///      path.circle = { radius_m = 2.0, speed_mps = 0.8 }
+///      heading = 'tangent'
+///      [mpc]
+///      horizon_steps = 10
+///      control_horizon_steps = 5
+///      observer_gain = 0.3
+///      weights = { position = 10.0, heading = 5.0, velocity = 1.0, yaw_rate = 0.5,
+///                  input = 0.1, input_change = 0.2, terminal_factor = 3.0 }",
+/// )?;
+/// settings.insert("run".into(), toml::Value::try_from(Run::new("/tmp", 100_000_000, links))?);
+/// settings.insert("robot".into(), toml::Value::try_from(robot::Robot::example())?);
+/// let settings: Settings = settings.try_into()?;
+/// let (mut controller, handover) = (Controller::new(&settings)?, Handover::default());
+/// let (mut robot, mut state) = (State::default(), <PlantState as bytemuck::Zeroable>::zeroed());
+/// state.stamp.epoch = 1;
+/// for tick in 0..50 {
+///     (state.stamp.tick, state.pose, state.velocity) = (tick, robot.pose, robot.velocity);
+///     controller.observe(&state, &handover, 1);
+///     let command = *controller.answer(&state, &handover);
+///     controller.prepare_next(); // in the rest of the period
+///     robot = controller.knowledge().belief().predict(&robot, &command.input);
+///     (state.input, state.fallback_level) = (command.input, command.fallback_level);
+/// }
+/// let [x, y, _] = robot.pose;
+/// assert!((x.hypot(y - 2.0) - 2.0).abs() < 0.01, "on the circle around (0, 2)");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Controller {
     method: Method,
     fingerprint: u64,

@@ -20,6 +20,41 @@
 //! |-------------|---------------------------------|-----------|
 //! | `target`    | t: input that holds the reference | N × 3   |
 //! | `deviation` | u − t, free in the first C periods, then constant | C × 3 |
+//!
+//! ```
+//! use controller::mpc::Mpc;
+//! use controller::reference::ReferencePoint;
+//! use controller::settings::MpcSettings;
+//! use model::State;
+//! use model::main_model::MainModel;
+//! use model::predict::Belief;
+//! use robot::Robot;
+//!
+//! let settings: MpcSettings = toml::from_str(
+//!     "horizon_steps = 10
+//!      control_horizon_steps = 5
+//!      observer_gain = 0.0
+//!      weights = { position = 10.0, heading = 5.0, velocity = 1.0, yaw_rate = 0.5,
+//!                  input = 0.1, input_change = 0.2, terminal_factor = 3.0 }",
+//! )?;
+//! let robot = Robot::example();
+//! let main = MainModel::new(&robot, 0.1);
+//! let (learned, foresight, disturbance, delay_fraction) = (None, None, [0.0; 3], 0.0);
+//! let belief = Belief { main: &main, learned, foresight, disturbance, delay_fraction };
+//! let mut mpc = Mpc::new(&settings, &robot, &main)?;
+//! // The robot rests 0.2 m to the right of where it is to rest.
+//! let (mut state, mut input) = (State { pose: [0.0, -0.2, 0.0], ..State::default() }, [0.0; 3]);
+//! let reference = vec![ReferencePoint::default(); mpc.horizon() + 1];
+//! mpc.begin_at(&state);
+//! for _ in 0..20 {
+//!     mpc.prepare(&reference, &belief); // before the state arrives
+//!     assert!(mpc.iterate(&state, &input, &reference, &belief).outcome.usable());
+//!     input = mpc.stages()[0].input;
+//!     state = belief.predict(&state, &input);
+//! }
+//! assert!(state.pose[1].abs() < 1e-3);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod active_set;
 pub mod constraint;

@@ -1,0 +1,130 @@
+//! The commands that no robot needs: watch, certificates, drill and experiment.
+
+use certificates::CertificatesOptions;
+use clap::Subcommand;
+use drill::DrillOptions;
+use drill::damage::OfferOptions;
+use experiment::{CompareOptions, without_learning};
+use graph::assembly::Assembly;
+use network::threads;
+use process::Stop;
+use runs::registry;
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use terminal::Terminal;
+use viewer::{WatchError, WatchOptions};
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Show the state of a running robot, from any machine. It only reads and does not affect the
+    /// robot.
+    ///
+    /// Exit code 0 if a key, a signal or closed output ended it, 2 if an option is invalid, 1 if
+    /// there is nothing to watch.
+    Watch(WatchOptions),
+    /// Create a private authority and one short-lived certificate per role, for links that leave
+    /// the machine.
+    ///
+    /// Exit code 0 if they were created, 2 if an option is invalid or a file exists already, 1 if
+    /// the file system reports an error.
+    Certificates(CertificatesOptions),
+    /// Inject real faults into every part, and print their effects at the wheels.
+    ///
+    /// Exit code 0 if every promise held, 1 if one was broken or the drill failed, 2 if an option
+    /// is invalid.
+    Drill(DrillOptions),
+    /// Offer damaged messages to decoders and gate, and print the results and this process's
+    /// memory: a part of the drill.
+    #[command(hide = true)]
+    Offer(OfferOptions),
+    /// Compare controllers in closed loops, in lock step and in one process.
+    #[command(subcommand)]
+    Experiment(Experiment),
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Experiment {
+    /// Run every controller in every scenario, for several seeds: a table, and one JSON row per
+    /// trial.
+    Compare(CompareOptions),
+}
+
+/// Runs a command. Returns its exit code.
+pub(crate) fn run(command: &Command) -> ExitCode {
+    match command {
+        Command::Watch(options) => watch(options),
+        Command::Certificates(options) => certificates(options),
+        Command::Drill(options) => drill(options),
+        Command::Offer(options) => offer(options),
+        Command::Experiment(Experiment::Compare(options)) => compare(options),
+    }
+}
+
+/// Makes the same run without learning, if the live page wants it.
+pub(crate) fn without_learning(
+    assembly: &Assembly,
+    run: &Path,
+) -> Result<Option<PathBuf>, Box<dyn Error>> {
+    let wanted = without_learning::is_wanted(assembly);
+    Ok(wanted.then(|| without_learning::run(assembly, run)).transpose()?)
+}
+
+fn watch(options: &WatchOptions) -> ExitCode {
+    if let Err(error) = threads::set() {
+        Terminal::new().say(format_args!("coxswain: the program cannot restart itself: {error}"));
+        return ExitCode::FAILURE;
+    }
+    let (stop, mut terminal) = (Stop::new(), Terminal::new());
+    let watched = stop.on_signals().map_err(WatchError::from);
+    let watched =
+        watched.and_then(|()| viewer::run(options, &registry::base(), &mut terminal, &stop));
+    match watched {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            terminal.say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn certificates(options: &CertificatesOptions) -> ExitCode {
+    match certificates::run(options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn drill(options: &DrillOptions) -> ExitCode {
+    match drill::run(options) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            error.exit_code()
+        }
+    }
+}
+
+fn offer(options: &OfferOptions) -> ExitCode {
+    match drill::damage::print(options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn compare(options: &CompareOptions) -> ExitCode {
+    match experiment::compare(options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
