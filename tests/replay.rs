@@ -9,9 +9,8 @@ use promises::oracle::{Limits, acquit};
 use promises::{
     Launched, Message, Outcome, Record, graph_file, launch_command, repository, signal,
 };
-use protocol::message::{Command, FallbackLevel, Message as _, PlantState};
+use protocol::message::{Coded, Command, FallbackLevel, Message as _, PlantState};
 use protocol::topic::Topic;
-use protocol::view::words;
 use protocol::{VERSION, frame};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -51,7 +50,7 @@ fn command(message: &Message) -> Option<Command> {
         *place = row(said)?;
         command.tail_len += 1;
     }
-    command.fallback_level = words::fallback_level(message.word("fallback_level"))?.code();
+    command.fallback_level = FallbackLevel::of_word(message.word("fallback_level"))?.code();
     Some(command)
 }
 

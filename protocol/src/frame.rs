@@ -1,7 +1,7 @@
 //! bytes ↔ message: version, kind, checksum and length are checked before a value is read.
 
 use crate::VERSION;
-use crate::message::{Message, Stamp, UnknownCode};
+use crate::message::{Message, Stamp};
 
 /// Bytes that are not the expected message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -111,17 +111,4 @@ pub fn peek(bytes: &[u8]) -> Result<Stamp, DecodeError> {
     let too_short = DecodeError::TooShort { expected: size_of::<Stamp>(), got: bytes.len() };
     let stamp = bytes.get(..size_of::<Stamp>()).ok_or(too_short)?;
     bytemuck::try_pod_read_unaligned(stamp).map_err(|_| too_short)
-}
-
-/// Checks that a coded field holds a code of `E`.
-pub(crate) fn code<E: TryFrom<u32, Error = UnknownCode>>(
-    message: &'static str,
-    field: &'static str,
-    code: u32,
-) -> Result<(), DecodeError> {
-    E::try_from(code).map(drop).map_err(|_| DecodeError::Value {
-        message,
-        field,
-        value: u64::from(code),
-    })
 }

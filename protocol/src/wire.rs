@@ -5,15 +5,14 @@
 //! version u16 │ kind u16 │ checksum u32 │ body
 //! ```
 //!
-//! All little-endian. The checksum is the CRC-32C of the body. The body of a message of fixed size
-//! is postcard, that of a [`ModelSnapshot`](crate::message::ModelSnapshot) plain numbers. Unused
-//! parts of a message are not sent.
+//! All little-endian. The checksum is the CRC-32C of the body. The body is postcard, followed in a
+//! [`ModelSnapshot`](crate::message::ModelSnapshot) by the numbers of its data points. Unused parts
+//! of a message are not sent.
 
 use crate::VERSION;
 use crate::frame::DecodeError;
 use crate::message::{Message, Stamp};
 use serde::Serialize;
-use serde::de::DeserializeOwned;
 use std::mem;
 
 /// The header before the body of every message.
@@ -116,27 +115,11 @@ pub(crate) fn write_postcard<T: Serialize>(body: &T, out: &mut Vec<u8>) {
     }
 }
 
-/// Reads a whole `body` of postcard.
-pub(crate) fn read_postcard<T: DeserializeOwned>(
-    message: &'static str,
-    body: &[u8],
-) -> Result<T, DecodeError> {
-    match postcard::take_from_bytes(body) {
-        Ok((read, [])) => Ok(read),
-        Ok((_, rest)) => Err(DecodeError::Length {
-            message,
-            expected: body.len() - rest.len() + HEADER_BYTES,
-            got: body.len() + HEADER_BYTES,
-        }),
-        Err(postcard::Error::DeserializeUnexpectedEnd) => {
-            Err(DecodeError::Body { message, reason: "it ends too early" })
-        }
-        Err(postcard::Error::DeserializeBadVarint) => {
-            Err(DecodeError::Body { message, reason: "a number is too large for its field" })
-        }
-        Err(_) => Err(DecodeError::Body {
-            message,
-            reason: "a part is longer than it can be, or not of its type",
-        }),
+/// Why a body cannot be read.
+pub(crate) fn why(error: &postcard::Error) -> &'static str {
+    match error {
+        postcard::Error::DeserializeUnexpectedEnd => "it ends too early",
+        postcard::Error::DeserializeBadVarint => "a number is too large for its field",
+        _ => "a part is longer than it can be, or not of its type",
     }
 }

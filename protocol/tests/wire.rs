@@ -49,9 +49,6 @@ fn fixed<T: message::Fixed>(repair: impl Fn(&mut T, u32)) -> impl Strategy<Value
     })
 }
 
-/// No reason, and the reasons for which a controller may request a stop of the gate.
-const STOPS: [Reason; 3] = [Reason::None, Reason::PositionError, Reason::HeadingError];
-
 fn pick<T: Copy>(all: &[T], choice: u32) -> T {
     all[choice as usize % all.len()]
 }
@@ -86,7 +83,7 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
         fixed::<Command>(|command, choice| {
             command.tail_len = choice % (TAIL_MAX as u32 + 1);
             command.fallback_level = pick(FallbackLevel::ALL, choice).code();
-            command.stop = pick(&STOPS, choice).code();
+            command.stop = pick(Reason::STOP_REQUESTS, choice);
             command.reserved = 0;
         }),
         fixed::<ResidualSample>(|sample, choice| sample.usable = choice % 2),
@@ -96,6 +93,7 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
         fixed::<Truth>(|truth, choice| {
             truth.fallback_level = pick(FallbackLevel::ALL, choice).code();
             truth.reason = pick(Reason::ALL, choice).code();
+            (truth.wheels, truth.reserved) = (choice % (WHEELS_MAX as u32 + 1), 0);
         }),
         fixed::<Plan>(|plan, choice| {
             plan.horizon = choice % (HORIZON_MAX as u32 + 1);

@@ -17,7 +17,7 @@ use protocol::message::{
     Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample,
     SnapshotHead, Truth,
 };
-use protocol::view::{View, Viewable};
+use protocol::view::View;
 use protocol::wire::{self, HEADER_BYTES};
 use std::path::Path;
 
@@ -42,13 +42,13 @@ fn framed(bytes: &[u8]) -> Verdict {
         shown(frame::decode::<Plan>(bytes), bytes)?,
         shown(frame::decode::<Health>(bytes), bytes)?,
         shown(frame::decode::<ModelSnapshot>(bytes), bytes)?,
-        written(frame::decode::<Credit>(bytes), bytes)?,
+        shown(frame::decode::<Credit>(bytes), bytes)?,
     ];
     Ok(fates.into_iter().fold(Fate::Refused, either))
 }
 
 /// A decoded message can be shown, and encodes to `bytes` again.
-fn shown<T: Viewable>(read: Result<T, DecodeError>, bytes: &[u8]) -> Verdict {
+fn shown<T: Message>(read: Result<T, DecodeError>, bytes: &[u8]) -> Verdict {
     if let Ok(message) = &read {
         let json = serde_json::to_string(&View(message))
             .map_err(|error| format!("a {} cannot be shown: {error}", T::NAME))?;

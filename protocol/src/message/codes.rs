@@ -12,6 +12,23 @@ pub struct UnknownCode {
     pub code: u32,
 }
 
+/// An enum whose variants are the codes of a field: 0, 1, 2 and so on.
+pub trait Coded: Copy + TryFrom<u32, Error = UnknownCode> + 'static {
+    /// Text of each variant for a person, in the order of its code.
+    const WORDS: &'static [&'static str];
+
+    /// The text of a code; "?" for one that no variant has, which no valid message carries.
+    fn word(code: u32) -> &'static str {
+        Self::WORDS.get(code as usize).copied().unwrap_or("?")
+    }
+
+    /// The variant with this text.
+    fn of_word(word: &str) -> Option<Self> {
+        let code = Self::WORDS.iter().position(|known| *known == word)?;
+        Self::try_from(code as u32).ok()
+    }
+}
+
 macro_rules! coded {
     ($(#[$meta:meta])* $name:ident {
         $($(#[$doc:meta])* $variant:ident = $code:literal => $text:literal,)+
@@ -34,6 +51,10 @@ macro_rules! coded {
             pub const fn text(self) -> &'static str {
                 match self { $(Self::$variant => $text,)+ }
             }
+        }
+
+        impl Coded for $name {
+            const WORDS: &'static [&'static str] = &[$($text,)+];
         }
 
         impl TryFrom<u32> for $name {
@@ -141,6 +162,10 @@ coded! {
 }
 
 impl Reason {
+    /// Codes with which a controller may request a stop of the gate, and that of no request.
+    pub const STOP_REQUESTS: &'static [u32] =
+        &[Self::None.code(), Self::PositionError.code(), Self::HeadingError.code()];
+
     /// Whether a controller may request a stop of the gate for this reason.
     pub const fn is_stop_request(self) -> bool {
         matches!(self, Self::PositionError | Self::HeadingError)
@@ -218,11 +243,21 @@ mod tests {
 
     #[test]
     fn every_code_comes_back_as_the_variant_that_it_was() {
-        for &fallback_level in FallbackLevel::ALL {
-            assert_eq!(FallbackLevel::try_from(fallback_level.code()), Ok(fallback_level));
+        for (code, &level) in FallbackLevel::ALL.iter().enumerate() {
+            assert_eq!(
+                (level.code() as usize, FallbackLevel::word(level.code())),
+                (code, level.text())
+            );
+            assert_eq!(FallbackLevel::try_from(level.code()), Ok(level));
+            assert_eq!(FallbackLevel::of_word(level.text()), Some(level));
         }
-        for &reason in Reason::ALL {
+        for (code, &reason) in Reason::ALL.iter().enumerate() {
+            assert_eq!(
+                (reason.code() as usize, Reason::word(reason.code())),
+                (code, reason.text())
+            );
             assert_eq!(Reason::try_from(reason.code()), Ok(reason));
+            assert_eq!(Reason::of_word(reason.text()), Some(reason));
         }
         assert_eq!(FallbackLevel::try_from(99), Err(UnknownCode { of: "FallbackLevel", code: 99 }));
     }

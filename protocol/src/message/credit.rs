@@ -1,27 +1,16 @@
 //! recorder → plant, in lock step: how far the clock may run.
 
-use super::{Participant, Stamp, fixed_message};
-use crate::frame::code;
-use bytemuck::{Pod, Zeroable};
-use serde::{Deserialize, Serialize};
+use super::Participant;
+use super::define::message;
 
-/// Permission to run: the sender can receive everything up to and including `through_tick`.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, Serialize, Deserialize)]
-pub struct Credit {
-    /// Writer and time.
-    pub stamp: Stamp,
-    /// Last tick that the plant may publish.
-    pub through_tick: u64,
-    /// [`Participant`] that grants it.
-    pub participant: u32,
-    /// Always zero; not sent over the network.
-    #[serde(skip)]
-    pub reserved: u32,
+message! {
+    /// Permission to run: the sender can receive everything up to and including `through_tick`.
+    Credit = 4 {
+        /// Last tick that the plant may publish.
+        through_tick: u64,
+        /// [`Participant`] that grants it.
+        participant: u32 = code(Participant),
+        /// Always zero; not sent over the network.
+        reserved: u32 = unused,
+    }
 }
-
-fixed_message!(Credit, 4, [], |credit| code::<Participant>(
-    "Credit",
-    "participant",
-    credit.participant
-));

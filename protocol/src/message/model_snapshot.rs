@@ -1,10 +1,12 @@
 //! learner → controller: one complete learned model.
 
-use super::{Message, Stamp};
+use super::define::message;
+use super::field::{Allowed, Field, Shape, Wire};
+use super::{Fields, Message, Stamp};
 use crate::frame::DecodeError;
-use crate::wire::HEADER_BYTES;
-use bytemuck::{Pod, Zeroable};
-use serde::{Deserialize, Serialize};
+use crate::wire::{self, HEADER_BYTES};
+use serde::Serialize;
+use serde::ser::{SerializeMap, Serializer};
 
 /// Most inputs that a learned model can have.
 pub const INPUTS_MAX: usize = 12;
@@ -15,54 +17,51 @@ const POINTS_MAX: usize = 16_384;
 /// Numbers of a data point beside its inputs: 3 targets, the noise scale, 3 weights.
 const ROW_REST: usize = 7;
 
-/// All fields of a snapshot but its data points.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
-pub struct SnapshotHead {
-    /// Writer and time; `tick` is the last one that the model has learnt from.
-    pub stamp: Stamp,
-    /// Counts the snapshots of one robot, from 1, across restarts of the learner.
-    pub version: u64,
-    /// Fingerprint of robot parameters, period and input layout. The residual of another main model
-    /// is wrong.
-    pub fingerprint: u64,
-    /// In lock step: tick at which it takes effect. 0: as soon as it is ready.
-    pub effective_tick: u64,
-    /// Epoch of the plant that the model was last learnt from.
-    pub plant_epoch: u64,
-    /// Data points n.
-    pub points: u32,
-    /// Inputs D of the Gaussian processes.
-    pub inputs: u32,
-    /// Samples on which the scores below are computed, all newer than the training samples.
-    pub score_samples: u32,
-    /// Always zero; not sent over the network.
-    #[serde(skip)]
-    pub reserved: u32,
-    /// Mean of each input (eq. 36), in the input's unit.
-    pub input_mean: [f64; INPUTS_MAX],
-    /// Scale of each input (eq. 36), in the input's unit.
-    pub input_scale: [f64; INPUTS_MAX],
-    /// ℓ, per velocity axis and normalised input.
-    pub length_scale: [[f64; INPUTS_MAX]; 3],
-    /// σ², per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
-    pub signal_variance: [f64; 3],
-    /// λ² of the offset and of each slope over the normalised inputs, per velocity axis
-    /// \[(m/s)², (m/s)², (rad/s)²\]; 0: no linear part.
-    pub linear_variance: [f64; 3],
-    /// σₙ², per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
-    pub noise_variance: [f64; 3],
-    /// Variance of a new sample beyond that of the function, per velocity axis, from held-out
-    /// errors \[(m/s)², (m/s)², (rad/s)²\].
-    pub sample_variance: [f64; 3],
-    /// Log marginal likelihood, per velocity axis.
-    pub log_likelihood: [f64; 3],
-    /// Diagonal added beyond σₙ² to make the factorisation possible, per velocity axis.
-    pub jitter: [f64; 3],
-    /// RMS one-step error with this model on the score samples \[m/s, m/s, rad/s\].
-    pub score_learned: [f64; 3],
-    /// RMS one-step error of the main model alone on the same samples \[m/s, m/s, rad/s\].
-    pub score_main: [f64; 3],
+message! {
+    /// All fields of a snapshot but its data points.
+    SnapshotHead of ModelSnapshot {
+        /// Counts the snapshots of one robot, from 1, across restarts of the learner.
+        version: u64,
+        /// Fingerprint of robot parameters, period and input layout. The residual of another main
+        /// model is wrong.
+        fingerprint: u64,
+        /// In lock step: tick at which it takes effect. 0: as soon as it is ready.
+        effective_tick: u64,
+        /// Epoch of the plant that the model was last learnt from.
+        plant_epoch: u64,
+        /// Data points n.
+        points: u32 = size(POINTS_MAX),
+        /// Inputs D of the Gaussian processes.
+        inputs: u32 = size(INPUTS_MAX),
+        /// Samples on which the scores below are computed, all newer than the training samples.
+        score_samples: u32,
+        /// Always zero; not sent over the network.
+        reserved: u32 = unused,
+        /// Mean of each input (eq. 36), in the input's unit.
+        input_mean: [f64; INPUTS_MAX] = leading(inputs),
+        /// Scale of each input (eq. 36), in the input's unit.
+        input_scale: [f64; INPUTS_MAX] = leading(inputs),
+        /// ℓ, per velocity axis and normalised input.
+        length_scale: [[f64; INPUTS_MAX]; 3] = leading(inputs),
+        /// σ², per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
+        signal_variance: [f64; 3],
+        /// λ² of the offset and of each slope over the normalised inputs, per velocity axis
+        /// \[(m/s)², (m/s)², (rad/s)²\]; 0: no linear part.
+        linear_variance: [f64; 3],
+        /// σₙ², per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
+        noise_variance: [f64; 3],
+        /// Variance of a new sample beyond that of the function, per velocity axis, from held-out
+        /// errors \[(m/s)², (m/s)², (rad/s)²\].
+        sample_variance: [f64; 3],
+        /// Log marginal likelihood, per velocity axis.
+        log_likelihood: [f64; 3],
+        /// Diagonal added beyond σₙ² to make the factorisation possible, per velocity axis.
+        jitter: [f64; 3],
+        /// RMS one-step error with this model on the score samples \[m/s, m/s, rad/s\].
+        score_learned: [f64; 3],
+        /// RMS one-step error of the main model alone on the same samples \[m/s, m/s, rad/s\].
+        score_main: [f64; 3],
+    }
 }
 
 /// One data point of a snapshot.
@@ -160,40 +159,56 @@ impl ModelSnapshot {
     }
 }
 
+/// Name of the data points among the numbers of a snapshot.
+const POINTS: &str = "points";
+
+/// The inputs of the data points in JSON.
+const INPUTS: Field = of_points("inputs", " Normalised inputs of each data point.");
+
+/// The targets of the data points in JSON.
+const TARGETS: Field = of_points("targets", r" Residual of each data point \[m/s, m/s, rad/s\].");
+
+const fn of_points(name: &'static str, about: &'static str) -> Field {
+    Field {
+        name,
+        about,
+        wire: Wire::Nothing,
+        allowed: Allowed::Any,
+        shape: Some(Shape::Rows),
+        offset: size_of::<SnapshotHead>(),
+    }
+}
+
+/// One part of every data point of a snapshot.
+struct Points<'a> {
+    snapshot: &'a ModelSnapshot,
+    part: for<'r> fn(SnapshotRow<'r>) -> &'r [f64],
+}
+
+impl Serialize for Points<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.snapshot.rows().map(self.part))
+    }
+}
+
 impl Message for ModelSnapshot {
     const NAME: &'static str = "ModelSnapshot";
+    const ABOUT: &'static str = SnapshotHead::ABOUT;
     const KIND: u16 = 8;
     const BYTES_MAX: usize = size_of::<SnapshotHead>() + POINTS_MAX * (INPUTS_MAX + ROW_REST) * 8;
 
-    const NUMBERS: &'static [&'static str] = &[
-        "input_mean",
-        "input_scale",
-        "length_scale",
-        "signal_variance",
-        "linear_variance",
-        "noise_variance",
-        "sample_variance",
-        "log_likelihood",
-        "jitter",
-        "score_learned",
-        "score_main",
-        "points",
-    ];
+    fn fields() -> Vec<Field> {
+        [SnapshotHead::FIELDS, &[INPUTS, TARGETS]].concat()
+    }
+
+    fn numbers() -> Vec<&'static str> {
+        let head = SnapshotHead::FIELDS.iter().filter(|field| field.wire.is_real());
+        head.map(|field| field.name).chain([POINTS]).collect()
+    }
 
     fn visit_numbers(&mut self, visit: &mut dyn FnMut(&'static str, &mut [f64])) {
-        let head = &mut self.head;
-        visit("input_mean", &mut head.input_mean);
-        visit("input_scale", &mut head.input_scale);
-        visit("length_scale", head.length_scale.as_flattened_mut());
-        visit("signal_variance", &mut head.signal_variance);
-        visit("linear_variance", &mut head.linear_variance);
-        visit("noise_variance", &mut head.noise_variance);
-        visit("sample_variance", &mut head.sample_variance);
-        visit("log_likelihood", &mut head.log_likelihood);
-        visit("jitter", &mut head.jitter);
-        visit("score_learned", &mut head.score_learned);
-        visit("score_main", &mut head.score_main);
-        visit("points", &mut self.values);
+        self.head.visit_numbers(visit);
+        visit(POINTS, &mut self.values);
     }
 
     fn stamp(&self) -> &Stamp {
@@ -232,92 +247,35 @@ impl Message for ModelSnapshot {
         Ok(Self { head, values })
     }
 
+    fn show<M: SerializeMap>(&self, map: &mut M) -> Result<(), M::Error> {
+        self.head.show(map)?;
+        map.serialize_entry(INPUTS.name, &Points { snapshot: self, part: |row| row.input })?;
+        map.serialize_entry(TARGETS.name, &Points { snapshot: self, part: |row| row.target })
+    }
+
     fn write_wire(&self, out: &mut Vec<u8>) {
-        let mut head = self.head;
-        out.reserve(HEAD_WIRE_BYTES + self.values.len() * 8);
-        head.cross(&mut |number| match number {
-            Number::Count(count) => out.extend_from_slice(&count.to_le_bytes()),
-            Number::Long(long) => out.extend_from_slice(&long.to_le_bytes()),
-            Number::Reals(reals) => write_reals(reals, out),
-        });
+        out.reserve(size_of::<SnapshotHead>() + self.values.len() * 8);
+        wire::write_postcard(&self.head, out);
         write_reals(&self.values, out);
     }
 
     fn read_wire(body: &[u8]) -> Result<Self, DecodeError> {
-        let length = |expected| DecodeError::Length {
-            message: Self::NAME,
-            expected: HEADER_BYTES + expected,
-            got: HEADER_BYTES + body.len(),
-        };
-        let (mut rest, values) =
-            body.split_at_checked(HEAD_WIRE_BYTES).ok_or_else(|| length(HEAD_WIRE_BYTES))?;
-        let mut head = SnapshotHead::zeroed();
-        head.cross(&mut |number| match number {
-            Number::Count(count) => *count = u32::from_le_bytes(taken(&mut rest)),
-            Number::Long(long) => *long = u64::from_le_bytes(taken(&mut rest)),
-            Number::Reals(reals) => reals.fill_with(|| f64::from_le_bytes(taken(&mut rest))),
-        });
+        let mut values = body;
+        let head = SnapshotHead::receive(&mut values)?;
         let expected = head.value_bytes()?;
         if values.len() != expected {
-            return Err(length(HEAD_WIRE_BYTES + expected));
+            let head_bytes = HEADER_BYTES + body.len() - values.len();
+            return Err(DecodeError::Length {
+                message: <Self as Message>::NAME,
+                expected: head_bytes + expected,
+                got: head_bytes + values.len(),
+            });
         }
         Ok(Self { head, values: read_reals(values) })
     }
 }
 
-/// Length of the head on the network: all its numbers but version, kind and checksum of the stamp,
-/// and the padding \[bytes\].
-const HEAD_WIRE_BYTES: usize = size_of::<SnapshotHead>() - 8 - size_of::<u32>();
-
-/// One piece of a head.
-enum Number<'a> {
-    Count(&'a mut u32),
-    Long(&'a mut u64),
-    Reals(&'a mut [f64]),
-}
-
 impl SnapshotHead {
-    /// Shows `visit` every number that crosses the network, in its order there.
-    fn cross(&mut self, visit: &mut dyn FnMut(Number<'_>)) {
-        let stamp = &mut self.stamp;
-        for long in [
-            &mut stamp.writer,
-            &mut stamp.epoch,
-            &mut stamp.sequence,
-            &mut stamp.tick,
-            &mut stamp.sent_nanos,
-        ] {
-            visit(Number::Long(long));
-        }
-        for long in [
-            &mut self.version,
-            &mut self.fingerprint,
-            &mut self.effective_tick,
-            &mut self.plant_epoch,
-        ] {
-            visit(Number::Long(long));
-        }
-        for count in [&mut self.points, &mut self.inputs, &mut self.score_samples] {
-            visit(Number::Count(count));
-        }
-        visit(Number::Reals(&mut self.input_mean));
-        visit(Number::Reals(&mut self.input_scale));
-        visit(Number::Reals(self.length_scale.as_flattened_mut()));
-        let per_axis = [
-            &mut self.signal_variance,
-            &mut self.linear_variance,
-            &mut self.noise_variance,
-            &mut self.sample_variance,
-            &mut self.log_likelihood,
-            &mut self.jitter,
-            &mut self.score_learned,
-            &mut self.score_main,
-        ];
-        for reals in per_axis {
-            visit(Number::Reals(reals));
-        }
-    }
-
     /// Length of the data points, by the counts in the head \[bytes\].
     fn value_bytes(&self) -> Result<usize, DecodeError> {
         let bad = |field, value: u32| DecodeError::Value {
@@ -333,11 +291,6 @@ impl SnapshotHead {
         }
         Ok(self.points as usize * (self.inputs as usize + ROW_REST) * 8)
     }
-}
-
-/// The next `N` bytes of `rest`, which has enough of them.
-fn taken<const N: usize>(rest: &mut &[u8]) -> [u8; N] {
-    rest.split_off(..N).and_then(|bytes| bytes.try_into().ok()).unwrap_or([0; N])
 }
 
 fn write_reals(reals: &[f64], out: &mut Vec<u8>) {

@@ -1,57 +1,55 @@
 //! plant → controller: what the sensors measured, and what the gate did.
 
-use super::{FallbackLevel, GateState, Reason, Stamp, check_count, fixed_message};
-use crate::frame::code;
-use bytemuck::{Pod, Zeroable};
-use serde::{Deserialize, Serialize};
+use super::define::message;
+use super::field::first;
+use super::{FallbackLevel, GateState, Reason};
 
 /// Most wheels that a robot can have.
 pub const WHEELS_MAX: usize = 8;
 
-/// Measured state, published once per control period, at its start. Its `stamp.epoch` is the
-/// plant's.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
-pub struct PlantState {
-    /// Writer and time.
-    pub stamp: Stamp,
-    /// Pose in the world (x, y, yaw) \[m, m, rad\]; yaw is not wrapped.
-    pub pose: [f64; 3],
-    /// Body velocity (forward, left, yaw) \[m/s, m/s, rad/s\].
-    pub velocity: [f64; 3],
-    /// Wheel speeds, in the order of the robot file, of which the first `wheels` count \[rad/s\].
-    pub wheel_speed: [f64; WHEELS_MAX],
-    /// Motor currents, in the order of the wheels \[A\].
-    pub current: [f64; WHEELS_MAX],
-    /// Output of the gate, mean over the past period \[m/s, m/s, rad/s\].
-    pub input: [f64; 3],
-    /// Dead time from the gate's output to the motors, as far as the driver knows it; 0 if it knows
-    /// of none \[s\].
-    pub input_delay_s: f64,
-    /// Highest controller epoch that the gate has seen.
-    pub controller_epoch: u64,
-    /// Epoch of the last command that the gate accepted; 0 before the first.
-    pub accepted_epoch: u64,
-    /// Tick that the last accepted command answered.
-    pub accepted_tick: u64,
-    /// Commands that the gate has refused so far.
-    pub refused: u64,
-    /// [`FallbackLevel`] of the past period.
-    pub fallback_level: u32,
-    /// [`Reason`] of that fallback level, or of the last refusal in the past period.
-    pub reason: u32,
-    /// Wheels of the robot; 0 for a base without any that it knows.
-    pub wheels: u32,
-    /// 1 if `wheel_speed` is measured, else 0.
-    pub wheel_speed_valid: u32,
-    /// 1 if `current` is measured, else 0: 0 A is a measurement.
-    pub current_valid: u32,
-    /// 1 while the robot's own emergency stop is pressed, else 0.
-    pub estop: u32,
-    /// [`GateState`] at the end of the past period.
-    pub gate: u32,
-    /// [`Reason`] of the stop while the gate is stopped, else none.
-    pub stop: u32,
+message! {
+    /// Measured state, published once per control period, at its start. Its `stamp.epoch` is the
+    /// plant's.
+    PlantState = 1 {
+        /// Pose in the world (x, y, yaw) \[m, m, rad\]; yaw is not wrapped.
+        pose: [f64; 3],
+        /// Body velocity (forward, left, yaw) \[m/s, m/s, rad/s\].
+        velocity: [f64; 3],
+        /// Wheel speeds, in the order of the robot file, of which the first `wheels` count
+        /// \[rad/s\].
+        wheel_speed: [f64; WHEELS_MAX] = leading(wheels if wheel_speed_valid),
+        /// Motor currents, in the order of the wheels \[A\].
+        current: [f64; WHEELS_MAX] = leading(wheels if current_valid),
+        /// Output of the gate, mean over the past period \[m/s, m/s, rad/s\].
+        input: [f64; 3],
+        /// Dead time from the gate's output to the motors, as far as the driver knows it; 0 if it
+        /// knows of none \[s\].
+        input_delay_s: f64,
+        /// Highest controller epoch that the gate has seen.
+        controller_epoch: u64,
+        /// Epoch of the last command that the gate accepted; 0 before the first.
+        accepted_epoch: u64,
+        /// Tick that the last accepted command answered.
+        accepted_tick: u64,
+        /// Commands that the gate has refused so far.
+        refused: u64,
+        /// [`FallbackLevel`] of the past period.
+        fallback_level: u32 = code(FallbackLevel),
+        /// [`Reason`] of that fallback level, or of the last refusal in the past period.
+        reason: u32 = code(Reason),
+        /// Wheels of the robot; 0 for a base without any that it knows.
+        wheels: u32 = at_most(WHEELS_MAX),
+        /// 1 if `wheel_speed` is measured, else 0.
+        wheel_speed_valid: u32 = flag,
+        /// 1 if `current` is measured, else 0: 0 A is a measurement.
+        current_valid: u32 = flag,
+        /// 1 while the robot's own emergency stop is pressed, else 0.
+        estop: u32 = flag,
+        /// [`GateState`] at the end of the past period.
+        gate: u32 = code(GateState),
+        /// [`Reason`] of the stop while the gate is stopped, else none.
+        stop: u32 = code(Reason),
+    }
 }
 
 impl PlantState {
@@ -92,23 +90,6 @@ impl PlantState {
     }
 
     fn measured<'a>(&self, values: &'a [f64; WHEELS_MAX], valid: u32) -> &'a [f64] {
-        let count = if valid == 1 { self.wheels as usize } else { 0 };
-        values.get(..count).unwrap_or(values)
+        first(values, if valid == 1 { self.wheels as usize } else { 0 })
     }
 }
-
-fixed_message!(
-    PlantState,
-    1,
-    [pose, velocity, wheel_speed, current, input, input_delay_s],
-    |state| {
-        code::<FallbackLevel>("PlantState", "fallback_level", state.fallback_level)?;
-        code::<Reason>("PlantState", "reason", state.reason)?;
-        check_count("PlantState", "wheels", state.wheels, WHEELS_MAX)?;
-        check_count("PlantState", "wheel_speed_valid", state.wheel_speed_valid, 1)?;
-        check_count("PlantState", "current_valid", state.current_valid, 1)?;
-        check_count("PlantState", "estop", state.estop, 1)?;
-        code::<GateState>("PlantState", "gate", state.gate)?;
-        code::<Reason>("PlantState", "stop", state.stop)
-    }
-);

@@ -9,7 +9,7 @@ use crate::keys::{Keys, What};
 use crate::piece::Label;
 use crate::settings::{Meeting, Remote, Settings};
 use network::{Breach, Client, first_line, keeps_strangers_out};
-use protocol::topic::{TOPIC_COUNT, Topic};
+use protocol::topic::{TOPIC_COUNT, Topic, Urgency};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock};
@@ -322,10 +322,7 @@ pub(crate) fn self_test(settings: &Settings, remote: &Remote, link: &Link) -> Re
 /// Whether zenoh sends it at once. Otherwise zenoh waits up to a millisecond for more.
 const fn is_express(what: What) -> bool {
     match what {
-        What::Data(topic) | What::Acknowledgements(topic) => match topic {
-            Topic::State | Topic::Command | Topic::Snapshot | Topic::Credit => true,
-            Topic::Residual | Topic::Plan | Topic::Health | Topic::Truth => false,
-        },
+        What::Data(topic) | What::Acknowledgements(topic) => topic.goes_alone(),
         What::Hello => true,
     }
 }
@@ -333,10 +330,12 @@ const fn is_express(what: What) -> bool {
 /// Which messages go first where several wait for one link.
 const fn priority(what: What) -> Priority {
     match what {
-        What::Data(Topic::State | Topic::Command) => Priority::RealTime,
         What::Acknowledgements(_) | What::Hello => Priority::InteractiveHigh,
-        What::Data(Topic::Residual | Topic::Credit) => Priority::DataHigh,
-        What::Data(Topic::Plan | Topic::Health | Topic::Truth) => Priority::DataLow,
-        What::Data(Topic::Snapshot) => Priority::Background,
+        What::Data(topic) => match topic.urgency() {
+            Urgency::Drive => Priority::RealTime,
+            Urgency::Serve => Priority::DataHigh,
+            Urgency::Show => Priority::DataLow,
+            Urgency::Bulk => Priority::Background,
+        },
     }
 }

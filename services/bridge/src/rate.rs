@@ -1,7 +1,7 @@
 //! The largest number of pieces of one topic that is accepted per second, in real time.
 
 use crate::piece::PIECE_BYTES_MAX;
-use protocol::topic::Topic;
+use protocol::topic::{Pace, Topic};
 use std::time::Instant;
 
 /// Accepted pieces for each one that a graph without faults sends.
@@ -25,15 +25,10 @@ impl Rate {
     /// For `topic` in a graph with the period `period_s` \[s\], from a host with so many
     /// `processes`.
     pub(crate) fn of(topic: Topic, period_s: f64, processes: usize, now: Instant) -> Self {
-        let per_second = match topic {
-            Topic::Health => HEARTBEATS_PER_S * processes as f64,
-            Topic::Snapshot => SNAPSHOT_PIECES_PER_S / MULTIPLE,
-            Topic::State
-            | Topic::Command
-            | Topic::Residual
-            | Topic::Plan
-            | Topic::Truth
-            | Topic::Credit => 1.0 / period_s,
+        let per_second = match topic.pace() {
+            Pace::Heartbeats => HEARTBEATS_PER_S * processes as f64,
+            Pace::Models => SNAPSHOT_PIECES_PER_S / MULTIPLE,
+            Pace::Periods => 1.0 / period_s,
         };
         Self { per_second: MULTIPLE * per_second, tokens: BURST, last: now }
     }

@@ -1,5 +1,6 @@
 //! One base behind its gate, period by period.
 
+use crate::base::per_wheel;
 use crate::{Base, BaseError, Sensors, Settings, TrueState};
 use gate::{Acting, Bounds, Decision, Gate, Machine, Order, OrderError};
 use protocol::message::{Command, FallbackLevel, PlantState, Reason, Truth};
@@ -218,9 +219,11 @@ impl<B: Base> GatedBase<B> {
         truth.pose = now.pose;
         truth.velocity = now.velocity;
         truth.force = now.force;
-        truth.wheel_command = kinematics::wheels_from_body(&self.geometry, self.motor_input());
+        truth.wheels = WHEELS;
+        let wheels = kinematics::wheels_from_body(&self.geometry, self.motor_input());
+        (truth.wheel_command, truth.wheel_peak) =
+            (per_wheel(&wheels), per_wheel(&witnessed.wheel_peak));
         (truth.acting_epoch, truth.acting_writer, truth.acting_tick) = (epoch, writer, acting_tick);
-        truth.wheel_peak = witnessed.wheel_peak;
         truth.acting_age_nanos = witnessed.acting_age_nanos;
         (truth.takeovers, truth.takeovers_back) = (witnessed.takeovers, witnessed.takeovers_back);
         truth.fallback_level = self.past.0.code();

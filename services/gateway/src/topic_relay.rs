@@ -5,7 +5,6 @@ use crate::settings::Rates;
 use network::telemetry::Publisher;
 use protocol::message::{Health, Participant};
 use protocol::topic::OnTopic;
-use protocol::view::Viewable;
 use std::time::{Duration, Instant};
 use transport::{OpenError, Ports, ReceiveError, Source, Tally};
 
@@ -15,7 +14,7 @@ pub(crate) struct TopicRelay<T> {
     turn: Turn,
 }
 
-impl<T: OnTopic + Viewable> TopicRelay<T> {
+impl<T: OnTopic> TopicRelay<T> {
     /// Subscribes to the topic of `T` passively, to relay it at `rate` \[Hz\].
     pub(crate) fn open(ports: &Ports, rate: f64) -> Result<Self, OpenError> {
         Ok(Self { source: ports.watcher()?, turn: Turn::new(Rates::interval(rate)) })

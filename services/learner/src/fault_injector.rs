@@ -74,7 +74,8 @@ impl SnapshotFaultInjector {
                     (good.head.effective_tick, good.head.plant_epoch);
             }
             SnapshotFaultKind::Nan => {
-                let field = ModelSnapshot::NUMBERS[below(random, ModelSnapshot::NUMBERS.len())];
+                let fields = ModelSnapshot::numbers();
+                let field = fields[below(random, fields.len())];
                 let mut struck = false;
                 bad.visit_numbers(&mut |name, values| {
                     if name == field && !values.is_empty() {

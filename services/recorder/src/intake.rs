@@ -10,7 +10,6 @@ use protocol::message::{
     Command, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
 };
 use protocol::topic::{OnTopic, Topic};
-use protocol::view::Viewable;
 use transport::{OpenError, Ports, Since, Source};
 
 /// A reader for each recorded topic.
@@ -91,7 +90,7 @@ impl Intake {
 
 /// Writes the waiting messages of one topic, and calls `more` with each. It writes at most as many
 /// as a queue holds, so that a busy topic does not starve the others.
-fn drain<T: Viewable>(
+fn drain<T: OnTopic>(
     source: &mut Source<T>,
     store: &mut Store,
     mut more: impl FnMut(&T, &mut Store) -> Result<(), RecordError>,

@@ -3,9 +3,8 @@
 //! A segment that was cut off by a kill -9 is read as far as it goes.
 
 use crate::reader;
-use protocol::message::{Exposure, FallbackLevel, Plan, PlantState, Reason, Stamp, Truth};
+use protocol::message::{Coded, Exposure, FallbackLevel, Plan, PlantState, Reason, Stamp, Truth};
 use protocol::topic::Topic;
-use protocol::view::words;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -56,10 +55,10 @@ pub struct StateRow {
     /// Epoch of the last accepted command, 0 before the first.
     pub accepted_epoch: u64,
     /// Fallback level of the period. Records of earlier versions have the alias.
-    #[serde(alias = "rung", deserialize_with = "fallback_level")]
+    #[serde(alias = "rung", deserialize_with = "coded")]
     pub fallback_level: FallbackLevel,
     /// Why the gate has stopped, if it has; records of versions below 5 do not tell.
-    #[serde(default = "no_reason", deserialize_with = "reason")]
+    #[serde(default = "no_reason", deserialize_with = "coded")]
     pub stop: Reason,
     /// Measured x, y, yaw \[m, m, rad\].
     #[serde(deserialize_with = "numbers")]
@@ -109,7 +108,7 @@ pub struct HealthRow {
     /// Model snapshots published or adopted.
     pub snapshots: u64,
     /// Access of unauthenticated peers; records of the first versions have none.
-    #[serde(default = "closed", deserialize_with = "exposure")]
+    #[serde(default = "closed", deserialize_with = "coded")]
     pub exposure: Exposure,
     /// Messages received, by topic.
     pub received: BTreeMap<String, u64>,
@@ -237,7 +236,7 @@ impl Rows {
                 let Stamped { stamp } = serde_json::from_slice(json)?;
                 self.add_command(stamp);
             }
-            Topic::Residual | Topic::Snapshot | Topic::Credit => {
+            _ => {
                 let Stamped { stamp } = serde_json::from_slice(json)?;
                 self.count(topic, stamp);
             }
@@ -313,9 +312,10 @@ pub(crate) fn no_reason() -> Reason {
     Reason::None
 }
 
-pub(crate) fn reason<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Reason, D::Error> {
+/// A coded field, recorded as its word.
+pub(crate) fn coded<'de, D: Deserializer<'de>, E: Coded>(deserializer: D) -> Result<E, D::Error> {
     let word = String::deserialize(deserializer)?;
-    words::reason(&word).ok_or_else(|| D::Error::custom(format!("{word:?} is no reason")))
+    E::of_word(&word).ok_or_else(|| D::Error::custom(format_args!("{word:?} is no known word")))
 }
 
 /// A number that is not finite is recorded as null.
@@ -342,19 +342,6 @@ where
     rows.first().map(|row| row.map(number)).ok_or_else(|| D::Error::custom("no row"))
 }
 
-pub(crate) fn fallback_level<'de, D: Deserializer<'de>>(
-    deserializer: D,
-) -> Result<FallbackLevel, D::Error> {
-    let word = String::deserialize(deserializer)?;
-    words::fallback_level(&word)
-        .ok_or_else(|| D::Error::custom(format_args!("{word:?} is not a fallback level")))
-}
-
 pub(crate) fn closed() -> Exposure {
     Exposure::Closed
-}
-
-pub(crate) fn exposure<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Exposure, D::Error> {
-    let word = String::deserialize(deserializer)?;
-    words::exposure(&word).ok_or_else(|| D::Error::custom(format_args!("{word:?} is no exposure")))
 }

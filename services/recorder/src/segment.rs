@@ -13,8 +13,8 @@ use process::requests::Settled;
 use process::{Pace, Run};
 use protocol::clock;
 use protocol::message::{Command, Health, ModelSnapshot, Plan, PlantState, ResidualSample, Truth};
-use protocol::topic::{TOPIC_COUNT, Topic};
-use protocol::view::{self, View, Viewable};
+use protocol::topic::{OnTopic, TOPIC_COUNT, Topic};
+use protocol::view::{self, View};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -158,7 +158,7 @@ impl Segment {
     ///
     /// # Errors
     /// [`RecordError::Write`].
-    pub fn write<T: Viewable>(&mut self, message: &T) -> Result<(), RecordError> {
+    pub fn write<T: OnTopic>(&mut self, message: &T) -> Result<(), RecordError> {
         self.append(message).map_err(|error| self.failed(error))?;
         if let Some(count) = self.since.get_mut(T::TOPIC.index()) {
             *count += 1;
@@ -257,7 +257,7 @@ impl Segment {
         since
     }
 
-    fn append<T: Viewable>(&mut self, message: &T) -> Result<(), McapError> {
+    fn append<T: OnTopic>(&mut self, message: &T) -> Result<(), McapError> {
         let stamp = message.stamp();
         let channel = self.channels.get(T::TOPIC.index()).copied().flatten();
         let channel_id = channel.ok_or(McapError::UnknownChannel(stamp.sequence as u32, 0))?;
@@ -319,7 +319,7 @@ fn next_file(folder: &Path, restarted: bool) -> Result<(usize, PathBuf, File), R
     }
 }
 
-fn add_channel<T: Viewable>(
+fn add_channel<T: OnTopic>(
     writer: &mut Writer<BufWriter<File>>,
     channels: &mut [Option<u16>; TOPIC_COUNT],
 ) -> Result<(), McapError> {

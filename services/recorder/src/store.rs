@@ -5,8 +5,7 @@ use crate::segment::{RecordError, Segment};
 use crate::visual::{Drawing, Shown};
 use process::requests::Settled;
 use process::{Pace, Run};
-use protocol::topic::TOPIC_COUNT;
-use protocol::view::Viewable;
+use protocol::topic::{OnTopic, TOPIC_COUNT};
 use std::error::Error;
 use std::fs;
 use std::time::{Duration, Instant};
@@ -44,7 +43,7 @@ impl Store {
     ///
     /// # Errors
     /// [`RecordError`] in lock step, which must lose no message.
-    pub(crate) fn write<T: Viewable>(&mut self, message: &T) -> Result<(), RecordError> {
+    pub(crate) fn write<T: OnTopic>(&mut self, message: &T) -> Result<(), RecordError> {
         let written = self.segment.as_mut().map(|segment| segment.write(message));
         if !matches!(written, Some(Ok(())))
             && let Some(count) = self.unwritten.get_mut(T::TOPIC.index())

@@ -5,10 +5,11 @@
 mod graph;
 
 use protocol::message::{Health, ModelSnapshot, Plan};
-use protocol::view::{View, Viewable, schema};
+use protocol::topic::OnTopic;
+use protocol::view::{View, schema};
 use serde_json::Value;
 
-fn json<T: Viewable>(message: &T) -> Value {
+fn json<T: OnTopic>(message: &T) -> Value {
     serde_json::to_value(View(message)).unwrap_or_default()
 }
 
@@ -40,7 +41,7 @@ fn fits(value: &Value, schema: &Value, place: &str) {
     }
 }
 
-fn fits_its_schema<T: Viewable>(message: &T) {
+fn fits_its_schema<T: OnTopic>(message: &T) {
     fits(&json(message), &schema::<T>(), T::NAME);
 }
 

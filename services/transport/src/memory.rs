@@ -100,18 +100,13 @@ impl Exchange {
 
 impl Shared {
     fn table(&self, topic: Topic) -> MutexGuard<'_, Table> {
-        let [state, command, residual, snapshot, plan, health, truth, credit] = &self.topics;
-        let table = match topic {
-            Topic::State => state,
-            Topic::Command => command,
-            Topic::Residual => residual,
-            Topic::Snapshot => snapshot,
-            Topic::Plan => plan,
-            Topic::Health => health,
-            Topic::Truth => truth,
-            Topic::Credit => credit,
-        };
-        table.lock().unwrap_or_else(PoisonError::into_inner)
+        // A topic's index is below `TOPIC_COUNT`.
+        let [first, ..] = &self.topics;
+        self.topics
+            .get(topic.index())
+            .unwrap_or(first)
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 }
 

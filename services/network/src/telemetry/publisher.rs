@@ -4,7 +4,7 @@ use super::session::listen;
 use super::{TelemetryError, TelemetrySettings, encoded};
 use crate::reason::first_line;
 use protocol::topic::{OnTopic, TOPIC_COUNT, Topic};
-use protocol::view::{View, Viewable};
+use protocol::view::View;
 use zenoh::bytes::Encoding;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
@@ -64,7 +64,7 @@ impl Publisher {
     ///
     /// # Errors
     /// [`TelemetryError::Session`].
-    pub fn publish<T: OnTopic + Viewable>(&mut self, message: &T) -> Result<(), TelemetryError> {
+    pub fn publish<T: OnTopic>(&mut self, message: &T) -> Result<(), TelemetryError> {
         let failed = |error: zenoh::Error| TelemetryError::Session { reason: first_line(&error) };
         let Some((binary, json)) = self.outlets.get(T::TOPIC.index()) else { return Ok(()) };
         if is_watched(binary)? {

@@ -150,12 +150,12 @@ fn cells(rows: usize, count: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..rows).flat_map(move |row| (0..count).map(move |index| (row, index)))
 }
 
-/// The units in brackets at the end of a field's description.
+/// The units in the last brackets of a field's description.
 fn units(schema: &Value) -> Vec<&str> {
     let inside = schema["description"]
         .as_str()
-        .and_then(|about| about.strip_suffix(']')?.rsplit_once('['))
-        .map(|(_, inside)| inside);
+        .and_then(|about| about.rsplit_once('[')?.1.split_once(']'))
+        .map(|(inside, _)| inside);
     inside.map_or_else(Vec::new, |inside| inside.split(", ").collect())
 }
 

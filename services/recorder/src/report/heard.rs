@@ -1,8 +1,7 @@
 //! Recorded JSON → the data of the figures, in addition to the rows of the summary.
 
 use crate::rows::{
-    HealthRow, Mark, PlanRow, StateRow, closed, exposure, fallback_level, first_row, no_reason,
-    numbers, reason,
+    HealthRow, Mark, PlanRow, StateRow, closed, coded, first_row, no_reason, numbers,
 };
 use protocol::message::{Exposure, FallbackLevel, Reason};
 use serde::{Deserialize, Deserializer};
@@ -13,7 +12,7 @@ use std::collections::BTreeMap;
 pub(super) struct State {
     stamp: Mark,
     accepted_epoch: u64,
-    #[serde(alias = "rung", deserialize_with = "fallback_level")]
+    #[serde(alias = "rung", deserialize_with = "coded")]
     fallback_level: FallbackLevel,
     reason: String,
     refused: u64,
@@ -24,7 +23,7 @@ pub(super) struct State {
     #[serde(deserialize_with = "four")]
     wheel_speed: [f64; 4],
     /// Why the gate has stopped, if it has; records of versions below 5 have no reason.
-    #[serde(default = "no_reason", deserialize_with = "reason")]
+    #[serde(default = "no_reason", deserialize_with = "coded")]
     stop: Reason,
 }
 
@@ -175,7 +174,7 @@ pub(super) struct Health {
     pub(super) participant: String,
     stalled_nanos: u64,
     snapshots: u64,
-    #[serde(default = "closed", deserialize_with = "exposure")]
+    #[serde(default = "closed", deserialize_with = "coded")]
     exposure: Exposure,
     received: BTreeMap<String, u64>,
     lost: BTreeMap<String, u64>,

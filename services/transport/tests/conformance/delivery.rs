@@ -59,7 +59,7 @@ pub(crate) fn every_kind_of_message_crosses_whole<F: Fixture>() -> Outcome {
     )?;
     crosses(&ports, snapshot(5, 40)?)?;
     crosses(&ports, Plan { horizon: 40, predicted: [[2.5; 6]; 41], ..Plan::zeroed() })?;
-    crosses(&ports, Truth { wheel_command: [1.0, 2.0, 3.0, 4.0], ..Truth::zeroed() })?;
+    crosses(&ports, Truth { wheel_command: [1.0; 8], ..Truth::zeroed() })?;
     crosses(&ports, credit(9))?;
     let mut health = Health::zeroed();
     health.set_last_error("out of ideas");

@@ -1,8 +1,11 @@
-//! The bytes in `vectors/` are those of the network encoding: test vectors for implementations in
-//! other languages.
+//! What is written from the definitions of the messages is what the tree has: test vectors, tables
+//! of WIRE.md, layout in memory, and messages of the Python client.
 //!
-//! `cargo test --workspace --test vectors -- --ignored` writes them anew, and the seeds of the
-//! fuzzer that are made of them. A difference is a change of the protocol.
+//! `cargo test --workspace --test vectors -- --ignored` writes all of it anew, and the seeds of the
+//! fuzzer that are made of the vectors. A difference is a change of the protocol.
+
+mod python;
+mod wire_document;
 
 use bytemuck::Zeroable;
 use protocol::message::{
@@ -10,72 +13,17 @@ use protocol::message::{
     ModelSnapshot, Participant, Phase, Plan, PlantState, Reason, ResidualSample, SnapshotHead,
     SolverStatus, Stamp, TAIL_MAX, Truth, WHEELS_MAX,
 };
+use protocol::topic::{OnTopic, Visit, visit_all};
 use protocol::{VERSION, frame, wire};
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::fmt::Write;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 type Outcome = Result<(), Box<dyn Error>>;
-
-#[derive(Serialize, Deserialize)]
-struct File<T> {
-    message: String,
-    kind: u16,
-    version: u16,
-    vectors: Vec<Vector<T>>,
-}
-
-#[derive(Serialize, Deserialize)]
-struct Vector<T> {
-    name: String,
-    fields: T,
-    bytes: String,
-}
-
-/// Inputs, targets, noise scale, weights.
-type Row = (Vec<f64>, [f64; 3], f64, [f64; 3]);
-
-/// A snapshot in its JSON form.
-#[derive(Serialize, Deserialize, Clone)]
-struct Snapshot {
-    head: SnapshotHead,
-    rows: Vec<Row>,
-}
-
-/// A message whose fields can be written in JSON.
-trait Said: Message + PartialEq + std::fmt::Debug {
-    type Fields: Serialize + DeserializeOwned;
-
-    fn fields(&self) -> Self::Fields;
-
-    fn of(fields: Self::Fields) -> Self;
-
-    /// Examples, each with a name.
-    fn examples() -> Vec<(&'static str, Self)>;
-}
-
-macro_rules! said_as_it_is {
-    ($($message:ident: $examples:expr,)+) => {
-        $(impl Said for $message {
-            type Fields = Self;
-
-            fn fields(&self) -> Self {
-                *self
-            }
-
-            fn of(fields: Self) -> Self {
-                fields
-            }
-
-            fn examples() -> Vec<(&'static str, Self)> {
-                $examples
-            }
-        })+
-    };
-}
 
 fn typical() -> Stamp {
     Stamp {
@@ -101,7 +49,29 @@ fn extreme() -> Stamp {
 
 const EDGES: [f64; 3] = [f64::MAX, f64::MIN_POSITIVE, -0.0];
 
-said_as_it_is! {
+/// A message with examples, each with a name.
+trait Examples: OnTopic + PartialEq + std::fmt::Debug {
+    fn examples() -> Vec<(&'static str, Self)>;
+
+    /// Its fields, those of the data points included.
+    fn in_json(&self) -> Value;
+}
+
+macro_rules! examples {
+    ($($message:ident: $examples:expr,)+) => {
+        $(impl Examples for $message {
+            fn examples() -> Vec<(&'static str, Self)> {
+                $examples
+            }
+
+            fn in_json(&self) -> Value {
+                json!(self)
+            }
+        })+
+    };
+}
+
+examples! {
     PlantState: vec![
         ("typical", PlantState {
             stamp: typical(),
@@ -221,8 +191,8 @@ said_as_it_is! {
             pose: [1.25, -0.5, 3.0],
             velocity: [0.8, 0.1, -0.2],
             force: [4.0, 0.0, 0.5],
-            wheel_command: [10.0, 11.0, 10.5, 9.75],
-            wheel_peak: [10.0, 11.25, 10.5, 9.75],
+            wheel_command: [10.0, 11.0, 10.5, 9.75, 0.0, 0.0, 0.0, 0.0],
+            wheel_peak: [10.0, 11.25, 10.5, 9.75, 0.0, 0.0, 0.0, 0.0],
             acting_epoch: 2,
             acting_writer: 0x1234_5678_9abc_def0,
             acting_tick: 1039,
@@ -231,6 +201,8 @@ said_as_it_is! {
             takeovers_back: 0,
             fallback_level: FallbackLevel::StoredTail.code(),
             reason: Reason::Missing.code(),
+            wheels: 4,
+            reserved: 0,
         }),
         ("extreme", Truth {
             stamp: extreme(),
@@ -314,25 +286,7 @@ said_as_it_is! {
     ],
 }
 
-impl Said for ModelSnapshot {
-    type Fields = Snapshot;
-
-    fn fields(&self) -> Snapshot {
-        let rows = self.rows().map(|row| {
-            let axes = |values: &[f64]| [values[0], values[1], values[2]];
-            (row.input.to_vec(), axes(row.target), row.noise_scale, axes(row.weight))
-        });
-        Snapshot { head: self.head, rows: rows.collect() }
-    }
-
-    fn of(fields: Snapshot) -> Self {
-        let mut snapshot = Self::new(fields.head);
-        for (input, target, noise_scale, weight) in fields.rows {
-            snapshot.push_with_noise(&input, target, weight, noise_scale).unwrap_or_default();
-        }
-        snapshot
-    }
-
+impl Examples for ModelSnapshot {
     fn examples() -> Vec<(&'static str, Self)> {
         let mut head = SnapshotHead {
             stamp: typical(),
@@ -353,123 +307,176 @@ impl Said for ModelSnapshot {
         head.input_scale = [1.0; INPUTS_MAX];
         head.length_scale[0][1] = 0.5;
         head.length_scale[2][0] = 1.5;
-        let rows = vec![
-            (vec![1.0, -1.0], [0.1, 0.2, 0.3], 1.0, [4.0, 5.0, 6.0]),
-            (vec![0.5, 0.25], EDGES, 2.5, [7.0, 8.0, 9.0]),
-        ];
-        let empty = Snapshot {
-            head: SnapshotHead {
-                stamp: extreme(),
-                inputs: INPUTS_MAX as u32,
-                ..SnapshotHead::zeroed()
-            },
-            rows: Vec::new(),
-        };
-        vec![("typical", Self::of(Snapshot { head, rows })), ("without points", Self::of(empty))]
+        let mut typical = Self::new(head);
+        for (input, target, noise_scale, weight) in [
+            ([1.0, -1.0], [0.1, 0.2, 0.3], 1.0, [4.0, 5.0, 6.0]),
+            ([0.5, 0.25], EDGES, 2.5, [7.0, 8.0, 9.0]),
+        ] {
+            typical.push_with_noise(&input, target, weight, noise_scale).unwrap_or_default();
+        }
+        let empty =
+            SnapshotHead { stamp: extreme(), inputs: INPUTS_MAX as u32, ..SnapshotHead::zeroed() };
+        vec![("typical", typical), ("without points", Self::new(empty))]
+    }
+
+    fn in_json(&self) -> Value {
+        let rows = self.rows().map(|row| (row.input, row.target, row.noise_scale, row.weight));
+        json!({"head": self.head, "rows": rows.map(|row| json!(row)).collect::<Vec<_>>()})
     }
 }
 
-fn path<T: Message>() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("vectors").join(format!("{}.json", T::NAME))
-}
-
-/// The message as a sink leaves it, and its bytes in hexadecimal.
-fn encoded<T: Said>(mut message: T) -> (T, String) {
+/// The message as a sink leaves it, and its bytes.
+fn encoded<T: Message>(mut message: T) -> (T, Vec<u8>) {
     (message.stamp_mut().version, message.stamp_mut().kind) = (VERSION, T::KIND);
     let mut bytes = Vec::new();
     message.stamp_mut().checksum = wire::encode(&message, &mut bytes);
-    let mut hex = String::new();
-    for byte in bytes {
+    (message, bytes)
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut hex, byte| {
         // Writing to a string does not fail.
         let _ = write!(hex, "{byte:02x}");
-    }
-    (message, hex)
+        hex
+    })
 }
 
-fn bytes_of(hex: &str) -> Result<Vec<u8>, Box<dyn Error>> {
-    let pairs = hex
-        .as_bytes()
-        .chunks(2)
-        .map(|pair| Ok(u8::from_str_radix(std::str::from_utf8(pair)?, 16)?));
-    pairs.collect()
+#[derive(Serialize)]
+struct File {
+    message: &'static str,
+    kind: u16,
+    version: u16,
+    vectors: Vec<Vector>,
 }
 
-fn holds<T: Said>() -> Outcome {
-    let file: File<T::Fields> = serde_json::from_str(&fs::read_to_string(path::<T>())?)?;
-    assert_eq!((file.message.as_str(), file.kind, file.version), (T::NAME, T::KIND, VERSION));
-    assert_eq!(file.vectors.len(), T::examples().len());
-    for vector in file.vectors {
-        let (message, bytes) = encoded(T::of(vector.fields));
-        assert_eq!(bytes, vector.bytes, "{} {}", T::NAME, vector.name);
-        assert_eq!(
-            wire::decode::<T>(&bytes_of(&vector.bytes)?)?,
-            message,
-            "{} {}",
-            T::NAME,
-            vector.name
-        );
-    }
-    Ok(())
+#[derive(Serialize)]
+struct Vector {
+    name: &'static str,
+    fields: Value,
+    bytes: String,
 }
 
-fn written<T: Said>() -> Outcome {
-    let vector = |(name, message): (&str, T)| {
+/// The test vectors of `T`, as in its file.
+fn vectors<T: Examples>() -> Result<String, serde_json::Error> {
+    let vector = |(name, message): (&'static str, T)| {
         let (message, bytes) = encoded(message);
-        Vector { name: name.to_owned(), fields: message.fields(), bytes }
+        Vector { name, fields: message.in_json(), bytes: hexadecimal(&bytes) }
     };
-    let vectors: Vec<Vector<T::Fields>> = T::examples().into_iter().map(vector).collect();
-    for (vector, (_, message)) in vectors.iter().zip(T::examples()) {
-        seeds(&vector.name, &encoded(message).0, &bytes_of(&vector.bytes)?)?;
+    let vectors = T::examples().into_iter().map(vector).collect();
+    let file = File { message: T::NAME, kind: T::KIND, version: VERSION, vectors };
+    Ok(serde_json::to_string_pretty(&file)? + "\n")
+}
+
+fn here() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Does something with every message that has a topic.
+macro_rules! for_every_message {
+    ($act:ident($($argument:expr),*)) => {
+        $act::<PlantState>($($argument),*)?;
+        $act::<Command>($($argument),*)?;
+        $act::<ResidualSample>($($argument),*)?;
+        $act::<Credit>($($argument),*)?;
+        $act::<Truth>($($argument),*)?;
+        $act::<Plan>($($argument),*)?;
+        $act::<Health>($($argument),*)?;
+        $act::<ModelSnapshot>($($argument),*)?;
+    };
+}
+
+/// Every file that is written from the definitions, with its content.
+fn written() -> Result<BTreeMap<PathBuf, String>, Box<dyn Error>> {
+    fn add<T: Examples>(files: &mut BTreeMap<PathBuf, String>) -> Outcome {
+        files.insert(here().join(format!("vectors/{}.json", T::NAME)), vectors::<T>()?);
+        Ok(())
     }
-    let file = File { message: T::NAME.to_owned(), kind: T::KIND, version: VERSION, vectors };
-    fs::write(path::<T>(), serde_json::to_string_pretty(&file)? + "\n")?;
+    let mut files = BTreeMap::new();
+    for_every_message!(add(&mut files));
+    files.insert(here().join("vectors/layout.json"), layout()?);
+    let document = here().join("WIRE.md");
+    let text = wire_document::with_tables(&fs::read_to_string(&document)?)?;
+    files.insert(document, text);
+    files.insert(here().join("../deploy/clients/python/messages.py"), python::messages());
+    Ok(files)
+}
+
+/// Place of each field of each message in memory \[bytes\].
+fn layout() -> Result<String, serde_json::Error> {
+    #[derive(Default)]
+    struct Layout(BTreeMap<&'static str, Value>);
+    impl Visit for Layout {
+        fn visit<T: OnTopic>(&mut self) {
+            let fields: BTreeMap<_, _> =
+                T::fields().iter().map(|field| (field.name, field.offset)).collect();
+            self.0.insert(T::NAME, json!({"kind": T::KIND, "fields": fields}));
+        }
+    }
+    let mut layout = Layout::default();
+    visit_all(&mut layout);
+    Ok(serde_json::to_string_pretty(&layout.0)? + "\n")
+}
+
+#[test]
+fn every_message_has_the_bytes_fields_and_layout_that_are_written_down() -> Outcome {
+    for (path, text) in written()? {
+        let there = fs::read_to_string(&path)?;
+        assert_eq!(there, text, "{}: see the first lines of this test", path.display());
+    }
     Ok(())
 }
 
-/// Writes the seeds of the fuzzer that are made of this vector, where there are such seeds.
-fn seeds<T: Message>(name: &str, message: &T, wire: &[u8]) -> Outcome {
-    let mut framed = vec![0; message.byte_len()];
-    frame::encode(message, &mut framed);
-    let corpus = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fuzz/corpus");
-    for (decoder, bytes) in [("frame", framed.as_slice()), ("wire", wire)] {
-        let seed = corpus.join(decoder).join(format!("{}-{name}", T::NAME.to_lowercase()));
-        if seed.exists() {
-            fs::write(seed, bytes)?;
+#[test]
+fn every_vector_is_read_as_the_message_that_it_was() -> Outcome {
+    fn come_back<T: Examples>() -> Outcome {
+        for (name, message) in T::examples() {
+            let (message, bytes) = encoded(message);
+            assert_eq!(wire::decode::<T>(&bytes)?, message, "{} {name}", T::NAME);
+        }
+        Ok(())
+    }
+    for_every_message!(come_back());
+    Ok(())
+}
+
+#[test]
+fn every_kind_is_used_once() {
+    #[derive(Default)]
+    struct Kinds(Vec<u16>);
+    impl Visit for Kinds {
+        fn visit<T: OnTopic>(&mut self) {
+            self.0.push(T::KIND);
+        }
+    }
+    let mut kinds = Kinds::default();
+    visit_all(&mut kinds);
+    kinds.0.sort_unstable();
+    assert_eq!(kinds.0, [1, 2, 3, 4, 5, 6, 7, 8]);
+}
+
+#[test]
+#[ignore = "writes the files, see above"]
+fn write_files() -> Outcome {
+    for (path, text) in written()? {
+        fs::write(path, text)?;
+    }
+    for_every_message!(write_seeds());
+    Ok(())
+}
+
+/// Writes the seeds of the fuzzer that are made of the vectors, where there are such seeds.
+fn write_seeds<T: Examples>() -> Outcome {
+    let corpus = here().join("../tests/fuzz/corpus");
+    for (name, message) in T::examples() {
+        let (message, wire) = encoded(message);
+        let mut framed = vec![0; message.byte_len()];
+        frame::encode(&message, &mut framed);
+        for (decoder, bytes) in [("frame", framed), ("wire", wire)] {
+            let seed = corpus.join(decoder).join(format!("{}-{name}", T::NAME.to_lowercase()));
+            if seed.exists() {
+                fs::write(seed, bytes)?;
+            }
         }
     }
     Ok(())
-}
-
-macro_rules! for_every_message {
-    ($act:ident) => {
-        $act::<PlantState>()?;
-        $act::<Command>()?;
-        $act::<ResidualSample>()?;
-        $act::<Credit>()?;
-        $act::<Truth>()?;
-        $act::<Plan>()?;
-        $act::<Health>()?;
-        $act::<ModelSnapshot>()?;
-    };
-}
-
-#[test]
-fn every_message_has_the_bytes_that_are_written_down() -> Outcome {
-    for_every_message!(holds);
-    Ok(())
-}
-
-#[test]
-#[ignore = "writes the vectors, see above"]
-fn write_vectors() -> Outcome {
-    for_every_message!(written);
-    Ok(())
-}
-
-#[test]
-fn the_wire_document_is_of_this_version() {
-    let (page, version) = (include_str!("../WIRE.md"), VERSION);
-    for said in [format!("u16: {version}."), format!("It describes protocol version {version}.")] {
-        assert!(page.contains(&said), "{said}");
-    }
 }
